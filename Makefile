@@ -1,0 +1,40 @@
+# make demo     set up, then run the main job on the first scene
+# make test     set up, then run the tests
+# make install  set up alone, into .venv
+
+PYTHON ?= python3
+CORES ?= 2
+BIN := .venv/bin
+INSTALLED := .venv/.installed
+
+.PHONY: install demo test lint lock
+
+install: $(INSTALLED)
+
+# sam2 needs torch while it is built: in a build environment of its own that would be a second download of torch.
+$(INSTALLED): requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "egosplat needs Python 3.11 or later; set PYTHON=")'
+	@echo "Setting up .venv: about 5 GB and a few minutes, once."
+	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	grep -v '^sam2==' requirements.lock > .venv/first.txt
+	$(BIN)/python -m pip install --quiet --requirement .venv/first.txt
+	SAM2_BUILD_CUDA=0 $(BIN)/python -m pip install --quiet --no-build-isolation --no-deps $$(grep -o '^sam2==[^ ;]*' requirements.lock)
+	$(BIN)/python -m pip install --quiet --no-build-isolation --no-deps --editable .
+	touch $@
+
+demo: install
+	$(BIN)/snakemake --cores $(CORES) results/adt/scene1/contact_sheet.png
+	@echo "Look at results/adt/scene1/contact_sheet.png"
+
+test: install
+	$(BIN)/python -m pytest
+
+lint: install
+	$(BIN)/ruff check src tests benchmarks
+	$(BIN)/ruff format --check src tests benchmarks
+	$(BIN)/snakefmt --check workflow
+
+# The lock file anew, from the ranges in pyproject.toml.
+lock: $(BIN)/python
+	$(BIN)/pip-compile --quiet --extra dev --allow-unsafe --strip-extras --no-header --no-annotate \
+	    --no-emit-index-url --no-emit-find-links --no-emit-trusted-host --output-file requirements.lock pyproject.toml
