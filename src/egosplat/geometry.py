@@ -1,0 +1,157 @@
+"""Cameras and rigid motions: the one convention of the whole package.
+
+Conventions:
+    - Camera axes are OpenCV's: x right, y down, z forward. Metres.
+    - A pose is ``camera_to_world``, a 4x4 float64 matrix: ``x_world = R x_camera + t``.
+    - Images are (height, width); a point of the image is (u, v) = (right, down) in pixels.
+    - The centre of the pixel in column i and row j is (i + 0.5, j + 0.5), as in COLMAP and gsplat.
+      projectaria-tools puts it at (i, j): see ``from_aria_pixels``.
+    - Rotations become quaternions only through ``scipy.spatial.transform.Rotation``.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
+
+Array = NDArray[np.float64]
+
+ARIA_PIXEL_OFFSET = 0.5
+"""Added to projectaria-tools' image coordinates (pixel centre at the integer) to get this package's."""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera: ``u = fx x / z + cx``, ``v = fy y / z + cy``, in pixels.
+
+    Attributes:
+        width, height: image size in pixels.
+        fx, fy: focal lengths [px].
+        cx, cy: principal point [px]; the middle of the image is (width / 2, height / 2).
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+    @property
+    def matrix(self) -> Array:
+        """The 3x3 intrinsic matrix K."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    @classmethod
+    def from_matrix(cls, matrix: Array, width: int, height: int) -> "Camera":
+        """The camera of a 3x3 intrinsic matrix without skew."""
+        k = np.asarray(matrix, dtype=np.float64)
+        return cls(width, height, float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2]))
+
+    def scaled_to(self, width: int, height: int) -> "Camera":
+        """The same camera with its image resized to ``width`` x ``height``."""
+        sx, sy = width / self.width, height / self.height
+        return Camera(width, height, self.fx * sx, self.fy * sy, self.cx * sx, self.cy * sy)
+
+    def rotated_clockwise(self) -> "Camera":
+        """The camera of the image rotated clockwise by 90° (``np.rot90(image, -1)``)."""
+        return Camera(self.height, self.width, self.fy, self.fx, self.height - self.cy, self.cx)
+
+    def project(self, points: Array) -> Array:
+        """Project points in camera axes.
+
+        Args:
+            points: (..., 3) float64 [m].
+
+        Returns:
+            (..., 2) float64 pixels; NaN where the point is not in front of the camera (z <= 0).
+        """
+        points = np.asarray(points, dtype=np.float64)
+        x, y, z = np.moveaxis(points, -1, 0)
+        depth = np.where(z > 0, z, np.nan)
+        return np.stack([self.fx * x / depth + self.cx, self.fy * y / depth + self.cy], axis=-1)
+
+    def contains(self, pixels: Array) -> NDArray[np.bool_]:
+        """Which of (..., 2) image points lie inside the image; NaN does not."""
+        u, v = np.moveaxis(np.asarray(pixels, dtype=np.float64), -1, 0)
+        return (u >= 0) & (u < self.width) & (v >= 0) & (v < self.height)
+
+
+CLOCKWISE = np.array([[0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+"""``sensor_from_upright``: takes camera axes of the clockwise-rotated image to those of the sensor image."""
+
+
+def from_aria_pixels(pixels: Array) -> Array:
+    """projectaria-tools' image coordinates -> this package's."""
+    return np.asarray(pixels, dtype=np.float64) + ARIA_PIXEL_OFFSET
+
+
+def to_aria_pixels(pixels: Array) -> Array:
+    """This package's image coordinates -> projectaria-tools'."""
+    return np.asarray(pixels, dtype=np.float64) - ARIA_PIXEL_OFFSET
+
+
+def make_pose(rotation: Array, translation: Array) -> Array:
+    """(..., 3, 3) rotations and (..., 3) translations -> (..., 4, 4) float64."""
+    translation = np.asarray(translation, dtype=np.float64)
+    pose = np.zeros((*translation.shape[:-1], 4, 4))
+    pose[..., :3, :3] = rotation
+    pose[..., :3, 3] = translation
+    pose[..., 3, 3] = 1.0
+    return pose
+
+
+def invert(pose: Array) -> Array:
+    """Inverse of (..., 4, 4) rigid motions, by transposing the rotation."""
+    rotation = np.swapaxes(pose[..., :3, :3], -1, -2)
+    return make_pose(rotation, -np.einsum("...ij,...j->...i", rotation, pose[..., :3, 3]))
+
+
+def transform(pose: Array, points: Array) -> Array:
+    """Apply a (4, 4) rigid or similarity motion to (..., 3) points."""
+    return np.asarray(points, dtype=np.float64) @ pose[:3, :3].T + pose[:3, 3]
+
+
+def is_rigid(pose: Array, tolerance: float = 1e-6) -> NDArray[np.bool_]:
+    """Which of (..., 4, 4) matrices are rigid motions: finite, orthonormal, right-handed, last row 0 0 0 1."""
+    pose = np.asarray(pose, dtype=np.float64)
+    finite = np.isfinite(pose).all(axis=(-1, -2))
+    safe = np.where(finite[..., None, None], pose, np.eye(4))
+    rotation = safe[..., :3, :3]
+    gram = rotation @ np.swapaxes(rotation, -1, -2)
+    orthonormal = np.abs(gram - np.eye(3)).max(axis=(-1, -2)) <= tolerance
+    last_row = np.abs(safe[..., 3, :] - np.array([0.0, 0.0, 0.0, 1.0])).max(axis=-1) <= tolerance
+    return finite & orthonormal & last_row & (np.linalg.det(rotation) > 0)
+
+
+def interpolate_poses(times: NDArray[np.int64], poses: Array, at: NDArray[np.int64]) -> Array:
+    """Poses at the times ``at``: translations linearly, rotations along the shortest arc.
+
+    Args:
+        times: (N,) int64 nanoseconds, strictly increasing, N >= 2.
+        poses: (N, 4, 4) float64.
+        at: (M,) int64 nanoseconds within ``times``.
+
+    Returns:
+        (M, 4, 4) float64.
+
+    Raises:
+        ValueError: ``times`` is not strictly increasing, or ``at`` reaches outside of it.
+    """
+    times, at = np.asarray(times, dtype=np.int64), np.asarray(at, dtype=np.int64)
+    if len(times) < 2 or (np.diff(times) <= 0).any():
+        raise ValueError("pose times must be at least two and strictly increasing")
+    if len(at) and (at.min() < times[0] or at.max() > times[-1]):
+        raise ValueError("a pose is asked for outside of the trajectory's time range")
+    # Seconds from the start: nanoseconds since the epoch do not fit a float64.
+    grid, query = (times - times[0]) * 1e-9, (at - times[0]) * 1e-9
+    rotation = Slerp(grid, Rotation.from_matrix(poses[:, :3, :3]))(query).as_matrix()
+    translation = np.stack([np.interp(query, grid, poses[:, axis, 3]) for axis in range(3)], axis=-1)
+    return make_pose(rotation, translation)
+
+
+def rotation_angle(pose: Array) -> Array:
+    """Angle [rad] of the rotation of (..., 4, 4) poses; accurate for small angles, unlike the arc cosine."""
+    flat = np.asarray(pose, dtype=np.float64).reshape(-1, 4, 4)
+    return Rotation.from_matrix(flat[:, :3, :3]).magnitude().reshape(pose.shape[:-2])

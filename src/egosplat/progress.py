@@ -1,0 +1,54 @@
+"""Progress of long work: a bar on a terminal, plain lines in a log."""
+
+import sys
+import time
+from collections.abc import Iterable, Iterator, Sized
+from typing import TypeVar
+
+from tqdm import tqdm
+
+Item = TypeVar("Item")
+
+_SECONDS_BETWEEN_LINES = 10.0
+
+
+def track(items: Iterable[Item], what: str, total: int | None = None, unit: str = "frame") -> Iterator[Item]:
+    """Yield ``items`` while showing how far the work is, its rate and the time that remains.
+
+    On a terminal this is a bar; elsewhere (a log file) it is a plain line about every ten seconds and
+    one at the end, because a redrawn bar fills a log with carriage returns.
+
+    Args:
+        items: what is worked through.
+        what: the work in a few words, for example ``"reading frames"``.
+        total: number of items, where ``items`` has no length.
+        unit: what one item is called.
+    """
+    if total is None and isinstance(items, Sized):
+        total = len(items)
+    if sys.stderr.isatty():
+        yield from tqdm(items, desc=what, total=total, unit=unit, file=sys.stderr)
+        return
+    start = last = time.perf_counter()
+    done = 0
+    for item in items:
+        yield item
+        done += 1
+        now = time.perf_counter()
+        if now - last >= _SECONDS_BETWEEN_LINES:
+            last = now
+            log(_line(what, done, total, now - start, unit))
+    log(_line(what, done, total, time.perf_counter() - start, unit))
+
+
+def log(message: str) -> None:
+    """Write one line to standard error, at once."""
+    print(message, file=sys.stderr, flush=True)
+
+
+def _line(what: str, done: int, total: int | None, seconds: float, unit: str) -> str:
+    rate = done / seconds if seconds > 0 else 0.0
+    text = f"{what}: {done}" + (f"/{total}" if total is not None else "") + f" {unit}s, {rate:.1f} {unit}s/s"
+    if total is not None and 0 < done < total and rate > 0:
+        text += f", {(total - done) / rate:.0f} s left"
+    return text

@@ -1,0 +1,122 @@
+"""The one axis convention, against projectaria-tools' own projection and independent formulas."""
+
+import numpy as np
+import pytest
+from projectaria_tools.core import calibration
+from scipy.spatial.transform import Rotation
+
+from egosplat.geometry import (
+    CLOCKWISE,
+    Camera,
+    from_aria_pixels,
+    interpolate_poses,
+    invert,
+    is_rigid,
+    make_pose,
+    rotation_angle,
+    to_aria_pixels,
+    transform,
+)
+
+RNG = np.random.default_rng(0)
+
+
+def random_poses(count: int) -> np.ndarray:
+    return make_pose(Rotation.random(count, rng=RNG).as_matrix(), RNG.normal(size=(count, 3)))
+
+
+def aria_linear(size: int, focal: float) -> calibration.CameraCalibration:
+    return calibration.get_linear_camera_calibration(size, size, focal, "test")
+
+
+def test_projection_is_aria_s_half_a_pixel_on():
+    camera, aria = Camera(1408, 1408, 460.0, 460.0, 704.0, 704.0), aria_linear(1408, 460.0)
+    points = RNG.uniform([-1, -1, 0.5], [1, 1, 3], (200, 3))
+    expected = np.array([aria.project(point) for point in points if aria.project(point) is not None])
+    inside = np.array([aria.project(point) is not None for point in points])
+    np.testing.assert_allclose(camera.project(points[inside]), from_aria_pixels(expected), atol=1e-9)
+    assert inside.sum() > 100
+
+
+def test_upright_camera_is_aria_s_rotated_one():
+    sensor = Camera(1408, 1408, 460.0, 460.0, 704.0, 704.0)
+    aria = calibration.rotate_camera_calib_cw90deg(aria_linear(1408, 460.0))
+    device_from_sensor = np.eye(4)
+    points = RNG.uniform([-1, -1, 0.5], [1, 1, 3], (100, 3))
+    in_upright = transform(invert(device_from_sensor @ CLOCKWISE), points)
+    in_aria = (aria.get_transform_device_camera().inverse() @ points.T).T
+    np.testing.assert_allclose(in_upright, in_aria, atol=1e-9)
+    expected = np.array([aria.project_no_checks(point) for point in in_aria])
+    np.testing.assert_allclose(sensor.rotated_clockwise().project(in_upright), from_aria_pixels(expected), atol=1e-9)
+
+
+def test_rotating_camera_and_image_agree():
+    camera = Camera(8, 6, 5.0, 7.0, 3.0, 2.5)
+    image = np.arange(48).reshape(6, 8)
+    point = np.array([0.2, -0.1, 1.0])
+    u, v = camera.project(point)
+    turned = camera.rotated_clockwise()
+    u2, v2 = turned.project(transform(invert(CLOCKWISE), point))
+    assert (turned.width, turned.height) == (6, 8)
+    assert np.rot90(image, -1)[int(v2), int(u2)] == image[int(v), int(u)]
+    assert (u2, v2) == pytest.approx((6 - v, u))
+
+
+def test_resizing_keeps_the_corners():
+    camera = Camera(640, 480, 500.0, 510.0, 320.0, 240.0)
+    small = camera.scaled_to(160, 120)
+    point = np.array([0.3, 0.2, 1.1])
+    np.testing.assert_allclose(small.project(point), camera.project(point) / 4)
+    assert Camera.from_matrix(camera.matrix, 640, 480) == camera
+
+
+def test_behind_and_in_the_camera_plane_is_nan():
+    camera = Camera(64, 64, 50.0, 50.0, 32.0, 32.0)
+    pixels = camera.project(np.array([[0, 0, -1.0], [1, 1, 0.0], [0, 0, 1.0], [np.nan, 0, 1]]))
+    assert np.isnan(pixels).any(axis=1).tolist() == [True, True, False, True]
+    assert camera.contains(pixels).tolist() == [False, False, True, False]
+    assert camera.contains(np.array([[0.0, 0.0], [64.0, 10.0], [63.99, 63.99]])).tolist() == [True, False, True]
+
+
+def test_aria_pixels_go_there_and_back():
+    pixels = RNG.uniform(0, 100, (5, 2))
+    np.testing.assert_allclose(to_aria_pixels(from_aria_pixels(pixels)), pixels)
+
+
+def test_inverse_undoes():
+    poses = random_poses(7)
+    np.testing.assert_allclose(poses @ invert(poses), np.broadcast_to(np.eye(4), (7, 4, 4)), atol=1e-12)
+    point = RNG.normal(size=(4, 3))
+    np.testing.assert_allclose(transform(invert(poses[0]), transform(poses[0], point)), point, atol=1e-12)
+
+
+def test_rigid_motions_are_recognised():
+    good = random_poses(1)[0]
+    scaled, mirrored, unknown, skewed = (good.copy() for _ in range(4))
+    scaled[:3, :3] *= 1.01
+    mirrored[:3, 0] *= -1
+    unknown[0, 3] = np.nan
+    skewed[3, 0] = 0.1
+    assert is_rigid(np.stack([good, scaled, mirrored, unknown, skewed])).tolist() == [True] + [False] * 4
+
+
+def test_interpolation_is_exact_on_rows_and_halves_the_arc():
+    rotations = Rotation.from_rotvec([[0, 0, 0], [0, 0, np.pi / 2]]).as_matrix()
+    poses = make_pose(rotations, np.array([[0.0, 0, 0], [2.0, 4, 0]]))
+    times = np.array([10, 20]) + 87_551_170_813_262_000  # nanoseconds too large for float64
+    found = interpolate_poses(times, poses, times[0] + np.array([0, 5, 10]))
+    np.testing.assert_allclose(found[[0, 2]], poses, atol=1e-15)
+    np.testing.assert_allclose(found[1, :3, 3], [1, 2, 0], atol=1e-15)
+    np.testing.assert_allclose(Rotation.from_matrix(found[1, :3, :3]).as_rotvec(), [0, 0, np.pi / 4], atol=1e-12)
+
+
+@pytest.mark.parametrize("times, at", [([0, 0], [0]), ([1, 0], [0]), ([0], [0]), ([0, 10], [11]), ([0, 10], [-1])])
+def test_interpolation_refuses_disorder_and_extrapolation(times, at):
+    with pytest.raises(ValueError):
+        interpolate_poses(np.array(times), random_poses(len(times)), np.array(at))
+
+
+def test_small_rotation_angles_are_accurate():
+    for angle in (0.0, 1e-9, 1e-3, 3.0, np.pi):
+        pose = make_pose(Rotation.from_rotvec([0, angle, 0]).as_matrix(), np.zeros(3))
+        assert rotation_angle(pose) == pytest.approx(angle, abs=1e-12, rel=1e-6)
