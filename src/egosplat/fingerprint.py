@@ -1,0 +1,110 @@
+"""Content hash of the code that a stage executes.
+
+Snakemake sees no change inside a package behind a command line, so each rule carries this hash among its
+parameters. ``code_hash`` follows the imports from a stage's module, inside the package, and hashes each
+module's syntax tree: comments, docstrings and layout do not count, any change to executed code does. The
+versions of the libraries that do the work count too.
+"""
+
+import ast
+import functools
+import hashlib
+import importlib.util
+from collections.abc import Iterator
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+NEUTRAL = {
+    "egosplat",  # holds the version alone
+    "egosplat.errors",
+    "egosplat.fingerprint",
+    "egosplat.progress",
+    "egosplat.provenance",
+    "egosplat.stages",
+}
+"""Modules that show or record, but cannot change an array: a better message makes nothing stale."""
+
+
+def code_hash(module: str, libraries: tuple[str, ...] = ()) -> str:
+    """Hash of ``module``, of all modules of its package that it reaches, and of library versions.
+
+    The same on every Python version; 16 hexadecimal digits.
+    """
+    digest = hashlib.sha256()
+    for name, path in modules_of(module).items():
+        digest.update(f"{name}\0{_tree_hash(path)}\0".encode())
+    for library in sorted(libraries):
+        digest.update(f"{library}=={metadata.version(library)}\0".encode())
+    return digest.hexdigest()[:16]
+
+
+def modules_of(module: str) -> dict[str, Path]:
+    """Name and path of every module of the package that ``module`` reaches by imports, sorted by name.
+
+    Imports inside functions count. Parent packages count, because importing a module runs them.
+    """
+    root = module.partition(".")[0]
+    found: dict[str, Path] = {}
+    todo = [module]
+    while todo:
+        name = todo.pop()
+        if name in found or name in NEUTRAL or name.partition(".")[0] != root:
+            continue
+        if (path := _find(name)) is None:
+            continue
+        found[name] = path
+        todo.extend(_imports(name, path))
+        todo.extend(name.rsplit(".", level)[0] for level in range(1, name.count(".") + 1))
+    return dict(sorted(found.items()))
+
+
+def _find(name: str) -> Path | None:
+    try:
+        spec = importlib.util.find_spec(name)
+    except (ModuleNotFoundError, ValueError):  # a name imported from a module is not itself a module
+        return None
+    return Path(spec.origin) if spec and spec.origin and spec.origin.endswith(".py") else None
+
+
+def _imports(name: str, path: Path) -> Iterator[str]:
+    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+    for node in ast.walk(_parse(path)):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                base = importlib.util.resolve_name("." * node.level + base, package)
+            yield base
+            yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+@functools.cache
+def _parse(path: Path) -> ast.Module:
+    return ast.parse(path.read_bytes())
+
+
+@functools.cache
+def _tree_hash(path: Path) -> str:
+    return hashlib.sha256(repr(_canonical(_parse(path))).encode()).hexdigest()
+
+
+def _canonical(node: Any) -> Any:
+    """Nested tuples of a tree's non-empty fields, docstrings left out; unlike ``ast.dump``, the same on
+    every Python version."""
+    if isinstance(node, ast.AST):
+        fields = ((key, value) for key, value in _fields(node) if value is not None and value != [])
+        return (type(node).__name__, *((key, _canonical(value)) for key, value in fields))
+    return tuple(map(_canonical, node)) if isinstance(node, list) else repr(node)
+
+
+def _fields(node: ast.AST) -> Iterator[tuple[str, Any]]:
+    documented = isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)
+    for key, value in ast.iter_fields(node):
+        yield key, [item for item in value if not _is_bare_text(item)] if documented and key == "body" else value
+
+
+def _is_bare_text(node: ast.AST) -> bool:
+    """A string that stands alone: a docstring, of a module, class, function or attribute."""
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)

@@ -1,0 +1,63 @@
+"""The stages of the pipeline: where each one's function is, and what its result depends on."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+from egosplat.fingerprint import code_hash
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage of the pipeline.
+
+    Attributes:
+        module: the module whose function ``run`` makes the artifact.
+        libraries: distributions whose version changes the result, beside egosplat itself.
+        about: one line for the command line's help.
+    """
+
+    module: str
+    libraries: tuple[str, ...]
+    about: str
+
+
+STAGES = {
+    "synthetic": Stage(
+        "egosplat.synthetic.stage",
+        ("numpy", "trimesh", "embreex", "projectaria-tools"),
+        "Make a synthetic apartment's recording in ADT's format.",
+    ),
+    "frames": Stage(
+        "egosplat.frames.stage",
+        ("numpy", "opencv-contrib-python-headless", "projectaria-tools", "zarr"),
+        "Read a recording: rectified pictures and the train / evaluation split.",
+    ),
+    "annotations": Stage(
+        "egosplat.frames.annotations_stage",
+        ("numpy", "opencv-contrib-python-headless", "projectaria-tools", "zarr"),
+        "Read a recording's instance maps at the evaluation frames (evaluation only).",
+    ),
+    "poses": Stage(
+        "egosplat.poses.stage",
+        ("numpy", "scipy", "pycolmap", "projectaria-tools", "zarr"),
+        "Camera poses and points: the device's trajectory, or COLMAP.",
+    ),
+    "contact_sheet": Stage(
+        "egosplat.report.contact_sheet",
+        ("matplotlib",),
+        "Draw a scene's pictures, annotations, and its trajectory from above.",
+    ),
+}
+
+
+def stage_function(name: str) -> Callable[..., None]:
+    """The function of a stage; imports its module, and only that."""
+    return import_module(STAGES[name].module).run
+
+
+def code_of(name: str) -> str:
+    """Content hash of the code that a stage executes, with the versions of its libraries."""
+    stage = STAGES[name]
+    return code_hash(stage.module, stage.libraries)

@@ -1,0 +1,245 @@
+"""Artifacts are whole or absent, and damage is named."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from egosplat import artifacts
+from egosplat.artifacts import ArtifactError, Field, Schema, create, open_artifact, verify
+from egosplat.checking import check_tree
+from egosplat.provenance import Provenance
+
+TINY = Schema(
+    "tiny",
+    2,
+    {
+        "rows": Field(("frame", "height", 3), "uint8", "-", "rows", by_row=True),
+        "flags": Field(("frame",), "bool", "-", "flags"),
+        "points/xyz": Field(("point", 3), "float64", "m", "points"),
+    },
+)
+
+
+@pytest.fixture(autouse=True)
+def known(monkeypatch):
+    monkeypatch.setitem(artifacts.SCHEMAS, "tiny", TINY)
+
+
+def made(inputs=None) -> Provenance:
+    return Provenance("tiny", {"k": 3}, "real", inputs or {}, "c0de", {}, "2020-01-01", time.perf_counter())
+
+
+def write(path: Path, points: int = 5, inputs=None, seed: int = 0) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    rows = rng.integers(0, 255, (4, 6, 3), dtype=np.uint8)
+    rows[1] = 0  # an all-zero chunk must be stored like any other
+    values = {"rows": rows, "flags": np.zeros(4, bool), "points/xyz": rng.normal(size=(points, 3))}
+    with create(path, TINY, made(inputs)) as artifact:
+        artifact.allocate("rows", rows.shape)
+        for index, row in enumerate(rows):
+            artifact.put_row("rows", index, row)
+        artifact.put("flags", values["flags"])
+        artifact.put("points/xyz", values["points/xyz"])
+        artifact.facts = {"answer": 42}
+    return values
+
+
+def leftovers(folder: Path) -> list[str]:
+    return sorted(entry.name for entry in folder.iterdir())
+
+
+@pytest.mark.parametrize("points", [0, 1, 5])
+def test_what_is_written_is_read(tmp_path, points):
+    values = write(tmp_path / "a.zarr", points)
+    artifact = open_artifact(tmp_path / "a.zarr", TINY)
+    for name, expected in values.items():
+        found = artifact.read(name)
+        assert found.dtype == expected.dtype
+        np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(artifact.row("rows", 2), values["rows"][2])
+    assert artifact.facts == {"answer": 42}
+    assert artifact.provenance["options"] == {"k": 3}
+    assert artifact.provenance["wall_s"] >= 0 and artifact.provenance["peak_memory_mb"] > 0
+    assert leftovers(tmp_path) == ["a.zarr"]
+
+
+def test_digest_is_of_the_content(tmp_path):
+    write(tmp_path / "a.zarr")
+    write(tmp_path / "b.zarr")
+    write(tmp_path / "c.zarr", seed=1)
+    a, b, c = (open_artifact(tmp_path / f"{name}.zarr", TINY).digest for name in "abc")
+    assert a == b != c
+
+
+def test_an_error_while_writing_leaves_nothing(tmp_path):
+    with pytest.raises(RuntimeError, match="stop"), create(tmp_path / "a.zarr", TINY, made()) as artifact:
+        artifact.put("flags", np.zeros(4, bool))
+        raise RuntimeError("stop")
+    assert leftovers(tmp_path) == []
+
+
+def test_an_error_while_replacing_keeps_the_old_artifact(tmp_path):
+    values = write(tmp_path / "a.zarr")
+    with pytest.raises(RuntimeError), create(tmp_path / "a.zarr", TINY, made()):
+        raise RuntimeError
+    np.testing.assert_array_equal(verify(tmp_path / "a.zarr").read("rows"), values["rows"])
+    write(tmp_path / "a.zarr", seed=3)
+    assert verify(tmp_path / "a.zarr") and leftovers(tmp_path) == ["a.zarr"]
+
+
+@pytest.mark.parametrize(
+    "fault, message",
+    [
+        (lambda a: a.put("flags", np.zeros(4, np.uint8)), "uint8 given, bool declared"),
+        (lambda a: a.put("flags", np.zeros((4, 1), bool)), "has 2 axes, not 1"),
+        (lambda a: a.put("nonsense", np.zeros(4)), "declares no array 'nonsense'"),
+        (lambda a: (a.put("flags", np.zeros(4, bool)), a.allocate("rows", (5, 6, 3))), "size 5 along axis 'frame'"),
+        (lambda a: (a.allocate("rows", (4, 6, 3)), a.put_row("rows", 0, np.zeros((6, 3)))), "float64"),
+        (lambda a: None, "never written: flags, points/xyz, rows"),
+    ],
+)
+def test_a_writer_that_breaks_its_schema_is_stopped(tmp_path, fault, message):
+    with pytest.raises(ValueError, match=message), create(tmp_path / "a.zarr", TINY, made()) as artifact:
+        fault(artifact)
+    assert leftovers(tmp_path) == []
+
+
+def test_a_missing_row_is_an_error(tmp_path):
+    with pytest.raises(ValueError, match="rows lacks 1 rows"), create(tmp_path / "a.zarr", TINY, made()) as artifact:
+        artifact.allocate("rows", (4, 6, 3))
+        for index in (0, 1, 3):
+            artifact.put_row("rows", index, np.zeros((6, 3), np.uint8))
+        artifact.put("flags", np.zeros(4, bool))
+        artifact.put("points/xyz", np.zeros((0, 3)))
+    assert leftovers(tmp_path) == []
+
+
+def flip(file: Path, position: int = -9) -> None:
+    content = bytearray(file.read_bytes())
+    content[position] ^= 1
+    file.write_bytes(content)
+
+
+def test_a_flipped_byte_is_named_when_it_is_read(tmp_path):
+    write(tmp_path / "a.zarr")
+    flip(tmp_path / "a.zarr/rows/c/2/0/0")
+    artifact = open_artifact(tmp_path / "a.zarr", TINY)
+    artifact.row("rows", 1)
+    for read in (lambda: artifact.row("rows", 2), lambda: artifact.read("rows"), lambda: verify(artifact.path)):
+        with pytest.raises(ArtifactError, match=r"a\.zarr: array 'rows', chunk 2 cannot be read .*snakemake"):
+            read()
+
+
+@pytest.mark.parametrize("cut", [0, 10])
+def test_a_truncated_chunk_is_named(tmp_path, cut):
+    write(tmp_path / "a.zarr")
+    chunk = tmp_path / "a.zarr/points/xyz/c/0/0"
+    chunk.write_bytes(chunk.read_bytes()[:cut])
+    with pytest.raises(ArtifactError, match="array 'points/xyz' cannot be read"):
+        open_artifact(tmp_path / "a.zarr", TINY).read("points/xyz")
+
+
+@pytest.mark.parametrize(
+    "damage, message",
+    [
+        (lambda p: (p / "rows/c/1/0/0").unlink(), "'rows' lacks 1 of 4 chunks"),
+        (lambda p: (p / "flags/zarr.json").unlink(), "array 'flags' is missing"),
+        (lambda p: (p / "flags/zarr.json").write_text("{"), "array 'flags' is unreadable"),
+        (lambda p: (p / "zarr.json").unlink(), "no readable Zarr group"),
+        (lambda p: (p / "zarr.json").write_text("rubbish"), "no readable Zarr group"),
+        (lambda p: (p / "zarr.json").write_text((p / "zarr.json").read_text().replace("42", "43")), "attributes were"),
+    ],
+)
+def test_damage_is_named_when_the_artifact_is_opened(tmp_path, damage, message):
+    write(tmp_path / "a.zarr")
+    damage(tmp_path / "a.zarr")
+    with pytest.raises(ArtifactError, match=message):
+        open_artifact(tmp_path / "a.zarr", TINY)
+
+
+def test_verify_sees_what_reading_cannot(tmp_path):
+    write(tmp_path / "a.zarr")
+    write(tmp_path / "b.zarr", seed=1)
+    chunk = "rows/c/3/0/0"
+    (tmp_path / "a.zarr" / chunk).write_bytes((tmp_path / "b.zarr" / chunk).read_bytes())
+    open_artifact(tmp_path / "a.zarr", TINY).read("rows")  # a well-formed chunk of another artifact
+    with pytest.raises(ArtifactError, match="digest differs"):
+        verify(tmp_path / "a.zarr")
+
+
+def test_absent_foreign_and_other_versions_are_told_apart(tmp_path):
+    with pytest.raises(ArtifactError, match="does not exist. Make it: snakemake"):
+        open_artifact(tmp_path / "none.zarr", TINY)
+    write(tmp_path / "a.zarr")
+    with pytest.raises(ArtifactError, match="holds 'tiny', not 'poses'"):
+        open_artifact(tmp_path / "a.zarr", artifacts.POSES)
+    older, newer = (Schema("tiny", version, TINY.fields) for version in (1, 3))
+    with pytest.raises(ArtifactError, match="format version 2, this is version 1. Update egosplat"):
+        open_artifact(tmp_path / "a.zarr", older)
+    with pytest.raises(ArtifactError, match="format version 2, this is version 3. Make it anew"):
+        open_artifact(tmp_path / "a.zarr", newer)
+
+
+def test_snakemake_s_own_file_inside_is_not_damage(tmp_path):
+    write(tmp_path / "a.zarr")
+    (tmp_path / "a.zarr/.snakemake_timestamp").touch()
+    assert verify(tmp_path / "a.zarr")
+
+
+KILLED = """
+import sys, time, numpy as np
+from pathlib import Path
+from egosplat.artifacts import FRAMES, create
+from egosplat.provenance import begin
+with create(Path(sys.argv[1]), FRAMES, begin("frames", {}, "real")) as artifact:
+    artifact.allocate("rgb", (3, 8, 8, 3))
+    artifact.put_row("rgb", 0, np.zeros((8, 8, 3), np.uint8))
+    print("writing", flush=True)
+    time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
+def test_a_killed_writer_leaves_no_artifact_and_the_next_one_sweeps_up(tmp_path, how):
+    path = tmp_path / "a.zarr"
+    process = subprocess.Popen([sys.executable, "-c", KILLED, path], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    assert process.stdout.readline() == b"writing\n"
+    write(path)  # the living writer's folder is left alone
+    assert any(name.endswith(".tmp") for name in leftovers(tmp_path))
+    os.kill(process.pid, how)
+    process.wait()
+    assert verify(path)
+    write(path)
+    assert leftovers(tmp_path) == ["a.zarr"]
+
+
+def test_check_tells_sound_from_damaged_and_from_outdated(tmp_path):
+    write(tmp_path / "a.zarr")
+    digest = open_artifact(tmp_path / "a.zarr", TINY).digest
+    write(tmp_path / "b.zarr", inputs={"a.zarr": digest})
+    lines: list[str] = []
+    assert all(report.sound for report in check_tree(tmp_path, lines.append)) and len(lines) == 2
+    write(tmp_path / "a.zarr", seed=9)
+    problems = [report.problem for report in check_tree(tmp_path, lines.append)]
+    assert problems[0] == "" and "made from another a.zarr" in problems[1]
+    flip(tmp_path / "a.zarr/rows/c/0/0/0")
+    assert "chunk 0" in check_tree(tmp_path / "a.zarr", lines.append)[0].problem
+
+
+def test_attributes_are_plain_json(tmp_path):
+    write(tmp_path / "a.zarr")
+    stored = json.loads((tmp_path / "a.zarr/zarr.json").read_text())["attributes"]["egosplat"]
+    assert set(stored) == {"schema", "format_version", "digest", "provenance", "facts", "seal"}
+    with pytest.raises(ValueError, match="JSON"), create(tmp_path / "c.zarr", TINY, made()) as artifact:
+        artifact.allocate("rows", (0, 6, 3))
+        artifact.put("flags", np.zeros(0, bool))
+        artifact.put("points/xyz", np.zeros((0, 3)))
+        artifact.facts = {"bad": float("nan")}
+    assert not (tmp_path / "c.zarr").exists()

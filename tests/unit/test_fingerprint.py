@@ -1,0 +1,81 @@
+"""The code hash follows what is executed, and nothing else."""
+
+import sys
+import textwrap
+
+import pytest
+
+from egosplat import fingerprint
+from egosplat.fingerprint import code_hash, modules_of
+from egosplat.stages import STAGES, code_of
+
+FILES = {
+    "__init__": "",
+    "stage": '"""A stage."""\nfrom pkg import helper\n\ndef run(x):\n    """Run."""\n    return helper.double(x)\n',
+    "helper": "def double(x):\n    return 2 * x\n",
+    "other": "def triple(x):\n    return 3 * x\n",
+}
+
+
+@pytest.fixture
+def package(tmp_path, monkeypatch):
+    folder = tmp_path / "pkg"
+    folder.mkdir()
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+    def write(**changes: str) -> str:
+        for name, text in (FILES | changes).items():
+            (folder / f"{name}.py").write_text(textwrap.dedent(text))
+        for cached in (fingerprint._parse, fingerprint._tree_hash):
+            cached.cache_clear()
+        return code_hash("pkg.stage")
+
+    yield write
+    for name in [name for name in sys.modules if name.partition(".")[0] == "pkg"]:
+        del sys.modules[name]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"helper": "# why\ndef double(x):\n    return 2 * x  # twice\n"},
+        {"helper": '"""Now documented."""\n\n\ndef double(x):\n    """Twice."""\n    return 2 * x\n'},
+        {"helper": "def double(x):\n\n    return (2\n            * x)\n"},
+        {"other": "def triple(x):\n    return 4 * x\n"},
+    ],
+    ids=["comment", "docstring", "layout", "unrelated module"],
+)
+def test_what_is_not_executed_does_not_count(package, change):
+    assert package() == package(**change)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"helper": "def double(x):\n    return 2.0 * x\n"},
+        {"helper": "def double(x, y=1):\n    return 2 * x\n"},
+        {"__init__": "import math\n"},
+        {"stage": "def run(x):\n    from pkg import other\n    return other.triple(x)\n"},
+    ],
+    ids=["constant", "default", "parent package", "import in a function"],
+)
+def test_what_is_executed_counts(package, change):
+    assert package() != package(**change)
+
+
+def test_versions_of_libraries_count():
+    assert code_hash("egosplat.geometry") != code_hash("egosplat.geometry", ("numpy",))
+
+
+def test_every_stage_reaches_its_own_room_and_not_another_stage():
+    for name, stage in STAGES.items():
+        modules = set(modules_of(stage.module))
+        assert stage.module in modules
+        others = {other.module for key, other in STAGES.items() if key != name}
+        assert not modules & others, f"{name} imports another stage"
+        assert len(code_of(name)) == 16
+
+
+def test_pictures_and_poses_never_reach_annotations_even_by_code():
+    for name in ("frames", "poses"):
+        assert not [module for module in modules_of(STAGES[name].module) if "annotation" in module]
