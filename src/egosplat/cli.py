@@ -1,0 +1,147 @@
+"""The command line: one sub-command a stage, whose flags are the stage's keys of the configuration schema."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+import egosplat
+from egosplat.config import keys_table, stage_keys
+from egosplat.errors import UserError
+from egosplat.stages import STAGES, stage_function
+
+ARTIFACT = click.Path(path_type=Path)
+
+PATHS: dict[str, dict[str, str]] = {
+    "synthetic": {"output": "the recording's folder to make"},
+    "frames": {"recording": "the recording's folder or video file", "output": "the frames artifact to make"},
+    "annotations": {
+        "recording": "the recording's folder or video file",
+        "frames": "its frames artifact",
+        "output": "the annotations artifact to make",
+    },
+    "poses": {
+        "recording": "the recording's folder or video file",
+        "frames": "its frames artifact",
+        "output": "the poses artifact to make",
+    },
+    "contact_sheet": {
+        "frames": "the frames artifact",
+        "annotations": "the annotations artifact",
+        "poses": "the poses artifact",
+        "output": "the picture to make",
+    },
+}
+"""What each stage reads and writes, in the order of its function's arguments."""
+
+EXTRAS: dict[str, list[click.Option]] = {
+    "frames": [
+        click.Option(
+            ["--format"],
+            type=click.Choice(["adt", "hoi4d", "plain"]),
+            required=True,
+            help="How the recording is laid out on disk.",
+        )
+    ],
+}
+"""Flags that come from the table of scenes."""
+
+
+class Commands(click.Group):
+    """Sub-commands that are made, and whose stages are imported, only when they are called."""
+
+    def list_commands(self, context: click.Context) -> list[str]:
+        return [*(name.replace("_", "-") for name in STAGES), *super().list_commands(context)]
+
+    def get_command(self, context: click.Context, name: str) -> click.Command | None:
+        stage = name.replace("-", "_")
+        return stage_command(stage) if stage in STAGES else super().get_command(context, name)
+
+
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(egosplat.__version__, message="egosplat %(version)s")
+def cli() -> None:
+    """Ask questions in words of a 3D scene filmed from someone's head.
+
+    Each stage of the pipeline is a command; the workflow calls them in order and reruns only what is stale:
+    snakemake --cores 2 results/adt/scene1/contact_sheet.png
+    """
+
+
+@cli.command()
+@click.argument("folders", nargs=-1, required=True, type=ARTIFACT)
+def check(folders: tuple[Path, ...]) -> None:
+    """Verify every artifact below FOLDERS: each byte against its checksum, each input against what is there."""
+    from egosplat.checking import check_tree
+
+    problems = sum(not report.sound for folder in folders for report in check_tree(folder, click.echo))
+    if problems:
+        raise UserError(f"{problems} artifact{'s are' if problems > 1 else ' is'} not sound")
+
+
+@cli.command()
+def keys() -> None:
+    """Print every configuration key with its default and what it trades, as a Markdown table."""
+    click.echo(keys_table())
+
+
+def stage_command(stage: str) -> click.Command:
+    """The command of a stage, with a flag for each path and each key of its configuration section."""
+
+    def call(**values: Any) -> None:
+        stage_function(stage)(**values)
+
+    return click.Command(stage.replace("_", "-"), callback=call, params=_flags(stage), help=STAGES[stage].about)
+
+
+def _flags(stage: str) -> list[click.Parameter]:
+    paths = [
+        click.Option([f"--{name}"], type=ARTIFACT, required=True, help=about.capitalize() + ".")
+        for name, about in PATHS[stage].items()
+    ]
+    return [*paths, *EXTRAS.get(stage, []), *(_flag(name, key) for name, key in stage_keys(stage).items())]
+
+
+def _flag(name: str, key: dict[str, Any]) -> click.Option:
+    flag = "--" + name.replace("_", "-")
+    common: dict[str, Any] = {"default": key["default"], "show_default": True, "help": key["description"]}
+    if "enum" in key:
+        return click.Option([flag, name], type=click.Choice(key["enum"]), **common)
+    kind = key["type"] if isinstance(key["type"], str) else key["type"][0]
+    if kind == "boolean":
+        return click.Option([f"{flag}/--no-{flag[2:]}"], **common)
+    return click.Option([flag, name], type=_range(kind, key), **common)
+
+
+def _range(kind: str, key: dict[str, Any]) -> click.ParamType:
+    make: Callable[..., click.ParamType] = {"integer": click.IntRange, "number": click.FloatRange}[kind]
+    lower = key.get("exclusiveMinimum", key.get("minimum"))
+    return make(min=lower, max=key.get("maximum"), min_open="exclusiveMinimum" in key)
+
+
+def main() -> None:
+    """Entry point: a user's mistake is told in one or two lines, without a traceback, with exit status 2."""
+    try:
+        cli.main(standalone_mode=False)
+    except UserError as error:
+        sys.exit(_say(str(error)))
+    except click.ClickException as error:
+        error.show()
+        sys.exit(2)
+    except click.Abort:
+        sys.exit(_say("interrupted", 130))
+    except OSError as error:
+        if error.errno is None or error.filename is None:
+            raise
+        sys.exit(_say(f"{error.filename}: {error.strerror}. Check the path, its rights and the free disk space"))
+
+
+def _say(message: str, status: int = 2) -> int:
+    click.echo(f"egosplat: {message}", err=True)
+    return status
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,166 @@
+"""The configuration: defaults, preset, the user's keys and a scene's own, checked against one schema."""
+
+import copy
+import difflib
+import functools
+from collections.abc import Iterable, Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import yaml
+from jsonschema import Draft202012Validator
+from jsonschema.exceptions import ValidationError
+
+from egosplat.errors import UserError
+
+Config = dict[str, Any]
+
+
+@functools.cache
+def schema(name: str) -> dict[str, Any]:
+    """The schema ``config`` or ``scenes``."""
+    return yaml.safe_load((resources.files("egosplat") / "schemas" / f"{name}.schema.yaml").read_text())
+
+
+def stage_keys(stage: str) -> dict[str, dict[str, Any]]:
+    """The schema of each key of a stage's section, by name; empty for a stage without keys."""
+    return schema("config")["properties"].get(stage, {}).get("properties", {})
+
+
+def defaults() -> Config:
+    """The configuration that an empty file stands for."""
+    return _filled({}, schema("config"))
+
+
+def resolve(user: Mapping[str, Any], presets: Path) -> Config:
+    """The whole configuration: the user's keys over those of the preset over the defaults.
+
+    Args:
+        user: what the configuration files and the command line set.
+        presets: the folder of ``fast.yaml``, ``balanced.yaml`` and ``paper.yaml``.
+
+    Raises:
+        UserError: names the first key that is unknown or has a value that is not allowed.
+    """
+    check(_filled(user, schema("config")))
+    preset = user.get("preset", schema("config")["properties"]["preset"]["default"])
+    path = presets / f"{preset}.yaml"
+    merged = merge(read_yaml(path), user)
+    resolved = _filled(merged, schema("config"))
+    check(resolved, f"preset {path.name}")
+    return resolved
+
+
+def check(config: Mapping[str, Any], where: str = "configuration") -> None:
+    """Check a configuration against the schema.
+
+    Raises:
+        UserError: names the key, its value and what is allowed.
+    """
+    report_first(Draft202012Validator(schema("config")).iter_errors(config), where)
+
+
+def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> Config:
+    """The keys of ``above`` over those of ``below``, section by section."""
+    merged = copy.deepcopy(dict(below))
+    for key, value in above.items():
+        both = isinstance(value, Mapping) and isinstance(merged.get(key), Mapping)
+        merged[key] = merge(merged[key], value) if both else copy.deepcopy(value)
+    return merged
+
+
+def parse_options(text: str, where: str) -> Config:
+    """``"frames.stride=2 frames.end_s=20"`` -> ``{"frames": {"stride": 2, "end_s": 20}}``.
+
+    Raises:
+        UserError: a word is not of that form; ``where`` says which row it stands in.
+    """
+    options: Config = {}
+    for word in text.split():
+        key, equals, value = word.partition("=")
+        section, dot, name = key.partition(".")
+        if not (equals and dot and section and name):
+            raise UserError(f"{where}: option {word!r} is not of the form section.key=value, as in frames.stride=2")
+        options.setdefault(section, {})[name] = yaml.safe_load(value)
+    return options
+
+
+def read_yaml(path: Path) -> Config:
+    """Read a configuration file.
+
+    Raises:
+        UserError: it is absent, unreadable, or no mapping.
+    """
+    try:
+        content = yaml.safe_load(path.read_text()) or {}
+    except FileNotFoundError:
+        raise UserError(f"{path}: does not exist") from None
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise UserError(f"{path}: cannot be read as YAML ({str(error).splitlines()[0]})") from None
+    if not isinstance(content, dict):
+        raise UserError(f"{path}: holds {type(content).__name__}, not keys with values")
+    return content
+
+
+def keys_table() -> str:
+    """Every key with its default and description, as a Markdown table; config/README.md holds it."""
+    rows = ["| key | default | what it is |", "| --- | --- | --- |"]
+    for section, part in schema("config")["properties"].items():
+        keys = part.get("properties") or {"": part}
+        for name, key in keys.items():
+            default = "" if key["default"] == {} else f"`{yaml.safe_dump(key['default']).split()[0]}`"
+            path = f"{section}.{name}" if name else section
+            rows.append(f"| `{path}` | {default} | {' '.join(key['description'].split())}{_choices(key)} |")
+    return "\n".join(rows)
+
+
+def report_first(errors: Iterable[ValidationError], where: str) -> None:
+    """Raise the ``UserError`` for the first of some schema errors, if there is one."""
+    for error in errors:
+        raise UserError(f"{where}: {_explain(error)}")
+
+
+def _choices(key: Mapping[str, Any]) -> str:
+    return f" One of {', '.join(f'`{choice}`' for choice in key['enum'])}." if "enum" in key else ""
+
+
+def _filled(config: Mapping[str, Any], part: Mapping[str, Any]) -> Config:
+    filled = copy.deepcopy(dict(config))
+    for key, sub in part.get("properties", {}).items():
+        if "default" in sub:
+            filled.setdefault(key, copy.deepcopy(sub["default"]))
+        if isinstance(filled.get(key), Mapping):
+            filled[key] = _filled(filled[key], sub)
+    return filled
+
+
+def _explain(error: ValidationError) -> str:
+    key = ".".join(str(part) for part in error.absolute_path)
+    if error.validator == "additionalProperties":
+        known = list(error.schema["properties"])
+        unknown = sorted(set(error.instance) - set(known))[0]
+        near = difflib.get_close_matches(str(unknown), known, n=1)
+        advice = f"did you mean {near[0]!r}?" if near else f"known keys: {', '.join(known)}"
+        return f"unknown key {f'{key}.{unknown}' if key else unknown!r}; {advice}"
+    return f"{key or 'value'} = {error.instance!r} is not allowed: {_allowed(error)}"
+
+
+def _allowed(error: ValidationError) -> str:
+    limit = error.validator_value
+    match error.validator:
+        case "enum":
+            near = difflib.get_close_matches(str(error.instance), map(str, limit), n=1)
+            return f"one of {', '.join(map(str, limit))}" + (f" (did you mean {near[0]!r}?)" if near else "")
+        case "type":
+            return "must be " + " or ".join([limit] if isinstance(limit, str) else limit)
+        case "minimum":
+            return f"at least {limit}"
+        case "maximum":
+            return f"at most {limit}"
+        case "exclusiveMinimum":
+            return f"more than {limit}"
+        case "minLength":
+            return "must not be empty"
+        case _:
+            return error.message

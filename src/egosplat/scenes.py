@@ -1,0 +1,119 @@
+"""The table of scenes: which recording each scene is, and what its keys are."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from jsonschema import Draft202012Validator
+
+from egosplat import config as configuration
+from egosplat.errors import UserError
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One row of the table of scenes, with its place on disk.
+
+    Attributes:
+        dataset, scene: its two folders below results.
+        format: ``adt``, ``hoi4d`` or ``plain``.
+        recording: the recording's folder or file; inside results where it is synthetic.
+        synthetic: whether the recording is made by the project itself.
+        config: the whole configuration, with the row's own keys over it.
+    """
+
+    dataset: str
+    scene: str
+    format: str
+    recording: Path
+    synthetic: bool
+    config: configuration.Config
+
+    @property
+    def results(self) -> Path:
+        return Path("results") / self.dataset / self.scene
+
+
+def read_scenes(config: configuration.Config) -> dict[tuple[str, str], Scene]:
+    """Read the table that the configuration names.
+
+    Raises:
+        UserError: the table is absent or unreadable, a column or value is wrong, or a scene stands twice.
+    """
+    path = Path(config["scenes"])
+    _check_roots(config, rows := _rows(path), path)
+    scenes: dict[tuple[str, str], Scene] = {}
+    for number, row in enumerate(rows, start=2):
+        where = f"{path}, line {number}"
+        configuration.report_first(Draft202012Validator(configuration.schema("scenes")).iter_errors(row), where)
+        key = (row["dataset"], row["scene"])
+        if key in scenes:
+            raise UserError(f"{where}: scene {'/'.join(key)} stands in the table twice; remove or rename one")
+        scenes[key] = _scene(row, config, where)
+    return scenes
+
+
+def find_scene(scenes: dict[tuple[str, str], Scene], dataset: str, scene: str) -> Scene:
+    """The scene of that name.
+
+    Raises:
+        UserError: there is none; names those that there are.
+    """
+    if (dataset, scene) not in scenes:
+        known = ", ".join("/".join(key) for key in scenes) or "none"
+        raise UserError(f"no scene {dataset}/{scene} in the table of scenes. Add a row, or take one of: {known}")
+    return scenes[dataset, scene]
+
+
+def check_recording(scene: Scene) -> None:
+    """Check that a scene's recording is there or can be made.
+
+    Raises:
+        UserError: says where it is looked for.
+    """
+    if not scene.synthetic and not scene.recording.exists():
+        raise UserError(
+            f"{scene.dataset}/{scene.scene}: no recording at {scene.recording}. Put it there, or set "
+            f"data_root.{scene.dataset} in config/config.yaml to the folder that holds it."
+        )
+
+
+def requested_scenes(words: list[str]) -> list[tuple[str, str]]:
+    """Dataset and scene of each word of a command line that is a path below results.
+
+    Snakemake tells a workflow its targets only after it has read it, which is too late for a plain message.
+    """
+    found = (re.fullmatch(r"(?:\./)?results/([a-z0-9_]+)/([A-Za-z0-9_-]+)/.+", word) for word in words)
+    return [(match[1], match[2]) for match in found if match and match[1] != "benchmark"]
+
+
+def _rows(path: Path) -> list[dict[str, Any]]:
+    try:
+        table = pd.read_csv(path, sep="\t", dtype=str, keep_default_na=False, comment="#")
+    except FileNotFoundError:
+        raise UserError(f"{path}: does not exist; the configuration key 'scenes' names it") from None
+    except (OSError, ValueError) as error:
+        raise UserError(f"{path}: cannot be read as a tab-separated table ({error})") from None
+    expected = list(configuration.schema("scenes")["properties"])
+    if list(table.columns) != expected:
+        raise UserError(f"{path}: has columns {', '.join(table.columns)}; needs {', '.join(expected)}, tab-separated")
+    return table.to_dict("records")
+
+
+def _check_roots(config: configuration.Config, rows: list[dict[str, Any]], path: Path) -> None:
+    datasets = {"adt", "hoi4d", *(row["dataset"] for row in rows)}
+    if unknown := sorted(set(config["data_root"]) - datasets):
+        raise UserError(f"configuration: data_root.{unknown[0]} is no dataset of {path}: {', '.join(sorted(datasets))}")
+
+
+def _scene(row: dict[str, Any], config: configuration.Config, where: str) -> Scene:
+    options = configuration.parse_options(row["options"], where)
+    own = configuration.merge(config, options)
+    configuration.check(own, where)
+    root = config["data_root"].get(row["dataset"])
+    synthetic = row["format"] == "adt" and root is None and "seed" in options.get("synthetic", {})
+    home = Path("results") / row["dataset"] / row["scene"]
+    recording = home / "recording" if synthetic else Path(root or ".") / row["recording"]
+    return Scene(row["dataset"], row["scene"], row["format"], recording, synthetic, own)

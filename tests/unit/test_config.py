@@ -1,0 +1,153 @@
+"""The configuration: one schema, no drift, and errors that say what to do."""
+
+import inspect
+from pathlib import Path
+
+import pytest
+import yaml
+
+from egosplat import config
+from egosplat.cli import EXTRAS, PATHS
+from egosplat.errors import UserError
+from egosplat.scenes import find_scene, read_scenes, requested_scenes
+from egosplat.stages import STAGES, stage_function
+
+ROOT = Path(__file__).resolve().parents[2]
+PRESETS = ROOT / "config" / "presets"
+
+
+def test_every_key_has_a_description_and_a_default():
+    for section, part in config.schema("config")["properties"].items():
+        for name, key in part.get("properties", {section: part}).items():
+            assert len(key.get("description", "")) > 20, f"{section}.{name}"
+            assert "default" in key, f"{section}.{name}"
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_schema_and_stage_function_name_the_same_keys(stage):
+    arguments = inspect.signature(stage_function(stage)).parameters
+    extras = [option.name for option in EXTRAS.get(stage, [])]
+    assert set(arguments) == {*PATHS[stage], *extras, *config.stage_keys(stage)}
+    assert all(argument.default is inspect.Parameter.empty for argument in arguments.values())
+
+
+def test_the_defaults_are_allowed_and_the_balanced_preset_is_the_default():
+    config.check(config.defaults())
+    assert config.resolve({}, PRESETS) == config.defaults()
+
+
+@pytest.mark.parametrize("preset", ["fast", "balanced", "paper"])
+def test_the_presets_are_allowed(preset):
+    resolved = config.resolve({"preset": preset}, PRESETS)
+    for section, keys in yaml.safe_load((PRESETS / f"{preset}.yaml").read_text()).items():
+        assert resolved[section].items() >= keys.items()
+
+
+def test_the_shipped_configuration_sets_no_stage_key():
+    shipped = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
+    assert config.resolve(shipped, PRESETS) == config.defaults() | {"data_root": {"adt": None, "hoi4d": None}}
+
+
+def test_the_user_stands_over_the_preset_and_the_preset_over_the_defaults():
+    resolved = config.resolve({"preset": "fast", "frames": {"resolution": 300}}, PRESETS)
+    assert resolved["frames"]["resolution"] == 300
+    assert resolved["synthetic"]["size"] == 352
+    assert resolved["frames"]["focal"] == 460.0
+
+
+def test_the_table_in_the_config_readme_is_that_of_the_schema():
+    assert config.keys_table() in (ROOT / "config" / "README.md").read_text(), "make it anew: egosplat keys"
+
+
+@pytest.mark.parametrize(
+    "user, message",
+    [
+        ({"frames": {"resolutoin": 3}}, "unknown key 'frames.resolutoin'; did you mean 'resolution'?"),
+        ({"xyz": {}}, "unknown key 'xyz'; known keys: preset, scenes"),
+        ({"frames": {"resolution": "big"}}, "frames.resolution = 'big' is not allowed: must be integer"),
+        ({"frames": {"resolution": 3}}, "frames.resolution = 3 is not allowed: at least 32"),
+        ({"frames": {"stride": 0}}, "frames.stride = 0 is not allowed: at least 1"),
+        ({"frames": {"upright": "yes"}}, "must be boolean"),
+        ({"frames": None}, "frames = None is not allowed: must be object"),
+        ({"poses": {"matching": "exhausting"}}, "one of auto, exhaustive, sequential .did you mean 'exhaustive'"),
+        ({"poses": {"min_registered": 1.5}}, "at most 1"),
+        ({"poses": {"max_gap_ms": 0}}, "more than 0"),
+        ({"preset": "fastest"}, "preset = 'fastest' is not allowed: one of fast, balanced, paper .did you mean 'fast'"),
+        ({"data_root": {"adt": 3}}, "data_root.adt = 3 is not allowed: must be string or null"),
+        ({"data_root": {"adt": ""}}, "data_root.adt = '' is not allowed: must not be empty"),
+    ],
+)
+def test_what_is_not_allowed_is_named(user, message):
+    with pytest.raises(UserError, match=message) as caught:
+        config.resolve(user, PRESETS)
+    assert str(caught.value).count("\n") <= 1
+
+
+def test_unreadable_files_are_named(tmp_path):
+    (tmp_path / "fast.yaml").write_text("frames: [")
+    with pytest.raises(UserError, match="fast.yaml: cannot be read as YAML"):
+        config.resolve({"preset": "fast"}, tmp_path)
+    (tmp_path / "fast.yaml").write_text("- 1")
+    with pytest.raises(UserError, match="holds list, not keys"):
+        config.resolve({"preset": "fast"}, tmp_path)
+    with pytest.raises(UserError, match="paper.yaml: does not exist"):
+        config.resolve({"preset": "paper"}, tmp_path)
+    (tmp_path / "fast.yaml").write_text("frames: {focl: 3}")
+    with pytest.raises(UserError, match="preset fast.yaml: unknown key 'frames.focl'; did you mean 'focal'"):
+        config.resolve({"preset": "fast"}, tmp_path)
+
+
+HEADER = "dataset\tscene\tformat\trecording\toptions\n"
+
+
+def table(tmp_path, text: str, **user):
+    (tmp_path / "scenes.tsv").write_text(text)
+    return read_scenes(config.resolve({"scenes": str(tmp_path / "scenes.tsv"), **user}, PRESETS))
+
+
+def test_the_paper_s_ten_sequences_are_in_the_table():
+    scenes = read_scenes(config.defaults() | {"scenes": str(ROOT / "config" / "scenes.tsv")})
+    assert list(scenes) == [(dataset, f"scene{i}") for dataset in ("adt", "hoi4d") for i in range(1, 6)]
+    assert all(scenes["adt", f"scene{i}"].synthetic for i in range(1, 6))
+    assert len({scene.config["synthetic"]["seed"] for scene in scenes.values() if scene.synthetic}) == 5
+    assert scenes["adt", "scene4"].recording == Path("results/adt/scene4/recording")
+
+
+def test_a_configured_root_replaces_the_synthetic_recording(tmp_path):
+    row = "adt\tscene1\tadt\tsome_sequence\tsynthetic.seed=1 frames.stride=3 frames.end_s=2.5\n"
+    scene = table(tmp_path, HEADER + row, data_root={"adt": "/data/adt"})["adt", "scene1"]
+    assert not scene.synthetic and scene.recording == Path("/data/adt/some_sequence")
+    assert scene.config["frames"]["stride"] == 3 and scene.config["frames"]["end_s"] == 2.5
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("dataset scene\n", "needs dataset, scene, format, recording, options, tab-separated"),
+        (HEADER + "ADT!\ts\tadt\tr\t\n", "line 2: dataset = 'ADT!' is not allowed"),
+        (HEADER + "adt\ts\tavi\tr\t\n", "line 2: format = 'avi' is not allowed: one of adt, hoi4d, plain"),
+        (HEADER + "adt\ts\tadt\t\t\n", "line 2: recording = '' is not allowed"),
+        (HEADER + "adt\ts\tadt\tr\tstride=3\n", "option 'stride=3' is not of the form section.key=value"),
+        (HEADER + "adt\ts\tadt\tr\tframes.strid=3\n", "line 2: unknown key 'frames.strid'; did you mean 'stride'"),
+        (HEADER + "adt\ts\tadt\tr\tframes.stride=x\n", "frames.stride = 'x' is not allowed: must be integer"),
+        (HEADER + "adt\ts\tadt\tr\t\n" * 2, "line 3: scene adt/s stands in the table twice"),
+    ],
+)
+def test_a_wrong_table_is_named_with_its_line(tmp_path, text, message):
+    with pytest.raises(UserError, match=message):
+        table(tmp_path, text)
+
+
+def test_an_absent_table_an_unknown_scene_and_an_unknown_root_are_named(tmp_path):
+    with pytest.raises(UserError, match="none.tsv: does not exist"):
+        read_scenes(config.resolve({"scenes": str(tmp_path / "none.tsv")}, PRESETS))
+    scenes = table(tmp_path, HEADER + "adt\ts\tadt\tr\t\n")
+    with pytest.raises(UserError, match="no scene adt/t .*take one of: adt/s"):
+        find_scene(scenes, "adt", "t")
+    with pytest.raises(UserError, match="data_root.adtt is no dataset"):
+        table(tmp_path, HEADER, data_root={"adtt": "/data"})
+
+
+def test_scenes_are_found_on_a_command_line():
+    words = ["snakemake", "--cores", "2", "results/adt/scene1/poses.zarr", "./results/hoi4d/scene2/metrics.json", "all"]
+    assert requested_scenes(words) == [("adt", "scene1"), ("hoi4d", "scene2")]
