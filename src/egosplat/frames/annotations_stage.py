@@ -1,0 +1,46 @@
+"""Stage ``annotations``: instance maps of the evaluation frames. For evaluation only."""
+
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from egosplat import provenance
+from egosplat.artifacts import ANNOTATIONS, FRAMES, create, open_artifact
+from egosplat.frames.annotation_readers import open_annotations
+from egosplat.geometry import Camera
+from egosplat.progress import log, track
+
+
+def run(recording: Path, frames: Path, output: Path, *, max_age_ms: float) -> None:
+    """Write the annotations artifact of the evaluation frames of ``frames``.
+
+    A recording without annotations gives an artifact with no instances and no annotated frame.
+
+    Raises:
+        UserError: an annotation is damaged or does not fit the pictures.
+    """
+    source = open_artifact(frames, FRAMES)
+    indices = np.flatnonzero(source.read("evaluation")).astype(np.int64)
+    times = source.read("timestamp_ns")[indices]
+    camera = Camera(**source.facts["camera"])
+    reader = open_annotations(
+        source.facts["format"],
+        recording,
+        camera=camera,
+        upright=source.facts["upright"],
+        max_age_ns=round(max_age_ms * 1e6),
+    )
+    made = provenance.begin("annotations", {"max_age_ms": max_age_ms}, source.origin, {frames.name: source.digest})
+    annotated = np.zeros(len(indices), bool)
+    with create(output, ANNOTATIONS, made) as artifact:
+        artifact.allocate("instance_map", (len(indices), camera.height, camera.width))
+        for row, time in enumerate(track(times, "reading annotations", total=len(times))):
+            found = reader.instance_map(int(time)) if reader else None
+            annotated[row] = found is not None
+            nothing = np.full((camera.height, camera.width), -1, np.int32)
+            artifact.put_row("instance_map", row, nothing if found is None else found)
+        artifact.put("frame", indices)
+        artifact.put("annotated", annotated)
+        artifact.facts = {"instances": [asdict(instance) for instance in reader.instances] if reader else []}
+    log(f"{annotated.sum()} of {len(indices)} evaluation frames are annotated")

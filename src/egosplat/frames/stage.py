@@ -1,0 +1,67 @@
+"""Stage ``frames``: a recording's rectified pictures and the train / evaluation split."""
+
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from egosplat import provenance
+from egosplat.artifacts import FRAMES, create
+from egosplat.frames.readers import open_recording
+from egosplat.frames.split import split_frames
+from egosplat.progress import track
+
+
+def run(
+    recording: Path,
+    output: Path,
+    *,
+    format: str,
+    resolution: int,
+    focal: float,
+    upright: bool,
+    stride: int,
+    start_s: float,
+    end_s: float | None,
+    evaluation_frames: int,
+    holdout: bool,
+) -> None:
+    """Read ``recording`` and write its frames artifact; the keys are those of the schema's ``frames``.
+
+    Raises:
+        UserError: the recording is absent, damaged, or the keys select no frame.
+    """
+    options = {key: value for key, value in locals().items() if key not in ("recording", "output")}
+    reader = open_recording(
+        format,
+        recording,
+        resolution=resolution,
+        focal=focal,
+        upright=upright,
+        stride=stride,
+        start_s=start_s,
+        end_s=end_s,
+    )
+    capture = reader.capture
+    count = len(capture.timestamp_ns)
+    train, evaluation = split_frames(count, evaluation_frames, holdout)
+    made = provenance.begin("frames", options, capture.origin)
+    with create(output, FRAMES, made) as artifact:
+        artifact.put("valid", capture.valid)
+        artifact.put("timestamp_ns", capture.timestamp_ns)
+        artifact.put("exposure_middle_ns", capture.exposure_middle_ns)
+        artifact.put("train", train)
+        artifact.put("evaluation", evaluation)
+        artifact.allocate("rgb", (count, *capture.valid.shape, 3))
+        pictures = reader.pictures(np.arange(count))
+        for index, picture in enumerate(track(pictures, f"reading {recording.name}", total=count)):
+            artifact.put_row("rgb", index, picture)
+        device = capture.device_from_camera
+        artifact.facts = {
+            "recording": recording.name,
+            "format": format,
+            "upright": upright,
+            "camera": asdict(capture.camera),
+            "camera_known": capture.camera_known,
+            "device_from_camera": None if device is None else device.tolist(),
+        }

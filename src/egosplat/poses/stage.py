@@ -1,0 +1,90 @@
+"""Stage ``poses``: a camera pose for each frame, and the points of the scene."""
+
+from pathlib import Path
+
+import numpy as np
+
+from egosplat import provenance
+from egosplat.artifacts import FRAMES, POSES, Artifact, create, open_artifact
+from egosplat.errors import UserError
+from egosplat.geometry import Camera
+from egosplat.poses.adt import adt_poses
+from egosplat.poses.colmap import colmap_poses
+from egosplat.poses.result import Poses
+from egosplat.progress import log
+
+
+def run(
+    recording: Path,
+    frames: Path,
+    output: Path,
+    *,
+    method: str,
+    trajectory: str,
+    max_gap_ms: float,
+    max_inv_dist_std: float,
+    max_dist_std: float,
+    matching: str,
+    overlap: int,
+    min_registered: float,
+    seed: int,
+) -> None:
+    """Write the poses artifact of ``frames``; the keys are those of the schema's ``poses``.
+
+    Raises:
+        UserError: the trajectory is absent or damaged, or COLMAP does not reconstruct.
+    """
+    options = {key: value for key, value in locals().items() if key not in ("recording", "frames", "output")}
+    source = open_artifact(frames, FRAMES)
+    has_device = source.facts["device_from_camera"] is not None
+    if method == "device" and not has_device:
+        raise UserError(f"poses.method = device: {recording.name} has no device trajectory; use colmap or auto")
+    made = provenance.begin("poses", options, source.origin, {frames.name: source.digest})
+    if has_device and method != "colmap":
+        poses = _from_device(recording, source, trajectory, max_gap_ms, max_inv_dist_std, max_dist_std)
+    else:
+        poses = _from_colmap(source, matching, overlap, min_registered, seed)
+    poses.check()
+    log(f"{poses.registered.sum()} of {len(poses.registered)} frames have a pose; {len(poses.points)} points")
+    with create(output, POSES, made) as artifact:
+        artifact.put("camera_to_world", poses.camera_to_world)
+        artifact.put("registered", poses.registered)
+        artifact.put("intrinsics", poses.camera.matrix)
+        artifact.put("up", poses.up)
+        artifact.put("points/xyz", poses.points)
+        artifact.put("points/rgb", poses.point_rgb)
+        artifact.facts = {"notes": poses.notes}
+
+
+def _from_device(
+    recording: Path,
+    source: Artifact,
+    trajectory: str,
+    max_gap_ms: float,
+    max_inv_dist_std: float,
+    max_dist_std: float,
+) -> Poses:
+    return adt_poses(
+        recording,
+        source.read("exposure_middle_ns"),
+        np.asarray(source.facts["device_from_camera"], dtype=np.float64),
+        Camera(**source.facts["camera"]),
+        trajectory=trajectory,
+        max_gap_ms=max_gap_ms,
+        max_inv_dist_std=max_inv_dist_std,
+        max_dist_std=max_dist_std,
+    )
+
+
+def _from_colmap(source: Artifact, matching: str, overlap: int, min_registered: float, seed: int) -> Poses:
+    count = source.shape("rgb")[0]
+    return colmap_poses(
+        (source.row("rgb", index) for index in range(count)),
+        source.read("valid"),
+        Camera(**source.facts["camera"]),
+        source.facts["camera_known"],
+        matching=matching,
+        overlap=overlap,
+        min_registered=min_registered,
+        seed=seed,
+    )

@@ -1,0 +1,179 @@
+"""A scene on one page: its pictures, the annotations of its evaluation frames, and the walk from above."""
+
+import os
+import tempfile
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import numpy as np
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from numpy.typing import NDArray
+
+from egosplat.artifacts import ANNOTATIONS, FRAMES, POSES, Artifact, open_artifact
+
+PICTURES = 8
+"""Pictures in each of the two rows."""
+
+LABELS = 9
+"""At most so many of an evaluation frame's instances are named in the picture, the largest first."""
+
+
+def run(frames: Path, annotations: Path, poses: Path, output: Path) -> None:
+    """Draw the contact sheet of a scene as PNG; the file appears when it is complete."""
+    pictures, labels, walk = (
+        open_artifact(path, schema)
+        for path, schema in ((frames, FRAMES), (annotations, ANNOTATIONS), (poses, POSES))
+    )
+    figure = plt.figure(figsize=(20, 10.4), layout="constrained")
+    figure.suptitle(_title(pictures, labels, walk), fontsize=15)
+    left, right = figure.subfigures(1, 2, width_ratios=[1.0, 1.75])
+    draw_from_above(left.subplots(), walk)
+    _draw_rows(right, pictures, labels)
+    _save(figure, output)
+    plt.close(figure)
+
+
+def _title(pictures: Artifact, labels: Artifact, walk: Artifact) -> str:
+    count, height, width, _ = pictures.shape("rgb")
+    seconds = float(np.ptp(pictures.read("timestamp_ns"))) * 1e-9
+    return (
+        f"{pictures.facts['recording']} ({pictures.origin})\n"
+        f"{count} frames {width}×{height} in {seconds:.1f} s: "
+        f"{int(pictures.read('train').sum())} to train, {int(pictures.read('evaluation').sum())} to evaluate, "
+        f"{int(walk.read('registered').sum())} with a pose; {len(labels.facts['instances'])} instances"
+    )
+
+
+def ground_axes(up: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Two unit vectors that span the plane across ``up``.
+
+    Args:
+        up: (3,) float64 unit vector.
+
+    Returns:
+        (2, 3) float64; seen from above, the first points right and the second up the page.
+    """
+    # The world axis that is least parallel to up makes the best-conditioned cross product.
+    helper = np.eye(3)[np.argmin(np.abs(up))]
+    right = np.cross(helper, up)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(up, right)])
+
+
+def draw_from_above(axes: Axes, walk: Artifact) -> None:
+    """Draw points, trajectory and viewing directions, seen against ``up``."""
+    up, registered = walk.read("up"), walk.read("registered")
+    poses = walk.read("camera_to_world")[registered]
+    plane = ground_axes(up)
+    path = poses[:, :3, 3] @ plane.T
+    _scatter_points(axes, walk, plane, up, heights=poses[:, :3, 3] @ up)
+    segments = np.stack([path[:-1], path[1:]], axis=1)
+    line = LineCollection(list(segments), cmap="plasma", linewidths=2.2, zorder=3)
+    line.set_array(np.linspace(0, 1, len(segments)))
+    axes.add_collection(line)
+    looking = poses[:, :3, 2] @ plane.T
+    step = max(1, len(path) // 40)
+    axes.quiver(*path[::step].T, *looking[::step].T, scale=28, width=0.0025, color="0.15", zorder=4)
+    axes.scatter(*path[0], s=70, c="limegreen", edgecolors="k", zorder=5, label="start")
+    axes.scatter(*path[-1], s=70, c="crimson", edgecolors="k", zorder=5, label="end")
+    unit = "m" if "scale" not in walk.facts["notes"] else walk.facts["notes"]["scale"]
+    axes.set(aspect="equal", title="From above: points by height, the walk by time", xlabel=unit, ylabel=unit)
+    axes.legend(loc="upper right")
+    axes.grid(alpha=0.2)
+
+
+def _scatter_points(
+    axes: Axes, walk: Artifact, plane: NDArray[np.float64], up: NDArray[np.float64], heights: NDArray[np.float64]
+) -> None:
+    points = walk.read("points/xyz")
+    if not len(points):
+        return
+    # The ceiling would hide the room.
+    points = points[points @ up < heights.max()]
+    if len(points) > 60_000:
+        points = points[:: len(points) // 60_000 + 1]
+    if not len(points):
+        return
+    flat, height = points @ plane.T, points @ up
+    low, high = np.percentile(flat, [0.5, 99.5], axis=0)
+    inside = ((flat >= low) & (flat <= high)).all(axis=1)
+    axes.scatter(*flat[inside].T, c=height[inside], s=1.2, cmap="viridis", linewidths=0, rasterized=True)
+
+
+def _draw_rows(figure: "matplotlib.figure.SubFigure", pictures: Artifact, labels: Artifact) -> None:
+    count = pictures.shape("rgb")[0]
+    shown = np.unique(np.linspace(0, count - 1, PICTURES).round().astype(int))
+    rows = np.unique(np.linspace(0, max(0, labels.shape("frame")[0] - 1), PICTURES).round().astype(int))
+    rows = rows[: labels.shape("frame")[0]]
+    grid = figure.subplots(4, PICTURES // 2)
+    for cell in grid.flat:
+        cell.set_axis_off()
+    start = pictures.read("timestamp_ns")[0]
+    times = (pictures.read("timestamp_ns") - start) * 1e-9
+    for cell, index in zip(grid[:2].flat, shown, strict=False):
+        cell.imshow(pictures.row("rgb", index))
+        cell.set_title(f"frame {index}, {times[index]:.1f} s", fontsize=10)
+    for cell, row in zip(grid[2:].flat, rows, strict=False):
+        _draw_annotated(cell, pictures, labels, int(row))
+
+
+def _draw_annotated(cell: Axes, pictures: Artifact, labels: Artifact, row: int) -> None:
+    index = int(labels.read("frame")[row])
+    picture = pictures.row("rgb", index)
+    if not labels.read("annotated")[row]:
+        cell.imshow(picture)
+        cell.set_title(f"evaluation frame {index}: not annotated", fontsize=10)
+        return
+    instance_map = labels.row("instance_map", row)
+    cell.imshow(overlay(picture, instance_map))
+    instances = labels.facts["instances"]
+    values, sizes = np.unique(instance_map[instance_map >= 0], return_counts=True)
+    cell.set_title(f"evaluation frame {index}: {len(values)} instances", fontsize=10)
+    for value in values[np.argsort(-sizes)][:LABELS]:
+        if sizes[values == value][0] >= 0.003 * instance_map.size:
+            v, u = _inner_point(instance_map == value)
+            box = {"facecolor": "black", "alpha": 0.55, "pad": 1, "edgecolor": "none"}
+            name = instances[value]["category"]
+            cell.text(u, v, name, color="white", fontsize=6.5, ha="center", va="center", bbox=box)
+
+
+def overlay(picture: NDArray[np.uint8], instance_map: NDArray[np.int32]) -> NDArray[np.uint8]:
+    """Tint a picture by instance.
+
+    Args:
+        picture: (H, W, 3) uint8.
+        instance_map: (H, W) int32, -1 where nothing is annotated.
+
+    Returns:
+        (H, W, 3) uint8; unannotated pixels keep their colour.
+    """
+    # Golden-angle hues: neighbouring indices get colours far apart.
+    hue = (np.arange(instance_map.max() + 2) * 0.618034) % 1.0
+    colours = matplotlib.colors.hsv_to_rgb(np.stack([hue, np.full_like(hue, 0.75), np.ones_like(hue)], axis=-1)) * 255
+    tinted = 0.5 * picture + 0.5 * colours[instance_map]
+    return np.where((instance_map >= 0)[..., None], tinted, picture).astype(np.uint8)
+
+
+def _inner_point(mask: NDArray[np.bool_]) -> tuple[int, int]:
+    """Row and column of the mask's pixel that is nearest to its median: always inside."""
+    rows, columns = np.nonzero(mask)
+    middle = np.argmin((rows - np.median(rows)) ** 2 + (columns - np.median(columns)) ** 2)
+    return int(rows[middle]), int(columns[middle])
+
+
+def _save(figure: "matplotlib.figure.Figure", output: Path) -> None:
+    output.parent.mkdir(parents=True, exist_ok=True)
+    handle, scratch = tempfile.mkstemp(dir=output.parent, prefix=f".{output.name}.", suffix=".png")
+    os.close(handle)
+    try:
+        figure.savefig(scratch, dpi=80)
+        os.chmod(scratch, 0o644)
+        os.replace(scratch, output)
+    except BaseException:
+        os.unlink(scratch)
+        raise

@@ -1,0 +1,113 @@
+"""What a synthetic recording consists of, before it is written in ADT's on-disk format.
+
+World axes are ADT's: y up, gravity (0, -9.81, 0), metres. The device frame is Aria's (the left SLAM
+camera). Images are in sensor orientation: the upright picture is the image rotated clockwise by 90°.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Instance:
+    """One entry of ADT's ``instances.json``.
+
+    Attributes:
+        instance_id: unique, positive; the value of its pixels in the segmentation images.
+        name: unique, ADT style (``"BlackCoaster_1"``).
+        prototype: the kind of thing, without number.
+        category: one of ADT's category names (``"coaster"``); ``"person"`` for people.
+        category_uid: one number a category.
+        motion_type: ADT's label. A ``dynamic`` instance need not move in a given recording.
+        instance_type: ``human`` instances are absent from the scene object and 3D box files.
+        bounds: (2, 3) float64 [m], lower and upper corner of its box in its own frame.
+    """
+
+    instance_id: int
+    name: str
+    prototype: str
+    category: str
+    category_uid: int
+    motion_type: Literal["static", "dynamic"]
+    instance_type: Literal["object", "human"]
+    bounds: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class View:
+    """What the camera saw: one rendering of labels and depth.
+
+    Attributes:
+        segmentation: (H, W) uint64 instance ids, 0 outside the lens circle.
+        depth_mm: (H, W) uint16, depth along the optical axis in millimetres, 0 outside the lens circle.
+        visibility: for each visible instance id, the share of its pixels that nothing else hides, 0..1.
+    """
+
+    segmentation: NDArray[np.uint64]
+    depth_mm: NDArray[np.uint16]
+    visibility: dict[int, float]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One capture of the RGB camera and what is true at that moment.
+
+    Attributes:
+        capture_ns: capture timestamp of the picture in device time; the exposure's middle as the reader
+            must find it lies ``ROLLING_SHUTTER_MIDDLE_NS`` later, and that is when the scene is rendered.
+        exposure_s, gain: of this picture.
+        rgb: (H, W, 3) uint8, with people.
+        with_people, without_people: labels and depth (ADT's files with and without skeletons).
+        world_from_object: (4, 4) float64 pose of every dynamic object at this moment, by instance id.
+        skeletons: by human instance id, (J, 3) float64 joint positions in the world [m].
+    """
+
+    capture_ns: int
+    exposure_s: float
+    gain: float
+    rgb: NDArray[np.uint8]
+    with_people: View
+    without_people: View
+    world_from_object: dict[int, NDArray[np.float64]]
+    skeletons: dict[int, NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """A whole recording; ``frames`` is lazy so that memory does not grow with its length.
+
+    Attributes:
+        name: sequence name.
+        size: side of the square RGB image in pixels.
+        fps: frames a second.
+        instances: everything that can be seen, the room itself (category ``shelter``) included.
+        world_from_static: (4, 4) float64 pose of every static object, by instance id.
+        device_pose: (N,) int64 nanoseconds -> (N, 4, 4) float64 ``world_from_device``.
+        start_ns, end_ns: first and last moment that the trajectory covers, device time.
+        points: (P, 3) float64 semi-dense points in the world [m].
+        inv_dist_std: (P,) float64 [1/m]; dist_std: (P,) float64 [m]: their uncertainty.
+        frames: makes the frames, in order of time.
+        frame_count: how many ``frames`` yields.
+    """
+
+    name: str
+    size: int
+    fps: float
+    instances: list[Instance]
+    world_from_static: dict[int, NDArray[np.float64]]
+    device_pose: Callable[[NDArray[np.int64]], NDArray[np.float64]]
+    start_ns: int
+    end_ns: int
+    points: NDArray[np.float64]
+    inv_dist_std: NDArray[np.float64]
+    dist_std: NDArray[np.float64]
+    frames: Callable[[], Iterator[Frame]]
+    frame_count: int
+
+
+ROLLING_SHUTTER_MIDDLE_NS = 2_500_000
+"""From a capture timestamp to the middle of the picture: half of the rolling shutter (M3.3)."""

@@ -1,0 +1,105 @@
+"""
+Configuration, the table of scenes, and what every rule's parameters are made of.
+
+A stage's parameters hold its command line flags (its own keys alone) and the content hash of the code that
+it executes: Snakemake reruns it when one of them changes, and not when something else does.
+"""
+
+import os
+import shlex
+import sys
+from pathlib import Path
+
+from egosplat import config as configuration
+from egosplat.errors import UserError
+from egosplat.scenes import check_recording, find_scene, read_scenes, requested_scenes
+from egosplat.stages import code_of
+
+
+try:
+    presets = Path(workflow.basedir).parent / "config" / "presets"
+    scenes = read_scenes(configuration.resolve(config, presets))
+    for dataset, scene in requested_scenes(sys.argv):
+        check_recording(find_scene(scenes, dataset, scene))
+except UserError as error:
+    # Not as an exception, around which Snakemake would print a traceback.
+    sys.exit(f"egosplat: {error}")
+
+
+# The commands of the environment that Snakemake itself runs in, activated or not.
+shell.prefix(f"export PATH={shlex.quote(os.path.dirname(sys.executable))}:$PATH; ")
+
+
+wildcard_constraints:
+    dataset="[a-z0-9_]+",
+    scene="[A-Za-z0-9_-]+",
+
+
+def scene_of(wildcards):
+    """The row of the table of scenes."""
+    return find_scene(scenes, wildcards.dataset, wildcards.scene)
+
+
+def flags(stage):
+    """A function of the wildcards: the stage's keys as command line flags, in order of their names."""
+
+    def flags_of_scene(wildcards):
+        keys = scene_of(wildcards).config.get(stage, {})
+        return " ".join(flag(name, value) for name, value in sorted(keys.items()) if value is not None)
+
+    return flags_of_scene
+
+
+def flag(name, value):
+    """One key as a command line flag."""
+    name = name.replace("_", "-")
+    if isinstance(value, bool):
+        return f"--{name}" if value else f"--no-{name}"
+    return f"--{name} {shlex.quote(str(value))}"
+
+
+def recording(wildcards):
+    """Path of the scene's recording."""
+    return str(scene_of(wildcards).recording)
+
+
+def recording_format(wildcards):
+    """How the scene's recording is laid out on disk."""
+    return scene_of(wildcards).format
+
+
+def recording_files(stage):
+    """A function of the wildcards: the files of the recording that a stage reads, so that a change is seen.
+
+    A synthetic recording is one folder, made by a rule. Of a real one, what exists is watched: the stage
+    itself says best what is missing.
+    """
+
+    def files_of_scene(wildcards):
+        scene = scene_of(wildcards)
+        if scene.synthetic:
+            return [str(scene.recording)]
+        check_recording(scene)
+        if not scene.recording.is_dir():
+            return [str(scene.recording)]
+        found = [path for pattern in WATCHED[scene.format][stage] for path in scene.recording.glob(pattern)]
+        return sorted(str(path) for path in found)
+
+    return files_of_scene
+
+
+WATCHED = {
+    "adt": {
+        "frames": ["video.vrs", "metadata.json"],
+        "annotations": ["segmentations*.vrs", "instances.json"],
+        "poses": ["aria_trajectory.csv", "mps/slam/*.csv*"],
+    },
+    "hoi4d": {"frames": ["align_rgb/image.mp4"], "annotations": ["2Dseg/*/*.png"], "poses": []},
+    "plain": {"frames": ["*.[pj][np]*g", "*.json"], "annotations": ["annotations/*"], "poses": []},
+}
+
+
+def contact_sheets(_):
+    """The picture of every scene whose recording is there or can be made."""
+    found = [scene for scene in scenes.values() if scene.synthetic or scene.recording.exists()]
+    return [str(scene.results / "contact_sheet.png") for scene in found]

@@ -1,0 +1,82 @@
+"""
+A recording becomes pictures, and, for evaluation only, annotations.
+
+REQUIRED INPUTS: the recording (ADT sequence, HOI4D sequence, video or folder of images).
+OUTPUTS: recording/ (synthetic apartment only), frames.zarr, annotations.zarr.
+TOOLS: projectaria-tools, OpenCV; trimesh and Embree for the synthetic apartment.
+"""
+
+
+rule synthetic:
+    """Make a synthetic apartment's recording in ADT's format."""
+    output:
+        directory("results/{dataset}/{scene}/recording"),
+    log:
+        "logs/{dataset}/{scene}/synthetic.log",
+    benchmark:
+        "logs/{dataset}/{scene}/synthetic.tsv"
+    resources:
+        mem_mb=4000,
+        runtime="4h",
+    params:
+        flags=flags("synthetic"),
+        code=code_of("synthetic"),
+    shell:
+        "egosplat synthetic"
+        " --output {output:q}"
+        " {params.flags}"
+        " 2>&1 | tee {log:q}"
+
+
+rule frames:
+    """Read the recording's pictures and split them for training and evaluation."""
+    input:
+        recording_files("frames"),
+    output:
+        directory("results/{dataset}/{scene}/frames.zarr"),
+    log:
+        "logs/{dataset}/{scene}/frames.log",
+    benchmark:
+        "logs/{dataset}/{scene}/frames.tsv"
+    resources:
+        mem_mb=4000,
+        runtime="2h",
+    params:
+        recording=recording,
+        format=recording_format,
+        flags=flags("frames"),
+        code=code_of("frames"),
+    shell:
+        "egosplat frames"
+        " --recording {params.recording:q}"
+        " --format {params.format}"
+        " --output {output:q}"
+        " {params.flags}"
+        " 2>&1 | tee {log:q}"
+
+
+rule annotations:
+    """Read the instance maps of the evaluation frames. No rule that trains may depend on them."""
+    input:
+        recording_files("annotations"),
+        frames="results/{dataset}/{scene}/frames.zarr",
+    output:
+        directory("results/{dataset}/{scene}/annotations.zarr"),
+    log:
+        "logs/{dataset}/{scene}/annotations.log",
+    benchmark:
+        "logs/{dataset}/{scene}/annotations.tsv"
+    resources:
+        mem_mb=4000,
+        runtime="1h",
+    params:
+        recording=recording,
+        flags=flags("annotations"),
+        code=code_of("annotations"),
+    shell:
+        "egosplat annotations"
+        " --recording {params.recording:q}"
+        " --frames {input.frames:q}"
+        " --output {output:q}"
+        " {params.flags}"
+        " 2>&1 | tee {log:q}"

@@ -1,0 +1,35 @@
+"""
+Camera poses and the points that Gaussians start from.
+
+REQUIRED INPUTS: frames.zarr; for ADT the recording's trajectory and points.
+OUTPUTS: poses.zarr.
+TOOLS: projectaria-tools for ADT's trajectories, pycolmap for everything else.
+"""
+
+
+rule poses:
+    """Find the pose of every frame: from the device's trajectory, or with COLMAP."""
+    input:
+        recording_files("poses"),
+        frames="results/{dataset}/{scene}/frames.zarr",
+    output:
+        directory("results/{dataset}/{scene}/poses.zarr"),
+    log:
+        "logs/{dataset}/{scene}/poses.log",
+    benchmark:
+        "logs/{dataset}/{scene}/poses.tsv"
+    threads: 8
+    resources:
+        mem_mb=8000,
+        runtime="12h",
+    params:
+        recording=recording,
+        flags=flags("poses"),
+        code=code_of("poses"),
+    shell:
+        "egosplat poses"
+        " --recording {params.recording:q}"
+        " --frames {input.frames:q}"
+        " --output {output:q}"
+        " {params.flags}"
+        " 2>&1 | tee {log:q}"

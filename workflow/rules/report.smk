@@ -1,0 +1,36 @@
+"""
+Pictures for people.
+
+REQUIRED INPUTS: frames.zarr, annotations.zarr, poses.zarr.
+OUTPUTS: contact_sheet.png.
+TOOLS: matplotlib.
+"""
+
+
+rule contact_sheet:
+    """Draw a scene's pictures, its annotations, and its trajectory and points from above."""
+    input:
+        frames="results/{dataset}/{scene}/frames.zarr",
+        annotations="results/{dataset}/{scene}/annotations.zarr",
+        poses="results/{dataset}/{scene}/poses.zarr",
+    output:
+        report(
+            "results/{dataset}/{scene}/contact_sheet.png",
+            caption="../report/contact_sheet.rst",
+            category="Scenes",
+            labels={"dataset": "{dataset}", "scene": "{scene}"},
+        ),
+    log:
+        "logs/{dataset}/{scene}/contact_sheet.log",
+    resources:
+        mem_mb=2000,
+        runtime="10m",
+    params:
+        code=code_of("contact_sheet"),
+    shell:
+        "egosplat contact-sheet"
+        " --frames {input.frames:q}"
+        " --annotations {input.annotations:q}"
+        " --poses {input.poses:q}"
+        " --output {output:q}"
+        " 2>&1 | tee {log:q}"
