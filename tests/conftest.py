@@ -1,6 +1,7 @@
 """What all tests share: real recordings where they are, a tiny artifact, and the workflow."""
 
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -34,3 +35,73 @@ def egosplat() -> Callable[..., subprocess.CompletedProcess[str]]:
         return subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=300)
 
     return run
+
+
+TINY = """
+synthetic: {size: 176, fps: 2.0, seconds: 6.0, objects: 16}
+frames: {resolution: 96, evaluation_frames: 3}
+"""
+
+
+class Workdir:
+    """A working directory with its own copy of configuration and code, in which the workflow runs."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def snakemake(self, *arguments: object, timeout: float = 600) -> subprocess.CompletedProcess[str]:
+        """Run Snakemake here with the tiny settings; arguments go before the targets' ``--``."""
+        options = ["--snakefile", ROOT / "workflow/Snakefile", "--cores", "2", "--configfile", "tiny.yaml"]
+        command = [sys.executable, "-m", "snakemake", *options, *arguments]
+        return subprocess.run(
+            list(map(str, command)), cwd=self.folder, env=self.environment, capture_output=True, text=True, timeout=timeout
+        )
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """The environment in which the copied code is the one that runs."""
+        return os.environ | {"PYTHONPATH": str(self.folder / "src"), "PYTHONDONTWRITEBYTECODE": "1"}
+
+    def run(self, *targets: str) -> str:
+        """Make targets; fail the test with the log when that fails."""
+        done = self.snakemake("--", *targets)
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout + done.stderr
+
+    def stale(self, *targets: str, config: str = "") -> set[str]:
+        """Names of the rules that would run for the targets, with some more configuration."""
+        (self.folder / "more.yaml").write_text(config or "{}")
+        done = self.snakemake("more.yaml", "--dry-run", "--quiet", "host", "--", *targets)
+        assert done.returncode == 0, done.stdout + done.stderr
+        output = done.stdout + done.stderr
+        found = {line.split()[1].rstrip(":") for line in output.splitlines() if line.startswith(("rule ", "localrule "))}
+        assert found or "Nothing to be done" in output, output
+        return found
+
+    def edit(self, module: str, old: str, new: str) -> None:
+        """Replace text in the copied code."""
+        path = self.folder / "src" / "egosplat" / module
+        text = path.read_text()
+        assert old in text, f"{module} lacks {old!r}"
+        path.write_text(text.replace(old, new, 1))
+
+
+@pytest.fixture(scope="session")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Workdir:
+    """A working directory in which the tiny main job has run once. Not to be changed: see ``workdir``."""
+    folder = tmp_path_factory.mktemp("workflow")
+    shutil.copytree(ROOT / "config", folder / "config")
+    shutil.copytree(ROOT / "src" / "egosplat", folder / "src" / "egosplat", ignore=shutil.ignore_patterns("__pycache__"))
+    (folder / "tiny.yaml").write_text(TINY)
+    workdir = Workdir(folder)
+    workdir.run(MAIN)
+    return workdir
+
+
+MAIN = "results/adt/scene1/contact_sheet.png"
+
+
+@pytest.fixture
+def workdir(finished: Workdir, tmp_path: Path) -> Workdir:
+    """A private copy of the finished run."""
+    return Workdir(Path(shutil.copytree(finished.folder, tmp_path / "copy", symlinks=True)))

@@ -1,0 +1,50 @@
+"""Progress is a bar on a terminal and plain lines in a log."""
+
+import contextlib
+import os
+import pty
+import subprocess
+import sys
+
+import pytest
+
+from egosplat import progress
+from egosplat.progress import track
+
+
+def test_items_pass_through_and_a_log_gets_a_last_line(capsys):
+    assert list(track([1, 2, 3], "counting")) == [1, 2, 3]
+    assert "counting: 3/3 frames" in capsys.readouterr().err
+
+
+def test_a_log_gets_lines_with_rate_and_remaining_time(capsys, monkeypatch):
+    monkeypatch.setattr(progress, "_SECONDS_BETWEEN_LINES", 0.0)
+    assert list(track(iter(range(3)), "reading", total=3, unit="picture")) == [0, 1, 2]
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0].startswith("reading: 1/3 pictures, ") and lines[0].endswith(" s left")
+    assert lines[-1].startswith("reading: 3/3 pictures") and "\r" not in "".join(lines)
+
+
+def test_nothing_to_do_and_an_unknown_total_are_fine(capsys):
+    assert list(track([], "waiting")) == []
+    assert list(track(iter("ab"), "reading")) == ["a", "b"]
+    assert "waiting: 0/0" in (text := capsys.readouterr().err) and "reading: 2 frames" in text
+
+
+def test_an_error_of_the_work_passes_through():
+    with pytest.raises(RuntimeError):
+        for _ in track([1, 2], "failing"):
+            raise RuntimeError
+
+
+def test_a_terminal_gets_a_bar():
+    ours, theirs = pty.openpty()
+    code = "from egosplat.progress import track\nlist(track(range(5), 'counting'))"
+    subprocess.run([sys.executable, "-c", code], stderr=theirs, check=True)
+    os.close(theirs)
+    shown = b""
+    with contextlib.suppress(OSError):  # the end of a terminal whose other side is closed
+        while part := os.read(ours, 65536):
+            shown += part
+    os.close(ours)
+    assert b"counting: 100%" in shown

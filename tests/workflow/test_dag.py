@@ -1,0 +1,37 @@
+"""What may depend on what."""
+
+import re
+
+EVALUATION = {"all", "contact_sheet", "metrics", "tables", "tradeoff"}
+"""Rules that may see annotations. Any other rule is taken for one that trains."""
+
+
+def edges(finished, *targets: str) -> set[tuple[str, str]]:
+    """Pairs (rule, rule that depends on it) of the whole DAG."""
+    done = finished.snakemake("--rulegraph", "--forceall", "--", *targets)
+    assert done.returncode == 0, done.stderr
+    names = dict(re.findall(r'(\d+)\[label = "([^"\\]+)', done.stdout))
+    found = {(names[a], names[b]) for a, b in re.findall(r"(\d+) -> (\d+)", done.stdout)}
+    assert ("frames", "poses") in found, done.stdout
+    return found
+
+
+def descendants(of: str, pairs: set[tuple[str, str]]) -> set[str]:
+    found: set[str] = set()
+    todo = [of]
+    while todo:
+        rule = todo.pop()
+        following = {after for before, after in pairs if before == rule} - found
+        found |= following
+        todo.extend(following)
+    return found
+
+
+def test_no_rule_that_trains_sees_annotations(finished):
+    pairs = edges(finished, "all")
+    assert "contact_sheet" in descendants("annotations", pairs)
+    assert descendants("annotations", pairs) <= EVALUATION
+
+
+def test_the_walk_would_notice():
+    assert descendants("annotations", {("annotations", "features"), ("features", "splats")}) == {"features", "splats"}

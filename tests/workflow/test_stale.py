@@ -1,0 +1,74 @@
+"""Only stale steps rerun."""
+
+import re
+import shutil
+
+import pytest
+
+POSES = "results/adt/scene1/poses.zarr"
+MAIN = "results/adt/scene1/contact_sheet.png"
+AFTER_FRAMES = {"frames", "annotations", "poses", "contact_sheet"}
+
+
+def test_a_finished_run_has_nothing_to_do(workdir):
+    assert workdir.stale(MAIN) == set()
+    assert "Nothing to be done" in workdir.run(POSES)
+
+
+@pytest.mark.parametrize(
+    "config, expected",
+    [
+        ("poses: {max_gap_ms: 40.0}", {"poses", "contact_sheet"}),
+        ("poses: {method: colmap}", {"poses", "contact_sheet"}),
+        ("annotations: {max_age_ms: 2.0}", {"annotations", "contact_sheet"}),
+        ("frames: {stride: 2}", AFTER_FRAMES),
+        ("synthetic: {objects: 17}", {"synthetic", *AFTER_FRAMES}),
+        ("poses: {max_gap_ms: 50.0}", set()),  # the default, written out
+        ("data_root: {hoi4d: /nowhere}", set()),
+        ("scenes: config/../config/scenes.tsv", set()),
+    ],
+)
+def test_a_changed_key_reruns_its_stage_and_what_follows(workdir, config, expected):
+    assert workdir.stale(MAIN, config=config) == expected
+
+
+@pytest.mark.parametrize(
+    "module, old, new, expected",
+    [
+        ("poses/adt.py", "\ndef adt_poses", "\nCHANGED = 1\n\n\ndef adt_poses", {"poses", "contact_sheet"}),
+        ("frames/adt_annotations.py", "\nclass ", "\nCHANGED = 1\n\n\nclass ", {"annotations", "contact_sheet"}),
+        ("report/contact_sheet.py", "PICTURES = 8", "PICTURES = 6", {"contact_sheet"}),
+        ("poses/colmap.py", "\ndef colmap_poses", "\n# why\ndef colmap_poses", set()),
+        ("poses/adt.py", '"""', '"""New words. ', set()),
+        ("progress.py", "_SECONDS_BETWEEN_LINES = 10.0", "_SECONDS_BETWEEN_LINES = 5.0", set()),
+        ("synthetic/textures.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", {"synthetic", *AFTER_FRAMES}),
+    ],
+)
+def test_edited_code_reruns_the_stages_that_execute_it(workdir, module, old, new, expected):
+    workdir.edit(module, old, new)
+    assert workdir.stale(MAIN) == expected
+
+
+def test_a_new_room_reruns_nothing(workdir):
+    (workdir.folder / "src/egosplat/benchmark").mkdir()
+    (workdir.folder / "src/egosplat/benchmark/__init__.py").write_text("# a comment\n")
+    assert workdir.stale(MAIN) == set()
+
+
+def test_after_an_edit_only_that_stage_runs_and_then_nothing(workdir):
+    workdir.edit("poses/adt.py", "\ndef adt_poses", "\nCHANGED = 1\n\n\ndef adt_poses")
+    output = workdir.run(POSES)
+    assert set(re.findall(r"^(?:local)?rule (\w+):", output, re.MULTILINE)) == {"poses"}
+    assert workdir.stale(POSES) == set()
+
+
+def test_a_lost_artifact_is_made_again(workdir):
+    shutil.rmtree(workdir.folder / POSES)
+    assert workdir.stale(MAIN) == {"poses", "contact_sheet"}
+
+
+def test_touching_sources_and_moving_the_checkout_reruns_nothing(workdir):
+    for file in (workdir.folder / "src").rglob("*.py"):
+        file.touch()
+    (workdir.folder / "config/config.yaml").touch()
+    assert workdir.stale(MAIN) == set()
