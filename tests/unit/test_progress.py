@@ -1,10 +1,13 @@
 """Progress is a bar on a terminal and plain lines in a log."""
 
 import contextlib
+import fcntl
 import os
 import pty
+import struct
 import subprocess
 import sys
+import termios
 
 import pytest
 
@@ -39,6 +42,7 @@ def test_an_error_of_the_work_passes_through():
 
 def test_a_terminal_gets_a_bar():
     ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))  # rows, columns
     code = "from egosplat.progress import track\nlist(track(range(5), 'counting'))"
     subprocess.run([sys.executable, "-c", code], stderr=theirs, check=True)
     os.close(theirs)
