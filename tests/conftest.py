@@ -20,21 +20,12 @@ def real_data() -> Callable[[str], Path]:
     def folder(name: str) -> Path:
         path = REAL_DATA / name
         if not path.is_dir():
-            pytest.skip(f"the real recording {name} is absent; set EGOSPLAT_REAL_DATA to the folder that holds it")
+            pytest.skip(
+                f"the real recording {name} is absent; set EGOSPLAT_REAL_DATA to the folder that holds it"
+            )
         return path
 
     return folder
-
-
-@pytest.fixture(scope="session")
-def egosplat() -> Callable[..., subprocess.CompletedProcess[str]]:
-    """Run the command line as a user does."""
-
-    def run(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-m", "egosplat.cli", *map(str, arguments)]
-        return subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=300)
-
-    return run
 
 
 TINY = """
@@ -54,7 +45,13 @@ class Workdir:
         options = ["--snakefile", ROOT / "workflow/Snakefile", "--cores", "2", "--configfile", "tiny.yaml"]
         command = [sys.executable, "-m", "snakemake", *options, *arguments]
         return subprocess.run(
-            list(map(str, command)), cwd=self.folder, env=self.environment, capture_output=True, text=True, timeout=timeout
+            check=False,
+            args=list(map(str, command)),
+            cwd=self.folder,
+            env=self.environment,
+            capture_output=True,
+            text=True,
+            timeout=timeout,
         )
 
     @property
@@ -74,7 +71,11 @@ class Workdir:
         done = self.snakemake("more.yaml", "--dry-run", "--quiet", "host", "--", *targets)
         assert done.returncode == 0, done.stdout + done.stderr
         output = done.stdout + done.stderr
-        found = {line.split()[1].rstrip(":") for line in output.splitlines() if line.startswith(("rule ", "localrule "))}
+        found = {
+            line.split()[1].rstrip(":")
+            for line in output.splitlines()
+            if line.startswith(("rule ", "localrule "))
+        }
         assert found or "Nothing to be done" in output, output
         return found
 
@@ -91,7 +92,9 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Workdir:
     """A working directory in which the tiny main job has run once. Not to be changed: see ``workdir``."""
     folder = tmp_path_factory.mktemp("workflow")
     shutil.copytree(ROOT / "config", folder / "config")
-    shutil.copytree(ROOT / "src" / "egosplat", folder / "src" / "egosplat", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(
+        ROOT / "src" / "egosplat", folder / "src" / "egosplat", ignore=shutil.ignore_patterns("__pycache__")
+    )
     (folder / "tiny.yaml").write_text(TINY)
     workdir = Workdir(folder)
     workdir.run(MAIN)

@@ -2,9 +2,8 @@
 
 An artifact is a Zarr v3 group in one folder, described by a ``Schema``. No other module opens Zarr.
 
-Writing: ``create`` fills a hidden folder beside the final path and renames it into place when every array
-is complete, so a path that exists is whole. A killed writer leaves only the hidden folder, which the next
-writer of the same artifact sweeps away.
+Writing: ``create`` makes the artifact whole or not at all (``egosplat.atomic``), so a path that exists is
+complete.
 
 Reading: ``open_artifact`` checks the schema, the format version, the seal over the attributes, and that no
 chunk is missing; every chunk carries a CRC32C that is checked when it is read. ``verify`` also recomputes
@@ -16,12 +15,8 @@ the stored arrays), ``provenance`` (how it was made), ``facts`` (small results t
 """
 
 import contextlib
-import fcntl
 import hashlib
 import json
-import os
-import shutil
-import uuid
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -32,6 +27,7 @@ import zarr
 from numpy.typing import NDArray
 from zarr.codecs import Crc32cCodec, ZstdCodec
 
+from egosplat.atomic import whole_folder
 from egosplat.errors import UserError
 from egosplat.provenance import Provenance
 
@@ -195,21 +191,12 @@ def create(path: Path, schema: Schema, provenance: Provenance) -> Iterator[Write
         schema: what it will hold.
         provenance: how it is made; its clock is stopped at the end of the block.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    _sweep(path)
-    scratch = _scratch_beside(path)
-    scratch.mkdir()
-    with _locked(scratch):
-        try:
-            # Mode "w" would make the folder anew, without its lock.
-            writer = Writer(zarr.open_group(scratch, mode="a"), schema)
-            yield writer
-            writer.finish()
-            _write_attributes(scratch, schema, provenance, writer.facts)
-            _sync(scratch)
-            _publish(scratch, path)
-        finally:
-            shutil.rmtree(scratch, ignore_errors=True)
+    with whole_folder(path) as scratch:
+        # Mode "w" would make the folder anew, without its lock.
+        writer = Writer(zarr.open_group(scratch, mode="a"), schema)
+        yield writer
+        writer.finish()
+        _write_attributes(scratch, schema, provenance, writer.facts)
 
 
 class Artifact:
@@ -284,7 +271,9 @@ def open_artifact(path: Path, schema: Schema) -> Artifact:
     version = attributes["format_version"]
     if version != schema.version:
         hint = "Update egosplat" if version > schema.version else f"Make it anew: {_remedy(path)}"
-        raise ArtifactError(f"{path}: has format version {version}, this is version {schema.version}. {hint}.")
+        raise ArtifactError(
+            f"{path}: has format version {version}, this is version {schema.version}. {hint}."
+        )
     sizes: dict[str, int] = {}
     for name, declared in schema.fields.items():
         _check_array(path, group, name, declared, sizes)
@@ -300,7 +289,9 @@ def verify(path: Path) -> Artifact:
     _, attributes = _open(path)
     schema = SCHEMAS.get(attributes.get("schema", ""))
     if schema is None:
-        raise ArtifactError(f"{path}: holds {attributes.get('schema')!r}, a kind that this egosplat does not know.")
+        raise ArtifactError(
+            f"{path}: holds {attributes.get('schema')!r}, a kind that this egosplat does not know."
+        )
     artifact = open_artifact(path, schema)
     if _digest(path) != artifact.digest:
         for name in schema.fields:  # names the chunk, where it is a chunk
@@ -325,7 +316,9 @@ def _open(path: Path) -> tuple[zarr.Group, dict[str, Any]]:
         group = zarr.open_group(path, mode="r")
         attributes = group.attrs.asdict()["egosplat"]
     except KeyError:
-        raise ArtifactError(f"{path}: is a Zarr group that egosplat did not write. Give an artifact.") from None
+        raise ArtifactError(
+            f"{path}: is a Zarr group that egosplat did not write. Give an artifact."
+        ) from None
     except Exception as error:  # zarr raises many kinds for an unreadable group
         raise damaged(path, f"is no readable Zarr group ({type(error).__name__})") from error
     if not isinstance(attributes, dict) or attributes.get("seal") != _seal(attributes):
@@ -389,47 +382,3 @@ def _digest(root: Path) -> str:
             with file.open("rb") as stream:
                 digest.update(f"{name}\0{hashlib.file_digest(stream, 'sha256').hexdigest()}\n".encode())
     return digest.hexdigest()
-
-
-def _scratch_beside(path: Path) -> Path:
-    return path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.tmp")
-
-
-@contextlib.contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Hold the folder's lock, which ends with the process: how ``_sweep`` tells the dead from the living."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        yield
-    finally:
-        os.close(handle)
-
-
-def _sweep(path: Path) -> None:
-    """Remove what killed writers of ``path`` left."""
-    for left in path.parent.glob(f".{path.name}.*.tmp"):
-        with contextlib.suppress(OSError), _locked(left):
-            shutil.rmtree(left)
-
-
-def _sync(root: Path) -> None:
-    """Bring files, then folders, to the disk: a rename must not outlive the bytes it stands for."""
-    for folder, _, files in os.walk(root, topdown=False):
-        for entry in [*(os.path.join(folder, name) for name in files), folder]:
-            handle = os.open(entry, os.O_RDONLY)
-            try:
-                os.fsync(handle)
-            finally:
-                os.close(handle)
-
-
-def _publish(scratch: Path, path: Path) -> None:
-    """Rename into place; what stood there is moved aside first, so ``path`` is whole or absent throughout."""
-    if not path.exists():
-        os.rename(scratch, path)
-        return
-    aside = _scratch_beside(path)
-    os.rename(path, aside)
-    os.rename(scratch, path)
-    shutil.rmtree(aside)

@@ -93,7 +93,9 @@ def stage_command(stage: str) -> click.Command:
     def call(**values: Any) -> None:
         stage_function(stage)(**values)
 
-    return click.Command(stage.replace("_", "-"), callback=call, params=_flags(stage), help=STAGES[stage].about)
+    return click.Command(
+        stage.replace("_", "-"), callback=call, params=_flags(stage), help=STAGES[stage].about
+    )
 
 
 def _flags(stage: str) -> list[click.Parameter]:
@@ -135,7 +137,9 @@ def main() -> None:
     except OSError as error:
         if error.errno is None or error.filename is None:
             raise
-        sys.exit(_say(f"{error.filename}: {error.strerror}. Check the path, its rights and the free disk space"))
+        sys.exit(
+            _say(f"{error.filename}: {error.strerror}. Check the path, its rights and the free disk space")
+        )
 
 
 def _say(message: str, status: int = 2) -> int:

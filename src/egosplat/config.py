@@ -81,7 +81,9 @@ def parse_options(text: str, where: str) -> Config:
         key, equals, value = word.partition("=")
         section, dot, name = key.partition(".")
         if not (equals and dot and section and name):
-            raise UserError(f"{where}: option {word!r} is not of the form section.key=value, as in frames.stride=2")
+            raise UserError(
+                f"{where}: option {word!r} is not of the form section.key=value, as in frames.stride=2"
+            )
         options.setdefault(section, {})[name] = yaml.safe_load(value)
     return options
 
@@ -139,7 +141,7 @@ def _explain(error: ValidationError) -> str:
     key = ".".join(str(part) for part in error.absolute_path)
     if error.validator == "additionalProperties":
         known = list(error.schema["properties"])
-        unknown = sorted(set(error.instance) - set(known))[0]
+        unknown = min(set(error.instance) - set(known), key=str)
         near = difflib.get_close_matches(str(unknown), known, n=1)
         advice = f"did you mean {near[0]!r}?" if near else f"known keys: {', '.join(known)}"
         return f"unknown key {f'{key}.{unknown}' if key else unknown!r}; {advice}"

@@ -17,6 +17,7 @@ from typing import Any
 
 NEUTRAL = {
     "egosplat",  # holds the version alone
+    "egosplat.atomic",
     "egosplat.errors",
     "egosplat.fingerprint",
     "egosplat.progress",
@@ -102,9 +103,16 @@ def _canonical(node: Any) -> Any:
 def _fields(node: ast.AST) -> Iterator[tuple[str, Any]]:
     documented = isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)
     for key, value in ast.iter_fields(node):
-        yield key, [item for item in value if not _is_bare_text(item)] if documented and key == "body" else value
+        yield (
+            key,
+            [item for item in value if not _is_bare_text(item)] if documented and key == "body" else value,
+        )
 
 
 def _is_bare_text(node: ast.AST) -> bool:
     """A string that stands alone: a docstring, of a module, class, function or attribute."""
-    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+    return (
+        isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    )

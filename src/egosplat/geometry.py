@@ -78,7 +78,9 @@ class Camera:
         return (u >= 0) & (u < self.width) & (v >= 0) & (v < self.height)
 
 
-CLOCKWISE = np.array([[0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+CLOCKWISE = np.array(
+    [[0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+)
 """``sensor_from_upright``: takes camera axes of the clockwise-rotated image to those of the sensor image."""
 
 

@@ -45,7 +45,9 @@ class Provenance:
         return values | {key: round(value, 3) for key, value in cost.items()}
 
 
-def begin(stage: str, options: Mapping[str, Any], origin: str, inputs: Mapping[str, str] | None = None) -> Provenance:
+def begin(
+    stage: str, options: Mapping[str, Any], origin: str, inputs: Mapping[str, str] | None = None
+) -> Provenance:
     """The provenance of an artifact that ``stage`` starts to make now."""
     versions = {"egosplat": egosplat.__version__, "python": sys.version.split()[0]}
     versions |= {name: metadata.version(name) for name in STAGES[stage].libraries}

@@ -47,7 +47,9 @@ def read_scenes(config: configuration.Config) -> dict[tuple[str, str], Scene]:
     scenes: dict[tuple[str, str], Scene] = {}
     for number, row in enumerate(rows, start=2):
         where = f"{path}, line {number}"
-        configuration.report_first(Draft202012Validator(configuration.schema("scenes")).iter_errors(row), where)
+        configuration.report_first(
+            Draft202012Validator(configuration.schema("scenes")).iter_errors(row), where
+        )
         key = (row["dataset"], row["scene"])
         if key in scenes:
             raise UserError(f"{where}: scene {'/'.join(key)} stands in the table twice; remove or rename one")
@@ -63,7 +65,9 @@ def find_scene(scenes: dict[tuple[str, str], Scene], dataset: str, scene: str) -
     """
     if (dataset, scene) not in scenes:
         known = ", ".join("/".join(key) for key in scenes) or "none"
-        raise UserError(f"no scene {dataset}/{scene} in the table of scenes. Add a row, or take one of: {known}")
+        raise UserError(
+            f"no scene {dataset}/{scene} in the table of scenes. Add a row, or take one of: {known}"
+        )
     return scenes[dataset, scene]
 
 
@@ -98,14 +102,18 @@ def _rows(path: Path) -> list[dict[str, Any]]:
         raise UserError(f"{path}: cannot be read as a tab-separated table ({error})") from None
     expected = list(configuration.schema("scenes")["properties"])
     if list(table.columns) != expected:
-        raise UserError(f"{path}: has columns {', '.join(table.columns)}; needs {', '.join(expected)}, tab-separated")
+        raise UserError(
+            f"{path}: has columns {', '.join(table.columns)}; needs {', '.join(expected)}, tab-separated"
+        )
     return table.to_dict("records")
 
 
 def _check_roots(config: configuration.Config, rows: list[dict[str, Any]], path: Path) -> None:
     datasets = {"adt", "hoi4d", *(row["dataset"] for row in rows)}
     if unknown := sorted(set(config["data_root"]) - datasets):
-        raise UserError(f"configuration: data_root.{unknown[0]} is no dataset of {path}: {', '.join(sorted(datasets))}")
+        raise UserError(
+            f"configuration: data_root.{unknown[0]} is no dataset of {path}: {', '.join(sorted(datasets))}"
+        )
 
 
 def _scene(row: dict[str, Any], config: configuration.Config, where: str) -> Scene:

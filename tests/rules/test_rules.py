@@ -23,12 +23,17 @@ def same(left: Path, right: Path) -> bool:
         return verify(left).digest == verify(right).digest
     if left.is_dir():
         return same_folder(left, right)
-    return ImageChops.difference(Image.open(left).convert("RGB"), Image.open(right).convert("RGB")).getbbox() is None
+    return (
+        ImageChops.difference(Image.open(left).convert("RGB"), Image.open(right).convert("RGB")).getbbox()
+        is None
+    )
 
 
 def same_folder(left: Path, right: Path) -> bool:
     def files(folder: Path) -> list[Path]:
-        return sorted(f.relative_to(folder) for f in folder.rglob("*") if f.is_file() and not f.name.startswith("."))
+        return sorted(
+            f.relative_to(folder) for f in folder.rglob("*") if f.is_file() and not f.name.startswith(".")
+        )
 
     return files(left) == files(right) and all(
         (left / file).read_bytes() == (right / file).read_bytes() for file in files(left)

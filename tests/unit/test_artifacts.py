@@ -100,7 +100,10 @@ def test_an_error_while_replacing_keeps_the_old_artifact(tmp_path):
         (lambda a: a.put("flags", np.zeros(4, np.uint8)), "uint8 given, bool declared"),
         (lambda a: a.put("flags", np.zeros((4, 1), bool)), "has 2 axes, not 1"),
         (lambda a: a.put("nonsense", np.zeros(4)), "declares no array 'nonsense'"),
-        (lambda a: (a.put("flags", np.zeros(4, bool)), a.allocate("rows", (5, 6, 3))), "size 5 along axis 'frame'"),
+        (
+            lambda a: (a.put("flags", np.zeros(4, bool)), a.allocate("rows", (5, 6, 3))),
+            "size 5 along axis 'frame'",
+        ),
         (lambda a: (a.allocate("rows", (4, 6, 3)), a.put_row("rows", 0, np.zeros((6, 3)))), "float64"),
         (lambda a: None, "never written: flags, points/xyz, rows"),
     ],
@@ -112,7 +115,10 @@ def test_a_writer_that_breaks_its_schema_is_stopped(tmp_path, fault, message):
 
 
 def test_a_missing_row_is_an_error(tmp_path):
-    with pytest.raises(ValueError, match="rows lacks 1 rows"), create(tmp_path / "a.zarr", TINY, made()) as artifact:
+    with (
+        pytest.raises(ValueError, match="rows lacks 1 rows"),
+        create(tmp_path / "a.zarr", TINY, made()) as artifact,
+    ):
         artifact.allocate("rows", (4, 6, 3))
         for index in (0, 1, 3):
             artifact.put_row("rows", index, np.zeros((6, 3), np.uint8))
@@ -132,7 +138,11 @@ def test_a_flipped_byte_is_named_when_it_is_read(tmp_path):
     flip(tmp_path / "a.zarr/rows/c/2/0/0")
     artifact = open_artifact(tmp_path / "a.zarr", TINY)
     artifact.row("rows", 1)
-    for read in (lambda: artifact.row("rows", 2), lambda: artifact.read("rows"), lambda: verify(artifact.path)):
+    for read in (
+        lambda: artifact.row("rows", 2),
+        lambda: artifact.read("rows"),
+        lambda: verify(artifact.path),
+    ):
         with pytest.raises(ArtifactError, match=r"a\.zarr: array 'rows', chunk 2 cannot be read .*snakemake"):
             read()
 
@@ -154,7 +164,10 @@ def test_a_truncated_chunk_is_named(tmp_path, cut):
         (lambda p: (p / "flags/zarr.json").write_text("{"), "array 'flags' is unreadable"),
         (lambda p: (p / "zarr.json").unlink(), "no readable Zarr group"),
         (lambda p: (p / "zarr.json").write_text("rubbish"), "no readable Zarr group"),
-        (lambda p: (p / "zarr.json").write_text((p / "zarr.json").read_text().replace("42", "43")), "attributes were"),
+        (
+            lambda p: (p / "zarr.json").write_text((p / "zarr.json").read_text().replace("42", "43")),
+            "attributes were",
+        ),
     ],
 )
 def test_damage_is_named_when_the_artifact_is_opened(tmp_path, damage, message):
@@ -209,7 +222,9 @@ with create(Path(sys.argv[1]), FRAMES, begin("frames", {}, "real")) as artifact:
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
 def test_a_killed_writer_leaves_no_artifact_and_the_next_one_sweeps_up(tmp_path, how):
     path = tmp_path / "a.zarr"
-    process = subprocess.Popen([sys.executable, "-c", KILLED, path], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    process = subprocess.Popen(
+        [sys.executable, "-c", KILLED, path], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    )
     assert process.stdout.readline() == b"writing\n"
     write(path)  # the living writer's folder is left alone
     assert any(name.endswith(".tmp") for name in leftovers(tmp_path))

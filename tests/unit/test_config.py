@@ -69,10 +69,16 @@ def test_the_table_in_the_config_readme_is_that_of_the_schema():
         ({"frames": {"stride": 0}}, "frames.stride = 0 is not allowed: at least 1"),
         ({"frames": {"upright": "yes"}}, "must be boolean"),
         ({"frames": None}, "frames = None is not allowed: must be object"),
-        ({"poses": {"matching": "exhausting"}}, "one of auto, exhaustive, sequential .did you mean 'exhaustive'"),
+        (
+            {"poses": {"matching": "exhausting"}},
+            "one of auto, exhaustive, sequential .did you mean 'exhaustive'",
+        ),
         ({"poses": {"min_registered": 1.5}}, "at most 1"),
         ({"poses": {"max_gap_ms": 0}}, "more than 0"),
-        ({"preset": "fastest"}, "preset = 'fastest' is not allowed: one of fast, balanced, paper .did you mean 'fast'"),
+        (
+            {"preset": "fastest"},
+            "preset = 'fastest' is not allowed: one of fast, balanced, paper .did you mean 'fast'",
+        ),
         ({"data_root": {"adt": 3}}, "data_root.adt = 3 is not allowed: must be string or null"),
         ({"data_root": {"adt": ""}}, "data_root.adt = '' is not allowed: must not be empty"),
     ],
@@ -128,7 +134,10 @@ def test_a_configured_root_replaces_the_synthetic_recording(tmp_path):
         (HEADER + "adt\ts\tavi\tr\t\n", "line 2: format = 'avi' is not allowed: one of adt, hoi4d, plain"),
         (HEADER + "adt\ts\tadt\t\t\n", "line 2: recording = '' is not allowed"),
         (HEADER + "adt\ts\tadt\tr\tstride=3\n", "option 'stride=3' is not of the form section.key=value"),
-        (HEADER + "adt\ts\tadt\tr\tframes.strid=3\n", "line 2: unknown key 'frames.strid'; did you mean 'stride'"),
+        (
+            HEADER + "adt\ts\tadt\tr\tframes.strid=3\n",
+            "line 2: unknown key 'frames.strid'; did you mean 'stride'",
+        ),
         (HEADER + "adt\ts\tadt\tr\tframes.stride=x\n", "frames.stride = 'x' is not allowed: must be integer"),
         (HEADER + "adt\ts\tadt\tr\t\n" * 2, "line 3: scene adt/s stands in the table twice"),
     ],
@@ -149,5 +158,12 @@ def test_an_absent_table_an_unknown_scene_and_an_unknown_root_are_named(tmp_path
 
 
 def test_scenes_are_found_on_a_command_line():
-    words = ["snakemake", "--cores", "2", "results/adt/scene1/poses.zarr", "./results/hoi4d/scene2/metrics.json", "all"]
+    words = [
+        "snakemake",
+        "--cores",
+        "2",
+        "results/adt/scene1/poses.zarr",
+        "./results/hoi4d/scene2/metrics.json",
+        "all",
+    ]
     assert requested_scenes(words) == [("adt", "scene1"), ("hoi4d", "scene2")]

@@ -47,7 +47,9 @@ def test_upright_camera_is_aria_s_rotated_one():
     in_aria = (aria.get_transform_device_camera().inverse() @ points.T).T
     np.testing.assert_allclose(in_upright, in_aria, atol=1e-9)
     expected = np.array([aria.project_no_checks(point) for point in in_aria])
-    np.testing.assert_allclose(sensor.rotated_clockwise().project(in_upright), from_aria_pixels(expected), atol=1e-9)
+    np.testing.assert_allclose(
+        sensor.rotated_clockwise().project(in_upright), from_aria_pixels(expected), atol=1e-9
+    )
 
 
 def test_rotating_camera_and_image_agree():
@@ -75,7 +77,11 @@ def test_behind_and_in_the_camera_plane_is_nan():
     pixels = camera.project(np.array([[0, 0, -1.0], [1, 1, 0.0], [0, 0, 1.0], [np.nan, 0, 1]]))
     assert np.isnan(pixels).any(axis=1).tolist() == [True, True, False, True]
     assert camera.contains(pixels).tolist() == [False, False, True, False]
-    assert camera.contains(np.array([[0.0, 0.0], [64.0, 10.0], [63.99, 63.99]])).tolist() == [True, False, True]
+    assert camera.contains(np.array([[0.0, 0.0], [64.0, 10.0], [63.99, 63.99]])).tolist() == [
+        True,
+        False,
+        True,
+    ]
 
 
 def test_aria_pixels_go_there_and_back():
@@ -107,10 +113,14 @@ def test_interpolation_is_exact_on_rows_and_halves_the_arc():
     found = interpolate_poses(times, poses, times[0] + np.array([0, 5, 10]))
     np.testing.assert_allclose(found[[0, 2]], poses, atol=1e-15)
     np.testing.assert_allclose(found[1, :3, 3], [1, 2, 0], atol=1e-15)
-    np.testing.assert_allclose(Rotation.from_matrix(found[1, :3, :3]).as_rotvec(), [0, 0, np.pi / 4], atol=1e-12)
+    np.testing.assert_allclose(
+        Rotation.from_matrix(found[1, :3, :3]).as_rotvec(), [0, 0, np.pi / 4], atol=1e-12
+    )
 
 
-@pytest.mark.parametrize("times, at", [([0, 0], [0]), ([1, 0], [0]), ([0], [0]), ([0, 10], [11]), ([0, 10], [-1])])
+@pytest.mark.parametrize(
+    "times, at", [([0, 0], [0]), ([1, 0], [0]), ([0], [0]), ([0, 10], [11]), ([0, 10], [-1])]
+)
 def test_interpolation_refuses_disorder_and_extrapolation(times, at):
     with pytest.raises(ValueError):
         interpolate_poses(np.array(times), random_poses(len(times)), np.array(at))

@@ -34,4 +34,7 @@ def test_no_rule_that_trains_sees_annotations(finished):
 
 
 def test_the_walk_would_notice():
-    assert descendants("annotations", {("annotations", "features"), ("features", "splats")}) == {"features", "splats"}
+    assert descendants("annotations", {("annotations", "features"), ("features", "splats")}) == {
+        "features",
+        "splats",
+    }

@@ -36,7 +36,12 @@ def test_a_changed_key_reruns_its_stage_and_what_follows(workdir, config, expect
     "module, old, new, expected",
     [
         ("poses/adt.py", "\ndef adt_poses", "\nCHANGED = 1\n\n\ndef adt_poses", {"poses", "contact_sheet"}),
-        ("frames/adt_annotations.py", "\nclass ", "\nCHANGED = 1\n\n\nclass ", {"annotations", "contact_sheet"}),
+        (
+            "frames/adt_annotations.py",
+            "\nclass ",
+            "\nCHANGED = 1\n\n\nclass ",
+            {"annotations", "contact_sheet"},
+        ),
         ("report/contact_sheet.py", "PICTURES = 8", "PICTURES = 6", {"contact_sheet"}),
         ("poses/colmap.py", "\ndef colmap_poses", "\n# why\ndef colmap_poses", set()),
         ("poses/adt.py", '"""', '"""New words. ', set()),

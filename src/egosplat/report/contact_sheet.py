@@ -1,7 +1,5 @@
 """A scene on one page: its pictures, the annotations of its evaluation frames, and the walk from above."""
 
-import os
-import tempfile
 from pathlib import Path
 
 import matplotlib
@@ -15,6 +13,7 @@ from matplotlib.collections import LineCollection
 from numpy.typing import NDArray
 
 from egosplat.artifacts import ANNOTATIONS, FRAMES, POSES, Artifact, open_artifact
+from egosplat.atomic import whole_file
 
 PICTURES = 8
 """Pictures in each of the two rows."""
@@ -34,7 +33,8 @@ def run(frames: Path, annotations: Path, poses: Path, output: Path) -> None:
     left, right = figure.subfigures(1, 2, width_ratios=[1.0, 1.75])
     draw_from_above(left.subplots(), walk)
     _draw_rows(right, pictures, labels)
-    _save(figure, output)
+    with whole_file(output) as scratch:
+        figure.savefig(scratch, dpi=80, format="png")
     plt.close(figure)
 
 
@@ -81,14 +81,18 @@ def draw_from_above(axes: Axes, walk: Artifact) -> None:
     axes.quiver(*path[::step].T, *looking[::step].T, scale=28, width=0.0025, color="0.15", zorder=4)
     axes.scatter(*path[0], s=70, c="limegreen", edgecolors="k", zorder=5, label="start")
     axes.scatter(*path[-1], s=70, c="crimson", edgecolors="k", zorder=5, label="end")
-    unit = "m" if "scale" not in walk.facts["notes"] else walk.facts["notes"]["scale"]
+    unit = "arbitrary unit" if walk.facts["notes"].get("scale") == "arbitrary" else "m"
     axes.set(aspect="equal", title="From above: points by height, the walk by time", xlabel=unit, ylabel=unit)
     axes.legend(loc="upper right")
     axes.grid(alpha=0.2)
 
 
 def _scatter_points(
-    axes: Axes, walk: Artifact, plane: NDArray[np.float64], up: NDArray[np.float64], heights: NDArray[np.float64]
+    axes: Axes,
+    walk: Artifact,
+    plane: NDArray[np.float64],
+    up: NDArray[np.float64],
+    heights: NDArray[np.float64],
 ) -> None:
     points = walk.read("points/xyz")
     if not len(points):
@@ -154,7 +158,10 @@ def overlay(picture: NDArray[np.uint8], instance_map: NDArray[np.int32]) -> NDAr
     """
     # Golden-angle hues: neighbouring indices get colours far apart.
     hue = (np.arange(instance_map.max() + 2) * 0.618034) % 1.0
-    colours = matplotlib.colors.hsv_to_rgb(np.stack([hue, np.full_like(hue, 0.75), np.ones_like(hue)], axis=-1)) * 255
+    colours = (
+        matplotlib.colors.hsv_to_rgb(np.stack([hue, np.full_like(hue, 0.75), np.ones_like(hue)], axis=-1))
+        * 255
+    )
     tinted = 0.5 * picture + 0.5 * colours[instance_map]
     return np.where((instance_map >= 0)[..., None], tinted, picture).astype(np.uint8)
 
@@ -164,16 +171,3 @@ def _inner_point(mask: NDArray[np.bool_]) -> tuple[int, int]:
     rows, columns = np.nonzero(mask)
     middle = np.argmin((rows - np.median(rows)) ** 2 + (columns - np.median(columns)) ** 2)
     return int(rows[middle]), int(columns[middle])
-
-
-def _save(figure: "matplotlib.figure.Figure", output: Path) -> None:
-    output.parent.mkdir(parents=True, exist_ok=True)
-    handle, scratch = tempfile.mkstemp(dir=output.parent, prefix=f".{output.name}.", suffix=".png")
-    os.close(handle)
-    try:
-        figure.savefig(scratch, dpi=80)
-        os.chmod(scratch, 0o644)
-        os.replace(scratch, output)
-    except BaseException:
-        os.unlink(scratch)
-        raise

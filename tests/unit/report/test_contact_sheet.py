@@ -63,7 +63,9 @@ def test_a_picture_is_made(tmp_path, frames, evaluation, points, instances, regi
     assert sorted(path.name for path in tmp_path.iterdir() if path.suffix == ".png") == ["sheet.png"]
 
 
-@pytest.mark.parametrize("up", [[0, 1, 0], [0, 0, 1], [1, 0, 0], [0.6, 0.8, 0], [0.577350269, 0.577350269, 0.577350269]])
+@pytest.mark.parametrize(
+    "up", [[0, 1, 0], [0, 0, 1], [1, 0, 0], [0.6, 0.8, 0], [0.577350269, 0.577350269, 0.577350269]]
+)
 def test_ground_axes_are_orthonormal_and_seen_from_above(up):
     right, ahead = ground_axes(np.asarray(up, float))
     frame = np.stack([right, ahead, up])

@@ -1,0 +1,98 @@
+"""Folders and files that are whole or absent.
+
+What is being made stands under a hidden name beside its final path and is renamed into place when it is
+complete. A killed writer leaves only the hidden name, which the next writer of the same path sweeps away.
+"""
+
+import contextlib
+import fcntl
+import os
+import shutil
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+
+
+@contextlib.contextmanager
+def whole_folder(path: Path) -> Iterator[Path]:
+    """Yield an empty folder, which becomes ``path`` when the block ends without error, else vanishes.
+
+    A folder that stands at ``path`` already is replaced at that moment.
+    """
+    scratch = _begin(path)
+    scratch.mkdir()
+    with _locked(scratch):
+        try:
+            yield scratch
+            _sync(scratch)
+            _publish(scratch, path)
+        finally:
+            shutil.rmtree(scratch, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Yield the name of a file to write, which becomes ``path`` when the block ends without error."""
+    scratch = _begin(path)
+    scratch.touch(exist_ok=False)
+    with _locked(scratch):
+        try:
+            yield scratch
+            _sync_one(scratch)
+            os.replace(scratch, path)
+        finally:
+            scratch.unlink(missing_ok=True)
+
+
+def _begin(path: Path) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _sweep(path)
+    return _beside(path)
+
+
+def _beside(path: Path) -> Path:
+    return path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.tmp")
+
+
+@contextlib.contextmanager
+def _locked(scratch: Path) -> Iterator[None]:
+    """Hold the lock of a file or folder, which ends with the process: how the dead are told from the living."""
+    handle = os.open(scratch, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    finally:
+        os.close(handle)
+
+
+def _sweep(path: Path) -> None:
+    """Remove what killed writers of ``path`` left."""
+    for left in path.parent.glob(f".{path.name}.????????.tmp"):
+        with contextlib.suppress(OSError), _locked(left):
+            shutil.rmtree(left) if left.is_dir() else left.unlink()
+
+
+def _sync(root: Path) -> None:
+    """Bring files, then folders, to the disk: a rename must not outlive the bytes it stands for."""
+    for folder, _, files in os.walk(root, topdown=False):
+        for entry in [*(os.path.join(folder, name) for name in files), folder]:
+            _sync_one(entry)
+
+
+def _sync_one(path: str | Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _publish(scratch: Path, path: Path) -> None:
+    """Rename into place; what stood there is moved aside first, so ``path`` is whole or absent throughout."""
+    if not path.exists():
+        os.rename(scratch, path)
+        return
+    aside = _beside(path)
+    os.rename(path, aside)
+    os.rename(scratch, path)
+    shutil.rmtree(aside)

@@ -1,0 +1,318 @@
+"""Bad input: each kind gets one or two lines that name what is wrong and what to do, and loses nothing."""
+
+import csv
+import gzip
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from egosplat import cli
+
+SCENE = Path("results/adt/scene1")
+
+
+@pytest.fixture
+def scene(finished, tmp_path) -> Path:
+    """A private copy of one scene's finished artifacts and recording."""
+    return Path(shutil.copytree(finished.folder / SCENE, tmp_path / "scene", symlinks=True))
+
+
+@pytest.fixture
+def refused(capfd, monkeypatch, tmp_path) -> Callable[..., str]:
+    """Run the command line; it must end with status 2, a short message and nothing new on disk."""
+
+    def run(*arguments: object) -> str:
+        before = {path for path in tmp_path.rglob("*")}
+        monkeypatch.setattr("sys.argv", ["egosplat", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            cli.main()
+        message = capfd.readouterr().err
+        assert stop.value.code == 2, message
+        assert "Traceback" not in message
+        said = [line for line in message.splitlines() if line.strip()]
+        assert 1 <= len(said) <= 2, message
+        assert {path for path in tmp_path.rglob("*")} == before, "something was left behind"
+        return message
+
+    return run
+
+
+def frames(scene: Path, **changes: object) -> list[object]:
+    flags = {
+        "recording": scene / "recording",
+        "format": "adt",
+        "resolution": 96,
+        "output": scene / "new.zarr",
+    } | changes
+    return [
+        "frames",
+        *(word for name, value in flags.items() for word in (f"--{name.replace('_', '-')}", value)),
+    ]
+
+
+def poses(scene: Path, **changes: object) -> list[object]:
+    flags = {
+        "recording": scene / "recording",
+        "frames": scene / "frames.zarr",
+        "output": scene / "new.zarr",
+    } | changes
+    return [
+        "poses",
+        *(word for name, value in flags.items() for word in (f"--{name.replace('_', '-')}", value)),
+    ]
+
+
+def annotations(scene: Path) -> list[object]:
+    return ["annotations", *poses(scene)[1:]]
+
+
+def video(path: Path, count: int = 4, size: int = 64) -> Path:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 10, (size, size))
+    for index in range(count):
+        writer.write(np.full((size, size, 3), 60 * index, np.uint8))
+    writer.release()
+    return path
+
+
+def pictures(folder: Path, count: int = 4, size: int = 64) -> Path:
+    folder.mkdir()
+    for index in range(count):
+        cv2.imwrite(str(folder / f"{index}.png"), np.full((size, size, 3), 128, np.uint8))
+    return folder
+
+
+def test_a_missing_recording(scene, refused):
+    assert "nowhere" in refused(*frames(scene, recording=scene / "nowhere"))
+
+
+def test_a_recording_without_video(scene, refused):
+    (scene / "recording/video.vrs").unlink()
+    assert "video.vrs" in refused(*frames(scene))
+
+
+@pytest.mark.parametrize("keep", [0, 60, 3000, -500])
+def test_a_truncated_vrs_file(scene, refused, keep):
+    file = scene / "recording/video.vrs"
+    file.write_bytes(file.read_bytes()[:keep])
+    assert "video.vrs" in refused(*frames(scene))
+
+
+def test_a_vrs_file_that_is_something_else(scene, refused):
+    (scene / "recording/video.vrs").write_text("hello " * 1000)
+    assert "video.vrs" in refused(*frames(scene))
+
+
+def test_a_truncated_segmentation(scene, refused):
+    file = scene / "recording/segmentations_with_skeleton.vrs"
+    file.write_bytes(file.read_bytes()[:-500])
+    assert "segmentations_with_skeleton.vrs" in refused(*annotations(scene))
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"x": {}}'])
+def test_unreadable_json(scene, refused, text):
+    (scene / "recording/instances.json").write_text(text)
+    assert "instances.json" in refused(*annotations(scene))
+
+
+def test_an_empty_video(scene, refused, tmp_path):
+    path = tmp_path / "empty.mp4"
+    path.touch()
+    assert "empty.mp4" in refused(*frames(scene, recording=path, format="plain"))
+
+
+def test_a_folder_without_pictures(scene, refused, tmp_path):
+    (tmp_path / "folder").mkdir()
+    assert "folder" in refused(*frames(scene, recording=tmp_path / "folder", format="plain"))
+
+
+def test_a_picture_of_another_size(scene, refused, tmp_path):
+    folder = pictures(tmp_path / "folder")
+    cv2.imwrite(str(folder / "2.png"), np.zeros((32, 64, 3), np.uint8))
+    assert "2.png" in refused(*frames(scene, recording=folder, format="plain", resolution=48))
+
+
+def test_a_broken_picture(scene, refused, tmp_path):
+    folder = pictures(tmp_path / "folder")
+    (folder / "3.png").write_bytes((folder / "3.png").read_bytes()[:40])
+    assert "3.png" in refused(*frames(scene, recording=folder, format="plain", resolution=48))
+
+
+def test_a_resolution_that_the_recording_does_not_have(scene, refused, tmp_path):
+    assert "128" in refused(
+        *frames(scene, recording=video(tmp_path / "v.mp4"), format="plain", resolution=128)
+    )
+
+
+def test_a_time_range_without_frames(scene, refused):
+    assert "start" in refused(*frames(scene, start_s=1000))
+
+
+def test_more_evaluation_frames_than_there_are(scene, refused):
+    assert "evaluation" in refused(*frames(scene, evaluation_frames=1000))
+
+
+@pytest.mark.parametrize(
+    "changes, said",
+    [
+        ({"resolution": "big"}, "'big' is not a valid integer"),
+        ({"resolution": 1}, "--resolution"),
+        ({"format": "avi"}, "'avi' is not one of"),
+        ({"strid": 2}, "--stride"),
+    ],
+)
+def test_a_wrong_flag(scene, capfd, monkeypatch, changes, said):
+    monkeypatch.setattr("sys.argv", ["egosplat", *map(str, frames(scene, **changes))])
+    with pytest.raises(SystemExit) as stop:
+        cli.main()
+    message = capfd.readouterr().err
+    assert stop.value.code == 2 and said in message and "Traceback" not in message
+
+
+def trajectory(scene: Path) -> Path:
+    return scene / "recording/mps/slam/closed_loop_trajectory.csv"
+
+
+def spoil(file: Path, column: str, value: str, row: int = 5) -> None:
+    rows = list(csv.DictReader(file.open()))
+    for spoiled in rows[row:]:
+        spoiled[column] = value
+    with file.open("w", newline="") as stream:
+        writer = csv.DictWriter(stream, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+@pytest.mark.parametrize(
+    "column, value",
+    [("tx_world_device", "nan"), ("tx_world_device", "far"), ("tracking_timestamp_us", "7")],
+)
+def test_a_trajectory_with_rubbish(scene, refused, column, value):
+    spoil(trajectory(scene), column, value)
+    assert "closed_loop_trajectory.csv" in refused(*poses(scene))
+
+
+def test_a_trajectory_with_zero_quaternions(scene, refused):
+    for axis in "xyzw":
+        spoil(trajectory(scene), f"q{axis}_world_device", "0")
+    assert "closed_loop_trajectory.csv" in refused(*poses(scene))
+
+
+def test_a_trajectory_without_a_column(scene, refused):
+    text = trajectory(scene).read_text()
+    trajectory(scene).write_text(text.replace("tx_world_device", "x", 1))
+    assert "tx_world_device" in refused(*poses(scene))
+
+
+def test_a_missing_trajectory_and_missing_points(scene, refused):
+    (scene / "recording/mps/slam/semidense_points.csv.gz").unlink()
+    assert "semidense_points.csv.gz" in refused(*poses(scene))
+    trajectory(scene).unlink()
+    assert "closed_loop_trajectory.csv" in refused(*poses(scene))
+
+
+def test_points_that_are_no_gzip(scene, refused):
+    (scene / "recording/mps/slam/semidense_points.csv.gz").write_text("uid,graph_uid\n")
+    assert "semidense_points.csv.gz" in refused(*poses(scene))
+
+
+def test_points_of_which_none_is_certain(scene, refused):
+    file = scene / "recording/mps/slam/semidense_points.csv.gz"
+    lines = gzip.decompress(file.read_bytes()).decode().splitlines()
+    bad = [",".join([*line.split(",")[:5], "9.0", "9.0"]) for line in lines[1:]]
+    file.write_bytes(gzip.compress("\n".join([lines[0], *bad]).encode()))
+    assert "semidense_points.csv.gz" in refused(*poses(scene))
+
+
+def test_a_device_trajectory_asked_of_a_plain_recording(scene, refused, tmp_path, monkeypatch):
+    path = video(tmp_path / "v.mp4")
+    monkeypatch.setattr(
+        "sys.argv",
+        [
+            "egosplat",
+            *map(str, frames(scene, recording=path, format="plain", resolution=64, evaluation_frames=1)),
+        ],
+    )
+    cli.main()
+    changed = {
+        "recording": path,
+        "frames": scene / "new.zarr",
+        "output": scene / "p.zarr",
+        "method": "device",
+    }
+    assert "poses.method" in refused(*poses(scene, **changed))
+
+
+def test_pictures_that_do_not_reconstruct(scene, refused, tmp_path, monkeypatch):
+    path = video(tmp_path / "v.mp4")
+    monkeypatch.setattr(
+        "sys.argv",
+        [
+            "egosplat",
+            *map(str, frames(scene, recording=path, format="plain", resolution=64, evaluation_frames=1)),
+        ],
+    )
+    cli.main()
+    assert "texture" in refused(
+        *poses(scene, recording=path, frames=scene / "new.zarr", output=scene / "p.zarr")
+    )
+
+
+def test_damaged_artifacts(scene, refused):
+    chunk = scene / "frames.zarr/timestamp_ns/c/0"
+    content = bytearray(chunk.read_bytes())
+    content[-6] ^= 4
+    chunk.write_bytes(content)
+    assert "frames.zarr: array 'timestamp_ns'" in refused(*annotations(scene))
+    assert "not sound" in refused_check(refused, scene)
+
+
+def refused_check(refused: Callable[..., str], scene: Path) -> str:
+    return refused("check", scene)
+
+
+def test_an_artifact_of_another_kind(scene, refused):
+    assert "holds 'poses', not 'frames'" in refused(*poses(scene, frames=scene / "poses.zarr"))
+
+
+def test_a_hoi4d_sequence_without_intrinsics(scene, refused, tmp_path):
+    sequence = tmp_path / "ZY20210800001/H1/C11/N58/S376/s02/T2"
+    (sequence / "align_rgb").mkdir(parents=True)
+    video(sequence / "align_rgb/image.mp4")
+    assert "intrin.npy" in refused(*frames(scene, recording=sequence, format="hoi4d", resolution=64))
+
+
+def test_nothing_to_check(refused, tmp_path):
+    assert "holds no artifact" in refused("check", tmp_path)
+
+
+def test_plain_annotations_of_the_wrong_size(scene, refused, tmp_path, monkeypatch):
+    folder = pictures(tmp_path / "folder")
+    (folder / "annotations").mkdir()
+    for index in range(4):
+        cv2.imwrite(str(folder / f"annotations/{index}.png"), np.zeros((10, 10), np.uint8))
+    (folder / "annotations/instances.tsv").write_text(
+        "id\tname\tcategory\tmotion_type\n1\tcup_1\tcup\tstatic\n"
+    )
+    plain = frames(scene, recording=folder, format="plain", resolution=64, evaluation_frames=1)
+    monkeypatch.setattr("sys.argv", ["egosplat", *map(str, plain)])
+    cli.main()
+    flags = ["--recording", folder, "--frames", scene / "new.zarr", "--output", scene / "a.zarr"]
+    assert ".png" in refused("annotations", *flags)
+
+
+def test_a_full_disk_is_told(scene, refused, monkeypatch):
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device", str(scene / "new.zarr"))
+
+    monkeypatch.setattr("egosplat.atomic._sync", full)
+    assert "No space left on device" in refused(*frames(scene, evaluation_frames=2))
+
+
+def test_instances_are_plain_json(scene):
+    facts = json.loads((scene / "annotations.zarr/zarr.json").read_text())["attributes"]["egosplat"]["facts"]
+    assert {"id", "name", "category", "motion_type", "instance_type"} == set(facts["instances"][0])
