@@ -1,5 +1,6 @@
 """A scene on one page: its pictures, the annotations of its evaluation frames, and the walk from above."""
 
+import math
 from pathlib import Path
 
 import matplotlib
@@ -16,9 +17,14 @@ from egosplat.artifacts import ANNOTATIONS, FRAMES, POSES, Artifact, open_artifa
 from egosplat.atomic import whole_file
 
 PICTURES = 8
-"""Pictures in each of the two rows."""
+"""At most so many pictures, and as many annotated evaluation frames."""
 
-LABELS = 9
+COLUMNS = 4
+
+LEAST_EXTENT = 1.0
+"""Metres that the view from above shows at least."""
+
+LABELS = 10
 """At most so many of an evaluation frame's instances are named in the picture, the largest first."""
 
 
@@ -32,7 +38,7 @@ def run(frames: Path, annotations: Path, poses: Path, output: Path) -> None:
     figure.suptitle(_title(pictures, labels, walk), fontsize=15)
     left, right = figure.subfigures(1, 2, width_ratios=[1.0, 1.75])
     draw_from_above(left.subplots(), walk)
-    _draw_rows(right, pictures, labels)
+    _draw_pictures(right, pictures, labels)
     with whole_file(output) as scratch:
         figure.savefig(scratch, dpi=80, format="png")
     plt.close(figure)
@@ -81,10 +87,19 @@ def draw_from_above(axes: Axes, walk: Artifact) -> None:
     axes.quiver(*path[::step].T, *looking[::step].T, scale=28, width=0.0025, color="0.15", zorder=4)
     axes.scatter(*path[0], s=70, c="limegreen", edgecolors="k", zorder=5, label="start")
     axes.scatter(*path[-1], s=70, c="crimson", edgecolors="k", zorder=5, label="end")
+    _widen(axes, LEAST_EXTENT)
     unit = "arbitrary unit" if walk.facts["notes"].get("scale") == "arbitrary" else "m"
     axes.set(aspect="equal", title="From above: points by height, the walk by time", xlabel=unit, ylabel=unit)
     axes.legend(loc="upper right")
     axes.grid(alpha=0.2)
+
+
+def _widen(axes: Axes, least: float) -> None:
+    """Let each axis show at least so much: a walk of a few millimetres is not to look like one."""
+    for get, set_ in ((axes.get_xlim, axes.set_xlim), (axes.get_ylim, axes.set_ylim)):
+        low, high = get()
+        if high - low < least:
+            set_((low + high - least) / 2, (low + high + least) / 2)
 
 
 def _scatter_points(
@@ -109,21 +124,26 @@ def _scatter_points(
     axes.scatter(*flat[inside].T, c=height[inside], s=1.2, cmap="viridis", linewidths=0, rasterized=True)
 
 
-def _draw_rows(figure: "matplotlib.figure.SubFigure", pictures: Artifact, labels: Artifact) -> None:
-    count = pictures.shape("rgb")[0]
-    shown = np.unique(np.linspace(0, count - 1, PICTURES).round().astype(int))
-    rows = np.unique(np.linspace(0, max(0, labels.shape("frame")[0] - 1), PICTURES).round().astype(int))
-    rows = rows[: labels.shape("frame")[0]]
-    grid = figure.subplots(4, PICTURES // 2)
+def _draw_pictures(figure: "matplotlib.figure.SubFigure", pictures: Artifact, labels: Artifact) -> None:
+    shown, rows = (
+        _spread(artifact.shape(name)[0]) for artifact, name in ((pictures, "rgb"), (labels, "frame"))
+    )
+    columns = min(COLUMNS, max(len(shown), len(rows)))
+    above, below = (math.ceil(len(part) / columns) for part in (shown, rows))
+    grid = figure.subplots(above + below, columns, squeeze=False)
     for cell in grid.flat:
         cell.set_axis_off()
-    start = pictures.read("timestamp_ns")[0]
-    times = (pictures.read("timestamp_ns") - start) * 1e-9
-    for cell, index in zip(grid[:2].flat, shown, strict=False):
+    times = (pictures.read("timestamp_ns") - pictures.read("timestamp_ns")[0]) * 1e-9
+    for cell, index in zip(grid[:above].flat, shown, strict=False):
         cell.imshow(pictures.row("rgb", index))
         cell.set_title(f"frame {index}, {times[index]:.1f} s", fontsize=10)
-    for cell, row in zip(grid[2:].flat, rows, strict=False):
-        _draw_annotated(cell, pictures, labels, int(row))
+    for cell, row in zip(grid[above:].flat, rows, strict=False):
+        _draw_annotated(cell, pictures, labels, row)
+
+
+def _spread(count: int) -> list[int]:
+    """At most ``PICTURES`` indices below ``count``, evenly spread from the first to the last."""
+    return np.unique(np.linspace(0, count - 1, min(count, PICTURES)).round().astype(int)).tolist()
 
 
 def _draw_annotated(cell: Axes, pictures: Artifact, labels: Artifact, row: int) -> None:
@@ -135,15 +155,27 @@ def _draw_annotated(cell: Axes, pictures: Artifact, labels: Artifact, row: int) 
         return
     instance_map = labels.row("instance_map", row)
     cell.imshow(overlay(picture, instance_map))
-    instances = labels.facts["instances"]
+    cell.set_title(
+        f"evaluation frame {index}: {len(np.unique(instance_map[instance_map >= 0]))} instances", fontsize=10
+    )
+    for u, v, name in _label_places(
+        instance_map, [instance["category"] for instance in labels.facts["instances"]]
+    ):
+        box = {"facecolor": "black", "alpha": 0.55, "pad": 1, "edgecolor": "none"}
+        cell.text(u, v, name, color="white", fontsize=7, ha="center", va="center", bbox=box, clip_on=True)
+
+
+def _label_places(instance_map: NDArray[np.int32], names: list[str]) -> list[tuple[int, int, str]]:
+    """Column, row and name of the largest instances, those left out whose label would lie on another's."""
     values, sizes = np.unique(instance_map[instance_map >= 0], return_counts=True)
-    cell.set_title(f"evaluation frame {index}: {len(values)} instances", fontsize=10)
-    for value in values[np.argsort(-sizes)][:LABELS]:
-        if sizes[values == value][0] >= 0.003 * instance_map.size:
-            v, u = _inner_point(instance_map == value)
-            box = {"facecolor": "black", "alpha": 0.55, "pad": 1, "edgecolor": "none"}
-            name = instances[value]["category"]
-            cell.text(u, v, name, color="white", fontsize=6.5, ha="center", va="center", bbox=box)
+    height, width = instance_map.shape
+    places: list[tuple[int, int, str]] = []
+    for value, size in sorted(zip(values, sizes, strict=True), key=lambda pair: -pair[1]):
+        v, u = _inner_point(instance_map == value)
+        free = all(abs(u - x) > 0.2 * width or abs(v - y) > 0.06 * height for x, y, _ in places)
+        if size >= 0.002 * instance_map.size and free and len(places) < LABELS:
+            places.append((u, v, names[value]))
+    return places
 
 
 def overlay(picture: NDArray[np.uint8], instance_map: NDArray[np.int32]) -> NDArray[np.uint8]:
@@ -162,7 +194,7 @@ def overlay(picture: NDArray[np.uint8], instance_map: NDArray[np.int32]) -> NDAr
         matplotlib.colors.hsv_to_rgb(np.stack([hue, np.full_like(hue, 0.75), np.ones_like(hue)], axis=-1))
         * 255
     )
-    tinted = 0.5 * picture + 0.5 * colours[instance_map]
+    tinted = 0.6 * picture + 0.4 * colours[instance_map]
     return np.where((instance_map >= 0)[..., None], tinted, picture).astype(np.uint8)
 
 
