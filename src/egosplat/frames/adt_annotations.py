@@ -1,0 +1,153 @@
+"""Aria Digital Twin annotations: the instance of each pixel. For evaluation only (method_spec M5.1)."""
+
+import itertools
+import json
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from projectaria_tools.projects.adt import AriaDigitalTwinDataPaths, AriaDigitalTwinDataProvider
+
+from egosplat.errors import UserError
+from egosplat.frames.adt import RGB_STREAM, open_video, rgb_calibration
+from egosplat.frames.native_log import captured_log, damage, report
+from egosplat.frames.recording import Instance
+from egosplat.frames.rectify import Rectification
+from egosplat.frames.vrs import check_complete, check_log
+from egosplat.geometry import Camera
+from egosplat.progress import log
+
+WITH_PEOPLE = "segmentations_with_skeleton.vrs"
+WITHOUT_PEOPLE = "segmentations.vrs"
+_FIELDS = ("instance_id", "instance_name", "category", "motion_type", "instance_type")
+_ALLOWED = {"motion_type": ("static", "dynamic"), "instance_type": ("object", "human")}
+
+
+class AdtAnnotations:
+    """The instances of a sequence folder; an ``Annotations``.
+
+    People are instances, from ``segmentations_with_skeleton.vrs``; some releases lack it, then
+    ``segmentations.vrs`` is read and a line says so. Pixel value 0 is outside the lens circle: -1.
+    """
+
+    def __init__(self, folder: Path, *, camera: Camera, upright: bool, max_age_ns: int = 3_000_000) -> None:
+        """Open the segmentation and ``instances.json``.
+
+        Args:
+            folder: the sequence folder.
+            camera: of the rectified pictures (``Capture.camera``).
+            upright: as the pictures were read.
+            max_age_ns: a segmentation further from a picture's capture than this, before or after it, is
+                not that picture's. The ground truth follows the other cameras' clock, about 0.1 ms off.
+
+        Raises:
+            UserError: a file is missing or damaged.
+        """
+        self.instances = read_instances(folder / "instances.json")
+        self._max_age_ns = max_age_ns
+        path = find_segmentation(folder)
+        if path is None:
+            raise UserError(f"{folder}: has no {WITH_PEOPLE}. Download this file of the recording.")
+        if path.name == WITHOUT_PEOPLE:
+            log(f"{folder}: no {WITH_PEOPLE}; {WITHOUT_PEOPLE} is read, in which people are not annotated")
+        check_complete(path)
+        self._path = path
+        calibration = rgb_calibration(open_video(folder), folder / "video.vrs")
+        self._rectification = Rectification(calibration, camera, upright)
+        self._provider = _open_segmentation(folder, self._path)
+        self._ids = np.array([instance.id for instance in self.instances], dtype=np.uint64)
+
+    def instance_map(self, timestamp_ns: int) -> NDArray[np.int32] | None:
+        """The instances of the picture captured at ``timestamp_ns``; see ``Annotations.instance_map``.
+
+        Raises:
+            UserError: the segmentation cannot be decoded, or holds an id that ``instances.json`` lacks.
+        """
+        try:
+            with captured_log() as messages:
+                found = self._provider.get_segmentation_image_by_timestamp_ns(timestamp_ns, RGB_STREAM)
+                # The provider answers with the nearest segmentation, however far away that is.
+                if not found.is_valid() or abs(found.dt_ns()) > self._max_age_ns:
+                    return None
+                ids = found.data().to_numpy_array()
+        except RuntimeError as error:
+            raise UserError(f"{self._path}: cannot be decoded ({error}). Download it again.") from error
+        # A damaged segmentation comes out in part, with no more than lines in the log.
+        if reason := damage(messages):
+            raise UserError(f"{self._path}: cannot be decoded ({reason}). Download it again.")
+        report(messages, self._path)
+        try:
+            rectified = self._rectification.labels(ids)
+        except ValueError as error:
+            raise UserError(f"{self._path}: {error}. Is it of the same recording as video.vrs?") from error
+        return self._to_index(rectified)
+
+    def _to_index(self, ids: NDArray[np.uint64]) -> NDArray[np.int32]:
+        place = np.searchsorted(self._ids, ids).clip(max=len(self._ids) - 1)
+        unknown = ids[(self._ids[place] != ids) & (ids != 0)]
+        if len(unknown):
+            raise UserError(
+                f"{self._path}: instance id {unknown[0]} is not in instances.json. "
+                "Are both of the same recording? Download them again."
+            )
+        return np.where(ids == 0, -1, place).astype(np.int32)
+
+
+def find_segmentation(folder: Path) -> Path | None:
+    """The segmentation of a sequence folder, preferably the one with people; None where there is none."""
+    candidates = [folder / name for name in (WITH_PEOPLE, WITHOUT_PEOPLE)]
+    return next((path for path in candidates if path.exists()), None)
+
+
+def read_instances(path: Path) -> list[Instance]:
+    """Read ``instances.json``, in order of id.
+
+    Raises:
+        UserError: the file is missing, is no JSON, or an entry lacks a field or has an unknown value.
+    """
+    try:
+        entries = json.loads(path.read_text())
+    except FileNotFoundError as error:
+        raise UserError(f"{path}: not found. Download this file of the recording.") from error
+    except (OSError, ValueError) as error:
+        raise UserError(f"{path}: not readable as JSON ({error}). Download it again.") from error
+    if not isinstance(entries, dict) or not entries:
+        raise UserError(f"{path}: holds no instances. Download it again.")
+    instances = sorted(
+        (_instance(path, key, entry) for key, entry in entries.items()), key=lambda one: one.id
+    )
+    for one, following in itertools.pairwise(instances):
+        if one.id == following.id:
+            raise UserError(f"{path}: instance_id {one.id} occurs twice. Download it again.")
+    return instances
+
+
+def _instance(path: Path, key: str, entry: object) -> Instance:
+    if not isinstance(entry, dict) or any(field not in entry for field in _FIELDS):
+        raise UserError(f"{path}: instance {key} lacks one of {', '.join(_FIELDS)}. Download it again.")
+    for field, allowed in _ALLOWED.items():
+        if entry[field] not in allowed:
+            raise UserError(
+                f"{path}: instance {key}: {field} is {entry[field]!r}, not {' or '.join(allowed)}."
+            )
+    if not isinstance(entry["instance_id"], int) or entry["instance_id"] <= 0:
+        raise UserError(f"{path}: instance {key}: instance_id is not a positive whole number.")
+    identity, name, category, motion_type, instance_type = (entry[field] for field in _FIELDS)
+    return Instance(identity, str(name), str(category), motion_type, instance_type)
+
+
+def _open_segmentation(folder: Path, path: Path) -> AriaDigitalTwinDataProvider:
+    paths = AriaDigitalTwinDataPaths()
+    paths.aria_vrs_filepath = str(folder / "video.vrs")
+    paths.segmentations_filepath = str(path)
+    try:
+        with captured_log() as messages:
+            provider = AriaDigitalTwinDataProvider(paths)
+            usable = provider.has_segmentation_images()
+    except RuntimeError as error:
+        raise UserError(f"{path}: cannot be read ({error}). Download it again.") from error
+    if not usable:
+        raise UserError(f"{path}: holds no segmentation. Download it again.")
+    check_log(path, messages)
+    report(messages, path)
+    return provider

@@ -1,0 +1,150 @@
+"""HOI4D recordings: the pictures of ``align_rgb/image.mp4`` with their calibration (method_spec M5.2).
+
+A sequence is the folder ``ZY…/H…/C…/N…/S…/s…/T…`` of the dataset. The intrinsics are a download of their
+own: ``camera_params/<ZY…>/intrin.npy`` in the dataset's root folder.
+"""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.errors import UserError
+from egosplat.frames.recording import Capture
+from egosplat.frames.resize import resize_picture
+from egosplat.frames.selection import select_frames
+from egosplat.frames.video import Video
+from egosplat.geometry import Camera
+
+RELEASE, ANNOTATIONS = "HOI4D_release", "HOI4D_annotations"
+"""Names of the root folders of the dataset's downloads of videos and of annotations."""
+
+_PARTS = (r"ZY\d+", r"H\d+", r"C\d+", r"N\d+", r"S\d+", r"s\d+", r"T\d+")
+_SEQUENCE = re.compile(r"(?:^|/)" + "[/_]".join(f"({part})" for part in _PARTS) + "$")
+
+_OPENCV_PIXEL_OFFSET = 0.5
+"""``intrin.npy`` puts a pixel's centre at the integer, as OpenCV and Open3D do."""
+
+
+class Hoi4dRecording:
+    """The pictures of one sequence; a ``Recording`` without device frame."""
+
+    def __init__(
+        self, path: Path, *, resolution: int, stride: int, start_s: float, end_s: float | None
+    ) -> None:
+        """Open the video and select frames.
+
+        Args:
+            path: the sequence's folder, or its name with underscores in the dataset's root folder.
+            resolution: width of the pictures [px], at most the video's; the height keeps the aspect.
+            stride, start_s, end_s: see ``selection.select_frames``.
+
+        Raises:
+            UserError: the sequence, its video or its intrinsics are missing or damaged, or an option is
+                out of range.
+        """
+        folder = find_sequence(path)
+        self._video = Video(folder / "align_rgb" / "image.mp4")
+        width, height = self._video.width, self._video.height
+        if not 1 <= resolution <= width:
+            raise UserError(
+                f"resolution: {resolution} px, but {self._video.path} is {width} wide; choose up to that."
+            )
+        camera = read_intrinsics(find_intrinsics(folder), width, height)
+        times = self._video.timestamp_ns
+        self._frames = select_frames(
+            times, stride=stride, start_s=start_s, end_s=end_s, source=self._video.path
+        )
+        target = camera.scaled_to(resolution, max(1, round(height * resolution / width)))
+        self.capture = Capture(
+            timestamp_ns=times[self._frames],
+            exposure_middle_ns=times[self._frames],
+            camera=target,
+            camera_known=True,
+            device_from_camera=None,
+            valid=np.ones((target.height, target.width), dtype=bool),
+            origin="real",
+        )
+
+    def pictures(self, indices: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
+        """Yield the (H, W, 3) uint8 RGB picture of each index; see ``Recording.pictures``.
+
+        Raises:
+            UserError: the video ends too early.
+        """
+        camera = self.capture.camera
+        for picture in self._video.pictures(self._frames[indices]):
+            yield resize_picture(picture, camera.width, camera.height)
+
+
+def find_sequence(path: Path) -> Path:
+    """The folder of a sequence, given as that folder or as ``root/ZY…_H…_C…_N…_S…_s…_T…``.
+
+    Raises:
+        UserError: there is no such folder.
+    """
+    if path.is_dir():
+        return path.absolute()
+    parts = sequence_parts(path)
+    for root in (path.parent, path.parent / RELEASE):
+        if root.joinpath(*parts).is_dir():
+            return root.joinpath(*parts).absolute()
+    raise UserError(f"{path}: no such sequence. Looked for {path.parent.joinpath(*parts)}.")
+
+
+def sequence_parts(path: Path) -> tuple[str, ...]:
+    """The seven parts of a sequence's name: camera, person, category, object, room, layout, task.
+
+    Raises:
+        UserError: the path does not end in such a name.
+    """
+    match = _SEQUENCE.search(path.as_posix())
+    if match is None:
+        raise UserError(
+            f"{path}: not the name of a HOI4D sequence, such as ZY20210800001/H1/C11/N58/S376/s02/T2."
+        )
+    return match.groups()
+
+
+def find_intrinsics(folder: Path) -> Path:
+    """``camera_params/<ZY…>/intrin.npy`` in a folder above the sequence, or ``intrin.npy`` in or beside it.
+
+    Raises:
+        UserError: there is none.
+    """
+    camera = sequence_parts(folder)[0]
+    nearby = [folder / "intrin.npy", folder.parent / "intrin.npy"]
+    above = [parent / "camera_params" / camera / "intrin.npy" for parent in folder.parents]
+    for path in [*nearby, *above]:
+        if path.is_file():
+            return path
+    raise UserError(
+        f"{folder}: no intrinsics. Put HOI4D's camera parameters at camera_params/{camera}/intrin.npy "
+        "in the dataset's root folder."
+    )
+
+
+def read_intrinsics(path: Path, width: int, height: int) -> Camera:
+    """Read a 3x3 intrinsic matrix of pictures of ``width`` x ``height`` pixels.
+
+    Raises:
+        UserError: the file is no such matrix.
+    """
+    try:
+        matrix = np.asarray(np.load(path, allow_pickle=False), dtype=np.float64)
+    except (OSError, ValueError, TypeError, EOFError) as error:
+        raise UserError(
+            f"{path}: not a NumPy array that can be read ({error}). Download it again."
+        ) from error
+    if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
+        raise UserError(f"{path}: not a finite 3x3 matrix (shape {matrix.shape}). Download it again.")
+    upper = np.array([[1, 0, 1], [0, 1, 1], [0, 0, 0]], dtype=bool)
+    if min(matrix[0, 0], matrix[1, 1]) <= 0 or not np.allclose(matrix[~upper], [0, 0, 0, 0, 1], atol=1e-6):
+        raise UserError(f"{path}: not an intrinsic matrix [[fx, 0, cx], [0, fy, cy], [0, 0, 1]].")
+    matrix[:2, 2] += _OPENCV_PIXEL_OFFSET
+    camera = Camera.from_matrix(matrix, width, height)
+    if not camera.contains(matrix[:2, 2]):
+        raise UserError(f"{path}: its principal point lies outside of the {width}x{height} px video.")
+    return camera

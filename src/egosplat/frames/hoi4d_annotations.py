@@ -1,0 +1,161 @@
+"""HOI4D annotations: 2D motion segmentation, hands and handled objects. For evaluation only (method_spec M5.2).
+
+Masks are RGB pictures in ``2Dseg/shift_mask`` or ``2Dseg/mask``, ``00000.png`` for the first frame, 15 a
+second. Colours are those of ``voc_color_map``; what label 1, 2, … means depends on the object category
+(the dataset's ``definitions/motion segmentation/label.csv``). Everything labelled moves or is moved.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.errors import UserError
+from egosplat.frames.hoi4d import ANNOTATIONS, RELEASE, find_sequence, sequence_parts
+from egosplat.frames.images import read_rgb
+from egosplat.frames.recording import Instance
+from egosplat.frames.resize import resize_labels
+from egosplat.geometry import Camera
+
+MASKS_PER_SECOND = 15
+_MASK_FOLDERS = ("shift_mask", "mask")
+"""In order of preference: ``shift_mask`` is aligned with the video where ``mask`` is not."""
+
+_LABELS: dict[str, tuple[str, ...]] = {
+    "C1": ("toy car", "right hand"),
+    "C2": ("mug", "right hand", "mug"),
+    "C3": ("screen", "right hand", "keyboard"),
+    "C4": ("door", "right hand", "body of the cabinet", "drawer", "bottle"),
+    "C5": ("bottle", "right hand", "mug"),
+    "C6": ("body of the safe", "right hand", "door", "bottle"),
+    "C7": ("bowl", "right hand", "ball"),
+    "C8": ("body of the bucket", "right hand", "handle", "body of the bucket", "handle", "left hand"),
+    "C9": ("left part of the scissors", "right hand", "right part of the scissors"),
+    "C11": ("left part of the pliers", "right hand", "right part of the pliers"),
+    "C12": ("kettle", "right hand", "mug"),
+    "C13": ("knife", "right hand", "apple"),
+    "C14": ("body of the trash can", "right hand", "lid", "bottle"),
+    "C17": ("base", "right hand", "tube", "top link", "bottom link", "left hand"),
+    "C18": ("base", "right hand", "slot", "lid", "paper"),
+    "C20": ("chair", "right hand", "left hand"),
+}
+_OBJECTS = {
+    "C1": "toy car", "C2": "mug", "C3": "laptop", "C4": "storage furniture", "C5": "bottle", "C6": "safe",
+    "C7": "bowl", "C8": "bucket", "C9": "scissors", "C11": "pliers", "C12": "kettle", "C13": "knife",
+    "C14": "trash can", "C17": "lamp", "C18": "stapler", "C20": "chair",
+}  # fmt: skip
+_LARGEST_LABEL = 6
+_TOLERATED_FOREIGN_SHARE = 0.01
+
+
+class Hoi4dAnnotations:
+    """The labels of one sequence; an ``Annotations``. Instance ids are the dataset's labels 1 to 6."""
+
+    def __init__(self, path: Path, *, camera: Camera, max_age_ns: int = 3_000_000) -> None:
+        """Find the masks.
+
+        Args:
+            path: as for ``Hoi4dRecording``.
+            camera: of the pictures as they were read (``Capture.camera``).
+            max_age_ns: a mask further from a picture's time than this is not that picture's; matters
+                where a video does not have 15 frames a second.
+
+        Raises:
+            UserError: there are no masks, or the object category is unknown.
+        """
+        folder = find_sequence(path)
+        masks = find_masks(folder)
+        if masks is None:
+            raise UserError(
+                f"{folder}: no masks in 2Dseg/shift_mask or 2Dseg/mask. Download the annotations."
+            )
+        self._masks = masks
+        self._camera = camera
+        self._max_age_ns = max_age_ns
+        self.instances = instances_of(sequence_parts(folder)[2], folder)
+
+    def instance_map(self, timestamp_ns: int) -> NDArray[np.int32] | None:
+        """The labels of the picture shown at ``timestamp_ns``; see ``Annotations.instance_map``.
+
+        Colours that are no label count as unlabelled, as in the dataset's own tools.
+
+        Raises:
+            UserError: the mask is unreadable, of another aspect, or in other colours.
+        """
+        number = round(timestamp_ns * MASKS_PER_SECOND / 1e9)
+        path = self._masks / f"{number:05d}.png"
+        age_ns = abs(timestamp_ns - round(number * 1e9 / MASKS_PER_SECOND))
+        if age_ns > self._max_age_ns or not path.is_file():
+            return None
+        labels = decode_labels(read_rgb(path))
+        foreign = float((labels < 0).mean())
+        if foreign > _TOLERATED_FOREIGN_SHARE:
+            raise UserError(
+                f"{path}: {foreign:.0%} of its pixels have colours that are no HOI4D label. Download it again."
+            )
+        height, width = labels.shape
+        if abs(height * self._camera.width - width * self._camera.height) > max(width, self._camera.width):
+            raise UserError(
+                f"{path}: {width}x{height} px has another aspect than the video. Download it again."
+            )
+        resized = resize_labels(labels, self._camera.width, self._camera.height)
+        return np.where(resized > 0, resized - 1, -1).astype(np.int32)
+
+
+def find_masks(folder: Path) -> Path | None:
+    """The mask folder of a sequence, also where videos and annotations were unpacked to different roots."""
+    elsewhere = Path(folder.as_posix().replace(f"/{RELEASE}/", f"/{ANNOTATIONS}/"))
+    candidates = [root / "2Dseg" / name for root in (folder, elsewhere) for name in _MASK_FOLDERS]
+    return next((path for path in candidates if path.is_dir()), None)
+
+
+def instances_of(category: str, folder: Path) -> list[Instance]:
+    """The instances that labels 1 to 6 stand for; a label without documented meaning is called as the object.
+
+    Args:
+        category: ``C1`` … ``C20``.
+        folder: the sequence, for messages.
+
+    Raises:
+        UserError: HOI4D has no such category.
+    """
+    if category not in _OBJECTS:
+        raise UserError(f"{folder}: {category} is not an object category of HOI4D.")
+    documented = _LABELS[category]
+    undocumented = (_OBJECTS[category],) * (_LARGEST_LABEL - len(documented))
+    return [
+        Instance(
+            id=label,
+            name=f"{meaning.title().replace(' ', '')}_{label}",
+            category=meaning,
+            motion_type="dynamic",
+            instance_type="human" if meaning.endswith(" hand") else "object",
+        )
+        for label, meaning in enumerate(documented + undocumented, start=1)
+    ]
+
+
+def voc_color_map(count: int = 256) -> NDArray[np.uint8]:
+    """The PASCAL VOC palette: (count, 3) uint8, RGB of each label.
+
+    Bits 0, 3, 6 of a label are the highest bits of red (from the top down), bits 1, 4, 7 of green, bits 2
+    and 5 of blue.
+    """
+    labels = np.arange(count, dtype=np.uint8)
+    palette = np.zeros((count, 3), dtype=np.uint8)
+    for bit in range(8):
+        palette[:, bit % 3] |= ((labels >> bit) & 1) << (7 - bit // 3)
+    return palette
+
+
+def decode_labels(picture: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """(H, W, 3) uint8 RGB mask -> (H, W) int64 labels 0 (none) to 6; -1 for other colours."""
+    palette = _packed(voc_color_map(_LARGEST_LABEL + 1))
+    order = np.argsort(palette)
+    packed = _packed(picture)
+    place = np.searchsorted(palette[order], packed).clip(max=_LARGEST_LABEL)
+    return np.where(palette[order][place] == packed, order[place], -1)
+
+
+def _packed(colours: NDArray[np.uint8]) -> NDArray[np.int64]:
+    return colours.astype(np.int64) @ np.array([1 << 16, 1 << 8, 1])

@@ -1,0 +1,48 @@
+"""Opening a recording by the name of its format."""
+
+from pathlib import Path
+
+from egosplat.errors import UserError
+from egosplat.frames.adt import AdtRecording
+from egosplat.frames.hoi4d import Hoi4dRecording
+from egosplat.frames.plain import PlainRecording
+from egosplat.frames.recording import Recording
+
+FORMATS = ("adt", "hoi4d", "plain")
+
+
+def open_recording(
+    format: str,
+    path: Path,
+    *,
+    resolution: int,
+    focal: float,
+    upright: bool,
+    stride: int,
+    start_s: float,
+    end_s: float | None,
+) -> Recording:
+    """Open a recording's pictures.
+
+    Args:
+        format: ``adt`` (a sequence folder), ``hoi4d`` (a sequence folder or name) or ``plain`` (a video
+            file or image folder).
+        path: the recording.
+        resolution: of the pictures [px]: side (adt), width (hoi4d), longer side (plain).
+        focal: focal length [px] at 1408 px of rectified Aria pictures; of no meaning elsewhere.
+        upright: whether Aria pictures are turned upright; of no meaning elsewhere.
+        stride: every how many frames one is taken.
+        start_s, end_s: the part start <= t < end in seconds after the first frame; None: to the end.
+
+    Raises:
+        UserError: the format is unknown, the recording unreadable, or an option out of range.
+    """
+    selection = {"resolution": resolution, "stride": stride, "start_s": start_s, "end_s": end_s}
+    match format:
+        case "adt":
+            return AdtRecording(path, focal=focal, upright=upright, **selection)
+        case "hoi4d":
+            return Hoi4dRecording(path, **selection)
+        case "plain":
+            return PlainRecording(path, **selection)
+    raise UserError(f"format: {format!r} is unknown; choose from {', '.join(FORMATS)}.")

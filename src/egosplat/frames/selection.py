@@ -1,0 +1,48 @@
+"""Which frames of a recording are used."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.errors import UserError
+
+
+def select_frames(
+    timestamp_ns: NDArray[np.int64], *, stride: int, start_s: float, end_s: float | None, source: Path
+) -> NDArray[np.int64]:
+    """Every ``stride``-th frame of a time range.
+
+    Args:
+        timestamp_ns: (N,) int64, strictly increasing capture times of all frames.
+        stride: 1 takes every frame; the first frame of the range is always taken.
+        start_s, end_s: the range start <= t < end in seconds after the first frame; None: to the end.
+        source: the recording, for messages.
+
+    Returns:
+        (F,) int64 indices into ``timestamp_ns``, F >= 1.
+
+    Raises:
+        UserError: an option is out of its range, or no frame is left.
+    """
+    if stride < 1:
+        raise UserError(f"stride: {stride} is not a positive whole number; 1 takes every frame.")
+    if not (math.isfinite(start_s) and start_s >= 0):
+        raise UserError(f"start_s: {start_s} is not a time; give seconds after the first frame, 0 or more.")
+    if end_s is not None and not end_s > start_s:
+        raise UserError(f"end_s: {end_s} does not lie after start_s = {start_s}.")
+    if not (np.diff(timestamp_ns) > 0).all():
+        raise UserError(
+            f"{source}: its frames are not in order of time. Is the recording damaged? Copy it again."
+        )
+    elapsed_ns = timestamp_ns - timestamp_ns[0]
+    inside = elapsed_ns >= round(start_s * 1e9)
+    if end_s is not None and math.isfinite(end_s):
+        inside &= elapsed_ns < round(end_s * 1e9)
+    chosen = np.flatnonzero(inside)[::stride].astype(np.int64)
+    if not len(chosen):
+        raise UserError(
+            f"{source}: no frame between start_s and end_s; the last one is at {elapsed_ns[-1] * 1e-9:.3f} s."
+        )
+    return chosen

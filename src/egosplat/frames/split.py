@@ -1,0 +1,39 @@
+"""Which frames are trained on and which are evaluated."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.errors import UserError
+
+_FEWEST_TRAINING_FRAMES = 2
+
+
+def split_frames(count: int, evaluation: int, holdout: bool) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Pick evaluation frames at equal distances: the middle frame of each of ``evaluation`` equal parts.
+
+    The ends are not favoured, unlike in sampling that begins with frame 0. Whether evaluation frames are
+    also trained on is open in the paper (method_spec M7 no. 29).
+
+    Args:
+        count: number of frames.
+        evaluation: number of evaluation frames; 0 is allowed.
+        holdout: whether evaluation frames are kept out of training.
+
+    Returns:
+        Two (count,) bool arrays: training frames, evaluation frames.
+
+    Raises:
+        UserError: fewer than two training frames or not enough frames would be left.
+    """
+    if evaluation < 0:
+        raise UserError(f"evaluation frames: {evaluation} is negative; 0 evaluates nothing.")
+    remaining = count - evaluation if holdout else count
+    if evaluation > count or remaining < _FEWEST_TRAINING_FRAMES:
+        raise UserError(
+            f"evaluation frames: {evaluation} of {count} frames leave {max(remaining, 0)} to train on, "
+            f"at least {_FEWEST_TRAINING_FRAMES} are needed. Ask for fewer, lower the stride, or do not hold out."
+        )
+    is_evaluation = np.zeros(count, dtype=bool)
+    # The middle of part i is count (i + 1/2) / evaluation; whole numbers keep it exact.
+    is_evaluation[[count * (2 * part + 1) // (2 * evaluation) for part in range(evaluation)]] = True
+    return (~is_evaluation if holdout else np.ones(count, dtype=bool)), is_evaluation

@@ -1,0 +1,61 @@
+"""Whether a VRS file is complete.
+
+projectaria-tools drops records that lie beyond the end of a truncated file and goes on with a shorter
+recording, so completeness is checked here: by walking through the file, and, for a file that ends at the
+end of a record, by what the library logged about its index.
+"""
+
+import mmap
+import struct
+from pathlib import Path
+
+from egosplat.errors import UserError
+
+_HEADER = struct.Struct("<IIQIIqqq")
+"""Two magic numbers, file id, sizes of file and record header, offsets of index, description, first record."""
+_MAGIC = (0x69736956, 0x65526E6F)
+_HEADER_SIZE = 80
+_DROPPED_RECORDS = "beyond the end of the file"
+
+
+def check_complete(path: Path) -> None:
+    """Walk through a VRS file's record headers up to its end.
+
+    Raises:
+        UserError: the file is missing, is no VRS file, or is truncated or damaged.
+    """
+    if not path.is_file():
+        raise UserError(f"{path}: not found. Check the path, or download this file of the recording.")
+    size = path.stat().st_size
+    if size < _HEADER_SIZE:
+        raise UserError(f"{path}: only {size} bytes, not a VRS file. Download it again.")
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        magic_1, magic_2, _, header_size, record_header_size, _, _, first_record = _HEADER.unpack_from(data)
+        if (magic_1, magic_2) != _MAGIC:
+            raise UserError(f"{path}: not a VRS file. Download it again.")
+        _walk_records(path, data, first_record or header_size, record_header_size)
+
+
+def _walk_records(path: Path, data: mmap.mmap, position: int, header_size: int) -> None:
+    size = len(data)
+    if not _HEADER_SIZE <= position:
+        raise UserError(f"{path}: its header is damaged. Download it again.")
+    # Each record's header begins with the record's size, header included.
+    while position + 4 <= size:
+        record_size = int.from_bytes(data[position : position + 4], "little")
+        if record_size < max(header_size, 1):
+            raise UserError(f"{path}: damaged at byte {position}. Download it again.")
+        position += record_size
+    if position != size:
+        raise UserError(f"{path}: truncated: {size} bytes, but its records go on. Download it again.")
+
+
+def check_log(path: Path, messages: list[str]) -> None:
+    """Refuse a file of which the library dropped records, by what it logged on opening it.
+
+    Raises:
+        UserError: records are missing.
+    """
+    for message in messages:
+        if _DROPPED_RECORDS in message:
+            raise UserError(f"{path}: truncated ({message}). Download it again.")

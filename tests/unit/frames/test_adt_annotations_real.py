@@ -1,0 +1,125 @@
+"""The annotations of a real Aria Digital Twin recording: two of its three frames are annotated."""
+
+import json
+
+import numpy as np
+import pytest
+
+from egosplat.errors import UserError
+from egosplat.frames.adt import AdtRecording
+from egosplat.frames.adt_annotations import AdtAnnotations
+from egosplat.frames.annotation_readers import open_annotations
+from egosplat.frames.rectify import pinhole
+
+OPTIONS = {"resolution": 352, "focal": 460.0, "upright": True, "stride": 1, "start_s": 0.0, "end_s": None}
+CAPTURE_NS = [87551170813262, 87551204152300, 87551237472175]
+ANNOTATION_NS = [87551170910000, 87551204237999]
+
+
+@pytest.fixture(scope="module")
+def full_size(sample):
+    return AdtRecording(sample, **(OPTIONS | {"resolution": 1408}))
+
+
+@pytest.fixture(scope="module")
+def annotations(sample, full_size):
+    return AdtAnnotations(sample, camera=full_size.capture.camera, upright=True)
+
+
+def test_instances(annotations):
+    instances = annotations.instances
+    assert len(instances) == 350
+    assert [sum(one.motion_type == kind for one in instances) for kind in ("static", "dynamic")] == [304, 46]
+    assert len({one.category for one in instances}) == 106
+    assert [one.name for one in instances if one.instance_type == "human"] == ["Skeleton_T"]
+    assert len({one.id for one in instances}) == 350
+
+
+def test_instance_maps_belong_to_their_pictures_only(annotations, full_size):
+    maps = [annotations.instance_map(time) for time in CAPTURE_NS]
+    assert maps[2] is None
+    valid = full_size.capture.valid
+    for one in maps[:2]:
+        assert one.shape == (1408, 1408) and one.dtype == np.int32
+        assert (one[~valid] == -1).all()
+        assert (one[valid] == -1).mean() < 1e-3
+        names = {annotations.instances[index].name for index in np.unique(one[one >= 0])}
+        assert 85 <= len(names) <= 92 and {"ApartmentEnv", "Skeleton_T"} <= names
+
+
+@pytest.mark.parametrize(("offset_ns", "found"), [(-3_000_000, True), (-3_000_001, False)])
+def test_an_older_segmentation_counts_up_to_three_milliseconds(annotations, offset_ns, found):
+    assert (annotations.instance_map(ANNOTATION_NS[0] + offset_ns) is not None) == found
+
+
+@pytest.mark.parametrize(("offset_ns", "found"), [(3_000_000, True), (3_000_001, False)])
+def test_a_newer_segmentation_counts_up_to_three_milliseconds(annotations, offset_ns, found):
+    assert (annotations.instance_map(ANNOTATION_NS[1] + offset_ns) is not None) == found
+
+
+def test_without_the_segmentation_with_people_the_other_is_read_and_said(copy, capfd):
+    (copy / "segmentations_with_skeleton.vrs").unlink()
+    reader = open_annotations("adt", copy, camera=pinhole(352, 460.0), upright=True)
+    assert "segmentations.vrs is read, in which people are not annotated" in capfd.readouterr().err
+    present = {
+        reader.instances[index].name for index in np.unique(reader.instance_map(CAPTURE_NS[0])) if index >= 0
+    }
+    assert "Skeleton_T" not in present and "ApartmentEnv" in present
+    (copy / "segmentations.vrs").unlink()
+    assert open_annotations("adt", copy, camera=pinhole(352, 460.0), upright=True) is None
+
+
+def test_an_id_that_no_instance_has_is_named(copy):
+    entries = json.loads((copy / "instances.json").read_text())
+    unlisted = next(key for key, entry in entries.items() if entry["instance_name"] == "ApartmentEnv")
+    del entries[unlisted]
+    (copy / "instances.json").write_text(json.dumps(entries))
+    reader = AdtAnnotations(copy, camera=pinhole(352, 460.0), upright=True)
+    with pytest.raises(UserError, match=f"instance id {unlisted} is not in instances.json"):
+        reader.instance_map(CAPTURE_NS[0])
+
+
+ENTRY = {
+    "instance_id": 7,
+    "instance_name": "a",
+    "category": "b",
+    "motion_type": "static",
+    "instance_type": "object",
+}
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("{", "JSON"),
+        ("[]", "no instances"),
+        (json.dumps({"7": {key: ENTRY[key] for key in ENTRY if key != "category"}}), "instance 7 lacks"),
+        (json.dumps({"7": ENTRY | {"motion_type": "moving"}}), "motion_type is 'moving'"),
+        (json.dumps({"7": ENTRY | {"instance_id": "seven"}}), "instance 7: instance_id"),
+        (json.dumps({"7": ENTRY, "8": ENTRY}), "instance_id 7 occurs twice"),
+    ],
+)
+def test_bad_instance_files_are_named(copy, content, message):
+    (copy / "instances.json").write_text(content)
+    with pytest.raises(UserError, match=f"instances.json: .*{message}"):
+        AdtAnnotations(copy, camera=pinhole(352, 460.0), upright=True)
+
+
+def test_a_missing_or_truncated_annotation_file_is_named(copy):
+    segmentation = copy / "segmentations_with_skeleton.vrs"
+    segmentation.write_bytes(segmentation.read_bytes()[:100_000])
+    with pytest.raises(UserError, match="segmentations_with_skeleton.vrs: truncated"):
+        AdtAnnotations(copy, camera=pinhole(352, 460.0), upright=True)
+    (copy / "instances.json").unlink()
+    with pytest.raises(UserError, match="instances.json: not found"):
+        AdtAnnotations(copy, camera=pinhole(352, 460.0), upright=True)
+
+
+def test_a_damaged_segmentation_is_named(copy):
+    path = copy / "segmentations_with_skeleton.vrs"
+    content = bytearray(path.read_bytes())
+    content[60_000:60_200] = bytes(byte ^ 0xFF for byte in content[60_000:60_200])
+    path.write_bytes(content)
+    reader = AdtAnnotations(copy, camera=pinhole(352, 460.0), upright=True)
+    with pytest.raises(UserError, match="segmentations_with_skeleton.vrs: cannot be decoded"):
+        reader.instance_map(CAPTURE_NS[0])

@@ -1,0 +1,136 @@
+"""Our cameras and poses against ADT's own boxes and depth, on a real recording."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from projectaria_tools.projects.adt import AriaDigitalTwinDataPaths, AriaDigitalTwinDataProvider
+from scipy.spatial.transform import Rotation
+
+from egosplat.frames.adt import RGB_STREAM, AdtRecording, open_video, rgb_calibration
+from egosplat.frames.adt_annotations import AdtAnnotations
+from egosplat.frames.native_log import captured_log
+from egosplat.frames.rectify import Rectification
+from egosplat.geometry import from_aria_pixels, invert, make_pose, transform
+
+OPTIONS = {"resolution": 352, "focal": 460.0, "upright": True, "stride": 1, "start_s": 0.0, "end_s": None}
+ANNOTATION_NS = [87551170910000, 87551204237999]
+
+
+@pytest.fixture(scope="module")
+def full_size(sample):
+    return AdtRecording(sample, **(OPTIONS | {"resolution": 1408}))
+
+
+def poses(table, translation, rotation):
+    return make_pose(
+        Rotation.from_quat(table[rotation].to_numpy()).as_matrix(), table[translation].to_numpy()
+    )
+
+
+@pytest.fixture(scope="module")
+def world_from_device(sample):
+    """Pose of the device at the moment of each annotation."""
+    table = pd.read_csv(sample / "aria_trajectory.csv")
+    rows = [(table["tracking_timestamp_us"] * 1000 - time).abs().idxmin() for time in ANNOTATION_NS]
+    axes = [f"t{axis}_world_device" for axis in "xyz"], [f"q{axis}_world_device" for axis in "xyzw"]
+    return poses(table.loc[rows], *axes)
+
+
+@pytest.fixture(scope="module")
+def boxes(sample):
+    """Of the objects mostly visible in the first annotated frame: 3D box centre in the world, and 2D box."""
+    seen = pd.read_csv(sample / "2d_bounding_box.csv")
+    seen = seen[(seen["stream_id"] == "214-1") & (seen["timestamp[ns]"] < ANNOTATION_NS[0] + 10**6)]
+    seen = seen[seen["visibility_ratio[%]"] > 0.5].set_index("object_uid")
+    bounds = pd.read_csv(sample / "3d_bounding_box.csv").set_index("object_uid").loc[seen.index]
+    local = np.column_stack(
+        [bounds[[f"p_local_obj_{axis}min[m]", f"p_local_obj_{axis}max[m]"]].mean(axis=1) for axis in "xyz"]
+    )
+    objects = pd.read_csv(sample / "scene_objects.csv").sort_values("timestamp[ns]")
+    objects = objects[objects["timestamp[ns]"] < ANNOTATION_NS[0] + 10**6].groupby("object_uid").last()
+    placed = poses(
+        objects.loc[seen.index], [f"t_wo_{axis}[m]" for axis in "xyz"], [f"q_wo_{axis}" for axis in "xyzw"]
+    )
+    centres = np.einsum("nij,nj->ni", placed[:, :3], np.c_[local, np.ones(len(local))])
+    return seen.assign(x=centres[:, 0], y=centres[:, 1], z=centres[:, 2])
+
+
+def test_box_centres_project_into_the_2d_boxes(sample, boxes, world_from_device):
+    calibration = rgb_calibration(open_video(sample), sample)
+    device_from_camera = calibration.get_transform_device_camera().to_matrix()
+    points = transform(invert(world_from_device[0] @ device_from_camera), boxes[["x", "y", "z"]].to_numpy())
+    pixels = np.array([p if (p := calibration.project(point)) is not None else (-1, -1) for point in points])
+    inside = pixels[:, 0] >= boxes["x_min[pixel]"]
+    inside &= (pixels[:, 0] <= boxes["x_max[pixel]"]) & (pixels[:, 1] >= boxes["y_min[pixel]"])
+    inside &= pixels[:, 1] <= boxes["y_max[pixel]"]
+    assert len(boxes) == 74
+    assert inside.sum() >= 70
+
+
+@pytest.mark.parametrize("upright", [False, True])
+def test_our_pinhole_finds_the_same_instances_at_box_centres(sample, boxes, world_from_device, upright):
+    recording = AdtRecording(sample, **(OPTIONS | {"resolution": 1408, "upright": upright}))
+    capture = recording.capture
+    reader = AdtAnnotations(sample, camera=capture.camera, upright=upright)
+    instance_map = reader.instance_map(ANNOTATION_NS[0])
+    world = boxes[["x", "y", "z"]].to_numpy()
+    pixels = capture.camera.project(
+        transform(invert(world_from_device[0] @ capture.device_from_camera), world)
+    )
+    usable = capture.camera.contains(pixels)
+    u, v = np.floor(pixels[usable]).astype(int).T
+    found = np.array([instance.id for instance in reader.instances] + [0])[instance_map[v, u]]
+    # The same, from the fisheye picture: whatever is in front of a box's centre there is so here.
+    calibration = rgb_calibration(open_video(sample), sample)
+    camera_points = transform(
+        invert(world_from_device[0] @ calibration.get_transform_device_camera().to_matrix()), world
+    )
+    source = np.array(
+        [from_aria_pixels(calibration.project_no_checks(point)) for point in camera_points[usable]]
+    )
+    u, v = np.floor(source).astype(int).clip(0, 1407).T
+    assert usable.sum() >= 70
+    assert (raw_ids(sample)[v, u] == found)[found > 0].mean() > 0.95
+    assert (found == boxes.index.to_numpy()[usable]).mean() > 0.6
+
+
+def adt_provider(sample):
+    paths = AriaDigitalTwinDataPaths()
+    paths.aria_vrs_filepath = str(sample / "video.vrs")
+    paths.segmentations_filepath = str(sample / "segmentations_with_skeleton.vrs")
+    paths.depth_images_filepath = str(sample / "depth_images.vrs")
+    with captured_log():
+        return AriaDigitalTwinDataProvider(paths)
+
+
+def raw_ids(sample):
+    data = adt_provider(sample).get_segmentation_image_by_timestamp_ns(ANNOTATION_NS[0], RGB_STREAM)
+    return data.data().to_numpy_array().copy()
+
+
+def test_depth_and_instances_warp_onto_the_other_frame(sample, copy, full_size, world_from_device):
+    """Without people: between the frames the wearer's hands move by up to a finger's width."""
+    capture, camera = full_size.capture, full_size.capture.camera
+    (copy / "segmentations_with_skeleton.vrs").unlink()
+    reader = AdtAnnotations(copy, camera=camera, upright=True)
+    ids = [reader.instance_map(time) for time in ANNOTATION_NS]
+    provider = adt_provider(sample)
+    found = [provider.get_depth_image_by_timestamp_ns(time, RGB_STREAM) for time in ANNOTATION_NS]
+    rectification = Rectification(rgb_calibration(open_video(sample), sample), camera, True)
+    depth = [rectification.labels(one.data().to_numpy_array()) * 1e-3 for one in found]
+    world_from_camera = world_from_device @ capture.device_from_camera
+    v, u = np.nonzero(depth[0] > 0)
+    z = depth[0][v, u]
+    # Depth is along the optical axis, which the fisheye and the pinhole camera share.
+    points = np.stack(
+        [(u + 0.5 - camera.cx) / camera.fx * z, (v + 0.5 - camera.cy) / camera.fy * z, z], axis=-1
+    )
+    moved = transform(invert(world_from_camera[1]) @ world_from_camera[0], points)
+    pixels = camera.project(moved)
+    inside = camera.contains(pixels)
+    to_u, to_v = np.floor(pixels[inside]).astype(int).T
+    seen = depth[1][to_v, to_u] > 0
+    difference = np.abs(depth[1][to_v, to_u] - moved[inside, 2])[seen]
+    assert seen.sum() > 1_400_000
+    assert np.median(difference) < 1.1e-3
+    assert (ids[1][to_v, to_u] == ids[0][v, u][inside])[seen].mean() >= 0.98

@@ -1,0 +1,144 @@
+"""The pictures of a real Aria Digital Twin recording of three frames, whole and damaged."""
+
+import shutil
+import struct
+
+import numpy as np
+import pytest
+from projectaria_tools.core import data_provider
+
+from egosplat.errors import UserError
+from egosplat.frames.adt import EXPOSURE_MIDDLE_AFTER_CAPTURE_NS, RGB_STREAM, AdtRecording
+from egosplat.frames.annotation_readers import open_annotations
+from egosplat.frames.native_log import captured_log
+from egosplat.frames.rectify import pinhole
+
+OPTIONS = {"resolution": 352, "focal": 460.0, "upright": True, "stride": 1, "start_s": 0.0, "end_s": None}
+CAPTURE_NS = [87551170813262, 87551204152300, 87551237472175]
+
+
+@pytest.fixture(scope="module")
+def full_size(sample):
+    return AdtRecording(sample, **(OPTIONS | {"resolution": 1408}))
+
+
+def open_and_read(folder, **options):
+    recording = AdtRecording(folder, **(OPTIONS | options))
+    return list(recording.pictures(np.arange(len(recording.capture.timestamp_ns))))
+
+
+def test_three_colour_pictures_in_the_lens_circle(full_size):
+    capture = full_size.capture
+    assert capture.timestamp_ns.tolist() == CAPTURE_NS
+    assert (capture.exposure_middle_ns - capture.timestamp_ns == EXPOSURE_MIDDLE_AFTER_CAPTURE_NS).all()
+    assert capture.origin == "real" and capture.camera_known
+    assert capture.camera == pinhole(1408, 460.0)
+    assert 0.74 < capture.valid.mean() < 0.76
+    pictures = list(full_size.pictures(np.arange(3)))
+    assert [(picture.shape, picture.dtype.name) for picture in pictures] == [((1408, 1408, 3), "uint8")] * 3
+    for picture in pictures:
+        assert (picture[~capture.valid] == 0).all()
+        assert 40 < picture[capture.valid].mean() < 120
+    # 33 ms apart, the same room: neighbours differ, but less than a picture and its mirror image.
+    change = np.abs(pictures[0].astype(int) - pictures[1]).mean()
+    assert 0 < change < 0.3 * np.abs(pictures[0].astype(int) - pictures[0][:, ::-1]).mean()
+
+
+def test_timestamps_are_those_of_the_picture_records(sample):
+    with captured_log():
+        provider = data_provider.create_vrs_data_provider(str(sample / "video.vrs"))
+        records = [provider.get_image_data_by_index(RGB_STREAM, index)[1] for index in range(3)]
+    assert [record.capture_timestamp_ns for record in records] == CAPTURE_NS
+
+
+def test_a_small_picture_is_the_large_one_averaged(sample, full_size):
+    small = AdtRecording(sample, **OPTIONS)
+    (picture,) = small.pictures(np.array([1]))
+    (large,) = full_size.pictures(np.array([1]))
+    averaged = large.reshape(352, 4, 352, 4, 3).mean(axis=(1, 3))
+    both = small.capture.valid & full_size.capture.valid.reshape(352, 4, 352, 4).all(axis=(1, 3))
+    assert np.abs(averaged - picture)[both].mean() < 1.5
+
+
+def test_stride_and_range(sample):
+    assert AdtRecording(sample, **(OPTIONS | {"stride": 2})).capture.timestamp_ns.tolist() == CAPTURE_NS[::2]
+    late = AdtRecording(sample, **(OPTIONS | {"start_s": 0.02}))
+    assert late.capture.timestamp_ns.tolist() == CAPTURE_NS[1:]
+    first, second = AdtRecording(sample, **OPTIONS).pictures(np.array([0, 2]))
+    assert (second == next(late.pictures(np.array([1])))).all() and (first != second).any()
+    with pytest.raises(UserError, match="no frame"):
+        AdtRecording(sample, **(OPTIONS | {"start_s": 1.0}))
+
+
+def test_the_library_is_not_heard(sample, capfd):
+    open_and_read(sample)
+    open_annotations("adt", sample, camera=pinhole(352, 460.0), upright=True).instance_map(CAPTURE_NS[0])
+    assert capfd.readouterr() == ("", "")
+
+
+def test_pictures_need_nothing_but_the_video(copy, sample):
+    for path in copy.iterdir():
+        if path.name != "video.vrs":
+            path.unlink()
+    assert (open_and_read(copy)[2] == open_and_read(sample)[2]).all()
+
+
+def test_origin_follows_the_metadata(copy):
+    (copy / "metadata.json").write_text('{"origin": "synthetic"}')
+    assert AdtRecording(copy, **OPTIONS).capture.origin == "synthetic"
+    (copy / "metadata.json").write_text("{")
+    with pytest.raises(UserError, match="metadata.json"):
+        AdtRecording(copy, **OPTIONS)
+
+
+def record_ends(content):
+    position, ends = struct.unpack_from("<q", content, 40)[0], []
+    while position < len(content):
+        position += struct.unpack_from("<I", content, position)[0]
+        ends.append(position)
+    return ends
+
+
+@pytest.mark.parametrize("keep", [40, 50_000, 1_000_000, -1])
+def test_a_truncated_video_is_refused(copy, keep):
+    content = (copy / "video.vrs").read_bytes()
+    (copy / "video.vrs").write_bytes(content[:keep])
+    with pytest.raises(UserError, match="video.vrs.*Download it again"):
+        AdtRecording(copy, **OPTIONS)
+
+
+def test_a_video_truncated_at_the_end_of_a_record_is_refused(copy):
+    content = (copy / "video.vrs").read_bytes()
+    (copy / "video.vrs").write_bytes(content[: record_ends(content)[150]])
+    with pytest.raises(UserError, match="video.vrs: truncated"):
+        AdtRecording(copy, **OPTIONS)
+
+
+@pytest.mark.parametrize("name", ["segmentations.vrs"])
+def test_another_vrs_file_is_refused(copy, name):
+    shutil.copyfile(copy / name, copy / "video.vrs")
+    with pytest.raises(UserError, match="video.vrs: has no RGB stream"):
+        AdtRecording(copy, **OPTIONS)
+
+
+def test_a_damaged_picture_is_named(copy):
+    content = bytearray((copy / "video.vrs").read_bytes())
+    content[800_000:801_000] = bytes(byte ^ 0xFF for byte in content[800_000:801_000])
+    (copy / "video.vrs").write_bytes(content)
+    with pytest.raises(UserError, match="video.vrs: RGB frame 1 cannot be decoded"):
+        open_and_read(copy)
+
+
+def test_missing_videos_are_named(copy):
+    (copy / "video.vrs").unlink()
+    with pytest.raises(UserError, match="video.vrs: not found"):
+        AdtRecording(copy, **OPTIONS)
+    with pytest.raises(UserError, match="nowhere: no such folder"):
+        AdtRecording(copy / "nowhere", **OPTIONS)
+
+
+def test_a_black_picture_is_named(sample, monkeypatch):
+    recording = AdtRecording(sample, **OPTIONS)
+    monkeypatch.setattr(recording, "_decode", lambda frame: np.zeros((1408, 1408, 3), np.uint8))
+    with pytest.raises(UserError, match="RGB frame 2 is black"):
+        next(recording.pictures(np.array([2])))

@@ -1,0 +1,176 @@
+"""HOI4D sequences written by the test in the dataset's layout."""
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from egosplat.errors import UserError
+from egosplat.frames.hoi4d import Hoi4dRecording, find_intrinsics, find_sequence
+from egosplat.frames.hoi4d_annotations import Hoi4dAnnotations, decode_labels, instances_of, voc_color_map
+from egosplat.geometry import Camera
+
+NAME = "ZY20210800001_H1_C11_N58_S376_s02_T2"
+FOLDER = NAME.replace("_", "/")
+OPTIONS = {"resolution": 32, "stride": 1, "start_s": 0.0, "end_s": None}
+CAMERA = Camera(32, 24, 25.0, 25.0, 16.0, 12.0)
+MATRIX = np.array([[50.0, 0.0, 31.5], [0.0, 51.0, 23.5], [0.0, 0.0, 1.0]])
+
+
+@pytest.fixture
+def root(tmp_path, video):
+    """A dataset of one sequence: 12 pictures of 64 x 48, masks of frames 0 and 3."""
+    video(f"{FOLDER}/align_rgb/image.mp4")
+    write_intrinsics(tmp_path, MATRIX)
+    labels = np.zeros((48, 64), dtype=int)
+    labels[8:16, 4:12], labels[20:28, 40:48] = 1, 2
+    for number in (0, 3):
+        write_mask(
+            tmp_path / FOLDER / "2Dseg" / "mask" / f"{number:05d}.png", np.roll(labels, number, axis=1)
+        )
+    return tmp_path
+
+
+def write_intrinsics(root, matrix):
+    (root / "camera_params" / "ZY20210800001").mkdir(parents=True, exist_ok=True)
+    np.save(root / "camera_params" / "ZY20210800001" / "intrin.npy", matrix)
+
+
+def write_mask(path, labels):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(voc_color_map()[labels]).save(path)
+
+
+def test_voc_palette_has_its_published_colours():
+    palette = voc_color_map()
+    published = {1: (128, 0, 0), 2: (0, 128, 0), 3: (128, 128, 0), 4: (0, 0, 128), 6: (0, 128, 128),
+                 8: (64, 0, 0), 20: (0, 64, 128), 255: (224, 224, 192)}  # fmt: skip
+    assert {label: tuple(palette[label].tolist()) for label in published} == published
+    assert len(np.unique(palette, axis=0)) == 256
+
+
+def test_labels_are_decoded_and_foreign_colours_marked():
+    labels = np.arange(7).reshape(1, 7)
+    assert (decode_labels(voc_color_map()[labels]) == labels).all()
+    assert decode_labels(np.array([[[1, 2, 3], [64, 0, 0]]], dtype=np.uint8)).tolist() == [[-1, -1]]
+
+
+def test_pictures_are_scaled_with_their_camera(root):
+    recording = Hoi4dRecording(root / FOLDER, **OPTIONS)
+    capture = recording.capture
+    # intrin.npy has pixel centres at the integer: 31.5 there is the middle, 32, here, and 16 at half size.
+    assert capture.camera == Camera(32, 24, 25.0, 25.5, 16.0, 12.0)
+    assert capture.camera_known and capture.device_from_camera is None and capture.valid.all()
+    assert np.abs(capture.timestamp_ns - np.arange(12) * 1e9 / 15).max() < 1000
+    pictures = list(recording.pictures(np.array([0, 7])))
+    assert [picture.shape for picture in pictures] == [(24, 32, 3)] * 2
+    assert abs(int(pictures[1][12, 28, 1]) - 70) <= 3
+    assert pictures[1][12, 4, 0] > 200
+
+
+def test_stride_and_range_select_by_the_containers_time(root):
+    recording = Hoi4dRecording(root / FOLDER, **(OPTIONS | {"stride": 2, "start_s": 0.2, "end_s": 0.6}))
+    assert np.round(recording.capture.timestamp_ns * 15e-9).tolist() == [3, 5, 7]
+    (picture,) = recording.pictures(np.array([2]))
+    assert abs(int(picture[12, 28, 1]) - 70) <= 3
+
+
+@pytest.mark.parametrize("path", [FOLDER, NAME])
+def test_a_sequence_is_found_by_folder_and_by_name(root, path):
+    assert find_sequence(root / path) == root / FOLDER
+
+
+def test_videos_and_annotations_may_have_roots_of_their_own(root):
+    release = root / "HOI4D_release" / FOLDER
+    release.parent.mkdir(parents=True)
+    (root / FOLDER).rename(release)
+    annotations = root / "HOI4D_annotations" / FOLDER
+    annotations.mkdir(parents=True)
+    (release / "2Dseg").rename(annotations / "2Dseg")
+    assert Hoi4dRecording(root / NAME, **OPTIONS).capture.camera_known
+    assert Hoi4dAnnotations(root / NAME, camera=CAMERA).instance_map(0) is not None
+
+
+def test_intrinsics_beside_the_sequence_come_first(root):
+    np.save(root / FOLDER / "intrin.npy", MATRIX * [[2], [2], [1]])
+    assert find_intrinsics(root / FOLDER) == root / FOLDER / "intrin.npy"
+
+
+def test_masks_follow_the_picture(root):
+    annotations = Hoi4dAnnotations(root / FOLDER, camera=CAMERA)
+    capture = Hoi4dRecording(root / FOLDER, **OPTIONS).capture
+    maps = [annotations.instance_map(int(time)) for time in capture.timestamp_ns]
+    assert [index for index, found in enumerate(maps) if found is not None] == [0, 3]
+    first = maps[0]
+    assert first.shape == (24, 32) and first.dtype == np.int32
+    expected = np.full((24, 32), -1)
+    expected[4:8, 2:6], expected[10:14, 20:24] = 0, 1
+    assert (first == expected).all()
+    assert annotations.instance_map(int(capture.timestamp_ns[3]) + 3_100_000) is None
+
+
+def test_what_labels_mean_depends_on_the_category(root):
+    pliers = instances_of("C11", root)
+    assert [instance.category for instance in pliers[:3]] == [
+        "left part of the pliers", "right hand", "right part of the pliers",
+    ]  # fmt: skip
+    assert [instance.category for instance in pliers[3:]] == ["pliers"] * 3
+    assert [instance.category for instance in instances_of("C7", root)[:3]] == ["bowl", "right hand", "ball"]
+    for category in ("C1", "C8", "C17", "C20"):
+        instances = instances_of(category, root)
+        assert {instance.motion_type for instance in instances} == {"dynamic"}
+        assert len({instance.name for instance in instances}) == 6
+        assert all((one.instance_type == "human") == ("hand" in one.category.split()) for one in instances)
+    with pytest.raises(UserError, match="C10"):
+        instances_of("C10", root)
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [np.eye(4), np.full((3, 3), np.nan), np.zeros((3, 3)), MATRIX + np.array([[0, 9, 0], [0, 0, 0], [0, 0, 0]]),
+     MATRIX * [[30], [1], [1]], np.array(["a", "b"]), np.array([{"fx": 1}], dtype=object)],
+)  # fmt: skip
+def test_bad_intrinsics_are_named(root, matrix):
+    write_intrinsics(root, matrix)
+    with pytest.raises(UserError, match="intrin.npy"):
+        Hoi4dRecording(root / FOLDER, **OPTIONS)
+
+
+@pytest.mark.parametrize("content", [b"", b"garbage", b"\x93NUMPY\x01\x00"])
+def test_damaged_intrinsics_are_named(root, content):
+    (root / "camera_params/ZY20210800001/intrin.npy").write_bytes(content)
+    with pytest.raises(UserError, match="intrin.npy: not a NumPy array"):
+        Hoi4dRecording(root / FOLDER, **OPTIONS)
+
+
+def test_missing_parts_are_named(root):
+    with pytest.raises(UserError, match="no such sequence"):
+        Hoi4dRecording(root / NAME.replace("H1", "H9"), **OPTIONS)
+    with pytest.raises(UserError, match="not the name"):
+        Hoi4dRecording(root / "nothing", **OPTIONS)
+    (root / "camera_params/ZY20210800001/intrin.npy").unlink()
+    with pytest.raises(UserError, match="camera_params/ZY20210800001/intrin.npy"):
+        Hoi4dRecording(root / FOLDER, **OPTIONS)
+    (root / FOLDER / "align_rgb/image.mp4").unlink()
+    with pytest.raises(UserError, match="image.mp4: not found"):
+        Hoi4dRecording(root / FOLDER, **OPTIONS)
+
+
+@pytest.mark.parametrize("resolution", [0, -1, 65])
+def test_a_resolution_out_of_range_is_refused(root, resolution):
+    with pytest.raises(UserError, match="resolution"):
+        Hoi4dRecording(root / FOLDER, **(OPTIONS | {"resolution": resolution}))
+
+
+def test_bad_masks_are_named(root):
+    mask = root / FOLDER / "2Dseg/mask/00000.png"
+    annotations = Hoi4dAnnotations(root / FOLDER, camera=CAMERA)
+    write_mask(mask, np.zeros((48, 48), dtype=int))
+    with pytest.raises(UserError, match="00000.png.*aspect"):
+        annotations.instance_map(0)
+    cv2.imwrite(str(mask), np.full((48, 64, 3), 77, np.uint8))
+    with pytest.raises(UserError, match="00000.png.*no HOI4D label"):
+        annotations.instance_map(0)
+    mask.write_bytes(mask.read_bytes()[:60])
+    with pytest.raises(UserError, match="00000.png"):
+        annotations.instance_map(0)

@@ -1,0 +1,40 @@
+"""Keeping what C++ libraries write to the process's standard output and error."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from egosplat.frames.native_log import captured_log, damage, report
+
+
+def test_what_matters_is_kept_and_chatter_is_not(capfd):
+    with captured_log() as messages:
+        os.write(
+            2, b"\x1b[38;2;000;000;255m[VrsDataProvider][INFO]: streamId 211-1 activated\x1b[0m\n\x1b[0m"
+        )
+        os.write(2, b"\x1b[38;2;255;000;000m[Reader][ERROR]: Cannot read.\x1b[0m\n")
+        os.write(1, b"WARNING: Invalid device version, vrs tag\n")
+        os.write(1, b"Corrupt JPEG data\n")
+    assert sorted(messages) == ["Corrupt JPEG data", "[Reader][ERROR]: Cannot read."]
+    assert capfd.readouterr() == ("", "")
+    report(messages[:1], Path("video.vrs"))
+    assert capfd.readouterr().err.startswith("video.vrs: ")
+
+
+def test_the_descriptors_are_restored_after_an_error(capfd):
+    before = len(os.listdir("/proc/self/fd")) if os.path.isdir("/proc/self/fd") else None
+    with pytest.raises(RuntimeError), captured_log() as messages:
+        os.write(2, b"why\n")
+        raise RuntimeError
+    os.write(2, b"after\n")
+    assert messages == ["why"]
+    assert capfd.readouterr().err == "after\n"
+    assert before is None or len(os.listdir("/proc/self/fd")) == before
+
+
+def test_damage_is_told_from_other_messages():
+    assert damage(["[Reader][WARNING]: slow", "Corrupt JPEG data: premature end of data segment"]).startswith(
+        "Corrupt"
+    )
+    assert damage(["[Reader][WARNING]: slow"]) is None

@@ -1,0 +1,210 @@
+"""Videos and image folders written by the test."""
+
+import json
+import subprocess
+
+import cv2
+import imageio_ffmpeg
+import numpy as np
+import pytest
+from PIL import Image
+
+from egosplat.errors import UserError
+from egosplat.frames.plain import PlainRecording
+from egosplat.geometry import Camera
+
+OPTIONS = {"resolution": 32, "stride": 1, "start_s": 0.0, "end_s": None}
+CALIBRATION = {"width": 64, "height": 48, "fx": 50.0, "fy": 51.0, "cx": 30.0, "cy": 24.0}
+
+
+def ffmpeg(*arguments):
+    subprocess.run(
+        [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-loglevel", "error", *map(str, arguments)], check=True
+    )
+
+
+def write_images(folder, names, size=(64, 48)):
+    folder.mkdir(exist_ok=True)
+    for number, name in enumerate(names):
+        Image.new("RGB", size, (10 * number, 100, 0)).save(folder / name)
+    return folder
+
+
+@pytest.fixture
+def images(tmp_path):
+    """Twelve images of 64 x 48, 1.png to 12.png, the red of each being its position times ten."""
+    return write_images(tmp_path / "images", [f"{number}.png" for number in range(1, 13)])
+
+
+def reds(recording, indices):
+    return [int(picture[5, 5, 0]) for picture in recording.pictures(np.array(indices))]
+
+
+def test_images_come_in_natural_order(images):
+    recording = PlainRecording(images, **OPTIONS)
+    assert reds(recording, range(12)) == [10 * number for number in range(12)]
+    assert recording.capture.timestamp_ns.tolist() == [number * 10**9 for number in range(12)]
+    part = PlainRecording(images, **(OPTIONS | {"stride": 3, "start_s": 2, "end_s": 9}))
+    assert reds(part, [0, 1, 2]) == [20, 50, 80]
+
+
+def test_a_guessed_camera_says_so(images):
+    capture = PlainRecording(images, **OPTIONS).capture
+    assert capture.camera == Camera(32, 24, 1.2 * 32, 1.2 * 32, 16.0, 12.0)
+    assert not capture.camera_known and capture.device_from_camera is None and capture.origin == "real"
+
+
+@pytest.mark.parametrize("kind", ["images", "video"])
+def test_a_calibration_beside_the_source_is_used(images, video, kind):
+    path = images if kind == "images" else video()
+    target = path / "camera.json" if kind == "images" else path.with_name("clip.mp4.camera.json")
+    target.write_text(json.dumps(CALIBRATION))
+    capture = PlainRecording(path, **OPTIONS).capture
+    assert capture.camera == Camera(32, 24, 25.0, 25.5, 15.0, 12.0)
+    assert capture.camera_known
+
+
+@pytest.mark.parametrize(
+    "content",
+    ["", "[1]", "null", json.dumps(CALIBRATION | {"fx": "wide"}), json.dumps(CALIBRATION | {"fx": -1}),
+     json.dumps(CALIBRATION | {"width": 65}), json.dumps(CALIBRATION | {"cx": float("nan")}),
+     json.dumps({"fx": 1})],
+)  # fmt: skip
+def test_a_bad_calibration_is_named(images, content):
+    (images / "camera.json").write_text(content)
+    with pytest.raises(UserError, match="camera.json"):
+        PlainRecording(images, **OPTIONS)
+
+
+def test_a_mask_shrinks_to_pixels_that_are_wholly_valid(images):
+    mask = np.full((48, 64), 255, np.uint8)
+    mask[:, :9] = 0
+    Image.fromarray(mask).save(images / "valid.png")
+    recording = PlainRecording(images, **OPTIONS)
+    expected = np.ones((24, 32), bool)
+    expected[:, :5] = False
+    assert (recording.capture.valid == expected).all()
+    (picture,) = recording.pictures(np.array([11]))
+    assert (picture[~expected] == 0).all() and (picture[expected] == [110, 100, 0]).all()
+    assert len(recording.capture.timestamp_ns) == 12
+
+
+def test_bad_masks_are_named(images):
+    Image.new("L", (63, 48), 255).save(images / "valid.png")
+    with pytest.raises(UserError, match="valid.png: 63x48"):
+        PlainRecording(images, **OPTIONS)
+    Image.new("L", (64, 48), 0).save(images / "valid.png")
+    with pytest.raises(UserError, match="valid.png: all black"):
+        PlainRecording(images, **OPTIONS)
+
+
+def test_exif_orientation_is_applied(tmp_path):
+    folder = write_images(tmp_path / "images", ["a.jpg"])
+    picture = np.zeros((48, 64, 3), np.uint8)
+    picture[:24, :, 1] = 200
+    exif = Image.Exif()
+    exif[0x0112] = 6  # shown turned clockwise
+    Image.fromarray(picture).save(folder / "a.jpg", exif=exif, quality=95)
+    recording = PlainRecording(folder, **(OPTIONS | {"resolution": 64}))
+    (shown,) = recording.pictures(np.array([0]))
+    assert shown.shape == (64, 48, 3)
+    assert shown[:, 40, 1].min() > 150 and shown[:, 8, 1].max() < 50
+
+
+def test_transparency_and_palettes_become_plain_colours(tmp_path):
+    folder = write_images(tmp_path / "images", ["0.png"])
+    Image.new("RGBA", (64, 48), (10, 20, 30, 0)).save(folder / "1.png")
+    Image.new("RGB", (64, 48), (10, 20, 30)).quantize(4).save(folder / "2.png")
+    pictures = list(PlainRecording(folder, **OPTIONS).pictures(np.array([1, 2])))
+    assert [picture[3, 3].tolist() for picture in pictures] == [[10, 20, 30]] * 2
+
+
+def test_bad_image_folders_are_named(images, tmp_path):
+    with pytest.raises(UserError, match="no png"):
+        PlainRecording(write_images(tmp_path / "empty", []), **OPTIONS)
+    Image.new("RGB", (48, 64)).save(images / "7.png")
+    with pytest.raises(UserError, match="7.png: 48x64 px.*64x48"):
+        PlainRecording(images, **OPTIONS)
+    (images / "7.png").write_text("no image")
+    with pytest.raises(UserError, match="7.png"):
+        PlainRecording(images, **OPTIONS)
+
+
+def test_an_image_that_cannot_be_decoded_is_named(images):
+    Image.fromarray(np.random.default_rng(0).integers(0, 255, (48, 64, 3), dtype=np.uint8)).save(
+        images / "3.png"
+    )
+    content = (images / "3.png").read_bytes()
+    (images / "3.png").write_bytes(content[: len(content) // 2])
+    with pytest.raises(UserError, match="3.png"):
+        reds(PlainRecording(images, **OPTIONS), [2])
+    Image.fromarray(np.zeros((48, 64), np.uint16)).save(images / "3.png")
+    with pytest.raises(UserError, match="3.png.*8 bits"):
+        reds(PlainRecording(images, **OPTIONS), [2])
+
+
+@pytest.mark.parametrize("resolution", [0, -3, 65])
+def test_a_resolution_out_of_range_is_refused(images, resolution):
+    with pytest.raises(UserError, match="resolution.*1 to 64"):
+        PlainRecording(images, **(OPTIONS | {"resolution": resolution}))
+
+
+def test_area_averaging_does_not_alias(tmp_path):
+    folder = write_images(tmp_path / "images", ["0.png"])
+    checkers = np.indices((48, 64)).sum(axis=0) % 2 * 255
+    Image.fromarray(np.repeat(checkers[..., None], 3, axis=2).astype(np.uint8)).save(folder / "0.png")
+    (picture,) = PlainRecording(folder, **(OPTIONS | {"resolution": 16})).pictures(np.array([0]))
+    assert np.abs(picture.astype(int) - 127).max() <= 1
+
+
+def test_video_frames_and_times(video):
+    recording = PlainRecording(video(), **(OPTIONS | {"stride": 5}))
+    assert np.abs(recording.capture.timestamp_ns - np.array([0, 5, 10]) * 1e9 / 15).max() < 1000
+    greens = [int(picture[12, 28, 1]) for picture in recording.pictures(np.array([1, 2]))]
+    assert np.abs(np.array(greens) - [50, 100]).max() <= 3
+
+
+def test_a_variable_frame_rate_keeps_its_times(video):
+    source = video()
+    varied = source.with_name("varied.mp4")
+    ffmpeg("-i", source, "-vf", "setpts='if(lt(N,5),N,5+3*(N-5))/15/TB'", "-fps_mode", "vfr", varied)
+    times = PlainRecording(varied, **OPTIONS).capture.timestamp_ns * 15e-9
+    assert np.abs(times - [0, 1, 2, 3, 4, 5, 8, 11, 14, 17, 20, 23]).max() < 0.01
+
+
+def test_a_rotated_video_is_shown_upright(video):
+    source = video()
+    turned = source.with_name("turned.mp4")
+    ffmpeg("-display_rotation", "90", "-i", source, "-c", "copy", turned)
+    recording = PlainRecording(turned, **OPTIONS)
+    camera = recording.capture.camera
+    assert (camera.width, camera.height) == (24, 32)
+    (picture,) = recording.pictures(np.array([2]))
+    # Turned counter-clockwise, the red left half comes to lie below.
+    assert picture[28, 12, 0] > 200 and picture[4, 12, 0] < 60
+
+
+@pytest.mark.parametrize("content", [b"", b"no video"])
+def test_what_is_no_video_is_named(tmp_path, content, capfd):
+    (tmp_path / "clip.mp4").write_bytes(content)
+    with pytest.raises(UserError, match="clip.mp4: not a video"):
+        PlainRecording(tmp_path / "clip.mp4", **OPTIONS)
+    assert capfd.readouterr().err == ""
+
+
+def test_a_video_without_frames_is_named(tmp_path):
+    writer = cv2.VideoWriter(str(tmp_path / "clip.mp4"), cv2.VideoWriter_fourcc(*"mp4v"), 15, (64, 48))
+    writer.release()
+    with pytest.raises(UserError, match="clip.mp4"):
+        PlainRecording(tmp_path / "clip.mp4", **OPTIONS)
+
+
+def test_a_truncated_video_is_told(video, capfd):
+    source = video(count=40)
+    streamed = source.with_name("streamed.mp4")
+    ffmpeg("-i", source, "-c", "copy", "-movflags", "+faststart", streamed)
+    content = streamed.read_bytes()
+    streamed.write_bytes(content[: int(len(content) * 0.7)])
+    recording = PlainRecording(streamed, **OPTIONS)
+    assert 1 <= len(recording.capture.timestamp_ns) < 40
+    assert "of 40 declared frames" in capfd.readouterr().err

@@ -1,0 +1,128 @@
+"""The annotation format of plain recordings."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from egosplat.errors import UserError
+from egosplat.frames.plain import PlainRecording
+from egosplat.frames.plain_annotations import PlainAnnotations
+from egosplat.frames.recording import Instance
+from egosplat.geometry import Camera
+
+OPTIONS = {"resolution": 32, "stride": 1, "start_s": 0.0, "end_s": None}
+CAMERA = Camera(32, 24, 38.4, 38.4, 16.0, 12.0)
+TABLE = "id\tname\tcategory\tmotion_type\n5\tBall_1\tball\tdynamic\n300\tTable\tcoffee table\tstatic\n"
+IDS = np.zeros((48, 64), np.uint16)
+IDS[10:20, 4:14], IDS[30:48] = 5, 300
+
+
+@pytest.fixture
+def images(tmp_path):
+    """Three images, the second and third annotated."""
+    folder = tmp_path / "images"
+    (folder / "annotations").mkdir(parents=True)
+    for number in (1, 2, 10):
+        Image.new("RGB", (64, 48)).save(folder / f"img_{number}.jpg")
+    (folder / "annotations" / "instances.tsv").write_text(TABLE)
+    Image.fromarray(IDS).save(folder / "annotations" / "img_2.png")
+    Image.fromarray(np.where(IDS == 5, 5, 0).astype(np.uint8)).save(folder / "annotations" / "img_10.png")
+    return folder
+
+
+def maps(path):
+    times = PlainRecording(path, **OPTIONS).capture.timestamp_ns
+    annotations = PlainAnnotations(path, camera=CAMERA)
+    return [annotations.instance_map(int(time)) for time in times]
+
+
+def test_images_have_the_annotation_of_their_name(images):
+    expected = np.full((24, 32), -1)
+    expected[5:10, 2:7], expected[15:24] = 0, 1
+    first, second, third = maps(images)
+    assert first is None
+    assert second.dtype == np.int32 and (second == expected).all()
+    assert (third == np.where(expected == 0, 0, -1)).all()
+
+
+def test_instances_are_those_of_the_table(images):
+    assert PlainAnnotations(images, camera=CAMERA).instances == [
+        Instance(5, "Ball_1", "ball", "dynamic", "object"),
+        Instance(300, "Table", "coffee table", "static", "object"),
+    ]
+    table = images / "annotations" / "instances.tsv"
+    table.write_text(
+        "\ufeffname\tid\tinstance_type\tmotion_type\tcategory\nAnna\t5\thuman\tdynamic\tperson\n"
+    )
+    (instance,) = PlainAnnotations(images, camera=CAMERA).instances
+    assert instance == Instance(5, "Anna", "person", "dynamic", "human")
+
+
+def test_video_frames_have_the_annotation_of_their_number(video, tmp_path):
+    path = video()
+    folder = tmp_path / "clip.mp4.annotations"
+    folder.mkdir()
+    (folder / "instances.tsv").write_text(TABLE)
+    Image.fromarray(IDS).save(folder / "0007.png")
+    palette = Image.fromarray(np.where(IDS == 5, 5, 0).astype(np.uint8))
+    palette.putpalette([90] * 768)
+    palette.save(folder / "9.png")
+    found = maps(path)
+    assert [number for number, one in enumerate(found) if one is not None] == [7, 9]
+    assert np.unique(found[7]).tolist() == [-1, 0, 1] and np.unique(found[9]).tolist() == [-1, 0]
+    Image.fromarray(IDS).save(folder / "12.png")
+    with pytest.raises(UserError, match="12.png.*no frame"):
+        maps(path)
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ("id\tname\tmotion_type\n5\tBall\tdynamic\n", "no column 'category'"),
+        ("", "no column 'id'"),
+        (TABLE + "5\tBall_2\tball\tdynamic\n", "id 5 is in lines 2 and 4"),
+        (TABLE + "0\tBall_2\tball\tdynamic\n", "line 4: id is '0'"),
+        (TABLE + "x\tBall_2\tball\tdynamic\n", "line 4: id is 'x'"),
+        (TABLE + "6\tBall_2\tball\tmoving\n", "line 4: motion_type is 'moving', not static or dynamic"),
+        (TABLE + "6\tBall_2\n", "line 4: category"),
+    ],
+)
+def test_bad_tables_are_named(images, table, message):
+    (images / "annotations" / "instances.tsv").write_text(table)
+    with pytest.raises(UserError, match=f"instances.tsv.*{message}"):
+        PlainAnnotations(images, camera=CAMERA)
+
+
+def test_missing_and_undecodable_tables_are_named(images):
+    table = images / "annotations" / "instances.tsv"
+    table.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(UserError, match="instances.tsv"):
+        PlainAnnotations(images, camera=CAMERA)
+    table.unlink()
+    with pytest.raises(UserError, match="instances.tsv"):
+        PlainAnnotations(images, camera=CAMERA)
+
+
+@pytest.mark.parametrize(
+    ("picture", "message"),
+    [
+        (Image.fromarray(IDS[:, :-1]), "63x48 px, but the picture is 64x48"),
+        (Image.fromarray(IDS + 1), "instance id 1 is not in instances.tsv"),
+        (Image.new("RGB", (64, 48)), "single channel"),
+        (Image.new("LA", (64, 48)), "single channel"),
+    ],
+)
+def test_bad_pictures_are_named(images, picture, message):
+    picture.save(images / "annotations" / "img_2.png")
+    with pytest.raises(UserError, match=f"img_2.png.*{message}"):
+        maps(images)
+
+
+def test_pictures_of_no_frame_are_named(images):
+    Image.fromarray(IDS).save(images / "annotations" / "img_3.png")
+    with pytest.raises(UserError, match="img_3.png.*no frame"):
+        maps(images)
+    (images / "annotations" / "img_3.png").write_text("no image")
+    (images / "annotations" / "img_3.png").rename(images / "annotations" / "img_2.png")
+    with pytest.raises(UserError, match="img_2.png"):
+        maps(images)

@@ -1,0 +1,59 @@
+"""Opening by format, and that pictures are read without code that reads annotations."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from egosplat.errors import UserError
+from egosplat.frames.annotation_readers import open_annotations
+from egosplat.frames.readers import open_recording
+from egosplat.geometry import Camera
+
+OPTIONS = {"resolution": 32, "focal": 460.0, "upright": True, "stride": 1, "start_s": 0.0, "end_s": None}
+CAMERA = Camera(32, 24, 30.0, 30.0, 16.0, 12.0)
+
+
+def test_reading_pictures_never_imports_annotation_code():
+    code = "import sys, egosplat.frames.readers; print(*(m for m in sys.modules if m.startswith('egosplat')))"
+    path = str(Path(__file__).resolve().parents[3] / "src")
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env={"PYTHONPATH": path}
+    )
+    modules = run.stdout.split()
+    assert "egosplat.frames.adt" in modules
+    assert [module for module in modules if "annotation" in module] == []
+
+
+def test_an_unknown_format_is_refused(tmp_path):
+    with pytest.raises(UserError, match="'aria'.*adt, hoi4d, plain"):
+        open_recording("aria", tmp_path, **OPTIONS)
+    with pytest.raises(UserError, match="'aria'"):
+        open_annotations("aria", tmp_path, camera=CAMERA, upright=True)
+
+
+@pytest.mark.parametrize("format", ["adt", "hoi4d", "plain"])
+def test_a_missing_recording_is_named(tmp_path, format):
+    missing = tmp_path / "missing"
+    with pytest.raises(UserError, match="missing"):
+        open_recording(format, missing, **OPTIONS)
+    with pytest.raises(UserError, match="missing"):
+        open_annotations(format, missing, camera=CAMERA, upright=True)
+
+
+def test_formats_reach_their_readers(tmp_path, video):
+    plain = open_recording("plain", video(), **OPTIONS)
+    assert plain.capture.valid.shape == (24, 32)
+    (picture,) = plain.pictures(np.array([3]))
+    assert picture.shape == (24, 32, 3)
+    assert open_annotations("plain", tmp_path / "clip.mp4", camera=CAMERA, upright=True) is None
+    sequence = tmp_path / "ZY20210800001/H1/C11/N58/S376/s02/T2"
+    video(sequence / "align_rgb/image.mp4")
+    np.save(sequence / "intrin.npy", np.array([[50.0, 0, 31.5], [0, 50, 23.5], [0, 0, 1]]))
+    assert open_recording("hoi4d", sequence, **OPTIONS).capture.camera_known
+    assert open_annotations("hoi4d", sequence, camera=CAMERA, upright=True) is None
+    with pytest.raises(UserError, match="video.vrs: not found"):
+        open_recording("adt", tmp_path, **OPTIONS)
+    assert open_annotations("adt", tmp_path, camera=CAMERA, upright=True) is None

@@ -1,0 +1,145 @@
+"""Rectification against projectaria-tools' own projection."""
+
+import cv2
+import numpy as np
+import pytest
+from projectaria_tools.core.calibration import (
+    distort_by_calibration,
+    distort_label_by_calibration,
+    rotate_camera_calib_cw90deg,
+)
+
+from egosplat.errors import UserError
+from egosplat.frames.rectify import Rectification, linear_calibration, pinhole, supersampling
+from egosplat.geometry import CLOCKWISE, from_aria_pixels, to_aria_pixels
+
+
+def points_in_front(count: int = 200) -> np.ndarray:
+    rng = np.random.default_rng(3)
+    return np.column_stack([rng.uniform(-1, 1, (count, 2)), rng.uniform(1, 4, count)])
+
+
+def test_pinhole_scales_its_focal_length_from_1408_pixels():
+    camera = pinhole(1408, 460.0)
+    assert (camera.fx, camera.cx) == (460.0, 704.0)
+    assert to_aria_pixels(np.array([camera.cx])) == 703.5
+    assert pinhole(352, 460.0) == camera.scaled_to(352, 352)
+
+
+@pytest.mark.parametrize(("resolution", "focal"), [(0, 460), (-5, 460), (352, 0), (352, float("nan"))])
+def test_pinhole_refuses_what_is_no_camera(resolution, focal):
+    with pytest.raises(UserError, match="resolution" if resolution < 1 else "focal"):
+        pinhole(resolution, focal)
+
+
+@pytest.mark.parametrize("resolution", [1408, 353, 64])
+def test_our_camera_projects_as_the_linear_calibration(resolution):
+    camera = pinhole(resolution, 460.0)
+    points = points_in_front()
+    theirs = np.array([linear_calibration(camera).project_no_checks(point) for point in points])
+    assert np.abs(camera.project(points) - from_aria_pixels(theirs)).max() < 1e-9
+
+
+@pytest.mark.parametrize("upright", [False, True])
+def test_device_points_project_as_by_the_rotated_linear_calibration(fisheye, upright):
+    rectification = Rectification(fisheye, pinhole(352, 460.0), upright)
+    pose = fisheye.get_transform_device_camera()
+    device = points_in_front() @ pose.to_matrix()[:3, :3].T + pose.to_matrix()[:3, 3]
+    # Their linear calibration carries the pose, so that the whole chain from the device frame is theirs.
+    linear = linear_calibration(pinhole(352, 460.0))
+    rotated = rotate_camera_calib_cw90deg(linear) if upright else linear
+    to_rotated = rotated.get_transform_device_camera().inverse().to_matrix()
+    camera_points = (device - pose.to_matrix()[:3, 3]) @ pose.to_matrix()[:3, :3]
+    theirs = np.array(
+        [rotated.project_no_checks(to_rotated[:3, :3] @ point + to_rotated[:3, 3]) for point in camera_points]
+    )
+    camera_from_device = np.linalg.inv(rectification.device_from_camera)
+    ours = rectification.camera.project(device @ camera_from_device[:3, :3].T + camera_from_device[:3, 3])
+    assert np.abs(ours - from_aria_pixels(theirs)).max() < 1e-9
+    if upright:
+        sensor = Rectification(fisheye, pinhole(352, 460.0), False)
+        assert np.allclose(rectification.device_from_camera, sensor.device_from_camera @ CLOCKWISE)
+
+
+def noise(side: int = 352) -> np.ndarray:
+    rng = np.random.default_rng(0)
+    return cv2.GaussianBlur(rng.integers(0, 256, (side, side, 3), dtype=np.uint8), (5, 5), 1.5)
+
+
+@pytest.mark.parametrize("upright", [False, True])
+def test_colour_is_the_librarys_own_within_a_grey_level(fisheye, upright):
+    camera = pinhole(352, 460.0)
+    rectification = Rectification(fisheye, camera, upright)
+    assert supersampling(fisheye, camera) == 1
+    picture = noise()
+    theirs = distort_by_calibration(picture, linear_calibration(camera), fisheye)
+    theirs = np.rot90(theirs, -1) if upright else theirs
+    difference = np.abs(theirs.astype(int) - rectification.colour(picture))[rectification.valid]
+    assert difference.max() <= 1
+
+
+@pytest.mark.parametrize("resolution", [352, 100])
+def test_labels_are_the_librarys_own(fisheye, resolution):
+    camera = pinhole(resolution, 460.0)
+    rectification = Rectification(fisheye, camera, False)
+    labels = np.random.default_rng(1).integers(1, 2**60, (352, 352), dtype=np.uint64)
+    theirs = distort_label_by_calibration(labels, linear_calibration(camera), fisheye)
+    ours = rectification.labels(labels)
+    assert ours.dtype == np.uint64
+    assert (ours == theirs)[rectification.valid].all()
+    assert (ours[~rectification.valid] == 0).all()
+
+
+@pytest.mark.parametrize("resolution", [352, 88])
+def test_valid_pixels_project_into_the_lens_circle_and_the_picture(fisheye, resolution):
+    camera = pinhole(resolution, 460.0)
+    rectification = Rectification(fisheye, camera, False)
+    factor = supersampling(fisheye, camera)
+    side = resolution * factor
+    linear = linear_calibration(camera.scaled_to(side, side))
+    fine = np.array([[_visible(fisheye, linear, u, v) for u in range(side)] for v in range(side)])
+    expected = fine.reshape(resolution, factor, resolution, factor).all(axis=(1, 3))
+    assert 0.7 < rectification.valid.mean() < 0.8
+    assert (rectification.valid == expected).all()
+
+
+def _visible(fisheye, linear, u, v) -> bool:
+    pixel = fisheye.project(linear.unproject_no_checks(np.array([u, v], dtype=float)))
+    # Bilinear sampling needs neighbours on all sides.
+    return pixel is not None and bool(0 <= pixel.min() and pixel.max() <= 351)
+
+
+def test_invalid_pixels_are_black_and_no_valid_one_mixes_with_outside(fisheye):
+    rectification = Rectification(fisheye, pinhole(88, 460.0), True)
+    white = rectification.colour(np.full((352, 352, 3), 255, dtype=np.uint8))
+    assert (white[rectification.valid] == 255).all()
+    assert (white[~rectification.valid] == 0).all()
+
+
+def test_a_fine_pattern_averages_instead_of_aliasing(fisheye):
+    rows, columns = np.mgrid[:352, :352]
+    checkers = np.where((rows + columns) % 2, 255, 0).astype(np.uint8)
+    picture = np.repeat(checkers[..., None], 3, axis=2)
+    camera = pinhole(44, 460.0)
+    rectification = Rectification(fisheye, camera, False)
+    middle = rectification.colour(picture)[12:32, 12:32, 0].astype(float)
+    naive = distort_by_calibration(picture, linear_calibration(camera), fisheye)[12:32, 12:32, 0].astype(
+        float
+    )
+    assert np.abs(middle - 127.5).max() < 20
+    assert naive.std() > 3 * middle.std()
+
+
+def test_upright_turns_clockwise(fisheye):
+    sensor = Rectification(fisheye, pinhole(176, 460.0), False)
+    upright = Rectification(fisheye, pinhole(176, 460.0), True)
+    picture = noise()
+    assert (upright.colour(picture) == np.rot90(sensor.colour(picture), -1)).all()
+    assert (upright.valid == np.rot90(sensor.valid, -1)).all()
+    labels = picture[..., 0].astype(np.uint16)
+    assert (upright.labels(labels) == np.rot90(sensor.labels(labels), -1)).all()
+
+
+def test_a_picture_of_another_size_is_refused(fisheye):
+    with pytest.raises(ValueError, match="calibration for"):
+        Rectification(fisheye, pinhole(44, 460.0), False).colour(np.zeros((100, 100, 3), np.uint8))

@@ -1,0 +1,70 @@
+"""The train / evaluation split, and the selection of frames."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from egosplat.errors import UserError
+from egosplat.frames.selection import select_frames
+from egosplat.frames.split import split_frames
+
+
+@pytest.mark.parametrize(("count", "evaluation"), [(10, 2), (300, 7), (5, 3), (1000, 999 - 1), (9, 1)])
+@pytest.mark.parametrize("holdout", [False, True])
+def test_evaluation_frames_are_the_middles_of_equal_parts(count, evaluation, holdout):
+    train, chosen = split_frames(count, evaluation, holdout)
+    indices = np.flatnonzero(chosen)
+    assert len(indices) == evaluation
+    middles = (np.arange(evaluation) + 0.5) * count / evaluation
+    assert (np.abs(indices + 0.5 - middles) <= 0.5).all()
+    # As much is left before the first as after the last, to a frame.
+    assert abs(indices[0] - (count - 1 - indices[-1])) <= 1
+    assert (train == (~chosen if holdout else True)).all()
+
+
+def test_no_evaluation_frame_is_allowed():
+    train, chosen = split_frames(4, 0, True)
+    assert train.all() and not chosen.any()
+
+
+@pytest.mark.parametrize(
+    ("count", "evaluation", "holdout"), [(10, 9, True), (10, 11, False), (1, 0, False), (10, -1, True)]
+)
+def test_a_split_that_leaves_too_little_is_refused(count, evaluation, holdout):
+    with pytest.raises(UserError, match="evaluation frames"):
+        split_frames(count, evaluation, holdout)
+
+
+TIMES = 87_551_170_813_262 + np.array([0, 100, 200, 300, 400, 500]) * 1_000_000
+
+
+def select(stride=1, start_s=0.0, end_s=None, times=TIMES):
+    return select_frames(
+        times, stride=stride, start_s=start_s, end_s=end_s, source=Path("recording")
+    ).tolist()
+
+
+def test_selection_takes_the_range_then_the_stride():
+    assert select() == [0, 1, 2, 3, 4, 5]
+    assert select(stride=4) == [0, 4]
+    assert select(start_s=0.1) == [1, 2, 3, 4, 5]
+    assert select(stride=2, start_s=0.1, end_s=0.5) == [1, 3]
+    assert select(end_s=float("inf")) == [0, 1, 2, 3, 4, 5]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"stride": 0}, "stride"),
+        ({"start_s": -1.0}, "start_s"),
+        ({"start_s": float("nan")}, "start_s"),
+        ({"start_s": 0.2, "end_s": 0.2}, "end_s"),
+        ({"end_s": float("nan")}, "end_s"),
+        ({"start_s": 0.51}, "no frame .* 0.500 s"),
+        ({"times": TIMES[::-1]}, "order of time"),
+    ],
+)
+def test_bad_selections_are_refused(options, message):
+    with pytest.raises(UserError, match=message):
+        select(**options)
