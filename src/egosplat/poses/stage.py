@@ -38,13 +38,14 @@ def run(
     source = open_artifact(frames, FRAMES)
     has_device = source.facts["device_from_camera"] is not None
     if method == "device" and not has_device:
-        raise UserError(f"poses.method = device: {recording.name} has no device trajectory; use colmap or auto")
+        raise UserError(
+            f"poses.method = device: {recording.name} has no device trajectory; use colmap or auto"
+        )
     made = provenance.begin("poses", options, source.origin, {frames.name: source.digest})
     if has_device and method != "colmap":
         poses = _from_device(recording, source, trajectory, max_gap_ms, max_inv_dist_std, max_dist_std)
     else:
         poses = _from_colmap(source, matching, overlap, min_registered, seed)
-    poses.check()
     log(f"{poses.registered.sum()} of {len(poses.registered)} frames have a pose; {len(poses.points)} points")
     with create(output, POSES, made) as artifact:
         artifact.put("camera_to_world", poses.camera_to_world)

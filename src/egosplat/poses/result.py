@@ -1,0 +1,98 @@
+"""What every way of finding poses gives back."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.errors import UserError
+from egosplat.geometry import Camera, is_rigid
+
+_LEAST_AGREEMENT_ON_UP = 1e-3
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Where the camera was for each frame, and the points that were found on the way.
+
+    Attributes:
+        camera_to_world: (F, 4, 4) float64, OpenCV camera axes; NaN where not registered.
+        registered: (F,) bool: frames whose pose is known.
+        camera: of the pictures; COLMAP may have refined it.
+        points: (P, 3) float64 in the world [m; COLMAP: its own arbitrary unit].
+        point_rgb: (P, 3) uint8.
+        up: (3,) float64: unit vector against gravity in the world.
+        notes: plain JSON figures for the provenance record.
+    """
+
+    camera_to_world: NDArray[np.float64]
+    registered: NDArray[np.bool_]
+    camera: Camera
+    points: NDArray[np.float64]
+    point_rgb: NDArray[np.uint8]
+    up: NDArray[np.float64]
+    notes: dict[str, Any] = field(default_factory=dict)
+
+    def check(self) -> "Poses":
+        """Return self if it keeps what the class promises.
+
+        Raises:
+            ValueError: a wrong shape or dtype, no registered frame, a registered pose that is not a rigid
+                motion, an unregistered one that is not NaN, points that are not finite, ``up`` not a unit
+                vector.
+        """
+        self._check_arrays()
+        if not self.registered.any():
+            raise ValueError("no frame is registered")
+        broken = np.flatnonzero(self.registered & ~is_rigid(self.camera_to_world))
+        if len(broken):
+            raise ValueError(f"the pose of registered frame {broken[0]} is not a rigid motion")
+        if not np.isnan(self.camera_to_world[~self.registered]).all():
+            raise ValueError("a frame that is not registered has a pose")
+        if not np.isfinite(self.points).all():
+            raise ValueError("a point is not finite")
+        if not abs(np.linalg.norm(self.up) - 1.0) <= 1e-9:
+            raise ValueError("up is not a unit vector")
+        return self
+
+    def _check_arrays(self) -> None:
+        frames, points = len(self.registered), len(self.points)
+        expected = {
+            "camera_to_world": ((frames, 4, 4), np.float64),
+            "registered": ((frames,), np.bool_),
+            "points": ((points, 3), np.float64),
+            "point_rgb": ((points, 3), np.uint8),
+            "up": ((3,), np.float64),
+        }
+        for name, (shape, dtype) in expected.items():
+            array = getattr(self, name)
+            if array.shape != shape or array.dtype != dtype:
+                wanted = f"{shape} {np.dtype(dtype)}"
+                raise ValueError(f"{name} is {array.shape} {array.dtype} where {wanted} is expected")
+
+
+def unregistered(frames: int) -> NDArray[np.float64]:
+    """(frames, 4, 4) float64, all NaN: no frame has a pose yet."""
+    return np.full((frames, 4, 4), np.nan)
+
+
+def mean_camera_up(camera_to_world: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The direction in the world that is up in upright pictures: the mean of the cameras' -y axes.
+
+    Args:
+        camera_to_world: (N, 4, 4) float64, registered poses only.
+
+    Returns:
+        (3,) float64 unit vector.
+
+    Raises:
+        UserError: the pictures have no common up, so the mean has no direction.
+    """
+    mean = -camera_to_world[:, :3, 1].mean(axis=0)
+    length = float(np.linalg.norm(mean))
+    if not length > _LEAST_AGREEMENT_ON_UP:
+        raise UserError(
+            "the pictures have no common upward direction: turn them upright before finding poses"
+        )
+    return mean / length

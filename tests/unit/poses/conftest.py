@@ -1,0 +1,152 @@
+"""What the tests of poses share: exact pictures of a drawn room, and made-up trajectory tables.
+
+The room is a corner with a poster in front of it; a picture is one homography per plane.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from egosplat.geometry import Camera, invert, make_pose
+
+CAMERA = Camera(240, 180, 210.0, 210.0, 120.0, 90.0)
+TEXELS_PER_METRE = 120
+
+
+@dataclass(frozen=True)
+class Plane:
+    """A textured rectangle: ``corner + a * right + b * down`` for a, b in [0, 1] [m]."""
+
+    corner: tuple[float, float, float]
+    right: tuple[float, float, float]
+    down: tuple[float, float, float]
+
+
+# World axes are those of an upright camera: x right, y down, z forward. Farthest plane first.
+WALL = Plane((-4.0, -2.6, 4.0), (8.0, 0.0, 0.0), (0.0, 3.8, 0.0))
+FLOOR = Plane((-4.0, 1.2, 4.0), (8.0, 0.0, 0.0), (0.0, 0.0, -3.2))
+POSTER = Plane((-0.7, -0.6, 2.6), (1.3, 0.0, 0.3), (0.0, 1.2, 0.0))
+ROOM = (WALL, FLOOR, POSTER)
+
+
+def texture(plane: Plane, seed: int) -> NDArray[np.uint8]:
+    """(h, w, 3) uint8: many overlapping coloured discs and boxes of all sizes, a little blurred."""
+    rng = np.random.default_rng(seed)
+    width, height = (int(np.linalg.norm(side) * TEXELS_PER_METRE) for side in (plane.right, plane.down))
+    image = np.full((height, width, 3), 128, np.uint8)
+    for _ in range(width * height // 250):
+        colour = tuple(int(value) for value in rng.integers(0, 256, 3))
+        x, y, size = int(rng.integers(width)), int(rng.integers(height)), int(rng.geometric(0.12)) + 2
+        if rng.random() < 0.5:
+            cv2.circle(image, (x, y), size, colour, -1, cv2.LINE_AA)
+        else:
+            cv2.rectangle(image, (x, y), (x + size, y + int(rng.integers(2, 16))), colour, -1)
+    return cv2.GaussianBlur(image, (0, 0), 0.8)
+
+
+def render(pose: NDArray[np.float64], textures: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    """(H, W, 3) uint8: the room from the camera pose ``pose`` (4, 4); every plane must lie in front of it."""
+    picture = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)
+    camera_from_world = invert(pose)
+    # cv2 counts pixels from the centre of the first one; the package's cameras count from its corner.
+    centre = np.array([[1.0, 0.0, -0.5], [0.0, 1.0, -0.5], [0.0, 0.0, 1.0]])
+    for plane, image in zip(ROOM, textures, strict=True):
+        sides = np.array([plane.right, plane.down]).T / [image.shape[1], image.shape[0]]
+        world = np.vstack([np.column_stack([sides, plane.corner]), [0.0, 0.0, 1.0]])
+        homography = centre @ CAMERA.matrix @ camera_from_world[:3] @ world @ np.linalg.inv(centre)
+        size = (CAMERA.width, CAMERA.height)
+        drawn = cv2.warpPerspective(image, homography, size, flags=cv2.INTER_LINEAR)
+        inside = cv2.warpPerspective(
+            np.full(image.shape[:2], 255, np.uint8), homography, size, flags=cv2.INTER_NEAREST
+        )
+        picture = np.where(inside[..., None] > 0, drawn, picture)
+    return picture
+
+
+class DrawnRoom:
+    """The room, its camera, and ways through it."""
+
+    camera = CAMERA
+
+    def __init__(self) -> None:
+        self.textures = [texture(plane, seed) for seed, plane in enumerate(ROOM)]
+
+    def pictures(self, poses: NDArray[np.float64]) -> list[NDArray[np.uint8]]:
+        """A picture from each of (N, 4, 4) camera poses."""
+        return [render(pose, self.textures) for pose in poses]
+
+    def walk(self, count: int) -> NDArray[np.float64]:
+        """(count, 4, 4) poses of a camera that walks sideways on a bow and looks at the poster."""
+        along = np.linspace(-1.0, 1.0, count)
+        position = np.stack([along, 0.3 * np.sin(3.0 * along), 0.5 * along**2 - 0.4], axis=-1)
+        angles = np.stack([-0.3 * along, 0.05 * np.cos(4.0 * along), 0.03 * np.sin(5.0 * along)], axis=-1)
+        return make_pose(Rotation.from_euler("YXZ", angles).as_matrix(), position)
+
+    def pan(self, count: int) -> NDArray[np.float64]:
+        """(count, 4, 4) poses of a camera that only turns."""
+        angles = np.zeros((count, 3))
+        angles[:, 0] = np.linspace(-0.3, 0.3, count)
+        return make_pose(Rotation.from_euler("YXZ", angles).as_matrix(), np.zeros((count, 3)))
+
+
+@pytest.fixture(scope="session")
+def room() -> DrawnRoom:
+    """A drawn room of which every pose is known."""
+    return DrawnRoom()
+
+
+@pytest.fixture(scope="session")
+def walk_pictures(room: DrawnRoom) -> list[NDArray[np.uint8]]:
+    """Ten pictures along ``walk(10)``."""
+    return room.pictures(room.walk(10))
+
+
+def trajectory_table(times_us: list[int], angles_deg: list[float]) -> pd.DataFrame:
+    """A trajectory that moves at 1 m/s along x and turns about y to the given angles; gravity is -y."""
+    quaternion = Rotation.from_euler("y", np.array(angles_deg)[:, None], degrees=True).as_quat()
+    columns: dict[str, object] = {"graph_uid": "a", "tracking_timestamp_us": times_us, "utc_timestamp_ns": -1}
+    columns |= {
+        "tx_world_device": np.array(times_us) * 1e-6,
+        "ty_world_device": 1.5,
+        "tz_world_device": -0.25,
+    }
+    columns |= {f"q{axis}_world_device": quaternion[:, index] for index, axis in enumerate("xyzw")}
+    columns |= {
+        "gravity_x_world": 0.0,
+        "gravity_y_world": -9.81,
+        "gravity_z_world": 0.0,
+        "quality_score": 1.0,
+    }
+    return pd.DataFrame(columns)
+
+
+@pytest.fixture
+def table() -> pd.DataFrame:
+    """Five rows: 10 ms apart, then a pause of 100 ms."""
+    return trajectory_table(
+        [1_000_000, 1_010_000, 1_020_000, 1_120_000, 1_130_000], [0.0, 30.0, 90.0, 90.0, 80.0]
+    )
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Iterator[Callable[..., Path]]:
+    """Write a trajectory, and points if there are any, where ADT has them."""
+
+    def write(
+        trajectory: pd.DataFrame, points: pd.DataFrame | None = None, closed_loop: bool = False
+    ) -> Path:
+        (tmp_path / "mps" / "slam").mkdir(parents=True, exist_ok=True)
+        name = "mps/slam/closed_loop_trajectory.csv" if closed_loop else "aria_trajectory.csv"
+        trajectory.to_csv(tmp_path / name, index=False)
+        if points is not None:
+            points.to_csv(tmp_path / "mps" / "slam" / "semidense_points.csv.gz", index=False)
+        return tmp_path
+
+    yield write

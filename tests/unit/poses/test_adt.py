@@ -1,0 +1,218 @@
+"""Poses and points of ADT recordings."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from projectaria_tools.core import data_provider, mps
+from scipy.spatial.transform import Rotation
+
+from egosplat.errors import UserError
+from egosplat.geometry import CLOCKWISE, Camera, make_pose
+from egosplat.poses.adt import adt_poses
+from egosplat.poses.result import Poses
+from egosplat.poses.trajectory import read_trajectory
+
+Recording = Callable[..., Path]
+
+CAMERA = Camera(64, 48, 50.0, 50.0, 32.0, 24.0)
+MOUNT = make_pose(
+    Rotation.from_euler("xyz", [170.0, 5.0, -10.0], degrees=True).as_matrix(), np.array([0.1, 0.0, 0.02])
+)
+
+
+def poses_at(
+    folder: Path, times_us: list[float], trajectory: str = "ground_truth", gap: float = 50.0
+) -> Poses:
+    times = np.array([round(time * 1000) for time in times_us], dtype=np.int64)
+    return adt_poses(folder, times, MOUNT, CAMERA, trajectory=trajectory, max_gap_ms=gap)  # type: ignore[arg-type]
+
+
+def device_pose(x: float, angle_deg: float) -> np.ndarray:
+    return make_pose(Rotation.from_euler("y", angle_deg, degrees=True).as_matrix(), np.array([x, 1.5, -0.25]))
+
+
+def cloud(inv_dist_std: list[float], dist_std: list[float]) -> pd.DataFrame:
+    index = np.arange(len(dist_std))
+    columns = {
+        "uid": index,
+        "graph_uid": "a",
+        "px_world": index * 1.0,
+        "py_world": index * 2.0,
+        "pz_world": 0.5,
+    }
+    return pd.DataFrame(columns | {"inv_dist_std": inv_dist_std, "dist_std": dist_std})
+
+
+def test_at_a_row_the_pose_is_that_row_and_between_rows_it_is_halfway(
+    table: pd.DataFrame, recording: Recording
+):
+    poses = poses_at(recording(table), [1_010_000, 1_015_000, 1_002_500])
+    expected = [device_pose(1.01, 30.0), device_pose(1.015, 60.0), device_pose(1.0025, 7.5)]
+    np.testing.assert_allclose(poses.camera_to_world, np.array(expected) @ MOUNT, atol=1e-12)
+    assert poses.registered.all()
+    assert poses.notes["largest_gap_bridged_ms"] == pytest.approx(10.0)
+
+
+def test_frames_in_a_gap_or_outside_are_left_out_but_not_those_on_its_rows(
+    table: pd.DataFrame, recording: Recording
+):
+    folder = recording(table)
+    times = [999_999.999, 1_000_000, 1_020_000, 1_020_001, 1_119_999, 1_120_000, 1_130_000, 1_130_000.001]
+    poses = poses_at(folder, times)
+    assert poses.registered.tolist() == [False, True, True, False, False, True, True, False]
+    assert np.isnan(poses.camera_to_world[~poses.registered]).all()
+    assert (poses.notes["frames_outside_trajectory"], poses.notes["frames_in_gaps"]) == (2, 2)
+    assert poses.notes["largest_gap_bridged_ms"] == 0.0
+    assert poses_at(folder, times, gap=100.0).registered.sum() == 6
+
+
+def test_up_is_against_gravity(table: pd.DataFrame, recording: Recording):
+    table["gravity_x_world"], table["gravity_y_world"] = 9.81 * 0.6, -9.81 * 0.8
+    np.testing.assert_allclose(poses_at(recording(table), [1_000_000]).up, [-0.6, 0.8, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "value", "message"),
+    [
+        (2, "qx_world_device", np.nan, "line 4: the row has a value that is missing or not a finite"),
+        (3, "ty_world_device", "abc", "line 5: the row has a value that is missing or not a finite"),
+        (1, "tz_world_device", np.inf, "line 3: the row has a value that is missing or not a finite"),
+        (4, "tracking_timestamp_us", 1_120_000, "line 6: the row has a tracking_timestamp_us not after"),
+        (2, "tracking_timestamp_us", 1_005_000, "line 4: the row has a tracking_timestamp_us not after"),
+        (1, "graph_uid", "b", "line 3: the row belongs to another world frame"),
+    ],
+)
+def test_a_bad_row_is_named(
+    table: pd.DataFrame, recording: Recording, row: int, column: str, value: object, message: str
+):
+    table = table.astype(object)
+    table.loc[row, column] = value
+    with pytest.raises(UserError, match=rf"aria_trajectory.csv, {message}"):
+        poses_at(recording(table), [1_000_000])
+
+
+@pytest.mark.parametrize("scale", [0.0, 0.5, 1.5])
+def test_a_quaternion_that_is_not_of_unit_norm_is_named(
+    table: pd.DataFrame, recording: Recording, scale: float
+):
+    table.loc[[1, 3], [f"q{axis}_world_device" for axis in "xyzw"]] *= scale
+    with pytest.raises(UserError, match=r"line 3 \(and 1 more\): the row has a quaternion"):
+        poses_at(recording(table), [1_000_000])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda table: table.drop(columns="qw_world_device"), "has no column qw_world_device"),
+        (lambda table: table[:1], "has 1 rows"),
+        (lambda table: table[:0], "has 0 rows"),
+        (lambda table: table.assign(gravity_y_world=0.0), "gravity_world is 0 m/s"),
+    ],
+)
+def test_a_bad_table_is_refused(
+    table: pd.DataFrame, recording: Recording, change: Callable[[pd.DataFrame], pd.DataFrame], message: str
+):
+    with pytest.raises(UserError, match=message):
+        poses_at(recording(change(table)), [1_000_000])
+
+
+def test_a_missing_an_empty_and_a_binary_file_are_refused(tmp_path: Path):
+    path = tmp_path / "aria_trajectory.csv"
+    with pytest.raises(UserError, match="is missing"):
+        read_trajectory(path)
+    for content in (b"", b"\x00\xff\xfe\x80" * 50):
+        path.write_bytes(content)
+        with pytest.raises(UserError, match="aria_trajectory.csv"):
+            read_trajectory(path)
+
+
+def test_no_frame_with_a_pose_is_refused_with_its_reason(table: pd.DataFrame, recording: Recording):
+    folder = recording(table)
+    with pytest.raises(
+        UserError, match="covers 1.000 s to 1.130 s, but the frames lie from 7.000 s to 8.000 s"
+    ):
+        poses_at(folder, [7e6, 8e6])
+    with pytest.raises(UserError, match="raise max_gap_ms"):
+        poses_at(folder, [1_050_000])
+    with pytest.raises(UserError, match="no frame"):
+        poses_at(folder, [])
+
+
+def test_points_are_filtered_by_both_uncertainties(table: pd.DataFrame, recording: Recording):
+    points = cloud([0.0005, 0.001, 0.0005, 0.002, np.nan, 0.0], [0.1, 0.1, 0.15, 0.2, 0.1, 0.0])
+    points.loc[5, "px_world"] = np.nan
+    poses = poses_at(recording(table, points, closed_loop=True), [1_000_000], "closed_loop")
+    np.testing.assert_array_equal(poses.points, [[0.0, 0.0, 0.5]])
+    np.testing.assert_array_equal(poses.point_rgb, [[128, 128, 128]])
+    assert poses.notes["points_read"] == 6
+    assert poses.notes["points_rejected"] == {"not_finite": 1, "inv_dist_std": 3, "dist_std": 2}
+
+
+def test_ground_truth_does_without_points_and_closed_loop_does_not(table: pd.DataFrame, recording: Recording):
+    folder = recording(table)
+    recording(table, closed_loop=True)
+    assert poses_at(folder, [1_000_000]).points.shape == (0, 3)
+    assert "points_missing" in poses_at(folder, [1_000_000]).notes
+    with pytest.raises(UserError, match="has no semidense_points.csv.gz or global_points.csv.gz"):
+        poses_at(folder, [1_000_000], "closed_loop")
+    recording(table, cloud([1.0], [1.0]))
+    assert "points_missing" in poses_at(folder, [1_000_000]).notes
+    with pytest.raises(UserError, match="none of 1 points passes inv_dist_std < 0.001"):
+        poses_at(folder, [1_000_000], "closed_loop")
+
+
+def test_a_damaged_point_cloud_is_refused(table: pd.DataFrame, recording: Recording):
+    rng = np.random.default_rng(0)
+    points = cloud(list(rng.random(5000) * 1e-3), list(rng.random(5000)))
+    path = recording(table, points) / "mps" / "slam" / "semidense_points.csv.gz"
+    whole = path.read_bytes()
+    for damaged in (whole[:-2000], whole[:200] + b"\x00" * 40 + whole[240:], b"not a gzip file"):
+        path.write_bytes(damaged)
+        with pytest.raises(UserError, match="semidense_points.csv.gz is not a readable"):
+            poses_at(path.parents[2], [1_000_000])
+    points.drop(columns="dist_std").to_csv(path, index=False)
+    with pytest.raises(UserError, match="dist_std"):
+        poses_at(path.parents[2], [1_000_000])
+
+
+def test_a_real_trajectory_reads_as_the_official_reader_reads_it(real_data: Callable[[str], Path]):
+    path = real_data("adt_sample") / "aria_trajectory.csv"
+    official = mps.read_closed_loop_trajectory(str(path))
+    ours = read_trajectory(path)
+    assert len(official) == len(ours.timestamp_ns) == 6
+    expected = np.array([row.transform_world_device.to_matrix() for row in official])
+    np.testing.assert_allclose(ours.world_from_device, expected, atol=1e-12)
+    times = [round(row.tracking_timestamp.total_seconds() * 1e6) * 1000 for row in official]
+    assert ours.timestamp_ns.tolist() == times
+
+
+def test_real_frames_get_poses_that_look_upright_and_move_little(real_data: Callable[[str], Path]):
+    folder = real_data("adt_sample")
+    provider = data_provider.create_vrs_data_provider(str(folder / "video.vrs"))
+    sensor = provider.get_device_calibration().get_transform_device_sensor("camera-rgb").to_matrix()
+    times = np.array([87551170813262, 87551204152300, 87551237472175], dtype=np.int64)
+    poses = adt_poses(folder, times, sensor @ CLOCKWISE, CAMERA, trajectory="ground_truth", max_gap_ms=50.0)
+    # The first picture was captured 97 microseconds before the ground truth begins.
+    assert poses.registered.tolist() == [False, True, True]
+    assert poses.notes["largest_gap_bridged_ms"] == pytest.approx(33.328)
+    np.testing.assert_allclose(poses.up, [0.0, 1.0, 0.0], atol=1e-12)
+    assert poses.notes["up_against_pictures_deg"] < 45.0
+    assert np.linalg.norm(np.diff(poses.camera_to_world[1:, :3, 3], axis=0)) < 0.01
+    assert poses.points.shape == (0, 3)
+    with pytest.raises(UserError, match="closed_loop_trajectory.csv is missing"):
+        adt_poses(folder, times, sensor, CAMERA, trajectory="closed_loop", max_gap_ms=50.0)
+
+
+def test_pictures_that_are_not_upright_are_told(
+    table: pd.DataFrame, recording: Recording, capsys: pytest.CaptureFixture[str]
+):
+    folder, time = recording(table), np.array([1_000_000_000], dtype=np.int64)
+    for turn_deg, told in ((180.0, False), (90.0, True), (0.0, True)):
+        # The device's y is up, and so is the -y of a camera that is turned by 180 degrees about z.
+        mount = make_pose(Rotation.from_rotvec([0.0, 0.0, np.radians(turn_deg)]).as_matrix(), np.zeros(3))
+        poses = adt_poses(folder, time, mount, CAMERA, trajectory="ground_truth", max_gap_ms=50.0)
+        assert poses.notes["up_against_pictures_deg"] == pytest.approx(180.0 - turn_deg)
+        assert ("are the pictures upright?" in capsys.readouterr().err) == told
