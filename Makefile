@@ -7,6 +7,9 @@ CORES ?= 2
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
+# Some distributions leave ensurepip out of Python: then the pip at hand fills the environment.
+WITHOUT_ENSUREPIP = { $(PYTHON) -m venv --clear --without-pip .venv && $(PYTHON) -m pip --python $(BIN)/python install --quiet pip; }
+
 .PHONY: install demo test lint lock
 
 install: $(INSTALLED)
@@ -14,8 +17,8 @@ install: $(INSTALLED)
 # sam2 needs torch while it is built: in a build environment of its own that would be a second download of torch.
 $(INSTALLED): requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "egosplat needs Python 3.11 or later; set PYTHON=")'
-	@echo "Setting up .venv: about 5 GB and a few minutes, once."
-	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	@echo "Setting up .venv: about 7 GB and a few minutes, once."
+	test -x $(BIN)/pip || $(PYTHON) -m venv .venv || $(WITHOUT_ENSUREPIP)
 	grep -v '^sam2==' requirements.lock > .venv/first.txt
 	$(BIN)/python -m pip install --quiet --requirement .venv/first.txt
 	SAM2_BUILD_CUDA=0 $(BIN)/python -m pip install --quiet --no-build-isolation --no-deps $$(grep -o '^sam2==[^ ;]*' requirements.lock)
