@@ -37,8 +37,9 @@ frames: {resolution: 96, evaluation_frames: 3}
 class Workdir:
     """A working directory with its own copy of configuration and code, in which the workflow runs."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, code: Path | None = None) -> None:
         self.folder = folder
+        self.code = code or folder / "src"
 
     def snakemake(self, *arguments: object, timeout: float = 600) -> subprocess.CompletedProcess[str]:
         """Run Snakemake here with the tiny settings; arguments go before the targets' ``--``."""
@@ -57,7 +58,7 @@ class Workdir:
     @property
     def environment(self) -> dict[str, str]:
         """The environment in which the copied code is the one that runs."""
-        return os.environ | {"PYTHONPATH": str(self.folder / "src"), "PYTHONDONTWRITEBYTECODE": "1"}
+        return os.environ | {"PYTHONPATH": str(self.code), "PYTHONDONTWRITEBYTECODE": "1"}
 
     def run(self, *targets: str) -> str:
         """Make targets; fail the test with the log when that fails."""
@@ -81,7 +82,7 @@ class Workdir:
 
     def edit(self, module: str, old: str, new: str) -> None:
         """Replace text in the copied code."""
-        path = self.folder / "src" / "egosplat" / module
+        path = self.code / "egosplat" / module
         text = path.read_text()
         assert old in text, f"{module} lacks {old!r}"
         path.write_text(text.replace(old, new, 1))
@@ -108,3 +109,20 @@ MAIN = "results/adt/scene1/contact_sheet.png"
 def workdir(finished: Workdir, tmp_path: Path) -> Workdir:
     """A private copy of the finished run."""
     return Workdir(Path(shutil.copytree(finished.folder, tmp_path / "copy", symlinks=True)))
+
+
+@pytest.fixture
+def one_scene(tmp_path: Path) -> Callable[..., Workdir]:
+    """A working directory whose only scene is ``mine/scene``: ``one_scene(format, recording, options)``."""
+
+    def make(format: str, recording: Path, options: str = "") -> Workdir:
+        folder = tmp_path / "work"
+        (folder / "config").mkdir(parents=True)
+        (folder / "config/config.yaml").write_text("{}")
+        (folder / "tiny.yaml").write_text("{}")
+        header = "dataset\tscene\tformat\trecording\toptions\n"
+        row = f"mine\tscene\t{format}\t{recording}\t{options}\n"
+        (folder / "config/scenes.tsv").write_text(header + row)
+        return Workdir(folder, code=ROOT / "src")
+
+    return make

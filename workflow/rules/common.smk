@@ -8,13 +8,13 @@ it executes: Snakemake reruns it when one of them changes, and not when somethin
 import os
 import shlex
 import sys
+from glob import glob
 from pathlib import Path
 
 from egosplat import config as configuration
 from egosplat.errors import UserError
 from egosplat.scenes import check_recording, find_scene, read_scenes, requested_scenes
 from egosplat.stages import code_of
-
 
 try:
     presets = Path(workflow.basedir).parent / "config" / "presets"
@@ -45,7 +45,11 @@ def flags(stage):
 
     def flags_of_scene(wildcards):
         keys = scene_of(wildcards).config.get(stage, {})
-        return " ".join(flag(name, value) for name, value in sorted(keys.items()) if value is not None)
+        return " ".join(
+            flag(name, value)
+            for name, value in sorted(keys.items())
+            if value is not None
+        )
 
     return flags_of_scene
 
@@ -82,8 +86,12 @@ def recording_files(stage):
         check_recording(scene)
         if not scene.recording.is_dir():
             return [str(scene.recording)]
-        found = [path for pattern in WATCHED[scene.format][stage] for path in scene.recording.glob(pattern)]
-        return sorted(str(path) for path in found)
+        patterns = WATCHED[scene.format][stage]
+        return sorted(
+            path
+            for pattern in patterns
+            for path in glob(os.path.join(scene.recording, pattern))
+        )
 
     return files_of_scene
 
@@ -94,12 +102,26 @@ WATCHED = {
         "annotations": ["segmentations*.vrs", "instances.json"],
         "poses": ["aria_trajectory.csv", "mps/slam/*.csv*"],
     },
-    "hoi4d": {"frames": ["align_rgb/image.mp4"], "annotations": ["2Dseg/*/*.png"], "poses": []},
-    "plain": {"frames": ["*.[pj][np]*g", "*.json"], "annotations": ["annotations/*"], "poses": []},
+    "hoi4d": {
+        "frames": ["align_rgb/image.mp4"],
+        "annotations": ["2Dseg/*mask"],
+        "poses": [],
+    },
+    # The folder's own time tells of pictures that come and go.
+    "plain": {
+        "frames": [".", "camera.json", "valid.png"],
+        "annotations": ["annotations"],
+        "poses": [],
+    },
 }
+"""Of each format, what a stage reads."""
 
 
 def contact_sheets(_):
     """The picture of every scene whose recording is there or can be made."""
-    found = [scene for scene in scenes.values() if scene.synthetic or scene.recording.exists()]
+    found = [
+        scene
+        for scene in scenes.values()
+        if scene.synthetic or scene.recording.exists()
+    ]
     return [str(scene.results / "contact_sheet.png") for scene in found]
