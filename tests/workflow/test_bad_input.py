@@ -31,15 +31,28 @@ def refused(capfd, monkeypatch, tmp_path) -> Callable[..., str]:
         monkeypatch.setattr("sys.argv", ["egosplat", *map(str, arguments)])
         with pytest.raises(SystemExit) as stop:
             cli.main()
-        message = capfd.readouterr().err
-        assert stop.value.code == 2, message
-        assert "Traceback" not in message
-        said = [line for line in message.splitlines() if line.strip()]
-        assert 1 <= len(said) <= 2, message
+        shown = capfd.readouterr().err
+        assert stop.value.code == 2, shown
+        assert "Traceback" not in shown
+        _, colon, message = shown.rpartition("egosplat: ")  # after lines of progress
+        assert colon and len(message.strip().splitlines()) <= 2, shown
         assert {path for path in tmp_path.rglob("*")} == before, "something was left behind"
         return message
 
     return run
+
+
+@pytest.fixture
+def plain_frames(scene, monkeypatch) -> Callable[[Path], Path]:
+    """Frames of a plain recording, for what comes after them to fail on."""
+
+    def make(recording: Path) -> Path:
+        words = frames(scene, recording=recording, format="plain", resolution=64, evaluation_frames=1)
+        monkeypatch.setattr("sys.argv", ["egosplat", *map(str, words)])
+        cli.main()
+        return scene / "new.zarr"
+
+    return make
 
 
 def frames(scene: Path, **changes: object) -> list[object]:
@@ -228,38 +241,16 @@ def test_points_of_which_none_is_certain(scene, refused):
     assert "semidense_points.csv.gz" in refused(*poses(scene))
 
 
-def test_a_device_trajectory_asked_of_a_plain_recording(scene, refused, tmp_path, monkeypatch):
+def test_a_device_trajectory_asked_of_a_plain_recording(scene, refused, plain_frames, tmp_path):
     path = video(tmp_path / "v.mp4")
-    monkeypatch.setattr(
-        "sys.argv",
-        [
-            "egosplat",
-            *map(str, frames(scene, recording=path, format="plain", resolution=64, evaluation_frames=1)),
-        ],
-    )
-    cli.main()
-    changed = {
-        "recording": path,
-        "frames": scene / "new.zarr",
-        "output": scene / "p.zarr",
-        "method": "device",
-    }
-    assert "poses.method" in refused(*poses(scene, **changed))
+    changes = {"frames": plain_frames(path), "output": scene / "p.zarr", "method": "device"}
+    assert "poses.method" in refused(*poses(scene, recording=path, **changes))
 
 
-def test_pictures_that_do_not_reconstruct(scene, refused, tmp_path, monkeypatch):
+def test_pictures_that_do_not_reconstruct(scene, refused, plain_frames, tmp_path):
     path = video(tmp_path / "v.mp4")
-    monkeypatch.setattr(
-        "sys.argv",
-        [
-            "egosplat",
-            *map(str, frames(scene, recording=path, format="plain", resolution=64, evaluation_frames=1)),
-        ],
-    )
-    cli.main()
-    assert "texture" in refused(
-        *poses(scene, recording=path, frames=scene / "new.zarr", output=scene / "p.zarr")
-    )
+    changes = {"frames": plain_frames(path), "output": scene / "p.zarr"}
+    assert "texture" in refused(*poses(scene, recording=path, **changes))
 
 
 def test_damaged_artifacts(scene, refused):
@@ -268,11 +259,7 @@ def test_damaged_artifacts(scene, refused):
     content[-6] ^= 4
     chunk.write_bytes(content)
     assert "frames.zarr: array 'timestamp_ns'" in refused(*annotations(scene))
-    assert "not sound" in refused_check(refused, scene)
-
-
-def refused_check(refused: Callable[..., str], scene: Path) -> str:
-    return refused("check", scene)
+    assert "not sound" in refused("check", scene)
 
 
 def test_an_artifact_of_another_kind(scene, refused):
@@ -290,7 +277,7 @@ def test_nothing_to_check(refused, tmp_path):
     assert "holds no artifact" in refused("check", tmp_path)
 
 
-def test_plain_annotations_of_the_wrong_size(scene, refused, tmp_path, monkeypatch):
+def test_plain_annotations_of_the_wrong_size(scene, refused, plain_frames, tmp_path):
     folder = pictures(tmp_path / "folder")
     (folder / "annotations").mkdir()
     for index in range(4):
@@ -298,10 +285,7 @@ def test_plain_annotations_of_the_wrong_size(scene, refused, tmp_path, monkeypat
     (folder / "annotations/instances.tsv").write_text(
         "id\tname\tcategory\tmotion_type\n1\tcup_1\tcup\tstatic\n"
     )
-    plain = frames(scene, recording=folder, format="plain", resolution=64, evaluation_frames=1)
-    monkeypatch.setattr("sys.argv", ["egosplat", *map(str, plain)])
-    cli.main()
-    flags = ["--recording", folder, "--frames", scene / "new.zarr", "--output", scene / "a.zarr"]
+    flags = ["--recording", folder, "--frames", plain_frames(folder), "--output", scene / "a.zarr"]
     assert ".png" in refused("annotations", *flags)
 
 
