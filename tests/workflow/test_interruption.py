@@ -1,0 +1,66 @@
+"""Killed in the middle of a write: nothing looks whole, and the next run makes it."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from egosplat.checking import check_tree
+
+SCENE = Path("results/adt/scene1")
+
+
+def wait_for(condition, seconds: float = 60.0):
+    """The condition's value as soon as it is true."""
+    end = time.monotonic() + seconds
+    while not (found := condition()):
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.01)
+    return found
+
+
+def half_written(workdir) -> list[Path]:
+    return list((workdir.folder / SCENE).glob(".recording.*.tmp/.video.vrs.*.tmp"))
+
+
+def writers(workdir) -> list[int]:
+    """Process ids of the stage that runs in the working directory."""
+    listed = subprocess.run(
+        ["pgrep", "-f", "egosplat synthetic"], capture_output=True, text=True, check=False
+    )
+    pids = [int(word) for word in listed.stdout.split()]
+    return [pid for pid in pids if os.path.realpath(f"/proc/{pid}/cwd") == str(workdir.folder.resolve())]
+
+
+@pytest.mark.parametrize("how", ["the stage is killed", "Snakemake is interrupted"])
+def test_nothing_half_written_is_left_to_look_whole(workdir, how):
+    target = SCENE / "recording"
+    shutil.rmtree(workdir.folder / target)
+    workflow = Path(__file__).parents[2] / "workflow/Snakefile"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "snakemake", "--snakefile", workflow, "--cores", "2"]
+        + ["--configfile", "tiny.yaml", "--", str(target)],
+        cwd=workdir.folder,
+        env=workdir.environment,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    wait_for(lambda: half_written(workdir))
+    if how == "the stage is killed":
+        for pid in writers(workdir):
+            os.kill(pid, signal.SIGKILL)
+    else:
+        os.killpg(process.pid, signal.SIGINT)  # as Ctrl-C on a terminal does
+    assert process.wait(timeout=60) != 0
+    assert not (workdir.folder / target).exists()
+
+    workdir.run(str(target))
+    assert (workdir.folder / target / "video.vrs").exists()
+    assert not [path for path in (workdir.folder / SCENE).iterdir() if path.name.endswith(".tmp")]
+    assert all(report.sound for report in check_tree(workdir.folder / "results", lambda _: None))
