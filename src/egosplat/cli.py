@@ -45,6 +45,9 @@ EXTRAS: dict[str, list[click.Option]] = {
             help="How the recording is laid out on disk.",
         )
     ],
+    "contact_sheet": [
+        click.Option(["--title"], default="scene", show_default=True, help="What the scene is called.")
+    ],
 }
 """Flags that come from the table of scenes."""
 

@@ -32,5 +32,6 @@ rule contact_sheet:
         " --frames {input.frames:q}"
         " --annotations {input.annotations:q}"
         " --poses {input.poses:q}"
+        " --title {wildcards.dataset}/{wildcards.scene}"
         " --output {output:q}"
         " 2>&1 | tee {log:q}"

@@ -21,6 +21,12 @@ PICTURES = 8
 
 COLUMNS = 4
 
+HEIGHT = 11.0
+"""Of the page, in inches."""
+
+ROOM = "shelter"
+"""ADT's category of walls, floor and ceiling; left untinted, so that the things in it stand out."""
+
 LEAST_EXTENT = 1.0
 """Metres that the view from above shows at least."""
 
@@ -28,27 +34,40 @@ LABELS = 10
 """At most so many of an evaluation frame's instances are named in the picture, the largest first."""
 
 
-def run(frames: Path, annotations: Path, poses: Path, output: Path) -> None:
+def run(frames: Path, annotations: Path, poses: Path, output: Path, *, title: str) -> None:
     """Draw the contact sheet of a scene as PNG; the file appears when it is complete."""
     pictures, labels, walk = (
         open_artifact(path, schema)
         for path, schema in ((frames, FRAMES), (annotations, ANNOTATIONS), (poses, POSES))
     )
-    figure = plt.figure(figsize=(20, 10.4), layout="constrained")
-    figure.suptitle(_title(pictures, labels, walk), fontsize=15)
-    left, right = figure.subfigures(1, 2, width_ratios=[1.0, 1.75])
+    shown, rows = _spread(pictures.shape("rgb")[0]), _spread(labels.shape("frame")[0])
+    columns = min(COLUMNS, max(len(shown), len(rows)))
+    widths = (
+        HEIGHT * 0.72,
+        _grid_width(pictures, columns, math.ceil(len(shown) / columns) + math.ceil(len(rows) / columns)),
+    )
+    figure = plt.figure(figsize=(sum(widths), HEIGHT), layout="constrained")
+    figure.suptitle(f"{title}: {_summary(pictures, labels, walk)}", fontsize=14)
+    left, right = figure.subfigures(1, 2, width_ratios=widths)
     draw_from_above(left.subplots(), walk)
-    _draw_pictures(right, pictures, labels)
+    _draw_pictures(right, pictures, labels, shown, rows, columns)
     with whole_file(output) as scratch:
-        figure.savefig(scratch, dpi=80, format="png")
+        figure.savefig(scratch, dpi=90, format="png")
     plt.close(figure)
 
 
-def _title(pictures: Artifact, labels: Artifact, walk: Artifact) -> str:
+def _grid_width(pictures: Artifact, columns: int, rows: int) -> float:
+    """Inches that ``rows`` of pictures need in width to fill the page's height, within reason."""
+    _, height, width, _ = pictures.shape("rgb")
+    cell = (HEIGHT - 0.8) / rows - 0.3
+    return float(np.clip(columns * cell * width / height, 6.0, 16.0))
+
+
+def _summary(pictures: Artifact, labels: Artifact, walk: Artifact) -> str:
     count, height, width, _ = pictures.shape("rgb")
     seconds = float(np.ptp(pictures.read("timestamp_ns"))) * 1e-9
     return (
-        f"{pictures.facts['recording']} ({pictures.origin})\n"
+        f"{pictures.facts['recording']}, origin {pictures.origin}\n"
         f"{count} frames {width}×{height} in {seconds:.1f} s: "
         f"{int(pictures.read('train').sum())} to train, {int(pictures.read('evaluation').sum())} to evaluate, "
         f"{int(walk.read('registered').sum())} with a pose; {len(labels.facts['instances'])} instances"
@@ -121,14 +140,24 @@ def _scatter_points(
     flat, height = points @ plane.T, points @ up
     low, high = np.percentile(flat, [0.5, 99.5], axis=0)
     inside = ((flat >= low) & (flat <= high)).all(axis=1)
-    axes.scatter(*flat[inside].T, c=height[inside], s=1.2, cmap="viridis", linewidths=0, rasterized=True)
-
-
-def _draw_pictures(figure: "matplotlib.figure.SubFigure", pictures: Artifact, labels: Artifact) -> None:
-    shown, rows = (
-        _spread(artifact.shape(name)[0]) for artifact, name in ((pictures, "rgb"), (labels, "frame"))
+    axes.scatter(
+        *flat[inside].T,
+        c=height[inside],
+        s=float(np.clip(2e4 / len(flat), 1.2, 8)),
+        cmap="viridis",
+        linewidths=0,
+        rasterized=True,
     )
-    columns = min(COLUMNS, max(len(shown), len(rows)))
+
+
+def _draw_pictures(
+    figure: "matplotlib.figure.SubFigure",
+    pictures: Artifact,
+    labels: Artifact,
+    shown: list[int],
+    rows: list[int],
+    columns: int,
+) -> None:
     above, below = (math.ceil(len(part) / columns) for part in (shown, rows))
     grid = figure.subplots(above + below, columns, squeeze=False)
     for cell in grid.flat:
@@ -136,7 +165,7 @@ def _draw_pictures(figure: "matplotlib.figure.SubFigure", pictures: Artifact, la
     times = (pictures.read("timestamp_ns") - pictures.read("timestamp_ns")[0]) * 1e-9
     for cell, index in zip(grid[:above].flat, shown, strict=False):
         cell.imshow(pictures.row("rgb", index))
-        cell.set_title(f"frame {index}, {times[index]:.1f} s", fontsize=10)
+        cell.set_title(f"frame {index}, {times[index]:.1f} s", fontsize=9)
     for cell, row in zip(grid[above:].flat, rows, strict=False):
         _draw_annotated(cell, pictures, labels, row)
 
@@ -151,16 +180,15 @@ def _draw_annotated(cell: Axes, pictures: Artifact, labels: Artifact, row: int) 
     picture = pictures.row("rgb", index)
     if not labels.read("annotated")[row]:
         cell.imshow(picture)
-        cell.set_title(f"evaluation frame {index}: not annotated", fontsize=10)
+        cell.set_title(f"evaluated, frame {index}: not annotated", fontsize=9)
         return
+    names = [instance["category"] for instance in labels.facts["instances"]]
     instance_map = labels.row("instance_map", row)
-    cell.imshow(overlay(picture, instance_map))
-    cell.set_title(
-        f"evaluation frame {index}: {len(np.unique(instance_map[instance_map >= 0]))} instances", fontsize=10
-    )
-    for u, v, name in _label_places(
-        instance_map, [instance["category"] for instance in labels.facts["instances"]]
-    ):
+    rooms = [index for index, name in enumerate(names) if name == ROOM]
+    cell.imshow(overlay(picture, np.where(np.isin(instance_map, rooms), -1, instance_map)))
+    seen = len(np.unique(instance_map[instance_map >= 0]))
+    cell.set_title(f"evaluated, frame {index}: {seen} instances", fontsize=9)
+    for u, v, name in _label_places(instance_map, names):
         box = {"facecolor": "black", "alpha": 0.55, "pad": 1, "edgecolor": "none"}
         cell.text(u, v, name, color="white", fontsize=7, ha="center", va="center", bbox=box, clip_on=True)
 

@@ -57,7 +57,7 @@ def scene(folder, frames: int, evaluation: int, points: int, instances: int, reg
 )
 def test_a_picture_is_made(tmp_path, frames, evaluation, points, instances, registered):
     output = tmp_path / "sheet.png"
-    run(*scene(tmp_path, frames, evaluation, points, instances, registered), output)
+    run(*scene(tmp_path, frames, evaluation, points, instances, registered), output, title="a scene")
     picture = np.asarray(Image.open(output).convert("L"))
     assert picture.shape[1] > 1000 and picture.std() > 10
     assert sorted(path.name for path in tmp_path.iterdir() if path.suffix == ".png") == ["sheet.png"]
