@@ -1,0 +1,37 @@
+"""The sensor: vignette, gain, the display's curve, noise."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float32]
+
+_EXPOSURE = 1.8
+_NOISE = 0.006
+"""Standard deviation, as a share of the largest display value."""
+
+
+def develop(radiance: Floats, radius: Floats, gain: float, rng: np.random.Generator) -> NDArray[np.uint8]:
+    """(N, 3) display values of (N, 3) linear radiance.
+
+    Args:
+        radius: (N,) distance from the lens circle's middle as a share of its radius; gain: factor on all light.
+        rng: for the noise.
+    """
+    vignette = 1 - 0.35 * radius**2 - 0.2 * radius**8
+    display = tone(radiance * (vignette * np.float32(gain))[:, None])
+    display += rng.normal(0, _NOISE, display.shape).astype(np.float32)
+    return np.clip(display * 255 + 0.5, 0, 255).astype(np.uint8)
+
+
+def tone(radiance: Floats) -> Floats:
+    """Linear light to display values 0..1: highlights are compressed; the display's curve is a square root."""
+    exposed = radiance * np.float32(_EXPOSURE)
+    return np.sqrt(exposed * (1 + 0.12 * exposed) / (1 + 0.5 * exposed))
+
+
+def untone(display: Floats) -> Floats:
+    """The inverse of ``tone``."""
+    squared = display * display
+    # With x the exposed radiance and s the square: 0.12 x² + (1 - 0.5 s) x - s = 0.
+    b = 1 - 0.5 * squared
+    return (-b + np.sqrt(b * b + 0.48 * squared)) / np.float32(0.24 * _EXPOSURE)

@@ -1,0 +1,49 @@
+"""Curves over time without kinks."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import BSpline
+
+Array = NDArray[np.float64]
+
+_DEGREE = 5
+STEP_S = 0.25
+"""Time between control points; the curve follows them with a blur of about this length."""
+
+
+def control_times(start_s: float, end_s: float) -> Array:
+    """Times of the control points of a curve that is to cover an interval."""
+    count = int(np.ceil((end_s - start_s) / STEP_S)) + 2 * _DEGREE
+    return start_s + STEP_S * (np.arange(count) - _DEGREE + 1)
+
+
+class SmoothTrack:
+    """A quintic B-spline: four times continuously differentiable, within the bounds of its control points."""
+
+    def __init__(self, times: Array, values: Array) -> None:
+        """Make a curve.
+
+        Args:
+            times: (K,) from ``control_times``; values: (K, ...) control points.
+        """
+        knots = times[0] + STEP_S * (np.arange(len(times) + _DEGREE + 1) - (_DEGREE + 1) / 2)
+        self._spline = BSpline(knots, values, _DEGREE)
+
+    def __call__(self, times: ArrayLike) -> Array:
+        """(N, ...) values at (N,) times [s]."""
+        return self._spline(np.asarray(times, dtype=np.float64))
+
+
+def smoothstep(values: ArrayLike) -> Array:
+    """0 below 0, 1 above 1, and twice continuously differentiable between."""
+    t = np.clip(np.asarray(values, dtype=np.float64), 0, 1)
+    return t**3 * (10 - 15 * t + 6 * t**2)
+
+
+def limited(angles: Array, largest_step: float) -> Array:
+    """Angles [rad] that follow (K,) given ones the short way round, no faster than ``largest_step`` each."""
+    result = np.array(angles, dtype=np.float64)
+    for k in range(1, len(result)):
+        turn = (angles[k] - result[k - 1] + np.pi) % (2 * np.pi) - np.pi
+        result[k] = result[k - 1] + np.clip(turn, -largest_step, largest_step)
+    return result

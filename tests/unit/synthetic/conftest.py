@@ -1,0 +1,36 @@
+"""One furnished apartment, and one recording of it with people at work, for all tests of this room."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from egosplat.synthetic.apartment import Apartment, make_apartment
+from egosplat.synthetic.recording import World, film, make_renderer, make_world
+from egosplat.synthetic.render import Renderer
+from egosplat.synthetic.sequence import Frame, Sequence
+
+SIZE, FPS, SECONDS, OBJECTS = 192, 2.5, 16.0, 24
+
+
+@dataclass(frozen=True)
+class Filmed:
+    """A recording with everything that it was made from."""
+
+    world: World
+    renderer: Renderer
+    sequence: Sequence
+    frames: list[Frame]
+
+
+@pytest.fixture(scope="session")
+def apartment() -> Apartment:
+    return make_apartment(np.random.default_rng(11), OBJECTS)
+
+
+@pytest.fixture(scope="session")
+def filmed() -> Filmed:
+    world = make_world(seed=5, seconds=SECONDS, objects=OBJECTS, motion=0.6)
+    renderer = make_renderer(world, SIZE)
+    sequence = film(world, renderer, name="busy", fps=FPS, seconds=SECONDS)
+    return Filmed(world, renderer, sequence, list(sequence.frames()))
