@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from egosplat.synthetic.catalogue import CATEGORY_UIDS, Kind, random_ids, wish_list
+from egosplat.synthetic.catalogue import CATEGORY_UIDS, CORE, Kind, Motion, random_ids, wish_list
 from egosplat.synthetic.floorplan import FloorPlan, floor_plan
-from egosplat.synthetic.layout import Array, Layout, Placed, opening_box, place_kind
+from egosplat.synthetic.layout import Layout, Placed, place_kind
 from egosplat.synthetic.model import Model, bounds_at
-from egosplat.synthetic.room import Room, random_room
+from egosplat.synthetic.room import Room, opening_box, random_room
 from egosplat.synthetic.sequence import Instance
 from egosplat.synthetic.shapes import Part
 from egosplat.synthetic.shell import build_shell
@@ -61,7 +61,7 @@ def make_apartment(rng: Rng, objects: int) -> Apartment:
 
 
 def _furnish(room: Room, rng: Rng, objects: int) -> Layout | None:
-    """A layout with as many objects as asked for; None where they find no place."""
+    """A layout with as many objects as asked for, ``CORE`` among them; None where they find no place."""
     layout = Layout(room)
     layout.keep_clear.append(opening_box(room, room.door))
     models: dict[str, Model] = {}
@@ -76,8 +76,8 @@ def _furnish(room: Room, rng: Rng, objects: int) -> Layout | None:
         )
         if place_kind(layout, named, models[kind.prototype], rng):
             variants[kind.prototype] += 1
-        elif not layout.placed or len(layout.placed) < 4:
-            return None  # without couch, tables and television it is no living room
+        elif kind in CORE:
+            return None
         if len(layout.placed) == objects:
             return layout
     return None
@@ -96,6 +96,6 @@ def _instances(layout: Layout, shell: tuple[Part, ...], rng: Rng) -> list[Instan
     return instances
 
 
-def _instance(uid: int, name: str, prototype: str, category: str, motion: str, model: Model) -> Instance:
-    bounds: Array = np.stack(bounds_at(model, np.eye(4)))
-    return Instance(uid, name, prototype, category, CATEGORY_UIDS[category], motion, "object", bounds)  # type: ignore[arg-type]
+def _instance(uid: int, name: str, prototype: str, category: str, motion: Motion, model: Model) -> Instance:
+    bounds = np.stack(bounds_at(model, np.eye(4)))
+    return Instance(uid, name, prototype, category, CATEGORY_UIDS[category], motion, "object", bounds)

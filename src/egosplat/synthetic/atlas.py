@@ -36,7 +36,8 @@ class Atlas:
         """(N, 3) reflectance in linear light.
 
         Args:
-            texture: (N,) numbers; uv: (N, 2) texture coordinates [m]; footprint_m: (N,) width of a pixel there [m].
+            texture: (N,) numbers; uv: (N, 2) texture coordinates [m].
+            footprint_m: (N,) width of a pixel there [m].
         """
         detail = np.log2(np.maximum(footprint_m, 1e-6)) - self._log_texel[texture]
         detail = np.clip(detail, 0.0, _LEVELS - 1.001).astype(np.float32)

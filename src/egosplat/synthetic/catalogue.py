@@ -1,4 +1,4 @@
-"""The kinds of things that an apartment may hold: ADT's categories, where each belongs, and how it is built."""
+"""The kinds of things that an apartment may hold: ADT's categories, where they belong, who builds them."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -63,7 +63,7 @@ CATEGORY_UIDS = {
     "wall clock": 216,
     "wall-mounted coat rack": 493,
 }
-"""ADT's category names that are used here, and a number for each: ADT's own where its sample has the category."""
+"""ADT's category names that are used here, each with a number: ADT's own where its sample has it."""
 
 
 @dataclass(frozen=True)
@@ -76,8 +76,8 @@ class Kind:
         motion_type: ADT's label for things of this kind.
         build: makes one.
         place: ``back`` (its back to a wall), ``table front`` (in front of the couch), ``middle`` (free in the
-            room), ``chair`` (at the dining table), ``floor`` (near a wall), ``wall``, ``window``, or, for things that
-            stand on others, the uses of the surfaces that suit it, joined by ``/``.
+            room), ``chair`` (at the dining table), ``floor`` (near a wall), ``wall``, ``window``, or, for
+            things that stand on others, the uses of the surfaces that suit it, joined by ``/``.
         varied: whether every one looks different, and so has a prototype of its own.
         hand: whether a person can carry it.
     """
@@ -118,8 +118,9 @@ BOOK = Kind("BookFiction", "book", "static", gadgets.book_standing, "shelf", var
 LYING_BOOK = Kind("BookCooking", "book", "dynamic", gadgets.book_lying, _ANY, varied=True, hand=True)
 ARTWORK = Kind("WallDecor", "wall artwork", "static", wall_things.wall_artwork, "wall", varied=True)
 
-CORE_FURNITURE = (COUCH, COFFEE_TABLE, TV_STAND, TELEVISION, ARTWORK, STEP_STOOL)
-CORE_THINGS = (BOWL, BOX, COASTER, CUP)
+_CORE_FURNITURE = (COUCH, COFFEE_TABLE, TV_STAND, TELEVISION, ARTWORK, STEP_STOOL)
+_CORE_THINGS = (BOWL, BOX, COASTER, CUP)
+CORE = (*_CORE_FURNITURE, *_CORE_THINGS)
 """What every apartment has."""
 
 GROUPS = (
@@ -179,12 +180,12 @@ def wish_list(rng: Rng, objects: int) -> list[Kind]:
     groups = [GROUPS[number] for number in rng.permutation(len(GROUPS))]
     rest = [REST[number] for number in rng.permutation(len(REST))]
     # A third of the places is for furniture, more of it in fuller apartments.
-    share = max(1, round((objects - len(CORE_FURNITURE) - len(CORE_THINGS)) / 5))
+    share = max(1, round((objects - len(CORE)) / 5))
     chosen = [kind for group in groups[:share] for kind in group]
     late = [kind for group in groups[share:] for kind in group]
     fill = [MORE[number % len(MORE)] for number in range(3 * objects)]
     split = len(rest) * 2 // 3
-    return [*CORE_FURNITURE, *chosen, *CORE_THINGS, *rest[:split], *late, *rest[split:], *fill]
+    return [*_CORE_FURNITURE, *chosen, *_CORE_THINGS, *rest[:split], *late, *rest[split:], *fill]
 
 
 def random_ids(rng: Rng, count: int) -> list[int]:

@@ -51,7 +51,8 @@ class Stance:
     Attributes:
         place: (2,) x and z of its middle; heading [rad]; walked [m].
         crouch: how far the shoulders come down [m]; lean: and forward [m].
-        hands: (left, right) (3,) where the palms are to be, None for arms that hang; reach: 0..1, how far on the way.
+        hands: (left, right) (3,) where the palms are to be, None for arms that hang.
+        reach: 0..1, how far they are on the way there.
         lively: 0..1, how strongly legs and arms swing.
     """
 

@@ -71,6 +71,11 @@ class FloorPlan:
         return np.where(self.connected, np.cumsum(self.connected).reshape(self.connected.shape) - 1, -1)
 
     @cached_property
+    def _trees(self) -> dict[int, NDArray[np.int32]]:
+        """Shortest ways from cells that were asked for: each cell's predecessor."""
+        return {}
+
+    @cached_property
     def _graph(self) -> csr_array:
         return _graph(self._number, self.clearance)
 
@@ -78,7 +83,10 @@ class FloorPlan:
         """(N, 2) places about a cell apart on the way between two places, keeping off obstacles."""
         cells, number = np.argwhere(self.connected), self._number
         source, target = (int(number[self.cell(self.nearest(place, inside=False))]) for place in (start, end))
-        _, before = dijkstra(self._graph, directed=False, indices=source, return_predecessors=True)
+        if source not in self._trees:
+            _, tree = dijkstra(self._graph, directed=False, indices=source, return_predecessors=True)
+            self._trees[source] = tree
+        before = self._trees[source]
         path = [target]
         while path[-1] != source:
             path.append(int(before[path[-1]]))

@@ -47,6 +47,7 @@ def coffee_table(rng: Rng) -> Model:
 
 
 def dining_table(rng: Rng) -> Model:
+    """A table for four to six."""
     return table(rng, rng.uniform(1.1, 1.4), rng.uniform(0.75, 0.85), 0.74)
 
 

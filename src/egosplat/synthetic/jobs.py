@@ -15,8 +15,8 @@ from egosplat.synthetic.textures import Rng
 
 Array = NDArray[np.float64]
 
-_REACH_M = 0.85
-_TRIES = 120
+_REACH_M = 0.78
+_TRIES = 400
 REACHING_S = 0.9
 """From beginning to stretch the arm to the grip, and from the release to the arm's rest."""
 LIFTING_S = 0.7
@@ -78,10 +78,10 @@ def length_of(route: Array) -> float:
     return float(np.linalg.norm(np.diff(route, axis=0), axis=1).sum())
 
 
-def find_errands(apartment: Apartment, rng: Rng, taken: set[int], count: int) -> list[Errand]:
-    """Up to ``count`` different errands that can be run, in random order, for things not in ``taken``."""
+def find_errands(apartment: Apartment, rng: Rng, count: int) -> list[Errand]:
+    """Up to ``count`` errands that can be run, in random order."""
     layout = Layout(apartment.room, list(apartment.things))
-    things = [thing for thing in apartment.things if thing.kind.hand and thing.number not in taken]
+    things = [thing for thing in apartment.things if thing.kind.hand]
     carriable = [thing for thing in things if _in_reach(apartment, thing.support, thing.surface)]
     surfaces = [
         (thing, surface)

@@ -10,7 +10,7 @@ from egosplat.geometry import transform
 from egosplat.synthetic import catalogue
 from egosplat.synthetic.catalogue import Kind
 from egosplat.synthetic.model import Model, Surface, bounds_at, boxes_touch, yaw_pose
-from egosplat.synthetic.room import Opening, Room
+from egosplat.synthetic.room import Room, opening_box
 from egosplat.synthetic.textures import Rng
 
 Array = NDArray[np.float64]
@@ -25,9 +25,6 @@ _GAP_M = 0.03
 _CHAIR_GAP_M = 0.05
 
 
-_DOOR_CLEAR_M = 1.0
-
-
 @dataclass(frozen=True)
 class Placed:
     """A thing in its place.
@@ -35,7 +32,7 @@ class Placed:
     Attributes:
         kind, model: what it is; number: its running number in the apartment.
         pose: (4, 4) float64 ``world_from_object``.
-        support: number of what it stands on, None for the floor and the walls; surface: which of its surfaces.
+        support: number of what it stands on, None for floor and walls; surface: which of its surfaces.
     """
 
     number: int
@@ -101,14 +98,6 @@ def _fits(layout: Layout, thing: Placed) -> bool:
     return thing.kind.place == "window" or not any(
         boxes_touch(thing.bounds, opening_box(layout.room, opening), 0.02) for opening in layout.room.openings
     )
-
-
-def opening_box(room: Room, opening: Opening) -> Array:
-    """(2, 3) the space before an opening that is to be left free."""
-    away = _DOOR_CLEAR_M if opening.door else 0.25
-    first = room.at(opening.wall, opening.left, opening.bottom)
-    last = room.at(opening.wall, opening.right, opening.top, away)
-    return np.stack([np.minimum(first, last), np.maximum(first, last)])
 
 
 Proposal = tuple[Array, int | None, Surface | None]

@@ -36,7 +36,7 @@ class Lens:
 
 @lru_cache(maxsize=4)
 def make_lens(size: int) -> Lens:
-    """The rays of pictures of ``size`` x ``size`` pixels; kept, since unprojecting takes microseconds a pixel."""
+    """The rays of pictures of ``size`` x ``size`` pixels; kept, as each takes microseconds to unproject."""
     calibration = camera_calibration(size)
     # A margin of one pixel all around gives every pixel's ray its neighbours.
     steps = np.arange(-1, size + 1) + 0.5

@@ -27,7 +27,7 @@ class Lights:
 
     Attributes:
         lamp: (3,) float32 place in the world; sun: (3,) float32 unit vector towards it.
-        windows: for each window a plane and a rectangle: (3,) corner, (3,) right, (3,) up, (3,) inward normal.
+        windows: of each the lower left corner, its width and height as vectors, the inward normal; (3,) each.
     """
 
     lamp: Floats
@@ -100,7 +100,7 @@ def make_lights(room: Room, rng: np.random.Generator) -> Lights:
 def bake(
     geometry: Geometry, scene: RayScene, atlas: Atlas, lights: Lights, rng: np.random.Generator
 ) -> Floats:
-    """(V, 3) float32 irradiance at every vertex from light that has bounced once, from windows and from lamps.
+    """(V, 3) float32 irradiance at every vertex from light that has bounced, from windows and from lamps.
 
     Things that move, and people, get the room's mean, more of it from above than from below.
     """

@@ -20,6 +20,8 @@ from egosplat.synthetic.walk import Walk, make_route, make_walk
 Array = NDArray[np.float64]
 
 EYES_M = 1.62
+SHOULDERS_BEHIND_M = 0.15
+"""How far the shoulders are behind the camera."""
 _SPEEDS_M_S = (0.3, 0.55)
 _CARRYING_M_S = 0.6
 _TOUR_M = 9.0
@@ -63,7 +65,7 @@ class HeadMotion:
         return make_pose(head @ np.diag([-1.0, -1.0, 1.0]), place)
 
     def device_pose(self, start_ns: int) -> Callable[[NDArray[np.int64]], Array]:
-        """(N,) int64 nanoseconds -> (N, 4, 4) ``world_from_device``, the recording's second 0 being ``start_ns``."""
+        """(N,) int64 nanoseconds -> (N, 4, 4) ``world_from_device``; second 0 is at ``start_ns``."""
         upright_from_device = np.linalg.inv(CLOCKWISE) @ invert(device_from_camera())
 
         def pose(times_ns: NDArray[np.int64]) -> Array:
@@ -109,7 +111,7 @@ def plan_head(apartment: Apartment, rng: Rng, seconds: float, errand: Errand | N
         put,
         put + speed * (stops[5] - stops[4]),
     ]
-    walk = make_walk(route, stops, np.array(along), [job], span)
+    walk = make_walk(route, stops, np.array(along), [job], span, SHOULDERS_BEHIND_M)
     return _looking_around(apartment, walk, [job], rng, span)
 
 

@@ -1,4 +1,4 @@
-"""Plants, lamps, toys and other ornaments. Every builder returns an object in its own axes, front towards +z."""
+"""Plants, lamps, toys. Every builder returns an object in its own axes, front towards +z."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation

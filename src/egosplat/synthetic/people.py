@@ -1,4 +1,4 @@
-"""Who is in the apartment: the wearer, of whom the arms are seen, and somebody else; and what they carry about."""
+"""Who is in the apartment: the wearer, of whom the arms are seen, and somebody else; and what they carry."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,10 +11,10 @@ from egosplat.geometry import make_pose
 from egosplat.synthetic.apartment import Apartment
 from egosplat.synthetic.catalogue import CATEGORY_UIDS
 from egosplat.synthetic.figure import ARMS, JOINTS, LIMBS, Stance, joints_of, limb_pose
-from egosplat.synthetic.jobs import LIFTING_S, REACHING_S, Errand, Job, find_errands
+from egosplat.synthetic.jobs import LIFTING_S, REACHING_S, Errand, Job
 from egosplat.synthetic.limbs import Clothes, limb_parts
 from egosplat.synthetic.model import bounds_at
-from egosplat.synthetic.motion import HeadMotion
+from egosplat.synthetic.motion import SHOULDERS_BEHIND_M, HeadMotion
 from egosplat.synthetic.raycasting import Body
 from egosplat.synthetic.room import corridor_bounds
 from egosplat.synthetic.sequence import Instance
@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 _SPEED_M_S = 0.85
 _PAUSE_S, _LONGEST_PAUSE_S = 1.9, 4.5
 _KEEP_APART_M = 0.58
-_ATTEMPTS, _SHIFTS = 16, 8
+_ATTEMPTS, _SHIFTS = 30, 10
 _OPEN_HAND_M = 0.06
 """Things wider than twice this are held with both hands."""
 
@@ -123,39 +123,35 @@ def _grip(job: Job, pose: Array, heading: float) -> tuple[Array | None, Array | 
 
 def make_wearer(uid: int, head: HeadMotion, clothes: Clothes) -> Person:
     """The wearer, of whom only the arms are drawn."""
-    return Person(_human(uid, "Skeleton_W"), head.walk, head.jobs, clothes, ARMS, (0.4, 1.06), 0.15)
+    return Person(
+        _human(uid, "Skeleton_W"), head.walk, head.jobs, clothes, ARMS, (0.4, 1.06), SHOULDERS_BEHIND_M
+    )
 
 
 def plan_other(
-    apartment: Apartment,
-    rng: Rng,
-    head: HeadMotion,
-    seconds: float,
-    work_s: float,
-    taken: set[int],
-    full: set[int],
+    apartment: Apartment, errands: list[Errand], rng: Rng, head: HeadMotion, seconds: float, work_s: float
 ) -> tuple[Walk, tuple[Job, ...]] | None:
     """Somebody who comes through the door, carries things about for a while and leaves.
 
-    Things in ``taken`` are not touched, and nothing is put onto those in ``full``.
-
-    Of several plans the one is taken that keeps farthest from the wearer. None where there is no errand, or none
-    that does not lead through the wearer.
+    Of several plans the one is taken that keeps farthest from the wearer. What the wearer carries is left
+    alone, and nothing is put where the wearer puts something. None where no plan keeps clear of the wearer.
     """
     times = np.linspace(0, seconds, int(seconds * 5) + 2)
     wearer = head.walk.place(times)
+    taken = {job.errand.thing.number for job in head.jobs}
+    full = {job.errand.support for job in head.jobs}
+    open_errands = [one for one in errands if one.thing.number not in taken and one.support not in full]
     best, farthest = None, _KEEP_APART_M
     for attempt in range(_ATTEMPTS):
         # If nothing has been found so far, less is tried.
-        errands = _errands_for(
-            apartment, rng, work_s * (1 - attempt / _ATTEMPTS if best is None else 1), taken, full
-        )
-        if not errands:
+        share = 1 - attempt / _ATTEMPTS if best is None else 1
+        chosen = _errands_for(open_errands, rng, work_s * share)
+        if not chosen:
             return None
-        route = _other_route(apartment, errands)
-        for share in rng.random(_SHIFTS).tolist():
+        route = _other_route(apartment, chosen)
+        for when in rng.random(_SHIFTS).tolist():
             pauses = rng.uniform(_PAUSE_S, _LONGEST_PAUSE_S, len(route.stops))
-            plan = _other_walk(route, errands, seconds, share, pauses)
+            plan = _other_walk(route, chosen, seconds, when, pauses)
             distance = float(np.linalg.norm(plan[0].place(times) - wearer, axis=1).min())
             if distance > farthest:
                 best, farthest = plan, distance
@@ -164,14 +160,12 @@ def plan_other(
     return best
 
 
-def _errands_for(
-    apartment: Apartment, rng: Rng, work_s: float, taken: set[int], full: set[int]
-) -> list[Errand]:
+def _errands_for(errands: list[Errand], rng: Rng, work_s: float) -> list[Errand]:
     """Errands for different things and to different places that fill the time."""
     chosen: list[Errand] = []
-    for errand in find_errands(apartment, rng, taken, 12):
+    for errand in (errands[number] for number in rng.permutation(len(errands))):
         numbers = {other.thing.number for other in chosen}
-        supports = {other.support for other in chosen} | full
+        supports = {other.support for other in chosen}
         if errand.thing.number in numbers or errand.support in supports:
             continue
         chosen.append(errand)

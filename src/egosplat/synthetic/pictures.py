@@ -1,4 +1,4 @@
-"""Textures with something drawn on them: paintings, book covers, clock faces, labels, screens, the view outside."""
+"""Textures with something drawn on them: paintings, book covers, clock faces, labels, keys, the street."""
 
 import cv2
 import numpy as np

@@ -1,6 +1,4 @@
-"""Semi-dense points as Aria's mapping gives them: on textured surfaces that the camera saw, noisy with distance."""
-
-from typing import TYPE_CHECKING
+"""Semi-dense points as Aria's mapping gives them: on textured surfaces, seen, noisy with distance."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,9 +6,7 @@ from numpy.typing import NDArray
 from egosplat.geometry import CLOCKWISE
 from egosplat.synthetic.raycasting import interpolated
 from egosplat.synthetic.render import Renderer
-
-if TYPE_CHECKING:
-    from egosplat.synthetic.recording import World
+from egosplat.synthetic.world import World
 
 Array = NDArray[np.float64]
 
@@ -23,7 +19,7 @@ _DETAIL_M = 0.012
 
 
 def semidense_points(
-    world: "World", renderer: Renderer, captures: NDArray[np.int64], rng: np.random.Generator
+    world: World, renderer: Renderer, captures: NDArray[np.int64], rng: np.random.Generator
 ) -> tuple[Array, Array, Array]:
     """(P, 3) points [m], (P,) uncertainty of the inverse distance [1/m] and (P,) of the distance [m].
 

@@ -34,7 +34,7 @@ class Shot:
     Attributes:
         rgb: (H, W, 3) uint8, with people.
         with_people, without_people: labels and depth.
-        parts: (H, W) int32 running number of the part seen (``Geometry.part_names``), with people; -1 for none.
+        parts: (H, W) int32 number of the part seen (see ``Geometry.part_names``), with people; -1 for none.
     """
 
     rgb: NDArray[np.uint8]

@@ -16,6 +16,7 @@ REVEAL_M = 0.12
 """Thickness of the walls, as seen in openings."""
 
 
+_DOOR_CLEAR_M = 1.0
 _UP = np.array([0.0, 1.0, 0.0])
 
 
@@ -40,8 +41,8 @@ class Opening:
 class Room:
     """The room's size and openings.
 
-    World axes: y up, the floor at y = 0, the room's middle above the origin. Wall k's inward normal is +z, +x, -z,
-    -x for k = 0..3.
+    World axes: y up, the floor at y = 0, the room's middle above the origin. The inward normals of walls 0..3
+    are +z, +x, -z, -x.
     """
 
     width: float
@@ -102,3 +103,11 @@ def corridor_bounds(room: Room) -> tuple[float, float, float, float]:
     middle = (room.door.left + room.door.right) / 2
     half = CORRIDOR_WIDTH_M / 2
     return middle - half, middle + half, REVEAL_M, REVEAL_M + CORRIDOR_DEPTH_M
+
+
+def opening_box(room: Room, opening: Opening) -> Array:
+    """(2, 3) the space before an opening that is to be left free."""
+    away = _DOOR_CLEAR_M if opening.door else 0.25
+    first = room.at(opening.wall, opening.left, opening.bottom)
+    last = room.at(opening.wall, opening.right, opening.top, away)
+    return np.stack([np.minimum(first, last), np.maximum(first, last)])

@@ -14,7 +14,8 @@ def develop(radiance: Floats, radius: Floats, gain: float, rng: np.random.Genera
     """(N, 3) display values of (N, 3) linear radiance.
 
     Args:
-        radius: (N,) distance from the lens circle's middle as a share of its radius; gain: factor on all light.
+        radius: (N,) distance from the lens circle's middle as a share of its radius.
+        gain: factor on all light.
         rng: for the noise.
     """
     vignette = 1 - 0.35 * radius**2 - 0.2 * radius**8
@@ -24,7 +25,7 @@ def develop(radiance: Floats, radius: Floats, gain: float, rng: np.random.Genera
 
 
 def tone(radiance: Floats) -> Floats:
-    """Linear light to display values 0..1: highlights are compressed; the display's curve is a square root."""
+    """Linear light to display values 0..1: highlights compressed, then a square root."""
     exposed = radiance * np.float32(_EXPOSURE)
     return np.sqrt(exposed * (1 + 0.12 * exposed) / (1 + 0.5 * exposed))
 

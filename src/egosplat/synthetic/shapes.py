@@ -1,4 +1,4 @@
-"""Surfaces that the apartment's objects are put together from: triangles with normals and texture coordinates.
+"""Surfaces that objects are put together from: triangles with normals and texture coordinates.
 
 Object axes: x to the right as seen from the object's front, y up, z out of its front. Metres.
 """
@@ -176,7 +176,7 @@ def rod(start: ArrayLike, end: ArrayLike, radius: float, end_radius: float | Non
 
 
 def leaf(length: float, width: float, droop: float) -> Shape:
-    """A thin leaf along +z from the origin, bending down by ``droop`` metres at its tip; seen from both sides."""
+    """A thin leaf along +z from the origin, its tip ``droop`` metres lower; seen from both sides."""
     t, s = np.meshgrid(np.linspace(0, 1, 6), np.linspace(-1, 1, 3), indexing="ij")
     half = 0.5 * width * np.sin(np.pi * np.clip(0.06 + 0.94 * t, 0, 1)) ** 0.8
     x = s * half
@@ -221,7 +221,7 @@ def _band(ends: Array, outward: Array, lengths: Array, segments: int) -> Shape:
 
 
 def _grid_faces(rows: int, columns: int) -> NDArray[np.int64]:
-    """Two triangles a cell of a grid of (rows + 1) x (columns + 1) vertices, right by right, row by row down."""
+    """Two triangles a cell of a grid of (rows + 1) x (columns + 1) vertices, numbered row by row."""
     number = np.arange((rows + 1) * (columns + 1)).reshape(rows + 1, columns + 1)
     a, b, c, d = number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:]
     return np.concatenate([np.stack([a, c, b], -1).reshape(-1, 3), np.stack([b, c, d], -1).reshape(-1, 3)])

@@ -3,15 +3,14 @@
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
 
-from egosplat.synthetic.materials import some_fabric, some_paint, some_plastic, some_wood
-from egosplat.synthetic.pictures import outside, random_colour
-from egosplat.synthetic.room import REVEAL_M, Opening, Room, corridor_bounds
-from egosplat.synthetic.shapes import Part, Shape, box, cylinder, join, sheet
-from egosplat.synthetic.textures import Colour, Rng, make_texture, motifs, noise, planks, shaded, speckled
-
-Array = NDArray[np.float64]
+from egosplat.synthetic.corridor import corridor_parts
+from egosplat.synthetic.materials import some_paint, some_plastic, some_wood
+from egosplat.synthetic.openings import block, window_parts
+from egosplat.synthetic.pictures import random_colour
+from egosplat.synthetic.room import Opening, Room
+from egosplat.synthetic.shapes import Part, Shape, cylinder, join, sheet
+from egosplat.synthetic.textures import Colour, Rng, make_texture, motifs, noise, planks
 
 _UP = np.array([0.0, 1.0, 0.0])
 
@@ -27,8 +26,8 @@ def build_shell(room: Room, rng: Rng) -> list[Part]:
         *_skirting(room, rng),
     ]
     for opening in room.windows:
-        parts += _window(room, opening, rng)
-    return parts + _corridor(room, rng)
+        parts += window_parts(room, opening, rng)
+    return parts + corridor_parts(room, rng)
 
 
 def _floor(room: Room, rng: Rng) -> Part:
@@ -129,147 +128,12 @@ def _piece(room: Room, wall: int, along: tuple[float, float], heights: tuple[flo
     return Shape(flat.vertices, flat.normals, flat.uv + (along[0], room.height - heights[1]), flat.faces)
 
 
-def _block(
-    room: Room, wall: int, along: tuple[float, float], heights: tuple[float, float], away: tuple[float, float]
-) -> Shape:
-    """A box given along a wall."""
-    ends = np.stack([room.at(wall, a, h, d) for a, h, d in zip(along, heights, away, strict=True)])
-    return box(ends.min(axis=0), ends.max(axis=0))
-
-
 def _skirting(room: Room, rng: Rng) -> list[Part]:
     pieces = []
     for wall in range(4):
         gap = (room.door.left - 0.06, room.door.right + 0.06) if room.door.wall == wall else (0.0, 0.0)
         spans = [(0.0, gap[0]), (gap[1], room.length(wall))] if gap[1] else [(0.0, room.length(wall))]
         pieces += [
-            _block(room, wall, span, (0.0, 0.08), (0.0, 0.012)) for span in spans if span[1] - span[0] > 0.01
+            block(room, wall, span, (0.0, 0.08), (0.0, 0.012)) for span in spans if span[1] - span[0] > 0.01
         ]
     return [Part("skirting", join(pieces), some_wood(rng))]
-
-
-def _window(room: Room, hole: Opening, rng: Rng) -> list[Part]:
-    """Reveal, frame with a cross bar, sill, and the view behind."""
-    wall, middle = hole.wall, (hole.left + hole.right) / 2
-    bars = [(hole.left, hole.left + 0.05), (middle - 0.02, middle + 0.02), (hole.right - 0.05, hole.right)]
-    frame = [_block(room, wall, bar, (hole.bottom, hole.top), (-0.1, -0.06)) for bar in bars]
-    for low, high in ((hole.bottom, hole.bottom + 0.05), (hole.top - 0.05, hole.top)):
-        frame.append(_block(room, wall, (hole.left, hole.right), (low, high), (-0.1, -0.06)))
-    sill = _block(
-        room,
-        wall,
-        (hole.left - 0.06, hole.right + 0.06),
-        (hole.bottom - 0.03, hole.bottom),
-        (-REVEAL_M, 0.03),
-    )
-    return [
-        Part("window reveal", _reveal(room, hole), some_paint(rng)),
-        Part("window frame", join(frame), some_plastic(rng, (0.93, 0.93, 0.92))),
-        Part("window sill", sill, some_wood(rng)),
-        _view(room, hole, rng),
-    ]
-
-
-def _view(room: Room, hole: Opening, rng: Rng) -> Part:
-    """A picture of the street behind a window, bent around so that no ray passes beside it."""
-    wall, depth = hole.wall, 0.7
-    left, right = max(0.0, hole.left - 0.9), min(room.length(wall), hole.right + 0.9)
-    bottom, top = hole.bottom - 0.8, hole.top + 0.9
-    along, inward = room.right(wall) * (right - left), room.normal(wall) * depth
-    up = _UP * (top - bottom)
-    back = sheet(room.at(wall, left, top, -depth), along, -up, 0.5)
-    sides = [
-        sheet(room.at(wall, left, top), -inward, -up, 0.5),
-        sheet(room.at(wall, right, top, -depth), inward, -up, 0.5),
-        sheet(room.at(wall, left, top), along, -inward, 0.5),
-        sheet(room.at(wall, left, bottom, -depth), along, inward, 0.5),
-    ]
-    return Part("view", join([back, *sides]), make_texture(outside(rng), right - left, top - bottom), glow=1.6)
-
-
-def _reveal(room: Room, hole: Opening) -> Shape:
-    """The wall's thickness around an opening: sides, top and, of a window, bottom."""
-    wall, depth = hole.wall, REVEAL_M
-    right, inward = room.right(wall), room.normal(wall)
-    rise = hole.top - hole.bottom
-    sides = [
-        sheet(room.at(wall, hole.left, hole.top), -inward * depth, -_UP * rise),
-        sheet(room.at(wall, hole.right, hole.top, -depth), inward * depth, -_UP * rise),
-        sheet(room.at(wall, hole.left, hole.top), right * (hole.right - hole.left), -inward * depth),
-    ]
-    if not hole.door:
-        sides.append(
-            sheet(
-                room.at(wall, hole.left, hole.bottom, -depth),
-                right * (hole.right - hole.left),
-                inward * depth,
-            )
-        )
-    return join(sides)
-
-
-def _corridor(room: Room, rng: Rng) -> list[Part]:
-    """A short corridor across the doorway, in which people wait out of sight, and the door, wide open."""
-    door, wall = room.door, room.door.wall
-    left, right, near, far = corridor_bounds(room)
-    top, depth = 2.3, far - near
-    across, inward = room.right(wall), room.normal(wall)
-
-    def corner(along: float, height: float, away: float) -> Array:
-        return room.at(wall, along, height, -away)
-
-    walls = [
-        sheet(corner(left, top, far), across * (right - left), -_UP * top),
-        sheet(corner(left, top, near), -inward * depth, -_UP * top),
-        sheet(corner(right, top, far), inward * depth, -_UP * top),
-        sheet(corner(door.left, top, near), -across * (door.left - left), -_UP * top),
-        sheet(corner(right, top, near), -across * (right - door.right), -_UP * top),
-        sheet(corner(door.right, top, near), -across * (door.right - door.left), -_UP * (top - door.top)),
-    ]
-    paper = motifs(
-        rng,
-        random_colour(rng, (0.1, 0.3), (0.7, 0.9)),
-        [random_colour(rng) for _ in range(2)],
-        (512, 512),
-        150,
-        (8, 26),
-    )
-    stone = speckled(rng, (0.62, 0.6, 0.56), (0.35, 0.33, 0.32), 900, 5)
-    ground = sheet(corner(left, 0, far), across * (right - left), inward * far)
-    lid = sheet(corner(left, top, near), across * (right - left), -inward * depth)
-    plaster = make_texture(shaded((0.88, 0.87, 0.85), 0.04 * noise(rng, (256, 256), 1.0)), 1.0)
-    frame = [
-        _block(room, wall, span, (0.0, door.top + 0.06), (0.0, 0.02))
-        for span in ((door.left - 0.06, door.left), (door.right, door.right + 0.06))
-    ]
-    frame.append(_block(room, wall, (door.left, door.right), (door.top, door.top + 0.06), (0.0, 0.02)))
-    leaf = _block(
-        room,
-        wall,
-        (door.right + 0.02, door.right + 0.06),
-        (0.01, door.top - 0.01),
-        (-near - 0.88, -near - 0.02),
-    )
-    lamp = _block(
-        room,
-        wall,
-        (door.left + 0.25, door.right - 0.25),
-        (top - 0.03, top - 0.005),
-        (-near - 0.8, -near - 0.5),
-    )
-    return [
-        Part("corridor walls", join(walls), make_texture(paper, 2.0)),
-        Part("corridor floor", ground, make_texture(stone, 0.8)),
-        Part("corridor ceiling", lid, plaster),
-        Part("door reveal", _reveal(room, door), some_paint(rng)),
-        Part("door frame", join(frame), some_wood(rng)),
-        Part("door", leaf, some_paint(rng)),
-        Part("corridor lamp", lamp, some_plastic(rng, (0.98, 0.95, 0.85)), glow=1.6),
-        Part("door mat", _mat(room), some_fabric(rng)),
-    ]
-
-
-def _mat(room: Room) -> Shape:
-    door = room.door
-    corner = room.at(door.wall, door.left + 0.1, 0.005, -REVEAL_M - 0.6)
-    return sheet(corner, room.right(door.wall) * 0.7, room.normal(door.wall) * 0.45)

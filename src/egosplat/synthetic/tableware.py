@@ -1,4 +1,4 @@
-"""What belongs to the kitchen or the table. Every builder returns an object in its own axes, front towards +z."""
+"""What belongs to kitchen and table. Every builder returns an object in its own axes, front towards +z."""
 
 import itertools
 
@@ -7,7 +7,7 @@ import numpy as np
 from egosplat.synthetic.materials import some_glaze, some_metal, some_plastic, some_wood
 from egosplat.synthetic.model import Model
 from egosplat.synthetic.pictures import label, random_colour
-from egosplat.synthetic.shapes import Part, box, cushion, cylinder, ellipsoid, join, lathe, rod
+from egosplat.synthetic.shapes import Part, Shape, box, cushion, cylinder, ellipsoid, join, lathe, rod
 from egosplat.synthetic.textures import Rng, Texture, make_texture, metal, motifs, speckled, stripes, wood
 
 
@@ -175,12 +175,12 @@ def toaster(rng: Rng) -> Model:
             Part(
                 "lever", box((0.128, 0.11, -0.02), (0.155, 0.125, 0.02)), some_plastic(rng, (0.1, 0.1, 0.1))
             ),
-            Part("feet", four_feet(), some_plastic(rng, (0.1, 0.1, 0.1))),
+            Part("feet", _four_feet(), some_plastic(rng, (0.1, 0.1, 0.1))),
         )
     )
 
 
-def four_feet():
+def _four_feet() -> Shape:
     """Small feet under a toaster."""
     return join([cylinder(0.012, 0, 0.016, 10).moved((x, 0, z)) for x in (-0.1, 0.1) for z in (-0.05, 0.05)])
 

@@ -23,7 +23,8 @@ class Route:
     """A line through the room with even spacing.
 
     Attributes:
-        places: (N, 2) x and z; stops: (S,) distance from the beginning to the stops that it was made from [m].
+        places: (N, 2) x and z.
+        stops: (S,) distance from the beginning to the stops that it was made from [m].
     """
 
     places: Array
@@ -61,7 +62,8 @@ class Walk:
 
     Attributes:
         controls: (K, 6) the track's control points.
-        track: time [s] -> x, z, heading [rad], distance walked [m], crouch 0..0.6 [m], leaning forward 0..0.4 [m].
+        track: time [s] -> x, z, heading [rad], distance walked [m], how far the shoulders come down, and
+            forward [m].
     """
 
     track: SmoothTrack
@@ -79,7 +81,12 @@ class Walk:
 
 
 def make_walk(
-    route: Route, times: Array, along: Array, jobs: list[Job], duration: tuple[float, float]
+    route: Route,
+    times: Array,
+    along: Array,
+    jobs: list[Job],
+    duration: tuple[float, float],
+    behind_m: float = 0.0,
 ) -> Walk:
     """Walk a route.
 
@@ -87,6 +94,7 @@ def make_walk(
         route: the way; times, along: (M,) when which distance along it is reached, linear between.
         jobs: what is done on the way; one turns to the thing and bends for it.
         duration: first and last second that the walk has to cover.
+        behind_m: how far the shoulders are behind the place that walks the route.
     """
     grid = control_times(*duration)
     where = np.interp(grid, times, along)
@@ -101,7 +109,8 @@ def make_walk(
         for share, end, stand, moment in zip(
             job.bend(grid), ends, stands, (job.grip_s, job.release_s), strict=True
         ):
-            down, forward = _bend_for(float(np.linalg.norm(end[[0, 2]] - stand)), float(end[1]))
+            distance = float(np.linalg.norm(end[[0, 2]] - stand)) + behind_m
+            down, forward = _bend_for(distance, float(end[1]))
             crouch, lean = np.maximum(crouch, share * down), np.maximum(lean, share * forward)
             near = np.abs(grid - moment) < 0.9
             way = end[[0, 2]] - places[near]
@@ -113,7 +122,7 @@ def make_walk(
 
 def _bend_for(distance: float, height: float) -> tuple[float, float]:
     """How far the shoulders must come down and forward [m] to reach a thing."""
-    forward = float(np.clip(distance - 0.3, 0, 0.4))
+    forward = float(np.clip(distance - 0.3, 0, 0.45))
     left = distance - forward
     drop = np.sqrt(max(_ARM_M**2 - left**2, 0.01))
     return float(np.clip(_SHOULDER_M - (height + 0.05 + drop), 0, 0.7)), forward

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from egosplat.synthetic.apartment import Apartment, make_apartment
-from egosplat.synthetic.recording import World, film, make_renderer, make_world
+from egosplat.synthetic.recording import film, make_renderer
 from egosplat.synthetic.render import Renderer
 from egosplat.synthetic.sequence import Frame, Sequence
+from egosplat.synthetic.world import World, make_world
 
 SIZE, FPS, SECONDS, OBJECTS = 192, 2.5, 16.0, 24
 

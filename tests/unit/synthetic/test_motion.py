@@ -5,8 +5,8 @@ import pytest
 
 from egosplat.geometry import invert, is_rigid, rotation_angle, transform
 from egosplat.synthetic.aria import device_from_camera
-from egosplat.synthetic.recording import camera_pose
 from egosplat.synthetic.smooth import SmoothTrack, control_times, limited, smoothstep
+from egosplat.synthetic.world import camera_pose
 
 STEP_S = 1e-3
 

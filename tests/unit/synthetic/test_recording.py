@@ -7,7 +7,8 @@ from projectaria_tools.projects.adt import AriaDigitalTwinDataPathsProvider, Ari
 
 from egosplat.geometry import invert, transform
 from egosplat.synthetic.adt import write_sequence
-from egosplat.synthetic.recording import film, make_sequence, make_world
+from egosplat.synthetic.recording import film, make_sequence
+from egosplat.synthetic.world import make_world
 
 TINY = {"name": "tiny", "seed": 8, "size": 64, "fps": 1.5, "seconds": 4.0, "objects": 16}
 

@@ -9,12 +9,12 @@ from egosplat.synthetic.atlas import Atlas
 from egosplat.synthetic.lens import make_lens
 from egosplat.synthetic.lighting import Lights
 from egosplat.synthetic.raycasting import Body, body_scene, build_geometry
-from egosplat.synthetic.recording import camera_pose
 from egosplat.synthetic.render import Renderer
 from egosplat.synthetic.sensor import tone, untone
 from egosplat.synthetic.sequence import ROLLING_SHUTTER_MIDDLE_NS
 from egosplat.synthetic.shapes import Part, box, sheet
 from egosplat.synthetic.textures import make_texture
+from egosplat.synthetic.world import camera_pose
 
 SIZE = 192
 GREY = make_texture(np.full((16, 16, 3), 0.5), 1.0)
