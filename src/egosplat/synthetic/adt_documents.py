@@ -20,7 +20,7 @@ def write_documents(folder: Path, sequence: Sequence) -> None:
     columns += [f"p_local_obj_{axis}{end}[m]" for axis in "xyz" for end in ("min", "max")]
     pd.DataFrame(rows, columns=columns).to_csv(folder / "3d_bounding_box.csv", index=False)
     people = [one for one in sequence.instances if one.instance_type == "human"]
-    association = {"SkeletonMetadata": [_skeleton(person) for person in people]}
+    association = {"SkeletonMetadata": [_skeleton(person, sequence.wearer) for person in people]}
     _write_json(folder / "skeleton_aria_association.json", association)
     _write_json(folder / "metadata.json", _metadata(len(people)))
 
@@ -45,9 +45,9 @@ def _box(one: Instance) -> tuple[float, ...]:
     return (one.instance_id, -1, *one.bounds.T.ravel().tolist())
 
 
-def _skeleton(person: Instance) -> dict[str, Any]:
-    """Nobody who is seen wears the device."""
-    return {"AssociatedDeviceSerial": "NONE", "SkeletonId": person.instance_id, "SkeletonName": person.name}
+def _skeleton(person: Instance, wearer: int | None) -> dict[str, Any]:
+    device = DEVICE_SERIAL if person.instance_id == wearer else "NONE"
+    return {"AssociatedDeviceSerial": device, "SkeletonId": person.instance_id, "SkeletonName": person.name}
 
 
 def _metadata(people: int) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from egosplat.errors import UserError
 from egosplat.synthetic.catalogue import CATEGORY_UIDS, CORE, Kind, Motion, random_ids, wish_list
 from egosplat.synthetic.floorplan import FloorPlan, floor_plan
 from egosplat.synthetic.layout import Layout, Placed, place_kind
@@ -45,7 +46,7 @@ def make_apartment(rng: Rng, objects: int) -> Apartment:
         objects: how many nameable things there are, without the shell; 16 to 40.
 
     Raises:
-        ValueError: so many objects find no place.
+        UserError: so many objects find no place.
     """
     for _ in range(_LAYOUTS):
         layout = _furnish(random_room(rng), rng, objects)
@@ -57,7 +58,9 @@ def make_apartment(rng: Rng, objects: int) -> Apartment:
             return Apartment(
                 layout.room, shell, tuple(layout.placed), tuple(_instances(layout, shell, rng)), plan
             )
-    raise ValueError(f"{objects} objects find no place in {_LAYOUTS} rooms")
+    raise UserError(
+        f"synthetic.objects = {objects}: so many find no place in {_LAYOUTS} rooms. Take fewer, or another seed"
+    )
 
 
 def _furnish(room: Room, rng: Rng, objects: int) -> Layout | None:

@@ -38,7 +38,8 @@ def make_sequence(
             Carrying one thing takes some seconds, so that a short recording may have more.
 
     Raises:
-        ValueError: ``motion`` is out of range, or so many objects find no place.
+        UserError: so many objects find no place.
+        ValueError: ``motion`` is out of range.
     """
     world = make_world(seed=seed, seconds=seconds, objects=objects, motion=motion)
     return film(world, make_renderer(world, size), name=name, fps=fps, seconds=seconds)
@@ -67,6 +68,7 @@ def film(world: World, renderer: Renderer, *, name: str, fps: float, seconds: fl
         dist_std=dist_std,
         frames=lambda: render_frames(world, renderer, captures),
         frame_count=count,
+        wearer=world.people[0].instance.instance_id if world.people else None,
     )
 
 

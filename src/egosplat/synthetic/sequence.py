@@ -92,6 +92,7 @@ class Sequence:
         inv_dist_std: (P,) float64 [1/m]; dist_std: (P,) float64 [m]: their uncertainty.
         frames: makes the frames, in order of time.
         frame_count: how many ``frames`` yields.
+        wearer: the human instance that wears the device, where there is one.
     """
 
     name: str
@@ -107,6 +108,7 @@ class Sequence:
     dist_std: NDArray[np.float64]
     frames: Callable[[], Iterator[Frame]]
     frame_count: int
+    wearer: int | None = None
 
 
 ROLLING_SHUTTER_MIDDLE_NS = 2_500_000

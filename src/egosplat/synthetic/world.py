@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.errors import UserError
 from egosplat.geometry import CLOCKWISE
 from egosplat.synthetic.apartment import Apartment, make_apartment
 from egosplat.synthetic.catalogue import random_ids
@@ -106,7 +107,9 @@ def _apartment(rng: np.random.Generator, objects: int, at_work: bool) -> tuple[A
         errands = find_errands(apartment, rng, _ERRANDS) if at_work else []
         if errands or not at_work:
             return apartment, errands
-    raise ValueError(f"nothing can be carried in {_HOMES} apartments of {objects} objects")
+    raise UserError(
+        f"synthetic.objects = {objects}: in {_HOMES} apartments nothing can be carried. Take another number or seed"
+    )
 
 
 def _plan_motion(

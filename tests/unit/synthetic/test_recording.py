@@ -1,5 +1,7 @@
 """A whole recording: who moves, what stays, and that the same seed makes the same one."""
 
+import json
+
 import numpy as np
 import pytest
 from projectaria_tools.core.stream_id import StreamId
@@ -7,6 +9,7 @@ from projectaria_tools.projects.adt import AriaDigitalTwinDataPathsProvider, Ari
 
 from egosplat.geometry import invert, transform
 from egosplat.synthetic.adt import write_sequence
+from egosplat.synthetic.aria import DEVICE_SERIAL
 from egosplat.synthetic.recording import film, make_sequence
 from egosplat.synthetic.world import make_world
 
@@ -193,3 +196,12 @@ def test_adts_own_reader_reads_it(filmed, tmp_path):
     assert np.array_equal(image.astype(np.uint64), frame.without_people.segmentation)
     assert set(provider.get_instance_ids()) == {one.instance_id for one in filmed.sequence.instances}
     assert len(provider.get_skeleton_ids()) == 2
+
+
+def test_the_wearer_is_known_to_wear_the_device(tmp_path):
+    for motion, expected in ((0.5, 1), (0.0, 0)):
+        sequence = make_sequence(name="s", seed=5, size=64, fps=1.0, seconds=2.0, objects=16, motion=motion)
+        folder = tmp_path / str(motion)
+        write_sequence(sequence, folder)
+        people = json.loads((folder / "skeleton_aria_association.json").read_text())["SkeletonMetadata"]
+        assert sum(person["AssociatedDeviceSerial"] == DEVICE_SERIAL for person in people) == expected
