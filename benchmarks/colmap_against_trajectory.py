@@ -14,7 +14,9 @@ from pathlib import Path
 import click
 import numpy as np
 
-from egosplat.artifacts import FRAMES, POSES, open_artifact
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reading import open_artifact
 from egosplat.config import defaults
 from egosplat.errors import UserError
 from egosplat.poses.alignment import trajectory_error

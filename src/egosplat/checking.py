@@ -4,8 +4,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from egosplat.artifacts import Artifact, verify
+from egosplat.artifacts.annotations import ANNOTATIONS
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reading import Artifact, verify
 from egosplat.errors import UserError
+
+SCHEMAS = {schema.name: schema for schema in (FRAMES, ANNOTATIONS, POSES)}
+"""Every kind of artifact, by name."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +48,7 @@ def check_tree(folder: Path, say: Callable[[str], object]) -> list[Report]:
 
 def _problem(path: Path) -> str:
     try:
-        artifact = verify(path)
+        artifact = verify(path, SCHEMAS)
         return _changed_input(artifact)
     except UserError as error:
         return str(error)
@@ -51,6 +57,6 @@ def _problem(path: Path) -> str:
 def _changed_input(artifact: Artifact) -> str:
     for name, digest in artifact.provenance["inputs"].items():
         beside = artifact.path.parent / name
-        if beside.exists() and verify(beside).digest != digest:
+        if beside.exists() and verify(beside, SCHEMAS).digest != digest:
             return f"{artifact.path}: was made from another {name} than the one beside it; make it anew"
     return ""

@@ -11,9 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from egosplat import artifacts
-from egosplat.artifacts import ArtifactError, Field, Schema, create, open_artifact, verify
-from egosplat.checking import check_tree
+from egosplat import checking
+from egosplat.artifacts.integrity import ArtifactError
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reading import open_artifact, verify
+from egosplat.artifacts.schema import Field, Schema
+from egosplat.artifacts.writing import create
+from egosplat.checking import SCHEMAS, check_tree
 from egosplat.provenance import Provenance
 
 TINY = Schema(
@@ -29,7 +33,7 @@ TINY = Schema(
 
 @pytest.fixture(autouse=True)
 def known(monkeypatch):
-    monkeypatch.setitem(artifacts.SCHEMAS, "tiny", TINY)
+    monkeypatch.setitem(checking.SCHEMAS, "tiny", TINY)
 
 
 def made(inputs=None) -> Provenance:
@@ -89,9 +93,9 @@ def test_an_error_while_replacing_keeps_the_old_artifact(tmp_path):
     values = write(tmp_path / "a.zarr")
     with pytest.raises(RuntimeError), create(tmp_path / "a.zarr", TINY, made()):
         raise RuntimeError
-    np.testing.assert_array_equal(verify(tmp_path / "a.zarr").read("rows"), values["rows"])
+    np.testing.assert_array_equal(verify(tmp_path / "a.zarr", SCHEMAS).read("rows"), values["rows"])
     write(tmp_path / "a.zarr", seed=3)
-    assert verify(tmp_path / "a.zarr") and leftovers(tmp_path) == ["a.zarr"]
+    assert verify(tmp_path / "a.zarr", SCHEMAS) and leftovers(tmp_path) == ["a.zarr"]
 
 
 @pytest.mark.parametrize(
@@ -141,7 +145,7 @@ def test_a_flipped_byte_is_named_when_it_is_read(tmp_path):
     for read in (
         lambda: artifact.row("rows", 2),
         lambda: artifact.read("rows"),
-        lambda: verify(artifact.path),
+        lambda: verify(artifact.path, SCHEMAS),
     ):
         with pytest.raises(ArtifactError, match=r"a\.zarr: array 'rows', chunk 2 cannot be read .*snakemake"):
             read()
@@ -184,7 +188,7 @@ def test_verify_sees_what_reading_cannot(tmp_path):
     (tmp_path / "a.zarr" / chunk).write_bytes((tmp_path / "b.zarr" / chunk).read_bytes())
     open_artifact(tmp_path / "a.zarr", TINY).read("rows")  # a well-formed chunk of another artifact
     with pytest.raises(ArtifactError, match="digest differs"):
-        verify(tmp_path / "a.zarr")
+        verify(tmp_path / "a.zarr", SCHEMAS)
 
 
 def test_absent_foreign_and_other_versions_are_told_apart(tmp_path):
@@ -192,7 +196,7 @@ def test_absent_foreign_and_other_versions_are_told_apart(tmp_path):
         open_artifact(tmp_path / "none.zarr", TINY)
     write(tmp_path / "a.zarr")
     with pytest.raises(ArtifactError, match="holds 'tiny', not 'poses'"):
-        open_artifact(tmp_path / "a.zarr", artifacts.POSES)
+        open_artifact(tmp_path / "a.zarr", POSES)
     older, newer = (Schema("tiny", version, TINY.fields) for version in (1, 3))
     with pytest.raises(ArtifactError, match="format version 2, this is version 1. Update egosplat"):
         open_artifact(tmp_path / "a.zarr", older)
@@ -203,13 +207,14 @@ def test_absent_foreign_and_other_versions_are_told_apart(tmp_path):
 def test_snakemake_s_own_file_inside_is_not_damage(tmp_path):
     write(tmp_path / "a.zarr")
     (tmp_path / "a.zarr/.snakemake_timestamp").touch()
-    assert verify(tmp_path / "a.zarr")
+    assert verify(tmp_path / "a.zarr", SCHEMAS)
 
 
 KILLED = """
 import sys, time, numpy as np
 from pathlib import Path
-from egosplat.artifacts import FRAMES, create
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.writing import create
 from egosplat.provenance import begin
 with create(Path(sys.argv[1]), FRAMES, begin("frames", {}, "real")) as artifact:
     artifact.allocate("rgb", (3, 8, 8, 3))
@@ -230,7 +235,7 @@ def test_a_killed_writer_leaves_no_artifact_and_the_next_one_sweeps_up(tmp_path,
     assert any(name.endswith(".tmp") for name in leftovers(tmp_path))
     os.kill(process.pid, how)
     process.wait()
-    assert verify(path)
+    assert verify(path, SCHEMAS)
     write(path)
     assert leftovers(tmp_path) == ["a.zarr"]
 

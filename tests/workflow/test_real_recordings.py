@@ -6,7 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from egosplat.artifacts import ANNOTATIONS, FRAMES, POSES, open_artifact
+from egosplat.artifacts.annotations import ANNOTATIONS
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reading import open_artifact
 
 SHEET = "results/mine/scene/contact_sheet.png"
 

@@ -6,7 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from egosplat.artifacts import ANNOTATIONS, FRAMES, POSES, open_artifact
+from egosplat.artifacts.annotations import ANNOTATIONS
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reading import open_artifact
 from egosplat.config import defaults
 from egosplat.frames import annotations_stage, stage
 from egosplat.frames.adt import EXPOSURE_MIDDLE_AFTER_CAPTURE_NS
@@ -28,7 +31,7 @@ def folder(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def sequence(folder) -> Sequence:
-    made = make_sequence(name="test", seed=11, size=352, fps=2.0, seconds=12.0, objects=20, motion=0.5)
+    made = make_sequence(name="test", seed=11, size=352, fps=4.0, seconds=9.0, objects=20, motion=0.5)
     write_sequence(made, folder / "recording")
     keys = KEYS["frames"] | {"resolution": 352, "evaluation_frames": 6}
     stage.run(folder / "recording", folder / "frames.zarr", format="adt", **keys)

@@ -6,7 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from egosplat import provenance
-from egosplat.artifacts import ANNOTATIONS, FRAMES, create, open_artifact
+from egosplat.artifacts.annotations import ANNOTATIONS
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.reading import open_artifact
+from egosplat.artifacts.writing import create
 from egosplat.frames.annotation_readers import open_annotations
 from egosplat.geometry import Camera
 from egosplat.progress import log, track

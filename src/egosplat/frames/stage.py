@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from egosplat import provenance
-from egosplat.artifacts import FRAMES, create
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.writing import create
 from egosplat.frames.readers import open_recording
 from egosplat.frames.split import split_frames
 from egosplat.progress import track

@@ -13,7 +13,10 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from numpy.typing import NDArray
 
-from egosplat.artifacts import ANNOTATIONS, FRAMES, POSES, Artifact, open_artifact
+from egosplat.artifacts.annotations import ANNOTATIONS
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.atomic import whole_file
 
 PICTURES = 8

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from egosplat.artifacts import ANNOTATIONS, FRAMES, POSES, create
+from egosplat.artifacts.annotations import ANNOTATIONS
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.writing import create
 from egosplat.geometry import Camera
 from egosplat.provenance import begin
 from egosplat.report.contact_sheet import ground_axes, overlay, run

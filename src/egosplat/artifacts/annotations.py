@@ -1,0 +1,19 @@
+"""What ``annotations.zarr`` holds: the evaluation frames' instance maps. For evaluation only."""
+
+from egosplat.artifacts.schema import Field, Schema
+
+ANNOTATIONS = Schema(
+    "annotations",
+    1,
+    {
+        "frame": Field(("evaluation",), "int64", "index", "index of the evaluation frame in frames.zarr"),
+        "annotated": Field(("evaluation",), "bool", "-", "whether the frame has an annotation"),
+        "instance_map": Field(
+            ("evaluation", "height", "width"),
+            "int32",
+            "index",
+            "index into the instances of the facts, -1 where nothing is annotated",
+            by_row=True,
+        ),
+    },
+)

@@ -1,0 +1,148 @@
+"""Reading an artifact: schema, version, seal and completeness when it is opened, each chunk's CRC32C when
+it is read, every stored byte when it is verified."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+from numpy.typing import NDArray
+
+from egosplat.artifacts.integrity import ArtifactError, damaged, digest_of, remedy, seal
+from egosplat.artifacts.schema import Field, Schema, check_shape
+
+
+class Artifact:
+    """A checked, read-only artifact; made by ``open_artifact``."""
+
+    def __init__(self, path: Path, schema: Schema, group: zarr.Group, attributes: dict[str, Any]) -> None:
+        self.path = path
+        self.schema = schema
+        self._group = group
+        self._attributes = attributes
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Small results that are no arrays."""
+        return self._attributes["facts"]
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 over the stored arrays."""
+        return self._attributes["digest"]
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """How it was made: stage, options, inputs, versions, origin, time and memory."""
+        return self._attributes["provenance"]
+
+    @property
+    def origin(self) -> str:
+        """``real`` or ``synthetic``."""
+        return self.provenance["origin"]
+
+    def shape(self, name: str) -> tuple[int, ...]:
+        """Shape of an array, without reading it."""
+        return self._group[name].shape
+
+    def read(self, name: str) -> NDArray[Any]:
+        """Read a whole array.
+
+        Raises:
+            ArtifactError: a chunk does not match its checksum.
+        """
+        array = self._group[name]
+        if not array.size:
+            return np.empty(array.shape, array.dtype)
+        if self.schema.fields[name].by_row:
+            return np.stack([self.row(name, index) for index in range(array.shape[0])])
+        return self._checked(name, ...)
+
+    def row(self, name: str, index: int) -> NDArray[Any]:
+        """Read one index of the first axis. Raises as ``read``."""
+        return self._checked(name, index)
+
+    def _checked(self, name: str, selection: Any) -> NDArray[Any]:
+        try:
+            return np.asarray(self._group[name][selection])
+        except (ValueError, RuntimeError, OSError, KeyError) as error:
+            where = "" if selection is ... else f", chunk {selection}"
+            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise damaged(self.path, f"array {name!r}{where} cannot be read ({reason})") from error
+
+
+def open_artifact(path: Path, schema: Schema) -> Artifact:
+    """Open an artifact and check all that can be checked without reading its arrays.
+
+    Raises:
+        ArtifactError: it is absent, of another kind or version, or damaged; says how to make it anew.
+    """
+    group, attributes = _open(path)
+    found = attributes.get("schema")
+    if found != schema.name:
+        raise ArtifactError(f"{path}: holds {found!r}, not {schema.name!r}. Give the {schema.name} artifact.")
+    version = attributes["format_version"]
+    if version != schema.version:
+        hint = "Update egosplat" if version > schema.version else f"Make it anew: {remedy(path)}"
+        raise ArtifactError(
+            f"{path}: has format version {version}, this is version {schema.version}. {hint}."
+        )
+    sizes: dict[str, int] = {}
+    for name, declared in schema.fields.items():
+        _check_array(path, group, name, declared, sizes)
+    return Artifact(path, schema, group, attributes)
+
+
+def verify(path: Path, schemas: Mapping[str, Schema]) -> Artifact:
+    """Open an artifact of any of some kinds, by name, and also check every stored byte against its digest.
+
+    Raises:
+        ArtifactError: as ``open_artifact``, or some file was changed, added or removed.
+    """
+    _, attributes = _open(path)
+    schema = schemas.get(attributes.get("schema", ""))
+    if schema is None:
+        raise ArtifactError(
+            f"{path}: holds {attributes.get('schema')!r}, a kind that this egosplat does not know."
+        )
+    artifact = open_artifact(path, schema)
+    if digest_of(path) != artifact.digest:
+        for name in schema.fields:  # names the chunk, where it is a chunk
+            artifact.read(name)
+        raise damaged(path, "its files are not those that were written (digest differs)")
+    return artifact
+
+
+def _open(path: Path) -> tuple[zarr.Group, dict[str, Any]]:
+    if not path.exists():
+        raise ArtifactError(f"{path}: does not exist. Make it: snakemake --cores 2 {path}")
+    try:
+        group = zarr.open_group(path, mode="r")
+        attributes = group.attrs.asdict()["egosplat"]
+    except KeyError:
+        raise ArtifactError(
+            f"{path}: is a Zarr group that egosplat did not write. Give an artifact."
+        ) from None
+    except Exception as error:  # zarr raises many kinds for an unreadable group
+        raise damaged(path, f"is no readable Zarr group ({type(error).__name__})") from error
+    if not isinstance(attributes, dict) or attributes.get("seal") != seal(attributes):
+        raise damaged(path, "its attributes were changed after it was written")
+    return group, attributes
+
+
+def _check_array(path: Path, group: zarr.Group, name: str, declared: Field, sizes: dict[str, int]) -> None:
+    try:
+        array = group[name]
+    except KeyError:
+        raise damaged(path, f"array {name!r} is missing") from None
+    except Exception as error:
+        raise damaged(path, f"array {name!r} is unreadable ({type(error).__name__})") from error
+    if array.dtype != np.dtype(declared.dtype):
+        raise damaged(path, f"array {name!r} is {array.dtype}, not {declared.dtype}")
+    try:
+        check_shape(declared, array.shape, sizes, name)
+    except ValueError as error:
+        raise damaged(path, f"array {error}") from None
+    if array.size and (lost := array.nchunks - array.nchunks_initialized):
+        raise damaged(path, f"array {name!r} lacks {lost} of {array.nchunks} chunks")

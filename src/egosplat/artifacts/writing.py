@@ -1,0 +1,121 @@
+"""Writing an artifact: whole or not at all (``egosplat.atomic``), so a path that exists is complete."""
+
+import contextlib
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+from numpy.typing import NDArray
+from zarr.codecs import Crc32cCodec, ZstdCodec
+
+from egosplat.artifacts.integrity import digest_of, seal
+from egosplat.artifacts.schema import Field, Schema, check_shape
+from egosplat.atomic import whole_folder
+from egosplat.provenance import Provenance
+
+
+class Writer:
+    """The arrays of an artifact while it is being made; given by ``create``."""
+
+    def __init__(self, group: zarr.Group, schema: Schema) -> None:
+        self._group = group
+        self._schema = schema
+        self._sizes: dict[str, int] = {}
+        self._arrays: dict[str, zarr.Array] = {}
+        self._rows_missing: dict[str, set[int]] = {}
+        self.facts: dict[str, Any] = {}
+        """Small results that are no arrays; plain JSON values."""
+
+    def put(self, name: str, values: NDArray[Any]) -> None:
+        """Store a whole array.
+
+        Raises:
+            ValueError: the shape or element type is not what the schema declares.
+        """
+        values = np.asarray(values)
+        if values.dtype != np.dtype(self._declared(name).dtype):
+            raise ValueError(f"{name}: {values.dtype} given, {self._declared(name).dtype} declared")
+        self._create(name, values.shape)[...] = values
+
+    def allocate(self, name: str, shape: tuple[int, ...]) -> None:
+        """Begin an array that is written a row at a time with ``put_row``."""
+        self._create(name, shape)
+        self._rows_missing[name] = set(range(shape[0]))
+
+    def put_row(self, name: str, index: int, values: NDArray[Any]) -> None:
+        """Store row ``index`` of an allocated array; its shape and element type must match exactly."""
+        array = self._arrays[name]
+        if values.shape != array.shape[1:] or values.dtype != array.dtype:
+            raise ValueError(
+                f"{name}[{index}]: {values.dtype} {values.shape} given, {array.dtype} {array.shape[1:]} expected"
+            )
+        array[index] = values
+        self._rows_missing[name].discard(index)
+
+    def finish(self) -> None:
+        """Check that everything declared was written."""
+        missing = sorted(set(self._schema.fields) - set(self._arrays))
+        if missing:
+            raise ValueError(f"artifact {self._schema.name}: never written: {', '.join(missing)}")
+        for name, rows in self._rows_missing.items():
+            if rows:
+                raise ValueError(f"artifact {self._schema.name}: {name} lacks {len(rows)} rows")
+
+    def _declared(self, name: str) -> Field:
+        if name not in self._schema.fields:
+            raise ValueError(f"artifact {self._schema.name} declares no array {name!r}")
+        return self._schema.fields[name]
+
+    def _create(self, name: str, shape: tuple[int, ...]) -> zarr.Array:
+        declared = self._declared(name)
+        check_shape(declared, shape, self._sizes, name)
+        chunks = (1, *shape[1:]) if declared.by_row else shape
+        array = self._group.create_array(
+            name,
+            shape=shape,
+            dtype=declared.dtype,
+            chunks=tuple(max(1, size) for size in chunks),
+            compressors=[ZstdCodec(level=3), Crc32cCodec()],
+            dimension_names=[dim if isinstance(dim, str) else None for dim in declared.dims],
+            # An all-zero chunk is stored too: only then is a missing file known to be a loss.
+            config={"write_empty_chunks": True},
+            attributes={"unit": declared.unit, "about": declared.about},
+        )
+        self._arrays[name] = array
+        return array
+
+
+@contextlib.contextmanager
+def create(path: Path, schema: Schema, provenance: Provenance) -> Iterator[Writer]:
+    """Write an artifact; it appears at ``path`` when the block ends without error, else not at all.
+
+    An artifact that stands at ``path`` already is replaced at that moment.
+
+    Args:
+        path: the folder to make.
+        schema: what it will hold.
+        provenance: how it is made; its clock is stopped at the end of the block.
+    """
+    with whole_folder(path) as scratch:
+        # Mode "w" would make the folder anew, without its lock.
+        writer = Writer(zarr.open_group(scratch, mode="a"), schema)
+        yield writer
+        writer.finish()
+        _write_attributes(scratch, schema, provenance, writer.facts)
+
+
+def _write_attributes(scratch: Path, schema: Schema, provenance: Provenance, facts: dict[str, Any]) -> None:
+    attributes = {
+        "schema": schema.name,
+        "format_version": schema.version,
+        "digest": digest_of(scratch),
+        "provenance": provenance.record(),
+        "facts": facts,
+    }
+    # Through JSON once, so that the seal is over what a reader will see.
+    attributes = json.loads(json.dumps(attributes, allow_nan=False))
+    attributes["seal"] = seal(attributes)
+    zarr.open_group(scratch, mode="a").attrs.put({"egosplat": attributes})
