@@ -7,7 +7,7 @@ from pathlib import Path
 from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reading import Artifact, verify
+from egosplat.artifacts.reading import Artifact, recorded_digest, verify
 from egosplat.errors import UserError
 
 SCHEMAS = {schema.name: schema for schema in (FRAMES, ANNOTATIONS, POSES)}
@@ -54,9 +54,17 @@ def _problem(path: Path) -> str:
         return str(error)
 
 
+def _digest_of(path: Path) -> str | None:
+    """An artifact's recorded digest; None where it is absent or damaged, which its own report tells."""
+    try:
+        return recorded_digest(path)
+    except UserError:
+        return None
+
+
 def _changed_input(artifact: Artifact) -> str:
     for name, digest in artifact.provenance["inputs"].items():
         beside = artifact.path.parent / name
-        if beside.exists() and verify(beside, SCHEMAS).digest != digest:
+        if _digest_of(beside) not in (digest, None):
             return f"{artifact.path}: was made from another {name} than the one beside it; make it anew"
     return ""

@@ -68,8 +68,14 @@ class Artifact:
             return np.asarray(self._group[name][selection])
         except (ValueError, RuntimeError, OSError, KeyError) as error:
             where = "" if selection is ... else f", chunk {selection}"
-            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+            reason = _reason(error)
             raise damaged(self.path, f"array {name!r}{where} cannot be read ({reason})") from error
+
+
+def _reason(error: Exception) -> str:
+    """A library's error in a few words; its checksums' bytes tell a reader nothing."""
+    text = str(error).partition("\n")[0]
+    return "its checksum does not match" if "checksum" in text else text or type(error).__name__
 
 
 def open_artifact(path: Path, schema: Schema) -> Artifact:
@@ -112,6 +118,15 @@ def verify(path: Path, schemas: Mapping[str, Schema]) -> Artifact:
             artifact.read(name)
         raise damaged(path, "its files are not those that were written (digest differs)")
     return artifact
+
+
+def recorded_digest(path: Path) -> str:
+    """The digest that an artifact of any kind was published with.
+
+    Raises:
+        ArtifactError: its attributes cannot be trusted.
+    """
+    return _open(path)[1]["digest"]
 
 
 def _open(path: Path) -> tuple[zarr.Group, dict[str, Any]]:
