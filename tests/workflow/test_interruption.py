@@ -8,6 +8,7 @@ import sys
 import time
 from pathlib import Path
 
+import psutil
 import pytest
 
 from egosplat.checking import check_tree
@@ -28,13 +29,14 @@ def half_written(workdir) -> list[Path]:
     return list((workdir.folder / SCENE).glob(".recording.*.tmp/.video.vrs.*.tmp"))
 
 
-def writers(workdir) -> list[int]:
-    """Process ids of the stage that runs in the working directory."""
-    listed = subprocess.run(
-        ["pgrep", "-f", "egosplat synthetic"], capture_output=True, text=True, check=False
-    )
-    pids = [int(word) for word in listed.stdout.split()]
-    return [pid for pid in pids if os.path.realpath(f"/proc/{pid}/cwd") == str(workdir.folder.resolve())]
+def writers(workdir) -> list[psutil.Process]:
+    """The stage's process that runs in the working directory, not the shell around it."""
+    found = []
+    for process in psutil.process_iter(["cmdline", "cwd"]):
+        words = process.info["cmdline"] or []
+        if "synthetic" in words and process.info["cwd"] == str(workdir.folder.resolve()):
+            found.append(process)
+    return found
 
 
 @pytest.mark.parametrize("how", ["the stage is killed", "Snakemake is interrupted"])
@@ -53,8 +55,10 @@ def test_nothing_half_written_is_left_to_look_whole(workdir, how):
     )
     wait_for(lambda: half_written(workdir))
     if how == "the stage is killed":
-        for pid in writers(workdir):
-            os.kill(pid, signal.SIGKILL)
+        stages = writers(workdir)
+        assert stages
+        for stage in stages:
+            stage.kill()
     else:
         os.killpg(process.pid, signal.SIGINT)  # as Ctrl-C on a terminal does
     assert process.wait(timeout=60) != 0
