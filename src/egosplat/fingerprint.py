@@ -61,11 +61,18 @@ def modules_of(module: str) -> dict[str, Path]:
 
 
 def _find(name: str) -> Path | None:
-    try:
-        spec = importlib.util.find_spec(name)
-    except (ModuleNotFoundError, ValueError):  # a name imported from a module is not itself a module
+    """File of a module, by its place below the root package; None for a name that is no module.
+
+    ``find_spec`` is asked for the root alone: for a name inside a module it would import that module, and
+    with it all that the stage needs.
+    """
+    root, *parts = name.split(".")
+    spec = importlib.util.find_spec(root)
+    if spec is None or spec.origin is None:
         return None
-    return Path(spec.origin) if spec and spec.origin and spec.origin.endswith(".py") else None
+    base = Path(spec.origin).parent.joinpath(*parts)
+    candidates = (base / "__init__.py", base.with_suffix(".py"))
+    return next((path for path in candidates if path.is_file()), None)
 
 
 def _imports(name: str, path: Path) -> Iterator[str]:

@@ -1,5 +1,6 @@
 """The code hash follows what is executed, and nothing else."""
 
+import subprocess
 import sys
 import textwrap
 
@@ -79,3 +80,12 @@ def test_every_stage_reaches_its_own_room_and_not_another_stage():
 def test_pictures_and_poses_never_reach_annotations_even_by_code():
     for name in ("frames", "poses"):
         assert not [module for module in modules_of(STAGES[name].module) if "annotation" in module]
+
+
+def test_hashing_imports_nothing_that_a_stage_needs():
+    code = (
+        "import sys; from egosplat.stages import STAGES, code_of; [code_of(name) for name in STAGES];"
+        "print([name for name in sys.modules if name.startswith('egosplat.') or name in ('numpy', 'cv2')])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "['egosplat.fingerprint', 'egosplat.stages']"
