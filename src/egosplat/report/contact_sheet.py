@@ -36,6 +36,9 @@ LEAST_EXTENT = 1.0
 LABELS = 10
 """At most so many of an evaluation frame's instances are named in the picture, the largest first."""
 
+LEAST_SHARE = 0.002
+"""Of the picture, that an instance must cover to be named."""
+
 
 def run(frames: Path, annotations: Path, poses: Path, output: Path, *, title: str) -> None:
     """Draw the contact sheet of a scene as PNG; the file appears when it is complete."""
@@ -45,15 +48,17 @@ def run(frames: Path, annotations: Path, poses: Path, output: Path, *, title: st
     )
     shown, rows = _spread(pictures.shape("rgb")[0]), _spread(labels.shape("frame")[0])
     columns = min(COLUMNS, max(len(shown), len(rows)))
-    widths = (
-        HEIGHT * 0.72,
-        _grid_width(pictures, columns, math.ceil(len(shown) / columns) + math.ceil(len(rows) / columns)),
-    )
+    above, below = (math.ceil(len(part) / columns) for part in (shown, rows))
+    widths = (HEIGHT * 0.72, _grid_width(pictures, columns, above + below))
     figure = plt.figure(figsize=(sum(widths), HEIGHT), layout="constrained")
     figure.suptitle(f"{title}: {_summary(pictures, labels, walk)}", fontsize=14)
     left, right = figure.subfigures(1, 2, width_ratios=widths)
     draw_from_above(left.subplots(), walk)
-    _draw_pictures(right, pictures, labels, shown, rows, columns)
+    grid = right.subplots(above + below, columns, squeeze=False)
+    for cell in grid.flat:
+        cell.set_axis_off()
+    _draw_pictures(grid[:above], pictures, shown)
+    _draw_annotated_pictures(grid[above:], pictures, labels, rows)
     with whole_file(output) as scratch:
         figure.savefig(scratch, dpi=90, format="png")
     plt.close(figure)
@@ -132,8 +137,6 @@ def _scatter_points(
     heights: NDArray[np.float64],
 ) -> None:
     points = walk.read("points/xyz")
-    if not len(points):
-        return
     # The ceiling would hide the room.
     points = points[points @ up < heights.max()]
     if len(points) > 60_000:
@@ -153,24 +156,11 @@ def _scatter_points(
     )
 
 
-def _draw_pictures(
-    figure: "matplotlib.figure.SubFigure",
-    pictures: Artifact,
-    labels: Artifact,
-    shown: list[int],
-    rows: list[int],
-    columns: int,
-) -> None:
-    above, below = (math.ceil(len(part) / columns) for part in (shown, rows))
-    grid = figure.subplots(above + below, columns, squeeze=False)
-    for cell in grid.flat:
-        cell.set_axis_off()
-    times = (pictures.read("timestamp_ns") - pictures.read("timestamp_ns")[0]) * 1e-9
-    for cell, index in zip(grid[:above].flat, shown, strict=False):
+def _draw_pictures(cells: NDArray[np.object_], pictures: Artifact, shown: list[int]) -> None:
+    times = pictures.read("timestamp_ns")
+    for cell, index in zip(cells.flat, shown, strict=False):
         cell.imshow(pictures.row("rgb", index))
-        cell.set_title(f"frame {index}, {times[index]:.1f} s", fontsize=9)
-    for cell, row in zip(grid[above:].flat, rows, strict=False):
-        _draw_annotated(cell, pictures, labels, row)
+        cell.set_title(f"frame {index}, {(times[index] - times[0]) * 1e-9:.1f} s", fontsize=9)
 
 
 def _spread(count: int) -> list[int]:
@@ -178,34 +168,48 @@ def _spread(count: int) -> list[int]:
     return np.unique(np.linspace(0, count - 1, min(count, PICTURES)).round().astype(int)).tolist()
 
 
-def _draw_annotated(cell: Axes, pictures: Artifact, labels: Artifact, row: int) -> None:
-    index = int(labels.read("frame")[row])
-    picture = pictures.row("rgb", index)
-    if not labels.read("annotated")[row]:
-        cell.imshow(picture)
-        cell.set_title(f"evaluated, frame {index}: not annotated", fontsize=9)
-        return
+def _draw_annotated_pictures(
+    cells: NDArray[np.object_], pictures: Artifact, labels: Artifact, rows: list[int]
+) -> None:
     names = [instance["category"] for instance in labels.facts["instances"]]
-    instance_map = labels.row("instance_map", row)
+    frames, annotated = labels.read("frame"), labels.read("annotated")
+    for cell, row in zip(cells.flat, rows, strict=False):
+        picture, title = pictures.row("rgb", frames[row]), f"evaluated, frame {frames[row]}"
+        if annotated[row]:
+            seen = _draw_annotated(cell, picture, labels.row("instance_map", row), names)
+            cell.set_title(f"{title}: {seen} instances", fontsize=9)
+        else:
+            cell.imshow(picture)
+            cell.set_title(f"{title}: not annotated", fontsize=9)
+
+
+def _draw_annotated(
+    cell: Axes, picture: NDArray[np.uint8], instance_map: NDArray[np.int32], names: list[str]
+) -> int:
+    """Draw the tinted and labelled picture; give back how many instances are seen in it."""
     rooms = [index for index, name in enumerate(names) if name == ROOM]
     cell.imshow(overlay(picture, np.where(np.isin(instance_map, rooms), -1, instance_map)))
-    seen = len(np.unique(instance_map[instance_map >= 0]))
-    cell.set_title(f"evaluated, frame {index}: {seen} instances", fontsize=9)
-    for u, v, name in _label_places(instance_map, names):
-        box = {"facecolor": "black", "alpha": 0.55, "pad": 1, "edgecolor": "none"}
-        cell.text(u, v, name, color="white", fontsize=7, ha="center", va="center", bbox=box, clip_on=True)
-
-
-def _label_places(instance_map: NDArray[np.int32], names: list[str]) -> list[tuple[int, int, str]]:
-    """Column, row and name of the largest instances, those left out whose label would lie on another's."""
     values, sizes = np.unique(instance_map[instance_map >= 0], return_counts=True)
+    box = {"facecolor": "black", "alpha": 0.55, "pad": 1, "edgecolor": "none"}
+    for u, v, value in _label_places(instance_map, values[np.argsort(-sizes, kind="stable")]):
+        cell.text(
+            u, v, names[value], color="white", fontsize=7, ha="center", va="center", bbox=box, clip_on=True
+        )
+    return len(values)
+
+
+def _label_places(instance_map: NDArray[np.int32], values: NDArray[np.int32]) -> list[tuple[int, int, int]]:
+    """Column, row and value of the instances to name: in the order of ``values``, those left out that are
+    too small or whose label would lie on another's."""
     height, width = instance_map.shape
-    places: list[tuple[int, int, str]] = []
-    for value, size in sorted(zip(values, sizes, strict=True), key=lambda pair: -pair[1]):
-        v, u = _inner_point(instance_map == value)
-        free = all(abs(u - x) > 0.2 * width or abs(v - y) > 0.06 * height for x, y, _ in places)
-        if size >= 0.002 * instance_map.size and free and len(places) < LABELS:
-            places.append((u, v, names[value]))
+    places: list[tuple[int, int, int]] = []
+    for value in values:
+        mask = instance_map == value
+        if len(places) == LABELS or mask.mean() < LEAST_SHARE:
+            break
+        v, u = _inner_point(mask)
+        if all(abs(u - x) > 0.2 * width or abs(v - y) > 0.06 * height for x, y, _ in places):
+            places.append((u, v, int(value)))
     return places
 
 
