@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 import egosplat
-from egosplat.config import keys_table, stage_keys
+from egosplat.config import keys_table, schema, stage_keys
 from egosplat.errors import UserError
 from egosplat.stages import STAGES, stage_function
 
@@ -40,7 +40,7 @@ EXTRAS: dict[str, list[click.Option]] = {
     "frames": [
         click.Option(
             ["--format"],
-            type=click.Choice(["adt", "hoi4d", "plain"]),
+            type=click.Choice(schema("scenes")["properties"]["format"]["enum"]),
             required=True,
             help="How the recording is laid out on disk.",
         )

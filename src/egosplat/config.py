@@ -3,7 +3,7 @@
 import copy
 import difflib
 import functools
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -52,13 +52,14 @@ def resolve(user: Mapping[str, Any], presets: Path) -> Config:
     return resolved
 
 
-def check(config: Mapping[str, Any], where: str = "configuration") -> None:
-    """Check a configuration against the schema.
+def check(values: Mapping[str, Any], where: str = "configuration", against: str = "config") -> None:
+    """Check a configuration, or a row of the table of scenes, against the schema of that name.
 
     Raises:
-        UserError: names the key, its value and what is allowed.
+        UserError: names the first key that is wrong, its value and what is allowed.
     """
-    report_first(Draft202012Validator(schema("config")).iter_errors(config), where)
+    for error in Draft202012Validator(schema(against)).iter_errors(values):
+        raise UserError(f"{where}: {_explain(error)}")
 
 
 def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> Config:
@@ -115,12 +116,6 @@ def keys_table() -> str:
             path = f"{section}.{name}" if name else section
             rows.append(f"| `{path}` | {default} | {' '.join(key['description'].split())}{_choices(key)} |")
     return "\n".join(rows)
-
-
-def report_first(errors: Iterable[ValidationError], where: str) -> None:
-    """Raise the ``UserError`` for the first of some schema errors, if there is one."""
-    for error in errors:
-        raise UserError(f"{where}: {_explain(error)}")
 
 
 def _choices(key: Mapping[str, Any]) -> str:

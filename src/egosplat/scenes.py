@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from jsonschema import Draft202012Validator
 
 from egosplat import config as configuration
 from egosplat.errors import UserError
@@ -47,9 +46,7 @@ def read_scenes(config: configuration.Config) -> dict[tuple[str, str], Scene]:
     scenes: dict[tuple[str, str], Scene] = {}
     for number, row in enumerate(rows, start=2):
         where = f"{path}, line {number}"
-        configuration.report_first(
-            Draft202012Validator(configuration.schema("scenes")).iter_errors(row), where
-        )
+        configuration.check(row, where, against="scenes")
         key = (row["dataset"], row["scene"])
         if key in scenes:
             raise UserError(f"{where}: scene {'/'.join(key)} stands in the table twice; remove or rename one")

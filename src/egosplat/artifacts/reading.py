@@ -84,7 +84,10 @@ def open_artifact(path: Path, schema: Schema) -> Artifact:
     Raises:
         ArtifactError: it is absent, of another kind or version, or damaged; says how to make it anew.
     """
-    group, attributes = _open(path)
+    return _checked_artifact(path, schema, *_open(path))
+
+
+def _checked_artifact(path: Path, schema: Schema, group: zarr.Group, attributes: dict[str, Any]) -> Artifact:
     found = attributes.get("schema")
     if found != schema.name:
         raise ArtifactError(f"{path}: holds {found!r}, not {schema.name!r}. Give the {schema.name} artifact.")
@@ -106,13 +109,13 @@ def verify(path: Path, schemas: Mapping[str, Schema]) -> Artifact:
     Raises:
         ArtifactError: as ``open_artifact``, or some file was changed, added or removed.
     """
-    _, attributes = _open(path)
+    group, attributes = _open(path)
     schema = schemas.get(attributes.get("schema", ""))
     if schema is None:
         raise ArtifactError(
             f"{path}: holds {attributes.get('schema')!r}, a kind that this egosplat does not know."
         )
-    artifact = open_artifact(path, schema)
+    artifact = _checked_artifact(path, schema, group, attributes)
     if digest_of(path) != artifact.digest:
         for name in schema.fields:  # names the chunk, where it is a chunk
             artifact.read(name)
