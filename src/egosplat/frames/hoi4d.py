@@ -58,15 +58,8 @@ class Hoi4dRecording:
             times, stride=stride, start_s=start_s, end_s=end_s, source=self._video.path
         )
         target = camera.scaled_to(resolution, max(1, round(height * resolution / width)))
-        self.capture = Capture(
-            timestamp_ns=times[self._frames],
-            exposure_middle_ns=times[self._frames],
-            camera=target,
-            camera_known=True,
-            device_from_camera=None,
-            valid=np.ones((target.height, target.width), dtype=bool),
-            origin="real",
-        )
+        valid = np.ones((target.height, target.width), dtype=bool)
+        self.capture = Capture.of_video(times[self._frames], target, True, valid)
 
     def pictures(self, indices: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
         """Yield the (H, W, 3) uint8 RGB picture of each index; see ``Recording.pictures``.

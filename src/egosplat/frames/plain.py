@@ -63,14 +63,8 @@ class PlainRecording:
         valid = read_valid(companion(path, VALID_MASK), full.width, full.height)
         times = self._source.timestamp_ns
         self._frames = select_frames(times, stride=stride, start_s=start_s, end_s=end_s, source=path)
-        self.capture = Capture(
-            timestamp_ns=times[self._frames],
-            exposure_middle_ns=times[self._frames],
-            camera=camera,
-            camera_known=calibrated is not None,
-            device_from_camera=None,
-            valid=resize_mask(valid, width, height),
-            origin="real",
+        self.capture = Capture.of_video(
+            times[self._frames], camera, calibrated is not None, resize_mask(valid, width, height)
         )
 
     def pictures(self, indices: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:

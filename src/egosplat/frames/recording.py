@@ -38,6 +38,13 @@ class Capture:
     valid: NDArray[np.bool_]
     origin: Origin
 
+    @classmethod
+    def of_video(
+        cls, timestamp_ns: NDArray[np.int64], camera: Camera, camera_known: bool, valid: NDArray[np.bool_]
+    ) -> "Capture":
+        """What is known of a real recording by a camera alone: exposed when it is stamped, no device frame."""
+        return cls(timestamp_ns, timestamp_ns, camera, camera_known, None, valid, "real")
+
 
 class Recording(Protocol):
     """A recording's pictures."""

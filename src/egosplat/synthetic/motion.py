@@ -19,6 +19,8 @@ from egosplat.synthetic.walk import Walk, make_route, make_walk
 
 Array = NDArray[np.float64]
 
+_UPRIGHT_FROM_SENSOR = invert(CLOCKWISE)
+
 EYES_M = 1.62
 SHOULDERS_BEHIND_M = 0.15
 """How far the shoulders are behind the camera."""
@@ -64,9 +66,13 @@ class HeadMotion:
         # The head's axes are x left, y up, z forward; the camera's x right, y down, z forward.
         return make_pose(head @ np.diag([-1.0, -1.0, 1.0]), place)
 
+    def world_from_camera(self, times: Array) -> Array:
+        """(N, 4, 4) poses of the camera, sensor orientation, at (N,) seconds."""
+        return self.world_from_upright(times) @ _UPRIGHT_FROM_SENSOR
+
     def device_pose(self, start_ns: int) -> Callable[[NDArray[np.int64]], Array]:
         """(N,) int64 nanoseconds -> (N, 4, 4) ``world_from_device``; second 0 is at ``start_ns``."""
-        upright_from_device = np.linalg.inv(CLOCKWISE) @ invert(device_from_camera())
+        upright_from_device = _UPRIGHT_FROM_SENSOR @ invert(device_from_camera())
 
         def pose(times_ns: NDArray[np.int64]) -> Array:
             seconds = (np.asarray(times_ns, dtype=np.int64) - start_ns) * 1e-9

@@ -3,7 +3,6 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.geometry import CLOCKWISE
 from egosplat.synthetic.raycasting import interpolated
 from egosplat.synthetic.render import Renderer
 from egosplat.synthetic.world import World
@@ -27,7 +26,7 @@ def semidense_points(
     """
     chosen = np.unique(np.linspace(0, len(captures) - 1, min(len(captures), _VIEWS)).round().astype(int))
     seconds = (captures[chosen] - world.start_ns) * 1e-9
-    poses = world.head.world_from_upright(seconds) @ np.linalg.inv(CLOCKWISE)
+    poses = world.head.world_from_camera(seconds)
     share = -(-_COUNT // len(poses))
     samples = [_sample_surface(renderer, pose, share, rng) for pose in poses]
     exact = np.concatenate([points for points, _ in samples])

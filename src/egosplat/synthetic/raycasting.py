@@ -118,10 +118,6 @@ class Hits:
     u: Floats
     v: Floats
 
-    def take(self, which: NDArray[np.bool_]) -> "Hits":
-        """A part of them."""
-        return Hits(self.face[which], self.distance[which], self.u[which], self.v[which])
-
 
 class RayScene:
     """Something that rays can be cast at: some faces of a geometry, where they are at the moment."""

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.errors import UserError
-from egosplat.geometry import CLOCKWISE
 from egosplat.synthetic.apartment import Apartment, make_apartment
 from egosplat.synthetic.catalogue import random_ids
 from egosplat.synthetic.jobs import Errand, find_errands
@@ -159,4 +158,4 @@ def _people(
 
 def camera_pose(world: World, seconds: float) -> Array:
     """(4, 4) ``world_from_camera``, sensor orientation, at a moment of the recording."""
-    return world.head.world_from_upright(np.array([seconds]))[0] @ np.linalg.inv(CLOCKWISE)
+    return world.head.world_from_camera(np.array([seconds]))[0]
