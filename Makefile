@@ -6,13 +6,15 @@ PYTHON ?= python3
 CORES ?= 2
 BIN := .venv/bin
 INSTALLED := .venv/.installed
+KERNELS := src/egosplat/kernels
+COMPILED := $(KERNELS)/libegosplat_generic.so
 
 # Some distributions leave ensurepip out of Python: then the pip at hand fills the environment.
 WITHOUT_ENSUREPIP = { $(PYTHON) -m venv --clear --without-pip .venv && $(PYTHON) -m pip --python $(BIN)/python install --quiet pip; }
 
 .PHONY: install demo test lint lock
 
-install: $(INSTALLED)
+install: $(COMPILED)
 
 # sam2 needs torch while it is built: in a build environment of its own that would be a second download of torch.
 $(INSTALLED): requirements.lock pyproject.toml
@@ -22,8 +24,13 @@ $(INSTALLED): requirements.lock pyproject.toml
 	grep -v '^sam2==' requirements.lock > .venv/first.txt
 	$(BIN)/python -m pip install --quiet --requirement .venv/first.txt
 	SAM2_BUILD_CUDA=0 $(BIN)/python -m pip install --quiet --no-build-isolation --no-deps $$(grep -o '^sam2==[^ ;]*' requirements.lock)
-	$(BIN)/python -m pip install --quiet --no-build-isolation --no-deps --editable .
 	touch $@
+
+# Without a compiler the file stays away, and each call tries again.
+$(COMPILED): $(INSTALLED) setup.py $(addprefix $(KERNELS)/,variants.py compiling.py) $(wildcard $(KERNELS)/source/*)
+	@echo "Compiling the C++ kernels: about a minute."
+	$(BIN)/python -m pip install --quiet --no-build-isolation --no-deps --editable .
+	@$(BIN)/python -c 'from egosplat.kernels.library import why_not; print(why_not() or "The C++ kernels are ready.")'
 
 demo: install
 	$(BIN)/snakemake --cores $(CORES) results/adt/scene1/contact_sheet.png
@@ -33,8 +40,8 @@ test: install
 	$(BIN)/python -m pytest
 
 lint: install
-	$(BIN)/ruff check src tests benchmarks
-	$(BIN)/ruff format --check src tests benchmarks
+	$(BIN)/ruff check setup.py src tests benchmarks
+	$(BIN)/ruff format --check setup.py src tests benchmarks
 	$(BIN)/snakefmt --check workflow
 
 # The lock file anew, from the ranges in pyproject.toml.

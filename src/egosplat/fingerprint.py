@@ -2,8 +2,9 @@
 
 Snakemake sees no change inside a package behind a command line, so each rule carries this hash among its
 parameters. ``code_hash`` follows the imports from a stage's module, inside the package, and hashes each
-module's syntax tree: comments, docstrings and layout do not count, any change to executed code does. The
-versions of the libraries that do the work count too.
+module's syntax tree: comments, docstrings and layout do not count, any change to executed code does. C++
+sources in the folder ``source`` of a package that is reached count likewise. The versions of the libraries
+that do the work count too.
 """
 
 import ast
@@ -15,9 +16,12 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from egosplat.cpp_hash import cpp_hash
+
 NEUTRAL = {
     "egosplat",  # holds the version alone
     "egosplat.atomic",
+    "egosplat.cpp_hash",
     "egosplat.errors",
     "egosplat.fingerprint",
     "egosplat.progress",
@@ -28,13 +32,15 @@ NEUTRAL = {
 
 
 def code_hash(module: str, libraries: tuple[str, ...] = ()) -> str:
-    """Hash of ``module``, of all modules of its package that it reaches, and of library versions.
+    """Hash of ``module``, of what it reaches in its package, C++ sources too, and of libraries' versions.
 
     The same on every Python version; 16 hexadecimal digits.
     """
     digest = hashlib.sha256()
     for name, path in modules_of(module).items():
         digest.update(f"{name}\0{_tree_hash(path)}\0".encode())
+        if path.name == "__init__.py" and (sources := path.parent / "source").is_dir():
+            digest.update(f"{name}/source\0{_sources_hash(sources)}\0".encode())
     for library in sorted(libraries):
         digest.update(f"{library}=={metadata.version(library)}\0".encode())
     return digest.hexdigest()[:16]
@@ -96,6 +102,9 @@ def _parse(path: Path) -> ast.Module:
 @functools.cache
 def _tree_hash(path: Path) -> str:
     return hashlib.sha256(repr(_canonical(_parse(path))).encode()).hexdigest()
+
+
+_sources_hash = functools.cache(cpp_hash)
 
 
 def _canonical(node: Any) -> Any:

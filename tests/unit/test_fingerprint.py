@@ -27,7 +27,7 @@ def package(tmp_path, monkeypatch):
     def write(**changes: str) -> str:
         for name, text in (FILES | changes).items():
             (folder / f"{name}.py").write_text(textwrap.dedent(text))
-        for cached in (fingerprint._parse, fingerprint._tree_hash):
+        for cached in (fingerprint._parse, fingerprint._tree_hash, fingerprint._sources_hash):
             cached.cache_clear()
         return code_hash("pkg.stage")
 
@@ -64,6 +64,37 @@ def test_what_is_executed_counts(package, change):
     assert package() != package(**change)
 
 
+KERNELS = {
+    "stage": "def run(x):\n    from pkg.kernels import library\n    return library.load(x)\n",
+    "kernels/__init__": "",
+    "kernels/library": "def load(x):\n    return x\n",
+}
+CPP = "// Twice.\nfloat twice(float x) { return 2.0f * x; }\n"
+
+
+def with_sources(package, folder, text: str, **changes: str) -> str:
+    """The stage's hash where ``text`` stands among the sources of the package's kernels."""
+    (folder / "pkg/kernels/source").mkdir(parents=True, exist_ok=True)
+    (folder / "pkg/kernels/source/part.h").write_text(text)
+    return package(**(KERNELS | changes))
+
+
+def test_the_sources_of_a_package_that_is_reached_count(package, tmp_path):
+    first = with_sources(package, tmp_path, CPP)
+    assert with_sources(package, tmp_path, CPP.replace("2.0f", "2.5f")) != first
+    assert with_sources(package, tmp_path, "/* Two times. */\n" + CPP.replace("{ ", "{\n    ")) == first
+
+
+def test_the_sources_of_a_package_that_is_not_reached_do_not_count(package, tmp_path):
+    stage = {"stage": FILES["stage"]}
+    first = with_sources(package, tmp_path, CPP, **stage)
+    assert with_sources(package, tmp_path, CPP.replace("2.0f", "2.5f"), **stage) == first
+
+
+def test_the_kernels_own_sources_count():
+    assert (modules_of("egosplat.kernels.library")["egosplat.kernels"].parent / "source").is_dir()
+
+
 def test_versions_of_libraries_count():
     assert code_hash("egosplat.geometry") != code_hash("egosplat.geometry", ("numpy",))
 
@@ -88,4 +119,4 @@ def test_hashing_imports_nothing_that_a_stage_needs():
         "print([name for name in sys.modules if name.startswith('egosplat.') or name in ('numpy', 'cv2')])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "['egosplat.fingerprint', 'egosplat.stages']"
+    assert done.stdout.strip() == "['egosplat.cpp_hash', 'egosplat.fingerprint', 'egosplat.stages']"

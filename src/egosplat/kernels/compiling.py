@@ -1,0 +1,95 @@
+"""Compiling the kernels, when egosplat is installed."""
+
+import hashlib
+import os
+import shlex
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from egosplat.atomic import whole_file
+from egosplat.kernels.variants import FLAGS, VARIANTS, Variant, source_hash
+
+COMPILERS = ("g++", "c++", "clang++")
+
+NO_COMPILER = (
+    "egosplat is installed without its C++ kernels: {}. Install a C++17 compiler with OpenMP "
+    "(on Debian and Ubuntu: apt install g++), then install egosplat again."
+)
+
+
+def compile_kernels(folder: Path, output: Path, variants: Sequence[Variant] = VARIANTS) -> list[str]:
+    """Compile the sources in ``folder / "source"`` into one library a variant, in ``output``.
+
+    A library that was compiled from the same sources by the same command is kept. The environment
+    variables CXX and CXXFLAGS name the compiler and further flags, as usual.
+
+    Returns:
+        What the user should know, a line each: variants that the compiler does not know, or that there
+        is no compiler at all, which is no error. A variant left out leaves no library behind.
+
+    Raises:
+        RuntimeError: the sources do not compile; holds what the compiler said.
+    """
+    for variant in variants:
+        _remove_older(folder, output / variant.file)
+    compiler = find_compiler()
+    if compiler is None:
+        return [NO_COMPILER.format("no C++ compiler is found")]
+    if problem := _refused(compiler, FLAGS, "#include <omp.h>\n"):
+        return [NO_COMPILER.format(f"{shlex.join(compiler)} does not compile with OpenMP ({problem})")]
+    unknown = {variant: _refused(compiler, variant.flags) for variant in variants}
+    known = [variant for variant in variants if not unknown[variant]]
+    output.mkdir(parents=True, exist_ok=True)
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        list(pool.map(lambda variant: _compile(compiler, folder, output / variant.file, variant), known))
+    return [
+        f"kernels: {variant.name} is left out ({problem})" for variant, problem in unknown.items() if problem
+    ]
+
+
+def find_compiler() -> list[str] | None:
+    """The C++ compiler's command with the user's flags, from CXX and CXXFLAGS; None where there is none."""
+    flags = shlex.split(os.environ.get("CXXFLAGS", ""))
+    chosen = shlex.split(os.environ.get("CXX", ""))
+    candidates = [chosen] if chosen else [[name] for name in COMPILERS]
+    return next(([*command, *flags] for command in candidates if shutil.which(command[0])), None)
+
+
+def _remove_older(folder: Path, library: Path) -> None:
+    """Remove a library of other sources: where it cannot be compiled anew, it must not be found."""
+    if library.is_file() and source_hash(folder).encode() not in library.read_bytes():
+        library.unlink()
+
+
+def _refused(compiler: list[str], flags: Sequence[str], source: str = "") -> str | None:
+    """What the compiler has against flags, in one line; None if nothing."""
+    command = [*compiler, *flags, "-fsyntax-only", "-x", "c++", "-"]
+    done = subprocess.run(command, input=source, capture_output=True, text=True, check=False)
+    if done.returncode == 0:
+        return None
+    return next((line for line in done.stderr.splitlines() if "error" in line), f"status {done.returncode}")
+
+
+def _compile(compiler: list[str], folder: Path, library: Path, variant: Variant) -> None:
+    sources = source_hash(folder)
+    command = [*compiler, "-w", *FLAGS, *variant.flags, f'-DEGOSPLAT_SOURCE_HASH="{sources}"']
+    identity = hashlib.sha256(repr((command, sources)).encode()).hexdigest()[:40]
+    if library.is_file() and bytes.fromhex(identity) in library.read_bytes():
+        library.touch()  # for make: as new as its sources
+        return
+    with tempfile.TemporaryDirectory() as scratch, whole_file(library) as path:
+        unit, linked = Path(scratch, "kernels.o"), Path(scratch, library.name)
+        _call([*command, "-c", str(folder / "source" / "kernels.cpp"), "-o", str(unit)])
+        # Without -fopenmp: the library must bring no OpenMP runtime, see egosplat.kernels.library.
+        _call([*compiler, "-shared", f"-Wl,--build-id=0x{identity}", str(unit), "-o", str(linked)])
+        shutil.copyfile(linked, path)
+
+
+def _call(command: list[str]) -> None:
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise RuntimeError(f"{shlex.join(command)}\n{done.stderr}")

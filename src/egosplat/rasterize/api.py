@@ -1,0 +1,117 @@
+"""``rasterization``: render 3D Gaussians, with the backend that suits the tensors."""
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from egosplat.kernels import library
+from egosplat.progress import log
+from egosplat.rasterize import contract
+
+BACKENDS = ("auto", "cuda", "cpu", "reference")
+
+Render = tuple[Tensor, Tensor, dict[str, Any]]
+
+
+def rasterization(
+    means: Tensor,
+    quats: Tensor,
+    scales: Tensor,
+    opacities: Tensor,
+    colors: Tensor,
+    viewmats: Tensor,
+    Ks: Tensor,
+    width: int,
+    height: int,
+    *,
+    near_plane: float = 0.1,
+    far_plane: float = 1e10,
+    radius_clip: float = 0.0,
+    eps2d: float = 0.3,
+    sh_degree: int | None = None,
+    features: Tensor | None = None,
+    backgrounds: Tensor | None = None,
+    render_mode: str = "RGB",
+    rasterize_mode: str = "classic",
+    backend: str = "auto",
+) -> Render:
+    """Render 3D Gaussians (Kerbl et al. 2023) into pinhole cameras, differentiably.
+
+    Names and meaning are those of gsplat 1.5.3's ``rasterization``. All tensors have one dtype, float32
+    or float64 (float32 alone on the backends cuda and cpu), and one device. Gradients reach all of them
+    but ``Ks``. A Gaussian with a number that is not finite, or a quaternion of length 0, is culled and
+    its gradient is zero.
+
+    Args:
+        means: (N, 3) centres in the world [m].
+        quats: (N, 4) wxyz, of any length.
+        scales: (N, 3) standard deviations [m].
+        opacities: (N,) in [0, 1].
+        colors: (N, D), or with ``sh_degree`` (N, K, 3) coefficients, K = 1, 4, 9 or 16.
+        viewmats: (C, 4, 4) world_to_camera, OpenCV axes.
+        Ks: (C, 3, 3) intrinsics without skew [px]; pixel centres lie at integer + 0.5.
+        width, height: image size [px].
+        near_plane, far_plane: Gaussians whose centre lies outside are culled [m].
+        radius_clip: Gaussians with both radii at most this are culled [px].
+        eps2d: added to both variances of a Gaussian in the image [px²].
+        sh_degree: degree evaluated, at most what K holds; the colour is ``max(SH + 0.5, 0)``. None: ``colors``
+            are colours.
+        features: (N, F) more channels, appended to the colours in the same pass.
+        backgrounds: (C, D + F), shown where alpha is less than 1.
+        render_mode: ``RGB`` colours and features, ``D`` accumulated camera z [m], ``ED`` the same divided by
+            alpha, ``RGB+D`` and ``RGB+ED`` the depth as last channel.
+        rasterize_mode: ``classic``, or ``antialiased``: opacities are lowered by what ``eps2d`` blurs
+            (Mip-Splatting, Yu et al. 2024).
+        backend: ``cuda`` (gsplat), ``cpu`` (the compiled kernels), ``reference`` (plain PyTorch, slow), or
+            ``auto``: reference for float64, else cuda for tensors on a CUDA device, else cpu where the
+            kernels are built, else reference with one warning a process.
+
+    Returns:
+        (C, H, W, X) images; (C, H, W, 1) accumulated alpha; and meta: ``means2d`` (C, N, 2) px, in the
+        autograd graph, ``radii`` (C, N, 2) int32 px, (0, 0) where culled, ``depths`` (C, N) m, ``conics``
+        (C, N, 3) 1/px², ``opacities`` (C, N), compensated in antialiased mode, ``width``, ``height``,
+        ``n_cameras``. Rows of culled Gaussians mean nothing but for the radii.
+
+    Raises:
+        ValueError: an argument is not as described.
+        UserError: the backend asked for cannot run here.
+    """
+    arguments = dict(locals())
+    del arguments["backend"]
+    contract.check(**arguments)
+    return _backend(backend, means)(**arguments)
+
+
+def _backend(name: str, means: Tensor) -> Callable[..., Render]:
+    """The function of a backend, imported when it is used: each needs what others do without."""
+    if name not in BACKENDS:
+        raise ValueError(f"backend is {name!r}, not one of {', '.join(BACKENDS)}")
+    if name == "auto":
+        name = _choose(means)
+    if name == "cuda":
+        from egosplat.rasterize.cuda import rasterization as chosen
+    elif name == "cpu":
+        from egosplat.rasterize.cpu import rasterization as chosen
+    else:
+        from egosplat.rasterize.reference import rasterization as chosen
+    return chosen
+
+
+def _choose(means: Tensor) -> str:
+    if means.dtype != torch.float32:
+        return "reference"
+    if means.is_cuda:
+        return "cuda"
+    why_not = library.why_not() if means.device.type == "cpu" else f"none for {means.device.type}"
+    if why_not is None:
+        return "cpu"
+    _warn_slow(why_not)
+    return "reference"
+
+
+@cache
+def _warn_slow(why_not: str) -> None:
+    log(f"warning: rendering in plain PyTorch, which is slow; the compiled kernels: {why_not}")

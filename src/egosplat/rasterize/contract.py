@@ -1,0 +1,152 @@
+"""What every backend of ``rasterization`` accepts and means: constants, modes, and the check of the arguments.
+
+Notation: N Gaussians, C cameras, K spherical-harmonics coefficients, D colours, F features, X channels out.
+The semantics are those of gsplat 1.5.3's ``rasterization``; ``api.rasterization`` documents them.
+"""
+
+import torch
+from torch import Tensor
+
+ALPHA_THRESHOLD = 1.0 / 255.0
+"""A Gaussian does not touch a pixel where its alpha is lower; 8-bit images cannot show it."""
+
+MAX_ALPHA = 0.999
+"""Upper bound of alpha: keeps ``1 - alpha`` away from zero."""
+
+MIN_TRANSMITTANCE = 1e-4
+"""The first Gaussian that would bring the transmittance to this or below is left out and ends the pixel."""
+
+FRUSTUM_MARGIN = 0.3
+"""The projection is linearised at most this share of half the field of view outside the image."""
+
+MIN_DEPTH_ALPHA = 1e-10
+"""The expected depth is divided by no less than this."""
+
+MAX_SH_DEGREE = 3
+RENDER_MODES = ("RGB", "D", "ED", "RGB+D", "RGB+ED")
+RASTERIZE_MODES = ("classic", "antialiased")
+
+
+def shows_colors(render_mode: str) -> bool:
+    """Whether colours and features are among the channels of the mode."""
+    return render_mode.startswith("RGB")
+
+
+def shows_depth(render_mode: str) -> bool:
+    """Whether the last channel of the mode is a depth."""
+    return render_mode.endswith("D")
+
+
+def shows_expected_depth(render_mode: str) -> bool:
+    """Whether that depth is divided by the accumulated alpha."""
+    return render_mode.endswith("ED")
+
+
+def check(
+    means: Tensor,
+    quats: Tensor,
+    scales: Tensor,
+    opacities: Tensor,
+    colors: Tensor,
+    viewmats: Tensor,
+    Ks: Tensor,
+    width: int,
+    height: int,
+    *,
+    near_plane: float,
+    far_plane: float,
+    radius_clip: float,
+    eps2d: float,
+    sh_degree: int | None,
+    features: Tensor | None,
+    backgrounds: Tensor | None,
+    render_mode: str,
+    rasterize_mode: str,
+) -> None:
+    """Check the arguments of ``rasterization``; Gaussians may hold non-finite numbers, cameras may not.
+
+    Raises:
+        ValueError: a shape, dtype, device, number or mode is not what ``rasterization`` documents.
+    """
+    _check_choice("render_mode", render_mode, RENDER_MODES)
+    _check_choice("rasterize_mode", rasterize_mode, RASTERIZE_MODES)
+    _check_numbers(width, height, near_plane, far_plane, radius_clip, eps2d)
+    tensors = {"means": means, "quats": quats, "scales": scales, "opacities": opacities, "colors": colors}
+    tensors |= {"viewmats": viewmats, "Ks": Ks, "features": features, "backgrounds": backgrounds}
+    _check_kind({name: tensor for name, tensor in tensors.items() if tensor is not None})
+    n, c = means.shape[0] if means.ndim else -1, viewmats.shape[0] if viewmats.ndim else -1
+    _check_shape("means", means, (n, 3))
+    _check_shape("quats", quats, (n, 4))
+    _check_shape("scales", scales, (n, 3))
+    _check_shape("opacities", opacities, (n,))
+    channels = _color_channels(colors, n, sh_degree)
+    if features is not None:
+        _check_shape("features", features, (n, features.shape[-1]))
+        channels += features.shape[-1]
+    if channels == 0:
+        raise ValueError("colors and features hold no channel")
+    if backgrounds is not None:
+        _check_shape("backgrounds", backgrounds, (c, channels))
+    _check_cameras(viewmats, Ks, c)
+
+
+def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
+    if value not in choices:
+        raise ValueError(f"{name} is {value!r}, not one of {', '.join(choices)}")
+
+
+def _check_numbers(
+    width: int, height: int, near_plane: float, far_plane: float, radius_clip: float, eps2d: float
+) -> None:
+    if width < 1 or height < 1:
+        raise ValueError(f"the image is {width} x {height} pixels")
+    # A positive near plane keeps the perspective division and the viewing direction finite.
+    if not 0.0 < near_plane < far_plane:
+        raise ValueError(f"near_plane {near_plane} and far_plane {far_plane} must satisfy 0 < near < far")
+    if not (radius_clip >= 0.0 and eps2d >= 0.0):
+        raise ValueError(f"radius_clip {radius_clip} and eps2d {eps2d} must not be negative")
+
+
+def _check_kind(tensors: dict[str, Tensor]) -> None:
+    dtype, device = tensors["means"].dtype, tensors["means"].device
+    if dtype not in (torch.float32, torch.float64):
+        raise ValueError(f"means are {dtype}; float32 or float64 is needed")
+    for name, tensor in tensors.items():
+        if tensor.dtype != dtype or tensor.device != device:
+            raise ValueError(f"{name} is {tensor.dtype} on {tensor.device}, means are {dtype} on {device}")
+
+
+def _check_shape(name: str, tensor: Tensor, shape: tuple[int, ...]) -> None:
+    if tuple(tensor.shape) != shape:
+        raise ValueError(f"{name} has shape {tuple(tensor.shape)}, not {shape}")
+
+
+def _color_channels(colors: Tensor, n: int, sh_degree: int | None) -> int:
+    if sh_degree is None:
+        if colors.ndim != 2 or colors.shape[0] != n:
+            raise ValueError(f"colors has shape {tuple(colors.shape)}, not ({n}, D)")
+        return colors.shape[1]
+    if not 0 <= sh_degree <= MAX_SH_DEGREE:
+        raise ValueError(f"sh_degree is {sh_degree}, not 0 to {MAX_SH_DEGREE}")
+    counts = [(degree + 1) ** 2 for degree in range(MAX_SH_DEGREE + 1)]
+    if colors.ndim != 3 or colors.shape[::2] != (n, 3) or colors.shape[1] not in counts[sh_degree:]:
+        raise ValueError(
+            f"colors has shape {tuple(colors.shape)}; sh_degree {sh_degree} needs ({n}, K, 3) "
+            f"with K one of {counts[sh_degree:]}"
+        )
+    return 3
+
+
+def _check_cameras(viewmats: Tensor, Ks: Tensor, c: int) -> None:
+    if c < 1:
+        raise ValueError(f"viewmats has shape {tuple(viewmats.shape)}: at least one camera is needed")
+    _check_shape("viewmats", viewmats, (c, 4, 4))
+    _check_shape("Ks", Ks, (c, 3, 3))
+    # One copy to the host: on a CUDA device each look at a number waits for the device.
+    view, intrinsics = torch.cat([viewmats.flatten(1), Ks.flatten(1)], dim=1).detach().cpu().split([16, 9], 1)
+    if not (view.isfinite().all() and intrinsics.isfinite().all()):
+        raise ValueError("viewmats or Ks hold a number that is not finite")
+    if (intrinsics[:, [0, 4]] <= 0).any():
+        raise ValueError(f"focal lengths must be positive: {intrinsics[:, [0, 4]].tolist()}")
+    if (intrinsics[:, 1] != 0).any():
+        raise ValueError(f"Ks must have no skew: {intrinsics[:, 1].tolist()}")

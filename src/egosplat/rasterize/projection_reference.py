@@ -1,0 +1,174 @@
+"""EWA projection of 3D Gaussians into one pinhole camera (Zwicker et al. 2002; 3DGS section 4)."""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from egosplat.rasterize.contract import ALPHA_THRESHOLD, FRUSTUM_MARGIN
+
+MAX_RADIUS = 2**24
+"""Bound of the radii [px]: a whole number in float32 and in int32, beyond any image."""
+
+
+@dataclass(frozen=True)
+class Projected:
+    """Gaussians in one image; all numbers of a culled Gaussian are 0.
+
+    Attributes:
+        means2d: (N, 2) centres [px].
+        conics: (N, 3) upper triangle (xx, xy, yy) of the inverse of the 2D covariance [1/px²].
+        depths: (N,) camera z [m].
+        radii: (N, 2) int32 half extents in x and y [px]; (0, 0) where culled.
+        opacities: (N,) in [0, 1], compensated for the blur in antialiased mode.
+    """
+
+    means2d: Tensor
+    conics: Tensor
+    depths: Tensor
+    radii: Tensor
+    opacities: Tensor
+
+
+@dataclass(frozen=True)
+class _Footprints:
+    """The 2D Gaussians before culling: covariances (N, 3) are blurred, ``dets`` their determinants."""
+
+    means2d: Tensor
+    depths: Tensor
+    covariances: Tensor
+    dets: Tensor
+    opacities: Tensor
+
+
+def project(
+    means: Tensor,
+    quats: Tensor,
+    scales: Tensor,
+    opacities: Tensor,
+    viewmat: Tensor,
+    K: Tensor,
+    width: int,
+    height: int,
+    *,
+    near_plane: float,
+    far_plane: float,
+    radius_clip: float,
+    eps2d: float,
+    antialiased: bool,
+) -> Projected:
+    """Project Gaussians and cull those that cannot be seen.
+
+    Culled are Gaussians outside of the near and far planes, with opacity below 1/255, with both radii
+    at most ``radius_clip``, that miss the image, or whose projection is not finite and positive definite,
+    as that of a quaternion of length 0.
+    Gradients reach ``means``, ``quats``, ``scales``, ``opacities`` and ``viewmat``.
+
+    Args:
+        means: (N, 3) in the world [m].
+        quats: (N, 4) wxyz, of any length.
+        scales: (N, 3) standard deviations [m].
+        opacities: (N,).
+        viewmat: (4, 4) world_to_camera, OpenCV axes.
+        K: (3, 3) without skew [px].
+        eps2d: added to both variances in the image [px²].
+    """
+    arguments = (viewmat, *K[[0, 1, 0, 1], [0, 1, 2, 2]].tolist(), width, height, eps2d, antialiased)
+    # Culling first, without a graph: what is culled then cannot send NaN into the gradients.
+    with torch.no_grad():
+        footprints = _footprints(means, quats, scales, opacities, *arguments)
+        radii = _radii(footprints)
+        seen = _overlaps_image(footprints.means2d, radii, width, height) & (radii > radius_clip).any(dim=-1)
+        seen &= (footprints.depths >= near_plane) & (footprints.depths <= far_plane)
+    rows = seen.nonzero().squeeze(-1)
+    visible = (tensor.index_select(0, rows) for tensor in (means, quats, scales, opacities))
+    footprints = _footprints(*visible, *arguments)
+
+    def scatter(values: Tensor) -> Tensor:
+        return values.new_zeros(len(means), *values.shape[1:]).index_copy(0, rows, values)
+
+    return Projected(
+        means2d=scatter(footprints.means2d),
+        conics=scatter(_inverse(footprints.covariances, footprints.dets)),
+        depths=scatter(footprints.depths),
+        radii=torch.where(seen[:, None], radii, 0.0).clamp(max=MAX_RADIUS).to(torch.int32),
+        opacities=scatter(footprints.opacities),
+    )
+
+
+def _footprints(
+    means: Tensor,
+    quats: Tensor,
+    scales: Tensor,
+    opacities: Tensor,
+    viewmat: Tensor,
+    fx: float,
+    fy: float,
+    cx: float,
+    cy: float,
+    width: int,
+    height: int,
+    eps2d: float,
+    antialiased: bool,
+) -> _Footprints:
+    rotation = viewmat[:3, :3]
+    x, y, z = (means @ rotation.T + viewmat[:3, 3]).unbind(dim=-1)
+    # Far outside the image the linearisation is worthless: it is made at the edge of a wider frustum.
+    margin_x, margin_y = FRUSTUM_MARGIN * 0.5 * width / fx, FRUSTUM_MARGIN * 0.5 * height / fy
+    slope_x = (x / z).clamp(-cx / fx - margin_x, (width - cx) / fx + margin_x)
+    slope_y = (y / z).clamp(-cy / fy - margin_y, (height - cy) / fy + margin_y)
+    zero = torch.zeros_like(z)
+    jacobian_u = torch.stack([fx / z, zero, -fx * slope_x / z], dim=-1)
+    jacobian_v = torch.stack([zero, fy / z, -fy * slope_y / z], dim=-1)
+    # Rows of a square root of the 2D covariance: J W R S.
+    axes = rotation @ rotation_matrices(quats) * scales[:, None, :]
+    root_u = torch.einsum("ni,nij->nj", jacobian_u, axes)
+    root_v = torch.einsum("ni,nij->nj", jacobian_v, axes)
+    uu, uv, vv = (root_u * root_u).sum(-1), (root_u * root_v).sum(-1), (root_v * root_v).sum(-1)
+    # Lagrange's identity: for a needle, uu * vv - uv * uv loses all its digits in float32.
+    det = torch.linalg.cross(root_u, root_v).square().sum(-1)
+    blurred_det = det + eps2d * (uu + vv) + eps2d * eps2d
+    if antialiased:
+        opacities = opacities * (det / blurred_det).clamp(min=0.0).sqrt()
+    return _Footprints(
+        means2d=torch.stack([fx * x / z + cx, fy * y / z + cy], dim=-1),
+        depths=z,
+        covariances=torch.stack([uu + eps2d, uv, vv + eps2d], dim=-1),
+        dets=blurred_det,
+        opacities=opacities,
+    )
+
+
+def rotation_matrices(quats: Tensor) -> Tensor:
+    """(N, 4) quaternions wxyz of any length but 0 -> (N, 3, 3) rotations."""
+    w, x, y, z = (quats / torch.linalg.vector_norm(quats, dim=-1, keepdim=True)).unbind(dim=-1)
+    entries = [
+        1 - 2 * (y * y + z * z),
+        2 * (x * y - w * z),
+        2 * (x * z + w * y),
+        2 * (x * y + w * z),
+        1 - 2 * (x * x + z * z),
+        2 * (y * z - w * x),
+        2 * (x * z - w * y),
+        2 * (y * z + w * x),
+        1 - 2 * (x * x + y * y),
+    ]
+    return torch.stack(entries, dim=-1).unflatten(-1, (3, 3))
+
+
+def _inverse(covariances: Tensor, dets: Tensor) -> Tensor:
+    uu, uv, vv = covariances.unbind(dim=-1)
+    return torch.stack([vv, -uv, uu], dim=-1) / dets[:, None]
+
+
+def _radii(footprints: _Footprints) -> Tensor:
+    """Half extents (N, 2) [px] of where alpha >= 1/255, rounded up; 0 where there are none or not finite."""
+    extents = (2.0 * (footprints.opacities / ALPHA_THRESHOLD).log()).sqrt()
+    radii = (extents[:, None] * footprints.covariances[:, [0, 2]].sqrt()).ceil()
+    usable = (footprints.dets > 0) & footprints.dets.isfinite() & radii.isfinite().all(dim=-1)
+    return torch.where(usable[:, None], radii, 0.0)
+
+
+def _overlaps_image(means2d: Tensor, radii: Tensor, width: int, height: int) -> Tensor:
+    size = means2d.new_tensor([width, height])
+    return ((means2d + radii > 0) & (means2d - radii < size)).all(dim=-1)

@@ -1,0 +1,121 @@
+"""Compositing against a loop over pixels and Gaussians that follows the definition word by word."""
+
+import math
+
+import pytest
+import torch
+from torch import Tensor
+
+from egosplat.rasterize.composite_reference import TILE, composite, intersect_tiles
+
+TOLERANCE = {torch.float32: 2e-5, torch.float64: 1e-12}
+
+
+def loop(means2d, conics, opacities, channels, depths, width, height) -> tuple[Tensor, Tensor]:
+    """Every Gaussian at every pixel, in Python's numbers; no tiles, no rectangles."""
+    image, alphas = (
+        torch.zeros(height, width, channels.shape[1]).double(),
+        torch.zeros(height, width).double(),
+    )
+    order = sorted(range(len(depths)), key=lambda index: depths[index].item())
+    gaussians = [(means2d[i].tolist(), conics[i].tolist(), opacities[i].item(), channels[i]) for i in order]
+    for row in range(height):
+        for column in range(width):
+            remaining = 1.0
+            for (u, v), (a, b, c), opacity, channel in gaussians:
+                dx, dy = column + 0.5 - u, row + 0.5 - v
+                sigma = 0.5 * (a * dx * dx + c * dy * dy) + b * dx * dy
+                alpha = min(0.999, opacity * math.exp(-sigma))
+                if sigma < 0 or alpha < 1 / 255:
+                    continue
+                if remaining * (1 - alpha) <= 1e-4:
+                    break
+                image[row, column] += remaining * alpha * channel
+                remaining *= 1 - alpha
+            alphas[row, column] = 1 - remaining
+    return image, alphas
+
+
+def random_gaussians(count: int, width: int, height: int, low: float, high: float, seed: int):
+    generator = torch.Generator().manual_seed(seed)
+
+    def uniform(*shape: int) -> Tensor:
+        return torch.rand(*shape, dtype=torch.float64, generator=generator)
+
+    means2d = uniform(count, 2) * torch.tensor([width, height]) * 1.4 - torch.tensor([width, height]) * 0.2
+    root = uniform(count, 2, 2) * 8 - 4
+    covariances = root @ root.mT + 0.3 * torch.eye(2)
+    opacities = low + (high - low) * uniform(count)
+    extents = (2 * (255 * opacities).log()).sqrt()[:, None] * covariances.diagonal(dim1=1, dim2=2).sqrt()
+    conics = covariances.inverse()[:, [0, 0, 1], [0, 1, 1]]
+    return means2d, conics, opacities, uniform(count, 3), uniform(count), extents.ceil().int()
+
+
+@pytest.mark.parametrize("dtype", TOLERANCE)
+@pytest.mark.parametrize(
+    ("count", "width", "height", "low", "high"),
+    [(30, 37, 19, 0.05, 0.9), (60, 17, 33, 0.9, 1.0), (1, 16, 16, 0.5, 0.6), (40, 5, 3, 0.01, 0.05)],
+)
+def test_is_the_loop(count, width, height, low, high, dtype):
+    gaussians = random_gaussians(count, width, height, low, high, seed=count)
+    *numbers, radii = gaussians
+    found, alpha = composite(*(each.to(dtype) for each in numbers), radii, width, height)
+    expected, expected_alpha = loop(*numbers, width, height)
+    torch.testing.assert_close(found.double(), expected, atol=TOLERANCE[dtype], rtol=0)
+    torch.testing.assert_close(alpha[..., 0].double(), expected_alpha, atol=TOLERANCE[dtype], rtol=0)
+    assert found.dtype == dtype and expected_alpha.max() > 0.01
+
+
+def centered(opacities: list[float], depths: list[float]) -> tuple[Tensor, Tensor]:
+    """One pixel under wide Gaussians of colours 1, 10, 100, ...; its colour and alpha."""
+    count = len(opacities)
+    conics = torch.tensor([[0.01, 0.0, 0.01]]).double().expand(count, 3)
+    colors = 10.0 ** torch.arange(count).double()[:, None]
+    values = torch.tensor(opacities).double(), colors, torch.tensor(depths).double()
+    found = composite(torch.full((count, 2), 0.5).double(), conics, *values, torch.full((count, 2), 9), 1, 1)
+    return found[0].item(), found[1].item()
+
+
+def test_nearest_first_and_equal_depths_in_order():
+    assert centered([0.5, 0.25], [1.0, 2.0]) == pytest.approx((0.5 + 10 * 0.5 * 0.25, 1 - 0.5 * 0.75))
+    assert centered([0.5, 0.25], [2.0, 1.0]) == pytest.approx((10 * 0.25 + 0.75 * 0.5, 1 - 0.5 * 0.75))
+    assert centered([0.5, 0.25], [1.0, 1.0]) == pytest.approx((0.5 + 10 * 0.5 * 0.25, 1 - 0.5 * 0.75))
+
+
+def test_gaussian_that_ends_the_pixel_is_left_out_and_so_are_all_behind():
+    # The third would fit (0.001 * 0.5 > 1e-4) had the second not ended the pixel.
+    assert centered([1.0, 1.0, 0.5], [1.0, 2.0, 3.0]) == pytest.approx((0.999, 0.999), abs=1e-12)
+    assert centered([1.0, 0.5], [1.0, 3.0]) == pytest.approx((0.999 + 10 * 0.0005, 0.9995), abs=1e-12)
+
+
+def test_faint_gaussians_are_skipped():
+    assert centered([0.99 / 255, 0.5], [1.0, 2.0]) == pytest.approx((5.0, 0.5))
+    assert centered([1.01 / 255], [1.0])[1] == pytest.approx(1.01 / 255)
+
+
+@pytest.mark.parametrize(("opacity", "slope"), [(0.9985, 1.0), (0.9995, 0.0)])
+def test_no_gradient_above_the_largest_alpha(opacity, slope):
+    opacities = torch.tensor([opacity], dtype=torch.float64, requires_grad=True)
+    mean, conic = torch.full((1, 2), 0.5).double(), torch.tensor([[0.01, 0.0, 0.01]]).double()
+    one = torch.ones(1).double()
+    composite(mean, conic, opacities, one[:, None], one, torch.ones(1, 2), 1, 1)[1].sum().backward()
+    assert opacities.grad.item() == pytest.approx(slope)
+
+
+def test_tiles_hold_what_reaches_into_them():
+    means2d, _, _, _, depths, radii = random_gaussians(50, 60, 40, 0.1, 1.0, seed=1)
+    radii[7] = 0
+    ids, counts = intersect_tiles(means2d, depths, radii, 4, 3)
+    for index, found in enumerate(ids.split(counts.tolist())):
+        low = torch.tensor([index % 4, index // 4]) * TILE
+        touching = ((means2d + radii > low) & (means2d - radii < low + TILE)).all(dim=1) & (radii > 0).all(1)
+        assert sorted(found.tolist()) == touching.nonzero().squeeze(1).tolist()
+        assert depths[found].diff().ge(0).all()
+
+
+def test_nothing_gives_an_empty_image_with_gradients():
+    empty = [torch.zeros(0, *shape, requires_grad=True) for shape in ((2,), (3,), (), (4,))]
+    image, alpha = composite(*empty, torch.zeros(0), torch.zeros(0, 2), 20, 10)
+    assert image.shape == (10, 20, 4) and alpha.shape == (10, 20, 1)
+    assert (image == 0).all() and (alpha == 0).all()
+    (image.sum() + alpha.sum()).backward()

@@ -1,0 +1,110 @@
+"""The check of the arguments: everything described passes, everything else is told with its shape."""
+
+import math
+
+import pytest
+import torch
+
+from egosplat.rasterize.contract import check, shows_colors, shows_depth, shows_expected_depth
+
+
+def arguments(n: int = 4, c: int = 2, **changes: object) -> dict[str, object]:
+    return {
+        "means": torch.zeros(n, 3),
+        "quats": torch.zeros(n, 4),
+        "scales": torch.zeros(n, 3),
+        "opacities": torch.zeros(n),
+        "colors": torch.zeros(n, 3),
+        "viewmats": torch.eye(4).repeat(c, 1, 1),
+        "Ks": torch.eye(3).repeat(c, 1, 1),
+        "width": 8,
+        "height": 6,
+        "near_plane": 0.1,
+        "far_plane": 1e10,
+        "radius_clip": 0.0,
+        "eps2d": 0.3,
+        "sh_degree": None,
+        "features": None,
+        "backgrounds": None,
+        "render_mode": "RGB",
+        "rasterize_mode": "classic",
+    } | changes
+
+
+@pytest.mark.parametrize(
+    "accepted",
+    [
+        {},
+        {"n": 0},
+        {"colors": torch.zeros(4, 7)},
+        {"colors": torch.zeros(4, 0), "features": torch.zeros(4, 2)},
+        {"features": torch.zeros(4, 0)},
+        {"features": torch.zeros(4, 9), "backgrounds": torch.zeros(2, 12)},
+        {"colors": torch.zeros(4, 1, 3), "sh_degree": 0},
+        {"colors": torch.zeros(4, 16, 3), "sh_degree": 1, "backgrounds": torch.zeros(2, 3)},
+        {"means": torch.full((4, 3), math.nan)},
+        {"render_mode": "RGB+ED", "rasterize_mode": "antialiased"},
+        {"far_plane": math.inf},
+    ],
+    ids=str,
+)
+def test_accepted(accepted):
+    check(**arguments(**accepted))
+
+
+def bad_camera(name: str, row: int, column: int, value: float) -> dict[str, object]:
+    matrices = arguments()[name].clone()
+    matrices[1, row, column] = value
+    return {name: matrices}
+
+
+@pytest.mark.parametrize(
+    ("refused", "words"),
+    [
+        ({"means": torch.zeros(4, 2)}, r"means has shape \(4, 2\), not \(4, 3\)"),
+        ({"means": torch.tensor(1.0)}, r"means has shape \(\)"),
+        ({"quats": torch.zeros(4, 3)}, r"quats has shape \(4, 3\), not \(4, 4\)"),
+        ({"scales": torch.zeros(5, 3)}, r"scales has shape \(5, 3\)"),
+        ({"opacities": torch.zeros(4, 1)}, r"opacities has shape \(4, 1\)"),
+        ({"colors": torch.zeros(3, 3)}, r"colors has shape \(3, 3\)"),
+        ({"colors": torch.zeros(4, 4, 3)}, r"colors has shape \(4, 4, 3\), not \(4, D\)"),
+        ({"colors": torch.zeros(4, 0)}, "no channel"),
+        ({"colors": torch.zeros(4, 3), "sh_degree": 0}, r"colors has shape \(4, 3\)"),
+        ({"colors": torch.zeros(4, 4, 3), "sh_degree": 2}, r"K one of \[9, 16\]"),
+        ({"colors": torch.zeros(4, 10, 3), "sh_degree": 2}, r"shape \(4, 10, 3\)"),
+        ({"colors": torch.zeros(4, 25, 3), "sh_degree": 4}, "sh_degree is 4"),
+        ({"colors": torch.zeros(4, 1, 3), "sh_degree": -1}, "sh_degree is -1"),
+        ({"features": torch.zeros(3, 2)}, r"features has shape \(3, 2\)"),
+        ({"backgrounds": torch.zeros(3)}, r"backgrounds has shape \(3,\), not \(2, 3\)"),
+        ({"backgrounds": torch.zeros(2, 3), "features": torch.zeros(4, 1)}, r"not \(2, 4\)"),
+        ({"c": 0}, "at least one camera"),
+        ({"viewmats": torch.zeros(2, 3, 4)}, r"viewmats has shape \(2, 3, 4\)"),
+        ({"Ks": torch.eye(3)[None]}, r"Ks has shape \(1, 3, 3\)"),
+        (bad_camera("viewmats", 0, 3, math.nan), "not finite"),
+        (bad_camera("Ks", 0, 2, math.inf), "not finite"),
+        (bad_camera("Ks", 1, 1, 0.0), "focal lengths must be positive"),
+        (bad_camera("Ks", 0, 1, 0.5), "skew"),
+        ({"means": torch.zeros(4, 3).half()}, "float16"),
+        ({"quats": torch.zeros(4, 4).double()}, "quats is torch.float64"),
+        ({"features": torch.zeros(4, 1, device="meta")}, "features is torch.float32 on meta"),
+        ({"width": 0}, "0 x 6"),
+        ({"near_plane": 0.0}, "near_plane 0.0"),
+        ({"near_plane": math.nan}, "near_plane nan"),
+        ({"far_plane": 0.1}, "far_plane 0.1"),
+        ({"radius_clip": -1.0}, "radius_clip -1.0"),
+        ({"eps2d": -0.1}, "eps2d -0.1"),
+        ({"render_mode": "RGBD"}, "'RGBD', not one of RGB, D, ED"),
+        ({"rasterize_mode": "smooth"}, "'smooth', not one of classic"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_refused(refused, words):
+    with pytest.raises(ValueError, match=words):
+        check(**arguments(**refused))
+
+
+def test_modes():
+    modes = ("RGB", "D", "ED", "RGB+D", "RGB+ED")
+    assert [shows_colors(mode) for mode in modes] == [True, False, False, True, True]
+    assert [shows_depth(mode) for mode in modes] == [False, True, True, True, True]
+    assert [shows_expected_depth(mode) for mode in modes] == [False, False, True, False, True]

@@ -1,0 +1,294 @@
+"""The compiled kernels against the reference in float64: values, every gradient, and the extremes."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+from torch import Tensor
+
+from egosplat.errors import UserError
+from egosplat.rasterize import cpu, reference
+
+WIDTH, HEIGHT = 83, 61
+VALUE_TOLERANCE = 1e-5
+"""Largest absolute difference of float32 images of about unit size to those of float64."""
+GRADIENT_TOLERANCE = 1e-5
+"""Relative difference of float32 gradients to those of float64, in the L2 norm over all Gaussians."""
+
+
+def scene(seed: int, count: int = 400, cameras: int = 1, features: int = 5) -> dict[str, Tensor]:
+    """A cloud that fills the image, from specks to blobs as wide as the image, nearly to full opacity."""
+    rng = np.random.default_rng(seed)
+    turns = Rotation.from_rotvec(rng.normal(size=(cameras, 3)) * 0.1).as_matrix()
+    viewmats = np.tile(np.eye(4), (cameras, 1, 1))
+    viewmats[:, :3, :3], viewmats[:, :3, 3] = turns, rng.normal(size=(cameras, 3)) * 0.1
+    arrays = {
+        "means": rng.uniform(-0.5, 0.5, (count, 3)) * [3.0, 2.5, 3.0] + [0, 0, 3.0],
+        "quats": rng.normal(size=(count, 4)),
+        "scales": np.exp(rng.uniform(-4.5, -1.5, (count, 3))),
+        "opacities": rng.uniform(0.01, 0.99, count),
+        "colors": rng.normal(size=(count, 16, 3)) * 0.2,
+        "features": rng.normal(size=(count, features)),
+        "viewmats": viewmats,
+        "Ks": np.tile([[90.0, 0, 40.0], [0, 85.0, 31.0], [0, 0, 1]], (cameras, 1, 1)),
+        "backgrounds": rng.uniform(size=(cameras, 3 + features)),
+    }
+    return {name: torch.from_numpy(np.ascontiguousarray(array)) for name, array in arrays.items()}
+
+
+def undecided(meta: dict) -> Tensor:
+    """(C, H, W) pixels at which rounding may decide whether a Gaussian is composited: there, and only there,
+    float32 and float64 may rightly differ by much."""
+    rows, columns = torch.meshgrid(
+        torch.arange(meta["height"]) + 0.5, torch.arange(meta["width"]) + 0.5, indexing="ij"
+    )
+    masks = []
+    for camera in range(meta["n_cameras"]):
+        order = meta["depths"][camera].argsort()
+        order = order[(meta["radii"][camera, order] > 0).all(dim=-1)]
+        mean, conic = meta["means2d"][camera, order], meta["conics"][camera, order]
+        dx, dy = columns[..., None] - mean[:, 0], rows[..., None] - mean[:, 1]
+        sigma = 0.5 * (conic[:, 0] * dx * dx + conic[:, 2] * dy * dy) + conic[:, 1] * dx * dy
+        raw = meta["opacities"][camera, order] * torch.exp(-sigma)
+        alpha = torch.where(raw >= 1 / 255, raw.clamp(max=0.999), 0.0)
+        left = (1 - alpha).cumprod(dim=-1)
+        close = torch.stack([raw * 255 - 1, raw / 0.999 - 1, left / 1e-4 - 1]).abs() < 1e-4
+        masks.append(close.any(dim=-1).any(dim=0))
+    return torch.stack(masks)
+
+
+def differentiate(backend, values: dict[str, Tensor], dtype: torch.dtype, **options) -> dict[str, Tensor]:
+    """Render, pull a random combination of the image back, and give the images and every gradient."""
+    values = {
+        name: value.detach().clone().to(dtype).requires_grad_(name != "Ks") for name, value in values.items()
+    }
+    skip = options.pop("skip", None)
+    image, alpha, meta = backend.rasterization(**values, width=WIDTH, height=HEIGHT, **options)
+    meta["means2d"].retain_grad()
+    generator = torch.Generator().manual_seed(7)
+    weights = [torch.randn(*part.shape, generator=generator, dtype=torch.float64) for part in (image, alpha)]
+    if skip is not None:
+        weights = [weight * ~skip[..., None] for weight in weights]
+    sum(
+        (part * weight.to(dtype)).sum() for part, weight in zip((image, alpha), weights, strict=True)
+    ).backward()
+    gradients = {f"d {name}": value.grad for name, value in values.items() if value.grad is not None}
+    return {"image": image, "alpha": alpha, "meta": meta, "d means2d": meta["means2d"].grad} | gradients
+
+
+def relative(value: Tensor, truth: Tensor) -> float:
+    return ((value.double() - truth).norm() / truth.norm().clamp(min=1e-30)).item()
+
+
+@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"sh_degree": 3},
+        {"sh_degree": 2, "render_mode": "RGB+ED", "rasterize_mode": "antialiased"},
+    ],
+    ids=["classic", "antialiased with depth"],
+)
+def test_agrees_with_float64(seed, options):
+    values = scene(seed)
+    first = differentiate(reference, values, torch.float64, **options)
+    # Where alpha is all but 0 the expected depth is a quotient of two of them.
+    skip = undecided(first["meta"]) | (first["alpha"][..., 0] < 0.05)
+    truth = differentiate(reference, values, torch.float64, skip=skip, **options)
+    found = differentiate(cpu, values, torch.float32, skip=skip, **options)
+    assert torch.equal(found["meta"]["radii"], truth["meta"]["radii"])
+    for name in ("image", "alpha"):
+        difference = (found[name] - truth[name]).abs() * ~skip[..., None]
+        assert difference.max() < VALUE_TOLERANCE, name
+    gradients = [name for name in truth if name.startswith("d ")]
+    assert len(gradients) == 9
+    assert {name: relative(found[name], truth[name]) for name in gradients} == pytest.approx(
+        dict.fromkeys(gradients, 0.0), abs=GRADIENT_TOLERANCE
+    )
+
+
+@pytest.mark.parametrize("render_mode", ["RGB", "D", "ED", "RGB+D"])
+def test_two_cameras_and_every_mode(render_mode):
+    values = scene(11, cameras=2) | {"colors": scene(12)["features"][:, :4]}
+    values["backgrounds"] = torch.rand(2, 9, dtype=torch.float64)
+    options = {"render_mode": render_mode}
+    first = differentiate(reference, values, torch.float64, **options)
+    skip = undecided(first["meta"]) | (first["alpha"][..., 0] < 0.05)
+    truth = differentiate(reference, values, torch.float64, skip=skip, **options)
+    found = differentiate(cpu, values, torch.float32, skip=skip, **options)
+    assert found["image"].shape == truth["image"].shape == (2, HEIGHT, WIDTH, truth["image"].shape[-1])
+    assert ((found["image"] - truth["image"]).abs() * ~skip[..., None]).max() < VALUE_TOLERANCE
+    for name in truth:
+        if name.startswith("d ") and truth[name].abs().max() > 0:
+            assert relative(found[name], truth[name]) < 2 * GRADIENT_TOLERANCE, name
+
+
+@pytest.mark.parametrize("features", [0, 1, 10, 13, 14, 30, 61])
+def test_any_number_of_channels(features):
+    values = scene(3, count=150, features=features)
+    if features == 0:
+        del values["features"]
+    skip = undecided(differentiate(reference, values, torch.float64, sh_degree=0)["meta"])
+    truth = differentiate(reference, values, torch.float64, sh_degree=0, skip=skip)
+    found = differentiate(cpu, values, torch.float32, sh_degree=0, skip=skip)
+    for name in truth:
+        if name.startswith("d ") and truth[name].numel():
+            assert relative(found[name], truth[name]) < GRADIENT_TOLERANCE, name
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 40), (40, 1), (16, 16), (17, 33)])
+def test_images_smaller_than_a_tile(size):
+    values = {name: value.float() for name, value in scene(4).items()}
+    arguments = values | {"width": size[0], "height": size[1], "sh_degree": 1}
+    found, truth = cpu.rasterization(**arguments), reference.rasterization(**arguments)
+    torch.testing.assert_close(found[0], truth[0], atol=1e-4, rtol=1e-4)
+
+
+@pytest.mark.parametrize("frozen", ["geometry", "all but means"])
+def test_what_needs_no_gradient_gets_none_and_changes_nothing(frozen):
+    values = {name: value.float() for name, value in scene(5).items()}
+    free = ("colors", "features") if frozen == "geometry" else ("means",)
+    gradients = []
+    for asked in (free, tuple(name for name in values if name != "Ks")):
+        inputs = {name: value.clone().requires_grad_(name in asked) for name, value in values.items()}
+        image, *_ = cpu.rasterization(**inputs, width=WIDTH, height=HEIGHT, sh_degree=3)
+        image.square().sum().backward()
+        gradients.append({name: inputs[name].grad for name in free})
+        assert all((inputs[name].grad is None) == (name not in asked) for name in inputs)
+    for name in free:
+        assert torch.equal(gradients[0][name], gradients[1][name])
+
+
+def test_the_gradient_of_the_centres_in_the_image_can_be_kept():
+    values = {name: value.float() for name, value in scene(6).items()}
+    values["means"].requires_grad_()
+    image, _, meta = cpu.rasterization(**values, width=WIDTH, height=HEIGHT, sh_degree=0)
+    meta["means2d"].retain_grad()
+    image.sum().backward()
+    seen = (meta["radii"] > 0).all(dim=-1)
+    assert meta["means2d"].grad.shape == (1, 400, 2)
+    assert (meta["means2d"].grad[seen].abs().sum(dim=-1) > 0).float().mean() > 0.9
+    assert (meta["means2d"].grad[~seen] == 0).all()
+
+
+def bad(name: str, value: float):
+    return pytest.param(name, value, id=f"{name} {value}")
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *(bad(name, value) for name in ("means", "quats", "scales") for value in (math.nan, math.inf)),
+        *(
+            bad(name, value)
+            for name in ("opacities", "colors", "features")
+            for value in (math.nan, -math.inf)
+        ),
+        bad("quats", 0.0),
+        bad("scales", 1e30),
+        bad("means", 1e30),
+    ],
+)
+def test_a_hostile_gaussian_is_left_out(name, value):
+    values = {key: tensor.float() for key, tensor in scene(8, count=60).items()}
+    broken = {key: tensor.clone() for key, tensor in values.items()}
+    broken[name][7] = value
+    rest = {
+        key: torch.cat([tensor[:7], tensor[8:]]) if len(tensor) == 60 else tensor
+        for key, tensor in values.items()
+    }
+    for key in ("means", "quats", "scales", "opacities", "colors", "features"):
+        broken[key].requires_grad_()
+    image, _, meta = cpu.rasterization(**broken, width=WIDTH, height=HEIGHT, sh_degree=3)
+    expected, *_ = cpu.rasterization(**rest, width=WIDTH, height=HEIGHT, sh_degree=3)
+    assert torch.equal(image, expected)
+    assert (meta["radii"][0, 7] == 0).all()
+    image.sum().backward()
+    for key in ("means", "quats", "scales", "opacities", "colors", "features"):
+        assert broken[key].grad.isfinite().all(), key
+        assert (broken[key].grad[7] == 0).all(), key
+
+
+def extreme(**changes: object) -> dict[str, Tensor]:
+    """One Gaussian 2 m ahead; each change replaces one of its values."""
+    values = {
+        "means": [[0.0, 0.0, 2.0]],
+        "quats": [[1.0, 0.0, 0.0, 0.0]],
+        "scales": [[0.1, 0.1, 0.1]],
+        "opacities": [0.8],
+        "colors": [[0.2, 0.5, 0.9]],
+        "viewmats": np.eye(4)[None].tolist(),
+        "Ks": [[[90.0, 0, 40.0], [0, 85.0, 31.0], [0, 0, 1]]],
+    }
+    return {name: torch.tensor(value, dtype=torch.float64) for name, value in (values | changes).items()}
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"means": [[0.0, 0.0, 0.1000001]]},
+        {"means": [[0.0, 0.0, 0.0999]]},
+        {"means": [[0.0, 0.0, 0.0]]},
+        {"means": [[0.0, 0.0, -1.0]]},
+        {"means": [[0.0, 0.0, 1e6]], "scales": [[1e4, 1e4, 1e4]]},
+        {"means": [[50.0, 0.0, 2.0]], "scales": [[20.0, 0.1, 0.1]]},
+        {"scales": [[1e-8, 1e-8, 1e-8]]},
+        {"scales": [[0.0, 0.0, 0.0]]},
+        {"scales": [[1e4, 1e-8, 1e-8]], "quats": [[0.9, 0.1, 0.2, 0.3]]},
+        {"scales": [[1e4, 1e4, 1e-8]], "quats": [[0.9, 0.1, 0.2, 0.3]]},
+        {"opacities": [1.0]},
+        {"opacities": [1 / 255]},
+        {"opacities": [0.0]},
+        {"quats": [[1e-20, 1e-20, 0.0, 0.0]]},
+        {"quats": [[1e15, -1e15, 1e15, 0.0]]},
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("rasterize_mode", ["classic", "antialiased"])
+def test_extremes_stay_with_the_reference(changes, rasterize_mode):
+    values = extreme(**changes)
+    truth = differentiate(reference, values, torch.float64, rasterize_mode=rasterize_mode)
+    found = differentiate(cpu, values, torch.float32, rasterize_mode=rasterize_mode)
+    different = (found["image"] - truth["image"]).abs().amax(dim=-1) > 1e-4
+    # Of a needle as long as the image, rounding may move the edge by a pixel.
+    assert different.sum() <= 0.02 * different.numel()
+    for name in (name for name in truth if name.startswith("d ")):
+        assert found[name].isfinite().all(), name
+
+
+def test_ten_thousand_gaussians_on_one_pixel():
+    count = 10_000
+    values = extreme(
+        means=[[0.0, 0.0, 2.0]] * count,
+        quats=[[1.0, 0.0, 0.0, 0.0]] * count,
+        scales=[[1e-3] * 3] * count,
+        opacities=[0.05] * count,
+        colors=torch.linspace(0, 1, 3 * count).reshape(count, 3).tolist(),
+    )
+    truth, _, _ = reference.rasterization(**values, width=WIDTH, height=HEIGHT)
+    found = differentiate(cpu, values, torch.float32)
+    assert ((found["image"] - truth).abs().amax(dim=-1) > 1e-4).sum() <= 4  # 1/255 decides at the edge
+    assert found["d opacities"].isfinite().all()
+    # Equal depths keep the order of the Gaussians, and none behind the end of the pixel gets a gradient.
+    assert found["d colors"][0].abs().sum() > 0 and (found["d colors"][-1] == 0).all()
+
+
+def test_no_gaussians_show_the_background():
+    values = {name: value[:0] for name, value in extreme().items() if name not in ("viewmats", "Ks")}
+    cameras = {name: value.float() for name, value in extreme().items() if name in ("viewmats", "Ks")}
+    background = torch.tensor([[0.1, 0.2, 0.3]])
+    image, alpha, _ = cpu.rasterization(
+        **{name: value.float() for name, value in values.items()},
+        **cameras,
+        backgrounds=background,
+        width=5,
+        height=4,
+    )
+    assert torch.equal(image, background.expand(1, 4, 5, 3)) and (alpha == 0).all()
+
+
+def test_other_numbers_than_float32_are_refused():
+    with pytest.raises(UserError, match="float32 on the CPU, not torch.float64"):
+        cpu.rasterization(**extreme(), width=5, height=4)

@@ -1,0 +1,75 @@
+"""C++ sources are the same where the compiler sees the same."""
+
+import pytest
+
+from egosplat.cpp_hash import cpp_hash, cpp_tokens
+
+SOURCE = """\
+#include <cmath>
+#define TWICE(x) ((x) + (x))
+// Doubles.
+float twice(float x) { return 2.0f * x; }
+const char* text = "a // b";
+"""
+
+
+@pytest.mark.parametrize(
+    "old, new",
+    [
+        ("// Doubles.", "// Makes it two\n// times as large."),
+        ("2.0f * x", "2.0f /* not\n 3 */ * x"),
+        ("{ return 2.0f * x; }", "{\n\n\treturn 2.0f*x;\n}"),
+        ("#include <cmath>", "#  include <cmath>   // sqrt"),
+        ("((x) + (x))", "\\\n    ((x) + (x))"),
+        ("float twice", "\n\nfloat\ntwice"),
+    ],
+)
+def test_comments_and_layout_do_not_count(old, new):
+    assert old in SOURCE
+    assert list(cpp_tokens(SOURCE.replace(old, new))) == list(cpp_tokens(SOURCE))
+
+
+@pytest.mark.parametrize(
+    "old, new",
+    [
+        ("2.0f", "2.5f"),
+        ("2.0f", "2.0"),
+        ('"a // b"', '"a // c"'),
+        ('"a // b"', '"a //  b"'),
+        ("x; }", "x; } // }\n}"),
+        ("(x) + (x))\n", "(x) + (x)) +\n"),
+        ("TWICE(x) (", "TWICE (x) ("),
+        ("<cmath>\n", "<cmath> "),
+        ("// Doubles.", "#define MORE"),
+    ],
+)
+def test_what_the_compiler_sees_counts(old, new):
+    assert old in SOURCE
+    assert list(cpp_tokens(SOURCE.replace(old, new))) != list(cpp_tokens(SOURCE))
+
+
+@pytest.mark.parametrize(
+    "text, tokens",
+    [
+        ("a+ +b", ["a", "+", "+", "b"]),
+        ("a++ + b", ["a", "++", "+", "b"]),
+        ("x>>=1'000;", ["x", ">>=", "1'000", ";"]),
+        ("1e-3f-x", ["1e-3f", "-", "x"]),
+        (r"'\'' '/' \"//\"".replace('\\"', '"'), [r"'\''", "'/'", '"//"']),
+        ('R"d(a "// b)d" // c', ['R"d(a "// b)d"']),
+        ("int a\nint b", ["int", "a", "int", "b"]),
+        ("#if A\nb", ["#", "if", "A", "\n", "b"]),
+        ("a // joined \\\nstill a comment\nb", ["a", "b"]),
+    ],
+)
+def test_tokens(text, tokens):
+    assert list(cpp_tokens(text)) == tokens
+
+
+def test_names_of_files_count_and_other_files_do_not(tmp_path):
+    (tmp_path / "kernels.cpp").write_text(SOURCE)
+    first = cpp_hash(tmp_path)
+    (tmp_path / "notes.txt").write_text("why")
+    assert cpp_hash(tmp_path) == first
+    (tmp_path / "kernels.cpp").rename(tmp_path / "kernels.h")
+    assert cpp_hash(tmp_path) != first
