@@ -1,4 +1,6 @@
 // The library's C interface. Arrays are float32, contiguous, row-major; sizes are checked by the callers.
+#include "adam.h"
+#include "loss.h"
 #include "project.h"
 #include "raster_calls.h"
 
@@ -71,4 +73,17 @@ void egosplat_raster_backward(void* raster, int threads, const float* conics, co
 }
 
 void egosplat_raster_free(void* raster) { POOL.give(static_cast<Raster*>(raster)); }
+
+// render, gradient (3, height, width), target (height, width, 3), weight (height, width); null: no gradient, no weight.
+double egosplat_l1_ssim(int width, int height, int threads, double ssim_lambda, const float* render,
+                        const float* target, const float* weight, float* gradient) {
+    return l1_ssim(width, height, threads, ssim_lambda, render, target, weight, gradient);
+}
+
+// param, grad, exp_avg, exp_avg_sq (rows, columns), learning_rates (columns,); returns the number of rows left out.
+int64_t egosplat_adam(int64_t rows, int columns, int threads, double beta1, double beta2, double eps, int64_t step,
+                      const float* learning_rates, float* param, const float* grad, float* exp_avg,
+                      float* exp_avg_sq) {
+    return adam(rows, {columns, param, grad, exp_avg, exp_avg_sq}, threads, learning_rates, beta1, beta2, eps, step);
+}
 }

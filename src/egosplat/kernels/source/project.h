@@ -7,7 +7,6 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
-#include <numeric>
 #include <vector>
 
 #include "harmonics.h"
@@ -158,14 +157,14 @@ inline bool project_one(int i, const Camera& camera, const double* centre, const
     spreads[i] = float(f.vv);
     float* channel = out.channels + size_t(i) * layout.channels();
     if (layout.coefficients) {
-        double basis[MAX_COEFFICIENTS], color[3] = {0.5, 0.5, 0.5};
+        // Those beyond the degree count 0 times, so that a number that is not finite shows there too.
+        double basis[MAX_COEFFICIENTS] = {}, color[3] = {0.5, 0.5, 0.5};
         const Direction d(centre, in.means + 3 * i);
         harmonics(layout.coefficients, d.n[0], d.n[1], d.n[2], basis);
         const float* sh = in.sh + size_t(i) * layout.stored * 3;
-        for (int k = 0; k < layout.coefficients; k++)
+        for (int k = 0; k < layout.stored; k++)
             for (int c = 0; c < 3; c++) color[c] += basis[k] * sh[3 * k + c];
-        // A number that is not finite culls the Gaussian even where no degree asks for it yet.
-        if (!std::isfinite(std::accumulate(sh, sh + 3 * layout.stored, 0.0))) return false;
+        if (!std::isfinite(color[0] + color[1] + color[2])) return false;
         for (int c = 0; c < 3; c++) channel[c] = float(std::max(color[c], 0.0));
     }
     if (layout.feature_count)

@@ -12,7 +12,8 @@
 
 namespace egosplat {
 
-constexpr int BLOCK = 64;   // Gaussians that one row's list is made of at a time
+constexpr int BLOCK = 64;  // Gaussians that one row's list is made of at a time
+constexpr float MIN_FLOAT = 1e-30f;  // what lies behind an opaque pixel must not become subnormal, which is slow
 constexpr int MOMENTS = 6;  // sums of v {1, dx, dy, dx^2, dx dy, dy^2}, v = alpha dL/dalpha
 
 // What a band's rows need of the Gaussians of one tile, relative to the tile's corner.
@@ -106,7 +107,7 @@ INLINE void forward_row(const Column& column, RowList& list, int row, Floats (&c
             const int k = list.place_of(j);
             const float* c_k = column.color[k];
             const Floats weight = T * alphas[j];
-            T *= 1.0f - alphas[j];
+            T = max(T * (1.0f - alphas[j]), broadcast(MIN_FLOAT));
             const Mask kept = above(T, broadcast(MIN_TRANSMITTANCE));
             const Floats w = where(kept, weight);
             left = where(kept, T, left);
@@ -124,8 +125,9 @@ struct Image {
     float* at(int c, int y, int x) const { return data + (size_t(c) * height + y) * width + x; }
     // A tile's next neighbour, on its way while this one is worked on: so many rows of so many planes are more
     // streams than the processor follows by itself.
+    // Inlined, because GCC drops calls of a function that does nothing but that.
     template <int WRITE>
-    void prefetch(int c, int band, int tile) const {
+    inline __attribute__((always_inline)) void prefetch(int c, int band, int tile) const {
         const int rows = std::min(ROWS, height - band * ROWS), x = std::min(tile * LANES, width - 1);
         for (int r = 0; r < rows; r++) __builtin_prefetch(at(c, band * ROWS + r, x), WRITE, 2);
     }
@@ -252,7 +254,7 @@ void backward_tile(const Tiles& tiles, const Column& column, Pixels<C>& pixels, 
         for (uint32_t todo = reached; todo; todo &= todo - 1) {
             const int r = __builtin_ctz(todo);
             const Floats a = min(raw[r], broadcast(MAX_ALPHA)), T = pixels.T[r];
-            const Floats through = 1.0f - a, after = T * through;
+            const Floats through = 1.0f - a, after = max(T * through, broadcast(MIN_FLOAT));
             const Mask kept = above(after, broadcast(MIN_TRANSMITTANCE));
             const Floats weight = where(kept, a * T);
             pixels.T[r] = after;

@@ -21,6 +21,7 @@ constexpr int LANES = 8;
 
 typedef float Floats __attribute__((vector_size(LANES * 4)));
 typedef int32_t Ints __attribute__((vector_size(LANES * 4)));
+typedef uint32_t Bits __attribute__((vector_size(LANES * 4)));
 
 #if !defined(__AVX512F__)
 using Mask = Ints;  // all bits of a lane set, or none
@@ -154,7 +155,7 @@ INLINE Floats exp2(Floats x) {
     p = fma(p, f, broadcast(2.40221197e-1f));
     p = fma(p, f, broadcast(6.93146967e-1f));
     p = fma(p, f, broadcast(1.0f));
-    return (Floats)((Ints)p + ((Ints)t << 23));
+    return (Floats)((Bits)p + ((Bits)t << 23));
 }
 #if defined(__AVX2__)
 struct Compression {

@@ -1,0 +1,75 @@
+"""Adam on the CPU in one pass over parameters, gradients and moments. float32."""
+
+import ctypes
+import functools
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from egosplat.kernels import library
+
+_INT, _INT64, _DOUBLE, _POINTER = ctypes.c_int, ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
+
+
+@torch.no_grad()
+def adam_step(
+    param: Tensor,
+    grad: Tensor,
+    exp_avg: Tensor,
+    exp_avg_sq: Tensor,
+    lr: float,
+    *,
+    beta1: float,
+    beta2: float,
+    eps: float,
+    step: int,
+    learning_rates: Tensor | None = None,
+) -> int:
+    """Update ``param`` and its moments in place, as ``torch.optim.Adam`` does (Kingma & Ba 2015, algorithm 1).
+
+    Where a gradient and its moments are zero nothing changes, to the bit. A row with a gradient that is not
+    finite, or larger than 1e18, whose square would overflow, is left out, moments and all. The numbers are
+    the same for any number of threads.
+
+    Args:
+        param, grad, exp_avg, exp_avg_sq: (N, columns), contiguous.
+        lr: learning rate of all columns.
+        step: number of this step, from 1, for the bias correction.
+        learning_rates: (columns,) instead of ``lr``.
+
+    Returns:
+        How many rows were left out.
+
+    Raises:
+        ValueError: a tensor is not contiguous float32 on the CPU, shapes do not belong together, or ``step``
+            or ``eps`` is not positive.
+        UserError: the kernels are not built.
+    """
+    tensors = {"param": param, "grad": grad, "exp_avg": exp_avg, "exp_avg_sq": exp_avg_sq}
+    for name, tensor in tensors.items():
+        _check(name, tensor, tuple(param.shape))
+    if param.ndim != 2:
+        raise ValueError(f"param: shape {tuple(param.shape)}, not (N, columns)")
+    if step < 1 or eps <= 0:
+        raise ValueError(f"step {step} and eps {eps} must be positive")
+    rows, columns = param.shape
+    rates = torch.full((columns,), lr) if learning_rates is None else learning_rates
+    _check("learning_rates", rates, (columns,))
+    addresses = (tensor.data_ptr() for tensor in (rates, *tensors.values()))
+    return _function()(rows, columns, torch.get_num_threads(), beta1, beta2, eps, step, *addresses)
+
+
+def _check(name: str, tensor: Tensor, shape: tuple[int, ...]) -> None:
+    if tuple(tensor.shape) != shape:
+        raise ValueError(f"{name}: shape {tuple(tensor.shape)}, not {shape}")
+    if tensor.dtype != torch.float32 or tensor.device.type != "cpu" or not tensor.is_contiguous():
+        raise ValueError(f"{name}: {tensor.dtype} on {tensor.device}, not contiguous float32 on the CPU")
+
+
+@functools.cache
+def _function() -> Any:
+    function = library.load().egosplat_adam
+    function.argtypes = [_INT64, _INT, _INT, _DOUBLE, _DOUBLE, _DOUBLE, _INT64, *[_POINTER] * 5]
+    function.restype = _INT64
+    return function

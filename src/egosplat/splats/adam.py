@@ -1,0 +1,75 @@
+"""One Adam update of rows in place: the fused kernel on the CPU where it is built, torch elsewhere."""
+
+import math
+from functools import cache
+
+import torch
+from torch import Tensor
+
+from egosplat.kernels import library
+
+BETA1, BETA2, EPS = 0.9, 0.999, 1e-15
+"""3DGS's. Epsilon is far below torch's 1e-8 because gradients of single Gaussians are tiny."""
+
+LARGEST_GRADIENT = 1e18
+"""Its square is still finite in float32: what is larger would leave an infinite second moment behind."""
+
+
+def adam_step(
+    param: Tensor, grad: Tensor, exp_avg: Tensor, exp_avg_sq: Tensor, rates: float | Tensor, step: int
+) -> None:
+    """Update ``param`` and its moments in place (Kingma & Ba 2015, algorithm 1).
+
+    Args:
+        param, grad, exp_avg, exp_avg_sq: (N, columns) float32, contiguous.
+        rates: learning rate, or (columns,) float32 of them.
+        step: number of this step, from 1, for the bias correction.
+    """
+    (_fused_step if _can_fuse(param) else torch_step)(param, grad, exp_avg, exp_avg_sq, rates, step)
+
+
+def torch_step(
+    param: Tensor, grad: Tensor, exp_avg: Tensor, exp_avg_sq: Tensor, rates: float | Tensor, step: int
+) -> None:
+    """``adam_step`` in plain torch, on any device."""
+    exp_avg.lerp_(grad, 1.0 - BETA1)
+    exp_avg_sq.mul_(BETA2).addcmul_(grad, grad, value=1.0 - BETA2)
+    denominator = exp_avg_sq.sqrt().div_(math.sqrt(1.0 - BETA2**step)).add_(EPS)
+    param.sub_((exp_avg / denominator).mul_(rates).div_(1.0 - BETA1**step))
+
+
+def broken_rows(grads: list[Tensor]) -> Tensor:
+    """Indices of the rows with a gradient that is not finite, or larger than ``LARGEST_GRADIENT``.
+
+    Args:
+        grads: (N, columns) float32 each, one at least, all with the same N.
+
+    Returns:
+        (B,) int64.
+    """
+    # One pass without a copy decides for nearly every step that there are none; NaN compares as False.
+    extremes = [torch.aminmax(grad) for grad in grads if grad.numel()]
+    if all(bool((low >= -LARGEST_GRADIENT) & (high <= LARGEST_GRADIENT)) for low, high in extremes):
+        return torch.zeros(0, dtype=torch.int64, device=grads[0].device)
+    sound = torch.stack([(grad.abs() <= LARGEST_GRADIENT).all(dim=1) for grad in grads])
+    return (~sound.all(dim=0)).nonzero().squeeze(1)
+
+
+def _can_fuse(param: Tensor) -> bool:
+    return param.device.type == "cpu" and _kernels_are_built()
+
+
+@cache
+def _kernels_are_built() -> bool:
+    return library.why_not() is None
+
+
+def _fused_step(
+    param: Tensor, grad: Tensor, exp_avg: Tensor, exp_avg_sq: Tensor, rates: float | Tensor, step: int
+) -> None:
+    from egosplat.kernels.adam import adam_step as fused
+
+    columns = rates if isinstance(rates, Tensor) else None
+    rate = 0.0 if isinstance(rates, Tensor) else rates
+    options = {"beta1": BETA1, "beta2": BETA2, "eps": EPS, "step": step, "learning_rates": columns}
+    fused(param, grad, exp_avg, exp_avg_sq, rate, **options)

@@ -1,0 +1,82 @@
+"""What happens when in a training run."""
+
+import pytest
+
+from egosplat.splats.schedule import STOCK, STOCK_MCMC, Schedule, scaled
+
+
+def resets(schedule: Schedule) -> list[int]:
+    return [i for i in range(schedule.iterations + 1) if schedule.resets_opacity(i)]
+
+
+def densifications(schedule: Schedule) -> list[int]:
+    return [i for i in range(schedule.iterations + 1) if schedule.densifies(i)]
+
+
+def test_stock_milestones_are_those_of_3dgs() -> None:
+    assert densifications(STOCK) == list(range(600, 15_000, 100))
+    assert resets(STOCK) == [3_000, 6_000, 9_000, 12_000]
+    assert [STOCK.prunes_large(i) for i in (2_900, 3_000, 3_100)] == [False, False, True]
+    assert resets(STOCK_MCMC) == [] and densifications(STOCK_MCMC)[-1] == 24_900
+
+
+def test_position_learning_rate_falls_log_linearly_with_extent() -> None:
+    assert STOCK.position_lr(0, 2.0) == pytest.approx(3.2e-4)
+    assert STOCK.position_lr(15_000, 1.0) == pytest.approx(1.6e-5)
+    assert STOCK.position_lr(30_000, 1.0) == pytest.approx(1.6e-6)
+    assert STOCK.position_lr(90_000, 1.0) == pytest.approx(1.6e-6)
+
+
+def test_sh_degree_grows_up_to_the_highest() -> None:
+    degrees = [STOCK.sh_degree(i, 3) for i in (1, 999, 1_000, 2_500, 3_000, 30_000)]
+    assert degrees == [0, 0, 1, 2, 3, 3]
+    assert STOCK.sh_degree(30_000, 1) == 1
+
+
+def test_scaled_to_its_own_length_is_the_same() -> None:
+    assert scaled(STOCK, 30_000) == STOCK
+    assert scaled(STOCK_MCMC, 30_000) == STOCK_MCMC
+
+
+def test_scaled_to_7000_keeps_the_fractions_and_the_least_intervals() -> None:
+    short = scaled(STOCK, 7_000)
+    assert (short.densify_from, short.densify_until, short.densify_every) == (116, 3_500, 25)
+    assert (short.sh_interval, short.position_lr_steps) == (233, 7_000)
+    assert resets(short) == [1_000, 2_000]
+
+
+@pytest.mark.parametrize("iterations", [1, 2, 3, 10, 31, 300, 999, 4_000, 7_000, 30_000, 100_001])
+def test_density_control_ends_by_half_time_and_no_reset_comes_late(iterations: int) -> None:
+    schedule = scaled(STOCK, iterations)
+    assert schedule.densify_until <= iterations / 2
+    assert all(i <= schedule.densify_until - 1_000 for i in resets(schedule))
+    assert schedule.position_lr(iterations, 1.0) == pytest.approx(1.6e-6)
+
+
+def test_a_longer_run_stretches() -> None:
+    assert scaled(STOCK, 60_000).densify_every == 200
+    assert resets(scaled(STOCK, 60_000)) == [6_000, 12_000, 18_000, 24_000]
+
+
+def test_white_background_reset_at_the_start() -> None:
+    schedule = Schedule(reset_at_start=True)
+    assert resets(schedule) == [500, 3_000, 6_000, 9_000, 12_000]
+    assert not Schedule(reset_at_start=True, densify_from=0).resets_opacity(0)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"densify_from": 16_000},
+        {"densify_until": 40_000},
+        {"densify_every": 0},
+        {"reset_every": 0},
+        {"position_lr_final": 0.0},
+        {"position_lr_steps": 0},
+    ],
+)
+def test_a_schedule_that_makes_no_sense_is_refused(wrong: dict[str, int]) -> None:
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        Schedule(**wrong)
+    with pytest.raises(ValueError, match="0 iterations"):
+        scaled(STOCK, 0)
