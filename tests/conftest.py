@@ -31,6 +31,7 @@ def real_data() -> Callable[[str], Path]:
 TINY = """
 synthetic: {size: 176, fps: 2.0, seconds: 6.0, objects: 16}
 frames: {resolution: 96, evaluation_frames: 3}
+splats: {iterations: 40, max_points: 1000, max_gaussians: 2000, evaluate_every: 20}
 """
 
 
@@ -98,11 +99,11 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Workdir:
     )
     (folder / "tiny.yaml").write_text(TINY)
     workdir = Workdir(folder)
-    workdir.run(MAIN)
+    workdir.run(*MAIN)
     return workdir
 
 
-MAIN = "results/adt/scene1/contact_sheet.png"
+MAIN = ("results/adt/scene1/contact_sheet.png", "results/adt/scene1/splats.png")
 
 
 @pytest.fixture

@@ -8,9 +8,10 @@ from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reading import Artifact, recorded_digest, verify
+from egosplat.artifacts.splats import SPLATS
 from egosplat.errors import UserError
 
-SCHEMAS = {schema.name: schema for schema in (FRAMES, ANNOTATIONS, POSES)}
+SCHEMAS = {schema.name: schema for schema in (FRAMES, ANNOTATIONS, POSES, SPLATS)}
 """Every kind of artifact, by name."""
 
 

@@ -43,10 +43,20 @@ STAGES = {
         ("numpy", "scipy", "pycolmap", "projectaria-tools", "zarr"),
         "Camera poses and points: the device's trajectory, or COLMAP.",
     ),
+    "splats": Stage(
+        "egosplat.splats.stage",
+        ("numpy", "scipy", "torch", "torchmetrics", "zarr"),
+        "Train 3D Gaussians on the pictures.",
+    ),
     "contact_sheet": Stage(
         "egosplat.report.contact_sheet",
         ("matplotlib",),
         "Draw a scene's pictures, annotations, and its trajectory from above.",
+    ),
+    "splats_sheet": Stage(
+        "egosplat.report.splats_sheet",
+        ("matplotlib",),
+        "Draw how well held-out frames are rendered, and how training went.",
     ),
 }
 

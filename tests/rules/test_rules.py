@@ -15,7 +15,9 @@ OUTPUTS = {
     "frames": "frames.zarr",
     "annotations": "annotations.zarr",
     "poses": "poses.zarr",
+    "splats": "splats.zarr",
     "contact_sheet": "contact_sheet.png",
+    "splats_sheet": "splats.png",
 }
 
 

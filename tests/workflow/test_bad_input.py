@@ -84,6 +84,17 @@ def annotations(scene: Path) -> list[object]:
     return ["annotations", *poses(scene)[1:]]
 
 
+def splats(scene: Path, **changes: object) -> list[object]:
+    flags = {
+        "frames": scene / "frames.zarr",
+        "poses": scene / "poses.zarr",
+        "output": scene / "new.zarr",
+        "iterations": 1,
+        "max-points": 50,
+    } | changes
+    return ["splats", *(word for name, value in flags.items() for word in (f"--{name}", value))]
+
+
 def video(path: Path, count: int = 4, size: int = 64) -> Path:
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 10, (size, size))
     for index in range(count):
@@ -264,6 +275,19 @@ def test_damaged_artifacts(scene, refused):
 
 def test_an_artifact_of_another_kind(scene, refused):
     assert "holds 'poses', not 'frames'" in refused(*poses(scene, frames=scene / "poses.zarr"))
+
+
+def test_poses_of_other_frames(scene, refused, plain_frames, tmp_path):
+    other = plain_frames(video(tmp_path / "v.mp4"))
+    assert "poses.zarr: was made from other frames" in refused(*splats(scene, frames=other))
+
+
+def test_a_damaged_picture_is_not_trained_on(scene, refused):
+    chunk = scene / "frames.zarr/rgb/c/0/0/0/0"
+    content = bytearray(chunk.read_bytes())
+    content[len(content) // 2] ^= 4
+    chunk.write_bytes(content)
+    assert "frames.zarr: array 'rgb', chunk 0" in refused(*splats(scene))
 
 
 def test_a_hoi4d_sequence_without_intrinsics(scene, refused, tmp_path):

@@ -10,8 +10,12 @@ from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reading import open_artifact
+from egosplat.artifacts.splats import SPLATS
 
-SHEET = "results/mine/scene/contact_sheet.png"
+PICTURES = ("results/mine/scene/contact_sheet.png", "results/mine/scene/splats.png")
+
+BRIEFLY = "splats.iterations=30 splats.max_points=2000 splats.max_gaussians=2000"
+"""Enough to see that training runs, not to see a scene."""
 
 
 @pytest.fixture
@@ -19,9 +23,9 @@ def workflow(one_scene):
     """Results of the whole workflow on one recording; a second run must have nothing to do."""
 
     def run(format: str, recording: Path, options: str) -> Path:
-        workdir = one_scene(format, recording, options)
-        workdir.run(SHEET)
-        assert workdir.stale(SHEET) == set()
+        workdir = one_scene(format, recording, f"{options} {BRIEFLY}")
+        workdir.run(*PICTURES)
+        assert workdir.stale(*PICTURES) == set()
         return workdir.folder / "results/mine/scene"
 
     return run
@@ -42,6 +46,8 @@ def test_a_real_adt_recording(workflow, real_data):
     assert len({instance["category"] for instance in instances}) == 106
     assert annotations.read("annotated").all() and len(np.unique(annotations.row("instance_map", 0))) > 60
     assert open_artifact(results / "poses.zarr", POSES).read("registered").all()
+    splats = open_artifact(results / "splats.zarr", SPLATS)
+    assert splats.origin == "real" and np.isfinite(splats.read("held_out/psnr")).tolist() == [True]
 
 
 def test_real_photographs(workflow, real_data):
@@ -52,3 +58,4 @@ def test_real_photographs(workflow, real_data):
     notes = poses.facts["notes"]
     assert poses.read("registered").sum() == 17
     assert notes["reprojection_error_px"] < 1.0, json.dumps(notes)
+    assert open_artifact(results / "splats.zarr", SPLATS).read("held_out/psnr").min() > 8.0

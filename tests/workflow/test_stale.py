@@ -6,20 +6,23 @@ import shutil
 import pytest
 
 POSES = "results/adt/scene1/poses.zarr"
-MAIN = "results/adt/scene1/contact_sheet.png"
-AFTER_FRAMES = {"frames", "annotations", "poses", "contact_sheet"}
+MAIN = ("results/adt/scene1/contact_sheet.png", "results/adt/scene1/splats.png")
+AFTER_SPLATS = {"splats", "splats_sheet"}
+AFTER_POSES = {"poses", "contact_sheet", *AFTER_SPLATS}
+AFTER_FRAMES = {"frames", "annotations", *AFTER_POSES}
 
 
 def test_a_finished_run_has_nothing_to_do(workdir):
-    assert workdir.stale(MAIN) == set()
+    assert workdir.stale(*MAIN) == set()
     assert "Nothing to be done" in workdir.run(POSES)
 
 
 @pytest.mark.parametrize(
     "config, expected",
     [
-        ("poses: {max_gap_ms: 40.0}", {"poses", "contact_sheet"}),
-        ("poses: {method: colmap}", {"poses", "contact_sheet"}),
+        ("poses: {max_gap_ms: 40.0}", AFTER_POSES),
+        ("poses: {method: colmap}", AFTER_POSES),
+        ("splats: {iterations: 41}", AFTER_SPLATS),
         ("annotations: {max_age_ms: 2.0}", {"annotations", "contact_sheet"}),
         ("frames: {stride: 2}", AFTER_FRAMES),
         ("synthetic: {objects: 17}", {"synthetic", *AFTER_FRAMES}),
@@ -29,13 +32,15 @@ def test_a_finished_run_has_nothing_to_do(workdir):
     ],
 )
 def test_a_changed_key_reruns_its_stage_and_what_follows(workdir, config, expected):
-    assert workdir.stale(MAIN, config=config) == expected
+    assert workdir.stale(*MAIN, config=config) == expected
 
 
 @pytest.mark.parametrize(
     "module, old, new, expected",
     [
-        ("poses/adt.py", "\ndef adt_poses", "\nCHANGED = 1\n\n\ndef adt_poses", {"poses", "contact_sheet"}),
+        ("poses/adt.py", "\ndef adt_poses", "\nCHANGED = 1\n\n\ndef adt_poses", AFTER_POSES),
+        ("splats/train.py", "RECORD_EVERY = 10", "RECORD_EVERY = 20", AFTER_SPLATS),
+        ("report/splats_sheet.py", "PICTURES = 4", "PICTURES = 3", {"splats_sheet"}),
         (
             "frames/adt_annotations.py",
             "\nclass ",
@@ -51,13 +56,13 @@ def test_a_changed_key_reruns_its_stage_and_what_follows(workdir, config, expect
 )
 def test_edited_code_reruns_the_stages_that_execute_it(workdir, module, old, new, expected):
     workdir.edit(module, old, new)
-    assert workdir.stale(MAIN) == expected
+    assert workdir.stale(*MAIN) == expected
 
 
 def test_a_new_room_reruns_nothing(workdir):
     (workdir.folder / "src/egosplat/benchmark").mkdir()
     (workdir.folder / "src/egosplat/benchmark/__init__.py").write_text("# a comment\n")
-    assert workdir.stale(MAIN) == set()
+    assert workdir.stale(*MAIN) == set()
 
 
 def test_after_an_edit_only_that_stage_runs_and_then_nothing(workdir):
@@ -76,4 +81,4 @@ def test_touching_sources_and_moving_the_checkout_reruns_nothing(workdir):
     for file in (workdir.folder / "src").rglob("*.py"):
         file.touch()
     (workdir.folder / "config/config.yaml").touch()
-    assert workdir.stale(MAIN) == set()
+    assert workdir.stale(*MAIN) == set()

@@ -26,8 +26,12 @@ except UserError as error:
     sys.exit(f"egosplat: {error}")
 
 
-# The commands of the environment that Snakemake itself runs in, activated or not.
-shell.prefix(f"export PATH={shlex.quote(os.path.dirname(sys.executable))}:$PATH; ")
+# The commands of the environment that Snakemake itself runs in, activated or not. A prefix replaces
+# Snakemake's own, which makes a command fail that fails before its pipe to the log.
+shell.prefix(
+    "set -euo pipefail; "
+    f"export PATH={shlex.quote(os.path.dirname(sys.executable))}:$PATH; "
+)
 
 
 wildcard_constraints:
@@ -117,11 +121,12 @@ WATCHED = {
 """Of each format, what a stage reads."""
 
 
-def contact_sheets(_):
-    """The picture of every scene whose recording is there or can be made."""
+def pictures_of_scenes(_):
+    """The pictures of every scene whose recording is there or can be made."""
     found = [
         scene
         for scene in scenes.values()
         if scene.synthetic or scene.recording.exists()
     ]
-    return [str(scene.results / "contact_sheet.png") for scene in found]
+    names = ("contact_sheet.png", "splats.png")
+    return [str(scene.results / name) for scene in found for name in names]

@@ -1,8 +1,8 @@
 """
 Pictures for people.
 
-REQUIRED INPUTS: frames.zarr, annotations.zarr, poses.zarr.
-OUTPUTS: contact_sheet.png.
+REQUIRED INPUTS: frames.zarr, annotations.zarr, poses.zarr, splats.zarr.
+OUTPUTS: contact_sheet.png, splats.png.
 TOOLS: matplotlib.
 """
 
@@ -32,6 +32,34 @@ rule contact_sheet:
         " --frames {input.frames:q}"
         " --annotations {input.annotations:q}"
         " --poses {input.poses:q}"
+        " --title {wildcards.dataset}/{wildcards.scene}"
+        " --output {output:q}"
+        " 2>&1 | tee {log:q}"
+
+
+rule splats_sheet:
+    """Draw held-out frames beside their renders, and how training went."""
+    input:
+        frames="results/{dataset}/{scene}/frames.zarr",
+        splats="results/{dataset}/{scene}/splats.zarr",
+    output:
+        report(
+            "results/{dataset}/{scene}/splats.png",
+            caption="../report/splats.rst",
+            category="Scenes",
+            labels={"dataset": "{dataset}", "scene": "{scene}"},
+        ),
+    log:
+        "logs/{dataset}/{scene}/splats_sheet.log",
+    resources:
+        mem_mb=2000,
+        runtime="10m",
+    params:
+        code=code_of("splats_sheet"),
+    shell:
+        "egosplat splats-sheet"
+        " --frames {input.frames:q}"
+        " --splats {input.splats:q}"
         " --title {wildcards.dataset}/{wildcards.scene}"
         " --output {output:q}"
         " 2>&1 | tee {log:q}"

@@ -50,6 +50,11 @@ def why_not() -> str | None:
     return None
 
 
+def is_compiled() -> bool:
+    """Whether a library of any variant lies here, usable or not."""
+    return any((HERE / variant.file).is_file() for variant in VARIANTS)
+
+
 def cpu_features(cpuinfo: Path = Path("/proc/cpuinfo")) -> frozenset[str]:
     """What the processor offers, in the words of Linux's /proc/cpuinfo; empty where that says nothing."""
     if not cpuinfo.is_file():

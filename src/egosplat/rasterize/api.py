@@ -67,7 +67,7 @@ def rasterization(
             (Mip-Splatting, Yu et al. 2024).
         backend: ``cuda`` (gsplat), ``cpu`` (the compiled kernels), ``reference`` (plain PyTorch, slow), or
             ``auto``: reference for float64, else cuda for tensors on a CUDA device, else cpu where the
-            kernels are built, else reference with one warning a process.
+            kernels are compiled, else reference with one warning a process.
 
     Returns:
         (C, H, W, X) images; (C, H, W, 1) accumulated alpha; and meta: ``means2d`` (C, N, 2) px, in the
@@ -105,7 +105,11 @@ def _choose(means: Tensor) -> str:
         return "reference"
     if means.is_cuda:
         return "cuda"
-    why_not = library.why_not() if means.device.type == "cpu" else f"none for {means.device.type}"
+    if means.device.type != "cpu":
+        _warn_slow(f"none for {means.device.type}")
+        return "reference"
+    # Kernels that are there but cannot be used are a mistake to mend; only without any is the slow way out taken.
+    why_not = None if library.is_compiled() else library.why_not()
     if why_not is None:
         return "cpu"
     _warn_slow(why_not)

@@ -3,11 +3,8 @@
 import math
 from dataclasses import dataclass, replace
 
-_LEAST_DENSIFY_EVERY = 25
-"""A mean gradient over fewer views than this is mostly noise."""
-
-_LEAST_RESET_EVERY = 1_000
-"""Adam needs some hundred steps to bring opacities back after a reset, however short the run is."""
+_LEAST_PARTS = {"densify_from": 5, "densify_every": 20, "sh_interval": 7}
+"""What these wait for does not get faster in a short run: they keep their stock length, up to such a part of it."""
 
 
 @dataclass(frozen=True)
@@ -96,28 +93,35 @@ STOCK_MCMC = Schedule(densify_until=25_000, reset_every=None)
 
 
 def scaled(schedule: Schedule, iterations: int) -> Schedule:
-    """The same schedule squeezed or stretched to a run of ``iterations`` (1 at least).
+    """The schedule of a run of another length, 1 iteration at least.
 
-    Every milestone keeps its fraction of the run. Two intervals have a least length, because what they wait
-    for does not get faster in a short run: 25 iterations between steps of density control and 1,000
-    between opacity resets. So runs of less than 4,000 iterations have no reset but one at the start.
+    The end of density control and the learning rate keep their fraction of the run. The intervals grow with
+    a longer run but do not shrink with a shorter one, unless it is so short that they would be most of it:
+    a gradient averaged over 25 views rather than 100 lets Gaussians multiply before they had time to move,
+    and opacities need their 3,000 iterations to come back from a reset. So a run of less than 12,000
+    iterations has no reset.
 
     Raises:
         ValueError: ``iterations`` is less than 1.
     """
     if iterations < 1:
         raise ValueError(f"a run of {iterations} iterations")
+    longer = max(iterations, schedule.iterations)
 
-    def at(milestone: int, least: int = 0) -> int:
-        return max(milestone * iterations // schedule.iterations, min(least, milestone))
+    def part(milestone: int) -> int:
+        return max(milestone * iterations // schedule.iterations, 1)
+
+    def interval(name: str) -> int:
+        stock = getattr(schedule, name) * longer // schedule.iterations
+        return min(stock, max(iterations // _LEAST_PARTS[name], 1))
 
     return replace(
         schedule,
         iterations=iterations,
-        densify_from=at(schedule.densify_from),
-        densify_until=at(schedule.densify_until),
-        densify_every=at(schedule.densify_every, _LEAST_DENSIFY_EVERY),
-        reset_every=schedule.reset_every and at(schedule.reset_every, _LEAST_RESET_EVERY),
-        sh_interval=at(schedule.sh_interval, 1),
-        position_lr_steps=at(schedule.position_lr_steps, 1),
+        densify_from=interval("densify_from"),
+        densify_until=max(part(schedule.densify_until), interval("densify_from")),
+        densify_every=interval("densify_every"),
+        reset_every=schedule.reset_every and schedule.reset_every * longer // schedule.iterations,
+        sh_interval=interval("sh_interval"),
+        position_lr_steps=part(schedule.position_lr_steps),
     )

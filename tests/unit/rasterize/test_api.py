@@ -8,7 +8,7 @@ import torch
 
 from egosplat.errors import UserError
 from egosplat.kernels import library
-from egosplat.rasterize import api, contract, cuda, reference
+from egosplat.rasterize import api, contract, cpu, cuda, reference
 
 SIZE = {"width": 8, "height": 6}
 
@@ -28,6 +28,7 @@ def gaussians(dtype: torch.dtype = torch.float32) -> dict[str, Any]:
 
 @pytest.fixture
 def no_kernels(monkeypatch):
+    monkeypatch.setattr(library, "is_compiled", lambda: False)
     monkeypatch.setattr(library, "why_not", lambda: "not compiled: run make install")
     api._warn_slow.cache_clear()
     yield
@@ -67,8 +68,14 @@ def test_auto(monkeypatch, no_kernels, device, dtype, kernels, chosen):
 
     means = Means()
     means.dtype, means.device = dtype, torch.device(device)
-    monkeypatch.setattr(library, "why_not", lambda: None if kernels else "not compiled")
+    monkeypatch.setattr(library, "is_compiled", lambda: kernels)
     assert api._choose(means) == chosen
+
+
+def test_kernels_of_other_sources_are_an_error_and_no_slow_way_out(monkeypatch, no_kernels):
+    monkeypatch.setattr(library, "is_compiled", lambda: True)
+    with pytest.raises(UserError, match="run make install"):
+        api.rasterization(**gaussians())
 
 
 def test_all_options_reach_the_backend(monkeypatch):
@@ -94,7 +101,7 @@ def test_all_options_reach_the_backend(monkeypatch):
 def test_backends_have_one_signature():
     expected = dict(inspect.signature(api.rasterization).parameters)
     del expected["backend"]
-    for backend in (reference, cuda):
+    for backend in (reference, cpu, cuda):
         assert dict(inspect.signature(backend.rasterization).parameters) == expected
     assert inspect.signature(contract.check).parameters.keys() == expected.keys()
 

@@ -38,18 +38,25 @@ def test_scaled_to_its_own_length_is_the_same() -> None:
     assert scaled(STOCK_MCMC, 30_000) == STOCK_MCMC
 
 
-def test_scaled_to_7000_keeps_the_fractions_and_the_least_intervals() -> None:
+def test_scaled_to_7000_keeps_fractions_but_shortens_no_interval() -> None:
     short = scaled(STOCK, 7_000)
-    assert (short.densify_from, short.densify_until, short.densify_every) == (116, 3_500, 25)
-    assert (short.sh_interval, short.position_lr_steps) == (233, 7_000)
-    assert resets(short) == [1_000, 2_000]
+    assert (short.densify_from, short.densify_until, short.densify_every) == (500, 3_500, 100)
+    assert (short.sh_interval, short.position_lr_steps) == (1_000, 7_000)
+    assert resets(short) == []
+    assert resets(scaled(STOCK, 12_000)) == [3_000]
+
+
+def test_of_a_very_short_run_an_interval_is_a_part() -> None:
+    short = scaled(STOCK, 700)
+    assert (short.densify_from, short.densify_until, short.densify_every) == (140, 350, 35)
+    assert short.sh_interval == 100
 
 
 @pytest.mark.parametrize("iterations", [1, 2, 3, 10, 31, 300, 999, 4_000, 7_000, 30_000, 100_001])
 def test_density_control_ends_by_half_time_and_no_reset_comes_late(iterations: int) -> None:
     schedule = scaled(STOCK, iterations)
-    assert schedule.densify_until <= iterations / 2
-    assert all(i <= schedule.densify_until - 1_000 for i in resets(schedule))
+    assert schedule.densify_until <= max(iterations / 2, 1)
+    assert all(i <= schedule.densify_until - 3_000 for i in resets(schedule))
     assert schedule.position_lr(iterations, 1.0) == pytest.approx(1.6e-6)
 
 

@@ -47,7 +47,8 @@ void egosplat_project_backward(int n, int stored, int coefficients, int feature_
                                const float* v_channels, float* v_means, float* v_quats, float* v_scales,
                                float* v_opacities, float* v_sh, float* v_features, double* v_pose) {
     PoseGradient pose;
-    project_backward(camera_of(camera, width, height, antialiased), {n, stored, coefficients, feature_count, depth != 0},
+    project_backward(camera_of(camera, width, height, antialiased),
+                     {n, stored, coefficients, feature_count, depth != 0},
                      {means, quats, scales, opacities, sh, nullptr}, radii, channels,
                      {v_means2d, v_conics, v_depths, v_compensated, v_channels},
                      {v_means, v_quats, v_scales, v_opacities, v_sh, v_features}, v_pose ? &pose : nullptr, threads);

@@ -27,7 +27,8 @@ struct Camera {
     // Where the camera stands in the world.
     void centre(double* c) const {
         for (int j = 0; j < 3; j++)
-            c[j] = -(rotation[j] * translation[0] + rotation[3 + j] * translation[1] + rotation[6 + j] * translation[2]);
+            c[j] = -(rotation[j] * translation[0] + rotation[3 + j] * translation[1] +
+                     rotation[6 + j] * translation[2]);
     }
 };
 
@@ -42,7 +43,7 @@ struct Parameters {
 template <class Number>
 struct Projections {
     Number *means, *conics, *depths, *opacities;  // (n, 2), (n, 3), (n,), (n,)
-    Number* channels;                             // (n, channels): colour, features, depth; as far as they are asked for
+    Number* channels;                             // (n, channels): colour, features, depth, as asked for
 };
 
 struct Layout {
@@ -73,11 +74,11 @@ struct Footprint {
         for (int i = 0; i < 3; i++)
             p[i] = w[3 * i] * mean[0] + w[3 * i + 1] * mean[1] + w[3 * i + 2] * mean[2] + camera.translation[i];
         if (!(p[2] >= camera.near_plane && p[2] <= camera.far_plane)) return false;
-        const double norm = std::sqrt(double(quat[0]) * quat[0] + double(quat[1]) * quat[1] + double(quat[2]) * quat[2] +
-                                      double(quat[3]) * quat[3]);
+        for (int i = 0; i < 4; i++) q[i] = quat[i];
+        const double norm = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
         if (!(norm > 0) || !std::isfinite(norm)) return false;
         inverse_norm = 1 / norm;
-        for (int i = 0; i < 4; i++) q[i] = quat[i] * inverse_norm;
+        for (double& v : q) v *= inverse_norm;
         double r[9];
         rotation_of(r);
         for (int i = 0; i < 3; i++)
@@ -91,7 +92,8 @@ struct Footprint {
             const double free = p[a] * inverse_z;
             slope[a] = std::min(std::max(free, low), high);
             bounded[a] = free < low || free > high;
-            jacobian[a][a] = focal[a] * inverse_z, jacobian[a][1 - a] = 0, jacobian[a][2] = -focal[a] * slope[a] * inverse_z;
+            jacobian[a][a] = focal[a] * inverse_z, jacobian[a][1 - a] = 0;
+            jacobian[a][2] = -focal[a] * slope[a] * inverse_z;
         }
         for (int j = 0; j < 3; j++) {
             scale[j] = s[j];

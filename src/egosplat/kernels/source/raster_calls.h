@@ -82,8 +82,9 @@ inline Raster* raster_forward(int n, int channels, int width, int height, int th
             Column column;
 #pragma omp for schedule(dynamic)
             for (int b = 0; b < tiles.bands; b++)
-                forward_band<C>(tiles, b, raster->colors.data() + first, stride, background ? background + first : nullptr,
-                                out, {alpha, width, height}, &raster->last_of[rows * b], column);
+                forward_band<C>(tiles, b, raster->colors.data() + first, stride,
+                                background ? background + first : nullptr, out, {alpha, width, height},
+                                &raster->last_of[rows * b], column);
         }
     });
     return raster;
@@ -99,6 +100,9 @@ void gather(const Raster& raster, int i, int first, const float* conics, bool ad
     constexpr int M = GEOMETRY ? MOMENTS : 0, STRIDE = padded(M + C);
     const Tiles& tiles = raster.tiles;
     float sum[M + C] = {};
+    const size_t later = std::min(size_t(tiles.first_member[i]) + LOOKAHEAD, tiles.member_of.size() - 1);
+    const float* ahead = &raster.slots[size_t(tiles.member_of[later]) * STRIDE];
+    for (int j = 0; j < M + C; j += 16) __builtin_prefetch(ahead + j);
     for (int k = tiles.first_member[i]; k < tiles.first_member[i + 1]; k++) {
         const float* slot = &raster.slots[size_t(tiles.member_of[k]) * STRIDE];
         for (int j = 0; j < M + C; j++) sum[j] += slot[j];

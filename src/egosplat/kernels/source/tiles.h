@@ -20,6 +20,8 @@ constexpr float MIN_ALPHA = 1 / 255.0f, MAX_ALPHA = 0.999f, MIN_TRANSMITTANCE = 
 constexpr float LOG2_MIN_ALPHA = -7.99435343685886f;
 // How much further than its edge a Gaussian is looked for, in log2 of alpha, so that rounding loses no pixel.
 constexpr float SLACK = 1e-3f;
+// How many steps before its use a number far away in memory is asked for.
+constexpr size_t LOOKAHEAD = 16;
 
 // A visible Gaussian as the inner loops need it, 32 bytes.
 struct Splat {
@@ -60,7 +62,8 @@ inline void sort_by_depth(std::vector<uint64_t>& keys, std::vector<uint64_t>& sc
 }
 
 // `spread` is the variance in y, 1 / (c - b^2 / a): of a long Gaussian's conic that difference has few digits left.
-inline bool make_splat(int id, const float* mean, const float* conic, const float* spread, float opacity, Splat& splat) {
+inline bool make_splat(int id, const float* mean, const float* conic, const float* spread, float opacity,
+                       Splat& splat) {
     const double a = conic[0], b = conic[1], c = conic[2], rest = spread ? 1.0 / *spread : c - b * b / a;
     if (!(opacity >= MIN_ALPHA) || !(a > 0) || !(rest > 0)) return false;
     const double half_log2e = 0.72134752044448170;
@@ -71,8 +74,12 @@ inline bool make_splat(int id, const float* mean, const float* conic, const floa
            splat.l11 > 0 && splat.l22 > 0;
 }
 
-inline int first_pixel(float edge, int last) { return int(std::min(std::max(std::ceil(edge - 0.5f), 0.0f), float(last))); }
-inline int last_pixel(float edge, int last) { return int(std::min(std::max(std::floor(edge - 0.5f), -1.0f), float(last))); }
+inline int first_pixel(float edge, int last) {
+    return int(std::min(std::max(std::ceil(edge - 0.5f), 0.0f), float(last)));
+}
+inline int last_pixel(float edge, int last) {
+    return int(std::min(std::max(std::floor(edge - 0.5f), -1.0f), float(last)));
+}
 
 // The pixels that the splat's ellipse may touch; false where there are none.
 inline bool bounds(const Splat& s, int width, int height, Rectangle& box) {
@@ -142,8 +149,13 @@ inline void fill_tiles(Tiles& tiles, int n, int width, int height, const float* 
     boxes.reserve(keys.size());
     tiles.band_begin.assign(tiles.bands + 1, 0);
     tiles.first_member.assign(1, 0);
-    for (uint64_t key : keys) {
-        const int id = int(uint32_t(key));
+    for (size_t k = 0; k < keys.size(); k++) {
+        if (k + LOOKAHEAD < keys.size()) {
+            const uint32_t later = uint32_t(keys[k + LOOKAHEAD]);
+            __builtin_prefetch(means + 2 * later), __builtin_prefetch(conics + 3 * later);
+            __builtin_prefetch(opacities + later), __builtin_prefetch(spreads ? spreads + later : opacities + later);
+        }
+        const int id = int(uint32_t(keys[k]));
         Splat splat;
         Rectangle box;
         const float* spread = spreads ? spreads + id : nullptr;

@@ -1,0 +1,70 @@
+"""What a training run is told: the keys of the schema's section ``splats``, grouped by who uses them."""
+
+from dataclasses import dataclass, replace
+
+from egosplat.splats.density import DensityControl, DensityOptions
+from egosplat.splats.mcmc import Mcmc, McmcOptions
+from egosplat.splats.population import Population
+from egosplat.splats.schedule import STOCK, STOCK_MCMC, Schedule, scaled
+
+
+@dataclass(frozen=True)
+class RenderOptions:
+    """How Gaussians are rendered, in training and in evaluation.
+
+    Attributes:
+        near_plane: nearest camera z that is drawn [m].
+        background: ``black``, ``white``, or ``random``: another colour in each training iteration.
+        antialiased: see ``egosplat.splats.render.render``.
+        backend: see ``egosplat.rasterize.api.rasterization``.
+    """
+
+    near_plane: float
+    background: str
+    antialiased: bool
+    backend: str
+
+
+@dataclass(frozen=True)
+class TrainingOptions:
+    """How Gaussians are trained; see the schema for what each key trades.
+
+    Attributes:
+        render: how they are rendered.
+        iterations: length of the run; the milestones of the stock schedule keep their fraction of it.
+        density: ``stock`` (3DGS) or ``mcmc`` (3DGS-MCMC).
+        max_gaussians: budget.
+        position_lr: learning rate of the means at the start, per unit of scene extent; it ends at 1/100 of it.
+        grow_grad2d: gradient of the image position above which ``stock`` lets a Gaussian grow.
+        ssim_lambda: share of 1 - SSIM in the loss; the rest is L1.
+        evaluate_every: iterations between two evaluations.
+        patience: evaluations without improvement that end the run; 0 for never.
+        min_improvement: of the validation PSNR, to count as one [dB].
+        seed: of everything random.
+    """
+
+    render: RenderOptions
+    iterations: int
+    density: str
+    max_gaussians: int
+    position_lr: float
+    grow_grad2d: float
+    ssim_lambda: float
+    evaluate_every: int
+    patience: int
+    min_improvement: float
+    seed: int
+
+    @property
+    def schedule(self) -> Schedule:
+        """The stock schedule of the kind of density control, scaled to ``iterations``."""
+        stock = STOCK_MCMC if self.density == "mcmc" else STOCK
+        rates = {"position_lr_init": self.position_lr, "position_lr_final": self.position_lr / 100}
+        return replace(scaled(stock, self.iterations), **rates)
+
+    def population(self, extent: float) -> Population:
+        """Density control of the kind asked for, in a scene of ``extent`` [m]."""
+        if self.density == "mcmc":
+            return Mcmc(McmcOptions(self.max_gaussians), self.schedule)
+        options = DensityOptions(self.max_gaussians, grow_grad2d=self.grow_grad2d)
+        return DensityControl(options, self.schedule, extent)

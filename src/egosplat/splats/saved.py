@@ -1,0 +1,40 @@
+"""Gaussians and the result of their training in an artifact."""
+
+import numpy as np
+import torch
+
+from egosplat.artifacts.reading import Artifact
+from egosplat.artifacts.writing import Writer
+from egosplat.splats.gaussians import Gaussians
+from egosplat.splats.state import Curves
+
+STORED = ("means", "quats", "log_scales", "logit_opacities", "sh")
+
+
+def put_gaussians(artifact: Writer, gaussians: Gaussians) -> None:
+    """Store the parameters; Gaussians with features have no place here.
+
+    Raises:
+        ValueError: there are features.
+    """
+    if gaussians.features.shape[1]:
+        raise ValueError(f"{gaussians.features.shape[1]} feature channels would be lost")
+    for name in STORED:
+        artifact.put(name, getattr(gaussians, name).detach().cpu().numpy())
+
+
+def read_gaussians(artifact: Artifact) -> Gaussians:
+    """The Gaussians of a splats artifact, on the CPU, without features and not requiring gradients."""
+    stored = {name: torch.from_numpy(artifact.read(name)) for name in STORED}
+    return Gaussians(**stored, features=torch.zeros(len(stored["means"]), 0))
+
+
+def put_curves(artifact: Writer, curves: Curves) -> None:
+    """Store how training went, without the seconds, which differ between equal runs."""
+    artifact.put("curve/iteration", np.array(curves.iteration, np.int64))
+    artifact.put("curve/loss", np.array(curves.loss, np.float64))
+    artifact.put("curve/gaussians", np.array(curves.gaussians, np.int64))
+    artifact.put("history/iteration", np.array(curves.evaluated, np.int64))
+    artifact.put("history/psnr", np.array(curves.psnr, np.float64))
+    artifact.put("history/ssim", np.array(curves.ssim, np.float64))
+    artifact.put("history/validation_psnr", np.array(curves.validation_psnr, np.float64))

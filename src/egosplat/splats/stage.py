@@ -1,0 +1,192 @@
+"""Stage ``splats``: 3D Gaussians from pictures and poses."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from egosplat import provenance
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.writing import create
+from egosplat.errors import UserError
+from egosplat.progress import log
+from egosplat.provenance import Provenance
+from egosplat.splats.checkpoint import Checkpoint, key_of
+from egosplat.splats.device import rasterizer_used, training_device
+from egosplat.splats.evaluate import evaluate
+from egosplat.splats.gaussians import Gaussians
+from egosplat.splats.initialise import scene_extent
+from egosplat.splats.options import RenderOptions, TrainingOptions
+from egosplat.splats.saved import put_curves, put_gaussians
+from egosplat.splats.starting import starting_gaussians
+from egosplat.splats.state import TrainingState
+from egosplat.splats.train import Photographs, train
+from egosplat.splats.views import check_belong_together, read_views, split_views
+
+
+def run(
+    frames: Path,
+    poses: Path,
+    output: Path,
+    *,
+    iterations: int,
+    density: str,
+    max_points: int,
+    max_gaussians: int,
+    sh_degree: int,
+    ssim_lambda: float,
+    position_lr: float,
+    grow_grad2d: float,
+    near_plane: float,
+    background: str,
+    antialiased: bool,
+    evaluate_every: int,
+    patience: int,
+    min_improvement: float,
+    checkpoint_s: float,
+    backend: str,
+    seed: int,
+) -> None:
+    """Write the splats artifact of ``frames`` with ``poses``; the keys are those of the schema's ``splats``.
+
+    A run that was killed goes on from its last checkpoint, to the same Gaussians as without the kill.
+
+    Raises:
+        UserError: no training frame has a pose, the inputs do not belong together, the backend cannot run,
+            training diverges.
+    """
+    keys = {key: value for key, value in locals().items() if key not in ("frames", "poses", "output")}
+    pictures, walk = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
+    made = _begin(keys, pictures, walk)
+    options = TrainingOptions(
+        render=RenderOptions(near_plane, background, antialiased, backend),
+        iterations=iterations,
+        density=density,
+        max_gaussians=max_gaussians,
+        position_lr=position_lr,
+        grow_grad2d=grow_grad2d,
+        ssim_lambda=ssim_lambda,
+        evaluate_every=evaluate_every,
+        patience=patience,
+        min_improvement=min_improvement,
+        seed=seed,
+    )
+    photographs = _photographs(pictures, walk, options)
+    start = starting_gaussians(
+        walk,
+        photographs.training.camera,
+        photographs.training.camera_to_world,
+        max_points=min(max_points, max_gaussians),
+        sh_degree=sh_degree,
+        near_plane=near_plane,
+        seed=seed,
+        device=photographs.training.device,
+    )
+    checkpoint = Checkpoint(output, key_of(made), checkpoint_s)
+    state = _trained(start, photographs, options, checkpoint)
+    _write(output, made, state, photographs, options)
+    checkpoint.remove()
+
+
+def _begin(keys: dict[str, Any], pictures: Artifact, walk: Artifact) -> Provenance:
+    check_belong_together(pictures, walk)
+    origin = "synthetic" if "synthetic" in (pictures.origin, walk.origin) else "real"
+    inputs = {artifact.path.name: artifact.digest for artifact in (pictures, walk)}
+    return provenance.begin("splats", keys, origin, inputs)
+
+
+def _photographs(pictures: Artifact, walk: Artifact, options: TrainingOptions) -> Photographs:
+    flags = pictures.read("train"), pictures.read("evaluation"), walk.read("registered")
+    split = split_views(*flags, validate=options.patience > 0)
+    device = training_device(options.render.backend)
+    parts = (split.training, split.validation, split.held_out)
+    photographs = Photographs(*(read_views(pictures, walk, chosen, device) for chosen in parts))
+    counts = ", ".join(f"{len(views)} {name}" for name, views in _named(photographs).items())
+    log(f"views: {counts}; on {rasterizer_used(options.render.backend, device)}")
+    return photographs
+
+
+def _named(photographs: Photographs) -> dict[str, Any]:
+    return {
+        "training": photographs.training,
+        "validation": photographs.validation,
+        "held out": photographs.held_out,
+    }
+
+
+def _trained(
+    start: Gaussians, photographs: Photographs, options: TrainingOptions, checkpoint: Checkpoint
+) -> TrainingState:
+    """The state after training, which goes on from the checkpoint where there is one."""
+    extent = scene_extent(photographs.training.camera_to_world)
+    state = TrainingState(start, options, extent)
+    if (saved := checkpoint.load()) is not None:
+        state.load_state_dict(saved)
+        log(f"training goes on after iteration {state.iteration}")
+    try:
+        train(state, photographs, options, checkpoint)
+    except UserError:
+        checkpoint.remove()  # going on would lead to the same end
+        raise
+    return state
+
+
+def _write(
+    output: Path,
+    made: Provenance,
+    state: TrainingState,
+    photographs: Photographs,
+    options: TrainingOptions,
+) -> None:
+    """Evaluate what is kept: the best Gaussians where early stopping is on, else the last."""
+    kept = state.early_stop.best
+    gaussians, iteration = (
+        (state.gaussians, state.iteration) if kept is None else (kept, state.early_stop.best_iteration)
+    )
+    held_out = photographs.held_out
+    camera = held_out.camera
+    with create(output, SPLATS, made) as artifact:
+        artifact.allocate("held_out/render", (len(held_out), camera.height, camera.width, 3))
+        scores = evaluate(
+            gaussians,
+            held_out,
+            options.render,
+            options.schedule.sh_degree(iteration, gaussians.sh_degree),
+            lambda index, picture: artifact.put_row("held_out/render", index, picture),
+        )
+        put_gaussians(artifact, gaussians)
+        put_curves(artifact, state.curves)
+        artifact.put("held_out/frame", held_out.frame)
+        artifact.put("held_out/psnr", scores.psnr)
+        artifact.put("held_out/ssim", scores.ssim)
+        artifact.facts = _facts(state, photographs, options, iteration)
+    log(
+        f"{gaussians.count} Gaussians of iteration {iteration}; held out: {_summary(scores.psnr, scores.ssim)}"
+    )
+
+
+def _summary(psnr: np.ndarray, ssim: np.ndarray) -> str:
+    return f"PSNR {psnr.mean():.2f} dB, SSIM {ssim.mean():.3f}" if len(psnr) else "no frame"
+
+
+def _facts(
+    state: TrainingState, photographs: Photographs, options: TrainingOptions, iteration: int
+) -> dict[str, Any]:
+    views = photographs.training
+    return {
+        "camera": asdict(views.camera),
+        "rasterizer": rasterizer_used(options.render.backend, views.device),
+        "extent_m": state.extent,
+        "views": {name: len(some) for name, some in _named(photographs).items()},
+        "iteration": iteration,
+        "iterations_done": state.iteration,
+        "stopped_early": state.iteration < options.iterations,
+        "sh_degree_in_use": options.schedule.sh_degree(iteration, state.gaussians.sh_degree),
+        "skipped_rows": state.optimizer.skipped_rows,
+        "training_s": round(state.seconds, 3),
+        "history_s": state.curves.seconds,
+    }

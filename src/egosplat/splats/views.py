@@ -1,0 +1,118 @@
+"""Photographs with poses: what Gaussians are trained on and measured against."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from egosplat.artifacts.reading import Artifact
+from egosplat.errors import UserError
+from egosplat.geometry import Camera
+
+Mask = NDArray[np.bool_]
+
+_VALIDATION_EVERY = 8
+"""The middle one of every eight training frames validates, where early stopping needs validation."""
+
+
+@dataclass(frozen=True)
+class Views:
+    """V photographs of one camera.
+
+    Attributes:
+        frame: (V,) int64 index of each in frames.zarr.
+        pictures: (V, H, W, 3) uint8 sRGB, in the CPU's memory.
+        camera_to_world: (V, 4, 4) float64, OpenCV axes, metres.
+        weight: (H, W) float32, 0 outside the lens circle and 1 inside; None where all pixels count.
+        camera: of all photographs.
+        device: where ``picture`` and ``weight`` are.
+    """
+
+    frame: NDArray[np.int64]
+    pictures: Tensor
+    camera_to_world: NDArray[np.float64]
+    weight: Tensor | None
+    camera: Camera
+    device: torch.device
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    def picture(self, index: int) -> Tensor:
+        """(H, W, 3) float32 in [0, 1] on ``device``."""
+        return self.pictures[index].to(self.device).float().div_(255.0)
+
+
+@dataclass(frozen=True)
+class Split:
+    """Which frames do what; all need a pose. (F,) bool each, disjoint.
+
+    Attributes:
+        training: are trained on.
+        validation: decide when to stop; none without early stopping.
+        held_out: evaluation frames that are not training frames: they are measured and decide nothing.
+    """
+
+    training: Mask
+    validation: Mask
+    held_out: Mask
+
+
+def split_views(train: Mask, evaluation: Mask, registered: Mask, *, validate: bool) -> Split:
+    """Give each frame its role.
+
+    Args:
+        train, evaluation: (F,) bool of frames.zarr.
+        registered: (F,) bool of poses.zarr.
+        validate: whether to set training frames aside for validation: every eighth, one at least.
+
+    Raises:
+        UserError: no training frame has a pose, or setting one aside would leave none.
+    """
+    training = train & registered
+    validation = np.zeros_like(training)
+    rows = np.flatnonzero(training)
+    if not len(rows):
+        raise UserError(
+            f"splats: none of {int(train.sum())} training frames has a pose; look at the log of the stage poses"
+        )
+    if validate:
+        if len(rows) < 2:
+            raise UserError("splats.patience: needs 2 training frames with a pose, there is 1; set it to 0")
+        aside = rows[_VALIDATION_EVERY // 2 :: _VALIDATION_EVERY]
+        validation[aside if len(aside) else rows[len(rows) // 2]] = True
+    return Split(training & ~validation, validation, evaluation & ~train & registered)
+
+
+def check_belong_together(frames: Artifact, poses: Artifact) -> None:
+    """Check that the poses are of these frames.
+
+    Raises:
+        UserError: they were found for others.
+    """
+    made_from = poses.provenance["inputs"].get(frames.path.name, frames.digest)
+    if made_from != frames.digest or poses.shape("registered") != frames.shape("train"):
+        raise UserError(
+            f"{poses.path}: was made from other frames than {frames.path}; "
+            f"make it anew: snakemake --cores 2 {poses.path}"
+        )
+
+
+def read_views(frames: Artifact, poses: Artifact, chosen: Mask, device: torch.device) -> Views:
+    """Read the frames at ``chosen`` (F,) bool, all of which have a pose, into memory."""
+    rows = np.flatnonzero(chosen)
+    _, height, width, _ = frames.shape("rgb")
+    pictures = np.empty((len(rows), height, width, 3), np.uint8)
+    for position, row in enumerate(rows):
+        pictures[position] = frames.row("rgb", row)
+    valid = torch.from_numpy(frames.read("valid"))
+    return Views(
+        frame=rows.astype(np.int64),
+        pictures=torch.from_numpy(pictures),
+        camera_to_world=poses.read("camera_to_world")[rows],
+        weight=None if bool(valid.all()) else valid.to(device, torch.float32),
+        camera=Camera.from_matrix(poses.read("intrinsics"), width, height),
+        device=device,
+    )

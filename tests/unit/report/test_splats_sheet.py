@@ -1,0 +1,82 @@
+"""The page of a scene's Gaussians is drawn from whatever its artifacts hold."""
+
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.writing import create
+from egosplat.geometry import Camera
+from egosplat.provenance import begin
+from egosplat.report.splats_sheet import error_map, run
+
+HEIGHT, WIDTH = 20, 30
+
+
+def scene(folder, held_out: int, records: int, validation: bool):
+    rng = np.random.default_rng(0)
+
+    def pictures(count: int) -> np.ndarray:
+        return rng.integers(0, 255, (count, HEIGHT, WIDTH, 3), dtype=np.uint8)
+
+    frames, count = 8, 5
+    valid = np.ones((HEIGHT, WIDTH), bool)
+    valid[:4] = False
+    facts = {"recording": "a recording", "camera": asdict(Camera(WIDTH, HEIGHT, 20.0, 20.0, 15.0, 10.0))}
+    times = np.arange(frames) * 100_000_000
+    arrays = {
+        "rgb": pictures(frames),
+        "valid": valid,
+        "timestamp_ns": times,
+        "exposure_middle_ns": times,
+        "train": np.ones(frames, bool),
+        "evaluation": np.zeros(frames, bool),
+        "means": np.zeros((count, 3), np.float32),
+        "quats": np.zeros((count, 4), np.float32),
+        "log_scales": np.zeros((count, 3), np.float32),
+        "logit_opacities": np.zeros(count, np.float32),
+        "sh": np.zeros((count, 4, 3), np.float32),
+        "curve/iteration": np.arange(records) * 10 + 10,
+        "curve/loss": 0.3 / np.arange(1.0, records + 1),
+        "curve/gaussians": np.arange(records) + 100,
+        "history/iteration": np.array([5, 10]),
+        "history/psnr": np.full(2, 20.0 if held_out else np.nan),
+        "history/ssim": np.full(2, 0.8 if held_out else np.nan),
+        "history/validation_psnr": np.full(2, 21.0 if validation else np.nan),
+        "held_out/frame": np.arange(held_out),
+        "held_out/psnr": np.full(held_out, 21.5),
+        "held_out/ssim": np.full(held_out, 0.85),
+        "held_out/render": pictures(held_out),
+    }
+    facts |= {"iteration": 10, "views": {"training": 3}, "training_s": 1.25, "rasterizer": "reference"}
+    for schema in (FRAMES, SPLATS):
+        with create(folder / f"{schema.name}.zarr", schema, begin(schema.name, {}, "real")) as artifact:
+            for name in schema.fields:
+                artifact.put(name, arrays[name])
+            artifact.facts = facts
+    return [folder / "frames.zarr", folder / "splats.zarr"]
+
+
+@pytest.mark.parametrize(
+    "held_out, records, validation",
+    [(8, 300, True), (1, 1, False), (0, 3, False)],
+    ids=["usual", "few", "nothing held out"],
+)
+def test_a_picture_is_made(tmp_path, held_out, records, validation):
+    output = tmp_path / "splats.png"
+    run(*scene(tmp_path, held_out, records, validation), output, title="a scene")
+    picture = np.asarray(Image.open(output).convert("L"))
+    assert picture.shape[1] > 700 and picture.std() > 10
+    assert sorted(path.name for path in tmp_path.iterdir() if path.suffix == ".png") == ["splats.png"]
+
+
+def test_the_error_is_the_mean_over_the_channels_and_only_where_valid():
+    black = np.zeros((1, 2, 3), np.uint8)
+    other = np.array([[[255, 0, 0], [255, 255, 255]]], np.uint8)
+    error = error_map(black, other, np.array([[True, False]]))
+    assert error[0, 0] == pytest.approx(1 / 3) and np.isnan(error[0, 1])
+    swapped = error_map(other, black, np.array([[True, True]]))
+    assert swapped[0] == pytest.approx([1 / 3, 1.0])

@@ -1,0 +1,100 @@
+"""Checkpoints: whole, of the same run, or not used."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from egosplat.provenance import begin
+from egosplat.splats.checkpoint import Checkpoint, key_of
+
+NOW = 1e-9
+
+
+def state(value: float = 1.0) -> dict:
+    return {"tensor": torch.full((3, 2), value), "list": [1, 2.5, float("nan")], "none": None, "text": "a"}
+
+
+def saved(folder, key: str = "key") -> Checkpoint:
+    checkpoint = Checkpoint(folder / "splats.zarr", key, NOW)
+    checkpoint.save_if_due(state)
+    return checkpoint
+
+
+def test_a_state_comes_back(tmp_path):
+    saved(tmp_path)
+    loaded = Checkpoint(tmp_path / "splats.zarr", "key", NOW).load()
+    assert torch.equal(loaded["tensor"], state()["tensor"])
+    assert loaded["list"][:2] == [1, 2.5] and loaded["none"] is None and loaded["text"] == "a"
+
+
+def test_it_lies_hidden_beside_the_output_and_can_be_removed(tmp_path):
+    checkpoint = saved(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == [".splats.zarr.checkpoint"]
+    (checkpoint.file.parent / ".state.12345678.tmp").touch()  # what a killed writer leaves
+    checkpoint.remove()
+    assert not list(tmp_path.iterdir())
+    checkpoint.remove()
+    assert checkpoint.load() is None
+
+
+def test_a_later_one_replaces_it(tmp_path):
+    checkpoint = saved(tmp_path)
+    checkpoint.save_if_due(lambda: state(2.0))
+    assert float(checkpoint.load()["tensor"][0, 0]) == 2.0
+    assert len(list(checkpoint.file.parent.iterdir())) == 1
+
+
+def test_it_is_not_written_before_its_time(tmp_path):
+    Checkpoint(tmp_path / "splats.zarr", "key", 3600.0).save_if_due(
+        lambda: pytest.fail("asked for the state")
+    )
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_full_disk_does_not_end_training(tmp_path, capsys, monkeypatch):
+    checkpoint = saved(tmp_path)
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("egosplat.atomic._sync_one", full)
+    checkpoint.save_if_due(lambda: state(2.0))
+    assert "no checkpoint" in capsys.readouterr().err
+    assert float(checkpoint.load()["tensor"][0, 0]) == 1.0  # the last whole one
+
+
+def test_one_of_another_run_is_not_used(tmp_path, capsys):
+    saved(tmp_path)
+    assert Checkpoint(tmp_path / "splats.zarr", "other", NOW).load() is None
+    assert "other options, inputs or code" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("position", [0, 40, -1])
+def test_a_flipped_bit_is_noticed(tmp_path, capsys, position):
+    checkpoint = saved(tmp_path)
+    content = bytearray(checkpoint.file.read_bytes())
+    content[position] ^= 1
+    checkpoint.file.write_bytes(content)
+    assert checkpoint.load() is None
+    assert "damaged" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("length", [0, 10, 200])
+def test_a_cut_one_is_noticed(tmp_path, length):
+    checkpoint = saved(tmp_path)
+    checkpoint.file.write_bytes(checkpoint.file.read_bytes()[:length])
+    assert checkpoint.load() is None
+
+
+def test_the_key_is_of_all_that_decides_the_result():
+    made = begin("splats", {"seed": 0, "iterations": 5}, "real", {"frames.zarr": "abc"})
+    later = replace(made, created="later", started=0.0)
+    assert key_of(made) == key_of(later)
+    changes = [
+        {"options": {"seed": 1, "iterations": 5}},
+        {"inputs": {"frames.zarr": "abd"}},
+        {"code": "other"},
+        {"versions": {**made.versions, "torch": "0"}},
+    ]
+    assert len({key_of(made), *(key_of(replace(made, **change)) for change in changes)}) == 5

@@ -1,0 +1,157 @@
+"""The stage from artifacts to the artifact, also when it is killed."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.artifacts.reading import verify
+from egosplat.checking import SCHEMAS
+from egosplat.config import defaults
+from egosplat.errors import UserError
+from egosplat.splats import stage
+from egosplat.splats.saved import STORED, read_gaussians
+
+KEYS = defaults()["splats"] | {"iterations": 40, "max_gaussians": 60, "evaluate_every": 20, "sh_degree": 1}
+
+
+def run(folder: Path, name: str = "splats.zarr", **changes: object):
+    """The verified artifact."""
+    stage.run(folder / "frames.zarr", folder / "poses.zarr", folder / name, **KEYS | changes)
+    return verify(folder / name, SCHEMAS)
+
+
+def test_what_the_artifact_says(scene, pictures):
+    splats = run(scene())
+    assert splats.origin == "synthetic" and set(splats.provenance["inputs"]) == {"frames.zarr", "poses.zarr"}
+    assert splats.facts["views"] == {"training": 8, "validation": 0, "held out": 1}
+    assert splats.facts["iteration"] == splats.facts["iterations_done"] == 40
+    assert not splats.facts["stopped_early"] and len(splats.facts["history_s"]) == 2
+    assert splats.read("held_out/frame").tolist() == [4]
+    assert splats.read("history/psnr")[-1] == pytest.approx(splats.read("held_out/psnr").mean())
+    assert splats.read("curve/gaussians")[-1] == splats.shape("means")[0]
+    error = np.abs(splats.row("held_out/render", 0).astype(float) - pictures[4]) / 255
+    assert -10 * np.log10((error**2).mean()) == pytest.approx(splats.read("held_out/psnr")[0], abs=0.1)
+
+
+def test_the_gaussians_come_back(scene):
+    splats = run(scene())
+    gaussians = read_gaussians(splats)
+    assert gaussians.sh_degree == 1 and gaussians.features.shape == (gaussians.count, 0)
+    for name in STORED:
+        assert torch.equal(getattr(gaussians, name), torch.from_numpy(splats.read(name)))
+    assert bool(gaussians.finite().all())
+
+
+def test_equal_runs_are_equal_and_nothing_else_is_left(scene):
+    folder = scene()
+    assert run(folder).digest == run(folder, "again.zarr").digest != run(folder, "other.zarr", seed=1).digest
+    names = {"frames.zarr", "poses.zarr", "splats.zarr", "again.zarr", "other.zarr"}
+    assert {path.name for path in folder.iterdir()} == names
+
+
+def test_a_killed_run_goes_on_to_the_same_gaussians(scene, capsys):
+    folder = scene()
+    keys = {"iterations": 400, "evaluate_every": 100, "background": "random"}
+    expected = run(folder, "unbroken.zarr", **keys).digest
+    written = folder / ".splats.zarr.checkpoint" / "state"
+    keys["checkpoint_s"] = 1e-9
+    flags = [
+        f"--{name.replace('_', '-')}={value}"
+        for name, value in (KEYS | keys).items()
+        if name != "antialiased"
+    ]
+    paths = [f"--{name}={folder / f'{name}.zarr'}" for name in ("frames", "poses")]
+    process = subprocess.Popen(
+        [
+            sys.executable,
+            "-m",
+            "egosplat.cli",
+            "splats",
+            *paths,
+            f"--output={folder / 'splats.zarr'}",
+            *flags,
+        ],
+        env=os.environ | {"OMP_NUM_THREADS": str(torch.get_num_threads())},
+        stderr=subprocess.DEVNULL,
+    )
+    end = time.monotonic() + 60
+    while not written.exists():
+        assert process.poll() is None and time.monotonic() < end
+        time.sleep(0.005)
+    process.send_signal(signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL and not (folder / "splats.zarr").exists()
+    capsys.readouterr()
+    assert run(folder, **keys).digest == expected
+    assert "training goes on after iteration" in capsys.readouterr().err
+    assert not written.parent.exists()
+
+
+def test_a_checkpoint_of_other_options_is_not_resumed(scene, monkeypatch):
+    folder = scene()
+    expected = run(folder, "fresh.zarr").digest
+    monkeypatch.setattr(stage.Checkpoint, "remove", lambda self: None)
+    run(folder, seed=7, checkpoint_s=1e-9)
+    assert (folder / ".splats.zarr.checkpoint" / "state").exists()
+    assert run(folder).digest == expected
+
+
+def test_the_best_are_stored_where_training_stops_early(scene):
+    splats = run(scene(), iterations=200, evaluate_every=25, patience=1, min_improvement=100.0)
+    facts = splats.facts
+    assert facts["views"] == {"training": 7, "validation": 1, "held out": 1}
+    assert facts["stopped_early"] and facts["iterations_done"] == 125
+    at = splats.read("history/iteration").tolist().index(facts["iteration"])
+    counted = splats.read("history/iteration") >= 100
+    assert splats.read("history/validation_psnr")[at] == splats.read("history/validation_psnr")[counted].max()
+    assert splats.read("history/psnr")[at] == pytest.approx(splats.read("held_out/psnr").mean())
+
+
+def test_a_scene_without_points_starts_from_random_ones(scene, capsys):
+    empty = {"points/xyz": np.zeros((0, 3)), "points/rgb": np.zeros((0, 3), np.uint8)}
+    splats = run(scene(**empty), max_points=50)
+    assert "50 random ones" in capsys.readouterr().err and splats.read("curve/gaussians")[0] <= 60
+
+
+def test_points_that_no_camera_sees_are_left_out(scene, points):
+    xyz, rgb = points
+    behind = xyz * [1.0, 1.0, -1.0]
+    both = {"points/xyz": np.concatenate([behind, xyz]), "points/rgb": np.concatenate([rgb, rgb])}
+    assert run(scene(**both)).digest == run(scene()).digest
+
+
+def test_nothing_held_out(scene):
+    splats = run(scene(train=np.ones(9, bool)))
+    assert splats.shape("held_out/render") == (0, 24, 24, 3) and not len(splats.read("held_out/psnr"))
+    assert np.isnan(splats.read("history/psnr")).all()
+
+
+def test_no_pose_for_any_training_frame(scene):
+    folder = scene(registered=np.arange(9) == 4)
+    with pytest.raises(UserError, match="none of 8 training frames has a pose"):
+        run(folder)
+    assert {path.name for path in folder.iterdir()} == {"frames.zarr", "poses.zarr"}
+
+
+def test_after_training_that_fails_nothing_is_left(scene, monkeypatch):
+    def fails(state, photographs, options, checkpoint):
+        checkpoint.save_if_due(state.state_dict)
+        raise UserError("diverged")
+
+    monkeypatch.setattr(stage, "train", fails)
+    folder = scene()
+    with pytest.raises(UserError, match="diverged"):
+        run(folder, checkpoint_s=1e-9)
+    assert {path.name for path in folder.iterdir()} == {"frames.zarr", "poses.zarr"}
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device")
+def test_a_backend_that_is_not_there(scene):
+    with pytest.raises(UserError, match="backend cuda: PyTorch finds no CUDA device"):
+        run(scene(), backend="cuda")
