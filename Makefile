@@ -33,8 +33,8 @@ $(COMPILED): $(INSTALLED) setup.py $(addprefix $(KERNELS)/,variants.py compiling
 	@$(BIN)/python -c 'from egosplat.kernels.library import why_not; print(why_not() or "The C++ kernels are ready.")'
 
 demo: install
-	$(BIN)/snakemake --cores $(CORES) results/adt/scene1/contact_sheet.png
-	@echo "Look at results/adt/scene1/contact_sheet.png"
+	$(BIN)/snakemake --cores $(CORES) results/adt/scene1/contact_sheet.png results/adt/scene1/splats.png
+	@echo "Look at results/adt/scene1/contact_sheet.png and results/adt/scene1/splats.png"
 
 test: install
 	$(BIN)/python -m pytest
