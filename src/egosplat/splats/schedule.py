@@ -81,8 +81,14 @@ class Schedule:
         return 0 < iteration <= last and iteration % self.reset_every == 0
 
     def prunes_large(self, iteration: int) -> bool:
-        """Whether density control also prunes by size: after the first regular opacity reset, as in 3DGS."""
-        return self.reset_every is not None and iteration > self.reset_every
+        """Whether density control also prunes by size: after the first regular opacity reset, as in 3DGS.
+
+        In a run without resets never: what is large there is background as often as it is a floater, and little
+        time is left to grow it again.
+        """
+        if self.reset_every is None or not self.resets_opacity(self.reset_every):
+            return False
+        return iteration > self.reset_every
 
 
 STOCK = Schedule()

@@ -43,6 +43,7 @@ def test_scaled_to_7000_keeps_fractions_but_shortens_no_interval() -> None:
     assert (short.densify_from, short.densify_until, short.densify_every) == (500, 3_500, 100)
     assert (short.sh_interval, short.position_lr_steps) == (1_000, 7_000)
     assert resets(short) == []
+    assert not any(short.prunes_large(i) for i in range(1, 7_001))
     assert resets(scaled(STOCK, 12_000)) == [3_000]
 
 
