@@ -40,8 +40,8 @@ def test_a_changed_key_reruns_its_stage_and_what_follows(workdir, config, expect
     [
         ("poses/adt.py", "\ndef adt_poses", "\nCHANGED = 1\n\n\ndef adt_poses", AFTER_POSES),
         ("splats/train.py", "RECORD_EVERY = 10", "RECORD_EVERY = 20", AFTER_SPLATS),
-        ("kernels/source/raster.h", "int MOMENTS = 6;", "int MOMENTS = 7;", AFTER_SPLATS),
-        ("kernels/source/raster.h", "// Compositing of", "// The compositing of", set()),
+        ("kernels/source/composite_backward.h", "int MOMENTS = 6;", "int MOMENTS = 7;", AFTER_SPLATS),
+        ("kernels/source/composite.h", "// Compositing of", "// The compositing of", set()),
         ("report/splats_sheet.py", "PICTURES = 4", "PICTURES = 3", {"splats_sheet"}),
         (
             "frames/adt_annotations.py",

@@ -1,8 +1,8 @@
 // The library's C interface. Arrays are float32, contiguous, row-major; sizes are checked by the callers.
 #include "adam.h"
 #include "loss.h"
-#include "project.h"
-#include "raster_calls.h"
+#include "project_backward.h"
+#include "raster.h"
 
 using namespace egosplat;
 
