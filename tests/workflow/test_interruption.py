@@ -45,7 +45,9 @@ def test_nothing_half_written_is_left_to_look_whole(workdir, how):
     shutil.rmtree(workdir.folder / target)
     workflow = Path(__file__).parents[2] / "workflow/Snakefile"
     process = subprocess.Popen(
-        [sys.executable, "-m", "snakemake", "--snakefile", workflow, "--cores", "2"]
+        # What a shell starts in the background ignores interrupts, and so do its children; on a terminal none does.
+        ["env", "--default-signal=INT", sys.executable, "-m", "snakemake"]
+        + ["--snakefile", workflow, "--cores", "2"]
         + ["--configfile", "tiny.yaml", "--", str(target)],
         cwd=workdir.folder,
         env=workdir.environment,
