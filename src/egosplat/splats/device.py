@@ -24,6 +24,6 @@ def rasterizer_used(backend: str, device: torch.device) -> str:
     """What renders there, for the record: ``cuda``, ``cpu`` with the kernels' variant, or ``reference``."""
     if device.type == "cuda":
         return f"cuda ({torch.cuda.get_device_name(device)})"
-    if backend == "reference" or library.why_not() is not None:
+    if backend == "reference" or not library.is_compiled():
         return "reference"
     return f"cpu ({library.variant()})"
