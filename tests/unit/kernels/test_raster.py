@@ -1,12 +1,18 @@
 """Compositing by the kernels: threads, memory, what the backward pass needs of the forward pass."""
 
 import math
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 import torch
 from torch import Tensor
 
+from egosplat.kernels import library
 from egosplat.kernels.raster import composite
+from egosplat.kernels.variants import HERE, VARIANTS, Variant
 
 WIDTH, HEIGHT = 150, 110
 
@@ -131,3 +137,30 @@ def test_culled_gaussians_are_not_looked_at():
     rest = {name: value[25:] if len(value) == 50 else value for name, value in values.items()}
     found, expected = (composite(**each, width=WIDTH, height=HEIGHT)[0] for each in (values, rest))
     assert torch.equal(found, expected)
+
+
+@pytest.mark.parametrize("variant", VARIANTS, ids=lambda variant: variant.name)
+def test_the_other_variants_agree(variant: Variant, tmp_path: Path) -> None:
+    if variant.name == library.variant():
+        pytest.skip("the other tests are of this one")
+    if not (HERE / variant.file).is_file() or not variant.features <= library.cpu_features():
+        pytest.skip("not built, or not for this processor")
+    values = projected(2000, 18) | {"opacities": torch.full((2000,), 0.3)}
+    values["channels"].requires_grad_(), values["conics"].requires_grad_(), values["means2d"].requires_grad_()
+    torch.save({name: value.detach() for name, value in values.items()}, tmp_path / "in.pt")
+    script = (
+        "import sys, torch; from egosplat.kernels.raster import composite\n"
+        "values = torch.load(sys.argv[1] + '/in.pt')\n"
+        "inputs = [values[name].requires_grad_() for name in ('means2d', 'conics', 'channels')]\n"
+        f"render, alpha = composite(**values, width={WIDTH}, height={HEIGHT})\n"
+        "gradients = torch.autograd.grad(render.square().mean() + alpha.mean(), inputs)\n"
+        "torch.save([render.detach(), alpha.detach(), *gradients], sys.argv[1] + '/out.pt')"
+    )
+    environment = os.environ | {library.VARIABLE: variant.name}
+    subprocess.run([sys.executable, "-c", script, str(tmp_path)], env=environment, check=True)
+    render, alpha = composite(**values, width=WIDTH, height=HEIGHT)
+    inputs = [values[name] for name in ("means2d", "conics", "channels")]
+    gradients = torch.autograd.grad(render.square().mean() + alpha.mean(), inputs)
+    for found, expected in zip(torch.load(tmp_path / "out.pt"), (render, alpha, *gradients), strict=True):
+        # A pixel in a million may decide otherwise at the edge of a Gaussian.
+        assert (found - expected).norm() < 1e-4 * expected.norm()

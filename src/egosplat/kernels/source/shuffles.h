@@ -16,7 +16,7 @@ INLINE Floats upper_pairs(Floats a, Floats b) { return (Floats)_mm512_unpackhi_p
 INLINE Floats even_quads(Floats a, Floats b) { return _mm512_shuffle_f32x4(a, b, 0x88); }
 INLINE Floats odd_quads(Floats a, Floats b) { return _mm512_shuffle_f32x4(a, b, 0xdd); }
 
-#else
+#elif defined(__AVX2__)
 
 INLINE Floats lower_floats(Floats a, Floats b) { return __builtin_shufflevector(a, b, 0, 8, 1, 9, 4, 12, 5, 13); }
 INLINE Floats upper_floats(Floats a, Floats b) { return __builtin_shufflevector(a, b, 2, 10, 3, 11, 6, 14, 7, 15); }
@@ -24,6 +24,15 @@ INLINE Floats lower_pairs(Floats a, Floats b) { return __builtin_shufflevector(a
 INLINE Floats upper_pairs(Floats a, Floats b) { return __builtin_shufflevector(a, b, 2, 3, 10, 11, 6, 7, 14, 15); }
 INLINE Floats even_quads(Floats a, Floats b) { return __builtin_shufflevector(a, b, 0, 1, 2, 3, 8, 9, 10, 11); }
 INLINE Floats odd_quads(Floats a, Floats b) { return __builtin_shufflevector(a, b, 4, 5, 6, 7, 12, 13, 14, 15); }
+
+#else
+
+INLINE Floats lower_floats(Floats a, Floats b) { return __builtin_shufflevector(a, b, 0, 4, 1, 5); }
+INLINE Floats upper_floats(Floats a, Floats b) { return __builtin_shufflevector(a, b, 2, 6, 3, 7); }
+INLINE Floats lower_pairs(Floats a, Floats b) { return __builtin_shufflevector(a, b, 0, 1, 4, 5); }
+INLINE Floats upper_pairs(Floats a, Floats b) { return __builtin_shufflevector(a, b, 2, 3, 6, 7); }
+INLINE Floats even_quads(Floats a, Floats) { return a; }
+INLINE Floats odd_quads(Floats, Floats b) { return b; }
 
 #endif
 
@@ -37,16 +46,22 @@ INLINE void transpose(Floats (&v)[LANES]) {
         quads[i] = lower_pairs(lower01, lower23), quads[i + 1] = upper_pairs(lower01, lower23);
         quads[i + 2] = lower_pairs(upper01, upper23), quads[i + 3] = upper_pairs(upper01, upper23);
     }
+    if constexpr (LANES == 4) {
+        for (int k = 0; k < 4; k++) v[k] = quads[k];
+        return;
+    }
 #pragma GCC unroll 4
     for (int k = 0; k < 4; k++) {
-        const Floats even = even_quads(quads[k], quads[4 + k]), odd = odd_quads(quads[k], quads[4 + k]);
+        // Where LANES is 4 these do not matter, and must not lie outside of the array.
+        const int next = LANES > 4 ? 4 : 0, last = LANES > 4 ? LANES - 8 : 0;
+        const Floats even = even_quads(quads[k], quads[next + k]), odd = odd_quads(quads[k], quads[next + k]);
         if constexpr (LANES == 8) {
-            v[k] = even, v[4 + k] = odd;
+            v[k] = even, v[next + k] = odd;
         } else {
-            const Floats even2 = even_quads(quads[LANES - 8 + k], quads[LANES - 4 + k]);
-            const Floats odd2 = odd_quads(quads[LANES - 8 + k], quads[LANES - 4 + k]);
-            v[k] = even_quads(even, even2), v[LANES - 8 + k] = odd_quads(even, even2);
-            v[4 + k] = even_quads(odd, odd2), v[LANES - 4 + k] = odd_quads(odd, odd2);
+            const Floats even2 = even_quads(quads[last + k], quads[last + next + k]);
+            const Floats odd2 = odd_quads(quads[last + k], quads[last + next + k]);
+            v[k] = even_quads(even, even2), v[last + k] = odd_quads(even, even2);
+            v[next + k] = even_quads(odd, odd2), v[last + next + k] = odd_quads(odd, odd2);
         }
     }
 }

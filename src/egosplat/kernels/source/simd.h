@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <cstring>
 
-#if defined(__AVX512F__) || defined(__AVX2__)
+#if defined(__x86_64__)
 #include <immintrin.h>
 #endif
 
@@ -15,8 +15,10 @@ namespace egosplat {
 #if defined(__AVX512F__)
 constexpr int LANES = 16;
 using Mask = __mmask16;
-#else
+#elif defined(__AVX2__)
 constexpr int LANES = 8;
+#else
+constexpr int LANES = 4;
 #endif
 
 typedef float Floats __attribute__((vector_size(LANES * 4)));
@@ -128,6 +130,8 @@ INLINE Mask all_lanes() { return ~Ints{}; }
 INLINE uint32_t bits(Mask m) {
 #if defined(__AVX2__)
     return uint32_t(_mm256_movemask_ps((__m256)m));
+#elif defined(__x86_64__)
+    return uint32_t(_mm_movemask_ps((__m128)m));
 #else
     uint32_t b = 0;
     for (int i = 0; i < LANES; i++) b |= uint32_t(m[i] & 1) << i;
@@ -182,6 +186,7 @@ INLINE Floats compress(Mask m, Floats v) {
     return out;
 }
 #endif
+#if defined(__AVX2__)
 template <int LEVEL>
 INLINE Floats fold(Floats a, Floats b) {
     if constexpr (LEVEL == 0)
@@ -194,6 +199,15 @@ INLINE Floats fold(Floats a, Floats b) {
            __builtin_shufflevector(a, b, 4, 5, 6, 7, 12, 13, 14, 15);
 }
 constexpr int LEVELS = 3;
+#else
+template <int LEVEL>
+INLINE Floats fold(Floats a, Floats b) {
+    if constexpr (LEVEL == 0)
+        return __builtin_shufflevector(a, b, 0, 4, 1, 5) + __builtin_shufflevector(a, b, 2, 6, 3, 7);
+    return __builtin_shufflevector(a, b, 0, 1, 4, 5) + __builtin_shufflevector(a, b, 2, 3, 6, 7);
+}
+constexpr int LEVELS = 2;
+#endif
 
 #endif
 
