@@ -50,6 +50,12 @@ def why_not() -> str | None:
     return None
 
 
+@functools.cache
+def is_usable() -> bool:
+    """Whether the kernels can be used; found out once a process."""
+    return why_not() is None
+
+
 def is_compiled() -> bool:
     """Whether a library of any variant lies here, usable or not."""
     return any((HERE / variant.file).is_file() for variant in VARIANTS)

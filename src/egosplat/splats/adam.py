@@ -1,7 +1,6 @@
 """One Adam update of rows in place: the fused kernel on the CPU where it is built, torch elsewhere."""
 
 import math
-from functools import cache
 
 import torch
 from torch import Tensor
@@ -56,12 +55,7 @@ def broken_rows(grads: list[Tensor]) -> Tensor:
 
 
 def _can_fuse(param: Tensor) -> bool:
-    return param.device.type == "cpu" and _kernels_are_built()
-
-
-@cache
-def _kernels_are_built() -> bool:
-    return library.why_not() is None
+    return param.device.type == "cpu" and library.is_usable()
 
 
 def _fused_step(

@@ -6,7 +6,6 @@ they weigh. So that no broken number ever enters the Gaussians, a value of rende
 or beyond 1e8, weighs 0, and so does a weight that is not finite.
 """
 
-import functools
 import math
 
 import torch
@@ -79,12 +78,7 @@ def _check(render: Tensor, target: Tensor, weight: Tensor | None) -> None:
 def _can_fuse(render: Tensor, target: Tensor, weight: Tensor | None) -> bool:
     constants = [target] if weight is None else [target, weight]
     suits = all(t.device.type == "cpu" and t.dtype == torch.float32 for t in (render, *constants))
-    return suits and not any(t.requires_grad for t in constants) and _kernels_are_built()
-
-
-@functools.cache
-def _kernels_are_built() -> bool:
-    return library.why_not() is None
+    return suits and not any(t.requires_grad for t in constants) and library.is_usable()
 
 
 def _cleaned(render: Tensor, target: Tensor, weight: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:

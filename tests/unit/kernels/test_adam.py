@@ -1,10 +1,7 @@
 """The fused Adam step: torch's numbers, whatever the rows, the threads and the processor."""
 
 import math
-import os
-import subprocess
-import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
@@ -13,7 +10,6 @@ from torch import Tensor
 
 from egosplat.kernels import library
 from egosplat.kernels.adam import adam_step
-from egosplat.kernels.variants import HERE, VARIANTS, Variant
 
 pytestmark = pytest.mark.skipif(library.why_not() is not None, reason="the kernels are not built")
 
@@ -121,12 +117,7 @@ def test_what_does_not_fit_is_refused() -> None:
         adam_step(*state, 0.01, **OPTIONS, step=1, learning_rates=torch.ones(2))
 
 
-@pytest.mark.parametrize("variant", VARIANTS, ids=lambda variant: variant.name)
-def test_the_other_variants_agree(variant: Variant, tmp_path: Path) -> None:
-    if variant.name == library.variant():
-        pytest.skip("the other tests are of this one")
-    if not (HERE / variant.file).is_file() or not variant.features <= library.cpu_features():
-        pytest.skip("not built, or not for this processor")
+def test_the_other_variants_agree(in_other_variant: Callable[[str, Path], None], tmp_path: Path) -> None:
     state = tensors(21, 5)
     state[1].copy_(gradients(21, 5, 0))
     torch.save(state, tmp_path / "in.pt")
@@ -136,8 +127,7 @@ def test_the_other_variants_agree(variant: Variant, tmp_path: Path) -> None:
         "adam_step(*state, 0.01, beta1=0.9, beta2=0.999, eps=1e-15, step=1)\n"
         "torch.save(state, sys.argv[1] + '/out.pt')"
     )
-    environment = os.environ | {library.VARIABLE: variant.name}
-    subprocess.run([sys.executable, "-c", script, str(tmp_path)], env=environment, check=True)
+    in_other_variant(script, tmp_path)
     leaf = state[0].clone().requires_grad_()
     leaf.grad = state[1]
     torch.optim.Adam([leaf], lr=0.01, betas=(0.9, 0.999), eps=1e-15).step()

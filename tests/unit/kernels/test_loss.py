@@ -1,8 +1,6 @@
 """The fused loss: the definition's value and gradient, whatever the size, the threads and the processor."""
 
-import os
-import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -11,7 +9,6 @@ from torch import Tensor
 
 from egosplat.kernels import library
 from egosplat.kernels.loss import l1_ssim
-from egosplat.kernels.variants import HERE, VARIANTS, Variant
 from egosplat.splats.loss import torch_l1_ssim
 
 pytestmark = pytest.mark.skipif(library.why_not() is not None, reason="the kernels are not built")
@@ -135,12 +132,7 @@ def test_what_does_not_fit_is_refused() -> None:
         l1_ssim(render, target, weight.double(), 0.2)
 
 
-@pytest.mark.parametrize("variant", VARIANTS, ids=lambda variant: variant.name)
-def test_the_other_variants_agree(variant: Variant, tmp_path: Path) -> None:
-    if variant.name == library.variant():
-        pytest.skip("the other tests are of this one")
-    if not (HERE / variant.file).is_file() or not variant.features <= library.cpu_features():
-        pytest.skip("not built, or not for this processor")
+def test_the_other_variants_agree(in_other_variant: Callable[[str, Path], None], tmp_path: Path) -> None:
     arguments = pictures(41, 27)
     torch.save([tensor.detach() for tensor in arguments], tmp_path / "in.pt")
     script = (
@@ -149,8 +141,7 @@ def test_the_other_variants_agree(variant: Variant, tmp_path: Path) -> None:
         "loss = l1_ssim(render.requires_grad_(), target, weight, 0.2)\n"
         "torch.save([loss.detach(), torch.autograd.grad(loss, render)[0]], sys.argv[1] + '/out.pt')"
     )
-    environment = os.environ | {library.VARIABLE: variant.name}
-    subprocess.run([sys.executable, "-c", script, str(tmp_path)], env=environment, check=True)
+    in_other_variant(script, tmp_path)
     loss, gradient = torch.load(tmp_path / "out.pt")
     wanted, wanted_gradient = in_double(*arguments)
     assert loss.item() == pytest.approx(wanted.item(), rel=1e-6)

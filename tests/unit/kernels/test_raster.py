@@ -1,18 +1,14 @@
 """Compositing by the kernels: threads, memory, what the backward pass needs of the forward pass."""
 
 import math
-import os
-import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import torch
 from torch import Tensor
 
-from egosplat.kernels import library
 from egosplat.kernels.raster import composite
-from egosplat.kernels.variants import HERE, VARIANTS, Variant
 
 WIDTH, HEIGHT = 150, 110
 
@@ -139,12 +135,7 @@ def test_culled_gaussians_are_not_looked_at():
     assert torch.equal(found, expected)
 
 
-@pytest.mark.parametrize("variant", VARIANTS, ids=lambda variant: variant.name)
-def test_the_other_variants_agree(variant: Variant, tmp_path: Path) -> None:
-    if variant.name == library.variant():
-        pytest.skip("the other tests are of this one")
-    if not (HERE / variant.file).is_file() or not variant.features <= library.cpu_features():
-        pytest.skip("not built, or not for this processor")
+def test_the_other_variants_agree(in_other_variant: Callable[[str, Path], None], tmp_path: Path) -> None:
     values = projected(2000, 18) | {"opacities": torch.full((2000,), 0.3)}
     values["channels"].requires_grad_(), values["conics"].requires_grad_(), values["means2d"].requires_grad_()
     torch.save({name: value.detach() for name, value in values.items()}, tmp_path / "in.pt")
@@ -156,8 +147,7 @@ def test_the_other_variants_agree(variant: Variant, tmp_path: Path) -> None:
         "gradients = torch.autograd.grad(render.square().mean() + alpha.mean(), inputs)\n"
         "torch.save([render.detach(), alpha.detach(), *gradients], sys.argv[1] + '/out.pt')"
     )
-    environment = os.environ | {library.VARIABLE: variant.name}
-    subprocess.run([sys.executable, "-c", script, str(tmp_path)], env=environment, check=True)
+    in_other_variant(script, tmp_path)
     render, alpha = composite(**values, width=WIDTH, height=HEIGHT)
     inputs = [values[name] for name in ("means2d", "conics", "channels")]
     gradients = torch.autograd.grad(render.square().mean() + alpha.mean(), inputs)

@@ -1,0 +1,28 @@
+"""What the kernels' tests share: the variants that this process has not loaded, in a process of their own."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from egosplat.kernels import library
+from egosplat.kernels.variants import HERE, VARIANTS
+
+
+@pytest.fixture(params=VARIANTS, ids=lambda variant: variant.name)
+def in_other_variant(request: pytest.FixtureRequest) -> Callable[[str, Path], None]:
+    """Runs a script, given a folder as its argument, with another variant than this process has loaded."""
+    variant = request.param
+    if variant.name == library.variant():
+        pytest.skip("the other tests are of this one")
+    if not (HERE / variant.file).is_file() or not variant.features <= library.cpu_features():
+        pytest.skip("not built, or not for this processor")
+
+    def run(script: str, folder: Path) -> None:
+        environment = os.environ | {library.VARIABLE: variant.name}
+        subprocess.run([sys.executable, "-c", script, str(folder)], env=environment, check=True)
+
+    return run
