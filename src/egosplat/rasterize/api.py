@@ -2,18 +2,15 @@
 
 from collections.abc import Callable
 from functools import cache
-from typing import Any
 
 import torch
 from torch import Tensor
 
 from egosplat.kernels import library
 from egosplat.progress import log
-from egosplat.rasterize import contract
+from egosplat.rasterize.contract import Arguments, Render, check
 
 BACKENDS = ("auto", "cuda", "cpu", "reference")
-
-Render = tuple[Tensor, Tensor, dict[str, Any]]
 
 
 def rasterization(
@@ -79,13 +76,14 @@ def rasterization(
         ValueError: an argument is not as described.
         UserError: the backend asked for cannot run here.
     """
-    arguments = dict(locals())
-    del arguments["backend"]
-    contract.check(**arguments)
-    return _backend(backend, means)(**arguments)
+    given = dict(locals())
+    del given["backend"]
+    arguments = Arguments(**given)
+    check(arguments)
+    return _backend(backend, means)(arguments)
 
 
-def _backend(name: str, means: Tensor) -> Callable[..., Render]:
+def _backend(name: str, means: Tensor) -> Callable[[Arguments], Render]:
     """The function of a backend, imported when it is used: each needs what others do without."""
     if name not in BACKENDS:
         raise ValueError(f"backend is {name!r}, not one of {', '.join(BACKENDS)}")

@@ -1,8 +1,11 @@
-"""What every backend of ``rasterization`` accepts and means: constants, modes, and the check of the arguments.
+"""What every backend of ``rasterization`` accepts and means: constants, modes, the arguments and their check.
 
 Notation: N Gaussians, C cameras, K spherical-harmonics coefficients, D colours, F features, X channels out.
 The semantics are those of gsplat 1.5.3's ``rasterization``; ``api.rasterization`` documents them.
 """
+
+from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -26,6 +29,38 @@ MAX_SH_DEGREE = 3
 RENDER_MODES = ("RGB", "D", "ED", "RGB+D", "RGB+ED")
 RASTERIZE_MODES = ("classic", "antialiased")
 
+Render = tuple[Tensor, Tensor, dict[str, Any]]
+"""Images (C, H, W, X), alpha (C, H, W, 1) and meta, as ``api.rasterization`` documents them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Arguments:
+    """The arguments of ``api.rasterization``, which documents them; ``check`` says whether they are sound."""
+
+    means: Tensor
+    quats: Tensor
+    scales: Tensor
+    opacities: Tensor
+    colors: Tensor
+    viewmats: Tensor
+    Ks: Tensor
+    width: int
+    height: int
+    near_plane: float = 0.1
+    far_plane: float = 1e10
+    radius_clip: float = 0.0
+    eps2d: float = 0.3
+    sh_degree: int | None = None
+    features: Tensor | None = None
+    backgrounds: Tensor | None = None
+    render_mode: str = "RGB"
+    rasterize_mode: str = "classic"
+
+    @property
+    def antialiased(self) -> bool:
+        """Whether opacities are lowered by what ``eps2d`` blurs."""
+        return self.rasterize_mode == "antialiased"
+
 
 def shows_colors(render_mode: str) -> bool:
     """Whether colours and features are among the channels of the mode."""
@@ -42,52 +77,32 @@ def shows_expected_depth(render_mode: str) -> bool:
     return render_mode.endswith("ED")
 
 
-def check(
-    means: Tensor,
-    quats: Tensor,
-    scales: Tensor,
-    opacities: Tensor,
-    colors: Tensor,
-    viewmats: Tensor,
-    Ks: Tensor,
-    width: int,
-    height: int,
-    *,
-    near_plane: float,
-    far_plane: float,
-    radius_clip: float,
-    eps2d: float,
-    sh_degree: int | None,
-    features: Tensor | None,
-    backgrounds: Tensor | None,
-    render_mode: str,
-    rasterize_mode: str,
-) -> None:
+def check(arguments: Arguments) -> None:
     """Check the arguments of ``rasterization``; Gaussians may hold non-finite numbers, cameras may not.
 
     Raises:
         ValueError: a shape, dtype, device, number or mode is not what ``rasterization`` documents.
     """
-    _check_choice("render_mode", render_mode, RENDER_MODES)
-    _check_choice("rasterize_mode", rasterize_mode, RASTERIZE_MODES)
-    _check_numbers(width, height, near_plane, far_plane, radius_clip, eps2d)
-    tensors = {"means": means, "quats": quats, "scales": scales, "opacities": opacities, "colors": colors}
-    tensors |= {"viewmats": viewmats, "Ks": Ks, "features": features, "backgrounds": backgrounds}
-    _check_kind({name: tensor for name, tensor in tensors.items() if tensor is not None})
-    n, c = means.shape[0] if means.ndim else -1, viewmats.shape[0] if viewmats.ndim else -1
-    _check_shape("means", means, (n, 3))
-    _check_shape("quats", quats, (n, 4))
-    _check_shape("scales", scales, (n, 3))
-    _check_shape("opacities", opacities, (n,))
-    channels = _color_channels(colors, n, sh_degree)
-    if features is not None:
-        _check_shape("features", features, (n, features.shape[-1]))
-        channels += features.shape[-1]
+    a = arguments
+    _check_choice("render_mode", a.render_mode, RENDER_MODES)
+    _check_choice("rasterize_mode", a.rasterize_mode, RASTERIZE_MODES)
+    _check_numbers(a)
+    _check_kind({name: value for name, value in vars(a).items() if isinstance(value, Tensor)})
+    n = a.means.shape[0] if a.means.ndim else -1
+    c = a.viewmats.shape[0] if a.viewmats.ndim else -1
+    _check_shape("means", a.means, (n, 3))
+    _check_shape("quats", a.quats, (n, 4))
+    _check_shape("scales", a.scales, (n, 3))
+    _check_shape("opacities", a.opacities, (n,))
+    channels = _color_channels(a.colors, n, a.sh_degree)
+    if a.features is not None:
+        _check_shape("features", a.features, (n, a.features.shape[-1]))
+        channels += a.features.shape[-1]
     if channels == 0:
         raise ValueError("colors and features hold no channel")
-    if backgrounds is not None:
-        _check_shape("backgrounds", backgrounds, (c, channels))
-    _check_cameras(viewmats, Ks, c)
+    if a.backgrounds is not None:
+        _check_shape("backgrounds", a.backgrounds, (c, channels))
+    _check_cameras(a.viewmats, a.Ks, c)
 
 
 def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
@@ -95,16 +110,14 @@ def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
         raise ValueError(f"{name} is {value!r}, not one of {', '.join(choices)}")
 
 
-def _check_numbers(
-    width: int, height: int, near_plane: float, far_plane: float, radius_clip: float, eps2d: float
-) -> None:
-    if width < 1 or height < 1:
-        raise ValueError(f"the image is {width} x {height} pixels")
+def _check_numbers(a: Arguments) -> None:
+    if a.width < 1 or a.height < 1:
+        raise ValueError(f"the image is {a.width} x {a.height} pixels")
     # A positive near plane keeps the perspective division and the viewing direction finite.
-    if not 0.0 < near_plane < far_plane:
-        raise ValueError(f"near_plane {near_plane} and far_plane {far_plane} must satisfy 0 < near < far")
-    if not (radius_clip >= 0.0 and eps2d >= 0.0):
-        raise ValueError(f"radius_clip {radius_clip} and eps2d {eps2d} must not be negative")
+    if not 0.0 < a.near_plane < a.far_plane:
+        raise ValueError(f"near_plane {a.near_plane} and far_plane {a.far_plane} must satisfy 0 < near < far")
+    if not (a.radius_clip >= 0.0 and a.eps2d >= 0.0):
+        raise ValueError(f"radius_clip {a.radius_clip} and eps2d {a.eps2d} must not be negative")
 
 
 def _check_kind(tensors: dict[str, Tensor]) -> None:

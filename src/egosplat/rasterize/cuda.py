@@ -1,8 +1,8 @@
 """The rasterizer on a CUDA device: gsplat."""
 
 import importlib
+from dataclasses import replace
 from types import ModuleType
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -10,7 +10,7 @@ from torch import Tensor
 from egosplat.errors import UserError
 from egosplat.rasterize import reference
 from egosplat.rasterize.channels import camera_centers, usable_gaussians
-from egosplat.rasterize.contract import shows_colors, shows_depth
+from egosplat.rasterize.contract import Arguments, Render, shows_colors, shows_depth
 
 OLDEST_GSPLAT = (1, 5, 3)
 
@@ -21,41 +21,20 @@ SMALLEST_DISTANCE = 1e-6
 """A Gaussian nearer to the camera's centre has no direction [m]; the near plane culls it."""
 
 
-def rasterization(
-    means: Tensor,
-    quats: Tensor,
-    scales: Tensor,
-    opacities: Tensor,
-    colors: Tensor,
-    viewmats: Tensor,
-    Ks: Tensor,
-    width: int,
-    height: int,
-    *,
-    near_plane: float = 0.1,
-    far_plane: float = 1e10,
-    radius_clip: float = 0.0,
-    eps2d: float = 0.3,
-    sh_degree: int | None = None,
-    features: Tensor | None = None,
-    backgrounds: Tensor | None = None,
-    render_mode: str = "RGB",
-    rasterize_mode: str = "classic",
-) -> tuple[Tensor, Tensor, dict[str, Any]]:
+def rasterization(arguments: Arguments) -> Render:
     """``api.rasterization`` by gsplat, in float32 on a CUDA device.
 
     Raises:
         UserError: there is no CUDA device, no gsplat of at least 1.5.3, or the tensors are not float32 on
             a CUDA device.
     """
-    arguments = dict(locals())
-    gsplat = load_gsplat()
+    gsplat, means = load_gsplat(), arguments.means
     if means.dtype != torch.float32 or not means.is_cuda:
         raise UserError(
             f"backend cuda renders float32 on a CUDA device, not {means.dtype} on {means.device}: use auto"
         )
     # gsplat divides by the number of Gaussians.
-    return render(gsplat, **arguments) if len(means) else reference.rasterization(**arguments)
+    return render(gsplat, arguments) if len(means) else reference.rasterization(arguments)
 
 
 def load_gsplat() -> ModuleType:
@@ -81,86 +60,62 @@ def load_gsplat() -> ModuleType:
     return gsplat
 
 
-def render(
-    gsplat: ModuleType,
-    means: Tensor,
-    quats: Tensor,
-    scales: Tensor,
-    opacities: Tensor,
-    colors: Tensor,
-    viewmats: Tensor,
-    Ks: Tensor,
-    width: int,
-    height: int,
-    *,
-    near_plane: float,
-    far_plane: float,
-    radius_clip: float,
-    eps2d: float,
-    sh_degree: int | None,
-    features: Tensor | None,
-    backgrounds: Tensor | None,
-    render_mode: str,
-    rasterize_mode: str,
-) -> tuple[Tensor, Tensor, dict[str, Any]]:
+def render(gsplat: ModuleType, arguments: Arguments) -> Render:
     """Translate one call of ``rasterization`` into gsplat's, for N > 0 Gaussians."""
-    means, quats, scales, opacities, colors, features = _without_unusable(
-        means, quats, scales, opacities, colors, features
-    )
-    if not shows_colors(render_mode):
-        # gsplat checks colours that it does not show.
-        channels, backgrounds = opacities[:, None], None
+    a = _without_unusable(arguments)
+    if shows_colors(a.render_mode):
+        channels, backgrounds = _channels(gsplat, a), a.backgrounds
     else:
-        if sh_degree is not None:
-            colors = _view_colors(gsplat, means, colors, viewmats, sh_degree)
-        channels = _append(colors, features)
-    passed = channels.shape[-1] + shows_depth(render_mode)
+        # gsplat checks colours that it does not show.
+        channels, backgrounds = a.opacities[:, None], None
     image, alpha, meta = gsplat.rasterization(
-        means=means,
-        quats=quats,
-        scales=scales,
-        opacities=opacities,
+        means=a.means,
+        quats=a.quats,
+        scales=a.scales,
+        opacities=a.opacities,
         colors=channels,
-        viewmats=viewmats,
-        Ks=Ks,
-        width=width,
-        height=height,
-        near_plane=near_plane,
-        far_plane=far_plane,
-        radius_clip=radius_clip,
-        eps2d=eps2d,
+        viewmats=a.viewmats,
+        Ks=a.Ks,
+        width=a.width,
+        height=a.height,
+        near_plane=a.near_plane,
+        far_plane=a.far_plane,
+        radius_clip=a.radius_clip,
+        eps2d=a.eps2d,
         # Packed results lose the (C, N) layout, and gsplat 1.5.3 fails on them where there are backgrounds.
         packed=False,
         backgrounds=backgrounds,
-        render_mode=render_mode,
-        rasterize_mode=rasterize_mode,
-        channel_chunk=min(passed, LARGEST_PASS),
+        render_mode=a.render_mode,
+        rasterize_mode=a.rasterize_mode,
+        channel_chunk=min(channels.shape[-1] + shows_depth(a.render_mode), LARGEST_PASS),
     )
     kept = ("means2d", "radii", "depths", "conics", "opacities", "width", "height", "n_cameras")
     return image, alpha, {name: meta[name] for name in kept}
 
 
-def _without_unusable(
-    means: Tensor, quats: Tensor, scales: Tensor, opacities: Tensor, colors: Tensor, features: Tensor | None
-) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor | None]:
+def _without_unusable(a: Arguments) -> Arguments:
     """Put harmless numbers, opacity 0 among them, in place of Gaussians that must be culled."""
-    values = [value for value in (means, scales, opacities, colors, features) if value is not None]
-    usable = usable_gaussians(quats, *values)
+    harmless = {"means": 0.0, "quats": 1.0, "scales": 1.0, "opacities": 0.0, "colors": 0.0, "features": 0.0}
+    values = {name: getattr(a, name) for name in harmless if getattr(a, name) is not None}
+    usable = usable_gaussians(a.quats, *values.values())
     if usable.all():
-        return means, quats, scales, opacities, colors, features
+        return a
 
-    def replace(value: Tensor, by: float) -> Tensor:
+    def replaced(value: Tensor, by: float) -> Tensor:
         # Chosen, not multiplied: the gradient of what is left out is zero even where it is NaN.
         return torch.where(usable.reshape(-1, *[1] * (value.ndim - 1)), value, by)
 
-    return (
-        replace(means, 0.0),
-        replace(quats, 1.0),
-        replace(scales, 1.0),
-        replace(opacities, 0.0),
-        replace(colors, 0.0),
-        None if features is None else replace(features, 0.0),
-    )
+    return replace(a, **{name: replaced(value, harmless[name]) for name, value in values.items()})
+
+
+def _channels(gsplat: ModuleType, a: Arguments) -> Tensor:
+    """(N, D + F), or with spherical harmonics (C, N, 3 + F)."""
+    colors = a.colors
+    if a.sh_degree is not None:
+        colors = _view_colors(gsplat, a.means, colors, a.viewmats, a.sh_degree)
+    if a.features is None:
+        return colors
+    return torch.cat([colors, a.features.expand(*colors.shape[:-1], a.features.shape[-1])], dim=-1)
 
 
 def _view_colors(
@@ -176,9 +131,3 @@ def _view_colors(
     coeffs = coeffs.expand(len(viewmats), *coeffs.shape)
     colors = gsplat.spherical_harmonics(sh_degree, dirs, coeffs, masks=masks)
     return (colors + 0.5).clamp(min=0.0)
-
-
-def _append(colors: Tensor, features: Tensor | None) -> Tensor:
-    if features is None:
-        return colors
-    return torch.cat([colors, features.expand(*colors.shape[:-1], features.shape[-1])], dim=-1)

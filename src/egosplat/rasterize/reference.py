@@ -7,75 +7,58 @@ from torch import Tensor
 
 from egosplat.rasterize.channels import camera_centers, finish, stack_channels, usable_gaussians
 from egosplat.rasterize.composite_reference import composite
-from egosplat.rasterize.contract import shows_colors
+from egosplat.rasterize.contract import Arguments, Render, shows_colors
 from egosplat.rasterize.projection_reference import Projected, project
 from egosplat.rasterize.sh_reference import spherical_harmonics
 
 
-def rasterization(
-    means: Tensor,
-    quats: Tensor,
-    scales: Tensor,
-    opacities: Tensor,
-    colors: Tensor,
-    viewmats: Tensor,
-    Ks: Tensor,
-    width: int,
-    height: int,
-    *,
-    near_plane: float = 0.1,
-    far_plane: float = 1e10,
-    radius_clip: float = 0.0,
-    eps2d: float = 0.3,
-    sh_degree: int | None = None,
-    features: Tensor | None = None,
-    backgrounds: Tensor | None = None,
-    render_mode: str = "RGB",
-    rasterize_mode: str = "classic",
-) -> tuple[Tensor, Tensor, dict[str, Any]]:
+def rasterization(arguments: Arguments) -> Render:
     """``api.rasterization`` with autograd, in float32 or float64, on any device."""
-    values = [value for value in (means, scales, opacities, colors, features) if value is not None]
+    a = arguments
+    values = [value for value in (a.means, a.scales, a.opacities, a.colors, a.features) if value is not None]
     # A Gaussian of opacity 0 is culled, whatever its other numbers are.
-    opacities = torch.where(usable_gaussians(quats, *values), opacities, 0.0)
+    opacities = torch.where(usable_gaussians(a.quats, *values), a.opacities, 0.0)
     projections = [
         project(
-            means,
-            quats,
-            scales,
+            a.means,
+            a.quats,
+            a.scales,
             opacities,
             viewmat,
             K,
-            width,
-            height,
-            near_plane=near_plane,
-            far_plane=far_plane,
-            radius_clip=radius_clip,
-            eps2d=eps2d,
-            antialiased=rasterize_mode == "antialiased",
+            a.width,
+            a.height,
+            near_plane=a.near_plane,
+            far_plane=a.far_plane,
+            radius_clip=a.radius_clip,
+            eps2d=a.eps2d,
+            antialiased=a.antialiased,
         )
-        for viewmat, K in zip(viewmats, Ks, strict=True)
+        for viewmat, K in zip(a.viewmats, a.Ks, strict=True)
     ]
     meta = _stack(projections)
-    seen_colors = [colors] * len(viewmats)
-    if sh_degree is not None and shows_colors(render_mode):
-        cameras = zip(camera_centers(viewmats), meta["radii"], strict=True)
-        seen_colors = [view_colors(means, colors, center, sh_degree, radii) for center, radii in cameras]
+    seen_colors = [a.colors] * len(a.viewmats)
+    if a.sh_degree is not None and shows_colors(a.render_mode):
+        cameras = zip(camera_centers(a.viewmats), meta["radii"], strict=True)
+        seen_colors = [
+            view_colors(a.means, a.colors, center, a.sh_degree, radii) for center, radii in cameras
+        ]
     images = [
         composite(
             meta["means2d"][index],
             meta["conics"][index],
             meta["opacities"][index],
-            stack_channels(seen_colors[index], features, meta["depths"][index], render_mode),
+            stack_channels(seen_colors[index], a.features, meta["depths"][index], a.render_mode),
             meta["depths"][index],
             meta["radii"][index],
-            width,
-            height,
+            a.width,
+            a.height,
         )
-        for index in range(len(viewmats))
+        for index in range(len(a.viewmats))
     ]
     composited, alpha = (torch.stack(parts) for parts in zip(*images, strict=True))
-    meta |= {"width": width, "height": height, "n_cameras": len(viewmats)}
-    return finish(composited, alpha, backgrounds, render_mode), alpha, meta
+    meta |= {"width": a.width, "height": a.height, "n_cameras": len(a.viewmats)}
+    return finish(composited, alpha, a.backgrounds, a.render_mode), alpha, meta
 
 
 def view_colors(means: Tensor, coeffs: Tensor, center: Tensor, sh_degree: int, radii: Tensor) -> Tensor:

@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from egosplat.rasterize.contract import check, shows_colors, shows_depth, shows_expected_depth
+from egosplat.rasterize.contract import Arguments, check, shows_colors, shows_depth, shows_expected_depth
 
 
 def arguments(n: int = 4, c: int = 2, **changes: object) -> dict[str, object]:
@@ -49,7 +49,7 @@ def arguments(n: int = 4, c: int = 2, **changes: object) -> dict[str, object]:
     ids=str,
 )
 def test_accepted(accepted):
-    check(**arguments(**accepted))
+    check(Arguments(**arguments(**accepted)))
 
 
 def bad_camera(name: str, row: int, column: int, value: float) -> dict[str, object]:
@@ -100,7 +100,7 @@ def bad_camera(name: str, row: int, column: int, value: float) -> dict[str, obje
 )
 def test_refused(refused, words):
     with pytest.raises(ValueError, match=words):
-        check(**arguments(**refused))
+        check(Arguments(**arguments(**refused)))
 
 
 def test_modes():

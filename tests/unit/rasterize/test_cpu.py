@@ -10,6 +10,7 @@ from torch import Tensor
 
 from egosplat.errors import UserError
 from egosplat.rasterize import cpu, reference
+from egosplat.rasterize.contract import Arguments
 
 WIDTH, HEIGHT = 67, 51
 VALUE_TOLERANCE = 1e-5
@@ -63,7 +64,7 @@ def unsure(values: dict[str, Tensor], **options) -> Tensor:
     """(C, H, W) pixels not to compare: undecided ones, and those where the expected depth is a quotient of two
     numbers that are all but 0."""
     with torch.no_grad():
-        _, alpha, meta = reference.rasterization(**values, width=WIDTH, height=HEIGHT, **options)
+        _, alpha, meta = reference.rasterization(Arguments(**values, width=WIDTH, height=HEIGHT, **options))
     return undecided(meta) | (alpha[..., 0] < 0.05)
 
 
@@ -73,7 +74,7 @@ def differentiate(backend, values: dict[str, Tensor], dtype: torch.dtype, **opti
         name: value.detach().clone().to(dtype).requires_grad_(name != "Ks") for name, value in values.items()
     }
     skip = options.pop("skip", None)
-    image, alpha, meta = backend.rasterization(**values, width=WIDTH, height=HEIGHT, **options)
+    image, alpha, meta = backend.rasterization(Arguments(**values, width=WIDTH, height=HEIGHT, **options))
     meta["means2d"].retain_grad()
     generator = torch.Generator().manual_seed(7)
     weights = [torch.randn(*part.shape, generator=generator, dtype=torch.float64) for part in (image, alpha)]
@@ -147,7 +148,7 @@ def test_any_number_of_channels(features):
 def test_images_smaller_than_a_tile(size):
     values = {name: value.float() for name, value in scene(4).items()}
     arguments = values | {"width": size[0], "height": size[1], "sh_degree": 1}
-    found, truth = cpu.rasterization(**arguments), reference.rasterization(**arguments)
+    found, truth = cpu.rasterization(Arguments(**arguments)), reference.rasterization(Arguments(**arguments))
     torch.testing.assert_close(found[0], truth[0], atol=1e-4, rtol=1e-4)
 
 
@@ -158,7 +159,7 @@ def test_what_needs_no_gradient_gets_none_and_changes_nothing(frozen):
     gradients = []
     for asked in (free, tuple(name for name in values if name != "Ks")):
         inputs = {name: value.clone().requires_grad_(name in asked) for name, value in values.items()}
-        image, *_ = cpu.rasterization(**inputs, width=WIDTH, height=HEIGHT, sh_degree=3)
+        image, *_ = cpu.rasterization(Arguments(**inputs, width=WIDTH, height=HEIGHT, sh_degree=3))
         image.square().sum().backward()
         gradients.append({name: inputs[name].grad for name in free})
         assert all((inputs[name].grad is None) == (name not in asked) for name in inputs)
@@ -169,7 +170,7 @@ def test_what_needs_no_gradient_gets_none_and_changes_nothing(frozen):
 def test_the_gradient_of_the_centres_in_the_image_can_be_kept():
     values = {name: value.float() for name, value in scene(6).items()}
     values["means"].requires_grad_()
-    image, _, meta = cpu.rasterization(**values, width=WIDTH, height=HEIGHT, sh_degree=0)
+    image, _, meta = cpu.rasterization(Arguments(**values, width=WIDTH, height=HEIGHT, sh_degree=0))
     meta["means2d"].retain_grad()
     image.sum().backward()
     seen = (meta["radii"] > 0).all(dim=-1)
@@ -206,8 +207,8 @@ def test_a_hostile_gaussian_is_left_out(name, value):
     }
     for key in ("means", "quats", "scales", "opacities", "colors", "features"):
         broken[key].requires_grad_()
-    image, _, meta = cpu.rasterization(**broken, width=WIDTH, height=HEIGHT, sh_degree=3)
-    expected, *_ = cpu.rasterization(**rest, width=WIDTH, height=HEIGHT, sh_degree=3)
+    image, _, meta = cpu.rasterization(Arguments(**broken, width=WIDTH, height=HEIGHT, sh_degree=3))
+    expected, *_ = cpu.rasterization(Arguments(**rest, width=WIDTH, height=HEIGHT, sh_degree=3))
     assert torch.equal(image, expected)
     assert (meta["radii"][0, 7] == 0).all()
     image.sum().backward()
@@ -272,7 +273,7 @@ def test_ten_thousand_gaussians_on_one_pixel():
         opacities=[0.05] * count,
         colors=torch.linspace(0, 1, 3 * count).reshape(count, 3).tolist(),
     )
-    truth, _, _ = reference.rasterization(**values, width=WIDTH, height=HEIGHT)
+    truth, _, _ = reference.rasterization(Arguments(**values, width=WIDTH, height=HEIGHT))
     found = differentiate(cpu, values, torch.float32)
     assert ((found["image"] - truth).abs().amax(dim=-1) > 1e-4).sum() <= 4  # 1/255 decides at the edge
     assert found["d opacities"].isfinite().all()
@@ -285,15 +286,17 @@ def test_no_gaussians_show_the_background():
     cameras = {name: value.float() for name, value in extreme().items() if name in ("viewmats", "Ks")}
     background = torch.tensor([[0.1, 0.2, 0.3]])
     image, alpha, _ = cpu.rasterization(
-        **{name: value.float() for name, value in values.items()},
-        **cameras,
-        backgrounds=background,
-        width=5,
-        height=4,
+        Arguments(
+            **{name: value.float() for name, value in values.items()},
+            **cameras,
+            backgrounds=background,
+            width=5,
+            height=4,
+        )
     )
     assert torch.equal(image, background.expand(1, 4, 5, 3)) and (alpha == 0).all()
 
 
 def test_other_numbers_than_float32_are_refused():
     with pytest.raises(UserError, match="float32 on the CPU, not torch.float64"):
-        cpu.rasterization(**extreme(), width=5, height=4)
+        cpu.rasterization(Arguments(**extreme(), width=5, height=4))

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from egosplat.errors import UserError
 from egosplat.rasterize import cuda, reference
+from egosplat.rasterize.contract import Arguments
 from egosplat.rasterize.sh_reference import spherical_harmonics
 
 SIZE = {"width": 20, "height": 14}
@@ -56,7 +57,7 @@ class GsplatDouble:
                 for name, value in arguments.items()
             }
             # The reference, unlike gsplat, culls where a colour is undefined.
-            results.append(reference.rasterization(**own, colors=colors[index].nan_to_num()))
+            results.append(reference.rasterization(Arguments(**own, colors=colors[index].nan_to_num())))
         images, alphas, metas = zip(*results, strict=True)
         meta = {name: torch.cat([each[name] for each in metas]) for name in ("means2d", "radii", "depths")}
         meta |= {name: torch.cat([each[name] for each in metas]) for name in ("conics", "opacities")}
@@ -119,8 +120,8 @@ def test_gsplat_is_asked_for_the_same_image(sh, render_mode, rasterize_mode, hos
     options = DEFAULTS | {"render_mode": render_mode, "rasterize_mode": rasterize_mode}
     arguments = inputs | SIZE | {name: options[name] for name in options.keys() - inputs.keys()}
     arguments["sh_degree"] = 3 if sh else None
-    image, alpha, meta = cuda.render(GsplatDouble(), **arguments)
-    expected, expected_alpha, expected_meta = reference.rasterization(**arguments)
+    image, alpha, meta = cuda.render(GsplatDouble(), Arguments(**arguments))
+    expected, expected_alpha, expected_meta = reference.rasterization(Arguments(**arguments))
     torch.testing.assert_close(image, expected)
     torch.testing.assert_close(alpha, expected_alpha)
     assert meta.keys() == expected_meta.keys()
@@ -133,7 +134,10 @@ def test_gsplat_is_asked_for_the_same_image(sh, render_mode, rasterize_mode, hos
 def test_options_pass_through_and_traps_are_avoided():
     double, inputs = GsplatDouble(), scene(False, torch.float32)
     given = {"near_plane": 0.2, "far_plane": 30.0, "radius_clip": 1.0, "eps2d": 0.2}
-    cuda.render(double, **inputs, **SIZE, **{k: v for k, v in (DEFAULTS | given).items() if k not in inputs})
+    cuda.render(
+        double,
+        Arguments(**inputs, **SIZE, **{k: v for k, v in (DEFAULTS | given).items() if k not in inputs}),
+    )
     call = double.calls[0]
     assert given.items() <= call.items() and SIZE.items() <= call.items()
     assert call["packed"] is False and call["channel_chunk"] == 7
@@ -145,7 +149,7 @@ def test_channels_in_one_pass(features, mode, chunk):
     double, inputs = GsplatDouble(), scene(False, torch.float32)
     inputs |= {"features": torch.rand(12, features), "backgrounds": None}
     options = {k: v for k, v in DEFAULTS.items() if k not in inputs} | {"render_mode": mode}
-    cuda.render(double, **inputs, **SIZE, **options)
+    cuda.render(double, Arguments(**inputs, **SIZE, **options))
     assert double.calls[0]["channel_chunk"] == chunk
 
 
@@ -196,7 +200,7 @@ def test_missing_gsplat_is_told(monkeypatch):
 def test_tensors_elsewhere_are_refused(installed):
     installed("1.5.3", object())
     with pytest.raises(UserError, match="renders float32 on a CUDA device, not torch.float32 on cpu"):
-        cuda.rasterization(**scene(False, torch.float32), **SIZE)
+        cuda.rasterization(Arguments(**scene(False, torch.float32), **SIZE))
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
@@ -205,8 +209,8 @@ def test_gsplat_agrees_on_the_device(sh, render_mode, rasterize_mode):
     pytest.importorskip("gsplat")
     options = {"sh_degree": 3 if sh else None, "render_mode": render_mode, "rasterize_mode": rasterize_mode}
     inputs, doubles = scene(sh, torch.float32, "cuda"), scene(sh, torch.float64, "cuda")
-    image, alpha, meta = cuda.rasterization(**inputs, **SIZE, **options)
-    expected, expected_alpha, expected_meta = reference.rasterization(**doubles, **SIZE, **options)
+    image, alpha, meta = cuda.rasterization(Arguments(**inputs, **SIZE, **options))
+    expected, expected_alpha, expected_meta = reference.rasterization(Arguments(**doubles, **SIZE, **options))
     torch.testing.assert_close(image.double(), expected, atol=1e-4, rtol=1e-4)
     torch.testing.assert_close(alpha.double(), expected_alpha, atol=1e-4, rtol=1e-4)
     assert torch.equal(meta["radii"], expected_meta["radii"])
@@ -226,6 +230,6 @@ def test_hostile_gaussians_on_the_device():
             math.inf,
             0,
         )
-    image, alpha, meta = cuda.rasterization(**inputs, **SIZE, sh_degree=3)
+    image, alpha, meta = cuda.rasterization(Arguments(**inputs, **SIZE, sh_degree=3))
     assert image.isfinite().all() and (meta["radii"][:, :3] == 0).all()
     assert all(gradient.isfinite().all() for gradient in gradients(image, alpha, inputs).values())

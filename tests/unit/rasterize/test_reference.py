@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from egosplat.geometry import Camera, invert, make_pose, transform
+from egosplat.rasterize.contract import Arguments
 from egosplat.rasterize.reference import rasterization
 
 WIDTH, HEIGHT = 18, 15
@@ -55,7 +56,7 @@ def test_gradients_are_finite_differences(render_mode, rasterize_mode, sh_degree
 
     def loss(*inputs: Tensor) -> Tensor:
         arguments = dict(zip(values, inputs, strict=True)) | options
-        image, alpha, _ = rasterization(**arguments, Ks=Ks, width=WIDTH, height=HEIGHT)
+        image, alpha, _ = rasterization(Arguments(**arguments, Ks=Ks, width=WIDTH, height=HEIGHT))
         if not weights:
             generator = torch.Generator().manual_seed(seed)
             weights.extend(torch.randn(*s.shape, dtype=s.dtype, generator=generator) for s in (image, alpha))
@@ -81,7 +82,7 @@ def one(**changes: object) -> tuple[Tensor, Tensor, dict]:
         "Ks": [[[15.0, 0.0, 9.5], [0.0, 15.0, 8.5], [0.0, 0.0, 1.0]]],
     } | changes
     tensors = {name: double(each) for name, each in arguments.items() if isinstance(each, (list, np.ndarray))}
-    return rasterization(**arguments | tensors, width=WIDTH, height=HEIGHT)
+    return rasterization(Arguments(**arguments | tensors, width=WIDTH, height=HEIGHT))
 
 
 def double(values: object) -> Tensor:
@@ -161,15 +162,17 @@ def test_gaussian_appears_where_the_camera_puts_its_center():
         point = 3.0 * np.array([(pixel[0] - 19.3) / 35.0, (pixel[1] - 14.1) / 33.0, 1.0])
         np.testing.assert_allclose(camera.project(point), pixel)
         _, alpha, meta = rasterization(
-            torch.from_numpy(transform(camera_to_world, point))[None],
-            torch.tensor([[1.0, 0, 0, 0]]).double(),
-            torch.full((1, 3), 1e-6).double(),
-            torch.tensor([0.9]).double(),
-            torch.ones(1, 1).double(),
-            torch.from_numpy(invert(camera_to_world))[None],
-            torch.from_numpy(camera.matrix)[None],
-            camera.width,
-            camera.height,
+            Arguments(
+                torch.from_numpy(transform(camera_to_world, point))[None],
+                torch.tensor([[1.0, 0, 0, 0]]).double(),
+                torch.full((1, 3), 1e-6).double(),
+                torch.tensor([0.9]).double(),
+                torch.ones(1, 1).double(),
+                torch.from_numpy(invert(camera_to_world))[None],
+                torch.from_numpy(camera.matrix)[None],
+                camera.width,
+                camera.height,
+            )
         )
         np.testing.assert_allclose(meta["means2d"][0, 0].numpy(), pixel, atol=1e-9)
         row, column = divmod(alpha.argmax().item(), camera.width)
@@ -186,10 +189,10 @@ def test_hostile_gaussian_is_not_there(name, value, sh):
     options = {"sh_degree": 3 if sh else None, "render_mode": "RGB+ED", "rasterize_mode": "antialiased"}
     size = {"width": WIDTH, "height": HEIGHT}
     rest = {key: each[:5] if key in GAUSSIAN_NAMES else each for key, each in values.items()}
-    expected, expected_alpha, _ = rasterization(**rest, **size, **options)
+    expected, expected_alpha, _ = rasterization(Arguments(**rest, **size, **options))
     values[name][5] = value
     values = {key: each if key == "Ks" else each.requires_grad_() for key, each in values.items()}
-    image, alpha, meta = rasterization(**values, **size, **options)
+    image, alpha, meta = rasterization(Arguments(**values, **size, **options))
     torch.testing.assert_close(image, expected)
     torch.testing.assert_close(alpha, expected_alpha)
     assert (meta["radii"][:, 5] == 0).all() and (meta["radii"][:, :5] > 0).all()
@@ -204,7 +207,7 @@ def test_hostile_gaussian_is_not_there(name, value, sh):
 def test_nothing_in_sight_still_has_gradients(count):
     values = {name: each.requires_grad_() for name, each in scene(count, 0, cameras=2).items()}
     values["means"] = values["means"] * torch.tensor([1.0, 1.0, -1.0])
-    image, alpha, meta = rasterization(**values, width=WIDTH, height=HEIGHT, render_mode="RGB+ED")
+    image, alpha, meta = rasterization(Arguments(**values, width=WIDTH, height=HEIGHT, render_mode="RGB+ED"))
     meta["means2d"].retain_grad()
     image.sum().backward()
     assert (alpha == 0).all() and (image[..., :5] == values["backgrounds"][:, None, None]).all()
@@ -214,7 +217,7 @@ def test_nothing_in_sight_still_has_gradients(count):
 
 def test_gradient_of_means2d_is_kept_for_density_control():
     values = {name: each.requires_grad_() for name, each in scene(5, 1).items()}
-    image, _, meta = rasterization(**values, width=WIDTH, height=HEIGHT)
+    image, _, meta = rasterization(Arguments(**values, width=WIDTH, height=HEIGHT))
     meta["means2d"].retain_grad()
     image.square().sum().backward()
     assert (meta["means2d"].grad.abs() > 1e-6).all()
@@ -222,11 +225,11 @@ def test_gradient_of_means2d_is_kept_for_density_control():
 
 def test_cameras_are_independent_and_quaternions_of_any_length():
     values = scene(8, 4, cameras=3)
-    both, _, meta = rasterization(**values, width=WIDTH, height=HEIGHT)
+    both, _, meta = rasterization(Arguments(**values, width=WIDTH, height=HEIGHT))
     values["quats"] *= torch.linspace(0.01, 50, 8)[:, None]
     for index in range(3):
         single = values | {name: values[name][index, None] for name in ("viewmats", "Ks", "backgrounds")}
-        image, _, single_meta = rasterization(**single, width=WIDTH, height=HEIGHT)
+        image, _, single_meta = rasterization(Arguments(**single, width=WIDTH, height=HEIGHT))
         torch.testing.assert_close(image[0], both[index])
         torch.testing.assert_close(single_meta["means2d"][0], meta["means2d"][index])
 
@@ -237,7 +240,7 @@ def test_float32_is_close_to_float64():
     gradients = []
     for dtype in (torch.float32, torch.float64):
         inputs = {name: each.detach().to(dtype).requires_grad_() for name, each in values.items()}
-        image, _, _ = rasterization(**inputs, **options)
+        image, _, _ = rasterization(Arguments(**inputs, **options))
         image.square().sum().backward()
         gradients.append([inputs[name].grad.double() for name in (*GAUSSIAN_NAMES, "viewmats")])
     for single, double in zip(*gradients, strict=True):
