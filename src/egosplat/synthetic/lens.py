@@ -1,4 +1,4 @@
-"""The rays of the camera's pixels, as the calibration's own camera model has them."""
+"""The rays of a camera's pixels: of Aria's lens as its calibration has it, or of a pinhole."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.geometry import to_aria_pixels
+from egosplat.geometry import CLOCKWISE, Camera, to_aria_pixels
 from egosplat.synthetic.aria import camera_calibration
 
 Floats = NDArray[np.float32]
@@ -36,18 +36,47 @@ class Lens:
 
 @lru_cache(maxsize=4)
 def make_lens(size: int) -> Lens:
-    """The rays of pictures of ``size`` x ``size`` pixels; kept, as each takes microseconds to unproject."""
+    """Aria's, for pictures of ``size`` x ``size`` pixels; kept, as each pixel takes microseconds to unproject."""
     calibration = camera_calibration(size)
-    # A margin of one pixel all around gives every pixel's ray its neighbours.
-    steps = np.arange(-1, size + 1) + 0.5
-    centres = to_aria_pixels(np.stack(np.meshgrid(steps, steps), axis=-1))
+    centres = to_aria_pixels(_centres(size, size))
     rays = np.array([calibration.unproject_no_checks(pixel) for pixel in centres.reshape(-1, 2)])
-    rays = (rays / np.linalg.norm(rays, axis=1, keepdims=True)).reshape(*centres.shape[:2], 3)
+    return _lens(rays.reshape(*centres.shape[:2], 3), _radius(size, centres))
+
+
+@lru_cache(maxsize=4)
+def pinhole_lens(camera: Camera) -> Lens:
+    """A square pinhole camera behind Aria's lens: what a rectified, upright picture shows, without resampling."""
+    centres = _centres(camera.width, camera.height)
+    focal, middle = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
+    rays = np.dstack([(centres - middle) / focal, np.ones(centres.shape[:2])])
+    # Upright pixels on the sensor: the lens is as good as symmetric, but the quarter turn costs nothing.
+    sensor = rays @ CLOCKWISE[:3, :3].T
+    calibration = camera_calibration(camera.width)
+    pixels = np.array([calibration.project_no_checks(ray) for ray in sensor.reshape(-1, 3)])
+    return _lens(rays, _radius(camera.width, pixels.reshape(centres.shape)))
+
+
+def _centres(width: int, height: int) -> NDArray[np.float64]:
+    """(H + 2, W + 2, 2) pixel centres with a margin of one all around, so that every pixel has neighbours."""
+    return np.stack(np.meshgrid(np.arange(-1, width + 1) + 0.5, np.arange(-1, height + 1) + 0.5), axis=-1)
+
+
+def _radius(size: int, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distance of projectaria-tools' pixels from the principal point as a share of the lens circle's radius."""
+    calibration = camera_calibration(size)
+    away = np.linalg.norm(pixels - calibration.get_principal_point(), axis=-1)
+    return away / calibration.get_valid_radius()
+
+
+def _lens(rays: NDArray[np.float64], radius: NDArray[np.float64]) -> Lens:
+    """A lens of (H + 2, W + 2, 3) rays, of any length, and (H + 2, W + 2) radii, both with a margin of one."""
+    rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
     right = 0.5 * (rays[1:-1, 2:] - rays[1:-1, :-2])
     down = 0.5 * (rays[2:, 1:-1] - rays[:-2, 1:-1])
-    distance = np.linalg.norm(centres - calibration.get_principal_point(), axis=-1)[1:-1, 1:-1]
-    share = distance / calibration.get_valid_radius()
-    valid = share <= 1.0
     angle = np.sqrt(np.linalg.norm(right, axis=-1) * np.linalg.norm(down, axis=-1))
+    share = radius[1:-1, 1:-1]
+    valid = share <= 1.0
     images = (rays[1:-1, 1:-1], right, down, angle, share)
-    return Lens(size, valid, *(np.ascontiguousarray(image[valid], dtype=np.float32) for image in images))
+    return Lens(
+        len(valid), valid, *(np.ascontiguousarray(image[valid], dtype=np.float32) for image in images)
+    )

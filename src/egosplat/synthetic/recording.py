@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.synthetic.lens import Lens, make_lens
 from egosplat.synthetic.lighting import make_lights
 from egosplat.synthetic.points import semidense_points
 from egosplat.synthetic.render import Renderer
@@ -42,7 +43,7 @@ def make_sequence(
         ValueError: ``motion`` is out of range.
     """
     world = make_world(seed=seed, seconds=seconds, objects=objects, motion=motion)
-    return film(world, make_renderer(world, size), name=name, fps=fps, seconds=seconds)
+    return film(world, make_renderer(world, make_lens(size)), name=name, fps=fps, seconds=seconds)
 
 
 def film(world: World, renderer: Renderer, *, name: str, fps: float, seconds: float) -> Sequence:
@@ -72,10 +73,10 @@ def film(world: World, renderer: Renderer, *, name: str, fps: float, seconds: fl
     )
 
 
-def make_renderer(world: World, size: int) -> Renderer:
-    """The world's surfaces and light, for square pictures of ``size`` pixels."""
+def make_renderer(world: World, lens: Lens) -> Renderer:
+    """The world's surfaces and light, seen through a lens."""
     lights = make_lights(world.apartment.room, np.random.default_rng([world.seed, 3]))
-    return Renderer(world.geometry, lights, size, np.random.default_rng([world.seed, 4]))
+    return Renderer(world.geometry, lights, lens, np.random.default_rng([world.seed, 4]))
 
 
 def render_frames(world: World, renderer: Renderer, captures: NDArray[np.int64]) -> Iterator[Frame]:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.synthetic.atlas import Atlas
-from egosplat.synthetic.lens import Lens, make_lens
+from egosplat.synthetic.lens import Lens
 from egosplat.synthetic.lighting import Lights, bake, face_normals
 from egosplat.synthetic.raycasting import (
     Floats,
@@ -29,18 +29,29 @@ _VISIBILITY_RAYS = 2500
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """One rendering.
+    """One rendering and its truth as ADT records it.
 
     Attributes:
         rgb: (H, W, 3) uint8, with people.
         with_people, without_people: labels and depth.
-        parts: (H, W) int32 number of the part seen (see ``Geometry.part_names``), with people; -1 for none.
     """
 
     rgb: NDArray[np.uint8]
     with_people: View
     without_people: View
-    parts: NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """One rendering alone, with people.
+
+    Attributes:
+        rgb: (H, W, 3) uint8.
+        faces: (H, W) int32 number of the geometry's face that is seen, -1 for none.
+    """
+
+    rgb: NDArray[np.uint8]
+    faces: NDArray[np.int32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,15 +76,15 @@ class Renderer:
         atlas: its textures; static: its surfaces that never move.
     """
 
-    def __init__(self, geometry: Geometry, lights: Lights, size: int, rng: np.random.Generator) -> None:
+    def __init__(self, geometry: Geometry, lights: Lights, lens: Lens, rng: np.random.Generator) -> None:
         """Bake the light that does not change.
 
         Args:
-            geometry: what there is; lights: what lights it; size: side of the picture [px].
+            geometry: what there is; lights: what lights it; lens: through which it is seen.
             rng: for the directions of the light rays.
         """
         self.geometry = geometry
-        self.lens: Lens = make_lens(size)
+        self.lens = lens
         self._lights = lights
         self.atlas = Atlas(geometry.textures)
         self.static = static_scene(geometry)
@@ -84,34 +95,57 @@ class Renderer:
     def shoot(
         self, world_from_camera: Array, poses: dict[int, Array], gain: float, rng: np.random.Generator
     ) -> Shot:
-        """Render the scene.
+        """Render the scene and its truth.
 
         Args:
-            world_from_camera: (4, 4) pose of the camera, sensor orientation.
+            world_from_camera: (4, 4) pose of the camera, in the axes that the lens has.
             poses: (4, 4) pose of every body that moves, by its number in the geometry.
             gain: factor on all brightness; rng: for the sensor's noise.
         """
-        geometry = self.geometry
-        scenes = self._scenes(poses)
-        turn, origin = (
-            world_from_camera[:3, :3].astype(np.float32),
-            world_from_camera[:3, 3].astype(np.float32),
-        )
-        rays = self.lens.directions @ turn.T
+        scenes, turn, origin, rays = self._prepare(world_from_camera, poses)
         empty = self._cast([scenes.static, *scenes.things.values()], origin, rays)
         full = empty
         for person in scenes.people.values():
             full = self._nearer(full, person, origin, rays)
         without = self._view(scenes, empty, origin, rays)
-        rotations = self._rotations(poses)
-        radiance = self._shade(scenes, rotations, full, origin, rays, self.lens.angle)
-        self._soften(scenes, rotations, full, radiance, origin, turn)
         return Shot(
-            self._image(develop(radiance, self.lens.radius, gain, rng), np.uint8),
+            self._develop(scenes, full, poses, origin, turn, gain, rng),
             self._view(scenes, full, origin, rays) if scenes.people else without,
             without,
-            self._image(np.where(full.face >= 0, geometry.face_part[full.face], -1), np.int32, -1),
         )
+
+    def picture(
+        self, world_from_camera: Array, poses: dict[int, Array], gain: float, rng: np.random.Generator
+    ) -> Picture:
+        """Render the scene and which surface each pixel shows; the arguments are ``shoot``'s."""
+        scenes, turn, origin, rays = self._prepare(world_from_camera, poses)
+        hits = self._cast(scenes.full, origin, rays)
+        rgb = self._develop(scenes, hits, poses, origin, turn, gain, rng)
+        return Picture(rgb, self._image(hits.face, np.int32, -1))
+
+    def _prepare(
+        self, world_from_camera: Array, poses: dict[int, Array]
+    ) -> tuple[_Scenes, Floats, Floats, Floats]:
+        """What is looked at, ``world_from_camera``'s rotation and origin, and the rays in the world."""
+        pose = world_from_camera.astype(np.float32)
+        return self._scenes(poses), pose[:3, :3], pose[:3, 3], self.lens.directions @ pose[:3, :3].T
+
+    def _develop(
+        self,
+        scenes: _Scenes,
+        hits: Hits,
+        poses: dict[int, Array],
+        origin: Floats,
+        turn: Floats,
+        gain: float,
+        rng: np.random.Generator,
+    ) -> NDArray[np.uint8]:
+        """The picture of what rays have hit."""
+        rotations = self._rotations(poses)
+        rays = self.lens.directions @ turn.T
+        radiance = self._shade(scenes, rotations, hits, origin, rays, self.lens.angle)
+        self._soften(scenes, rotations, hits, radiance, origin, turn)
+        return self._image(develop(radiance, self.lens.radius, gain, rng), np.uint8)
 
     def _cast(self, scenes: list[RayScene], origin: Floats, rays: Floats) -> Hits:
         hits = scenes[0].cast(origin, rays)

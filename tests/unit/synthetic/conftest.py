@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from egosplat.synthetic.apartment import Apartment, make_apartment
+from egosplat.synthetic.lens import make_lens
 from egosplat.synthetic.recording import film, make_renderer
 from egosplat.synthetic.render import Renderer
 from egosplat.synthetic.sequence import Frame, Sequence
@@ -32,6 +33,6 @@ def apartment() -> Apartment:
 @pytest.fixture(scope="session")
 def filmed() -> Filmed:
     world = make_world(seed=5, seconds=SECONDS, objects=OBJECTS, motion=0.6)
-    renderer = make_renderer(world, SIZE)
+    renderer = make_renderer(world, make_lens(SIZE))
     sequence = film(world, renderer, name="busy", fps=FPS, seconds=SECONDS)
     return Filmed(world, renderer, sequence, list(sequence.frames()))

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from egosplat.frames.rectify import Rectification, pinhole
 from egosplat.geometry import from_aria_pixels, invert, make_pose, to_aria_pixels, transform
 from egosplat.synthetic.aria import camera_calibration
 from egosplat.synthetic.atlas import Atlas
-from egosplat.synthetic.lens import make_lens
+from egosplat.synthetic.lens import make_lens, pinhole_lens
 from egosplat.synthetic.lighting import Lights
 from egosplat.synthetic.raycasting import Body, body_scene, build_geometry
 from egosplat.synthetic.render import Renderer
@@ -53,7 +54,9 @@ def project(points, size):
 def shoot(parts, camera, size=64, poses=None, bodies=()):
     """Render parts, instance ids 1, 2, ..., without noise worth speaking of."""
     all_bodies = [Body(number + 1, (part,), np.eye(4), "static") for number, part in enumerate(parts)]
-    renderer = Renderer(build_geometry([*all_bodies, *bodies]), LIGHTS, size, np.random.default_rng(0))
+    renderer = Renderer(
+        build_geometry([*all_bodies, *bodies]), LIGHTS, make_lens(size), np.random.default_rng(0)
+    )
     return renderer.shoot(camera, poses or {}, 1.0, np.random.default_rng(0))
 
 
@@ -72,6 +75,17 @@ def test_rays_meet_the_pixels_that_they_come_from():
     assert np.median(lens.angle[middle]) == pytest.approx(1 / calibration.get_focal_lengths()[0], rel=0.05)
 
 
+def test_pinhole_rays_are_upright_and_end_at_the_lens_circle():
+    camera = pinhole(64, 460)
+    lens = pinhole_lens(camera)
+    rows, columns = np.nonzero(lens.valid)
+    pixels = camera.project(lens.directions.astype(np.float64))
+    assert pixels == pytest.approx(np.stack([columns, rows], axis=1) + 0.5, abs=1e-4)
+    # The rectified picture of the same side is valid in the same places, but for the circle's rim.
+    valid = Rectification(camera_calibration(64), camera, upright=True).valid
+    assert (valid & ~lens.valid).sum() == 0 and (valid ^ lens.valid).mean() < 0.05
+
+
 def test_ids_are_zero_exactly_outside_of_the_lens_circle(filmed, rays):
     outside = np.isnan(rays[..., 0])
     assert 0.05 < outside.mean() < 0.4
@@ -88,15 +102,19 @@ def test_depth_of_the_floor_is_that_of_a_plane(filmed, rays):
     floor = [n for n, name in enumerate(geometry.part_names) if name.endswith("/floor")]
     seconds = 2.0
     camera = camera_pose(filmed.world, seconds)
-    shot = filmed.renderer.shoot(camera, filmed.world.body_poses(seconds), 1.0, np.random.default_rng(0))
-    seen = np.isin(shot.parts, floor)
+    view = (camera, filmed.world.body_poses(seconds), 1.0)
+    shot = filmed.renderer.shoot(*view, np.random.default_rng(0))
+    picture = filmed.renderer.picture(*view, np.random.default_rng(0))
+    assert np.array_equal(picture.rgb, shot.rgb)
+    parts = np.where(picture.faces >= 0, geometry.face_part[picture.faces], -1)
+    seen = np.isin(parts, floor)
     assert seen.sum() > 1000
     # The floor is y = 0: a ray z (x, y, 1) from height h meets it at z = -h / (its change in height).
     fall = rays[seen] @ camera[1, :3]
     expected = -camera[1, 3] / fall * 1000
     assert np.abs(shot.with_people.depth_mm[seen] - expected).max() < 0.6
     walls = [n for n, name in enumerate(geometry.part_names) if name.endswith("/wall 0")]
-    seen = np.isin(shot.parts, walls)
+    seen = np.isin(parts, walls)
     if seen.any():
         way = rays[seen] @ camera[2, :3]
         expected = (-filmed.world.apartment.room.depth / 2 - camera[2, 3]) / way * 1000
