@@ -13,6 +13,7 @@ import numpy as np
 
 from egosplat.artifacts.reading import open_artifact
 from egosplat.artifacts.splats import SPLATS
+from egosplat.errors import UserError
 
 HEADER = (
     "| scene | origin | size | views | held out | iterations | Gaussians (at most) | PSNR [dB] | lowest, highest "
@@ -47,12 +48,14 @@ def row(scene: Path) -> str:
 @click.command(help=__doc__)
 @click.argument("scenes", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
 def main(scenes: tuple[Path, ...]) -> None:
+    try:
+        rows = [row(scene) for scene in scenes]
+    except UserError as error:
+        raise SystemExit(str(error)) from error
     click.echo(
         "Training of Gaussians in colour: `benchmarks/training.py`. PSNR and SSIM of held-out frames.\n"
     )
-    click.echo(HEADER)
-    for scene in scenes:
-        click.echo(row(scene))
+    click.echo("\n".join([HEADER, *rows]))
 
 
 if __name__ == "__main__":

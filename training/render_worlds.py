@@ -1,0 +1,42 @@
+"""Render the worlds that the small models learn from.
+
+    python training/render_worlds.py data/training --worlds 300
+    python training/render_worlds.py data/held_out --worlds 20 --held-out --size 512 --frames 48 --clips 1
+
+Worlds that are there already are kept, so that the same command goes on where it was stopped.
+"""
+
+import argparse
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+from small_models.worlds import HELD_OUT_SEEDS, TRAINING_SEEDS, Filming, film_world
+
+from egosplat.progress import track
+
+
+def main() -> None:
+    """Parse the command line and render."""
+    default = Filming()
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("output", type=Path, help="folder of the worlds, one folder each")
+    parser.add_argument("--worlds", type=int, required=True, help="how many")
+    parser.add_argument("--held-out", action="store_true", help="worlds to measure on, not to learn from")
+    parser.add_argument("--size", type=int, default=default.size, help="side of the pictures [px]")
+    parser.add_argument("--clips", type=int, default=default.clips, help="clips a world")
+    parser.add_argument("--frames", type=int, default=default.frames, help="frames a clip")
+    parser.add_argument("--step", type=float, default=default.step_s, help="time between frames [s]")
+    parser.add_argument("--processes", type=int, default=2, help="worlds rendered at a time")
+    args = parser.parse_args()
+    filming = Filming(args.size, args.clips, args.frames, args.step)
+    first = HELD_OUT_SEEDS if args.held_out else TRAINING_SEEDS
+    seeds = [seed for seed in range(first, first + args.worlds) if not (args.output / str(seed)).exists()]
+    folders = [args.output / str(seed) for seed in seeds]
+    with ProcessPoolExecutor(args.processes) as pool:
+        made = pool.map(film_world, seeds, [filming] * len(seeds), folders)
+        for _ in track(made, "rendering worlds", total=len(seeds)):
+            pass
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,213 @@
+"""Pictures, prompts and targets for training SAM2, cut at random from filmed worlds."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from small_models.levels import LEVELS
+from small_models.worlds import FilmedWorld
+from torch import Tensor
+
+SIDE = 256
+"""Of the model's picture [px]."""
+
+MASK_SIDE = SIDE // 4
+"""Of the masks that the model gives [px]."""
+
+FINE_SIDE = SIDE // 2
+"""Of the targets by which a mask's IoU is judged [px]: at the mask's own side small ones are too coarse."""
+
+_LEAST_PIXELS = 12
+_MEAN, _STD = np.array([0.485, 0.456, 0.406], np.float32), np.array([0.229, 0.224, 0.225], np.float32)
+"""The normalisation of the published SAM2."""
+
+Rng = np.random.Generator
+Bytes = NDArray[np.uint8]
+Ints = NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False)
+class Clip:
+    """Consecutive pictures of one world, cut and resized alike.
+
+    Attributes:
+        pictures: (T, S, S, 3) uint8.
+        labels: (3, T, S, S) int32 number of subpart, part and whole; -1 for nothing.
+    """
+
+    pictures: Bytes
+    labels: Ints
+
+
+@dataclass(frozen=True, eq=False)
+class Prompts:
+    """Points on one picture and what they mean.
+
+    Attributes:
+        points: (K, 2) float32 pixel (x, y), centres at integer + 0.5.
+        coarse, fine: (K, 3, M, M) and (K, 3, N, N) float32 share of each cell that the level's mask covers.
+        present: (K,) bool: whether there is anything at the point.
+    """
+
+    points: Tensor
+    coarse: Tensor
+    fine: Tensor
+    present: Tensor
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """Masks to follow through a clip.
+
+    Attributes:
+        prompt: (K, 1, S, S) float32 mask given for the first frame, a little wrong on purpose.
+        coarse, fine: (T, K, M, M) and (T, K, N, N) float32 share covered.
+        present: (T, K) bool: whether enough of it is visible.
+    """
+
+    prompt: Tensor
+    coarse: Tensor
+    fine: Tensor
+    present: Tensor
+
+
+def sample_clip(worlds: Sequence[FilmedWorld], rng: Rng, frames: int) -> Clip:
+    """A clip of ``frames`` pictures: any world, cut, side and direction of time; colours changed."""
+    world = worlds[rng.integers(len(worlds))]
+    clips, length, size = world.subpart.shape[:3]
+    clip, first = rng.integers(clips), rng.integers(length - frames + 1)
+    order = np.arange(first, first + frames)
+    if rng.random() < 0.5:
+        order = order[::-1]
+    top, left, height, width = _random_box(rng, size)
+    rows, columns = np.s_[top : top + height], np.s_[left : left + width]
+    flip = rng.random() < 0.5
+    pictures, subparts = [], []
+    for frame in order:
+        rgb, subpart = world.rgb[clip, frame, rows, columns], world.subpart[clip, frame, rows, columns]
+        shrinks = max(height, width) > SIDE
+        picture = cv2.resize(rgb, (SIDE, SIDE), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
+        label = cv2.resize(subpart, (SIDE, SIDE), interpolation=cv2.INTER_NEAREST)
+        pictures.append(picture[:, ::-1] if flip else picture)
+        subparts.append(label[:, ::-1] if flip else label)
+    return Clip(_change_colours(np.stack(pictures), rng), world.labels(np.stack(subparts)))
+
+
+def _random_box(rng: Rng, size: int) -> tuple[int, int, int, int]:
+    """Top, left, height and width of a cut of half the picture's side to all of it, nearly square."""
+    if rng.random() < 0.3:
+        return 0, 0, size, size
+    side = size * np.exp(rng.uniform(np.log(0.5), 0.0))
+    ratio = np.exp(rng.uniform(-0.15, 0.15))
+    height, width = (int(np.clip(side * factor, 32, size)) for factor in (ratio, 1 / ratio))
+    return rng.integers(size - height + 1), rng.integers(size - width + 1), height, width
+
+
+def _change_colours(pictures: Bytes, rng: Rng) -> Bytes:
+    """Gain, contrast and curve at random, now and then other colours altogether, softness and noise."""
+    x = pictures.astype(np.float32) / 255
+    if rng.random() < 0.25:
+        x = x[..., rng.permutation(3)]
+    if rng.random() < 0.8:
+        gain, shift = rng.uniform(0.75, 1.25, 3) * rng.uniform(0.8, 1.2), rng.uniform(-0.05, 0.05)
+        x = np.clip(x * gain.astype(np.float32) + np.float32(shift) * (x > 0), 0, 1) ** np.float32(
+            np.exp(rng.uniform(-0.25, 0.25))
+        )
+    if rng.random() < 0.2:
+        sigma = rng.uniform(0.4, 1.2)
+        x = np.stack([cv2.GaussianBlur(picture, (0, 0), sigma) for picture in x])
+    if rng.random() < 0.3:
+        x = x + rng.normal(0, rng.uniform(0.005, 0.03), x.shape).astype(np.float32)
+    return (np.clip(x, 0, 1) * 255 + 0.5).astype(np.uint8)
+
+
+def to_input(pictures: Bytes) -> Tensor:
+    """(T, S, S, 3) uint8 -> (T, 3, S, S) float32 as the model takes it."""
+    return torch.from_numpy((pictures.astype(np.float32) / 255 - _MEAN) / _STD).permute(0, 3, 1, 2)
+
+
+def sample_prompts(labels: Ints, rng: Rng, count: int) -> Prompts:
+    """Points on one picture, ``labels`` (3, S, S): on small pieces as well as on large ones, some on nothing."""
+    subparts, areas = np.unique(labels[0], return_counts=True)
+    kept = (subparts >= 0) & (areas >= _LEAST_PIXELS)
+    subparts, weights = subparts[kept], np.sqrt(areas[kept])
+    points, coarse, fine, present = [], [], [], []
+    for number in range(count):
+        if number < 0.7 * count and len(subparts):
+            chosen = rng.choice(subparts, p=weights / weights.sum())
+            places = np.flatnonzero(labels[0] == chosen)
+            y, x = divmod(int(places[rng.integers(len(places))]), labels.shape[2])
+        else:
+            y, x = rng.integers(labels.shape[1]), rng.integers(labels.shape[2])
+        values = labels[:, y, x]
+        masks = (labels == values[:, None, None]) & (values >= 0)[:, None, None]
+        points.append((x + 0.5, y + 0.5))
+        coarse.append(share_covered(masks, MASK_SIDE))
+        fine.append(share_covered(masks, FINE_SIDE))
+        present.append(values[0] >= 0)
+    stacked = (torch.from_numpy(np.stack(each)) for each in (coarse, fine))
+    return Prompts(torch.tensor(points, dtype=torch.float32), *stacked, torch.tensor(present))
+
+
+def sample_tracks(clip: Clip, rng: Rng, count: int) -> Tracks:
+    """Masks to follow, of all levels, wholes and movable things more often; hidden on purpose now and then.
+
+    What hides a mask is painted into ``clip.pictures``, and what is hidden leaves ``clip.labels``.
+    """
+    chosen = []
+    for _ in range(count):
+        level = int(rng.choice(len(LEVELS), p=(0.2, 0.25, 0.55)))
+        values, areas = np.unique(clip.labels[level, 0], return_counts=True)
+        kept = (values >= 0) & (areas >= 4 * _LEAST_PIXELS)
+        if kept.any():
+            weights = 1 / np.sqrt(areas[kept])
+            chosen.append((level, rng.choice(values[kept], p=weights / weights.sum())))
+    for level, value in chosen:
+        if rng.random() < 0.25:
+            _hide(clip, level, value, rng)
+    masks = np.stack([clip.labels[level] == value for level, value in chosen], axis=1)
+    prompt = np.stack([_wrong(mask, rng) for mask in masks[0]])[:, None]
+    return Tracks(
+        torch.from_numpy(prompt),
+        torch.from_numpy(share_covered(masks, MASK_SIDE)),
+        torch.from_numpy(share_covered(masks, FINE_SIDE)),
+        torch.from_numpy(masks.sum(axis=(2, 3)) >= _LEAST_PIXELS),
+    )
+
+
+def _hide(clip: Clip, level: int, value: int, rng: Rng) -> None:
+    """Cover a mask in one or two frames after the first by a piece of the picture from elsewhere."""
+    count = len(clip.pictures)
+    first = int(rng.integers(1, count))
+    for frame in range(first, min(count, first + int(rng.integers(1, 3)))):
+        rows, columns = np.nonzero(clip.labels[level, frame] == value)
+        if len(rows) == 0 or (np.ptp(rows) + 1) * (np.ptp(columns) + 1) > 0.15 * SIDE * SIDE:
+            continue
+        margin = int(rng.integers(0, 6))
+        top, left = max(0, rows.min() - margin), max(0, columns.min() - margin)
+        height, width = rows.max() + 1 + margin - top, columns.max() + 1 + margin - left
+        height, width = min(height, SIDE - top), min(width, SIDE - left)
+        y, x = rng.integers(SIDE - height + 1), rng.integers(SIDE - width + 1)
+        patch = clip.pictures[0, y : y + height, x : x + width].copy()
+        clip.pictures[frame, top : top + height, left : left + width] = patch
+        clip.labels[:, frame, top : top + height, left : left + width] = -1
+
+
+def _wrong(mask: NDArray[np.bool_], rng: Rng) -> NDArray[np.float32]:
+    """A mask grown or shrunk by up to two pixels, as found ones are; never empty."""
+    radius = int(rng.integers(-2, 3))
+    if radius == 0:
+        return mask.astype(np.float32)
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * abs(radius) + 1,) * 2)
+    changed = (cv2.dilate if radius > 0 else cv2.erode)(mask.astype(np.uint8), kernel)
+    return (changed if changed.sum() >= _LEAST_PIXELS else mask).astype(np.float32)
+
+
+def share_covered(masks: NDArray[np.bool_], side: int) -> NDArray[np.float32]:
+    """(..., S, S) masks -> (..., side, side) share of each cell that they cover, to within 1/255."""
+    flat = masks.reshape(-1, *masks.shape[-2:]).astype(np.uint8) * np.uint8(255)
+    cells = [cv2.resize(mask, (side, side), interpolation=cv2.INTER_AREA) for mask in flat]
+    return np.stack(cells).reshape(*masks.shape[:-2], side, side).astype(np.float32) / np.float32(255)

@@ -1,0 +1,75 @@
+"""What training SAM2 makes small: errors of masks, of their predicted IoU, of presence, and of the features."""
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+_FOCAL_WEIGHT = 20.0
+"""Of the focal loss beside the dice loss, as SAM has it (Kirillov et al. 2023)."""
+
+
+def mask_loss(logits: Tensor, share: Tensor, balance: float) -> Tensor:
+    """(..., M, M) logits against the share of each cell that is covered -> (...,) focal and dice loss.
+
+    Args:
+        balance: weight of an entropy in which mask and background count alike. Without it everything is
+            background for the first thousands of steps, since masks are small.
+    """
+    logits, share = logits.flatten(-2), share.flatten(-2)
+    probability = logits.sigmoid()
+    entropy = F.binary_cross_entropy_with_logits(logits, share, reduction="none")
+    focal = (entropy * (probability - share).detach().square()).mean(-1)
+    overlap = 2 * (probability * share).sum(-1) + 1
+    dice = 1 - overlap / (probability.square().sum(-1) + share.square().sum(-1) + 1)
+    inside = (entropy * share).sum(-1) / share.sum(-1).clamp(min=1)
+    outside = (entropy * (1 - share)).sum(-1) / (1 - share).sum(-1).clamp(min=1)
+    return _FOCAL_WEIGHT * focal + dice + balance * (inside + outside)
+
+
+@torch.no_grad()
+def mask_iou(logits: Tensor, share: Tensor) -> Tensor:
+    """(..., M, M) logits, enlarged to the side of the (..., N, N) shares and cut at 0 -> (...,) IoU.
+
+    Of two empty masks it is 1.
+    """
+    enlarged = F.interpolate(logits.flatten(0, -3)[None], share.shape[-2:], mode="bilinear")[0] > 0
+    truth = share.flatten(0, -3) > 0.5
+    overlap = (enlarged & truth).flatten(1).sum(1)
+    union = (enlarged | truth).flatten(1).sum(1)
+    return torch.where(union > 0, overlap / union.clamp(min=1), 1.0).reshape(share.shape[:-2])
+
+
+class PixelPairs(nn.Module):
+    """Features of two pixels shall be near exactly where both show the same: a dense signal for the encoder.
+
+    One projection a level; it serves training alone and is not kept.
+    """
+
+    def __init__(self, channels: int, levels: int = 3, width: int = 24, samples: int = 256) -> None:
+        super().__init__()
+        self.projections = nn.ModuleList([nn.Linear(channels, width) for _ in range(levels)])
+        self.samples = samples
+
+    def forward(self, features: Tensor, labels: Tensor) -> Tensor:
+        """(B, C, h, w) features and (B, 3, h, w) int64 labels, -1 for nothing -> loss."""
+        features, labels = features.flatten(2).transpose(1, 2), labels.flatten(2)
+        chosen = torch.multinomial(self._weights(labels[:, 2]), self.samples)
+        features = features.gather(1, chosen[..., None].expand(-1, -1, features.shape[-1]))
+        total = features.new_zeros(())
+        for level, projection in enumerate(self.projections):
+            seen = labels[:, level].gather(1, chosen)
+            same = (seen[:, :, None] == seen[:, None]).float()
+            likeness = 4 - 3 * torch.cdist(projection(features), projection(features))
+            entropy = F.binary_cross_entropy_with_logits(likeness, same, reduction="none")
+            total = total + (entropy * same).sum() / same.sum()
+            total = total + (entropy * (1 - same)).sum() / (1 - same).sum().clamp(min=1)
+        return total / (2 * len(self.projections))
+
+    @staticmethod
+    def _weights(labels: Tensor) -> Tensor:
+        """Pixels of small things are drawn more often: (B, P) by the 0.7th power of their label's area."""
+        rows = []
+        for row in labels:
+            _, number, counts = torch.unique(row, return_inverse=True, return_counts=True)
+            rows.append(counts.float()[number] ** -0.7)
+        return torch.stack(rows)

@@ -1,0 +1,170 @@
+"""One training step of SAM2 on pictures, and one on clips. Works on the published classes as they are."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from sam2.modeling.sam2_base import NO_OBJ_SCORE, SAM2Base
+from small_models.sam2_data import Clip, Prompts, Tracks, to_input
+from small_models.sam2_losses import PixelPairs, mask_iou, mask_loss
+from torch import Tensor
+
+_LEVEL_WEIGHTS = (0.6, 0.8, 1.2)
+"""Of subpart, part and whole: nobody asks for a screw as often as for the table."""
+
+_SINGLE_WEIGHT, _PRESENCE_WEIGHT = 0.3, 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class Encoded:
+    """Features of B pictures: strides 4, 8 and 16, the positions of the last, and the loss of pixel pairs."""
+
+    features: list[Tensor]
+    position: Tensor
+    pairs: Tensor
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """Loss of a step, and the mean IoU of what it predicted (by level, or by frame)."""
+
+    loss: Tensor
+    ious: Tensor
+
+
+def encode(model: SAM2Base, pairs: PixelPairs, pictures: Tensor, labels: np.ndarray) -> Encoded:
+    """(B, 3, S, S) pictures with (B, 3, S, S) labels."""
+    output = model.image_encoder(pictures)
+    features = list(output["backbone_fpn"])
+    coarse = torch.from_numpy(np.ascontiguousarray(labels[..., 1::4, 1::4])).long()
+    loss = pairs(features[0], coarse.to(pictures.device))
+    features[0] = model.sam_mask_decoder.conv_s0(features[0])
+    features[1] = model.sam_mask_decoder.conv_s1(features[1])
+    return Encoded(features, output["vision_pos_enc"][-1], loss)
+
+
+def decode(
+    model: SAM2Base, features: Tensor, fine: list[Tensor], points: Tensor | None
+) -> tuple[Tensor, ...]:
+    """Masks (B, 4, M, M), IoUs (B, 4), tokens and presence logits of (B, 2) points, or of memory alone."""
+    count = len(features)
+    if points is None:
+        place, kind = features.new_zeros(count, 1, 2), -torch.ones(count, 1, dtype=torch.int32)
+    else:
+        place, kind = points[:, None], torch.ones(count, 1, dtype=torch.int32)
+    sparse, dense = model.sam_prompt_encoder(points=(place, kind.to(features.device)), boxes=None, masks=None)
+    return model.sam_mask_decoder.predict_masks(
+        image_embeddings=features,
+        image_pe=model.sam_prompt_encoder.get_dense_pe(),
+        sparse_prompt_embeddings=sparse,
+        dense_prompt_embeddings=dense,
+        repeat_image=False,
+        high_res_features=fine,
+    )
+
+
+def picture_step(
+    model: SAM2Base, pairs: PixelPairs, balance: float, clips: list[Clip], prompts: list[Prompts]
+) -> Outcome:
+    """Point prompts on single pictures: three masks each, and one of the whole from the single-mask token."""
+    device = next(model.parameters()).device
+    pictures = torch.cat([to_input(clip.pictures[:1]) for clip in clips]).to(device)
+    encoded = encode(model, pairs, pictures, np.stack([clip.labels[:, 0] for clip in clips]))
+    count = len(prompts[0].points)
+    repeated = [feature.repeat_interleave(count, 0) for feature in encoded.features]
+    points, coarse, fine, present = (
+        torch.cat([getattr(each, name) for each in prompts]).to(device)
+        for name in ("points", "coarse", "fine", "present")
+    )
+    features = repeated[2] + model.no_mem_embed.view(1, -1, 1, 1)
+    masks, ious, _, presence = decode(model, features, repeated[:2], points)
+    coarse, fine = (torch.cat([each[:, 2:], each], dim=1) for each in (coarse, fine))
+    true = mask_iou(masks, fine)
+    weights = masks.new_tensor((_SINGLE_WEIGHT, *_LEVEL_WEIGHTS)) * present[:, None]
+    loss = (mask_loss(masks, coarse, balance) * weights).sum() / weights.sum().clamp(min=1)
+    loss = loss + ((ious - true).square() * present[:, None]).mean()
+    loss = loss + _PRESENCE_WEIGHT * F.binary_cross_entropy_with_logits(presence[:, 0], present.float())
+    return Outcome(loss + encoded.pairs, true[present][:, 1:].mean(0))
+
+
+def clip_step(
+    model: SAM2Base, pairs: PixelPairs, balance: float, clips: list[Clip], tracks: list[Tracks]
+) -> Outcome:
+    """Masks given for the first frame and followed through the rest by memory."""
+    device = next(model.parameters()).device
+    frames = len(clips[0].pictures)
+    pictures = torch.cat([to_input(clip.pictures) for clip in clips]).to(device)
+    encoded = encode(model, pairs, pictures, np.concatenate([clip.labels.swapaxes(0, 1) for clip in clips]))
+    counts = torch.tensor([len(each.prompt) for each in tracks], device=device)
+    by_frame = [feature.unflatten(0, (len(clips), frames)) for feature in encoded.features]
+    position = encoded.position.unflatten(0, (len(clips), frames))[:, 0].repeat_interleave(counts, 0)
+    prompt = torch.cat([each.prompt for each in tracks]).to(device)
+    coarse, fine, present = (
+        torch.cat([getattr(each, name) for each in tracks], dim=1).to(device)
+        for name in ("coarse", "fine", "present")
+    )
+    memory: dict[str, dict[int, dict[str, Tensor]]] = {"cond_frame_outputs": {}, "non_cond_frame_outputs": {}}
+    losses, ious = [], []
+    for frame in range(frames):
+        at = [feature[:, frame].repeat_interleave(counts, 0) for feature in by_frame]
+        if frame == 0:
+            memory["cond_frame_outputs"][0] = _begin(model, at, prompt)
+            continue
+        masks, predicted, presence, kept = _follow(model, at, position, memory, frame, frames)
+        memory["non_cond_frame_outputs"][frame] = kept
+        seen, true = present[frame].float(), mask_iou(masks, fine[frame])
+        share = seen.sum().clamp(min=1)
+        losses.append((mask_loss(masks, coarse[frame], balance) * seen).sum() / share)
+        losses.append(((predicted - true).square() * seen).sum() / share)
+        losses.append(2 * _PRESENCE_WEIGHT * F.binary_cross_entropy_with_logits(presence, seen))
+        ious.append((true * seen).sum() / share)
+    return Outcome(torch.stack(losses).sum() / (frames - 1) + encoded.pairs, torch.stack(ious))
+
+
+def _tokens(feature: Tensor) -> Tensor:
+    """(B, C, h, w) -> (h * w, B, C)."""
+    return feature.flatten(2).permute(2, 0, 1)
+
+
+def _begin(model: SAM2Base, features: list[Tensor], prompt: Tensor) -> dict[str, Tensor]:
+    """The memory of a mask that is given."""
+    _, _, _, _, high, pointer, presence = model._use_mask_as_output(features[2], features[:2], prompt)
+    return _remember(model, features[2], high, presence, pointer, given=True)
+
+
+def _follow(
+    model: SAM2Base,
+    features: list[Tensor],
+    position: Tensor,
+    memory: dict[str, dict[int, dict[str, Tensor]]],
+    frame: int,
+    frames: int,
+) -> tuple[Tensor, Tensor, Tensor, dict[str, Tensor]]:
+    """Masks (B, M, M), predicted IoU (B,), presence logits (B,) of a frame, and what is to be remembered."""
+    side = features[2].shape[-1]
+    conditioned = model._prepare_memory_conditioned_features(
+        frame_idx=frame,
+        is_init_cond_frame=False,
+        current_vision_feats=[_tokens(features[2])],
+        current_vision_pos_embeds=[_tokens(position)],
+        feat_sizes=[(side, side)],
+        output_dict=memory,
+        num_frames=frames,
+    )
+    masks, ious, tokens, presence = decode(model, conditioned, features[:2], None)
+    appears = presence > 0
+    pointer = model.obj_ptr_proj(tokens[:, 0])
+    pointer = torch.where(appears, pointer, model.no_obj_ptr)
+    gated = torch.where(appears[:, :, None, None], masks[:, :1], NO_OBJ_SCORE)
+    high = F.interpolate(gated, (model.image_size,) * 2, mode="bilinear", align_corners=False)
+    kept = _remember(model, features[2], high, presence, pointer, given=False)
+    return masks[:, 0], ious[:, 0], presence[:, 0], kept
+
+
+def _remember(
+    model: SAM2Base, features: Tensor, high: Tensor, presence: Tensor, pointer: Tensor, given: bool
+) -> dict[str, Tensor]:
+    side = features.shape[-1]
+    stored, position = model._encode_new_memory([_tokens(features)], [(side, side)], high, presence, given)
+    return {"maskmem_features": stored, "maskmem_pos_enc": position, "obj_ptr": pointer}
