@@ -1,7 +1,7 @@
 """How well the small SAM2 segments and follows on held-out worlds, beside the segmenter without weights.
 
-    python training/render_worlds.py data/held_out --worlds 20 --held-out --size 512 --clips 1 --frames 48 --step 0.2
-    python benchmarks/small_sam2.py data/held_out > benchmarks/small_sam2.md
+python training/render_worlds.py data/held_out --worlds 20 --held-out --size 512 --clips 1 --frames 48 --step 0.2
+python benchmarks/small_sam2.py data/held_out > benchmarks/small_sam2.md
 """
 
 import sys
@@ -16,13 +16,13 @@ import torch
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "training"))
 
-from segmentation_bench.scores import LARGE, Scores, score_everything, score_film, score_points  # noqa: E402
-from segmentation_bench.segmenters import ClassicalSegmenter, Segmenter, small_sam2  # noqa: E402
-from segmentation_bench.worlds import LEVELS, SIZES, film, pictures, read_worlds  # noqa: E402
-from small_models.worlds import FilmedWorld  # noqa: E402
+from segmentation_bench.scores import LARGE, Scores, score_everything, score_film, score_points
+from segmentation_bench.segmenters import ClassicalSegmenter, Segmenter, small_sam2
+from segmentation_bench.worlds import LEVELS, SIZES, film, pictures, read_worlds
+from small_models.worlds import FilmedWorld
 
-from egosplat.errors import UserError  # noqa: E402
-from egosplat.progress import track  # noqa: E402
+from egosplat.errors import UserError
+from egosplat.progress import track
 
 
 def measure(segmenter: Segmenter, worlds: list[FilmedWorld], stills: int, tracks: int) -> tuple[Scores, dict]:
@@ -71,7 +71,9 @@ def table(results: dict[str, tuple[Scores, dict]]) -> str:
     add("J, hidden for a while and back", "J", ["hidden for a while"])
     add("silent while hidden (share of frames)", "silent while hidden", ["all"])
     ranks = [scores.rank_correlation() for scores, _ in results.values()]
-    lines.append(f"| rank correlation of predicted and true IoU | | {' | '.join(f'{r:.3f}' for r in ranks)} |")
+    lines.append(
+        f"| rank correlation of predicted and true IoU | | {' | '.join(f'{r:.3f}' for r in ranks)} |"
+    )
     for title, name in {"points": "points", "everything": "everything", "a track's frame": "track"}.items():
         times = [f"{1000 * seconds[name]:.0f}" for _, seconds in results.values()]
         lines.append(f"| time [ms], {title} | | {' | '.join(times)} |")

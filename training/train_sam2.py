@@ -182,6 +182,8 @@ class Run:
             for group in optimizer.param_groups:
                 group["lr"] = rate
         on_clips = self._on_clips(self.step)
+        # The loss draws at random too: each step from a stream of its own, as the samples are.
+        torch.manual_seed(recipe.seed * 1_000_003 + self.step)
         balance = recipe.balance * max(0.0, 1 - self.step / recipe.balanced_steps)
         outcome: Outcome = (clip_step if on_clips else picture_step)(
             self.model, self.pairs, balance, *sampled

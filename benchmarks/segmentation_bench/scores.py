@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import spearmanr
+
 from segmentation_bench.segmenters import Segmenter
 from segmentation_bench.worlds import LEVELS, SIZES, Film, Masks, Picture, comes_back, size_class
 
@@ -75,7 +76,9 @@ def score_film(segmenter: Segmenter, film: Film, scores: Scores) -> None:
             scores.add("J", kind, ious[number, later].mean())
         gone = np.flatnonzero(~visible[number])
         if len(gone):
-            scores.add("silent while hidden", "all", (followed[number, gone].sum((1, 2)) < _LEAST_PIXELS).mean())
+            scores.add(
+                "silent while hidden", "all", (followed[number, gone].sum((1, 2)) < _LEAST_PIXELS).mean()
+            )
 
 
 LARGE = [name for name, least in SIZES.items() if least >= 0.01]

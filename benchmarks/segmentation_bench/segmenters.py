@@ -11,10 +11,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from PIL import Image
-from segmentation_bench.worlds import Film, Picture
 
 from egosplat.models.sam2_loader import Sam2, load_sam2
 from egosplat.segments import classical_regions, classical_tracking
+from segmentation_bench.worlds import Film, Picture
 
 Masks = NDArray[np.bool_]
 
@@ -107,7 +107,9 @@ class ClassicalSegmenter:
     def everything(self, picture: Picture) -> Masks:
         """All regions of all levels."""
         labels = self._segment(picture)
-        return np.concatenate([[level == value for value in np.unique(level[level >= 0])] for level in labels])
+        return np.concatenate(
+            [[level == value for value in np.unique(level[level >= 0])] for level in labels]
+        )
 
     def follow(self, film: Film) -> Masks:
         """By optical flow, snapped to regions."""

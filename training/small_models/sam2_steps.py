@@ -15,6 +15,9 @@ _LEVEL_WEIGHTS = (0.6, 0.8, 1.2)
 
 _SINGLE_WEIGHT, _PRESENCE_WEIGHT = 0.3, 0.2
 
+_GIVEN_SCALE = 20.0
+"""Logits of a given mask are plus and minus half of this, as in SAM2."""
+
 
 @dataclass(frozen=True, eq=False)
 class Encoded:
@@ -45,15 +48,25 @@ def encode(model: SAM2Base, pairs: PixelPairs, pictures: Tensor, labels: np.ndar
 
 
 def decode(
-    model: SAM2Base, features: Tensor, fine: list[Tensor], points: Tensor | None
+    model: SAM2Base,
+    features: Tensor,
+    fine: list[Tensor],
+    points: Tensor | None = None,
+    given: Tensor | None = None,
 ) -> tuple[Tensor, ...]:
-    """Masks (B, 4, M, M), IoUs (B, 4), tokens and presence logits of (B, 2) points, or of memory alone."""
+    """Masks (B, 4, M, M), IoUs (B, 4), tokens and presence logits (B, 1).
+
+    Args:
+        points: (B, 2) prompts; given: (B, 1, M, M) mask prompts. Neither: memory in the features decides.
+    """
     count = len(features)
     if points is None:
         place, kind = features.new_zeros(count, 1, 2), -torch.ones(count, 1, dtype=torch.int32)
     else:
         place, kind = points[:, None], torch.ones(count, 1, dtype=torch.int32)
-    sparse, dense = model.sam_prompt_encoder(points=(place, kind.to(features.device)), boxes=None, masks=None)
+    sparse, dense = model.sam_prompt_encoder(
+        points=(place, kind.to(features.device)), boxes=None, masks=given
+    )
     return model.sam_mask_decoder.predict_masks(
         image_embeddings=features,
         image_pe=model.sam_prompt_encoder.get_dense_pe(),
@@ -109,7 +122,11 @@ def clip_step(
     for frame in range(frames):
         at = [feature[:, frame].repeat_interleave(counts, 0) for feature in by_frame]
         if frame == 0:
-            memory["cond_frame_outputs"][0] = _begin(model, at, prompt)
+            memory["cond_frame_outputs"][0], masks, presence = _begin(model, at, prompt)
+            losses.append(_SINGLE_WEIGHT * mask_loss(masks, coarse[0], balance).mean())
+            losses.append(
+                _PRESENCE_WEIGHT * F.binary_cross_entropy_with_logits(presence, torch.ones_like(presence))
+            )
             continue
         masks, predicted, presence, kept = _follow(model, at, position, memory, frame, frames)
         memory["non_cond_frame_outputs"][frame] = kept
@@ -127,10 +144,25 @@ def _tokens(feature: Tensor) -> Tensor:
     return feature.flatten(2).permute(2, 0, 1)
 
 
-def _begin(model: SAM2Base, features: list[Tensor], prompt: Tensor) -> dict[str, Tensor]:
-    """The memory of a mask that is given."""
-    _, _, _, _, high, pointer, presence = model._use_mask_as_output(features[2], features[:2], prompt)
-    return _remember(model, features[2], high, presence, pointer, given=True)
+def _begin(
+    model: SAM2Base, features: list[Tensor], prompt: Tensor
+) -> tuple[dict[str, Tensor], Tensor, Tensor]:
+    """The memory of a mask that is given, as ``SAM2Base._use_mask_as_output`` makes it.
+
+    Also masks and presence logits of the decoder that makes the mask's pointer: if it were not taught that the
+    thing is there, it would put the pointer of absent things in its place.
+    """
+    masks, _, tokens, presence = decode(model, features[2], features[:2], given=model.mask_downsample(prompt))
+    pointer = _pointer(model, tokens, presence)
+    logits = prompt * _GIVEN_SCALE - _GIVEN_SCALE / 2
+    sure = torch.full_like(presence, _GIVEN_SCALE / 2)
+    kept = _remember(model, features[2], logits, sure, pointer, given=True)
+    return kept, masks[:, 0], presence[:, 0]
+
+
+def _pointer(model: SAM2Base, tokens: Tensor, presence: Tensor) -> Tensor:
+    """(B, C) what stands for the object in memory, or for its absence."""
+    return torch.where(presence > 0, model.obj_ptr_proj(tokens[:, 0]), model.no_obj_ptr)
 
 
 def _follow(
@@ -152,11 +184,9 @@ def _follow(
         output_dict=memory,
         num_frames=frames,
     )
-    masks, ious, tokens, presence = decode(model, conditioned, features[:2], None)
-    appears = presence > 0
-    pointer = model.obj_ptr_proj(tokens[:, 0])
-    pointer = torch.where(appears, pointer, model.no_obj_ptr)
-    gated = torch.where(appears[:, :, None, None], masks[:, :1], NO_OBJ_SCORE)
+    masks, ious, tokens, presence = decode(model, conditioned, features[:2])
+    pointer = _pointer(model, tokens, presence)
+    gated = torch.where((presence > 0)[:, :, None, None], masks[:, :1], NO_OBJ_SCORE)
     high = F.interpolate(gated, (model.image_size,) * 2, mode="bilinear", align_corners=False)
     kept = _remember(model, features[2], high, presence, pointer, given=False)
     return masks[:, 0], ious[:, 0], presence[:, 0], kept

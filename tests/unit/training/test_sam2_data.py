@@ -1,0 +1,117 @@
+"""What SAM2 learns from: prompts mean what their point shows, tracks what their mask shows, cuts are true cuts."""
+
+import numpy as np
+import pytest
+import torch
+from small_models.sam2_data import (
+    FINE_SIDE,
+    MASK_SIDE,
+    SIDE,
+    Clip,
+    sample_clip,
+    sample_prompts,
+    sample_tracks,
+    share_covered,
+    to_input,
+)
+from small_models.worlds import NOTHING, FilmedWorld
+
+
+@pytest.fixture
+def world():
+    """A grid of 6 x 6 subparts that moves to the right, four to a part, and nothing in the upper left corner.
+
+    A subpart's number is its colour.
+    """
+    rows, columns = np.indices((96, 96)) // 16
+    subpart = np.stack([np.roll(rows * 6 + columns, 3 * frame, axis=1) for frame in range(4)])[None].astype(
+        np.uint16
+    )
+    subpart[..., :10, :10] = NOTHING
+    rgb = np.repeat(np.where(subpart == NOTHING, 0, 40 + 5 * subpart)[..., None], 3, axis=-1).astype(np.uint8)
+    part = np.arange(36) // 2
+    tables = np.stack([np.arange(36), part, part // 2])
+    tables = np.pad(tables, ((0, 0), (0, 1)), constant_values=-1).astype(np.int32)
+    return FilmedWorld(rgb, subpart, tables, tuple("abcdefghi"))
+
+
+def test_a_clip_is_cut_alike_in_all_frames_and_in_picture_and_label(world):
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        clip = sample_clip([world], rng, 3)
+        assert clip.pictures.shape == (3, SIDE, SIDE, 3) and clip.labels.shape == (3, 3, SIDE, SIDE)
+        # One colour a subpart, but for smoothing at edges and noise: medians of two differ, those of one do not.
+        values = [value for value in np.unique(clip.labels[0]) if value >= 0]
+        for value in values:
+            colours = [
+                np.median(clip.pictures[frame][clip.labels[0, frame] == value].astype(float), axis=0)
+                for frame in range(3)
+                if (clip.labels[0, frame] == value).sum() > 200
+            ]
+            assert np.ptp(colours, axis=0).max() < 6 if len(colours) > 1 else True
+
+
+def test_prompts_mean_what_is_under_the_point(world):
+    rng = np.random.default_rng(1)
+    labels = world.labels(np.repeat(np.repeat(world.subpart[0, 0], 2, 0), 2, 1))
+    labels = np.pad(labels, ((0, 0), (32, 32), (32, 32)), constant_values=-1)
+    prompts = sample_prompts(labels, rng, 60)
+    assert prompts.coarse.shape == (60, 3, MASK_SIDE, MASK_SIDE) and prompts.fine.shape[-1] == FINE_SIDE
+    for number in range(60):
+        x, y = (prompts.points[number] - 0.5).int().tolist()
+        values = labels[:, y, x]
+        assert bool(prompts.present[number]) == (values[0] >= 0)
+        for level in range(3):
+            expected = (labels[level] == values[level]) & (values[level] >= 0)
+            share = expected.reshape(MASK_SIDE, 4, MASK_SIDE, 4).mean((1, 3))
+            assert np.abs(prompts.coarse[number, level].numpy() - share).max() < 0.005
+    assert 0 < (~prompts.present).sum() < 30
+
+
+def test_small_pieces_are_asked_for_too():
+    labels = np.zeros((3, SIDE, SIDE), np.int32)
+    labels[:, 100:105, 100:105] = 1
+    prompts = sample_prompts(labels, np.random.default_rng(0), 600)
+    small = (prompts.fine.sum((1, 2, 3)) < 100).sum()
+    assert small > 3, "one in 2,600 if pixels were drawn alike"
+
+
+def test_tracks_are_the_masks_of_later_frames(world):
+    rng = np.random.default_rng(2)
+    hidden = 0
+    for _ in range(20):
+        clip = sample_clip([world], rng, 4)
+        before = Clip(clip.pictures.copy(), clip.labels.copy())
+        tracks = sample_tracks(clip, rng, 5)
+        count = tracks.prompt.shape[0]
+        assert tracks.prompt.shape == (count, 1, SIDE, SIDE) and tracks.coarse.shape == (
+            4,
+            count,
+            MASK_SIDE,
+            MASK_SIDE,
+        )
+        assert tracks.present[0].all(), "what is to be followed is visible at first"
+        assert (tracks.prompt.sum((1, 2, 3)) > 0).all()
+        # Given masks are near the true ones.
+        given = torch.from_numpy(share_covered(tracks.prompt[:, 0].numpy() > 0, MASK_SIDE))
+        assert ((given - tracks.coarse[0]).abs().mean((1, 2)) < 0.05).all()
+        covered = (clip.labels == -1) & (before.labels >= 0)
+        hidden += bool(covered.any())
+        assert not covered[:, 0].any(), "the first frame is left as it is"
+        untouched = ~covered.any(axis=0)
+        assert np.array_equal(clip.pictures[untouched], before.pictures[untouched])
+    assert 2 < hidden < 20
+
+
+def test_shares_are_means_of_cells():
+    masks = np.random.default_rng(0).random((2, 5, SIDE, SIDE)) < 0.5
+    expected = masks.reshape(2, 5, MASK_SIDE, 4, MASK_SIDE, 4).mean((3, 5))
+    assert np.abs(share_covered(masks, MASK_SIDE) - expected).max() < 1 / 254
+
+
+def test_input_is_normalised():
+    grey = np.full((1, SIDE, SIDE, 3), 124, np.uint8)
+    values = to_input(grey)
+    assert values.shape == (1, 3, SIDE, SIDE) and values.dtype == torch.float32
+    expected = (124 / 255 - np.array([0.485, 0.456, 0.406])) / [0.229, 0.224, 0.225]
+    torch.testing.assert_close(values[0, :, 0, 0], torch.tensor(expected, dtype=torch.float32))

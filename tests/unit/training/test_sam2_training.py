@@ -1,0 +1,169 @@
+"""Training SAM2: losses know right from wrong, steps reach every weight, a stopped run goes on as if it had not."""
+
+import itertools
+
+import numpy as np
+import pytest
+import torch
+import train_sam2
+from small_models import sam2_data, sam2_steps
+from small_models.sam2_losses import PixelPairs, mask_iou, mask_loss
+from small_models.schedule import Average, half_precision, learning_rate, read_state, save_state
+from small_models.worlds import FilmedWorld
+from train_sam2 import Recipe, Run
+
+from egosplat.errors import UserError
+
+RECIPE = Recipe(steps=4, seed=3, clips_from=0.5, pictures=1, points=3, clips=1, frames=3, tracks=2, warm_up=1)
+
+
+@pytest.fixture(scope="module")
+def world():
+    rng = np.random.default_rng(0)
+    rows, columns = np.indices((64, 64)) // 16
+    subpart = np.stack([np.roll(rows * 4 + columns, 2 * frame, axis=1) for frame in range(3)])[None].astype(
+        np.uint16
+    )
+    colours = rng.integers(0, 256, (16, 3), dtype=np.uint8)
+    tables = np.stack([np.arange(16), np.arange(16) // 2, np.arange(16) // 4])
+    tables = np.pad(tables, ((0, 0), (0, 1)), constant_values=-1).astype(np.int32)
+    return FilmedWorld(colours[subpart], subpart, tables, tuple("abcd"))
+
+
+def test_mask_loss_falls_towards_the_truth():
+    share = torch.zeros(3, 16, 16)
+    share[:, 4:9, 5:12] = 1.0
+    right, unsure = (2 * share - 1) * 8, torch.zeros(3, 16, 16)
+    for balance in (0.0, 0.5):
+        losses = [mask_loss(logits, share, balance) for logits in (right, unsure, -right)]
+        assert (losses[0] < 0.01).all() and (losses[0] < losses[1]).all() and (losses[1] < losses[2]).all()
+    extreme = mask_loss(torch.full((1, 16, 16), 1e4), torch.zeros(1, 16, 16), 0.5)
+    assert extreme.isfinite().all()
+
+
+def test_mask_iou_is_that_of_enlarged_masks():
+    share = torch.zeros(1, 2, 16, 16)
+    share[0, 0, 4:8, 4:12] = 1.0
+    logits = torch.full((1, 2, 8, 8), -5.0)
+    logits[0, 0, 2:4, 2:6] = 5.0
+    found = mask_iou(logits, share)
+    assert found.shape == (1, 2)
+    assert found[0, 0] > 0.6 and found[0, 1] == 1.0, "two empty masks are alike"
+
+
+def test_pairs_of_one_thing_shall_be_near():
+    torch.manual_seed(0)
+    pairs = PixelPairs(3, samples=64)
+    labels = (torch.arange(256).reshape(1, 1, 16, 16) // 64).expand(2, 3, 16, 16)
+    told = torch.nn.functional.one_hot(labels[:, 0] % 3, 3).permute(0, 3, 1, 2).float()
+    for projection in pairs.projections:
+        torch.nn.init.eye_(projection.weight)
+    torch.manual_seed(1)
+    apart = pairs(10 * told, labels % 3)
+    torch.manual_seed(1)
+    together = pairs(0 * told, labels % 3)
+    assert apart < 0.1 < together
+
+
+def test_a_given_mask_is_remembered_as_sam2_does(world, tmp_path):
+    model = Run(RECIPE, [world], tmp_path / "state.pt", torch.device("cpu")).model.eval()
+    torch.manual_seed(0)
+    features = [torch.randn(2, 16, 64, 64), torch.randn(2, 32, 32, 32), torch.randn(2, 128, 16, 16)]
+    prompt = torch.zeros(2, 1, 256, 256)
+    prompt[0, 0, 40:90, 60:120] = prompt[1, 0, 200:, :30] = 1.0
+    with torch.no_grad():
+        kept, _, presence = sam2_steps._begin(model, features, prompt)
+        _, _, _, _, high, pointer, score = model._use_mask_as_output(features[2], features[:2], prompt)
+        tokens = features[2].flatten(2).permute(2, 0, 1)
+        stored, _ = model._encode_new_memory([tokens], [(16, 16)], high, score, True)
+    assert presence.shape == (2,)
+    torch.testing.assert_close(kept["obj_ptr"], pointer)
+    torch.testing.assert_close(kept["maskmem_features"], stored)
+
+
+def test_a_step_of_either_kind_teaches_all_that_it_uses(world, tmp_path):
+    run = Run(RECIPE, [world], tmp_path / "state.pt", torch.device("cpu"))
+    # Only of what is there a pointer is made.
+    torch.nn.init.constant_(run.model.sam_mask_decoder.pred_obj_score_head.layers[-1].bias, 5.0)
+    taught = set()
+    for step in (0, 3):
+        run.step = step
+        before = {name: value.detach().clone() for name, value in run.model.named_parameters()}
+        run._take(run._sample(step))
+        changed = {
+            name
+            for name, value in run.model.named_parameters()
+            if value.grad is not None and value.grad.any()
+        }
+        assert changed and all(value.isfinite().all() for value in run.model.parameters())
+        assert any(not torch.equal(before[name], value) for name, value in run.model.named_parameters())
+        taught |= changed
+    rooms = {name.split(".")[0] for name in taught}
+    assert {
+        "image_encoder",
+        "memory_attention",
+        "memory_encoder",
+        "sam_mask_decoder",
+        "obj_ptr_proj",
+    } <= rooms
+    assert {"maskmem_tpos_enc", "no_mem_embed", "sam_prompt_encoder"} <= rooms
+
+
+def test_a_stopped_run_goes_on_to_the_same_weights(world, tmp_path, monkeypatch):
+    whole = Run(RECIPE, [world], tmp_path / "whole.pt", torch.device("cpu"))
+    whole.train()
+    stopped = Run(RECIPE, [world], tmp_path / "stopped.pt", torch.device("cpu"))
+    take = Run._take
+
+    def take_two(self, sampled):
+        if self.step == 2:
+            self._save()
+            raise KeyboardInterrupt
+        take(self, sampled)
+
+    monkeypatch.setattr(Run, "_take", take_two)
+    with pytest.raises(KeyboardInterrupt):
+        stopped.train()
+    monkeypatch.setattr(Run, "_take", take)
+    resumed = Run(RECIPE, [world], tmp_path / "stopped.pt", torch.device("cpu"))
+    assert resumed.step == 2
+    # What else draws from torch's generator must not matter.
+    torch.rand(7)
+    resumed.train()
+    for name, value in whole.average.weights.items():
+        torch.testing.assert_close(resumed.average.weights[name], value, rtol=0, atol=0, msg=name)
+
+
+def test_rubbish_in_place_of_a_state_is_told(tmp_path):
+    path = tmp_path / "state.pt"
+    assert read_state(path, torch.device("cpu")) is None
+    path.write_bytes(b"rubbish")
+    with pytest.raises(UserError, match=r"state\.pt: not a training state"):
+        read_state(path, torch.device("cpu"))
+    path.unlink()
+    save_state(path, step=5)
+    assert read_state(path, torch.device("cpu")) == {"step": 5}
+
+
+def test_the_learning_rate_rises_stays_and_falls():
+    rates = [learning_rate(1.0, step, 100, 10, 0.3) for step in range(100)]
+    assert rates[0] == pytest.approx(0.1) and rates[9:70] == [1.0] * 61
+    assert all(later < earlier for earlier, later in itertools.pairwise(rates[71:]))
+    assert 0.01 <= rates[-1] < 0.05
+    longer = [learning_rate(1.0, step, 200, 10, 0.3) for step in range(70)]
+    assert longer == rates[:70], "a longer run begins alike"
+
+
+def test_the_average_follows_and_is_shipped_in_half_precision():
+    model = torch.nn.Linear(2, 1, bias=False)
+    torch.nn.init.zeros_(model.weight)
+    average = Average(model, 0.9)
+    torch.nn.init.ones_(model.weight)
+    for step in range(200):
+        average.update(model, step)
+    assert average.weights["weight"] == pytest.approx(torch.ones(1, 2), abs=1e-3)
+    assert half_precision(average.weights)["weight"].dtype == torch.float16
+
+
+def test_the_configuration_is_the_shipped_one():
+    assert train_sam2.CONFIG.exists() and sam2_data.SIDE == 256

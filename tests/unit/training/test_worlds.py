@@ -1,0 +1,110 @@
+"""Worlds to learn from: levels are nested and connected, pictures belong to their labels, seeds do not meet."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from small_models import worlds
+from small_models.levels import find_levels
+from small_models.worlds import NOTHING, Filming, film_world, read_world
+
+from egosplat.synthetic.world import make_world
+
+SCENES = Path(__file__).resolve().parents[3] / "config/scenes.tsv"
+TINY = Filming(size=64, clips=2, frames=3, step_s=0.3)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    made = tmp_path_factory.mktemp("worlds") / "77"
+    film_world(77, TINY, made)
+    return made
+
+
+@pytest.fixture(scope="module")
+def world():
+    return make_world(seed=8, seconds=6.0, objects=18, motion=0.8)
+
+
+def test_every_subpart_is_a_connected_piece_of_one_part(world):
+    levels = find_levels(world)
+    geometry = world.geometry
+    assert len(levels.face_subpart) == len(geometry.faces)
+    for subpart in range(0, len(levels.subpart_part), 7):
+        faces = np.flatnonzero(levels.face_subpart == subpart)
+        assert set(geometry.face_part[faces]) == {levels.subpart_part[subpart]}
+    # Four legs stand apart; a table's top is one piece.
+    names = np.array(levels.part_names)
+    counts = np.bincount(levels.subpart_part, minlength=len(names))
+    assert (counts[names == "legs"] == 4).any() and (counts[names == "floor"] == 1).all()
+
+
+def test_wholes_are_things_people_and_pieces_of_the_building(world):
+    levels = find_levels(world)
+    of_building = [
+        name for name, one in zip(levels.whole_names, levels.whole_instance, strict=True) if one == 0
+    ]
+    assert {"floor", "ceiling", "wall 0", "window", "door", "lamp"} <= set(of_building)
+    windows = [number for number, name in enumerate(levels.whole_names) if name == "window"]
+    assert len(windows) == len(world.apartment.room.windows)
+    for window in windows:
+        parts = [levels.part_names[part] for part in np.flatnonzero(levels.part_whole == window)]
+        assert sorted(parts) == ["view", "window frame", "window reveal", "window sill"]
+    # Everything else is one whole an instance, under its category.
+    rest = [number for number, one in enumerate(levels.whole_instance) if one != 0]
+    assert sorted(levels.whole_instance[rest]) == list(range(1, len(world.instances)))
+    assert [levels.whole_names[number] for number in rest] == [
+        world.instances[levels.whole_instance[number]].category for number in rest
+    ]
+
+
+def test_pictures_and_labels_belong_together(folder):
+    filmed = read_world(folder)
+    assert filmed.rgb.shape == (2, 3, 64, 64, 3) and filmed.rgb.dtype == np.uint8
+    assert filmed.subpart.shape == (2, 3, 64, 64)
+    labels = filmed.labels(filmed.subpart)
+    assert labels.shape == (3, 2, 3, 64, 64)
+    nothing = filmed.subpart == NOTHING
+    assert (labels[:, nothing] == -1).all() and (labels[:, ~nothing] >= 0).all()
+    assert (filmed.rgb[nothing] == 0).all()
+    # Levels are nested: what is one subpart is one part, and one part is one whole.
+    for fine, coarse in ((0, 1), (1, 2)):
+        pairs = np.unique(np.stack([labels[fine].ravel(), labels[coarse].ravel()]), axis=1)
+        assert len(np.unique(pairs[0])) == pairs.shape[1]
+    assert labels[2].max() < len(filmed.names)
+
+
+def test_a_label_covers_what_it_is_of_an_image(folder):
+    """Edges of labels lie on edges of the picture far more often than elsewhere."""
+    filmed = read_world(folder)
+    grey = filmed.rgb[0, 0].astype(np.float64).mean(-1)
+    step = np.abs(np.diff(grey, axis=1))
+    part = filmed.labels(filmed.subpart[0, 0])[1]
+    border = (np.diff(part, axis=1) != 0) & (part[:, 1:] >= 0) & (part[:, :-1] >= 0)
+    inside = (np.diff(part, axis=1) == 0) & (part[:, 1:] >= 0)
+    assert border.sum() > 50 and step[border].mean() > 2 * step[inside].mean()
+
+
+def test_the_same_seed_makes_the_same_world(folder, tmp_path):
+    film_world(77, TINY, tmp_path / "again")
+    for name in ("rgb.npy", "subpart.npy", "world.json"):
+        assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes()
+    assert json.loads((folder / "world.json").read_text())["seed"] == 77
+
+
+def test_an_interrupted_world_leaves_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr(worlds.json, "dumps", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        film_world(77, Filming(size=32, clips=1, frames=1), tmp_path / "77")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_seeds_are_far_from_those_of_recordings():
+    rows = pd.read_csv(SCENES, sep="\t")
+    seeds = [
+        int(options.partition("synthetic.seed=")[2].split()[0])
+        for options in rows[rows.dataset == "adt"].options
+    ]
+    assert len(seeds) == 5 and max(seeds) < worlds.TRAINING_SEEDS < worlds.HELD_OUT_SEEDS
