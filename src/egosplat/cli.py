@@ -102,6 +102,22 @@ def keys() -> None:
     click.echo(keys_table())
 
 
+@cli.command()
+@click.option(
+    "--configfile", multiple=True, type=ARTIFACT, help="Read over config/config.yaml; may be repeated."
+)
+@click.option("--config", multiple=True, metavar="KEY=VALUE", help="Set over all files, as in preset=fast.")
+def doctor(configfile: tuple[Path, ...], config: tuple[str, ...]) -> None:
+    """Say what this machine can do with the configuration, and what it lacks (then with status 1)."""
+    from egosplat.doctor.examination import examine
+    from egosplat.doctor.findings import Mark, page
+
+    findings = examine(configfile, config)
+    click.echo(page(findings))
+    if any(finding.mark == Mark.MISSING for finding in findings):
+        raise SystemExit(1)
+
+
 def stage_command(stage: str) -> click.Command:
     """The command of a stage, with a flag for each path and each key of its configuration section."""
 

@@ -1,0 +1,50 @@
+"""The configuration as the workflow would read it."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import yaml
+
+import egosplat
+from egosplat.config import Config, merge, read_yaml, resolve
+from egosplat.errors import UserError
+
+SHIPPED = Path("config/config.yaml")
+"""What the workflow reads first, relative to the working directory."""
+
+PRESETS = Path("config/presets")
+
+
+def read_configuration(files: Sequence[Path], options: Sequence[str]) -> tuple[Config, list[str]]:
+    """The whole configuration, as Snakemake would make it of the same options, and where it comes from.
+
+    Args:
+        files: of ``--configfile``; a later one stands over an earlier one, all over config/config.yaml.
+        options: of ``--config``, as ``preset=fast`` or ``models={device: cpu}``; they stand over the files.
+
+    Raises:
+        UserError: a file or an option cannot be read, or a key or value is not allowed.
+    """
+    read = [path for path in (SHIPPED, *files) if path in files or path.is_file()]
+    config: Config = {}
+    for path in read:
+        config = merge(config, read_yaml(path))
+    for option in options:
+        config = merge(config, _parsed(option))
+    return resolve(config, _presets()), [*map(str, read), *options]
+
+
+def _parsed(option: str) -> Config:
+    key, equals, value = option.partition("=")
+    try:
+        content = yaml.safe_load(value)
+    except yaml.YAMLError:
+        content = None
+    if not (equals and key) or content is None:
+        raise UserError(f"--config {option}: is not of the form KEY=VALUE, as in preset=fast")
+    return {key: content}
+
+
+def _presets() -> Path:
+    """The presets beside the working directory's configuration, else those of the source tree."""
+    return PRESETS if PRESETS.is_dir() else Path(egosplat.__file__).resolve().parents[2] / PRESETS

@@ -1,0 +1,56 @@
+"""What the doctor finds, and how it is told: one aligned line each, in plain text."""
+
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+WIDTH = 110
+"""Of the page, in characters; a path or an address is not broken."""
+
+
+class Mark(StrEnum):
+    """What a finding means for the configuration."""
+
+    OK = "ok"
+    NOTE = "note"
+    MISSING = "missing"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One line of the page.
+
+    Attributes:
+        mark: ``missing`` where the configuration needs what is not there.
+        what: of what it speaks.
+        value: what was found.
+        advice: what to do, where something is to be done.
+    """
+
+    mark: Mark
+    what: str
+    value: str
+    advice: str = ""
+
+
+def page(findings: Sequence[Finding]) -> str:
+    """The findings as aligned lines, and at last how many things are missing."""
+    what = max(len(finding.what) for finding in findings)
+    mark = max(len(mark) for mark in Mark)
+    lines = [line for finding in findings for line in _lines(finding, mark, what)]
+    missing = sum(finding.mark == Mark.MISSING for finding in findings)
+    things = "1 thing" if missing == 1 else f"{missing} things"
+    verdict = f"{things} that this configuration needs: see 'missing'" if missing else "Nothing is missing."
+    return "\n".join([*lines, "", verdict])
+
+
+def _lines(finding: Finding, mark: int, what: int) -> list[str]:
+    head = f"{finding.mark:{mark}}  {finding.what:{what}}  "
+    paragraphs = [finding.value, *finding.advice.splitlines()]
+    wrapped = [line for text in paragraphs for line in _wrapped(text, WIDTH - len(head))]
+    return [head + wrapped[0], *(" " * len(head) + line for line in wrapped[1:])]
+
+
+def _wrapped(text: str, width: int) -> list[str]:
+    return textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False) or [""]

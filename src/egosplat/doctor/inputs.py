@@ -1,0 +1,68 @@
+"""What the configuration asks for and finds on disk: models and recordings."""
+
+from collections.abc import Iterator
+from itertools import groupby
+from pathlib import Path
+
+from egosplat.config import Config
+from egosplat.doctor.findings import Finding, Mark
+from egosplat.errors import UserError
+from egosplat.models.checkpoints import CLIP, SAM2, Model, find_checkpoint, model_hash
+from egosplat.scenes import Scene
+
+MIB = 1024**2
+
+
+def model_findings(config: Config) -> Iterator[Finding]:
+    """Each model's architecture and checkpoint, and where models run."""
+    yield from (_model(model, config) for model in (SAM2, CLIP))
+    yield _compute(config)
+
+
+def recording_findings(config: Config, scenes: list[Scene]) -> Iterator[Finding]:
+    """For each dataset of the table of scenes, which of its recordings are there."""
+    for dataset, rows in groupby(
+        sorted(scenes, key=lambda scene: scene.dataset), lambda scene: scene.dataset
+    ):
+        yield _recordings(dataset, config["data_root"].get(dataset), list(rows))
+
+
+def _model(model: Model, config: Config) -> Finding:
+    keys = config["models"]
+    try:
+        path = find_checkpoint(model, keys[model.checkpoint_key])
+        content = model_hash(model, keys)
+    except UserError as error:
+        first, _, advice = str(error).partition("\n")
+        return Finding(Mark.MISSING, model.name, first, advice)
+    size = f"{path.stat().st_size / MIB:.1f} MiB"
+    checkpoint = f"checkpoint {keys[model.checkpoint_key]}, {size}, hash {content[:8]}"
+    return Finding(Mark.OK, model.name, f"{keys[model.config_key]}, {checkpoint}")
+
+
+def _compute(config: Config) -> Finding:
+    from egosplat.models.devices import choose_compute
+
+    try:
+        compute = choose_compute(config["models"]["device"], config["models"]["precision"])
+    except UserError as error:
+        return Finding(Mark.MISSING, "models run on", str(error))
+    return Finding(Mark.OK, "models run on", f"{compute.device}, {str(compute.dtype).removeprefix('torch.')}")
+
+
+def _recordings(dataset: str, root: str | None, scenes: list[Scene]) -> Finding:
+    what = f"{dataset} recordings"
+    if all(scene.synthetic for scene in scenes):
+        stand_in = f"no data_root.{dataset}: synthetic apartments stand in for its {len(scenes)} scenes"
+        return Finding(Mark.OK, what, stand_in)
+    absent = [scene for scene in scenes if not scene.synthetic and not scene.recording.exists()]
+    found = f"{len(scenes) - len(absent)} of {len(scenes)} below {root or Path.cwd()}"
+    if not absent:
+        return Finding(Mark.OK, what, found)
+    names = ", ".join(f"{scene.scene} ({scene.recording})" for scene in absent)
+    if root is not None and len(absent) == len(scenes):
+        advice = f"Put them there, or set data_root.{dataset} to the folder that holds them, or to null"
+        return Finding(Mark.MISSING, what, f"{found}; first looked for: {absent[0].recording}", advice)
+    if len(absent) == len(scenes):
+        return Finding(Mark.NOTE, what, f"none; data_root.{dataset} is not set")
+    return Finding(Mark.NOTE, what, f"{found}; not there: {names}")

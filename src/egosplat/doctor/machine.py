@@ -1,0 +1,109 @@
+"""What this machine is and has."""
+
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+from collections.abc import Iterator
+from importlib import metadata
+from pathlib import Path
+
+from egosplat.config import Config
+from egosplat.doctor.findings import Finding, Mark
+
+GIB = 1024**3
+FREE_DISK_GIB = 5.0
+"""Below, the doctor warns: a scene of the balanced preset takes about 0.2 GiB, one of the paper's size far more."""
+
+
+def machine_findings(config: Config) -> Iterator[Finding]:
+    """Python, PyTorch, the GPU, compiler and kernels, processor, memory and disk; and whether they suffice."""
+    import torch
+
+    yield Finding(
+        Mark.OK, "Python", f"{platform.python_version()} on {platform.system()} {platform.machine()}"
+    )
+    yield Finding(Mark.OK, "PyTorch", f"{torch.__version__}, {torch.get_num_threads()} threads")
+    yield _gpu(config)
+    yield _gsplat(config)
+    yield _compiler()
+    yield _kernels(config)
+    yield Finding(Mark.OK, "cores", str(len(os.sched_getaffinity(0))))
+    yield _memory()
+    yield _disk()
+
+
+def _gpu(config: Config) -> Finding:
+    import torch
+
+    if torch.cuda.is_available():
+        name, memory = torch.cuda.get_device_name(), torch.cuda.get_device_properties(0).total_memory
+        return Finding(Mark.OK, "GPU", f"{name}, {memory / GIB:.0f} GiB")
+    keys = [f"{section}.{key}" for section, key in _asking_for("cuda", config)]
+    if keys:
+        return Finding(Mark.MISSING, "GPU", "PyTorch finds none", f"Set {' and '.join(keys)} to auto")
+    return Finding(Mark.NOTE, "GPU", "PyTorch finds none: everything runs on the CPU")
+
+
+def _gsplat(config: Config) -> Finding:
+    import torch
+
+    try:
+        return Finding(Mark.OK, "gsplat", metadata.version("gsplat"))
+    except metadata.PackageNotFoundError:
+        pass
+    install = "Run: pip install 'egosplat[cuda]'"
+    if config["splats"]["backend"] == "cuda":
+        return Finding(Mark.MISSING, "gsplat", "not installed, and splats.backend is cuda", install)
+    if torch.cuda.is_available():
+        return Finding(Mark.NOTE, "gsplat", "not installed: Gaussians are trained on the CPU", install)
+    return Finding(Mark.OK, "gsplat", "not installed; only a GPU needs it")
+
+
+def _compiler() -> Finding:
+    from egosplat.kernels.compiling import find_compiler
+
+    command = find_compiler()
+    if command is None:
+        advice = "To compile the kernels anew, install one: apt install g++"
+        return Finding(Mark.NOTE, "C++ compiler", "none found", advice)
+    done = subprocess.run([command[0], "--version"], capture_output=True, text=True, check=False)
+    said = done.stdout.splitlines() or ["of unknown version"]
+    return Finding(Mark.OK, "C++ compiler", f"{shlex.join(command)}: {said[0]}")
+
+
+def _kernels(config: Config) -> Finding:
+    from egosplat.kernels import library
+    from egosplat.kernels.variants import HERE, VARIANTS
+
+    if problem := library.why_not():
+        first, _, advice = problem.partition("\n")
+        mark = Mark.MISSING if config["splats"]["backend"] == "cpu" else Mark.NOTE
+        return Finding(mark, "kernels", first, advice)
+    compiled = ", ".join(variant.name for variant in VARIANTS if (HERE / variant.file).is_file())
+    return Finding(Mark.OK, "kernels", f"{library.variant()} (compiled: {compiled})")
+
+
+def _memory(meminfo: Path = Path("/proc/meminfo")) -> Finding:
+    if not meminfo.is_file():
+        total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+        return Finding(Mark.OK, "memory", f"{total / GIB:.1f} GiB")
+    lines = (line.partition(":") for line in meminfo.read_text().splitlines())
+    kib = {key: int(rest.split()[0]) for key, _, rest in lines}
+    free, total = kib["MemAvailable"] * 1024 / GIB, kib["MemTotal"] * 1024 / GIB
+    return Finding(Mark.OK, "memory", f"{free:.1f} of {total:.1f} GiB free")
+
+
+def _disk() -> Finding:
+    free = shutil.disk_usage(".").free / GIB
+    value = f"{free:.0f} GiB free at {Path.cwd()}"
+    if free < FREE_DISK_GIB:
+        return Finding(Mark.NOTE, "disk", value, "Make room, or work in a folder on another disk")
+    return Finding(Mark.OK, "disk", value)
+
+
+def _asking_for(device: str, config: Config) -> list[tuple[str, str]]:
+    """The keys that ask for a device by name."""
+    keys = (("splats", "backend"), ("models", "device"))
+    return [(section, key) for section, key in keys if config[section][key] == device]

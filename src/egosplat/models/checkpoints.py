@@ -1,0 +1,128 @@
+"""Where a model's checkpoint lies and what its content is; neither needs the model's libraries."""
+
+import functools
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from egosplat.errors import UserError
+from egosplat.models.configs import SMALL, SMALL_CLIP, SMALL_SAM2, clip_config_files, sam2_config_files
+
+MISSING = "missing"
+"""In place of the hash of a model that is not there: only the stage that needs it complains."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """One of the models that egosplat stands on.
+
+    Attributes:
+        name: what it is called.
+        config_key, checkpoint_key: its keys in the configuration's section ``models``.
+        small: the packaged small checkpoint.
+        published: name of the paper's checkpoint.
+        address: where that is to be had.
+    """
+
+    name: str
+    config_key: str
+    checkpoint_key: str
+    small: Path
+    published: str
+    address: str
+
+
+SAM2 = Model(
+    "SAM2",
+    "sam2_config",
+    "sam2_checkpoint",
+    SMALL_SAM2.parent / "model.safetensors",
+    "SAM2.1 hiera_base_plus",
+    "https://dl.fbaipublicfiles.com/segment_anything_2/092824/sam2.1_hiera_base_plus.pt",
+)
+
+CLIP = Model(
+    "OpenCLIP",
+    "clip_model",
+    "clip_checkpoint",
+    SMALL_CLIP / "open_clip_model.safetensors",
+    "OpenCLIP ViT-B-16 laion2b_s34b_b88k",
+    "https://huggingface.co/laion/CLIP-ViT-B-16-laion2B-s34B-b88K",
+)
+
+CONFIG_FILES = {SAM2: sam2_config_files, CLIP: clip_config_files}
+"""The files that describe a model's architecture, from the value of its configuration key."""
+
+
+def find_checkpoint(model: Model, checkpoint: str) -> Path:
+    """The checkpoint's file.
+
+    Args:
+        model: which model it is of.
+        checkpoint: a path, or ``small`` for the packaged one.
+
+    Raises:
+        UserError: there is no such file; says where the published one is to be had and which key to set.
+    """
+    if checkpoint == SMALL:
+        if not model.small.is_file():
+            raise UserError(
+                f"models.{model.checkpoint_key}: there is no small {model.name} checkpoint {model.small}.\n"
+                "It belongs to egosplat: install egosplat again, or set the key to a file of your own"
+            )
+        return model.small
+    path = Path(checkpoint).expanduser()
+    if not path.is_file():
+        raise UserError(
+            f"models.{model.checkpoint_key}: there is no file {path}.\nPut {model.published} there ({model.address}), "
+            f"or set in config/config.yaml  models: {{{model.checkpoint_key}: PATH}}"
+        )
+    return path
+
+
+def content_hash(path: Path) -> str:
+    """SHA-256 of a file's content, 64 hexadecimal digits; read once a process while size and time stand."""
+    facts = path.stat()
+    return _sha256(path, facts.st_size, facts.st_mtime_ns)
+
+
+def model_hash(model: Model, models: Mapping[str, str]) -> str:
+    """Hash of a model's checkpoint and of the files that describe its architecture; 16 hexadecimal digits.
+
+    Args:
+        model: which model.
+        models: the configuration's section of that name.
+
+    Raises:
+        UserError: one of the files is missing.
+    """
+    checkpoint = find_checkpoint(model, models[model.checkpoint_key])
+    files = [checkpoint, *CONFIG_FILES[model](models[model.config_key])]
+    return hashlib.sha256(" ".join(map(content_hash, files)).encode()).hexdigest()[:16]
+
+
+def model_hashes(config: Mapping[str, Any]) -> dict[str, str]:
+    """The hash of each model by the key of its checkpoint, for the parameters of the rules that use them.
+
+    Another checkpoint, or another content of the same file, makes such a stage stale. ``missing`` stands for
+    a model that is not there.
+
+    Args:
+        config: the whole configuration, of which the section ``models`` is read.
+    """
+    return {model.checkpoint_key: _hash_or_missing(model, config["models"]) for model in (SAM2, CLIP)}
+
+
+def _hash_or_missing(model: Model, models: Mapping[str, str]) -> str:
+    try:
+        return model_hash(model, models)
+    except UserError:
+        return MISSING
+
+
+@functools.cache
+def _sha256(path: Path, size: int, mtime_ns: int) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

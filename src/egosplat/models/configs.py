@@ -1,0 +1,123 @@
+"""Which files describe a model's architecture; found without importing the model's libraries."""
+
+import difflib
+import importlib.util
+from collections.abc import Iterable
+from pathlib import Path
+
+from egosplat.errors import UserError
+
+SMALL = "small"
+"""In the configuration: the packaged model."""
+
+SMALL_SAM2 = Path(__file__).parent / "small_sam2" / "sam2.yaml"
+SMALL_CLIP = Path(__file__).parent / "small_open_clip"
+
+CLIP_CONFIG = "open_clip_config.json"
+CLIP_VOCABULARY = "bpe.txt.gz"
+"""In a folder that describes an OpenCLIP model: its architecture, and, if reduced, its byte-pair vocabulary."""
+
+LOCAL_FOLDER, HUB = "local-dir:", "hf-hub:"
+"""How OpenCLIP's own model names call a folder, and a repository to download."""
+
+
+def sam2_config_file(config: str) -> Path:
+    """The YAML file of a SAM2 architecture.
+
+    Args:
+        config: ``small``; a configuration of the package sam2, such as ``configs/sam2.1/sam2.1_hiera_b+.yaml``
+            or ``sam2.1_hiera_b+``; or the path of a file.
+
+    Raises:
+        UserError: there is no such configuration.
+    """
+    if config == SMALL:
+        return _existing(SMALL_SAM2, "models.sam2_config")
+    published = sam2_configs()
+    name = config.removeprefix("configs/").removesuffix(".yaml").rpartition("/")[2]
+    if name in published and config in _spellings(published[name]):
+        return published[name]
+    path = Path(config).expanduser()
+    if path.is_file():
+        return path
+    raise UserError(f"models.sam2_config = {config!r} is neither a file nor {_one_of(name, published)}")
+
+
+def sam2_configs() -> dict[str, Path]:
+    """The architectures that the package sam2 describes, by name."""
+    folder = _package("sam2") / "configs"
+    return {file.stem: file for kind in ("sam2", "sam2.1") for file in sorted((folder / kind).glob("*.yaml"))}
+
+
+def clip_folder(model: str) -> Path | None:
+    """The folder that describes an OpenCLIP architecture; None where a name of the package open_clip does.
+
+    Args:
+        model: ``small``; a name such as ``ViT-B-16``; or the path of a folder that holds
+            ``open_clip_config.json``, with or without ``local-dir:`` before it.
+
+    Raises:
+        UserError: there is no such model.
+    """
+    if model == SMALL:
+        return _existing(SMALL_CLIP / CLIP_CONFIG, "models.clip_model").parent
+    if model in (names := clip_names()):
+        return None
+    if model.startswith(HUB):
+        raise UserError(
+            f"models.clip_model = {model!r}: egosplat downloads nothing. Download that repository's "
+            f"{CLIP_CONFIG} and checkpoint, and name their folder"
+        )
+    folder = Path(model.removeprefix(LOCAL_FOLDER)).expanduser()
+    if folder.is_dir():
+        return _existing(folder / CLIP_CONFIG, "models.clip_model").parent
+    raise UserError(f"models.clip_model = {model!r} is neither a folder nor {_one_of(model, names)}")
+
+
+def clip_names() -> list[str]:
+    """The architectures that the package open_clip knows by name."""
+    return sorted(file.stem for file in (_package("open_clip") / "model_configs").glob("*.json"))
+
+
+def sam2_config_files(config: str) -> list[Path]:
+    """All files that describe a SAM2 architecture. Raises as ``sam2_config_file`` does."""
+    return [sam2_config_file(config)]
+
+
+def clip_config_files(model: str) -> list[Path]:
+    """All files that describe an OpenCLIP architecture, none for a name. Raises as ``clip_folder`` does."""
+    folder = clip_folder(model)
+    if folder is None:
+        return []
+    return [path for name in (CLIP_CONFIG, CLIP_VOCABULARY) if (path := folder / name).is_file()]
+
+
+def _package(name: str) -> Path:
+    spec = importlib.util.find_spec(name)
+    if spec is None or not spec.submodule_search_locations:
+        raise UserError(f"the package {name} is not installed: run make install")
+    return Path(spec.submodule_search_locations[0])
+
+
+def _spellings(file: Path) -> set[str]:
+    """The names by which a file of the package is known: with or without its folder and suffix."""
+    names = (f"configs/{file.parent.name}/{file.stem}", f"{file.parent.name}/{file.stem}", file.stem)
+    return {name + suffix for name in names for suffix in ("", ".yaml")}
+
+
+def _existing(path: Path, key: str) -> Path:
+    if not path.is_file():
+        raise UserError(f"{key}: there is no {path}; put it there, or set the key to another model")
+    return path
+
+
+def _one_of(name: str, known: Iterable[str]) -> str:
+    names = list(known)
+    near = difflib.get_close_matches(name, names, n=1)
+    return (
+        f"one of {', '.join(names)}"
+        if len(names) < 12
+        else f"known (did you mean {near[0]!r}?)"
+        if near
+        else "known"
+    )

@@ -1,0 +1,172 @@
+"""OpenCLIP from a configuration and a checkpoint, with its tokenizer and what it wants of a picture."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from torch import nn
+
+from egosplat.errors import UserError
+from egosplat.models.checkpoints import CLIP, find_checkpoint
+from egosplat.models.configs import CLIP_CONFIG, CLIP_VOCABULARY, clip_folder
+from egosplat.models.devices import Compute, choose_compute
+from egosplat.models.weights import load_weights, read_tensors
+
+if TYPE_CHECKING:
+    from open_clip import SimpleTokenizer
+
+HUB_KEYS = ("hf_model_name", "hf_tokenizer_name")
+"""Keys of a text model that is fetched from the Hugging Face hub."""
+
+
+@dataclass(frozen=True)
+class Preprocessing:
+    """What a model wants of a picture.
+
+    Attributes:
+        image_size: height and width [px].
+        mean, std: of each channel (R, G, B), of values from 0 to 1.
+        interpolation: by which it is resized: ``bicubic`` or ``bilinear``.
+        resize_mode: ``shortest`` (the rest is cropped), ``longest`` (padded) or ``squash``.
+    """
+
+    image_size: tuple[int, int]
+    mean: tuple[float, float, float]
+    std: tuple[float, float, float]
+    interpolation: str
+    resize_mode: str
+
+
+@dataclass(frozen=True)
+class OpenClip:
+    """OpenCLIP with its weights.
+
+    Attributes:
+        model: has ``encode_image`` of (N, 3, H, W) prepared pictures and ``encode_text`` of (N, T) tokens; each
+            gives (N, D).
+        preprocessing: what ``encode_image`` wants.
+        tokenizer: makes (N, T) int64 tokens of a list of N texts.
+        compute: where it runs; all predictions are made within ``compute.inference()``.
+    """
+
+    model: nn.Module
+    preprocessing: Preprocessing
+    tokenizer: "SimpleTokenizer"
+    compute: Compute
+
+
+def load_open_clip(model: str, checkpoint: str, device: str, precision: str) -> OpenClip:
+    """Build an OpenCLIP model and fill it with a checkpoint; nothing is downloaded.
+
+    Args:
+        model, checkpoint, device, precision: the keys ``clip_model``, ``clip_checkpoint``, ``device`` and
+            ``precision`` of the configuration's section ``models``.
+
+    Raises:
+        UserError: a file is missing, damaged, or does not fit the other; the model has parts that would have to
+            be fetched from the Hugging Face hub; the device is not there.
+    """
+    compute = choose_compute(device, precision)
+    folder, path = clip_folder(model), find_checkpoint(CLIP, checkpoint)
+    description = read_description(model, folder)
+    tensors = read_tensors(path)
+    module = build_model(model, description["model_cfg"])
+    load_weights(module, tensors, path, CLIP)
+    return OpenClip(
+        module.to(compute.device).eval().requires_grad_(False),
+        _preprocessing(module, description.get("preprocess_cfg", {})),
+        _tokenizer(model, folder, description["model_cfg"]["text_cfg"]),
+        compute,
+    )
+
+
+def read_description(model: str, folder: Path | None) -> dict[str, Any]:
+    """``model_cfg``, and ``preprocess_cfg`` where it is given, of a folder, or of a name (folder is None).
+
+    Raises:
+        UserError: the folder's ``open_clip_config.json`` is damaged, or the model needs the Hugging Face hub.
+    """
+    if folder is None:
+        from open_clip import get_model_config
+
+        description = {"model_cfg": get_model_config(model)}
+    else:
+        description = _read_json(folder / CLIP_CONFIG)
+    text = description["model_cfg"]["text_cfg"]
+    if any(text.get(key) for key in HUB_KEYS) or (folder is None and "siglip" in model.lower()):
+        raise UserError(
+            f"models.clip_model = {model!r}: its text model or tokenizer comes from the Hugging Face hub, and "
+            "egosplat downloads nothing. Take a model with OpenCLIP's own tokenizer, such as ViT-B-16"
+        )
+    return description
+
+
+def build_model(model: str, description: dict[str, Any]) -> nn.Module:
+    """The module that ``model_cfg`` describes, with random weights, on the CPU.
+
+    Raises:
+        UserError: it describes no OpenCLIP model.
+    """
+    from open_clip import CLIP as Clip
+    from open_clip import CoCa, CustomTextCLIP
+
+    arguments = {key: value for key, value in description.items() if key != "custom_text"}
+    kind = Clip
+    if description.get("custom_text"):
+        kind = CoCa if "multimodal_cfg" in description else CustomTextCLIP
+    try:
+        return kind(**arguments)
+    except (TypeError, ValueError, RuntimeError, AssertionError, KeyError) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise UserError(
+            f"models.clip_model = {model!r}: model_cfg describes no OpenCLIP model ({reason})"
+        ) from None
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise UserError(f"{path}: cannot be read as JSON ({error})") from None
+    parts = content.get("model_cfg") if isinstance(content, dict) else None
+    if not isinstance(parts, dict) or not {"embed_dim", "vision_cfg", "text_cfg"} <= set(parts):
+        raise UserError(f"{path}: lacks model_cfg with embed_dim, vision_cfg and text_cfg")
+    return content
+
+
+def _preprocessing(module: nn.Module, given: dict[str, Any]) -> Preprocessing:
+    from open_clip.transform import PreprocessCfg, merge_preprocess_dict
+
+    values = merge_preprocess_dict(PreprocessCfg(), given)
+    size = module.visual.image_size
+    return Preprocessing(
+        image_size=(size, size) if isinstance(size, int) else tuple(size),
+        mean=tuple(values["mean"]),
+        std=tuple(values["std"]),
+        interpolation=values["interpolation"],
+        resize_mode=values["resize_mode"],
+    )
+
+
+def _tokenizer(model: str, folder: Path | None, text: dict[str, Any]) -> "SimpleTokenizer":
+    from open_clip import SimpleTokenizer
+    from open_clip.tokenizer import DEFAULT_CONTEXT_LENGTH
+
+    arguments = dict(text.get("tokenizer_kwargs", {}))
+    if folder is not None and (vocabulary := folder / CLIP_VOCABULARY).is_file():
+        arguments["bpe_path"] = str(vocabulary)
+    try:
+        tokenizer = SimpleTokenizer(
+            context_length=text.get("context_length", DEFAULT_CONTEXT_LENGTH), **arguments
+        )
+    except (EOFError, OSError, UnicodeDecodeError, ValueError) as error:
+        raise UserError(
+            f"{arguments.get('bpe_path', model)}: is no byte-pair vocabulary ({error}); copy it again"
+        ) from None
+    if tokenizer.vocab_size != text.get("vocab_size", tokenizer.vocab_size):
+        raise UserError(
+            f"models.clip_model = {model!r}: the tokenizer has {tokenizer.vocab_size:,} tokens, the text model "
+            f"{text['vocab_size']:,}. Put the {CLIP_VOCABULARY} it was trained with beside {CLIP_CONFIG}"
+        )
+    return tokenizer

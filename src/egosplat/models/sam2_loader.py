@@ -1,0 +1,121 @@
+"""SAM2 from a configuration and a checkpoint, as predictor for pictures and for videos."""
+
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from egosplat.errors import UserError
+from egosplat.models.checkpoints import SAM2, find_checkpoint
+from egosplat.models.configs import sam2_config_file
+from egosplat.models.devices import Compute, choose_compute
+from egosplat.models.weights import load_weights, read_tensors
+
+if TYPE_CHECKING:
+    from sam2.sam2_image_predictor import SAM2ImagePredictor
+
+    from egosplat.models.video_predictor import VideoPredictor
+
+AS_PREDICTOR = {
+    "_target_": "egosplat.models.video_predictor.VideoPredictor",
+    "sam_mask_decoder_extra_args": {
+        "dynamic_multimask_via_stability": True,
+        "dynamic_multimask_stability_delta": 0.05,
+        "dynamic_multimask_stability_thresh": 0.98,
+    },
+    "binarize_mask_from_pts_for_mem_enc": True,
+    "fill_hole_area": 8,
+}
+"""What SAM2 sets over a configuration to predict with it (``sam2.build_sam``; method_spec M4)."""
+
+STRIDES = (4, 8, 16)
+"""Of the image encoder's three feature maps, finest first [px of the model's picture]."""
+
+
+@dataclass(frozen=True)
+class Sam2:
+    """SAM2 with its weights.
+
+    Attributes:
+        video_predictor: follows objects through a video; its ``image_size`` is the side of the square to which
+            every picture is resized [px].
+        compute: where it runs; all predictions are made within ``compute.inference()``.
+    """
+
+    video_predictor: "VideoPredictor"
+    compute: Compute
+
+    def image_predictor(self) -> "SAM2ImagePredictor":
+        """A predictor for single pictures, with the same weights: ``set_image`` and ``predict``."""
+        from sam2.sam2_image_predictor import SAM2ImagePredictor
+
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message=".*torch.jit.script.* is deprecated")
+            predictor = SAM2ImagePredictor(self.video_predictor)
+        # SAM2 has the sizes for pictures of 1024 pixels written out.
+        side = self.video_predictor.image_size
+        predictor._bb_feat_sizes = [(side // stride, side // stride) for stride in STRIDES]
+        return predictor
+
+
+def load_sam2(config: str, checkpoint: str, device: str, precision: str) -> Sam2:
+    """Build SAM2 and fill it with a checkpoint; nothing is downloaded.
+
+    Args:
+        config, checkpoint, device, precision: the keys ``sam2_config``, ``sam2_checkpoint``, ``device`` and
+            ``precision`` of the configuration's section ``models``.
+
+    Raises:
+        UserError: a file is missing, damaged, or does not fit the other; the device is not there.
+    """
+    compute = choose_compute(device, precision)
+    file, path = sam2_config_file(config), find_checkpoint(SAM2, checkpoint)
+    tensors = read_tensors(path)
+    predictor = build_predictor(file)
+    load_weights(predictor, tensors, path, SAM2)
+    return Sam2(predictor.to(compute.device).eval().requires_grad_(False), compute)
+
+
+def build_predictor(file: Path) -> "VideoPredictor":
+    """The video predictor that a YAML file describes, with random weights, on the CPU.
+
+    Hydra's global state is neither read nor changed: interpolations may refer to the file itself alone.
+
+    Raises:
+        UserError: the file cannot be read, or describes no SAM2.
+    """
+    from hydra.errors import HydraException
+    from hydra.utils import instantiate
+    from omegaconf import OmegaConf
+    from omegaconf.errors import OmegaConfBaseException
+
+    try:
+        tree = OmegaConf.load(file)
+        OmegaConf.resolve(tree)
+        _check_targets(OmegaConf.to_container(tree), file)
+        return instantiate(OmegaConf.merge(tree.model, AS_PREDICTOR), _recursive_=True)
+    except (yaml.YAMLError, UnicodeDecodeError, OmegaConfBaseException, HydraException) as error:
+        reason = str(error).splitlines()[0]
+        raise UserError(f"{file}: describes no SAM2 ({reason}). Take one of sam2's own as example") from None
+
+
+def _check_targets(tree: Any, file: Path) -> None:
+    """A configuration names classes to call: those of SAM2 alone are called."""
+    targets = list(_targets(tree))
+    if foreign := [name for name in targets if not str(name).startswith("sam2.")]:
+        raise UserError(f"{file}: _target_ {foreign[0]} is no class of the package sam2")
+    if not targets or not isinstance(tree, dict) or "model" not in tree:
+        raise UserError(f"{file}: describes no SAM2: it has no key 'model' with a _target_")
+
+
+def _targets(tree: Any) -> Iterator[Any]:
+    if isinstance(tree, dict):
+        if "_target_" in tree:
+            yield tree["_target_"]
+        tree = list(tree.values())
+    if isinstance(tree, list):
+        for part in tree:
+            yield from _targets(part)

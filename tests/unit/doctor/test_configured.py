@@ -1,0 +1,51 @@
+"""The doctor reads the configuration that the workflow would read."""
+
+import pytest
+
+from egosplat.doctor.configured import read_configuration
+from egosplat.errors import UserError
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """An empty working directory."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_without_any_file_there_are_the_defaults(folder):
+    config, sources = read_configuration([], [])
+    assert config["preset"] == "balanced" and sources == []
+
+
+def test_options_stand_over_files_and_later_files_over_earlier_ones(folder):
+    (folder / "config").mkdir()
+    (folder / "config/config.yaml").write_text("preset: fast\nsplats: {iterations: 1, seed: 1}\n")
+    for name, seed in (("a", 2), ("b", 3)):
+        (folder / f"{name}.yaml").write_text(f"splats: {{seed: {seed}, max_points: {seed}}}")
+    files = [folder / "a.yaml", folder / "b.yaml"]
+    config, sources = read_configuration(files, ["splats={max_points: 9}", "preset=paper"])
+    assert config["preset"] == "paper" and config["synthetic"]["size"] == 1408
+    assert {key: config["splats"][key] for key in ("iterations", "seed", "max_points")} == {
+        "iterations": 1,
+        "seed": 3,
+        "max_points": 9,
+    }
+    assert sources == ["config/config.yaml", *map(str, files), "splats={max_points: 9}", "preset=paper"]
+
+
+def test_presets_of_the_working_directory_come_first(folder):
+    (folder / "config/presets").mkdir(parents=True)
+    (folder / "config/presets/balanced.yaml").write_text("splats: {iterations: 77}")
+    assert read_configuration([], [])[0]["splats"]["iterations"] == 77
+
+
+@pytest.mark.parametrize("option", ["fast", "=fast", "preset=", "models={a: ["])
+def test_an_option_of_another_form_is_told(folder, option):
+    with pytest.raises(UserError, match="is not of the form KEY=VALUE, as in preset=fast"):
+        read_configuration([], [option])
+
+
+def test_a_file_that_is_not_there_is_told(folder):
+    with pytest.raises(UserError, match=r"none.yaml: does not exist"):
+        read_configuration([folder / "none.yaml"], [])

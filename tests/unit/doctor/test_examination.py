@@ -1,0 +1,187 @@
+"""What the doctor finds on a machine, and the status that ``egosplat doctor`` ends with."""
+
+import subprocess
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+import torch
+import yaml
+
+from egosplat import cli
+from egosplat.doctor import machine
+from egosplat.doctor.examination import examine
+from egosplat.doctor.findings import Finding, Mark
+from egosplat.errors import UserError
+from egosplat.kernels import compiling, library
+
+HEADER = "dataset\tscene\tformat\trecording\toptions\n"
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A working directory with models of its own and a table of one synthetic and two real scenes."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    (tmp_path / "config").mkdir()
+    for name in ("sam2.yaml", "sam2.pt", "open_clip_config.json", "clip.bin"):
+        (tmp_path / name).write_text(name)
+    models = {
+        "sam2_config": "sam2.yaml",
+        "sam2_checkpoint": "sam2.pt",
+        "clip_model": str(tmp_path),
+        "clip_checkpoint": "clip.bin",
+    }
+    (tmp_path / "config/config.yaml").write_text(yaml.safe_dump({"models": models}))
+    rows = ["adt\ts1\tadt\tseq1\tsynthetic.seed=1", "mine\ta\tplain\ta.mp4\t", "mine\tb\tplain\tb.mp4\t"]
+    (tmp_path / "config/scenes.tsv").write_text(HEADER + "\n".join(rows))
+    return tmp_path
+
+
+def found(*options: str) -> dict[str, Finding]:
+    return {finding.what: finding for finding in examine([], options)}
+
+
+def marks(*options: str) -> dict[str, Mark]:
+    return {what: finding.mark for what, finding in found(*options).items()}
+
+
+def test_a_machine_with_everything_lacks_nothing(folder):
+    findings = found()
+    assert Mark.MISSING not in {finding.mark for finding in findings.values()}
+    assert "preset balanced (config/config.yaml)" in findings["configuration"].value
+    assert "sam2.yaml, checkpoint sam2.pt, 0.0 MiB, hash " in findings["SAM2"].value
+    assert findings["models run on"].value == "cpu, float32"
+    assert "synthetic apartments stand in for its 1 scenes" in findings["adt recordings"].value
+    assert "adt/s1: about" in findings["expected time"].value
+
+
+def test_another_content_has_another_hash(folder):
+    before = found()["SAM2"].value
+    (folder / "sam2.pt").write_text("other!!")
+    assert found()["SAM2"].value != before
+
+
+def test_a_missing_checkpoint_is_told_with_what_to_do(folder):
+    (folder / "clip.bin").unlink()
+    finding = found()["OpenCLIP"]
+    assert finding.mark == Mark.MISSING and "there is no file clip.bin" in finding.value
+    assert "https://huggingface.co/laion" in finding.advice
+    assert marks()["SAM2"] == Mark.OK
+
+
+def test_a_gpu_that_is_asked_for_is_missing_and_one_that_is_not_is_noted(folder):
+    assert marks()["GPU"] == Mark.NOTE
+    asked = found("models={device: cuda}", "splats={backend: cuda}")
+    assert asked["GPU"].mark == Mark.MISSING
+    assert asked["GPU"].advice == "Set splats.backend and models.device to auto"
+    assert asked["models run on"].mark == Mark.MISSING
+
+
+def test_recordings_are_counted_and_the_absent_named(folder):
+    data = folder / "data"
+    asked = f"data_root={{mine: {data}}}"
+    finding = found(asked)["mine recordings"]
+    assert finding.mark == Mark.MISSING and f"0 of 2 below {data}" in finding.value
+    assert "data_root.mine" in finding.advice
+    data.mkdir()
+    (data / "b.mp4").touch()
+    finding = found(asked)["mine recordings"]
+    assert (
+        finding.mark == Mark.NOTE and "1 of 2" in finding.value and f"a ({data / 'a.mp4'})" in finding.value
+    )
+    (data / "a.mp4").touch()
+    assert found(asked)["mine recordings"] == Finding(Mark.OK, "mine recordings", f"2 of 2 below {data}")
+    assert marks()["mine recordings"] == Mark.NOTE, "a root that is not set is not needed"
+
+
+def test_kernels_that_do_not_load_are_missing_only_where_they_are_asked_for(folder, monkeypatch):
+    monkeypatch.setattr(library, "why_not", lambda: "The C++ kernels are not compiled.\nRun make install")
+    monkeypatch.setattr(library, "is_usable", lambda: False)
+    assert found()["kernels"] == Finding(
+        Mark.NOTE, "kernels", "The C++ kernels are not compiled.", "Run make install"
+    )
+    assert "none for training" in found()["expected time"].advice
+    assert marks("splats={backend: cpu}")["kernels"] == Mark.MISSING
+
+
+def test_a_machine_without_compiler_is_told_how_to_get_one(folder, monkeypatch):
+    monkeypatch.setattr(compiling, "find_compiler", lambda: None)
+    assert found()["C++ compiler"].advice.endswith("apt install g++")
+
+
+def test_a_gpu_without_gsplat_is_told_how_to_get_it(folder, monkeypatch):
+    def absent(name: str) -> str:
+        raise metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(metadata, "version", absent)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    config = {"splats": {"backend": "auto"}}
+    assert machine._gsplat(config).mark == Mark.NOTE and "egosplat[cuda]" in machine._gsplat(config).advice
+    assert machine._gsplat({"splats": {"backend": "cuda"}}).mark == Mark.MISSING
+
+
+def test_memory_is_read_from_what_linux_says(tmp_path):
+    path = tmp_path / "meminfo"
+    path.write_text(f"MemTotal: {8 * 1024**2} kB\nMemFree: 1 kB\nMemAvailable: {3 * 1024**2} kB\n")
+    assert machine._memory(path).value == "3.0 of 8.0 GiB free"
+    assert "GiB" in machine._memory(tmp_path / "none").value
+
+
+def test_little_room_on_the_disk_is_noted(folder, monkeypatch):
+    usage = type("Usage", (), {"free": 1024**3})
+    monkeypatch.setattr(machine.shutil, "disk_usage", lambda _: usage)
+    assert marks()["disk"] == Mark.NOTE
+
+
+def test_a_wrong_table_is_one_of_the_findings(folder):
+    (folder / "config/scenes.tsv").write_text("dataset\n")
+    assert found()["scenes"].mark == Mark.MISSING
+
+
+def test_without_any_recording_no_time_is_told(folder):
+    (folder / "config/scenes.tsv").write_text(HEADER + "mine\ta\tplain\ta.mp4\t\n")
+    assert found()["expected time"].value == "no scene of the table has a recording"
+
+
+def test_a_wrong_configuration_is_told_as_everywhere(folder):
+    with pytest.raises(UserError, match="unknown key 'models.sam'"):
+        examine([], ["models={sam: small}"])
+
+
+def run(monkeypatch, capsys, *words: object) -> tuple[object, str]:
+    """Status and output of ``egosplat doctor`` with some options."""
+    monkeypatch.setattr("sys.argv", ["egosplat", "doctor", *map(str, words)])
+    try:
+        cli.main()
+    except SystemExit as stop:
+        return stop.code, capsys.readouterr().out
+    return 0, capsys.readouterr().out
+
+
+def test_the_status_says_whether_something_is_missing(folder, monkeypatch, capsys):
+    status, text = run(monkeypatch, capsys)
+    assert status == 0 and text.endswith("Nothing is missing.\n") and "\x1b" not in text
+    (folder / "more.yaml").write_text("models: {sam2_checkpoint: /nowhere.pt}")
+    status, text = run(monkeypatch, capsys, "--configfile", "more.yaml", "--config", "preset=fast")
+    assert status == 1 and "missing  SAM2 " in text and "preset fast" in text
+
+
+def test_the_shipped_configurations_are_examined(monkeypatch):
+    root = Path(__file__).resolve().parents[3]
+    monkeypatch.chdir(root)
+    for preset in ("fast", "balanced", "paper"):
+        assert f"preset {preset}" in found(f"preset={preset}")["configuration"].value
+
+
+def test_nothing_is_written(folder):
+    before = sorted(folder.rglob("*"))
+    examine([], [])
+    assert sorted(folder.rglob("*")) == before
+
+
+def test_a_compiler_that_says_nothing_is_still_one(folder, monkeypatch):
+    silent = subprocess.CompletedProcess([], 1, "", "")
+    monkeypatch.setattr(machine.subprocess, "run", lambda *_, **__: silent)
+    monkeypatch.setattr(compiling, "find_compiler", lambda: ["cc"])
+    assert found()["C++ compiler"].value == "cc: of unknown version"

@@ -1,0 +1,54 @@
+"""Where models run, and in which number type."""
+
+import pytest
+import torch
+
+from egosplat.errors import UserError
+from egosplat.models.devices import Compute, choose_compute
+
+CPU, CUDA = torch.device("cpu"), torch.device("cuda")
+
+
+@pytest.fixture
+def machine(monkeypatch):
+    """Pretend that there is a GPU or none, with bfloat16 or without."""
+
+    def pretend(gpu: bool, bfloat16: bool = True) -> None:
+        monkeypatch.setattr(torch.cuda, "is_available", lambda: gpu)
+        monkeypatch.setattr(torch.cuda, "is_bf16_supported", lambda: bfloat16)
+
+    return pretend
+
+
+@pytest.mark.parametrize(
+    "gpu, bfloat16, device, precision, expected",
+    [
+        (False, False, "auto", "auto", Compute(CPU, torch.float32)),
+        (False, False, "cpu", "bfloat16", Compute(CPU, torch.bfloat16)),
+        (True, True, "auto", "auto", Compute(CUDA, torch.bfloat16)),
+        (True, True, "cpu", "auto", Compute(CPU, torch.float32)),
+        (True, True, "cuda", "float32", Compute(CUDA, torch.float32)),
+        (True, False, "auto", "auto", Compute(CUDA, torch.float32)),
+    ],
+)
+def test_the_best_that_there_is_or_what_is_asked_for(machine, gpu, bfloat16, device, precision, expected):
+    machine(gpu, bfloat16)
+    assert choose_compute(device, precision) == expected
+
+
+def test_what_is_asked_for_and_not_there_is_told(machine):
+    machine(gpu=False)
+    with pytest.raises(UserError, match="models.device = cuda: PyTorch finds no CUDA device"):
+        choose_compute("cuda", "auto")
+    machine(gpu=True, bfloat16=False)
+    with pytest.raises(UserError, match="models.precision = bfloat16: this GPU has no bfloat16"):
+        choose_compute("auto", "bfloat16")
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
+def test_products_are_of_the_number_type_and_nothing_is_recorded(dtype):
+    layer = torch.nn.Linear(4, 3)
+    with Compute(CPU, dtype).inference():
+        result = layer(torch.ones(2, 4))
+    assert result.dtype == dtype and not result.requires_grad
+    assert layer(torch.ones(2, 4)).dtype == torch.float32, "the setting outlived its block"

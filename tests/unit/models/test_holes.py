@@ -1,0 +1,43 @@
+"""Small holes are filled, everything else stays."""
+
+import pytest
+import torch
+
+from egosplat.models.holes import FILLED, fill_holes
+
+
+def ring(side: int, hole: int) -> torch.Tensor:
+    """A square of score 5 with a square hole of score -5 in its middle, on a background of -5."""
+    scores = torch.full((16, 16), -5.0)
+    scores[2 : 2 + side, 2 : 2 + side] = 5.0
+    scores[4 : 4 + hole, 4 : 4 + hole] = -5.0
+    return scores
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
+@pytest.mark.parametrize("area, filled", [(8, False), (9, True)])
+def test_a_hole_is_filled_up_to_the_given_area(area, filled, dtype):
+    scores = ring(9, hole=3).to(dtype)
+    result = fill_holes(scores, area)
+    assert result.dtype == dtype
+    hole = torch.zeros_like(scores, dtype=torch.bool)
+    hole[4:7, 4:7] = filled
+    assert torch.equal(result, torch.where(hole, torch.tensor(FILLED, dtype=dtype), scores))
+
+
+def test_a_hole_joined_to_the_outside_by_a_corner_is_outside():
+    scores = ring(9, hole=2)
+    scores[3, 3] = scores[2, 2] = -5.0
+    assert torch.equal(fill_holes(scores, 9), scores)
+
+
+def test_each_mask_is_looked_at_alone():
+    full = torch.full((16, 16), 5.0)
+    scores = torch.stack([full, ring(9, 1), -full])[:, None]
+    result = fill_holes(scores, 4)
+    assert torch.equal(result[0], scores[0]) and torch.equal(result[2], scores[2])
+    assert result[1, 0, 4, 4] == FILLED and (result != scores).sum() == 1
+
+
+def test_no_masks_are_no_masks():
+    assert fill_holes(torch.zeros(0, 1, 16, 16), 8).shape == (0, 1, 16, 16)

@@ -1,0 +1,128 @@
+"""OpenCLIP loads from a folder or by name, with its own vocabulary, and says what is wrong."""
+
+import gzip
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+import torch
+from safetensors.torch import load_file
+
+from egosplat.errors import UserError
+from egosplat.models.open_clip_loader import (
+    OpenClip,
+    Preprocessing,
+    build_model,
+    load_open_clip,
+    read_description,
+)
+
+
+def load(folder: Path, precision: str = "float32") -> OpenClip:
+    return load_open_clip(str(folder), str(folder / "open_clip_model.safetensors"), "cpu", precision)
+
+
+@pytest.fixture
+def folder(tiny_clip, tmp_path) -> Path:
+    """A private copy of the tiny model's folder."""
+    return Path(shutil.copytree(tiny_clip, tmp_path / "model"))
+
+
+def test_half_precision_is_loaded_into_float32(tiny_clip):
+    saved, loaded = load_file(tiny_clip / "open_clip_model.safetensors"), load(tiny_clip).model.state_dict()
+    assert loaded.keys() == saved.keys()
+    assert all(torch.equal(loaded[name], saved[name].float()) for name in saved)
+
+
+@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
+def test_pictures_and_texts_become_features(tiny_clip, precision):
+    clip = load(tiny_clip, precision)
+    height, width = clip.preprocessing.image_size
+    with clip.compute.inference():
+        pictures = clip.model.encode_image(torch.rand(2, 3, height, width))
+        texts = clip.model.encode_text(clip.tokenizer(["a chair", "the red chair by the door", "x"]))
+    assert pictures.shape == (2, 8) and texts.shape == (3, 8)
+    assert pictures.isfinite().all() and texts.isfinite().all()
+
+
+def test_what_a_picture_must_be_is_the_folder_s_or_open_clip_s_own(tiny_clip):
+    own = (0.26862954, 0.26130258, 0.27577711)
+    assert load(tiny_clip).preprocessing == Preprocessing(
+        (32, 32), (0.5, 0.4, 0.3), own, "bilinear", "squash"
+    )
+
+
+def test_the_reduced_vocabulary_is_used(tiny_clip):
+    tokenizer = load(tiny_clip).tokenizer
+    assert tokenizer.vocab_size == 512 + 4 + 2 and tokenizer.context_length == 6
+    assert len(tokenizer.encode("chair")) == 1 and len(tokenizer.encode("door")) == 4
+    assert tokenizer(["chair chair chair chair chair chair"]).shape == (1, 6)
+
+
+def test_a_name_of_open_clip_is_built_without_its_weights():
+    description = read_description("ViT-B-16", None)["model_cfg"]
+    assert description["vision_cfg"]["patch_size"] == 16 and description["embed_dim"] == 512
+
+
+@pytest.mark.parametrize("model", ["roberta-ViT-B-32", "ViT-B-16-SigLIP"])
+def test_a_model_that_needs_the_hub_is_refused(model):
+    with pytest.raises(
+        UserError, match=f"models.clip_model = '{model}': its text model or tokenizer comes from"
+    ):
+        read_description(model, None)
+
+
+def test_a_folder_that_needs_the_hub_is_refused(folder, description):
+    description["model_cfg"]["text_cfg"]["hf_tokenizer_name"] = "bert-base-uncased"
+    (folder / "open_clip_config.json").write_text(json.dumps(description))
+    with pytest.raises(UserError, match="egosplat downloads nothing"):
+        load(folder)
+
+
+def test_text_towers_of_their_own_are_built(description):
+    module = build_model("tiny", description["model_cfg"] | {"custom_text": True})
+    assert hasattr(module, "text")
+
+
+def test_a_checkpoint_of_another_architecture_is_told(folder, description):
+    description["model_cfg"]["text_cfg"]["layers"] = 2
+    (folder / "open_clip_config.json").write_text(json.dumps(description))
+    with pytest.raises(
+        UserError, match="another architecture than models.clip_model names: 12 of .* missing"
+    ):
+        load(folder)
+
+
+def test_another_vocabulary_than_the_text_model_s_is_told(folder):
+    (folder / "bpe.txt.gz").unlink()
+    with pytest.raises(
+        UserError, match="the tokenizer has 49,408 tokens, the text model 518. Put the bpe.txt.gz"
+    ):
+        load(folder)
+
+
+@pytest.mark.parametrize("content", [b"rubbish", gzip.compress(b"a b" * 100)[:-12]])
+def test_a_damaged_vocabulary_is_told(folder, content):
+    (folder / "bpe.txt.gz").write_bytes(content)
+    with pytest.raises(UserError, match="bpe.txt.gz: is no byte-pair vocabulary"):
+        load(folder)
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("{", "open_clip_config.json: cannot be read as JSON"),
+        ("[]", "lacks model_cfg with embed_dim"),
+        ('{"model_cfg": {"embed_dim": 3}}', "lacks model_cfg with embed_dim"),
+        (
+            '{"model_cfg": {"embed_dim": 3, "vision_cfg": {"x": 1}, "text_cfg": {}}}',
+            "describes no OpenCLIP model",
+        ),
+    ],
+)
+def test_a_damaged_description_is_told(folder, text, message):
+    (folder / "open_clip_config.json").write_text(text)
+    with pytest.raises(UserError, match=message) as caught:
+        load(folder)
+    assert len(str(caught.value).splitlines()) == 1

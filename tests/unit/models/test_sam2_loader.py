@@ -1,0 +1,144 @@
+"""SAM2 loads from a file, for pictures of any size, and says what is wrong."""
+
+import numpy as np
+import pytest
+import torch
+import yaml
+from hydra.core.global_hydra import GlobalHydra
+from PIL import Image
+from safetensors.torch import load_file
+
+from egosplat.errors import UserError
+from egosplat.models.sam2_loader import Sam2, build_predictor, load_sam2
+
+
+@pytest.fixture
+def sam2(tiny_sam2) -> Sam2:
+    return load_sam2(str(tiny_sam2 / "sam2.yaml"), str(tiny_sam2 / "model.safetensors"), "cpu", "float32")
+
+
+def test_half_precision_is_loaded_into_float32(sam2, tiny_sam2):
+    saved = load_file(tiny_sam2 / "model.safetensors")
+    loaded = sam2.video_predictor.state_dict()
+    assert loaded.keys() == saved.keys()
+    assert all(value.dtype == torch.float32 for value in loaded.values())
+    assert all(torch.equal(loaded[name], saved[name].float()) for name in saved)
+    assert not any(weight.requires_grad for weight in sam2.video_predictor.parameters())
+
+
+@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
+def test_masks_are_of_the_picture_s_size(tiny_sam2, picture, precision):
+    sam2 = load_sam2(str(tiny_sam2 / "sam2.yaml"), str(tiny_sam2 / "model.safetensors"), "cpu", precision)
+    predictor = sam2.image_predictor()
+    with sam2.compute.inference():
+        predictor.set_image(picture)
+        masks, scores, logits = predictor.predict(np.array([[30.0, 40.0]]), np.array([1]))
+    assert masks.shape == (3, 77, 101) and scores.shape == (3,) and logits.shape == (3, 64, 64)
+    assert np.isfinite(scores).all() and np.isfinite(logits).all()
+
+
+def test_bfloat16_gives_nearly_the_scores_of_float32(tiny_sam2, picture):
+    scores = []
+    for precision in ("float32", "bfloat16"):
+        sam2 = load_sam2(str(tiny_sam2 / "sam2.yaml"), str(tiny_sam2 / "model.safetensors"), "cpu", precision)
+        predictor = sam2.image_predictor()
+        with sam2.compute.inference():
+            predictor.set_image(picture)
+            scores.append(predictor.predict(np.array([[30.0, 40.0]]), np.array([1]))[1])
+    np.testing.assert_allclose(scores[1], scores[0], atol=0.02)
+
+
+def test_objects_are_followed_through_a_video_without_warnings(sam2, tmp_path, recwarn):
+    for number in range(3):
+        colours = np.random.default_rng(number).integers(0, 256, (77, 101, 3), dtype=np.uint8)
+        Image.fromarray(colours).save(tmp_path / f"{number}.jpg")
+    predictor = sam2.video_predictor
+    with sam2.compute.inference():
+        state = predictor.init_state(str(tmp_path))
+        predictor.add_new_points_or_box(
+            state,
+            0,
+            7,
+            points=np.array([[30.0, 40.0]], dtype=np.float32),
+            labels=np.array([1], dtype=np.int32),
+        )
+        seen = [
+            (frame, list(names), masks.shape) for frame, names, masks in predictor.propagate_in_video(state)
+        ]
+    assert seen == [(frame, [7], (1, 1, 77, 101)) for frame in range(3)]
+    assert not [warning for warning in recwarn if "post-processing" in str(warning.message)]
+
+
+def test_small_holes_of_a_followed_object_are_filled(sam2, tmp_path, monkeypatch):
+    Image.fromarray(np.zeros((64, 64, 3), dtype=np.uint8)).save(tmp_path / "0.jpg")
+    holed = torch.full((1, 1, 64, 64), 5.0)
+    holed[..., 20:22, 20:22] = -5.0
+    track = type(sam2.video_predictor).track_step
+
+    def with_hole(self, **arguments):
+        return track(self, **arguments) | {"pred_masks": holed}
+
+    monkeypatch.setattr(type(sam2.video_predictor), "track_step", with_hole)
+    predictor = sam2.video_predictor
+    with sam2.compute.inference():
+        state = predictor.init_state(str(tmp_path))
+        _, _, masks = predictor.add_new_points_or_box(
+            state, 0, 1, points=np.array([[3.0, 4.0]], dtype=np.float32), labels=np.array([1], dtype=np.int32)
+        )
+    assert (masks > 0).all()
+
+
+def test_hydra_s_global_state_is_left_alone(tiny_sam2):
+    import sam2  # noqa: F401  sets that state up itself when it is first imported
+
+    hydra = GlobalHydra.instance()
+    before = hydra.hydra
+    load_sam2(str(tiny_sam2 / "sam2.yaml"), str(tiny_sam2 / "model.safetensors"), "cpu", "float32")
+    assert hydra.hydra is before
+    hydra.hydra = None
+    try:
+        load_sam2(str(tiny_sam2 / "sam2.yaml"), str(tiny_sam2 / "model.safetensors"), "cpu", "float32")
+        assert hydra.hydra is None
+    finally:
+        hydra.hydra = before
+
+
+def test_a_checkpoint_of_another_architecture_is_told(tiny_sam2, model_tree, tmp_path):
+    model_tree["model"]["num_maskmem"] = 5
+    (tmp_path / "other.yaml").write_text(yaml.safe_dump(model_tree))
+    with pytest.raises(
+        UserError, match=r"1 of another shape \(as maskmem_tpos_enc, 3x1x1x8 instead of 5x1x1x8\)"
+    ):
+        load_sam2(str(tmp_path / "other.yaml"), str(tiny_sam2 / "model.safetensors"), "cpu", "float32")
+
+
+def test_a_missing_checkpoint_is_told_before_anything_is_built(tiny_sam2):
+    with pytest.raises(UserError, match="models.sam2_checkpoint: there is no file /nowhere.pt"):
+        load_sam2(str(tiny_sam2 / "sam2.yaml"), "/nowhere.pt", "cpu", "float32")
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("model: [", "describes no SAM2"),
+        ("model: {}", "has no key 'model' with a _target_"),
+        ("- 1", "has no key 'model' with a _target_"),
+        ("other: {_target_: sam2.modeling.sam2_base.SAM2Base}", "has no key 'model' with a _target_"),
+        (
+            "model: {_target_: os.system, command: 'touch ran'}",
+            "_target_ os.system is no class of the package sam2",
+        ),
+        ("model: {_target_: sam2.modeling.sam2_base.SAM2Base}", "describes no SAM2"),
+        (
+            "model: {_target_: sam2.modeling.sam2_base.SAM2Base, image_size: '${nothing}'}",
+            "describes no SAM2",
+        ),
+    ],
+)
+def test_what_describes_no_sam2_is_told(tmp_path, monkeypatch, text, message):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.yaml").write_text(text)
+    with pytest.raises(UserError, match=f"own.yaml: .*{message}") as caught:
+        build_predictor(tmp_path / "own.yaml")
+    assert len(str(caught.value).splitlines()) <= 2
+    assert not (tmp_path / "ran").exists()

@@ -1,0 +1,132 @@
+"""Checkpoints are read without running code, and what is wrong with one is said."""
+
+import io
+import warnings
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import save_file
+from torch import nn
+
+from egosplat.errors import UserError
+from egosplat.models.checkpoints import SAM2
+from egosplat.models.weights import load_weights, read_tensors
+
+TENSORS = {"weight": torch.arange(6.0).reshape(2, 3), "bias": torch.tensor([0.5, -0.25])}
+
+
+@pytest.mark.parametrize("name", ["m.pt", "m.pth", "m.bin", "m.safetensors"])
+def test_what_was_saved_is_read(tmp_path, name):
+    save = save_file if name.endswith("safetensors") else torch.save
+    save(TENSORS, tmp_path / name)
+    read = read_tensors(tmp_path / name)
+    assert read.keys() == TENSORS.keys()
+    assert all(torch.equal(read[key], TENSORS[key]) for key in TENSORS)
+
+
+@pytest.mark.parametrize(
+    "wrapped",
+    [
+        {"model": TENSORS},
+        {"state_dict": TENSORS, "epoch": 3},
+        {"module." + name: value for name, value in TENSORS.items()},
+        {"state_dict": {"module." + name: value for name, value in TENSORS.items()}},
+    ],
+)
+def test_what_training_scripts_wrap_is_unwrapped(tmp_path, wrapped):
+    torch.save(wrapped, tmp_path / "m.pt")
+    assert read_tensors(tmp_path / "m.pt").keys() == TENSORS.keys()
+
+
+class Harmful:
+    """Asks whoever unpickles it to call something."""
+
+    def __init__(self, marker):
+        self.marker = marker
+
+    def __reduce__(self):
+        return (open, (str(self.marker), "w"))
+
+
+def test_code_in_a_checkpoint_is_refused_and_not_run(tmp_path):
+    torch.save({"model": TENSORS, "more": Harmful(tmp_path / "ran")}, tmp_path / "m.pt")
+    with pytest.raises(UserError, match="m.pt: holds code or objects beside tensors") as caught:
+        read_tensors(tmp_path / "m.pt")
+    assert not (tmp_path / "ran").exists()
+    assert len(str(caught.value).splitlines()) == 2
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"\x00" * 50, b"<html>404 not found</html>", b"version https://git-lfs"]
+)
+@pytest.mark.parametrize("name", ["m.pt", "m.safetensors"])
+def test_rubbish_is_told_in_one_line(tmp_path, name, content):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(UserError, match=f"{name}: is no whole checkpoint but {len(content)} bytes") as caught:
+        read_tensors(tmp_path / name)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_no_random_bytes_bring_the_reader_down(tmp_path):
+    random = np.random.default_rng(0)
+    stream = io.BytesIO()
+    torch.save(TENSORS, stream, _use_new_zipfile_serialization=False)
+    path = tmp_path / "m.pt"
+    for _ in range(100):
+        content = bytearray(stream.getvalue())
+        for place in random.integers(0, len(content), 8):
+            content[place] = random.integers(256)
+        path.write_bytes(content)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            try:
+                read_tensors(path)
+            except UserError as error:
+                assert "m.pt" in str(error)
+
+
+@pytest.mark.parametrize("name", ["m.pt", "m.safetensors"])
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.99])
+def test_a_truncated_checkpoint_is_told(tmp_path, name, share):
+    save = save_file if name.endswith("safetensors") else torch.save
+    save({"weight": torch.zeros(100, 100)}, tmp_path / name)
+    whole = (tmp_path / name).read_bytes()
+    (tmp_path / name).write_bytes(whole[: int(len(whole) * share)])
+    with pytest.raises(UserError, match="is no whole checkpoint"):
+        read_tensors(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    "content", [[1, 2], {}, {"a": 3}, {"model": {"a": {"b": torch.ones(1)}}}, torch.ones(3)]
+)
+def test_what_is_no_state_is_told(tmp_path, content):
+    torch.save(content, tmp_path / "m.pt")
+    with pytest.raises(UserError, match="m.pt: holds no tensors by name"):
+        read_tensors(tmp_path / "m.pt")
+
+
+def test_another_kind_of_file_is_told(tmp_path):
+    (tmp_path / "m.onnx").touch()
+    with pytest.raises(UserError, match=r"m.onnx: a checkpoint's name ends in .safetensors, .pt"):
+        read_tensors(tmp_path / "m.onnx")
+
+
+def test_half_precision_becomes_the_module_s_own(tmp_path):
+    module = nn.Linear(3, 2)
+    load_weights(module, {name: value.half() for name, value in TENSORS.items()}, tmp_path / "m.pt", SAM2)
+    assert module.weight.dtype == torch.float32
+    assert torch.equal(module.weight, TENSORS["weight"]) and torch.equal(module.bias, TENSORS["bias"])
+
+
+def test_another_architecture_is_told_with_counts_and_examples(tmp_path):
+    module = nn.Sequential(nn.Linear(3, 2), nn.Linear(3, 2))
+    given = {"0.weight": torch.zeros(4, 3), "0.bias": torch.zeros(2), "head": torch.zeros(1)}
+    with pytest.raises(UserError) as caught:
+        load_weights(module, given, tmp_path / "m.pt", SAM2)
+    first, second = str(caught.value).splitlines()
+    assert "m.pt: is of another architecture than models.sam2_config names" in first
+    assert "2 of 4 tensors missing (as 1.weight)" in first
+    assert "1 unexpected (as head)" in first
+    assert "1 of another shape (as 0.weight, 4x3 instead of 2x3)" in first
+    assert "models.sam2_config" in second and "models.sam2_checkpoint" in second
