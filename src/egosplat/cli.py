@@ -28,6 +28,16 @@ PATHS: dict[str, dict[str, str]] = {
         "frames": "its frames artifact",
         "output": "the poses artifact to make",
     },
+    "segments": {"frames": "the frames artifact", "output": "the segments artifact to make"},
+    "view_features": {
+        "frames": "the frames artifact",
+        "segments": "its segments artifact",
+        "output": "the view features artifact to make",
+    },
+    "features": {
+        "view_features": "the view features artifact",
+        "output": "the features artifact to make",
+    },
     "splats": {
         "frames": "the frames artifact",
         "poses": "its poses artifact",
@@ -37,6 +47,13 @@ PATHS: dict[str, dict[str, str]] = {
         "frames": "the frames artifact",
         "annotations": "the annotations artifact",
         "poses": "the poses artifact",
+        "output": "the picture to make",
+    },
+    "crops_sheet": {
+        "frames": "the frames artifact",
+        "segments": "its segments artifact",
+        "view_features": "its view features artifact",
+        "features": "its features artifact",
         "output": "the picture to make",
     },
     "splats_sheet": {
@@ -59,6 +76,7 @@ EXTRAS: dict[str, list[click.Option]] = {
         )
     ],
     "contact_sheet": [TITLE],
+    "crops_sheet": [TITLE],
     "splats_sheet": [TITLE],
 }
 """Flags that come from the table of scenes."""
@@ -134,7 +152,9 @@ def _flags(stage: str) -> list[click.Parameter]:
         click.Option([f"--{name}"], type=ARTIFACT, required=True, help=about.capitalize() + ".")
         for name, about in PATHS[stage].items()
     ]
-    return [*paths, *EXTRAS.get(stage, []), *(_flag(name, key) for name, key in stage_keys(stage).items())]
+    models = {name: stage_keys("models")[name] for name in STAGES[stage].models}
+    keys = (_flag(name, key) for name, key in {**stage_keys(stage), **models}.items())
+    return [*paths, *EXTRAS.get(stage, []), *keys]
 
 
 def _flag(name: str, key: dict[str, Any]) -> click.Option:
@@ -145,6 +165,8 @@ def _flag(name: str, key: dict[str, Any]) -> click.Option:
     kind = key["type"] if isinstance(key["type"], str) else key["type"][0]
     if kind == "boolean":
         return click.Option([f"{flag}/--no-{flag[2:]}"], **common)
+    if kind == "string":
+        return click.Option([flag, name], **common)
     return click.Option([flag, name], type=_range(kind, key), **common)
 
 

@@ -22,6 +22,7 @@ class Provenance:
         options: its configuration keys with their values.
         origin: ``synthetic`` if anything it was made from is synthetic, else ``real``.
         inputs: digest of each artifact it was made from, by file name.
+        models: hash of each model it was made with, by the key of its checkpoint.
         code: content hash of the code that the stage executes.
         versions: of egosplat, Python and the libraries that do the work.
         created: UTC time at which the stage began.
@@ -32,6 +33,7 @@ class Provenance:
     options: Mapping[str, Any]
     origin: str
     inputs: Mapping[str, str]
+    models: Mapping[str, str]
     code: str
     versions: Mapping[str, str]
     created: str
@@ -46,7 +48,11 @@ class Provenance:
 
 
 def begin(
-    stage: str, options: Mapping[str, Any], origin: str, inputs: Mapping[str, str] | None = None
+    stage: str,
+    options: Mapping[str, Any],
+    origin: str,
+    inputs: Mapping[str, str] | None = None,
+    models: Mapping[str, str] | None = None,
 ) -> Provenance:
     """The provenance of an artifact that ``stage`` starts to make now."""
     versions = {"egosplat": egosplat.__version__, "python": sys.version.split()[0]}
@@ -56,6 +62,7 @@ def begin(
         options=dict(sorted(options.items())),
         origin=origin,
         inputs=dict(sorted((inputs or {}).items())),
+        models=dict(sorted((models or {}).items())),
         code=code_of(stage),
         versions=versions,
         created=datetime.now(UTC).isoformat(timespec="seconds"),

@@ -15,11 +15,13 @@ class Stage:
         module: the module whose function ``run`` makes the artifact.
         libraries: distributions whose version changes the result, beside egosplat itself.
         about: one line for the command line's help.
+        models: keys of the configuration's section ``models`` that the stage takes beside its own section's.
     """
 
     module: str
     libraries: tuple[str, ...]
     about: str
+    models: tuple[str, ...] = ()
 
 
 STAGES = {
@@ -43,6 +45,23 @@ STAGES = {
         ("numpy", "scipy", "pycolmap", "projectaria-tools", "zarr"),
         "Camera poses and points: the device's trajectory, or COLMAP.",
     ),
+    "segments": Stage(
+        "egosplat.segments.stage",
+        ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "torchvision", "sam2", "zarr"),
+        "Find instances at three levels and follow them through the video.",
+        ("sam2_config", "sam2_checkpoint", "device", "precision"),
+    ),
+    "view_features": Stage(
+        "egosplat.features.view_features_stage",
+        ("numpy", "open_clip_torch", "pillow", "scipy", "torch", "zarr"),
+        "Encode the crop of each instance in each training frame with OpenCLIP.",
+        models=("clip_checkpoint", "clip_model", "device", "precision"),
+    ),
+    "features": Stage(
+        "egosplat.features.stage",
+        ("numpy", "torch", "zarr"),
+        "Aggregate each instance's features over its views, and compress them.",
+    ),
     "splats": Stage(
         "egosplat.splats.stage",
         ("numpy", "scipy", "torch", "torchmetrics", "zarr"),
@@ -52,6 +71,11 @@ STAGES = {
         "egosplat.report.contact_sheet",
         ("matplotlib",),
         "Draw a scene's pictures, annotations, and its trajectory from above.",
+    ),
+    "crops_sheet": Stage(
+        "egosplat.report.crops_sheet",
+        ("matplotlib",),
+        "Draw instances' crops in order of time, the views that were left out struck out.",
     ),
     "splats_sheet": Stage(
         "egosplat.report.splats_sheet",

@@ -13,8 +13,9 @@ from pathlib import Path
 
 from egosplat import config as configuration
 from egosplat.errors import UserError
+from egosplat.models.checkpoints import model_hashes
 from egosplat.scenes import check_recording, find_scene, read_scenes, requested_scenes
-from egosplat.stages import code_of
+from egosplat.stages import STAGES, code_of
 
 try:
     presets = Path(workflow.basedir).parent / "config" / "presets"
@@ -48,7 +49,9 @@ def flags(stage):
     """A function of the wildcards: the stage's keys as command line flags, in order of their names."""
 
     def flags_of_scene(wildcards):
-        keys = scene_of(wildcards).config.get(stage, {})
+        resolved = scene_of(wildcards).config
+        shared = {name: resolved["models"][name] for name in STAGES[stage].models}
+        keys = {**resolved.get(stage, {}), **shared}
         return " ".join(
             flag(name, value)
             for name, value in sorted(keys.items())
@@ -56,6 +59,18 @@ def flags(stage):
         )
 
     return flags_of_scene
+
+
+def models(stage):
+    """A function of the wildcards: what the files of a stage's models hold, so that another checkpoint is seen."""
+
+    def models_of_scene(wildcards):
+        hashes = model_hashes(scene_of(wildcards).config)
+        return " ".join(
+            f"{key}={hashes[key]}" for key in STAGES[stage].models if key in hashes
+        )
+
+    return models_of_scene
 
 
 def flag(name, value):

