@@ -9,6 +9,7 @@ them, clips in which masks are followed by memory.
 
 import argparse
 import random
+import signal
 import time
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
@@ -79,11 +80,15 @@ def main() -> None:
     if not worlds:
         raise SystemExit(f"{args.worlds}: holds no worlds; run training/render_worlds.py {args.worlds}")
     log(f"{len(worlds)} worlds, {args.steps} steps")
-    run = Run(Recipe(args.steps, args.seed), worlds, args.state, torch.device(args.device))
     try:
-        run.train()
+        run = Run(Recipe(args.steps, args.seed), worlds, args.state, torch.device(args.device))
     except UserError as error:
         raise SystemExit(str(error)) from error
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, run.stop)
+    run.train()
+    if run.stopped:
+        raise SystemExit(f"stopped at step {run.step}; the same command goes on from there")
     args.output.mkdir(parents=True, exist_ok=True)
     with whole_file(args.output / "model.safetensors") as scratch:
         save_file(half_precision(run.average.weights), scratch)
@@ -96,7 +101,8 @@ class Run:
     def __init__(self, recipe: Recipe, worlds: list[FilmedWorld], state: Path, device: torch.device) -> None:
         random.seed(recipe.seed)
         torch.manual_seed(recipe.seed)
-        self.recipe, self.worlds, self.state_path, self.step = recipe, worlds, state, 0
+        self.recipe, self.worlds, self.state_path = recipe, worlds, state
+        self.step, self.stopped = 0, False
         self.model: SAM2Base = instantiate(OmegaConf.load(CONFIG).model, _recursive_=True).to(device).train()
         self.pairs = PixelPairs(self.model.hidden_dim).to(device)
         self.optimizers = self._optimizers()
@@ -144,12 +150,12 @@ class Run:
         )
 
     def train(self) -> None:
-        """Run to the last step, saving the state every few minutes and at the end."""
+        """Run to the last step, or until ``stop``; the state is saved every few minutes and then."""
         saved = said = began = time.monotonic()
         first = self.step
         with ThreadPoolExecutor(1) as pool:
             following = pool.submit(self._sample, self.step)
-            while self.step < self.recipe.steps:
+            while self.step < self.recipe.steps and not self.stopped:
                 sampled = following.result()
                 following = pool.submit(self._sample, self.step + 1)
                 self._take(sampled)
@@ -161,6 +167,10 @@ class Run:
                     saved = now
                     self._save()
         self._save()
+
+    def stop(self, *_: Any) -> None:
+        """End after the step in progress: in the middle of one, the state would be neither before nor after it."""
+        self.stopped = True
 
     def _on_clips(self, step: int) -> bool:
         return step % 2 == 1 and step >= self.recipe.clips_from * self.recipe.steps

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from egosplat.models.sam2_loader import Sam2, load_sam2
-from egosplat.segments import classical_regions, classical_tracking
+from egosplat.segments import classical
 from segmentation_bench.worlds import Film, Picture
 
 Masks = NDArray[np.bool_]
@@ -113,11 +113,11 @@ class ClassicalSegmenter:
 
     def follow(self, film: Film) -> Masks:
         """By optical flow, snapped to regions."""
-        frames = classical_tracking.follow(film.masks[:, 0], film.rgb, film.valid)
+        frames = classical.follow(film.masks[:, 0], film.rgb, film.valid, classical.ClassicalOptions())
         return np.stack(list(frames), axis=1)
 
     def _segment(self, picture: Picture) -> NDArray[np.int32]:
-        return classical_regions.segment(picture.rgb, picture.valid)
+        return classical.segment(picture.rgb, picture.valid, classical.ClassicalOptions())
 
 
 @contextlib.contextmanager
