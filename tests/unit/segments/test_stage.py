@@ -1,0 +1,111 @@
+"""The stage: an artifact of a small video, by either segmenter; what is merged and dropped; mistakes."""
+
+import numpy as np
+import pytest
+
+from egosplat import provenance
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.reading import open_artifact
+from egosplat.artifacts.segments import SEGMENTS
+from egosplat.artifacts.writing import create
+from egosplat.config import stage_keys
+from egosplat.errors import UserError
+from egosplat.segments import stage
+from egosplat.segments.instances import Instance, Segmented
+from egosplat.segments.labels import LabelMaps
+
+COUNT, SIDE = 6, 64
+
+
+@pytest.fixture(scope="module")
+def keys():
+    names = ("sam2_config", "sam2_checkpoint", "device", "precision")
+    defaults = {name: key["default"] for name, key in stage_keys("segments").items()}
+    return defaults | {name: stage_keys("models")[name]["default"] for name in names}
+
+
+@pytest.fixture
+def frames(tmp_path):
+    """A red and a blue square that move over a grey ground."""
+    path = tmp_path / "frames.zarr"
+    rgb = np.full((COUNT, SIDE, SIDE, 3), 120, np.uint8)
+    for frame in range(COUNT):
+        rgb[frame, 10:30, 4 + 3 * frame : 24 + 3 * frame] = (220, 30, 30)
+        rgb[frame, 40:60, 40 - 2 * frame : 60 - 2 * frame] = (30, 30, 220)
+    valid = np.ones((SIDE, SIDE), bool)
+    valid[:2] = False
+    times = np.arange(COUNT, dtype=np.int64)
+    train = np.ones(COUNT, bool)
+    with create(path, FRAMES, provenance.begin("frames", {}, "synthetic")) as artifact:
+        for name, values in {
+            "rgb": rgb,
+            "valid": valid,
+            "timestamp_ns": times,
+            "exposure_middle_ns": times,
+            "train": train,
+            "evaluation": ~train,
+        }.items():
+            artifact.put(name, values)
+        artifact.facts = {"upright": True}
+    return path
+
+
+def test_classical_segments_of_moving_squares(frames, tmp_path, keys):
+    output = tmp_path / "segments.zarr"
+    stage.run(frames, output, **keys | {"segmenter": "classical"})
+    segments = open_artifact(output, SEGMENTS)
+    labels, levels = segments.read("labels"), segments.read("instances/level")
+    assert labels.shape == (COUNT, 3, SIDE, SIDE) and segments.origin == "synthetic"
+    assert (labels[:, :, :2] == -1).all() and labels.max() < len(levels)
+    for level in range(3):
+        used = np.unique(labels[:, level])
+        assert set(levels[used[used >= 0]]) == {level}
+    # One id a square through the video, another one for each.
+    whole = labels[:, 2]
+    red = {int(whole[frame, 20, 14 + 3 * frame]) for frame in range(COUNT)}
+    blue = {int(whole[frame, 50, 50 - 2 * frame]) for frame in range(COUNT)}
+    assert len(red) == len(blue) == 1 and red != blue and min(red | blue) >= 0
+    assert segments.facts["levels"] == ["subpart", "part", "whole"]
+    assert sum(segments.facts["instances"].values()) == len(levels)
+
+
+def test_duplicates_are_merged_and_fragments_dropped(frames, tmp_path, keys, monkeypatch):
+    labels = LabelMaps((3, SIDE, SIDE))
+    for frame in range(COUNT):
+        labels[frame] = np.full((3, SIDE, SIDE), -1, np.int32)
+        changed = labels[frame]
+        changed[0, 10:20] = 0 if frame < 3 else 2
+        changed[1, 30:40] = 1 if frame == 4 else -1
+        changed[2, 50:] = 3
+        labels[frame] = changed
+    instances = [
+        Instance(0, 0, 0.9, 0.95),
+        Instance(1, 4, 0.8, 0.9),
+        Instance(0, 3, 0.7, 0.9),
+        Instance(2, 0, 0.6, 0.8),
+    ]
+    segmented = Segmented(labels, instances, [(0, 2)], {})
+    monkeypatch.setattr(stage, "segment_video", lambda *_: segmented)
+    output = tmp_path / "segments.zarr"
+    stage.run(frames, output, **keys | {"segmenter": "classical", "min_frames": 3})
+    segments = open_artifact(output, SEGMENTS)
+    found = segments.read("labels")
+    assert (found[:, 0, 10:20] == 0).all() and (found[:, 1] == -1).all() and (found[:, 2, 50:] == 1).all()
+    assert segments.read("instances/level").tolist() == [0, 2]
+    assert segments.read("instances/predicted_iou").tolist() == pytest.approx([0.9, 0.6])
+    assert segments.facts["merged"] == 1 and segments.facts["found"] == 4
+
+
+def test_nothing_found_is_told_and_nothing_written(frames, tmp_path, keys, monkeypatch):
+    labels = LabelMaps((3, SIDE, SIDE))
+    for frame in range(COUNT):
+        labels[frame] = np.full((3, SIDE, SIDE), -1, np.int32)
+    monkeypatch.setattr(stage, "segment_video", lambda *_: Segmented(labels, [], [], {}))
+    with pytest.raises(UserError, match="nothing was found in any frame"):
+        stage.run(frames, tmp_path / "segments.zarr", **keys | {"segmenter": "classical"})
+    assert not (tmp_path / "segments.zarr").exists()
+
+
+def test_a_missing_checkpoint_is_told_before_anything_is_read(frames, tmp_path, keys):
+    with pytest.raises(UserError, match="sam2_checkpoint"):
+        stage.run(frames, tmp_path / "segments.zarr", **keys | {"sam2_checkpoint": str(tmp_path / "none.pt")})

@@ -1,0 +1,124 @@
+"""The way through a video: prompts on key frames, ids and levels, both directions, limits. Random weights do."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.models.configs import SMALL_SAM2
+from egosplat.models.devices import choose_compute
+from egosplat.models.sam2_loader import Sam2, build_predictor
+from egosplat.segments.candidates import grid_points, only_new, prompt, thin_out
+from egosplat.segments.encoding import encode
+from egosplat.segments.options import LEVELS, MaskOptions, TrackOptions
+from egosplat.segments.tracking import Tracker
+
+MASKS = MaskOptions(4, 0.0, 0.0, 0.1, 0.7, 0.8, 0.0, 0.0, 0.001)
+TRACKS = TrackOptions(True, 2, 0.05, 0.5, 0.9, 1, 6, 4)
+FRAMES, HEIGHT, WIDTH = 4, 40, 56
+
+
+@pytest.fixture(scope="module")
+def sam2():
+    torch.manual_seed(1)
+    predictor = build_predictor(SMALL_SAM2).eval().requires_grad_(False)
+    torch.nn.init.constant_(predictor.sam_mask_decoder.pred_obj_score_head.layers[-1].bias, 5.0)
+    return Sam2(predictor, choose_compute("cpu", "float32"))
+
+
+@pytest.fixture(scope="module")
+def pictures():
+    rng = np.random.default_rng(0)
+    coarse = rng.integers(0, 255, (FRAMES, 5, 7, 3), dtype=np.uint8)
+    return np.repeat(np.repeat(coarse, 8, 1), 8, 2)
+
+
+def tracked(sam2, pictures, masks=MASKS, tracks=TRACKS, valid=None):
+    valid = np.ones((HEIGHT, WIDTH), bool) if valid is None else valid
+    asked: list[int] = []
+
+    def read(frame: int) -> np.ndarray:
+        asked.append(frame)
+        return pictures[frame]
+
+    return Tracker(sam2, read, len(pictures), valid, masks, tracks).run(), asked
+
+
+def test_instances_belong_to_one_level_and_labels_to_instances(sam2, pictures):
+    valid = np.ones((HEIGHT, WIDTH), bool)
+    valid[:, :6] = False
+    segmented, asked = tracked(sam2, pictures, valid=valid)
+    assert segmented.instances, "random weights give masks, and thresholds of 0 take them"
+    assert asked[:FRAMES] == list(range(FRAMES)), "each frame is read once forwards"
+    for frame in range(FRAMES):
+        labels = segmented.labels[frame]
+        assert labels.shape == (len(LEVELS), HEIGHT, WIDTH) and (labels[:, ~valid] == -1).all()
+        for level in range(len(LEVELS)):
+            for number in np.unique(labels[level][labels[level] >= 0]):
+                assert segmented.instances[number].level == level
+    assert {one.first_frame for one in segmented.instances} <= {0, 2}
+    assert segmented.notes["key_frames"][0] == 0
+
+
+def test_the_first_frame_alone_where_that_is_asked_for(sam2, pictures):
+    segmented, _ = tracked(sam2, pictures, tracks=replace(TRACKS, key_frames=False))
+    assert {one.first_frame for one in segmented.instances} == {0} and segmented.notes["key_frames"] == [0]
+
+
+def test_no_more_are_followed_than_allowed(sam2, pictures):
+    for most in (1, 3):
+        segmented, _ = tracked(sam2, pictures, tracks=replace(TRACKS, max_instances=most))
+        for level in range(len(LEVELS)):
+            assert sum(one.level == level for one in segmented.instances) <= most
+
+
+def test_batches_do_not_change_what_is_found(sam2, pictures):
+    one, _ = tracked(sam2, pictures, tracks=replace(TRACKS, batch=1))
+    four, _ = tracked(sam2, pictures, tracks=replace(TRACKS, batch=4))
+    assert one.instances == four.instances
+    differing = [(one.labels[frame] != four.labels[frame]).mean() for frame in range(FRAMES)]
+    assert max(differing) < 0.01, "rounding decides single pixels at most"
+
+
+def test_nothing_found_is_no_instance(sam2, pictures):
+    segmented, _ = tracked(sam2, pictures, masks=replace(MASKS, pred_iou_thresh=1.0))
+    assert segmented.instances == [] and segmented.same == []
+    assert all((segmented.labels[frame] == -1).all() for frame in range(FRAMES))
+
+
+def test_what_is_found_later_is_followed_back(sam2, pictures):
+    """With nothing found in the first frame, what the second key frame finds is seen before it."""
+    black = pictures.copy()
+
+    class LateTracker(Tracker):
+        def _look_for_more(self, encoded, frame, seen):
+            if frame > 0:
+                super()._look_for_more(encoded, frame, seen)
+
+    valid = np.ones((HEIGHT, WIDTH), bool)
+    segmented = LateTracker(sam2, lambda frame: black[frame], FRAMES, valid, MASKS, TRACKS).run()
+    assert {one.first_frame for one in segmented.instances} == {2}
+    assert (segmented.labels[1] >= 0).any() or (segmented.labels[0] >= 0).any()
+
+
+def test_grid_points_are_cell_middles_row_by_row():
+    points = grid_points(2)
+    assert points.tolist() == [[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]]
+    assert len(grid_points(32)) == 1024
+
+
+def test_candidates_keep_their_levels_apart_and_are_thinned(sam2, pictures):
+    with sam2.compute.inference():
+        encoded = encode(sam2, pictures[0])
+        found = prompt(sam2, encoded, grid_points(4), MASKS)
+        assert len(found) == 3
+        for level in found:
+            assert level.logits.shape[1:] == (64, 64) and len(level.predicted_iou) == len(
+                level.stability
+            ) == len(level)
+            thin = thin_out(level, MASKS)
+            assert len(thin) <= len(level)
+            taken = thin.masks
+            assert len(only_new(thin, taken, 0.5, 0.8)) == 0, "what is followed already is not new"
+            assert len(only_new(thin, taken[:0], 0.5, 0.8)) == len(thin)
