@@ -1,0 +1,106 @@
+"""What was segmented, on one page: frames through the video, with the instances of each level in colours."""
+
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import numpy as np
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.segments import SEGMENTS
+from egosplat.atomic import whole_file
+from egosplat.errors import UserError
+
+PICTURES = 6
+"""Frames shown, evenly spread."""
+
+CELL = 2.9
+"""Width of a picture on the page, in inches."""
+
+TINT = 0.55
+"""Share of an instance's colour over the picture."""
+
+
+def run(frames: Path, segments: Path, output: Path, *, title: str) -> None:
+    """Draw the page as PNG; the file appears when it is complete."""
+    pictures, found = open_artifact(frames, FRAMES), open_artifact(segments, SEGMENTS)
+    count, height, width, _ = pictures.shape("rgb")
+    if found.shape("labels")[0] != count:
+        raise UserError(
+            f"{segments}: has {found.shape('labels')[0]} frames, {frames} has {count}; they do not belong together"
+        )
+    shown = np.unique(np.linspace(0, count - 1, min(count, PICTURES)).round().astype(int)).tolist()
+    levels = found.facts["levels"]
+    size = (CELL * len(shown), (CELL * height / width + 0.25) * (1 + len(levels)) + 0.9)
+    figure, grid = plt.subplots(
+        1 + len(levels), len(shown), squeeze=False, figsize=size, layout="constrained"
+    )
+    figure.suptitle(f"{title}: {_summary(found)}", fontsize=12)
+    colours = palette(found.shape("instances/level")[0])
+    for column, frame in enumerate(shown):
+        picture, labels = pictures.row("rgb", frame), found.row("labels", frame)
+        _show(grid[0, column], picture, f"frame {frame}")
+        for level, name in enumerate(levels):
+            seen = len(np.unique(labels[level][labels[level] >= 0]))
+            _show(
+                grid[1 + level, column], tinted(picture, labels[level], colours), f"{name}: {seen} instances"
+            )
+    with whole_file(output) as scratch:
+        figure.savefig(scratch, dpi=90, format="png")
+    plt.close(figure)
+
+
+def _summary(found: Artifact) -> str:
+    facts = found.facts
+    by_level = ", ".join(f"{number} {name}s" for name, number in facts["instances"].items())
+    keys = facts.get("key_frames")
+    prompted = f"; prompted in {len(keys)} frames" if keys is not None else ""
+    return (
+        f"{by_level} by {facts['segmenter']}{prompted}, origin {found.origin}\nan instance keeps its colour"
+    )
+
+
+def palette(count: int) -> NDArray[np.float64]:
+    """(count, 3) colours 0..1; neighbours in number are far apart in hue."""
+    hues = (np.arange(count) * 0.61803398875) % 1.0
+    value = 0.75 + 0.25 * ((np.arange(count) // 7) % 2)
+    hsv = np.stack([hues, np.full(count, 0.85), value], axis=1)
+    return matplotlib.colors.hsv_to_rgb(hsv).reshape(count, 3)
+
+
+def tinted(
+    picture: NDArray[np.uint8], labels: NDArray[np.int32], colours: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(H, W, 3) picture 0..1, grey where nothing is, with instances in their colours and outlined.
+
+    Args:
+        picture: (H, W, 3) uint8; labels: (H, W), -1 for none; colours: (N, 3) 0..1.
+    """
+    light = picture / 255.0
+    grey = np.repeat(light.mean(axis=2, keepdims=True), 3, axis=2)
+    if not len(colours):
+        return 0.6 * grey
+    tint = (1 - TINT) * grey + TINT * colours[np.maximum(labels, 0)]
+    shown = np.where((labels >= 0)[..., None], tint, 0.6 * grey)
+    shown[_borders(labels)] = 1.0
+    return shown
+
+
+def _borders(labels: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """(H, W) pixels whose right or lower neighbour has another label."""
+    borders = np.zeros(labels.shape, dtype=bool)
+    borders[:, :-1] |= labels[:, :-1] != labels[:, 1:]
+    borders[:-1] |= labels[:-1] != labels[1:]
+    return borders
+
+
+def _show(cell: Axes, picture: NDArray, title: str) -> None:
+    cell.imshow(picture)
+    cell.set_title(title, fontsize=9)
+    cell.set_axis_off()

@@ -1,0 +1,69 @@
+"""The motion of the camera between two pictures, as one homography."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+_LEAST_SIDE = 64
+"""Of pictures in which features are looked for [px]; ORB's pyramid fails in tiny ones."""
+_FEATURES = 1500
+_FAST_THRESHOLD = 7
+_LEAST_MATCHES = 12
+_LEAST_INLIERS = 0.2
+"""Of the matches must follow one homography for it to be believed."""
+_TOLERANCE = 0.015
+"""What follows: within this share of the longer side. Loose, because near things move more than the walls."""
+_SEED = 1
+
+
+def find_motion(source: NDArray[np.uint8], target: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """(3, 3) homography from pixels (x, y) of ``source`` to ``target``; the identity where none is found.
+
+    Args:
+        source, target: (h, w) uint8.
+    """
+    if min(source.shape) < _LEAST_SIDE:
+        return np.eye(3)
+    finder = cv2.ORB_create(_FEATURES, fastThreshold=_FAST_THRESHOLD)
+    (here, here_codes), (there, there_codes) = (
+        finder.detectAndCompute(one, None) for one in (source, target)
+    )
+    if min(len(here), len(there)) < _LEAST_MATCHES:
+        return np.eye(3)
+    matches = cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True).match(here_codes, there_codes)
+    if len(matches) < _LEAST_MATCHES:
+        return np.eye(3)
+    begin = np.array([here[one.queryIdx].pt for one in matches], dtype=np.float32)
+    end = np.array([there[one.trainIdx].pt for one in matches], dtype=np.float32)
+    cv2.setRNGSeed(_SEED)
+    found, inliers = cv2.findHomography(begin, end, cv2.RANSAC, _TOLERANCE * max(source.shape))
+    if found is None or inliers.mean() < _LEAST_INLIERS or not _is_plausible(found, source.shape):
+        return np.eye(3)
+    return found
+
+
+def _is_plausible(motion: NDArray[np.float64], shape: tuple[int, int]) -> bool:
+    """Whether the corners of the picture stay in front, in order, and less than one side away."""
+    height, width = shape
+    corners = np.array([[[0, 0], [width, 0], [width, height], [0, height]]], dtype=np.float32)
+    depth = np.dstack([corners, np.ones((1, 4, 1))]) @ motion[2]
+    moved = move(corners, motion)
+    apart = np.linalg.norm(moved - corners, axis=2)
+    return bool(
+        (depth > 0).all() and apart.max() < max(shape) and cv2.isContourConvex(moved) and _turn(moved) > 0
+    )
+
+
+def _turn(corners: NDArray[np.float32]) -> float:
+    """Signed area of a (1, 4, 2) quadrilateral."""
+    return cv2.contourArea(corners, oriented=True)
+
+
+def move(points: NDArray[np.float32], motion: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(h, w, 2) float32 points (x, y) under a homography."""
+    return cv2.perspectiveTransform(points, motion)
+
+
+def pixel_grid(height: int, width: int) -> NDArray[np.float32]:
+    """(height, width, 2) float32 x and y of each pixel."""
+    return np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=2).astype(np.float32)

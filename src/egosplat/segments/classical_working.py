@@ -1,0 +1,77 @@
+"""A picture at the size that the segmenter works at, and labels back at the picture's own size."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class Working:
+    """A picture made smaller.
+
+    Attributes:
+        rgb: (h, w, 3) float32 in [0, 1]; pixels that are not valid have the colour of the nearest that is.
+        valid: (h, w) bool: pixels of which some part is valid.
+        shape: height and width of the picture itself.
+        unit: working pixels per pixel at the nominal side, at most 1.
+    """
+
+    rgb: NDArray[np.float32]
+    valid: NDArray[np.bool_]
+    shape: tuple[int, int]
+    unit: float
+
+
+def check_picture(picture: NDArray[np.uint8], valid: NDArray[np.bool_]) -> None:
+    """Raise ValueError unless ``picture`` is (H, W, 3) uint8, not empty, and ``valid`` is (H, W) bool."""
+    if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3 or picture.size == 0:
+        raise ValueError(f"a picture is (H, W, 3) uint8, not {picture.shape} {picture.dtype}")
+    check_map(valid, np.dtype(bool), picture.shape[:2], "valid")
+
+
+def check_map(values: NDArray[np.generic], dtype: np.dtype, shape: tuple[int, ...], name: str) -> None:
+    """Raise ValueError unless ``values`` has this element type and shape."""
+    if values.dtype != dtype or values.shape != shape:
+        raise ValueError(f"{name} is {shape} {dtype}, not {values.shape} {values.dtype}")
+
+
+def make_working(picture: NDArray[np.uint8], valid: NDArray[np.bool_], side: int) -> Working:
+    """The picture with its longest side at most ``side``; what is not valid has no influence on it.
+
+    Args:
+        picture: (H, W, 3) uint8 RGB.
+        valid: (H, W) bool.
+        side: [px].
+    """
+    height, width = valid.shape
+    scale = min(1.0, side / max(height, width))
+    size = max(1, round(width * scale)), max(1, round(height * scale))
+    weight = cv2.resize(valid.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    kept = np.where(valid[..., None], picture, 0).astype(np.float32) / 255
+    rgb = cv2.resize(kept, size, interpolation=cv2.INTER_AREA)
+    some = weight > 1e-6
+    rgb /= np.where(some, weight, 1)[..., None]
+    return Working(fill(rgb, some), some, (height, width), max(size) / side)
+
+
+def fill(values: NDArray[np.generic], known: NDArray[np.bool_]) -> NDArray[np.generic]:
+    """(h, w, ...) values whose pixels outside of (h, w) ``known`` are those of the nearest known pixel."""
+    if known.all() or not known.any():
+        return values
+    _, nearest = cv2.distanceTransformWithLabels(
+        (~known).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    by_number = np.zeros((nearest.max() + 1, *values.shape[2:]), dtype=values.dtype)
+    by_number[nearest[known]] = values[known]
+    return by_number[nearest]
+
+
+def enlarge(labels: NDArray[np.int32], shape: tuple[int, int]) -> NDArray[np.int32]:
+    """(..., h, w) labels -> (..., *shape): each pixel takes the label under its centre."""
+    rows, columns = (
+        (2 * np.arange(size) + 1) * there // (2 * size)
+        for size, there in zip(shape, labels.shape[-2:], strict=True)
+    )
+    return labels[..., rows[:, None], columns]
