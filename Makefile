@@ -36,12 +36,13 @@ demo: install
 	$(BIN)/snakemake --cores $(CORES) results/adt/scene1/contact_sheet.png results/adt/scene1/splats.png
 	@echo "Look at results/adt/scene1/contact_sheet.png and results/adt/scene1/splats.png"
 
+# One process a core, and one thread each: more would wait for one another.
 test: install
-	$(BIN)/python -m pytest
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses $(CORES) --dist loadfile
 
 lint: install
-	$(BIN)/ruff check setup.py src tests benchmarks
-	$(BIN)/ruff format --check setup.py src tests benchmarks
+	$(BIN)/ruff check setup.py src tests benchmarks training
+	$(BIN)/ruff format --check setup.py src tests benchmarks training
 	$(BIN)/snakefmt --check workflow
 
 # The lock file anew, from the ranges in pyproject.toml.

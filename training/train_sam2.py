@@ -49,12 +49,12 @@ class Recipe:
 
     steps: int
     seed: int
-    clips_from: float = 0.45
+    clips_from: float = 0.6
     pictures: int = 6
     points: int = 12
     clips: int = 2
-    frames: int = 5
-    tracks: int = 5
+    frames: int = 4
+    tracks: int = 4
     peak_rate: float = 1.2e-3
     warm_up: int = 200
     decay: float = 0.3

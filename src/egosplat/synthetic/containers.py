@@ -23,7 +23,13 @@ def trash_can(rng: Rng) -> Model:
         (
             Part("pail", pail, body),
             Part("lid", lid, some_metal(rng)),
-            Part("band", bands, make_texture(checks(rng, (0.9, 0.9, 0.85), random_colour(rng)), 0.1)),
+            Part(
+                "band",
+                bands,
+                make_texture(
+                    checks(rng, (0.9, 0.9, 0.85), random_colour(rng)), 0.1, surface="checked plastic"
+                ),
+            ),
             Part("pedal", pedal, some_plastic(rng, (0.1, 0.1, 0.1))),
         )
     )
@@ -31,7 +37,7 @@ def trash_can(rng: Rng) -> Model:
 
 def clothes_basket(rng: Rng) -> Model:
     """A wicker basket with handles and laundry in it."""
-    straw = make_texture(wicker(rng, (0.72, 0.55, 0.34)), 0.22)
+    straw = make_texture(wicker(rng, (0.72, 0.55, 0.34)), 0.22, surface="wicker")
     wall = lathe(
         [(0, 0), (0.19, 0), (0.24, 0.4), (0.25, 0.4), (0.25, 0.42), (0.22, 0.42), (0.215, 0.36), (0, 0.36)]
     )
@@ -57,7 +63,9 @@ def box_with_lid(rng: Rng) -> Model:
     band = [box((-0.012, 0, -d / 2 - 0.006), (0.012, h + 0.003, d / 2 + 0.006))]
     band += [ellipsoid((0.03, 0.014, 0.016), (x, h + 0.014, 0), 10) for x in (-0.028, 0.028)]
     paper = make_texture(
-        motifs(rng, random_colour(rng, (0.3, 0.7)), (random_colour(rng),), (256, 256), 50, (5, 15)), 0.2
+        motifs(rng, random_colour(rng, (0.3, 0.7)), (random_colour(rng),), (256, 256), 50, (5, 15)),
+        0.2,
+        surface="flowered paper",
     )
     return Model(
         (
@@ -84,12 +92,13 @@ def tissue_box(rng: Rng) -> Model:
             (8, 26),
         ),
         0.22,
+        surface="flowered paper",
     )
     tissue = [
         leaf(0.09, 0.08, 0.02).moved((0, 0.09, 0), Rotation.from_euler("YX", [turn, -1.2]))
         for turn in (0.3, 2.2, 4.4)
     ]
-    paper = make_texture(cloth(rng, (0.92, 0.92, 0.92), 0.06), 0.1)
+    paper = make_texture(cloth(rng, (0.92, 0.92, 0.92), 0.06), 0.1, surface="paper")
     return Model(
         (Part("box", box((-0.115, 0, -0.06), (0.115, 0.09, 0.06)), card), Part("tissue", join(tissue), paper))
     )

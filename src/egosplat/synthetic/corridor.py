@@ -23,12 +23,14 @@ def corridor_parts(room: Room, rng: Rng) -> list[Part]:
     colours = [random_colour(rng) for _ in range(2)]
     paper = motifs(rng, random_colour(rng, (0.1, 0.3), (0.7, 0.9)), colours, (512, 512), 150, (8, 26))
     stone = speckled(rng, (0.62, 0.6, 0.56), (0.35, 0.33, 0.32), 900, 5)
-    plaster = make_texture(shaded((0.88, 0.87, 0.85), 0.04 * noise(rng, (256, 256), 1.0)), 1.0)
+    plaster = make_texture(
+        shaded((0.88, 0.87, 0.85), 0.04 * noise(rng, (256, 256), 1.0)), 1.0, surface="plaster"
+    )
     middle = (door.left + 0.25, door.right - 0.25)
     lamp = block(room, door.wall, middle, (_HEIGHT_M - 0.03, _HEIGHT_M - 0.005), (-near - 0.8, -near - 0.5))
     return [
-        Part("corridor walls", _walls(room), make_texture(paper, 2.0)),
-        Part("corridor floor", ground, make_texture(stone, 0.8)),
+        Part("corridor walls", _walls(room), make_texture(paper, 2.0, surface="flowered paper")),
+        Part("corridor floor", ground, make_texture(stone, 0.8, surface="speckled stone")),
         Part("corridor ceiling", ceiling, plaster),
         Part("corridor lamp", lamp, some_plastic(rng, (0.98, 0.95, 0.85)), glow=1.6),
         Part("door mat", _mat(room), some_fabric(rng)),

@@ -19,7 +19,11 @@ def table(rng: Rng, width: float, depth: float, height: float) -> Model:
     """Top, apron and legs; the top is wood or marble."""
     stone = rng.random() < 0.3
     frame = some_wood(rng)
-    top = make_texture(marble(rng, (0.85, 0.84, 0.8), (0.3, 0.3, 0.33)), 0.8) if stone else some_wood(rng)
+    top = (
+        make_texture(marble(rng, (0.85, 0.84, 0.8), (0.3, 0.3, 0.33)), 0.8, surface="marble")
+        if stone
+        else some_wood(rng)
+    )
     x, z = width / 2, depth / 2
     apron = box((-x + 0.06, height - 0.11, -z + 0.06), (x - 0.06, height - 0.04, z - 0.06))
     return Model(
@@ -161,7 +165,11 @@ def bookcase(rng: Rng) -> Model:
             Part("shelves", join(boards), body),
             Part("sides", join(sides), body),
             Part(
-                "back", back, make_texture(cloth(rng, random_colour(rng, (0.2, 0.5), (0.6, 0.9)), 0.2), 0.5)
+                "back",
+                back,
+                make_texture(
+                    cloth(rng, random_colour(rng, (0.2, 0.5), (0.6, 0.9)), 0.2), 0.5, surface="plain cloth"
+                ),
             ),
         ),
         (*shelves, top),
@@ -170,7 +178,7 @@ def bookcase(rng: Rng) -> Model:
 
 def refrigerator(rng: Rng) -> Model:
     """Two doors with long handles; notes and magnets on the upper one."""
-    steel = make_texture(metal(rng, random_colour(rng, (0.0, 0.35), (0.65, 0.85))), 0.6)
+    steel = make_texture(metal(rng, random_colour(rng, (0.0, 0.35), (0.65, 0.85))), 0.6, surface="metal")
     w, d, h = 0.64, 0.6, 1.75
     doors = [
         box((-w / 2 + 0.004, a, d / 2), (w / 2 - 0.004, b, d / 2 + 0.05))
@@ -184,14 +192,14 @@ def refrigerator(rng: Rng) -> Model:
         Part(
             f"note {number}",
             box((x, y, d / 2 + 0.05), (x + 0.1, y + 0.12, d / 2 + 0.053)),
-            make_texture(landscape(rng, (96, 80)), 0.1, 0.12),
+            make_texture(landscape(rng, (96, 80)), 0.1, 0.12, surface="printed paper"),
         )
         for number, (x, y) in enumerate(places)
     ]
     return Model(
         (
             Part("body", box((-w / 2, 0.04, -d / 2), (w / 2, h, d / 2)), steel),
-            Part("doors", join(doors), make_texture(metal(rng, (0.75, 0.76, 0.78)), 0.6)),
+            Part("doors", join(doors), make_texture(metal(rng, (0.75, 0.76, 0.78)), 0.6, surface="metal")),
             Part("handles", join(handles), some_metal(rng)),
             Part(
                 "feet",

@@ -15,8 +15,8 @@ def book_standing(rng: Rng) -> Model:
     w, h, d = rng.uniform(0.035, 0.06), rng.uniform(0.2, 0.27), rng.uniform(0.15, 0.19)
     colour = random_colour(rng)
     title = np.rot90(spine(rng, colour), -1)
-    front = make_texture(cover(rng, colour), d, h)
-    paper = make_texture(stripes(rng, ((0.93, 0.9, 0.82), (0.85, 0.81, 0.72)), 40), 0.05)
+    front = make_texture(cover(rng, colour), d, h, surface="printed paper")
+    paper = make_texture(stripes(rng, ((0.93, 0.9, 0.82), (0.85, 0.81, 0.72)), 40), 0.05, surface="paper")
     return Model(
         (
             Part(
@@ -24,7 +24,11 @@ def book_standing(rng: Rng) -> Model:
                 box((-w / 2 + 0.003, 0.004, -d / 2), (w / 2 - 0.003, h - 0.004, d / 2 - 0.003)),
                 paper,
             ),
-            Part("spine", box((-w / 2, 0, d / 2 - 0.003), (w / 2, h, d / 2)), make_texture(title, w, h)),
+            Part(
+                "spine",
+                box((-w / 2, 0, d / 2 - 0.003), (w / 2, h, d / 2)),
+                make_texture(title, w, h, surface="printed paper"),
+            ),
             Part(
                 "covers",
                 join([box((x, 0, -d / 2), (x + 0.003, h, d / 2 - 0.003)) for x in (-w / 2, w / 2 - 0.003)]),
@@ -38,8 +42,10 @@ def book_lying(rng: Rng) -> Model:
     """A book on its back cover."""
     w, h, d = rng.uniform(0.14, 0.19), rng.uniform(0.025, 0.045), rng.uniform(0.2, 0.26)
     colour = random_colour(rng)
-    paper = make_texture(stripes(rng, ((0.93, 0.9, 0.82), (0.82, 0.78, 0.7)), 30, upright=False), 0.04)
-    front = make_texture(cover(rng, colour), w, d)
+    paper = make_texture(
+        stripes(rng, ((0.93, 0.9, 0.82), (0.82, 0.78, 0.7)), 30, upright=False), 0.04, surface="paper"
+    )
+    front = make_texture(cover(rng, colour), w, d, surface="printed paper")
     return Model(
         (
             Part(
@@ -52,7 +58,7 @@ def book_lying(rng: Rng) -> Model:
             Part(
                 "spine",
                 box((-w / 2, 0.003, -d / 2), (-w / 2 + 0.003, h - 0.003, d / 2)),
-                make_texture(spine(rng, colour), d, h),
+                make_texture(spine(rng, colour), d, h, surface="printed paper"),
             ),
         )
     )
@@ -60,8 +66,12 @@ def book_lying(rng: Rng) -> Model:
 
 def magazine(rng: Rng) -> Model:
     """A thin magazine lying open-side right."""
-    sheets = make_texture(stripes(rng, ((0.95, 0.95, 0.93), (0.7, 0.7, 0.7)), 10, upright=False), 0.01)
-    front = make_texture(cover(rng, random_colour(rng, (0.5, 0.95), (0.6, 0.95))), 0.21, 0.28)
+    sheets = make_texture(
+        stripes(rng, ((0.95, 0.95, 0.93), (0.7, 0.7, 0.7)), 10, upright=False), 0.01, surface="paper"
+    )
+    front = make_texture(
+        cover(rng, random_colour(rng, (0.5, 0.95), (0.6, 0.95))), 0.21, 0.28, surface="printed paper"
+    )
     return Model(
         (
             Part("pages", box((-0.104, 0, -0.139), (0.104, 0.007, 0.139)), sheets),
@@ -72,7 +82,7 @@ def magazine(rng: Rng) -> Model:
 
 def laptop(rng: Rng) -> Model:
     """An open laptop, switched on."""
-    shell = make_texture(metal(rng, (0.6, 0.61, 0.64)), 0.3)
+    shell = make_texture(metal(rng, (0.6, 0.61, 0.64)), 0.3, surface="metal")
     tilt = Rotation.from_euler("x", -15, degrees=True)
     hinge = (0, 0.016, -0.1)
     screen = sheet((-0.155, 0.205, 0.0055), (0.31, 0, 0), (0, -0.185, 0)).moved(hinge, tilt)
@@ -81,7 +91,9 @@ def laptop(rng: Rng) -> Model:
         (
             Part("base", box((-0.165, 0, -0.115), (0.165, 0.016, 0.115)), shell),
             Part(
-                "keyboard", board, make_texture(keys(rng, (0.75, 0.75, 0.78), (0.1, 0.1, 0.12)), 0.29, 0.115)
+                "keyboard",
+                board,
+                make_texture(keys(rng, (0.75, 0.75, 0.78), (0.1, 0.1, 0.12)), 0.29, 0.115, surface="plastic"),
             ),
             Part("lid", box((-0.165, 0, -0.005), (0.165, 0.215, 0.005)).moved(hinge, tilt), shell),
             Part("screen", screen, make_texture(landscape(rng, (160, 256)), 0.31, 0.185), glow=0.5),
@@ -128,7 +140,9 @@ def speaker(rng: Rng) -> Model:
         )
         for r, y in ((0.055, 0.085), (0.03, 0.19))
     ]
-    grille = make_texture(checks(rng, (0.1, 0.1, 0.11), (0.32, 0.32, 0.35), 16), 0.12)
+    grille = make_texture(
+        checks(rng, (0.1, 0.1, 0.11), (0.32, 0.32, 0.35), 16), 0.12, surface="checked cloth"
+    )
     return Model(
         (
             Part("case", box((-0.075, 0, -0.08), (0.075, 0.25, 0.08)), some_wood(rng)),
@@ -139,7 +153,9 @@ def speaker(rng: Rng) -> Model:
 
 def remote_control(rng: Rng) -> Model:
     """A remote control with its buttons up."""
-    buttons = make_texture(keys(rng, (0.1, 0.1, 0.12), (0.75, 0.3, 0.25), 9, 3), 0.04, 0.15)
+    buttons = make_texture(
+        keys(rng, (0.1, 0.1, 0.12), (0.75, 0.3, 0.25), 9, 3), 0.04, 0.15, surface="plastic"
+    )
     return Model(
         (
             Part(

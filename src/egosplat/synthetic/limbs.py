@@ -28,11 +28,17 @@ def random_clothes(rng: Rng) -> Clothes:
     skin = tones[rng.integers(len(tones))]
     hair = ((0.15, 0.1, 0.08), (0.45, 0.3, 0.15), (0.6, 0.58, 0.55))[rng.integers(3)]
     return Clothes(
-        make_texture(shaded(skin, 0.06 * noise(rng, (128, 128), 1.2)), 0.3),
+        make_texture(shaded(skin, 0.06 * noise(rng, (128, 128), 1.2)), 0.3, surface="skin"),
         some_fabric(rng),
-        make_texture(cloth(rng, random_colour(rng, (0.2, 0.6), (0.2, 0.5)), 0.25), 0.3),
-        make_texture(shaded(hair, 0.25 * noise(rng, (128, 128), 0.8, 8.0)), 0.2),
-        make_texture(speckled(rng, random_colour(rng, (0.1, 0.8), (0.2, 0.8)), (0.9, 0.9, 0.9), 60), 0.2),
+        make_texture(
+            cloth(rng, random_colour(rng, (0.2, 0.6), (0.2, 0.5)), 0.25), 0.3, surface="plain cloth"
+        ),
+        make_texture(shaded(hair, 0.25 * noise(rng, (128, 128), 0.8, 8.0)), 0.2, surface="hair"),
+        make_texture(
+            speckled(rng, random_colour(rng, (0.1, 0.8), (0.2, 0.8)), (0.9, 0.9, 0.9), 60),
+            0.2,
+            surface="leather",
+        ),
     )
 
 

@@ -41,7 +41,9 @@ def _plant(rng: Rng, pot_radius: float, pot_height: float, leaves: int, length: 
     return Model(
         (
             Part("pot", pot, some_glaze(rng)),
-            Part("stem", join([stem, *stalks]), make_texture(wood(rng, (0.4, 0.36, 0.2)), 0.1)),
+            Part(
+                "stem", join([stem, *stalks]), make_texture(wood(rng, (0.4, 0.36, 0.2)), 0.1, surface="wood")
+            ),
             Part("leaves", join(blades), leaf_texture(rng, width, length)),
         )
     )
@@ -86,7 +88,9 @@ def desk_lamp(rng: Rng) -> Model:
         [(0.125, h - 0.13), (0.075, h + 0.05), (0.072, h + 0.05), (0.121, h - 0.13), (0.125, h - 0.13)]
     )
     silk = make_texture(
-        stripes(rng, (random_colour(rng, (0.1, 0.5), (0.8, 0.95)), (0.95, 0.88, 0.7)), 10), 0.3
+        stripes(rng, (random_colour(rng, (0.1, 0.5), (0.8, 0.95)), (0.95, 0.88, 0.7)), 10),
+        0.3,
+        surface="striped cloth",
     )
     return Model(
         (
@@ -132,7 +136,9 @@ def candle(rng: Rng) -> Model:
         [(0, 0), (0.05, 0), (0.05, 0.012), (0.022, 0.02), (0.022, 0.045), (0.034, 0.05), (0, 0.05)]
     )
     wax = make_texture(
-        stripes(rng, (random_colour(rng, (0.3, 0.8), (0.6, 0.9)), (0.95, 0.92, 0.85)), 6, upright=False), 0.08
+        stripes(rng, (random_colour(rng, (0.3, 0.8), (0.6, 0.9)), (0.95, 0.92, 0.85)), 6, upright=False),
+        0.08,
+        surface="striped wax",
     )
     flame = ellipsoid((0.007, 0.018, 0.007), (0, 0.172, 0), 8)
     bright = make_texture(speckled(rng, (1.0, 0.8, 0.4), (1.0, 0.95, 0.7)), 0.05)
@@ -148,7 +154,9 @@ def candle(rng: Rng) -> Model:
 def figurine(rng: Rng) -> Model:
     """A sitting cat on a plinth."""
     fur = make_texture(
-        stripes(rng, (random_colour(rng, (0.2, 0.6), (0.4, 0.9)), (0.2, 0.15, 0.12)), 12, upright=False), 0.12
+        stripes(rng, (random_colour(rng, (0.2, 0.6), (0.4, 0.9)), (0.2, 0.15, 0.12)), 12, upright=False),
+        0.12,
+        surface="striped pottery",
     )
     head = [ellipsoid((0.03, 0.028, 0.028), (0, 0.16, 0.015), 14)]
     head += [rod((x, 0.18, 0.01), (x * 1.35, 0.207, 0.01), 0.011, 0.002) for x in (-0.018, 0.018)]
@@ -173,7 +181,9 @@ def figurine(rng: Rng) -> Model:
 def toy(rng: Rng) -> Model:
     """A dinosaur on four legs."""
     skin = make_texture(
-        speckled(rng, random_colour(rng, (0.5, 0.9), (0.5, 0.85)), random_colour(rng), 120, 9), 0.1
+        speckled(rng, random_colour(rng, (0.5, 0.9), (0.5, 0.85)), random_colour(rng), 120, 9),
+        0.1,
+        surface="speckled plastic",
     )
     legs = [rod((x, 0.008, z), (x * 0.9, 0.06, z), 0.014) for x in (-0.05, 0.05) for z in (-0.022, 0.022)]
     spikes = [rod((x, 0.108, 0), (x - 0.008, 0.138, 0), 0.01, 0.002) for x in np.linspace(-0.045, 0.045, 5)]
@@ -203,5 +213,11 @@ def ball(rng: Rng) -> Model:
     leather = speckled(rng, (0.8, 0.42, 0.16), (0.6, 0.28, 0.1), 900, 2)
     picture = leather * (1 - lines[..., None]) + 0.06 * lines[..., None]
     return Model(
-        (Part("ball", ellipsoid((0.12, 0.12, 0.12), (0, 0.12, 0), 28), make_texture(picture, 0.377)),)
+        (
+            Part(
+                "ball",
+                ellipsoid((0.12, 0.12, 0.12), (0, 0.12, 0), 28),
+                make_texture(picture, 0.377, surface="leather"),
+            ),
+        )
     )

@@ -81,7 +81,9 @@ def mattress(rng: Rng) -> Model:
     """A mattress with a blanket over its foot end."""
     w, d = 0.9, 1.88
     blanket = cushion((-w / 2 - 0.003, 0.02, -0.2), (w / 2 + 0.003, 0.222, d / 2 + 0.003), 0.05)
-    ticking = make_texture(stripes(rng, ((0.9, 0.89, 0.86), (0.72, 0.78, 0.86)), 12), 0.6)
+    ticking = make_texture(
+        stripes(rng, ((0.9, 0.89, 0.86), (0.72, 0.78, 0.86)), 12), 0.6, surface="striped cloth"
+    )
     return Model(
         (
             Part("mattress", cushion((-w / 2, 0, -d / 2), (w / 2, 0.21, d / 2), 0.05), ticking),

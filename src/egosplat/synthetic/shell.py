@@ -38,7 +38,11 @@ def _floor(room: Room, rng: Rng) -> Part:
         (1024, 1024),
         26,
     )
-    return Part("floor", sheet((-w / 2, 0, -d / 2), (w, 0, 0), (0, 0, d), 0.12), make_texture(boards, w, d))
+    return Part(
+        "floor",
+        sheet((-w / 2, 0, -d / 2), (w, 0, 0), (0, 0, d), 0.12),
+        make_texture(boards, w, d, surface="wood"),
+    )
 
 
 def _rug(room: Room, rng: Rng) -> Part:
@@ -54,7 +58,9 @@ def _rug(room: Room, rng: Rng) -> Part:
             line[:] = tint
     picture *= 1 + 0.12 * noise(rng, picture.shape[:2], 0.5)[..., None]
     return Part(
-        "rug", sheet((x - w / 2, 0.006, z - d / 2), (w, 0, 0), (0, 0, d)), make_texture(picture, w, d)
+        "rug",
+        sheet((x - w / 2, 0.006, z - d / 2), (w, 0, 0), (0, 0, d)),
+        make_texture(picture, w, d, surface="flowered cloth"),
     )
 
 
@@ -68,7 +74,9 @@ def _ceiling(room: Room, rng: Rng) -> Part:
         * (1 + 0.03 * noise(rng, (768, 768), 0.8))[..., None]
     )
     return Part(
-        "ceiling", sheet((-w / 2, room.height, d / 2), (w, 0, 0), (0, 0, -d)), make_texture(picture, w, d)
+        "ceiling",
+        sheet((-w / 2, room.height, d / 2), (w, 0, 0), (0, 0, -d)),
+        make_texture(picture, w, d, surface="plaster"),
     )
 
 
@@ -98,7 +106,11 @@ def _walls(room: Room, rng: Rng) -> list[Part]:
         picture *= 1 + 0.05 * noise(rng, (512, 1024), 0.7)[..., None]
         holes = [opening for opening in room.openings if opening.wall == wall]
         parts.append(
-            Part(f"wall {wall}", _with_holes(room, wall, holes), make_texture(picture, length, room.height))
+            Part(
+                f"wall {wall}",
+                _with_holes(room, wall, holes),
+                make_texture(picture, length, room.height, surface="flowered paper"),
+            )
         )
     return parts
 

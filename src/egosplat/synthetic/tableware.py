@@ -17,13 +17,16 @@ def coaster(rng: Rng) -> Model:
     top = make_texture(
         motifs(rng, random_colour(rng), (random_colour(rng), (0.95, 0.9, 0.8)), (256, 256), 26, (12, 34)),
         2 * r,
+        surface="flowered paper",
     )
     return Model(
         (
             Part(
                 "mat",
                 cylinder(r, 0, 0.008, 28),
-                make_texture(speckled(rng, (0.65, 0.47, 0.28), (0.35, 0.22, 0.12)), 0.1),
+                make_texture(
+                    speckled(rng, (0.65, 0.47, 0.28), (0.35, 0.22, 0.12)), 0.1, surface="speckled cork"
+                ),
             ),
             Part("picture", cylinder(r * 0.92, 0.008, 0.01, 28), top),
         )
@@ -66,7 +69,9 @@ def bowl(rng: Rng) -> Model:
             Part(
                 "dish",
                 dish,
-                make_texture(wood(rng, (0.6, 0.4, 0.22)), 0.2) if rng.random() < 0.5 else some_glaze(rng),
+                make_texture(wood(rng, (0.6, 0.4, 0.22)), 0.2, surface="wood")
+                if rng.random() < 0.5
+                else some_glaze(rng),
             ),
             *fruit,
         )
@@ -116,10 +121,13 @@ def bottle(rng: Rng) -> Model:
         label(rng, random_colour(rng, (0.5, 0.9), (0.2, 0.6)), random_colour(rng, (0.05, 0.4), (0.8, 0.95))),
         np.pi * r,
         h * 0.4,
+        surface="printed paper",
     )
     sleeve = lathe([(r + 0.001, h * 0.12), (r + 0.001, h * 0.52)])
     glass = make_texture(
-        speckled(rng, random_colour(rng, (0.4, 0.9), (0.15, 0.55)), (0.8, 0.85, 0.8), 50, 2), 0.1
+        speckled(rng, random_colour(rng, (0.4, 0.9), (0.15, 0.55)), (0.8, 0.85, 0.8), 50, 2),
+        0.1,
+        surface="glass",
     )
     return Model(
         (
@@ -136,6 +144,7 @@ def tea_kettle(rng: Rng) -> Model:
         0.6 * metal(rng, base := random_colour(rng, (0.2, 0.9), (0.5, 0.9)))
         + 0.4 * speckled(rng, base, (0.9, 0.9, 0.9), 60, 5),
         0.25,
+        surface="speckled metal",
     )
     body = lathe([(0, 0), (0.08, 0), (0.1, 0.03), (0.098, 0.08), (0.06, 0.13), (0, 0.135)], 28, 60)
     arc = [(0.085 * np.cos(a), 0.12 + 0.1 * np.sin(a), 0) for a in np.linspace(0.15, np.pi - 0.15, 9)]
@@ -162,6 +171,7 @@ def toaster(rng: Rng) -> Model:
         0.7 * metal(rng, c := random_colour(rng, (0.1, 0.9), (0.6, 0.9)))
         + 0.3 * stripes(rng, (c, (0.9, 0.9, 0.9)), 6),
         0.3,
+        surface="striped metal",
     )
     bread = [cushion((-0.055, 0.15, z - 0.012), (0.055, 0.225, z + 0.012), 0.011) for z in (-0.035, 0.035)]
     return Model(
@@ -203,7 +213,7 @@ def cutting_board(rng: Rng) -> Model:
 
 def pot(rng: Rng) -> Model:
     """A cooking pot with a lid and two handles."""
-    steel = make_texture(metal(rng, random_colour(rng, (0.0, 0.8), (0.55, 0.85))), 0.25)
+    steel = make_texture(metal(rng, random_colour(rng, (0.0, 0.8), (0.55, 0.85))), 0.25, surface="metal")
     body = lathe([(0, 0), (0.1, 0), (0.105, 0.01), (0.105, 0.12), (0.112, 0.124), (0, 0.124)], 28)
     handles = [rod((s * 0.1, 0.1, z), (s * 0.14, 0.1, z), 0.007) for s in (-1, 1) for z in (-0.03, 0.03)]
     handles += [rod((s * 0.14, 0.1, -0.03), (s * 0.14, 0.1, 0.03), 0.009) for s in (-1, 1)]

@@ -26,16 +26,21 @@ class Texture:
     Attributes:
         pixels: (H, W, 3) uint8.
         size_m: width and height.
+        surface: what it shows in words, a material last and before it a pattern ("striped cloth"); empty where
+            neither has a name. Nothing that is rendered depends on it.
     """
 
     pixels: NDArray[np.uint8]
     size_m: tuple[float, float]
+    surface: str = ""
 
 
-def make_texture(picture: Picture, width_m: float, height_m: float | None = None) -> Texture:
+def make_texture(
+    picture: Picture, width_m: float, height_m: float | None = None, *, surface: str = ""
+) -> Texture:
     """A (H, W, 3) float picture 0..1 as a texture; the height follows from its shape unless given."""
     height = width_m * picture.shape[0] / picture.shape[1] if height_m is None else height_m
-    return Texture((np.clip(picture, 0, 1) * 255 + 0.5).astype(np.uint8), (width_m, height))
+    return Texture((np.clip(picture, 0, 1) * 255 + 0.5).astype(np.uint8), (width_m, height), surface)
 
 
 def noise(rng: Rng, shape: tuple[int, int], roughness: float = 1.6, stretch: float = 1.0) -> Picture:

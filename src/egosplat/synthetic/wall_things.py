@@ -13,8 +13,8 @@ from egosplat.synthetic.textures import Rng, cloth, make_texture
 def wall_artwork(rng: Rng) -> Model:
     """An abstract painting on canvas, without a frame."""
     w, h = rng.uniform(0.7, 1.0), rng.uniform(0.55, 0.75)
-    canvas = make_texture(abstract(rng, (320, 448)), w, h)
-    edge = make_texture(cloth(rng, (0.85, 0.82, 0.74)), 0.2)
+    canvas = make_texture(abstract(rng, (320, 448)), w, h, surface="painted canvas")
+    edge = make_texture(cloth(rng, (0.85, 0.82, 0.74)), 0.2, surface="canvas")
     front = sheet((-w / 2, h / 2, 0.031), (w, 0, 0), (0, -h, 0))
     return Model(
         (
@@ -27,7 +27,7 @@ def wall_artwork(rng: Rng) -> Model:
 def picture(rng: Rng) -> Model:
     """A framed landscape with a mat."""
     w, h = rng.uniform(0.42, 0.6), rng.uniform(0.36, 0.5)
-    mat = make_texture(cloth(rng, (0.93, 0.92, 0.88), 0.05), 0.2)
+    mat = make_texture(cloth(rng, (0.93, 0.92, 0.88), 0.05), 0.2, surface="paper")
     inner = sheet((-w / 2 + 0.07, h / 2 - 0.07, 0.0135), (w - 0.14, 0, 0), (0, -h + 0.14, 0))
     scene = make_texture(landscape(rng, (224, 288)), w - 0.14, h - 0.14)
     frame = _frame(w, h, 0.035, 0.028)

@@ -1,0 +1,148 @@
+"""The packaged small OpenCLIP tells things of the synthetic world apart, by words, from pictures it has never seen.
+
+Things are built from seeds that no training world has, and rendered alone by a plain renderer of its own.
+"""
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch.nn import functional as F
+
+from egosplat.models.configs import SMALL_CLIP
+from egosplat.models.open_clip_loader import OpenClip, load_open_clip
+from egosplat.synthetic.atlas import Atlas
+from egosplat.synthetic.catalogue import CORE, GROUPS, REST, Kind
+from egosplat.synthetic.raycasting import Body, build_geometry, interpolated, static_scene
+
+KINDS = {kind.category: kind for kind in (*CORE, *REST, *(one for group in GROUPS for one in group))}
+TOLD = (
+    "couch",
+    "television",
+    "step stool",
+    "house plant",
+    "coffee table",
+    "bowl",
+    "refrigerator",
+    "tea kettle",
+)
+SYNONYMS = ("settee", "telly", "footstool", "shrub", "cocktail table", "basin", "icebox", "teapot")
+SIDE = 64
+
+
+@pytest.fixture(scope="module")
+def clip() -> OpenClip:
+    """The packaged model."""
+    return load_open_clip("small", "small", "cpu", "float32")
+
+
+def render(kind: Kind, seed: int) -> np.ndarray:
+    """(SIDE, SIDE, 3) uint8: a thing from its front, a little from above and from the side, on black."""
+    model = kind.build(np.random.default_rng([seed, 77]))
+    geometry = build_geometry([Body(1, model.parts, np.eye(4), "static")])
+    lower, upper = geometry.vertices.min(axis=0), geometry.vertices.max(axis=0)
+    centre, reach = (lower + upper) / 2, np.linalg.norm(upper - lower) / 2
+    side = 0.5 if seed % 2 else -0.5
+    away = np.array([np.sin(side), 0.5, np.cos(side)])
+    away /= np.linalg.norm(away)
+    right = np.cross([0, 1, 0], away)
+    right /= np.linalg.norm(right)
+    up = np.cross(away, right)
+    place = (np.arange(2 * SIDE) + 0.5) / SIDE - 1
+    x, y = np.meshgrid(place, -place)
+    rays = -away + 0.3 * (x.ravel()[:, None] * right + y.ravel()[:, None] * up)
+    rays = (rays / np.linalg.norm(rays, axis=1, keepdims=True)).astype(np.float32)
+    hits = static_scene(geometry).cast((centre + 3.5 * reach * away).astype(np.float32), rays)
+    normals, uv = (interpolated(geometry, hits, values) for values in (geometry.normals, geometry.uv))
+    texture = geometry.part_texture[geometry.face_part[hits.face]]
+    width = np.full(len(rays), 0.3 * 3.5 * reach / SIDE, dtype=np.float32)
+    light = 0.45 + 0.55 * np.abs(normals @ (0.3, 0.8, 0.5))
+    rgb = np.sqrt(np.clip(Atlas(geometry.textures).albedo(texture, uv, width) * light[:, None], 0, 1))
+    rgb[hits.face < 0] = 0
+    return squared((255 * rgb).astype(np.uint8).reshape(2 * SIDE, 2 * SIDE, 3))
+
+
+def squared(picture: np.ndarray) -> np.ndarray:
+    """(SIDE, SIDE, 3): the square around what is not black."""
+    rows, columns = (np.flatnonzero(picture.any(axis=(2, other))) for other in (1, 0))
+    inside = picture[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    height, width = inside.shape[:2]
+    side = max(height, width)
+    square = np.zeros((side, side, 3), dtype=np.float32)
+    top, left = (side - height) // 2, (side - width) // 2
+    square[top : top + height, left : left + width] = inside
+    resized = F.interpolate(
+        torch.from_numpy(square).permute(2, 0, 1)[None], (SIDE, SIDE), mode="bilinear", antialias=True
+    )
+    return resized[0].permute(1, 2, 0).numpy().astype(np.uint8)
+
+
+def encode(clip: OpenClip, pictures: list[np.ndarray]) -> torch.Tensor:
+    """(N, D) of unit norm."""
+    values = torch.from_numpy(np.stack(pictures)).permute(0, 3, 1, 2).float() / 255
+    mean, std = (
+        torch.tensor(numbers)[:, None, None] for numbers in (clip.preprocessing.mean, clip.preprocessing.std)
+    )
+    with clip.compute.inference():
+        return F.normalize(clip.model.encode_image((values - mean) / std).float(), dim=-1)
+
+
+def texts(clip: OpenClip, phrases: tuple[str, ...]) -> torch.Tensor:
+    """(N, D) of unit norm."""
+    with clip.compute.inference():
+        return F.normalize(clip.model.encode_text(clip.tokenizer(list(phrases))).float(), dim=-1)
+
+
+@pytest.fixture(scope="module")
+def features(clip: OpenClip) -> torch.Tensor:
+    """(8 kinds, 4 seeds, D)."""
+    pictures = [render(KINDS[name], seed) for name in TOLD for seed in range(4)]
+    return encode(clip, pictures).reshape(len(TOLD), 4, -1)
+
+
+def test_it_is_small_and_has_what_it_needs() -> None:
+    size = sum(file.stat().st_size for file in SMALL_CLIP.iterdir())
+    assert size < 3.45e6
+    assert {"open_clip_config.json", "open_clip_model.safetensors", "bpe.txt.gz", "MODEL_CARD.md"} == {
+        file.name for file in SMALL_CLIP.iterdir()
+    }
+
+
+def test_things_are_found_by_their_names(clip: OpenClip, features: torch.Tensor) -> None:
+    nearest = (features @ texts(clip, TOLD).T).argmax(dim=-1)
+    right = (nearest == torch.arange(len(TOLD))[:, None]).float()
+    # Chance is one in eight.
+    assert right.mean() >= 0.8
+
+
+def test_words_that_no_caption_had_find_them_too(clip: OpenClip, features: torch.Tensor) -> None:
+    averaged = F.normalize(features.mean(dim=1), dim=-1)
+    nearest = (averaged @ texts(clip, SYNONYMS).T).argmax(dim=-1)
+    assert (nearest == torch.arange(len(TOLD))).sum() >= 6
+
+
+def test_true_names_are_more_relevant_than_canonical_phrases_and_false_ones_less(
+    clip: OpenClip, features: torch.Tensor
+) -> None:
+    canonical = (features @ texts(clip, ("object", "things", "stuff", "texture")).T).amax(dim=-1)
+    relevant = features @ texts(clip, TOLD).T > canonical[..., None]
+    true = torch.eye(len(TOLD), dtype=torch.bool)[:, None].expand_as(relevant)
+    assert relevant[true].float().mean() >= 0.75
+    assert relevant[~true].float().mean() <= 0.2
+
+
+def test_colours_are_told(clip: OpenClip) -> None:
+    discs = []
+    y, x = np.mgrid[:SIDE, :SIDE] - SIDE / 2
+    for colour in ((200, 40, 40), (40, 150, 60), (50, 80, 200), (235, 205, 60)):
+        discs.append(((x**2 + y**2 < 28**2)[..., None] * np.array(colour)).astype(np.uint8))
+    phrases = ("red object", "green object", "blue object", "yellow object")
+    nearest = (encode(clip, discs) @ texts(clip, phrases).T).argmax(dim=1)
+    assert (nearest == torch.arange(4)).sum() >= 3
+
+
+def test_the_card_is_about_this_checkpoint() -> None:
+    digest = hashlib.sha256((SMALL_CLIP / "open_clip_model.safetensors").read_bytes()).hexdigest()
+    assert digest in Path(SMALL_CLIP / "MODEL_CARD.md").read_text()

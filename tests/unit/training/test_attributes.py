@@ -1,0 +1,50 @@
+"""Colours are named as people name them, and all surfaces in words that captions know."""
+
+import numpy as np
+import pytest
+from small_models.attributes import COLOURS, colour_of, colour_shares
+from small_models.captions import MATERIALS, PATTERNS
+
+from egosplat.synthetic.catalogue import CORE, GROUPS, REST
+from egosplat.synthetic.textures import make_texture
+
+KINDS = {kind.prototype: kind for kind in (*CORE, *REST, *(one for group in GROUPS for one in group))}
+
+
+@pytest.mark.parametrize(
+    ("rgb", "name"),
+    [
+        ((200, 30, 30), "red"),
+        ((20, 20, 160), "blue"),
+        ((150, 200, 240), "blue"),
+        ((30, 120, 40), "green"),
+        ((250, 250, 250), "white"),
+        ((10, 10, 10), "black"),
+        ((120, 75, 40), "brown"),
+        ((240, 150, 190), "pink"),
+        ((250, 220, 40), "yellow"),
+        ((128, 128, 128), "grey"),
+    ],
+)
+def test_colours_have_their_names(rgb: tuple[int, int, int], name: str) -> None:
+    assert COLOURS[colour_of(np.array([rgb], dtype=np.uint8))[0]] == name
+
+
+def test_shares_of_a_striped_texture() -> None:
+    picture = np.zeros((64, 64, 3))
+    picture[:48] = (0.8, 0.1, 0.1)
+    picture[48:] = (0.95, 0.95, 0.95)
+    shares = colour_shares(make_texture(picture, 0.1))
+    assert shares[COLOURS.index("red")] == pytest.approx(0.75, abs=0.01)
+    assert shares[COLOURS.index("white")] == pytest.approx(0.25, abs=0.01)
+
+
+@pytest.mark.parametrize("kind", KINDS.values(), ids=list(KINDS))
+def test_things_say_what_they_are_made_of(kind) -> None:
+    model = kind.build(np.random.default_rng(3))
+    surfaces = [part.texture.surface for part in model.parts if part.texture.surface]
+    assert surfaces, "no part of it has a surface with a name"
+    for surface in surfaces:
+        *patterns, material = surface.split()
+        assert material in MATERIALS
+        assert all(pattern in PATTERNS for pattern in patterns)

@@ -1,0 +1,82 @@
+"""Training goes on where it was stopped, and short texts are read as the model reads them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from small_models.attributes import COLOURS
+from small_models.clip_model import WEIGHTS, build, encode_short_text, save_weights, write_description
+from small_models.clip_training import Schedule, Trainer
+from small_models.crops import PATCH_PX, Crops
+
+SCHEDULE = Schedule(steps=4, batch=16, captions=4, warmup=1)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Of the model."""
+    made = tmp_path_factory.mktemp("model")
+    write_description(made)
+    return made
+
+
+def make_trainer(folder: Path) -> Trainer:
+    """Of the same model every time, with a few crops of noise."""
+    torch.manual_seed(0)
+    rng = np.random.default_rng(0)
+    names = np.array(["cup", "couch", "cup/handle", "floor"] * 10)
+    count = len(names)
+    patches = rng.integers(0, 256, (count, PATCH_PX, PATCH_PX, 4), dtype=np.uint8)
+    patches[..., 3] = 255
+    numbers = np.arange(count, dtype=np.int32)
+    crops = Crops(
+        patches,
+        names,
+        np.where(np.char.find(names, "/") < 0, 2, 1).astype(np.int32),
+        rng.dirichlet(np.ones(len(COLOURS)), count).astype(np.float32),
+        np.array(["striped cloth:1.00"] * count),
+        numbers + 100,
+        numbers + 10,
+        np.ones(count, dtype=np.float32),
+        np.zeros(count, dtype=np.int32),
+        numbers,
+        numbers,
+    )
+    model, tokenizer = build(folder)
+    return Trainer(model, tokenizer, crops, SCHEDULE, 0, "cpu")
+
+
+def test_a_stopped_training_ends_as_one_that_was_not(folder: Path, tmp_path: Path) -> None:
+    whole = make_trainer(folder)
+    before = whole.model.visual.conv1.weight.detach().clone()
+    whole.run(tmp_path / "whole.pt", 4)
+    make_trainer(folder).run(tmp_path / "state.pt", 2)
+    resumed = make_trainer(folder)
+    resumed.run(tmp_path / "state.pt", 4)
+    assert resumed.step == 4
+    assert not torch.equal(before, whole.model.visual.conv1.weight)
+    for name, value in whole.model.state_dict().items():
+        torch.testing.assert_close(resumed.model.state_dict()[name], value, atol=1e-6, rtol=1e-5, msg=name)
+
+
+def test_short_texts_are_encoded_as_padded_ones(folder: Path) -> None:
+    model, tokenizer = build(folder)
+    tokens = tokenizer(["cup", "a photo of the red mug", "tv stand"])
+    with torch.no_grad():
+        expected = model.encode_text(tokens, normalize=True)
+        torch.testing.assert_close(encode_short_text(model, tokens), expected, atol=1e-5, rtol=0)
+
+
+def test_the_checkpoint_is_small(folder: Path) -> None:
+    model, _ = build(folder)
+    save_weights(model, folder / WEIGHTS)
+    assert (folder / WEIGHTS).stat().st_size < 3.4e6
+
+
+def test_the_learning_rate_rises_and_falls_to_zero() -> None:
+    schedule = Schedule(steps=1000, warmup=100)
+    rates = [schedule.rate(step) for step in range(1000)]
+    assert rates[0] < rates[50] < rates[99]
+    assert max(rates) <= schedule.learning_rate
+    assert rates[-1] < 1e-4 * schedule.learning_rate

@@ -1,0 +1,64 @@
+"""Crops as the model sees them: in the mask's bounding square, black outside, and never wholly covered."""
+
+import numpy as np
+import torch
+from small_models.clip_views import DEFAULT, IMAGE_PX, framed, half_planes, plain_views
+from small_models.crops import PATCH_PX
+
+
+def rectangle(top: int, bottom: int, left: int, right: int) -> torch.Tensor:
+    """(1, 1, S, S) mask."""
+    mask = torch.zeros(1, 1, PATCH_PX, PATCH_PX)
+    mask[..., top:bottom, left:right] = 1
+    return mask
+
+
+def test_a_mask_fills_the_view_in_its_longer_direction() -> None:
+    mask = rectangle(10, 50, 20, 40)
+    view = framed(torch.ones(1, 3, PATCH_PX, PATCH_PX), mask, torch.zeros(1))
+    inside = view[0, 0] > 0.5
+    assert inside.any(dim=1).sum() == IMAGE_PX
+    assert abs(int(inside.any(dim=0).sum()) - IMAGE_PX // 2) <= 2
+    assert inside[:, IMAGE_PX // 2].all()
+
+
+def test_left_stays_left_unless_mirrored() -> None:
+    mask = rectangle(4, 68, 4, 68)
+    picture = torch.zeros(1, 3, PATCH_PX, PATCH_PX)
+    picture[..., :36] = 1
+    straight = framed(picture, mask, torch.zeros(1))
+    mirrored = framed(picture, mask, torch.zeros(1), torch.tensor([-1.0]))
+    assert straight[0, 0, 32, 5] > 0.9
+    assert straight[0, 0, 32, 58] < 0.1
+    torch.testing.assert_close(mirrored, straight.flip(3), atol=1e-4, rtol=0)
+
+
+def test_plain_views_are_black_outside_of_the_mask() -> None:
+    patch = np.full((1, PATCH_PX, PATCH_PX, 4), 180, dtype=np.uint8)
+    patch[..., 3] = 0
+    patch[0, 4:68, 30:42, 3] = 255
+    view = plain_views(patch)[0]
+    torch.testing.assert_close(view[:, 30, 32], torch.full((3,), 180 / 255), atol=1e-5, rtol=0)
+    assert not view[:, :, :20].any()
+
+
+def test_half_of_a_mask_is_covered() -> None:
+    masks = torch.cat([rectangle(10, 50, 20, 40), rectangle(5, 15, 5, 65)])
+    left = (masks * half_planes(masks, torch.Generator().manual_seed(0), share=0.5)).sum(dim=(1, 2, 3))
+    share = left / masks.sum(dim=(1, 2, 3))
+    assert (share > 0.4).all()
+    assert (share < 0.6).all()
+
+
+def test_learning_views_differ_and_keep_something_of_every_crop() -> None:
+    patches = np.zeros((32, PATCH_PX, PATCH_PX, 4), dtype=np.uint8)
+    patches[:, 4:68, 14:58] = (200, 100, 50, 255)
+    first = DEFAULT.views(patches, torch.Generator().manual_seed(1), "cpu")
+    same = DEFAULT.views(patches, torch.Generator().manual_seed(1), "cpu")
+    other = DEFAULT.views(patches, torch.Generator().manual_seed(2), "cpu")
+    torch.testing.assert_close(first, same, atol=0, rtol=0)
+    assert (first - other).abs().max() > 0.1
+    seen = (first[:, 0] > 0.2).sum(dim=(1, 2))
+    plain = (plain_views(patches)[:, 0] > 0.2).sum(dim=(1, 2))
+    assert (seen > 0.35 * plain).all()
+    assert 0 <= float(first.min()) <= float(first.max()) <= 1

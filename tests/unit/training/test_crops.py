@@ -1,0 +1,94 @@
+"""Crops hold what the picture shows in the mask's bounding square, and what is true of it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_models.crops import (
+    INNER_PX,
+    OWN_ARMS,
+    PATCH_PX,
+    Crops,
+    cut_patch,
+    cut_world,
+    plain_name,
+    read_crops,
+)
+from small_models.levels import LEVELS
+from small_models.worlds import Filming, film_world, read_world
+
+SEED = 31
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A world, filmed small."""
+    made = tmp_path_factory.mktemp("worlds") / str(SEED)
+    film_world(SEED, Filming(size=96, clips=1, frames=1), made)
+    return made
+
+
+@pytest.fixture(scope="module")
+def crops(folder: Path) -> Crops:
+    """Its crops."""
+    output = folder.parent / "crops.npz"
+    cut_world(folder, output)
+    return read_crops([output])
+
+
+def test_a_patch_shows_the_mask_in_its_middle() -> None:
+    rgb = np.random.default_rng(0).integers(0, 256, (200, 300, 3), dtype=np.uint8)
+    mask = np.zeros((200, 300), dtype=bool)
+    mask[40:104, 100:148] = True
+    patch, side = cut_patch(rgb, mask)
+    assert patch.shape == (PATCH_PX, PATCH_PX, 4)
+    assert side == 64 == INNER_PX
+    # At this size nothing is resized, so pixels are the picture's own.
+    margin = (PATCH_PX - INNER_PX) // 2
+    np.testing.assert_array_equal(patch[..., :3], rgb[40 - margin : 104 + margin, 124 - 36 : 124 + 36])
+    assert patch[..., 3].sum() == 255 * mask.sum()
+
+
+def test_beyond_the_picture_there_is_nothing() -> None:
+    rgb, mask = np.full((50, 50, 3), 200, dtype=np.uint8), np.zeros((50, 50), dtype=bool)
+    mask[:, :5] = True
+    patch, side = cut_patch(rgb, mask)
+    assert side == 50
+    assert not patch[:, :20].any()
+    assert patch[PATCH_PX // 2, PATCH_PX // 2, 3] > 0
+
+
+@pytest.mark.parametrize(
+    ("part", "name"), [("left hand", "hand"), ("wall 2", "wall"), ("fruit 0", "fruit"), ("seat", "seat")]
+)
+def test_plain_names(part: str, name: str) -> None:
+    assert plain_name(part) == name
+
+
+def test_crops_of_a_world_are_named_after_what_it_shows(folder: Path, crops: Crops) -> None:
+    world = read_world(folder)
+    whole = crops.level == LEVELS.index("whole")
+    known = {plain_name(name) for name in world.names} | {OWN_ARMS}
+    assert set(crops.names[whole]) <= known
+    assert {"wall", "television"} <= set(crops.names[whole])
+    assert all("/" in name for name in crops.names[~whole])
+    assert set(crops.world) == {SEED}
+
+
+def test_areas_and_shares_are_those_of_the_picture(folder: Path, crops: Crops) -> None:
+    world = read_world(folder)
+    row = int(np.flatnonzero(crops.level == LEVELS.index("whole"))[0])
+    labels = world.labels(world.subpart[0, crops.frame[row]])
+    assert crops.area[row] == (labels[2] == crops.whole[row]).sum()
+    assert crops.share[row] == 1
+    parts = crops.level < LEVELS.index("whole")
+    assert (crops.share[parts] <= 1).all()
+    assert (crops.share[parts] > 0).all()
+    np.testing.assert_allclose(crops.colours.sum(axis=1), 1, atol=1e-4)
+
+
+def test_cutting_again_gives_the_same(folder: Path, crops: Crops, tmp_path: Path) -> None:
+    cut_world(folder, tmp_path / "again.npz")
+    again = read_crops([tmp_path / "again.npz"])
+    np.testing.assert_array_equal(again.patches, crops.patches)
+    np.testing.assert_array_equal(again.names, crops.names)

@@ -1,0 +1,35 @@
+"""Cut crops of things, parts and subparts out of filmed worlds, for a small OpenCLIP to learn from.
+
+    python training/cut_crops.py data/training data/crops --worlds 240
+
+Worlds that are cut already are kept, so that the same command goes on where it was stopped.
+"""
+
+import argparse
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+from small_models.crops import cut_world
+
+from egosplat.progress import track
+
+
+def main() -> None:
+    """Parse the command line and cut."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("input", type=Path, help="folder of filmed worlds")
+    parser.add_argument("output", type=Path, help="folder of the crops, one file a world")
+    parser.add_argument("--worlds", type=int, required=True, help="how many, from the first seed on")
+    parser.add_argument("--processes", type=int, default=2, help="worlds cut at a time")
+    args = parser.parse_args()
+    folders = sorted(folder for folder in args.input.iterdir() if folder.name.isdigit())[: args.worlds]
+    outputs = [args.output / f"{folder.name}.npz" for folder in folders]
+    wanted = [pair for pair in zip(folders, outputs, strict=True) if not pair[1].exists()]
+    with ProcessPoolExecutor(args.processes) as pool:
+        made = pool.map(cut_world, *zip(*wanted, strict=True)) if wanted else []
+        for _ in track(made, "cutting crops", total=len(wanted), unit="world"):
+            pass
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,243 @@
+"""Captions of crops: phrases put together from what is true of them, and of which crops each caption is true."""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from small_models.attributes import COLOURS
+from small_models.concepts import PARTS, WHOLES, Concept, kind_concepts, part_concepts, whole_concepts
+from small_models.crops import OWN_ARMS, Crops
+from small_models.levels import LEVELS
+
+Truth = NDArray[np.int8]
+"""1: true, 0: false, -1: neither."""
+
+PATTERNS: dict[str, tuple[str, ...]] = {
+    "plain": ("plain",),
+    "striped": ("striped", "stripy"),
+    "checked": ("checked", "checkered"),
+    "flowered": ("flowered", "floral"),
+    "speckled": ("speckled", "spotted"),
+    "painted": ("painted",),
+    "printed": ("printed",),
+}
+MATERIALS: dict[str, tuple[str, ...]] = {
+    "wood": ("wooden", "wood"),
+    "cloth": ("cloth", "fabric"),
+    "metal": ("metal", "steel"),
+    "plastic": ("plastic",),
+    "pottery": ("ceramic", "pottery"),
+    "marble": ("marble",),
+    "wicker": ("wicker", "woven"),
+    "cork": ("cork",),
+    "paper": ("paper",),
+    "glass": ("glass",),
+    "leather": ("leather",),
+    "wax": ("wax",),
+    "canvas": ("canvas",),
+    "plaster": ("plaster",),
+    "stone": ("stone",),
+}
+NOUNS = ("object", "thing", "item")
+"""What something is called of which only the looks are told."""
+
+TEMPLATES = ("{}", "{}", "{}", "{}", "{a} {}", "the {}", "a photo of {a} {}", "a picture of the {}")
+_BARE = ("{} {noun}", "{} {noun}", "{}", "something {}")
+
+_MAIN, _TRACE = 0.4, 0.12
+"""Shares of a surface from which on a colour or material is true, and below which it is false."""
+
+_HELD_OUT_OF = 8
+
+
+def held_out(colour: str, category: str) -> bool:
+    """Whether things of a category are never shown in a colour while learning: one combination in eight."""
+    digest = hashlib.sha256(f"{colour} {category}".encode()).digest()
+    return int.from_bytes(digest[:4], "big") % _HELD_OUT_OF == 0
+
+
+def phrased(template: str, words: str, noun: str = "") -> str:
+    """Words in a template, with the article that they need."""
+    return template.format(words, a="an" if words[0] in "aeiou" else "a", noun=noun)
+
+
+@dataclass(frozen=True, eq=False)
+class Claims:
+    """All that captions are made of, each a column of ``facts``.
+
+    Attributes:
+        phrases: for every column, what it is called.
+        groups: name of a kind of column -> its first and last + 1 column: ``whole``, ``kind``, ``part``, ``piece``
+            (a part of a certain whole), ``colour``, ``pattern``, ``material``.
+        concepts: of the columns up to ``colour``.
+    """
+
+    phrases: tuple[tuple[str, ...], ...]
+    groups: dict[str, tuple[int, int]]
+    concepts: tuple[Concept, ...]
+
+    def columns(self, group: str) -> range:
+        """Those of a group."""
+        return range(*self.groups[group])
+
+
+def make_claims(names: Sequence[str]) -> Claims:
+    """Everything that can be said of crops with the given names."""
+    pieces = [_piece(name) for name in names if "/" in name]
+    concepts = {"whole": whole_concepts(), "kind": kind_concepts(), "part": part_concepts(), "piece": pieces}
+    phrases = {group: [one.phrases for one in listed] for group, listed in concepts.items()}
+    phrases["colour"] = [(colour,) for colour in COLOURS]
+    phrases["pattern"], phrases["material"] = list(PATTERNS.values()), list(MATERIALS.values())
+    ends = np.cumsum([len(listed) for listed in phrases.values()]).tolist()
+    groups = {group: (end - len(phrases[group]), end) for group, end in zip(phrases, ends, strict=True)}
+    return Claims(
+        tuple(words for listed in phrases.values() for words in listed),
+        groups,
+        tuple(one for listed in concepts.values() for one in listed),
+    )
+
+
+def _piece(name: str) -> Concept:
+    """A part of a certain whole: "cup handle", "handle of a mug"."""
+    whole, _, part = name.partition("/")
+    words = next((phrases for phrases, parts in PARTS.items() if part in parts.split(",")), (part,))
+    phrases = [f"{owner} {words[0]}" for owner in WHOLES[whole]]
+    phrases += [phrased(f"{word} of {{a}} {{}}", owner) for owner in WHOLES[whole] for word in (part, *words)]
+    return Concept(tuple(dict.fromkeys(phrases)), frozenset({whole}), frozenset({part}))
+
+
+def facts(claims: Claims, crops: Crops) -> Truth:
+    """(N, columns) truth of every claim of every crop."""
+    parts: dict[str, set[str]] = {}
+    names, number = np.unique(crops.names, return_inverse=True)
+    for whole, _, part in (name.partition("/") for name in names):
+        parts.setdefault(whole, set()).add(part)
+    share = np.stack([np.zeros(len(names)), np.ones(len(names))])
+    table = np.array(
+        [
+            [
+                [
+                    one.truth(name, frozenset(parts[name.partition("/")[0]] - {""}), full)
+                    for one in claims.concepts
+                ]
+                for name, full in zip(names, row, strict=True)
+            ]
+            for row in share
+        ],
+        dtype=np.int8,
+    )
+    said = table[(crops.share > 0.8).astype(int), number]
+    surfaces, which = np.unique(crops.surfaces, return_inverse=True)
+    shares = np.stack([_surface_shares(listed) for listed in surfaces])[which]
+    return np.concatenate([said, _colour_truth(crops.colours), _share_truth(shares)], axis=1)
+
+
+def _surface_shares(listed: str) -> NDArray[np.float64]:
+    """Shares of every pattern and material, from ``Crops.surfaces``."""
+    words = [*PATTERNS, *MATERIALS]
+    shares = np.zeros(len(words))
+    for surface, share in (one.rsplit(":", 1) for one in listed.split(",") if one):
+        for word in surface.split():
+            if word in words:
+                shares[words.index(word)] += float(share)
+    return shares
+
+
+def _share_truth(shares: NDArray) -> Truth:
+    return np.where(shares >= _MAIN, 1, np.where(shares >= _TRACE, -1, 0)).astype(np.int8)
+
+
+def _colour_truth(shares: NDArray) -> Truth:
+    """Only the main colour is true."""
+    main = shares == shares.max(axis=1, keepdims=True)
+    return np.where(main, _share_truth(shares), np.where(shares >= _TRACE, -1, 0)).astype(np.int8)
+
+
+def main_colour(crops: Crops) -> NDArray[np.int64]:
+    """(N,) index of the colour that a crop is said to have, -1 where none prevails."""
+    truth = _colour_truth(crops.colours)
+    return np.where((truth == 1).any(axis=1), crops.colours.argmax(axis=1), -1)
+
+
+def unseen_combination(crops: Crops) -> NDArray[np.bool_]:
+    """(N,) whether a crop shows a thing of a held-out combination of colour and category, or a part of one."""
+    colour = main_colour(crops)
+    whole = crops.level == LEVELS.index("whole")
+    found = {
+        (world, number)
+        for world, number, name, main in zip(
+            crops.world[whole], crops.whole[whole], crops.names[whole], colour[whole], strict=True
+        )
+        if name != OWN_ARMS and main >= 0 and held_out(COLOURS[main], str(name))
+    }
+    return np.array([pair in found for pair in zip(crops.world, crops.whole, strict=True)], dtype=bool)
+
+
+@dataclass(frozen=True, eq=False)
+class Captions:
+    """Texts and what each claims.
+
+    Attributes:
+        texts: T of them; columns: (T, 4) of ``facts``, -1 for none.
+    """
+
+    texts: tuple[str, ...]
+    columns: NDArray[np.int64]
+
+    def truth(self, known: Truth) -> Truth:
+        """(B, T) truth of the captions of crops with (B, columns) facts."""
+        said = np.where(self.columns >= 0, known[:, self.columns], 1)
+        return np.where((said == 0).any(-1), 0, np.where((said == -1).any(-1), -1, 1)).astype(np.int8)
+
+
+def joined(*several: Captions) -> Captions:
+    """All captions of several."""
+    texts = tuple(text for one in several for text in one.texts)
+    return Captions(texts, np.concatenate([one.columns for one in several]))
+
+
+def bank(claims: Claims, rng: np.random.Generator) -> Captions:
+    """Every name and every single property once, in random words."""
+    texts, columns = [], []
+    for group in ("whole", "kind", "part"):
+        for column in claims.columns(group):
+            texts.append(phrased(str(rng.choice(TEMPLATES)), str(rng.choice(claims.phrases[column]))))
+            columns.append(column)
+    for group in ("colour", "pattern", "material"):
+        for column in claims.columns(group):
+            words = str(rng.choice(claims.phrases[column]))
+            texts.append(phrased(str(rng.choice(_BARE)), words, str(rng.choice(NOUNS))))
+            columns.append(column)
+    claimed = np.full((len(columns), 4), -1, dtype=np.int64)
+    claimed[:, 0] = columns
+    return Captions(tuple(texts), claimed)
+
+
+_NOUN_GROUPS = ("piece", "part", "whole", "kind")
+_LOOKS = {"colour": 0.75, "pattern": 0.3, "material": 0.3}
+"""How often a caption tells of them, where there is anything to tell."""
+
+
+def describe(claims: Claims, known: Truth, rng: np.random.Generator) -> Captions:
+    """A caption each of crops with (B, columns) facts: a name and how it looks."""
+    texts, columns = [], []
+    for row in known:
+        claimed, adjectives = [-1, -1, -1, -1], []
+        for place, (group, often) in enumerate(_LOOKS.items(), 1):
+            true = [column for column in claims.columns(group) if row[column] == 1]
+            if true and rng.random() < often:
+                claimed[place] = int(rng.choice(true))
+                adjectives.append(str(rng.choice(claims.phrases[claimed[place]])))
+        names = [column for group in _NOUN_GROUPS[:3] for column in claims.columns(group) if row[column] == 1]
+        kinds = [column for column in claims.columns("kind") if row[column] == 1]
+        draw = rng.random()
+        if kinds and draw < 0.15:
+            claimed[0] = int(rng.choice(kinds))
+        elif names and (draw < 0.85 or not adjectives):
+            claimed[0] = int(rng.choice(names))
+        noun = str(rng.choice(claims.phrases[claimed[0]] if claimed[0] >= 0 else NOUNS))
+        texts.append(phrased(str(rng.choice(TEMPLATES)), " ".join([*adjectives, noun])))
+        columns.append(claimed)
+    return Captions(tuple(texts), np.array(columns, dtype=np.int64))

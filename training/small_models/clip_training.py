@@ -1,0 +1,234 @@
+"""Training of a small OpenCLIP on crops, step by step, from a seed; it can be stopped and gone on with."""
+
+import math
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from open_clip import CLIP, SimpleTokenizer
+from small_models.attributes import COLOURS
+from small_models.captions import (
+    TEMPLATES,
+    Captions,
+    bank,
+    describe,
+    facts,
+    joined,
+    make_claims,
+    phrased,
+)
+from small_models.clip_losses import contrastive_loss, neutral_loss, synonym_loss
+from small_models.clip_model import encode_short_text
+from small_models.clip_views import DEFAULT, normalised
+from small_models.concepts import CANONICAL, WHOLES
+from small_models.crops import Crops
+from small_models.glossary import COLOUR_GLOSSARY, GLOSSARY
+from torch import Tensor
+
+from egosplat.atomic import whole_file
+from egosplat.progress import log, track
+
+_SAVED_EVERY_S = 180.0
+_LOGGED_EVERY = 200
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """How a model is trained.
+
+    Attributes:
+        steps: how many; batch: crops a step; captions: of them described one by one a step.
+        learning_rate: the largest, after warmup steps; it falls to 0 along a cosine. decay: of weights.
+        largest_scale: of the cosines in the contrastive loss; synonym_scale: in the glossary's.
+        margin: cosine by which canonical phrases keep their distance.
+        neutral, synonyms: weights of their losses.
+    """
+
+    steps: int
+    batch: int = 160
+    captions: int = 64
+    learning_rate: float = 1.5e-3
+    warmup: int = 200
+    decay: float = 0.05
+    largest_scale: float = 40.0
+    synonym_scale: float = 20.0
+    margin: float = 0.1
+    neutral: float = 0.2
+    synonyms: float = 0.3
+
+    def rate(self, step: int) -> float:
+        """Learning rate of a step."""
+        return (
+            self.learning_rate
+            * min(1.0, (step + 1) / self.warmup)
+            * 0.5
+            * (1 + math.cos(math.pi * step / self.steps))
+        )
+
+
+_WEIGHTS = {"whole": 1.0, "kind": 0.3, "part": 0.6, "colour": 0.5, "pattern": 0.4, "material": 0.4}
+_DESCRIBED = 0.7
+"""How much captions count in the contrastive loss."""
+
+_GLOSSED, _COLOURED = 32, 16
+"""Words of the glossary a step: alone, and with a colour."""
+
+
+class Trainer:
+    """A model, what it learns from, and how far it is."""
+
+    def __init__(
+        self,
+        model: CLIP,
+        tokenizer: SimpleTokenizer,
+        crops: Crops,
+        schedule: Schedule,
+        seed: int,
+        device: str,
+    ) -> None:
+        """Args: ``crops`` are all to be learned from."""
+        self.model = model.to(device, memory_format=torch.channels_last)
+        self.crops, self.schedule, self.device = crops, schedule, device
+        self.claims = make_claims(sorted(set(crops.names.tolist())))
+        self.facts = facts(self.claims, crops)
+        self.step = 0
+        self._tokenizer = tokenizer
+        self._known: dict[str, Tensor] = {}
+        self._rng = np.random.default_rng(seed)
+        self._torch_rng = torch.Generator().manual_seed(seed)
+        self._reach = np.cumsum(_evened(crops.names))
+        matrices = [value for value in model.parameters() if value.ndim > 1]
+        others = [value for value in model.parameters() if value.ndim <= 1]
+        groups = [
+            {"params": matrices, "weight_decay": schedule.decay},
+            {"params": others, "weight_decay": 0.0},
+        ]
+        self._optimizer = torch.optim.AdamW(groups, betas=(0.9, 0.98))
+
+    def run(self, state: Path, until: int) -> None:
+        """Train until a step, from where ``state`` says; it is written at the end and every few minutes."""
+        if state.exists():
+            self._load(torch.load(state, weights_only=True, map_location="cpu"))
+            log(f"going on at step {self.step}")
+        self.model.train()
+        saved, losses = time.monotonic(), []
+        for _ in track(range(until - self.step), "training", unit="step"):
+            losses.append(self._advance())
+            if self.step % _LOGGED_EVERY == 0:
+                log(f"step {self.step}: " + ", ".join(f"{value:.3f}" for value in np.mean(losses, axis=0)))
+                losses = []
+            if time.monotonic() - saved > _SAVED_EVERY_S:
+                self._save(state)
+                saved = time.monotonic()
+        self._save(state)
+
+    def _advance(self) -> list[float]:
+        """One step; the losses: contrastive, neutral, synonyms."""
+        for group in self._optimizer.param_groups:
+            group["lr"] = self.schedule.rate(self.step)
+        chosen = np.searchsorted(self._reach, self._rng.random(self.schedule.batch) * self._reach[-1])
+        known = self.facts[chosen]
+        captions = joined(
+            bank(self.claims, self._rng), describe(self.claims, known[: self.schedule.captions], self._rng)
+        )
+        losses = self._losses(self.crops.patches[chosen], captions, captions.truth(known))
+        self._optimizer.zero_grad()
+        (losses[0] + self.schedule.neutral * losses[1] + self.schedule.synonyms * losses[2]).backward()
+        torch.nn.utils.clip_grad_norm_(self.model.parameters(), 1.0)
+        self._optimizer.step()
+        self.step += 1
+        return [float(loss.detach()) for loss in losses]
+
+    def _losses(self, patches: np.ndarray, captions: Captions, truth: np.ndarray) -> list[Tensor]:
+        schedule = self.schedule
+        words, colours, target = self._gloss(captions)
+        texts = [*captions.texts, *CANONICAL, *colours, *words]
+        views = DEFAULT.views(patches, self._torch_rng, self.device).contiguous(
+            memory_format=torch.channels_last
+        )
+        with torch.autocast(torch.device(self.device).type, torch.bfloat16):
+            images = self.model.encode_image(normalised(views), normalize=True).float()
+            said = encode_short_text(self.model, self._tokens(texts)).float()
+        count = len(captions.texts)
+        said, canonical, coloured, glossed = said.split([count, len(CANONICAL), len(colours), len(words)])
+        cosines = images @ said.T
+        true = torch.from_numpy(truth).to(self.device)
+        scale = self.model.logit_scale.exp().clamp(max=schedule.largest_scale)
+        meanings = torch.cat([said, coloured])
+        return [
+            contrastive_loss(scale * cosines, true, self._weights(count)),
+            neutral_loss(cosines, images @ canonical.T, true, schedule.margin, float(scale.detach())),
+            synonym_loss(glossed, meanings, torch.tensor(target, device=self.device), schedule.synonym_scale),
+        ]
+
+    def _weights(self, count: int) -> Tensor:
+        weights = torch.full((count,), _DESCRIBED, device=self.device)
+        place = 0
+        for group, weight in _WEIGHTS.items():
+            size = len(self.claims.columns(group))
+            weights[place : place + size] = weight
+            place += size
+        return weights
+
+    def _gloss(self, captions: Captions) -> tuple[list[str], list[str], list[int]]:
+        """Words of the glossary, captions with a colour besides, and the caption that each word means."""
+        rng, names = self._rng, list(GLOSSARY)
+        first = captions.columns[:, 0].tolist()
+        meaning = {
+            name: first.index(column)
+            for name, column in zip(WHOLES, self.claims.columns("whole"), strict=True)
+        }
+        words, target = [], []
+        for name in rng.choice(names, _GLOSSED, replace=False).tolist():
+            words.append(phrased(str(rng.choice(TEMPLATES)), str(rng.choice(GLOSSARY[name]))))
+            target.append(meaning[name])
+        for colour, column in zip(COLOURS, self.claims.columns("colour"), strict=True):
+            words.append(f"{rng.choice(COLOUR_GLOSSARY[colour])} object")
+            target.append(first.index(column))
+        coloured = []
+        for name in rng.choice(names, _COLOURED, replace=False).tolist():
+            colour = str(rng.choice(COLOURS))
+            said = str(rng.choice(COLOUR_GLOSSARY[colour])) if rng.random() < 0.5 else colour
+            words.append(f"{said} {rng.choice(GLOSSARY[name])}")
+            target.append(len(captions.texts) + len(coloured))
+            coloured.append(f"{colour} {rng.choice(WHOLES[name])}")
+        return words, coloured, target
+
+    def _tokens(self, texts: list[str]) -> Tensor:
+        for text in texts:
+            if text not in self._known:
+                self._known[text] = self._tokenizer([text])[0]
+        return torch.stack([self._known[text] for text in texts]).to(self.device)
+
+    def _save(self, path: Path) -> None:
+        state = {
+            "step": self.step,
+            "model": self.model.state_dict(),
+            "optimizer": self._optimizer.state_dict(),
+            "torch_rng": self._torch_rng.get_state(),
+            "rng": repr(self._rng.bit_generator.state["state"]["state"]),
+            "increment": repr(self._rng.bit_generator.state["state"]["inc"]),
+        }
+        with whole_file(path) as made:
+            torch.save(state, made)
+
+    def _load(self, state: dict[str, Any]) -> None:
+        self.step = state["step"]
+        self.model.load_state_dict(state["model"])
+        self._optimizer.load_state_dict(state["optimizer"])
+        self._torch_rng.set_state(state["torch_rng"])
+        now = self._rng.bit_generator.state
+        now["state"] = {"state": int(state["rng"]), "inc": int(state["increment"])}
+        self._rng.bit_generator.state = now
+
+
+def _evened(names: np.ndarray) -> np.ndarray:
+    """(N,) weight of each crop when drawing: rare names come up more often than they are found."""
+    _, number, count = np.unique(names, return_inverse=True, return_counts=True)
+    weight = count[number] ** -0.6
+    whole = np.char.find(names, "/") < 0
+    # Wholes are what is asked for most.
+    return np.where(whole, 1.2 / weight[whole].sum(), 1.0 / weight[~whole].sum()) * weight

@@ -1,0 +1,52 @@
+"""Train the small OpenCLIP that comes with egosplat.
+
+    python training/train_open_clip.py data/crops models/small_open_clip --steps 4000
+
+A run that was stopped goes on with the same command: its state is kept beside the model in ``state.pt``.
+"""
+
+import argparse
+from pathlib import Path
+
+import torch
+from small_models.captions import unseen_combination
+from small_models.clip_model import WEIGHTS, build, save_weights, write_description
+from small_models.clip_training import Schedule, Trainer
+from small_models.crops import read_crops
+
+from egosplat.progress import log
+
+
+def main() -> None:
+    """Parse the command line and train."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("crops", type=Path, help="folder of crops")
+    parser.add_argument("output", type=Path, help="folder of the model")
+    parser.add_argument("--steps", type=int, required=True, help="how many")
+    parser.add_argument("--until", type=int, help="step to stop at for now (default: the last)")
+    parser.add_argument(
+        "--worlds", type=int, help="of how many worlds, from the first seed on (default: all)"
+    )
+    parser.add_argument(
+        "--seed", type=int, default=0, help="of weights, of what is drawn and of how it is seen"
+    )
+    parser.add_argument("--device", default="cpu", help="where to train")
+    parser.add_argument("--threads", type=int, default=1, help="of the CPU")
+    args = parser.parse_args()
+    torch.set_num_threads(args.threads)
+    torch.manual_seed(args.seed)
+    crops = read_crops(sorted(args.crops.glob("*.npz"))[: args.worlds])
+    crops = crops.chosen(~unseen_combination(crops))
+    log(f"{len(crops)} crops")
+    write_description(args.output)
+    model, tokenizer = build(args.output)
+    state = args.output / "state.pt"
+    trainer = Trainer(model, tokenizer, crops, Schedule(args.steps), args.seed, args.device)
+    trainer.run(state, args.until or args.steps)
+    if trainer.step == args.steps:
+        save_weights(model, args.output / WEIGHTS)
+        state.unlink()
+
+
+if __name__ == "__main__":
+    main()
