@@ -1,5 +1,6 @@
 """Training of a small OpenCLIP on crops, step by step, from a seed; it can be stopped and gone on with."""
 
+import json
 import math
 import time
 from dataclasses import dataclass
@@ -45,6 +46,7 @@ class Schedule:
         largest_scale: of the cosines in the contrastive loss; synonym_scale: in the glossary's.
         margin: cosine by which canonical phrases keep their distance.
         neutral, synonyms: weights of their losses.
+        recoloured: share of the crops that are shown in other colours, of which nothing is said then.
     """
 
     steps: int
@@ -58,6 +60,7 @@ class Schedule:
     margin: float = 0.1
     neutral: float = 0.2
     synonyms: float = 0.3
+    recoloured: float = 0.35
 
     def rate(self, step: int) -> float:
         """Learning rate of a step."""
@@ -131,10 +134,13 @@ class Trainer:
             group["lr"] = self.schedule.rate(self.step)
         chosen = np.searchsorted(self._reach, self._rng.random(self.schedule.batch) * self._reach[-1])
         known = self.facts[chosen]
+        other = self._rng.random(len(chosen)) < self.schedule.recoloured
+        known[np.ix_(other, self.claims.columns("colour"))] = -1
+        hues = torch.from_numpy(other * self._rng.uniform(0.5, 2 * np.pi - 0.5, len(chosen)))
         captions = joined(
             bank(self.claims, self._rng), describe(self.claims, known[: self.schedule.captions], self._rng)
         )
-        losses = self._losses(self.crops.patches[chosen], captions, captions.truth(known))
+        losses = self._losses(self.crops.patches[chosen], hues.float(), captions, captions.truth(known))
         self._optimizer.zero_grad()
         (losses[0] + self.schedule.neutral * losses[1] + self.schedule.synonyms * losses[2]).backward()
         torch.nn.utils.clip_grad_norm_(self.model.parameters(), 1.0)
@@ -142,11 +148,13 @@ class Trainer:
         self.step += 1
         return [float(loss.detach()) for loss in losses]
 
-    def _losses(self, patches: np.ndarray, captions: Captions, truth: np.ndarray) -> list[Tensor]:
+    def _losses(
+        self, patches: np.ndarray, hues: Tensor, captions: Captions, truth: np.ndarray
+    ) -> list[Tensor]:
         schedule = self.schedule
         words, colours, target = self._gloss(captions)
         texts = [*captions.texts, *CANONICAL, *colours, *words]
-        views = DEFAULT.views(patches, self._torch_rng, self.device).contiguous(
+        views = DEFAULT.views(patches, hues, self._torch_rng, self.device).contiguous(
             memory_format=torch.channels_last
         )
         with torch.autocast(torch.device(self.device).type, torch.bfloat16):
@@ -209,8 +217,7 @@ class Trainer:
             "model": self.model.state_dict(),
             "optimizer": self._optimizer.state_dict(),
             "torch_rng": self._torch_rng.get_state(),
-            "rng": repr(self._rng.bit_generator.state["state"]["state"]),
-            "increment": repr(self._rng.bit_generator.state["state"]["inc"]),
+            "rng": json.dumps(self._rng.bit_generator.state),
         }
         with whole_file(path) as made:
             torch.save(state, made)
@@ -220,9 +227,7 @@ class Trainer:
         self.model.load_state_dict(state["model"])
         self._optimizer.load_state_dict(state["optimizer"])
         self._torch_rng.set_state(state["torch_rng"])
-        now = self._rng.bit_generator.state
-        now["state"] = {"state": int(state["rng"]), "inc": int(state["increment"])}
-        self._rng.bit_generator.state = now
+        self._rng.bit_generator.state = json.loads(state["rng"])
 
 
 def _evened(names: np.ndarray) -> np.ndarray:

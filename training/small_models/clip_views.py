@@ -67,6 +67,15 @@ def _extent(used: Tensor) -> tuple[Tensor, Tensor]:
     return (low + high) / side - 1, 2 * (high - low) / side
 
 
+def turned_hues(pictures: Tensor, angles: Tensor) -> Tensor:
+    """(B, 3, S, S) pictures 0..1 with their colours turned about the axis of greys by (B,) angles [rad]."""
+    third = (1 - angles.cos()) / 3
+    root = angles.sin() / 3**0.5
+    same, next_, last = angles.cos() + third, third - root, third + root
+    matrix = torch.stack([same, next_, last, last, same, next_, next_, last, same], dim=1).view(-1, 3, 3)
+    return torch.einsum("bij,bjhw->bihw", matrix, pictures).clamp(0, 1)
+
+
 @dataclass(frozen=True)
 class Augmentation:
     """How crops are made harder while learning.
@@ -86,9 +95,20 @@ class Augmentation:
     light: float = 0.25
     tint: float = 0.05
 
-    def views(self, patches: NDArray[np.uint8], rng: torch.Generator, device: torch.device | str) -> Tensor:
-        """(B, 3, IMAGE_PX, IMAGE_PX) crops, 0..1; B is at least 8. Crops next to each other must be unrelated."""
+    def views(
+        self, patches: NDArray[np.uint8], hues: Tensor, rng: torch.Generator, device: torch.device | str
+    ) -> Tensor:
+        """Crops as they are learned from.
+
+        Args:
+            patches: (B, S, S, 4) uint8, B at least 8; those next to each other must be unrelated.
+            hues: (B,) by which each one's hues are turned [rad].
+
+        Returns:
+            (B, 3, IMAGE_PX, IMAGE_PX), 0..1.
+        """
         pictures, masks = split_patches(patches, device)
+        pictures = turned_hues(pictures, hues.to(device))
         count = len(patches)
         masks = _cover(_spoil(masks, self.masks, rng), self.covered, rng)
         angles = self.turn * (2 * torch.rand(count, generator=rng) - 1)

@@ -1,8 +1,10 @@
 """Crops as the model sees them: in the mask's bounding square, black outside, and never wholly covered."""
 
+import math
+
 import numpy as np
 import torch
-from small_models.clip_views import DEFAULT, IMAGE_PX, framed, half_planes, plain_views
+from small_models.clip_views import DEFAULT, IMAGE_PX, framed, half_planes, plain_views, turned_hues
 from small_models.crops import PATCH_PX
 
 
@@ -53,12 +55,22 @@ def test_half_of_a_mask_is_covered() -> None:
 def test_learning_views_differ_and_keep_something_of_every_crop() -> None:
     patches = np.zeros((32, PATCH_PX, PATCH_PX, 4), dtype=np.uint8)
     patches[:, 4:68, 14:58] = (200, 100, 50, 255)
-    first = DEFAULT.views(patches, torch.Generator().manual_seed(1), "cpu")
-    same = DEFAULT.views(patches, torch.Generator().manual_seed(1), "cpu")
-    other = DEFAULT.views(patches, torch.Generator().manual_seed(2), "cpu")
+    first = DEFAULT.views(patches, torch.zeros(len(patches)), torch.Generator().manual_seed(1), "cpu")
+    same = DEFAULT.views(patches, torch.zeros(len(patches)), torch.Generator().manual_seed(1), "cpu")
+    other = DEFAULT.views(patches, torch.zeros(len(patches)), torch.Generator().manual_seed(2), "cpu")
     torch.testing.assert_close(first, same, atol=0, rtol=0)
     assert (first - other).abs().max() > 0.1
     seen = (first[:, 0] > 0.2).sum(dim=(1, 2))
     plain = (plain_views(patches)[:, 0] > 0.2).sum(dim=(1, 2))
     assert (seen > 0.35 * plain).all()
     assert 0 <= float(first.min()) <= float(first.max()) <= 1
+
+
+def test_hues_turn_and_greys_stay():
+    red = torch.tensor([1.0, 0.0, 0.0]).view(1, 3, 1, 1)
+    green = turned_hues(red, torch.tensor([2 * math.pi / 3]))
+    torch.testing.assert_close(green.flatten(), torch.tensor([0.0, 1.0, 0.0]), atol=1e-6, rtol=0)
+    grey = torch.full((1, 3, 2, 2), 0.4)
+    torch.testing.assert_close(turned_hues(grey, torch.tensor([1.0])), grey)
+    pictures = torch.rand(4, 3, 5, 5)
+    torch.testing.assert_close(turned_hues(pictures, torch.zeros(4)), pictures)
