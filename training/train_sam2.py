@@ -44,12 +44,12 @@ class Recipe:
         steps: in all; clips_from: share of them after which every other one is on clips.
         pictures, points: of a picture step; clips, frames, tracks: of a clip step.
         peak_rate, warm_up, decay: see ``learning_rate``; average: see ``Average``.
-        balance: see ``mask_loss``, at first; it is gone after ``balanced_steps``.
+        balance: see ``mask_loss``, at first; it is gone after ``balanced_steps`` of either kind.
     """
 
     steps: int
     seed: int
-    clips_from: float = 0.6
+    clips_from: float = 0.35
     pictures: int = 6
     points: int = 12
     clips: int = 2
@@ -186,15 +186,16 @@ class Run:
 
     def _take(self, sampled: tuple[list[Any], list[Any]]) -> None:
         recipe = self.recipe
+        on_clips = self._on_clips(self.step)
         rate = learning_rate(recipe.peak_rate, self.step, recipe.steps, recipe.warm_up, recipe.decay)
         for optimizer in self.optimizers:
             optimizer.zero_grad()
             for group in optimizer.param_groups:
                 group["lr"] = rate
-        on_clips = self._on_clips(self.step)
         # The loss draws at random too: each step from a stream of its own, as the samples are.
         torch.manual_seed(recipe.seed * 1_000_003 + self.step)
-        balance = recipe.balance * max(0.0, 1 - self.step / recipe.balanced_steps)
+        begun = recipe.clips_from * recipe.steps if on_clips else 0
+        balance = recipe.balance * max(0.0, 1 - (self.step - begun) / recipe.balanced_steps)
         outcome: Outcome = (clip_step if on_clips else picture_step)(
             self.model, self.pairs, balance, *sampled
         )

@@ -1,0 +1,115 @@
+"""How well whole videos are segmented: SAM2 prompted once or on key frames, and the segmenter without weights.
+
+python training/render_worlds.py data/held_out --worlds 20 --held-out --size 512 --clips 1 --frames 48 --step 0.2
+python benchmarks/segments.py data/held_out --limit 5 > benchmarks/segments.md
+"""
+
+import resource
+import sys
+import time
+from dataclasses import fields, replace
+from pathlib import Path
+
+import click
+import numpy as np
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent / "training"))
+
+from segmentation_bench.video_scores import VideoScores, score_level
+from segmentation_bench.worlds import LEVELS, read_worlds
+from small_models.worlds import FilmedWorld
+
+from egosplat.config import stage_keys
+from egosplat.errors import UserError
+from egosplat.models.sam2_loader import load_sam2
+from egosplat.progress import log
+from egosplat.segments.classical_video import segment_video
+from egosplat.segments.instances import Segmented, frames_seen
+from egosplat.segments.merging import kept, merged
+from egosplat.segments.options import MaskOptions, TrackOptions
+from egosplat.segments.tracking import Tracker
+
+COLUMNS = ("instances", "found", "coverage", "iou", "switches", "fragments", "held")
+
+
+def options() -> tuple[MaskOptions, TrackOptions]:
+    """The defaults of the configuration."""
+    keys = {name: key["default"] for name, key in stage_keys("segments").items()}
+    masks = MaskOptions(**{field.name: keys[field.name] for field in fields(MaskOptions)})
+    tracks = {field.name: keys[field.name] for field in fields(TrackOptions) if field.name in keys}
+    return masks, TrackOptions(key_frames=True, **tracks)
+
+
+def segment(world: FilmedWorld, method: str, checkpoint: str) -> tuple[list[np.ndarray], float]:
+    """(F,) final labels (3, H, W) of the first clip, and seconds a frame."""
+    pictures, valid = world.rgb[0], world.subpart[0, 0] != 2**16 - 1
+    start = time.perf_counter()
+    masks, tracks = options()
+    if method == "classical":
+        segmented = segment_video(lambda frame: np.asarray(pictures[frame]), len(pictures), valid)
+    else:
+        sam2 = load_sam2("small", checkpoint, "auto", "auto")
+        chosen = replace(tracks, key_frames=method == "SAM2, key frames")
+        tracker = Tracker(sam2, lambda frame: np.array(pictures[frame]), len(pictures), valid, masks, chosen)
+        segmented = tracker.run()
+    labels = final_labels(segmented, tracks.min_frames)
+    return labels, (time.perf_counter() - start) / len(pictures)
+
+
+def final_labels(segmented: Segmented, min_frames: int) -> list[np.ndarray]:
+    """What the stage writes."""
+    count = len(segmented.labels)
+    roots = merged(len(segmented.instances), segmented.same)
+    new, _ = kept(roots, frames_seen(segmented.labels, roots), min_frames, count)
+    table = np.append(new, -1).astype(np.int32)
+    return [table[segmented.labels[frame]] for frame in range(count)]
+
+
+def score(world: FilmedWorld, labels: list[np.ndarray]) -> list[VideoScores]:
+    """Of each level."""
+    truth = [world.labels(world.subpart[0, frame]) for frame in range(len(labels))]
+    pairs = list(zip(truth, labels, strict=True))
+    return [score_level((true[level], found[level]) for true, found in pairs) for level in range(len(LEVELS))]
+
+
+@click.command(help=__doc__)
+@click.argument("worlds", type=click.Path(path_type=Path))
+@click.option("--checkpoint", default="small", help="of the small SAM2: `small` or a file")
+@click.option("--limit", default=5, help="worlds, of those in the folder")
+def main(worlds: Path, checkpoint: str, limit: int) -> None:
+    """Measure and print the table."""
+    try:
+        read = read_worlds(worlds)[:limit]
+    except UserError as error:
+        raise SystemExit(str(error)) from error
+    rows = []
+    for method in ("SAM2, initial frame", "SAM2, key frames", "classical"):
+        scores, seconds = [], []
+        for world in read:
+            labels, taken = segment(world, method, checkpoint)
+            scores.append(score(world, labels))
+            seconds.append(taken)
+            log(f"{method}: {taken:.2f} s a frame")
+        for level, name in enumerate(LEVELS):
+            means = [np.mean([getattr(one[level], column) for one in scores]) for column in COLUMNS]
+            cells = " | ".join(
+                f"{mean:.0f}" if column in COLUMNS[:2] else f"{mean:.3f}"
+                for mean, column in zip(means, COLUMNS, strict=True)
+            )
+            rows.append(f"| {method} | {name} | {cells} | {np.mean(seconds):.2f} |")
+    frames = read[0].rgb.shape[1]
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    click.echo(
+        f"Segmented videos: `benchmarks/segments.py`. {len(read)} held-out apartments, {frames} frames of "
+        f"{read[0].rgb.shape[2]} px each; means over apartments. Peak memory {peak:.0f} MB.\n"
+    )
+    click.echo(
+        "| method | level | true instances | found | coverage | IoU over time | switches | fragments | held | s a frame |"
+    )
+    click.echo("| --- | --- |" + " ---: |" * 8)
+    click.echo("\n".join(rows))
+
+
+if __name__ == "__main__":
+    main()
