@@ -31,6 +31,7 @@ def real_data() -> Callable[[str], Path]:
 TINY = """
 synthetic: {size: 176, fps: 2.0, seconds: 6.0, objects: 16}
 frames: {resolution: 96, evaluation_frames: 3}
+segments: {segmenter: classical}
 splats: {iterations: 40, max_points: 1000, max_gaussians: 2000, evaluate_every: 20}
 """
 
@@ -103,7 +104,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Workdir:
     return workdir
 
 
-MAIN = ("results/adt/scene1/contact_sheet.png", "results/adt/scene1/splats.png")
+MAIN = tuple(f"results/adt/scene1/{name}.png" for name in ("contact_sheet", "segments", "crops", "splats"))
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ from egosplat.geometry import Camera
 from egosplat.rasterize import cpu
 from egosplat.splats import train
 from egosplat.splats.gaussians import Gaussians
+from egosplat.splats.objective import L1Ssim
 from egosplat.splats.optimizer import Adam, LearningRates
 from egosplat.splats.options import RenderOptions, TrainingOptions
 from egosplat.splats.render import render
@@ -40,7 +41,6 @@ _OPTIONS = TrainingOptions(
     max_gaussians=1_000_000,
     position_lr=1.6e-4,
     grow_grad2d=2e-4,
-    ssim_lambda=0.2,
     evaluate_every=30_000,
     patience=0,
     min_improvement=0.0,
@@ -54,7 +54,7 @@ class Training:
     def __init__(self, scene: Scene, features: int) -> None:
         gaussians = _gaussians(scene, features)
         self.views = _views(scene, gaussians)
-        self.state = TrainingState(gaussians, _OPTIONS, extent=0.0)
+        self.state = TrainingState(gaussians, _OPTIONS, extent=0.0, objective=L1Ssim(0.2))
         self.state.optimizer = Adam(gaussians, LearningRates(*[0.0] * 7))
         # From here on all SH coefficients are in use.
         self.state.iteration = 3

@@ -38,6 +38,16 @@ PATHS: dict[str, dict[str, str]] = {
         "view_features": "the view features artifact",
         "output": "the features artifact to make",
     },
+    "transient": {
+        "frames": "the frames artifact",
+        "poses": "its poses artifact",
+        "output": "the transient artifact to make",
+    },
+    "masks": {
+        "transient": "the transient artifact",
+        "segments": "the segments artifact of the same frames",
+        "output": "the masks artifact to make",
+    },
     "splats": {
         "frames": "the frames artifact",
         "poses": "its poses artifact",
@@ -54,6 +64,11 @@ PATHS: dict[str, dict[str, str]] = {
         "segments": "its segments artifact",
         "view_features": "its view features artifact",
         "features": "its features artifact",
+        "output": "the picture to make",
+    },
+    "segments_sheet": {
+        "frames": "the frames artifact",
+        "segments": "the segments artifact",
         "output": "the picture to make",
     },
     "splats_sheet": {
@@ -77,6 +92,7 @@ EXTRAS: dict[str, list[click.Option]] = {
     ],
     "contact_sheet": [TITLE],
     "crops_sheet": [TITLE],
+    "segments_sheet": [TITLE],
     "splats_sheet": [TITLE],
 }
 """Flags that come from the table of scenes."""
@@ -149,7 +165,9 @@ def stage_command(stage: str) -> click.Command:
 
 def _flags(stage: str) -> list[click.Parameter]:
     paths = [
-        click.Option([f"--{name}"], type=ARTIFACT, required=True, help=about.capitalize() + ".")
+        click.Option(
+            [f"--{name.replace('_', '-')}", name], type=ARTIFACT, required=True, help=about.capitalize() + "."
+        )
         for name, about in PATHS[stage].items()
     ]
     models = {name: stage_keys("models")[name] for name in STAGES[stage].models}

@@ -62,6 +62,24 @@ STAGES = {
         ("numpy", "torch", "zarr"),
         "Aggregate each instance's features over its views, and compress them.",
     ),
+    "transient": Stage(
+        "egosplat.transient.stage",
+        (
+            "numpy",
+            "opencv-contrib-python-headless",
+            "scipy",
+            "timm",
+            "torch",
+            "torchmetrics",
+            "zarr",
+        ),
+        "Train a network to tell what moves, together with temporary Gaussians.",
+    ),
+    "masks": Stage(
+        "egosplat.transient.masks_stage",
+        ("numpy", "zarr"),
+        "Find the instances that move, and mask them in every frame.",
+    ),
     "splats": Stage(
         "egosplat.splats.stage",
         ("numpy", "scipy", "torch", "torchmetrics", "zarr"),
@@ -76,6 +94,11 @@ STAGES = {
         "egosplat.report.crops_sheet",
         ("matplotlib",),
         "Draw instances' crops in order of time, the views that were left out struck out.",
+    ),
+    "segments_sheet": Stage(
+        "egosplat.report.segments_sheet",
+        ("matplotlib",),
+        "Draw the instances of each level in frames through the video.",
     ),
     "splats_sheet": Stage(
         "egosplat.report.splats_sheet",

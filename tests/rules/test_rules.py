@@ -15,8 +15,13 @@ OUTPUTS = {
     "frames": "frames.zarr",
     "annotations": "annotations.zarr",
     "poses": "poses.zarr",
+    "segments": "segments.zarr",
+    "view_features": "view_features.zarr",
+    "features": "features.zarr",
     "splats": "splats.zarr",
     "contact_sheet": "contact_sheet.png",
+    "segments_sheet": "segments.png",
+    "crops_sheet": "crops.png",
     "splats_sheet": "splats.png",
 }
 

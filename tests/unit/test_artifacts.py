@@ -37,7 +37,9 @@ def known(monkeypatch):
 
 
 def made(inputs=None) -> Provenance:
-    return Provenance("tiny", {"k": 3}, "real", inputs or {}, {}, "c0de", {}, "2020-01-01", time.perf_counter())
+    return Provenance(
+        "tiny", {"k": 3}, "real", inputs or {}, {}, "c0de", {}, "2020-01-01", time.perf_counter()
+    )
 
 
 def write(path: Path, points: int = 5, inputs=None, seed: int = 0) -> dict[str, np.ndarray]:

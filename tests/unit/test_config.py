@@ -27,7 +27,7 @@ def test_every_key_has_a_description_and_a_default():
 def test_schema_and_stage_function_name_the_same_keys(stage):
     arguments = inspect.signature(stage_function(stage)).parameters
     extras = [option.name for option in EXTRAS.get(stage, [])]
-    assert set(arguments) == {*PATHS[stage], *extras, *config.stage_keys(stage)}
+    assert set(arguments) == {*PATHS[stage], *extras, *config.stage_keys(stage), *STAGES[stage].models}
     assert all(argument.default is inspect.Parameter.empty for argument in arguments.values())
 
 

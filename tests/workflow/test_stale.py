@@ -6,10 +6,12 @@ import shutil
 import pytest
 
 POSES = "results/adt/scene1/poses.zarr"
-MAIN = ("results/adt/scene1/contact_sheet.png", "results/adt/scene1/splats.png")
+MAIN = tuple(f"results/adt/scene1/{name}.png" for name in ("contact_sheet", "segments", "crops", "splats"))
 AFTER_SPLATS = {"splats", "splats_sheet"}
 AFTER_POSES = {"poses", "contact_sheet", *AFTER_SPLATS}
-AFTER_FRAMES = {"frames", "annotations", *AFTER_POSES}
+AFTER_VIEWS = {"view_features", "features", "crops_sheet"}
+AFTER_SEGMENTS = {"segments", "segments_sheet", *AFTER_VIEWS}
+AFTER_FRAMES = {"frames", "annotations", *AFTER_POSES, *AFTER_SEGMENTS}
 
 
 def test_a_finished_run_has_nothing_to_do(workdir):
@@ -22,6 +24,9 @@ def test_a_finished_run_has_nothing_to_do(workdir):
     [
         ("poses: {max_gap_ms: 40.0}", AFTER_POSES),
         ("poses: {method: colmap}", AFTER_POSES),
+        ("segments: {segmenter: classical, min_frames: 4}", AFTER_SEGMENTS),
+        ("view_features: {min_area: 0.001}", AFTER_VIEWS),
+        ("features: {mad_k: 2.5}", {"features", "crops_sheet"}),
         ("splats: {iterations: 41}", AFTER_SPLATS),
         ("annotations: {max_age_ms: 2.0}", {"annotations", "contact_sheet"}),
         ("frames: {stride: 2}", AFTER_FRAMES),
@@ -40,6 +45,8 @@ def test_a_changed_key_reruns_its_stage_and_what_follows(workdir, config, expect
     [
         ("poses/adt.py", "\ndef adt_poses", "\nCHANGED = 1\n\n\ndef adt_poses", AFTER_POSES),
         ("splats/train.py", "RECORD_EVERY = 10", "RECORD_EVERY = 20", AFTER_SPLATS),
+        ("segments/merging.py", "MIN_COMMON_FRAMES = 2", "MIN_COMMON_FRAMES = 3", AFTER_SEGMENTS),
+        ("features/aggregation.py", "\nNORMS = (", "\nCHANGED = 1\nNORMS = (", {"features", "crops_sheet"}),
         ("kernels/source/composite_backward.h", "int MOMENTS = 6;", "int MOMENTS = 7;", AFTER_SPLATS),
         ("kernels/source/composite.h", "// Compositing of", "// The compositing of", set()),
         ("report/splats_sheet.py", "PICTURES = 4", "PICTURES = 3", {"splats_sheet"}),

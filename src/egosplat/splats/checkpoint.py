@@ -80,6 +80,7 @@ class Checkpoint:
 
 
 def key_of(made: Provenance) -> str:
-    """SHA-256 of all that decides the result: stage, options, inputs, code and versions."""
-    parts = [made.stage, dict(made.options), dict(made.inputs), made.code, dict(made.versions)]
+    """SHA-256 of all that decides the result: stage, options, inputs, models, code and versions."""
+    mappings = (made.options, made.inputs, made.models, made.versions)
+    parts = [made.stage, made.code, *map(dict, mappings)]
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()

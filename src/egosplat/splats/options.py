@@ -36,7 +36,6 @@ class TrainingOptions:
         max_gaussians: budget.
         position_lr: learning rate of the means at the start, per unit of scene extent; it ends at 1/100 of it.
         grow_grad2d: gradient of the image position above which ``stock`` lets a Gaussian grow.
-        ssim_lambda: share of 1 - SSIM in the loss; the rest is L1.
         evaluate_every: iterations between two evaluations.
         patience: evaluations without improvement that end the run; 0 for never.
         min_improvement: of the validation PSNR, to count as one [dB].
@@ -49,7 +48,6 @@ class TrainingOptions:
     max_gaussians: int
     position_lr: float
     grow_grad2d: float
-    ssim_lambda: float
     evaluate_every: int
     patience: int
     min_improvement: float

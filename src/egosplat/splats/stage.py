@@ -12,7 +12,6 @@ from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.writing import create
-from egosplat.errors import UserError
 from egosplat.progress import log
 from egosplat.provenance import Provenance
 from egosplat.splats.checkpoint import Checkpoint, key_of
@@ -20,11 +19,12 @@ from egosplat.splats.device import rasterizer_used, training_device
 from egosplat.splats.evaluate import evaluate
 from egosplat.splats.gaussians import Gaussians
 from egosplat.splats.initialise import scene_extent
+from egosplat.splats.objective import L1Ssim, Objective
 from egosplat.splats.options import RenderOptions, TrainingOptions
 from egosplat.splats.saved import put_curves, put_gaussians
 from egosplat.splats.starting import starting_gaussians
 from egosplat.splats.state import TrainingState
-from egosplat.splats.train import Photographs, train
+from egosplat.splats.train import Photographs, resume_and_train
 from egosplat.splats.views import check_belong_together, read_views, split_views
 
 
@@ -69,7 +69,6 @@ def run(
         max_gaussians=max_gaussians,
         position_lr=position_lr,
         grow_grad2d=grow_grad2d,
-        ssim_lambda=ssim_lambda,
         evaluate_every=evaluate_every,
         patience=patience,
         min_improvement=min_improvement,
@@ -87,7 +86,7 @@ def run(
         device=photographs.training.device,
     )
     checkpoint = Checkpoint(output, key_of(made), checkpoint_s)
-    state = _trained(start, photographs, options, checkpoint)
+    state = _trained(start, photographs, options, L1Ssim(ssim_lambda), checkpoint)
     _write(output, made, state, photographs, options)
     checkpoint.remove()
 
@@ -119,19 +118,16 @@ def _named(photographs: Photographs) -> dict[str, Any]:
 
 
 def _trained(
-    start: Gaussians, photographs: Photographs, options: TrainingOptions, checkpoint: Checkpoint
+    start: Gaussians,
+    photographs: Photographs,
+    options: TrainingOptions,
+    objective: Objective,
+    checkpoint: Checkpoint,
 ) -> TrainingState:
-    """The state after training, which goes on from the checkpoint where there is one."""
+    """The state after training."""
     extent = scene_extent(photographs.training.camera_to_world)
-    state = TrainingState(start, options, extent)
-    if (saved := checkpoint.load()) is not None:
-        state.load_state_dict(saved)
-        log(f"training goes on after iteration {state.iteration}")
-    try:
-        train(state, photographs, options, checkpoint)
-    except UserError:
-        checkpoint.remove()  # going on would lead to the same end
-        raise
+    state = TrainingState(start, options, extent, objective)
+    resume_and_train(state, photographs, options, checkpoint)
     return state
 
 

@@ -7,6 +7,7 @@ import torch
 
 from egosplat.splats.early_stop import EarlyStop
 from egosplat.splats.gaussians import PARAMETERS, Gaussians
+from egosplat.splats.objective import Objective
 from egosplat.splats.optimizer import Adam, LearningRates
 from egosplat.splats.options import TrainingOptions
 from egosplat.splats.population import Population
@@ -39,7 +40,7 @@ class TrainingState:
 
     Attributes:
         gaussians: leaves, attached to ``optimizer``.
-        optimizer, population: see there.
+        optimizer, population, objective: see there.
         generator: of everything random in training, on the CPU.
         order: views still to come in this epoch, the next one last.
         early_stop: see there.
@@ -50,11 +51,14 @@ class TrainingState:
         bad_records: records in a row whose loss is not finite.
     """
 
-    def __init__(self, start: Gaussians, options: TrainingOptions, extent: float) -> None:
+    def __init__(
+        self, start: Gaussians, options: TrainingOptions, extent: float, objective: Objective
+    ) -> None:
         """The state before the first iteration; ``start`` is used itself. ``extent``: of the scene [m]."""
         self.gaussians = start.requires_grad_()
         self.optimizer = Adam(start, LearningRates(means=options.position_lr * extent))
         self.population: Population = options.population(extent)
+        self.objective = objective
         self.generator = torch.Generator().manual_seed(options.seed)
         self.order: list[int] = []
         self.early_stop = EarlyStop(options.patience, options.min_improvement)
@@ -77,6 +81,7 @@ class TrainingState:
             "gaussians": self.gaussians.detach().parameters(),
             "optimizer": self.optimizer.state_dict(),
             "population": self.population.state_dict(),
+            "objective": self.objective.state_dict(),
             "generator": self.generator.get_state(),
             "order": list(self.order),
             "early_stop": self.early_stop.state_dict(),
@@ -93,6 +98,7 @@ class TrainingState:
         self.optimizer = Adam(self.gaussians, self.optimizer.learning_rates)
         self.optimizer.load_state_dict(state["optimizer"])
         self.population.load_state_dict(state["population"])
+        self.objective.load_state_dict(state["objective"])
         self.generator.set_state(state["generator"].cpu())
         self.order = state["order"]
         self.early_stop.load_state_dict(state["early_stop"])

@@ -18,7 +18,6 @@ from egosplat.progress import log, track
 from egosplat.splats.checkpoint import Checkpoint
 from egosplat.splats.evaluate import evaluate
 from egosplat.splats.gaussians import Gaussians
-from egosplat.splats.loss import l1_ssim
 from egosplat.splats.options import TrainingOptions
 from egosplat.splats.render import render
 from egosplat.splats.schedule import Schedule
@@ -39,6 +38,24 @@ class Photographs:
     training: Views
     validation: Views
     held_out: Views
+
+
+def resume_and_train(
+    state: TrainingState, photographs: Photographs, options: TrainingOptions, checkpoint: Checkpoint
+) -> None:
+    """``train``, from the checkpoint on where there is one; an error of the user's removes it.
+
+    Raises:
+        UserError: as ``train``.
+    """
+    if (saved := checkpoint.load()) is not None:
+        state.load_state_dict(saved)
+        log(f"training goes on after iteration {state.iteration}")
+    try:
+        train(state, photographs, options, checkpoint)
+    except UserError:
+        checkpoint.remove()  # going on would lead to the same end
+        raise
 
 
 def train(
@@ -84,11 +101,12 @@ def iterate(state: TrainingState, views: Views, options: TrainingOptions, schedu
         antialiased=options.render.antialiased,
         backend=options.render.backend,
     )
-    loss = l1_ssim(image[..., :3], views.picture(index), views.weight, options.ssim_lambda)
+    loss = state.objective.loss(image[..., :3], views, index)
     regulariser = regularisation(state.gaussians, state.population.opacity_reg, state.population.scale_reg)
     meta["means2d"].retain_grad()
     total = loss if regulariser is None else loss + regulariser
     total.backward()
+    state.objective.step()
     radii = meta["radii"]
     state.population.observe(meta["means2d"].grad, radii, views.camera.width, views.camera.height)
     # A regulariser reaches every Gaussian, the loss only those in the picture.
@@ -128,8 +146,7 @@ def record(state: TrainingState) -> None:
     state.bad_records = 0 if math.isfinite(loss) else state.bad_records + 1
     if state.bad_records >= _BAD_RECORDS:
         raise UserError(
-            f"splats: training diverged at iteration {state.iteration} (the loss is {loss}); "
-            "lower splats.position_lr, or raise splats.near_plane"
+            f"training diverged at iteration {state.iteration} (the loss is {loss}); {state.objective.advice}"
         )
 
 

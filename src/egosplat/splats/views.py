@@ -76,7 +76,7 @@ def split_views(train: Mask, evaluation: Mask, registered: Mask, *, validate: bo
     rows = np.flatnonzero(training)
     if not len(rows):
         raise UserError(
-            f"splats: none of {int(train.sum())} training frames has a pose; look at the log of the stage poses"
+            f"none of {int(train.sum())} training frames has a pose; look at the log of the stage poses"
         )
     if validate:
         if len(rows) < 2:

@@ -16,6 +16,7 @@ from egosplat.checking import SCHEMAS
 from egosplat.config import defaults
 from egosplat.errors import UserError
 from egosplat.splats import stage
+from egosplat.splats import train as training
 from egosplat.splats.saved import STORED, read_gaussians
 
 KEYS = defaults()["splats"] | {"iterations": 40, "max_gaussians": 60, "evaluate_every": 20, "sh_degree": 1}
@@ -144,7 +145,7 @@ def test_after_training_that_fails_nothing_is_left(scene, monkeypatch):
         checkpoint.save_if_due(state.state_dict)
         raise UserError("diverged")
 
-    monkeypatch.setattr(stage, "train", fails)
+    monkeypatch.setattr(training, "train", fails)
     folder = scene()
     with pytest.raises(UserError, match="diverged"):
         run(folder, checkpoint_s=1e-9)

@@ -9,10 +9,11 @@ import torch
 
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
-from egosplat.splats import train as training
+from egosplat.splats import objective
 from egosplat.splats.checkpoint import Checkpoint
 from egosplat.splats.gaussians import PARAMETERS, Gaussians
 from egosplat.splats.initialise import from_points
+from egosplat.splats.objective import L1Ssim
 from egosplat.splats.options import RenderOptions, TrainingOptions
 from egosplat.splats.schedule import STOCK, STOCK_MCMC
 from egosplat.splats.state import TrainingState
@@ -26,7 +27,6 @@ OPTIONS = TrainingOptions(
     max_gaussians=80,
     position_lr=1.6e-4,
     grow_grad2d=2e-4,
-    ssim_lambda=0.2,
     evaluate_every=20,
     patience=0,
     min_improvement=0.05,
@@ -59,7 +59,7 @@ def trained(photographs, start, tmp_path):
 
     def run(photographs: Photographs = photographs, checkpoint: Checkpoint | None = None, **changes: object):
         options = replace(OPTIONS, **changes)
-        state = TrainingState(start.select(torch.arange(start.count)), options, EXTENT)
+        state = TrainingState(start.select(torch.arange(start.count)), options, EXTENT, L1Ssim(0.2))
         train(state, photographs, options, checkpoint or Checkpoint(tmp_path / "none.zarr", "", 3600.0))
         return state
 
@@ -120,7 +120,7 @@ def test_a_resumed_run_ends_as_an_unbroken_one(trained, start, photographs, tmp_
         trained(photographs, StoppingCheckpoint(tmp_path, at=40), **changes)
     checkpoint = StoppingCheckpoint(tmp_path, at=-1)
     options = replace(OPTIONS, **changes)
-    state = TrainingState(start, options, EXTENT)
+    state = TrainingState(start, options, EXTENT, L1Ssim(0.2))
     state.load_state_dict(checkpoint.load())
     assert state.iteration == 40 and not same(state.gaussians, unbroken.gaussians)
     train(state, photographs, options, checkpoint)
@@ -132,7 +132,7 @@ def test_a_resumed_run_ends_as_an_unbroken_one(trained, start, photographs, tmp_
 
 
 def test_every_view_comes_once_an_epoch(start):
-    state = TrainingState(start, OPTIONS, EXTENT)
+    state = TrainingState(start, OPTIONS, EXTENT, L1Ssim(0.2))
     epochs = [[state.next_view(6) for _ in range(6)] for _ in range(3)]
     assert all(sorted(epoch) == list(range(6)) for epoch in epochs)
     assert epochs[0] != epochs[1] or epochs[1] != epochs[2]
@@ -165,7 +165,7 @@ def test_without_patience_nothing_is_kept(trained):
 
 
 def test_a_loss_that_stays_not_finite_ends_training(start):
-    state = TrainingState(start, OPTIONS, EXTENT)
+    state = TrainingState(start, OPTIONS, EXTENT, L1Ssim(0.2))
     for iteration, loss in ((10, math.nan), (20, math.inf), (30, 1.0), (40, math.nan), (50, math.nan)):
         state.iteration, state.loss_sum = iteration, torch.tensor(loss)
         record(state)
@@ -175,7 +175,7 @@ def test_a_loss_that_stays_not_finite_ends_training(start):
 
 
 def test_a_loss_that_is_not_finite_leaves_the_gaussians_alone(trained, start, monkeypatch):
-    monkeypatch.setattr(training, "l1_ssim", lambda image, *_: image.mean() * float("nan"))
+    monkeypatch.setattr(objective, "l1_ssim", lambda image, *_: image.mean() * float("nan"))
     state = trained(iterations=20)
     assert same(state.gaussians, start) and state.bad_records == 2 and state.optimizer.skipped_rows > 0
 

@@ -1,0 +1,30 @@
+"""What ``features.zarr`` holds: each instance's consistent feature, what is supervised with, and its codes."""
+
+from egosplat.artifacts.schema import Field, Schema
+
+FEATURES = Schema(
+    "features",
+    1,
+    {
+        "consistent": Field(
+            ("instance", "channel"),
+            "float32",
+            "-",
+            "aggregated over the inlier views; 0 where there is no view",
+        ),
+        "views": Field(("instance",), "int32", "count", "views that were aggregated, outliers among them"),
+        "instances/level": Field(("instance",), "int8", "index", "level of each instance"),
+        "instance": Field(("view",), "int32", "index", "instance; the rows of view_features.zarr"),
+        "frame": Field(("view",), "int32", "index", "frame in frames.zarr"),
+        "inlier": Field(("view",), "bool", "-", "views that agree with their instance's median"),
+        "supervision": Field(("view", "channel"), "float32", "-", "what the instance means in the frame"),
+        "code": Field(("view", "code"), "float32", "-", "supervision, compressed"),
+        "consistent_code": Field(("instance", "code"), "float32", "-", "consistent, compressed"),
+        "decoder/values": Field(
+            ("number",),
+            "float32",
+            "-",
+            "of each layer its (out, in) weights and (out,) biases; the facts name the widths",
+        ),
+    },
+)

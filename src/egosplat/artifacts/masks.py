@@ -1,0 +1,26 @@
+"""What ``masks.zarr`` holds: which instances are transient, and the pixels that are left out of training for it."""
+
+from egosplat.artifacts.schema import Field, Schema
+
+MASKS = Schema(
+    "masks",
+    1,
+    {
+        "refined": Field(
+            ("frame", "height", "width"),
+            "bool",
+            "-",
+            "pixels of a transient instance, of any level that is asked for",
+            by_row=True,
+        ),
+        "instances/score": Field(
+            ("instance",),
+            "float32",
+            "0..1",
+            "mean probability over all pixels of the instance in all frames; 0 without any pixel",
+        ),
+        "instances/transient": Field(
+            ("instance",), "bool", "-", "score at or above the threshold, at a level that is asked for"
+        ),
+    },
+)

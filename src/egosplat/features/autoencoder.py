@@ -1,0 +1,137 @@
+"""LangSplat's autoencoder of features (M2.2), from its description.
+
+Its loss takes the cosine over the channels of each feature; LangSplat's own training takes it over the batch, which
+compares a channel's values among unrelated features.
+"""
+
+import math
+from collections.abc import Callable
+from copy import deepcopy
+from itertools import pairwise
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from egosplat.errors import UserError
+from egosplat.features.decoding import Decoder
+from egosplat.progress import log, track
+
+ENCODER, DECODER = (256, 128, 64, 32), (16, 32, 64, 128, 256, 256)
+"""Channels of the hidden layers."""
+
+BATCH, LEARNING_RATE, COSINE_WEIGHT = 64, 7e-4, 0.001
+
+_JUDGED = 0.05
+"""Share of the epochs, the last ones, of which the best is kept: 5 of LangSplat's 100."""
+
+_ROWS_AT_ONCE = 2**14
+
+Features = NDArray[np.float32]
+
+
+class Autoencoder(nn.Module):
+    """Features of ``width`` channels to codes of ``dims``, and back; both are of unit norm."""
+
+    def __init__(self, width: int, dims: int) -> None:
+        super().__init__()
+        sizes = [*ENCODER, dims]
+        layers: list[nn.Module] = [nn.Linear(width, sizes[0])]
+        for before, after in pairwise(sizes):
+            layers += [nn.BatchNorm1d(before), nn.ReLU(), nn.Linear(before, after)]
+        self.encoder = nn.Sequential(*layers)
+        sizes = [dims, *DECODER, width]
+        layers = [nn.Linear(dims, sizes[1])]
+        for before, after in pairwise(sizes[1:]):
+            layers += [nn.ReLU(), nn.Linear(before, after)]
+        self.decoder = nn.Sequential(*layers)
+
+    def encode(self, features: Tensor) -> Tensor:
+        """(R, D) -> (R, C)."""
+        return F.normalize(self.encoder(features), dim=-1)
+
+    def forward(self, features: Tensor) -> Tensor:
+        """(R, D) -> (R, D), through the code."""
+        return F.normalize(self.decoder(self.encode(features)), dim=-1)
+
+
+def fit_autoencoder(
+    features: Features, dims: int, epochs: int, seed: int
+) -> tuple[Callable[[Features], Features], Decoder]:
+    """Train on all rows; the same rows, seed and number of threads give the same numbers.
+
+    Args:
+        features: (R, D) float32; zero rows are legal.
+        dims: C. epochs: how often each row is seen. seed: of weights and order.
+
+    Returns:
+        the encoder as a function of (R, D) float32 rows, and the decoder.
+
+    Raises:
+        UserError: training diverges.
+    """
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        model = Autoencoder(features.shape[1], dims)
+    if len(features):
+        model.load_state_dict(_trained(model, torch.from_numpy(features), epochs, seed))
+    model.eval()
+
+    def encode(rows: Features) -> Features:
+        with torch.inference_mode():
+            parts = [model.encode(part) for part in torch.from_numpy(rows).split(_ROWS_AT_ONCE)]
+        return torch.cat(parts).numpy() if parts else np.zeros((0, dims), np.float32)
+
+    return encode, _decoder_of(model)
+
+
+def _trained(model: Autoencoder, rows: Tensor, epochs: int, seed: int) -> dict[str, Tensor]:
+    """The best of the last epochs' weights, judged on all rows."""
+    order = torch.Generator().manual_seed(seed)
+    optimizer = torch.optim.Adam(model.parameters(), lr=LEARNING_RATE)
+    least, best = math.inf, None
+    judged = epochs - max(1, round(_JUDGED * epochs))
+    for epoch in track(range(epochs), "training the autoencoder", unit="epoch"):
+        model.train()
+        for batch in batches(len(rows), order):
+            optimizer.zero_grad()
+            loss(model(rows[batch]), rows[batch], COSINE_WEIGHT).backward()
+            optimizer.step()
+        if epoch >= judged and (now := _error(model, rows)) < least:
+            least, best = now, deepcopy(model.state_dict())
+    if best is None:
+        raise UserError("features.compression = autoencoder: training diverged; set it to linear")
+    log(f"autoencoder: error {least:.4f} after {epochs} epochs")
+    return best
+
+
+def loss(decoded: Tensor, features: Tensor, cosine_weight: float) -> Tensor:
+    """Mean squared error plus the weighted mean of 1 - cosine, over (B, D) rows."""
+    cosine = F.cosine_similarity(decoded, features, dim=1).mean()
+    return F.mse_loss(decoded, features) + cosine_weight * (1 - cosine)
+
+
+def batches(count: int, order: torch.Generator) -> list[Tensor]:
+    """Every row once, in random order; batch normalisation needs two, so that a single row is never alone."""
+    rows = torch.randperm(count, generator=order)
+    parts = list(rows.split(BATCH))
+    if len(parts[-1]) > 1:
+        return parts
+    alone = parts.pop()
+    return [*parts[:-1], torch.cat([parts[-1], alone])] if parts else [alone.repeat(2)]
+
+
+@torch.inference_mode()
+def _error(model: Autoencoder, rows: Tensor) -> float:
+    model.eval()
+    parts = [loss(model(part), part, 1.0) * len(part) for part in rows.split(_ROWS_AT_ONCE)]
+    return float(torch.stack(parts).sum()) / len(rows)
+
+
+def _decoder_of(model: Autoencoder) -> Decoder:
+    layers = [layer for layer in model.decoder if isinstance(layer, nn.Linear)]
+    widths = (layers[0].in_features, *(layer.out_features for layer in layers))
+    numbers = [part.detach().ravel() for layer in layers for part in (layer.weight, layer.bias)]
+    return Decoder(widths, torch.cat(numbers).numpy())

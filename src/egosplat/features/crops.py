@@ -1,0 +1,81 @@
+"""Where instances are in a frame, and the crops that OpenCLIP is shown (M2.1)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from scipy import ndimage
+
+Pixels = NDArray[np.uint8]
+Labels = NDArray[np.int32]
+
+RESAMPLING = {"bicubic": Image.Resampling.BICUBIC, "bilinear": Image.Resampling.BILINEAR}
+
+
+@dataclass(frozen=True)
+class Regions:
+    """The K instances that a frame shows.
+
+    Attributes:
+        instance: (K,) int32, ascending.
+        area: (K,) int32 pixels.
+        box: (K, 4) int32 x0, y0, x1, y1 [px], the ends exclusive.
+    """
+
+    instance: NDArray[np.int32]
+    area: NDArray[np.int32]
+    box: NDArray[np.int32]
+
+    def chosen(self, which: NDArray[np.bool_]) -> "Regions":
+        """Those that a mask chooses."""
+        return Regions(self.instance[which], self.area[which], self.box[which])
+
+
+def find_regions(labels: Labels, count: int) -> Regions:
+    """Area and bounding box of each instance in a frame.
+
+    Args:
+        labels: (L, H, W) int32 instance at each level, -1 for none; an instance is of one level.
+        count: number of instances; labels are below.
+    """
+    area = np.bincount(labels.ravel() + 1, minlength=count + 1)[1:]
+    box = np.zeros((count, 4), np.int32)
+    for level in labels:
+        for instance, found in enumerate(ndimage.find_objects(level + 1)):
+            if found is not None:
+                rows, columns = found
+                box[instance] = columns.start, rows.start, columns.stop, rows.stop
+    seen = np.flatnonzero(area)
+    return Regions(seen.astype(np.int32), area[seen].astype(np.int32), box[seen])
+
+
+def cut_crop(rgb: Pixels, labels: Labels, instance: int, box: NDArray[np.int32]) -> Pixels:
+    """The square around an instance's bounding box, black outside of its mask.
+
+    Args:
+        rgb: (H, W, 3) uint8; labels: (H, W) of the instance's level; box: (4,) x0, y0, x1, y1 [px].
+
+    Returns:
+        (S, S, 3) uint8, S the box's longer side; the box is in the middle, half a pixel up or left of it where
+        the sides differ by an odd number.
+    """
+    x0, y0, x1, y1 = (int(value) for value in box)
+    inside = rgb[y0:y1, x0:x1] * (labels[y0:y1, x0:x1, None] == instance)
+    height, width = inside.shape[:2]
+    side = max(height, width)
+    top, left = (side - height) // 2, (side - width) // 2
+    square = np.zeros((side, side, 3), np.uint8)
+    square[top : top + height, left : left + width] = inside
+    return square
+
+
+def resize(crop: Pixels, size: tuple[int, int], interpolation: str) -> Pixels:
+    """A square crop at the model's size, resampled as OpenCLIP's own preprocessing resamples pictures.
+
+    Args:
+        crop: (S, S, 3) uint8; size: height and width [px]; interpolation: ``bicubic`` or ``bilinear``.
+    """
+    if crop.shape[:2] == size:
+        return crop
+    return np.asarray(Image.fromarray(crop).resize(size[::-1], RESAMPLING[interpolation]))

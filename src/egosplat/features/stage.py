@@ -1,0 +1,173 @@
+"""Stage ``features``: each instance's consistent feature, what is supervised with, and codes of few channels."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from egosplat import provenance
+from egosplat.artifacts.features import FEATURES
+from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.view_features import VIEW_FEATURES
+from egosplat.artifacts.writing import create
+from egosplat.features.aggregation import Aggregate, aggregate
+from egosplat.features.compression import Compression, fit
+from egosplat.features.decoding import about, decode
+from egosplat.features.quality import reconstruction, spread, summary
+from egosplat.features.supervision import consistent_directions, supervise, vanishing
+from egosplat.features.vectors import unit, usable
+from egosplat.progress import log
+from egosplat.provenance import Provenance
+
+Features = NDArray[np.float32]
+
+_ROWS_AT_ONCE = 2**14
+
+
+@dataclass(frozen=True)
+class _Views:
+    """Of R views: instance, frame (R,) int32, feature (R, D) float32; ``good`` (R,) those with a feature."""
+
+    instance: NDArray[np.int32]
+    frame: NDArray[np.int32]
+    feature: Features
+    good: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class _Aggregated:
+    """``consistent`` (N, D) and ``supervision`` (R, D) float32; ``views`` (N,) and ``inlier`` (R,)."""
+
+    consistent: Features
+    supervision: Features
+    views: NDArray[np.int32]
+    inlier: NDArray[np.bool_]
+
+
+def run(
+    view_features: Path,
+    output: Path,
+    *,
+    mad_norm: str,
+    mad_k: float,
+    renormalise: bool,
+    target: str,
+    outliers: str,
+    compression: str,
+    dims: int,
+    epochs: int,
+    seed: int,
+) -> None:
+    """Write the features of ``view_features``; the keys are those of the schema's ``features``.
+
+    Raises:
+        UserError: more dimensions are asked for than the features have, or training diverges.
+    """
+    keys = {key: value for key, value in locals().items() if key not in ("view_features", "output")}
+    source = open_artifact(view_features, VIEW_FEATURES)
+    made = provenance.begin("features", keys, source.origin, {source.path.name: source.digest})
+    views, level = _read(source), source.read("instances/level")
+    known = views.good.nonzero()[0]
+    found = aggregate(views.feature[known], views.instance[known], len(level), mad_norm, mad_k)
+    result = _aggregated(views, found, renormalise, target, outliers)
+    compressed = fit(result.supervision[known], compression, dims, epochs, seed)
+    codes, consistent_codes = (compressed.encode(part) for part in (result.supervision, result.consistent))
+    seen = found.views > 0
+    codes[~seen[views.instance]] = 0.0
+    consistent_codes[~seen] = 0.0
+    facts = _facts(source, views, result, codes, consistent_codes, compressed, level)
+    arrays = {
+        "consistent": result.consistent,
+        "views": result.views,
+        "instances/level": level,
+        "instance": views.instance,
+        "frame": views.frame,
+        "inlier": result.inlier,
+        "supervision": result.supervision,
+        "code": codes,
+        "consistent_code": consistent_codes,
+        "decoder/values": compressed.decoder.values,
+    }
+    _write(output, made, arrays, facts)
+    log(_told(facts, result))
+
+
+def _write(output: Path, made: Provenance, arrays: dict[str, NDArray[Any]], facts: dict[str, Any]) -> None:
+    """Nothing that is not finite is ever written."""
+    with create(output, FEATURES, made) as artifact:
+        for name, values in arrays.items():
+            if not np.isfinite(values).all():
+                raise ValueError(f"{name} is not finite")
+            artifact.put(name, values)
+        artifact.facts = facts
+
+
+def _read(source: Artifact) -> _Views:
+    """The views; those without a finite feature are told, and are left out of everything."""
+    feature = source.read("feature")
+    good = usable(feature)
+    if lost := int((~good).sum()):
+        log(
+            f"warning: {source.path}: {lost} of {len(good)} views are left out: their features are not finite or 0"
+        )
+    return _Views(source.read("instance"), source.read("frame"), feature, good)
+
+
+def _aggregated(
+    views: _Views, found: Aggregate, renormalise: bool, target: str, outliers: str
+) -> _Aggregated:
+    known = views.good.nonzero()[0]
+    inlier = np.zeros(len(views.good), bool)
+    inlier[known] = found.inlier
+    consistent = found.feature
+    if renormalise:
+        consistent = consistent_directions(consistent, views.feature[known], views.instance[known])
+    supervision = np.empty_like(views.feature)
+    for begin in range(0, len(supervision), _ROWS_AT_ONCE):
+        part = slice(begin, begin + _ROWS_AT_ONCE)
+        common = consistent[views.instance[part]]
+        own = np.where(views.good[part, None], views.feature[part], common)
+        values = supervise(own, common, inlier[part], target, outliers)
+        if renormalise:
+            values = unit(np.where(vanishing(values)[:, None], common, values))
+        supervision[part] = values
+    return _Aggregated(consistent.astype(np.float32), supervision, found.views, inlier)
+
+
+def _facts(
+    source: Artifact,
+    views: _Views,
+    result: _Aggregated,
+    codes: Features,
+    consistent_codes: Features,
+    compressed: Compression,
+    level: NDArray[np.int8],
+) -> dict[str, Any]:
+    known, seen = views.good, result.views > 0
+    names = source.facts["levels"]
+    cosines = reconstruction(result.supervision[known], codes[known], compressed.decoder)
+    decoded = decode(torch.from_numpy(consistent_codes[seen]), compressed.decoder).numpy()
+    return {
+        "levels": names,
+        "clip": source.facts["clip"],
+        "decoder": about(compressed.decoder),
+        "instances_without_views": int((~seen).sum()),
+        "views_without_feature": int((~known).sum()),
+        "outliers": int((known & ~result.inlier).sum()),
+        "reconstruction": summary(cosines, level[views.instance[known]], names),
+        "spread": {"features": spread(result.consistent[seen]), "decoded": spread(decoded)},
+    }
+
+
+def _told(facts: dict[str, Any], result: _Aggregated) -> str:
+    cosine, apart = facts["reconstruction"]["mean"], facts["spread"]
+    text = f"{int((result.views > 0).sum())} instances, {len(result.inlier)} views, {facts['outliers']} of them outliers"
+    if cosine is None:
+        return text
+    text += f"; codes of {facts['decoder']['widths'][0]} dimensions, reconstruction cosine {cosine:.3f}"
+    if apart["features"] is None:
+        return text
+    return f"{text}; mean cosine between instances {apart['features']:.3f}, decoded {apart['decoded']:.3f}"

@@ -1,0 +1,23 @@
+"""Vectors of unit length, at any scale."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.floating]
+
+
+def usable(features: Floats) -> NDArray[np.bool_]:
+    """(R,) which of (R, D) features have a direction: all numbers finite, not all 0."""
+    return np.isfinite(features).all(axis=-1) & (features != 0).any(axis=-1)
+
+
+def unit(features: Floats) -> NDArray[np.float64]:
+    """(..., D) features of unit norm, in float64; a feature of zeros stays 0.
+
+    Divided by its largest number first, so that no square overflows or vanishes.
+    """
+    values = features.astype(np.float64)
+    largest = np.abs(values).max(axis=-1, keepdims=True, initial=0.0)
+    values /= np.where(largest > 0, largest, 1.0)
+    norm = np.linalg.norm(values, axis=-1, keepdims=True)
+    return values / np.where(norm > 0, norm, 1.0)

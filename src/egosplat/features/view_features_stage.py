@@ -1,0 +1,153 @@
+"""Stage ``view_features``: OpenCLIP's feature of each instance in each frame that shows it."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat import provenance
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.segments import SEGMENTS
+from egosplat.artifacts.view_features import VIEW_FEATURES
+from egosplat.artifacts.writing import create
+from egosplat.errors import UserError
+from egosplat.features.encoding import channels, encode
+from egosplat.features.journal import Journal, key_of
+from egosplat.features.vectors import usable
+from egosplat.features.views import (
+    Views,
+    check_belong_together,
+    cut_crops,
+    find_views,
+    lies_on_its_side,
+)
+from egosplat.models.checkpoints import CLIP, model_hash
+from egosplat.models.configs import SMALL
+from egosplat.models.open_clip_loader import OpenClip, load_open_clip
+from egosplat.progress import log, track
+from egosplat.provenance import Provenance
+
+Features = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class _Inputs:
+    frames: Artifact
+    segments: Artifact
+    clip: OpenClip
+
+
+def run(
+    frames: Path,
+    segments: Path,
+    output: Path,
+    *,
+    clip_model: str,
+    clip_checkpoint: str,
+    device: str,
+    precision: str,
+    min_area: float,
+    max_views: int | None,
+    batch: int,
+) -> None:
+    """Write the view features of ``segments``; the keys are those of the schema's ``view_features``, and the
+    section ``models``'s for OpenCLIP.
+
+    A run that was killed goes on after its last whole batch, to the same features as without the kill.
+
+    Raises:
+        UserError: the inputs do not belong together, the model cannot be loaded, or it makes no finite feature.
+    """
+    keys = {key: value for key, value in locals().items() if key not in ("frames", "segments", "output")}
+    pictures, tracks = open_artifact(frames, FRAMES), open_artifact(segments, SEGMENTS)
+    check_belong_together(pictures, tracks)
+    inputs = _Inputs(pictures, tracks, load_open_clip(clip_model, clip_checkpoint, device, precision))
+    origin = "synthetic" if "synthetic" in (pictures.origin, tracks.origin) else "real"
+    made = provenance.begin(
+        "view_features", keys, origin, {one.path.name: one.digest for one in (pictures, tracks)}
+    )
+    model = _about(inputs.clip, clip_model, clip_checkpoint)
+    views = find_views(pictures, tracks, min_area, max_views)
+    journal = Journal(output, key_of(made, model))
+    features = _encoded(inputs, views, batch, journal)
+    good = _checked(features, clip_checkpoint)
+    facts = {
+        "levels": tracks.facts["levels"],
+        "clip": model,
+        "without_feature": int((~good).sum()),
+        "turned": lies_on_its_side(pictures),
+    }
+    _write(output, made, views.chosen(good), features[good], tracks.read("instances/level"), facts)
+    journal.remove()
+    seen, count = len(np.unique(views.instance[good])), tracks.shape("instances/level")[0]
+    log(f"{int(good.sum())} views of {seen} of {count} instances")
+
+
+def _about(clip: OpenClip, model: str, checkpoint: str) -> dict[str, Any]:
+    """What the features come from; the same features come from the same alone."""
+    return {
+        "model": model,
+        "checkpoint": checkpoint,
+        "hash": model_hash(CLIP, {CLIP.config_key: model, CLIP.checkpoint_key: checkpoint}),
+        "small": checkpoint == SMALL,
+        "device": clip.compute.device.type,
+        "dtype": str(clip.compute.dtype).removeprefix("torch."),
+    }
+
+
+def _encoded(inputs: _Inputs, views: Views, batch: int, journal: Journal) -> Features:
+    """(R, D) features in the order of the views; NaN where the model makes none."""
+    order = views.by_frame
+    done = journal.resume()
+    start = sum(map(len, done))
+    if start:
+        log(f"encoding goes on after crop {start} of {len(views)}")
+    left = views.chosen(order[start:])
+    for crops in track(_batches(inputs, left, batch), "encoding crops", -(-len(left) // batch), unit="batch"):
+        done.append(encode(inputs.clip, crops))
+        journal.append(done[-1])
+    features = np.empty((len(views), done[0].shape[1] if done else channels(inputs.clip)), np.float32)
+    if done:
+        features[order] = np.concatenate(done)
+    return features
+
+
+def _batches(inputs: _Inputs, views: Views, size: int) -> Iterator[NDArray[np.uint8]]:
+    """(B, H, W, 3) crops of the views in their order, ``size`` at a time, across frames."""
+    crops = cut_crops(inputs.frames, inputs.segments, views, inputs.clip.preprocessing)
+    while few := list(islice(crops, size)):
+        yield np.stack(few)
+
+
+def _checked(features: Features, checkpoint: str) -> NDArray[np.bool_]:
+    """(R,) which views have a feature; the others are told."""
+    good = usable(features)
+    if len(good) and not good.any():
+        raise UserError(
+            f"models.clip_checkpoint = {checkpoint!r}: the model makes no finite feature of any crop; "
+            "take another checkpoint, or set models.precision to float32"
+        )
+    if lost := int((~good).sum()):
+        log(f"warning: {lost} of {len(good)} views are left out: the model makes no finite feature of them")
+    return good
+
+
+def _write(
+    output: Path,
+    made: Provenance,
+    views: Views,
+    features: Features,
+    level: NDArray[np.int8],
+    facts: dict[str, Any],
+) -> None:
+    with create(output, VIEW_FEATURES, made) as artifact:
+        for name in ("instance", "frame", "area", "box"):
+            artifact.put(name, getattr(views, name))
+        artifact.put("feature", features)
+        artifact.put("instances/level", level)
+        artifact.facts = facts

@@ -1,0 +1,126 @@
+"""Which views of instances are encoded, and their crops."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.artifacts.reading import Artifact
+from egosplat.errors import UserError
+from egosplat.features.crops import Regions, cut_crop, find_regions, resize
+from egosplat.models.open_clip_loader import Preprocessing
+from egosplat.progress import track
+
+Ints = NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class Views:
+    """R views, sorted by instance, then frame.
+
+    Attributes:
+        instance, frame, area: (R,) int32.
+        box: (R, 4) int32 x0, y0, x1, y1 [px].
+    """
+
+    instance: Ints
+    frame: Ints
+    area: Ints
+    box: Ints
+
+    def __len__(self) -> int:
+        return len(self.instance)
+
+    def chosen(self, which: NDArray) -> "Views":
+        """Those that a mask or list of rows chooses."""
+        return Views(self.instance[which], self.frame[which], self.area[which], self.box[which])
+
+    @property
+    def by_frame(self) -> NDArray[np.int64]:
+        """(R,) the rows in the order of frames, then instances: the order of encoding."""
+        return np.lexsort((self.instance, self.frame))
+
+
+def check_belong_together(frames: Artifact, segments: Artifact) -> None:
+    """Check that segments are of these frames.
+
+    Raises:
+        UserError: they are not.
+    """
+    made_from = segments.provenance["inputs"].get(frames.path.name, frames.digest)
+    count, height, width, _ = frames.shape("rgb")
+    found, _, *size = segments.shape("labels")
+    if made_from != frames.digest or (found, *size) != (count, height, width):
+        raise UserError(
+            f"{segments.path}: was made from other frames than {frames.path}; "
+            f"make it anew: snakemake --cores 2 {segments.path}"
+        )
+
+
+def find_views(frames: Artifact, segments: Artifact, min_area: float, max_views: int | None) -> Views:
+    """The views to encode: of training frames alone, so that held-out ones decide nothing.
+
+    Args:
+        min_area: smallest mask, as a share of the picture; at least one pixel.
+        max_views: at most so many views of an instance, evenly among its own; None for all.
+    """
+    count = segments.shape("instances/level")[0]
+    _, _, height, width = segments.shape("labels")
+    least = max(1.0, min_area * height * width)
+    chosen = np.flatnonzero(frames.read("train"))
+    found: list[Regions] = []
+    for frame in track(chosen, "finding instances"):
+        regions = find_regions(segments.row("labels", frame), count)
+        found.append(regions.chosen(regions.area >= least))
+    views = Views(
+        _joined([one.instance for one in found]),
+        np.repeat(chosen, [len(one.instance) for one in found]).astype(np.int32),
+        _joined([one.area for one in found]),
+        _joined([one.box for one in found]).reshape(-1, 4),
+    )
+    views = views.chosen(np.lexsort((views.frame, views.instance)))
+    return views if max_views is None else views.chosen(spread(views.instance, max_views))
+
+
+def spread(instance: Ints, most: int) -> NDArray[np.bool_]:
+    """Which rows stay where each instance keeps at most so many, evenly among its own, the first one always.
+
+    Args:
+        instance: (R,) sorted.
+        most: at least 1.
+    """
+    _, first, counts = np.unique(instance, return_index=True, return_counts=True)
+    place = np.arange(len(instance)) - np.repeat(first, counts)
+    total = np.repeat(np.maximum(counts, most), counts)
+    return place * most // total != (place - 1) * most // total
+
+
+def cut_crops(
+    frames: Artifact, segments: Artifact, views: Views, wanted: Preprocessing
+) -> Iterator[NDArray[np.uint8]]:
+    """The crop of each view, in the given order, at the model's size and upright; one frame is held at a time.
+
+    Args:
+        views: by frame (``by_frame``); all are seen.
+
+    Yields:
+        (H, W, 3) uint8.
+    """
+    level = segments.read("instances/level")
+    turned = lies_on_its_side(frames)
+    at = -1
+    for frame, instance, box in zip(views.frame, views.instance, views.box, strict=True):
+        if frame != at:
+            rgb, labels, at = frames.row("rgb", frame), segments.row("labels", frame), frame
+        crop = cut_crop(rgb, labels[level[instance]], instance, box)
+        yield resize(np.rot90(crop, -1) if turned else crop, wanted.image_size, wanted.interpolation)
+
+
+def lies_on_its_side(frames: Artifact) -> bool:
+    """Whether pictures are as Aria's sensor takes them: to be turned clockwise for OpenCLIP (M7 no. 16)."""
+    return frames.facts["format"] == "adt" and not frames.facts["upright"]
+
+
+def _joined(parts: list[Ints]) -> Ints:
+    return np.concatenate(parts) if parts else np.zeros(0, np.int32)

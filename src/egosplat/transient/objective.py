@@ -1,0 +1,106 @@
+"""The loss of the initialization stage, which H and a temporary 3DGS are trained by together."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from egosplat.splats.loss import l2
+from egosplat.splats.views import Views
+from egosplat.transient.network import TransientNet
+
+CHANNELS = {"mean": 1.0, "sum": 3.0}
+"""By reduction over R, G, B, the factor on the mean over all values."""
+
+
+@dataclass(frozen=True)
+class InitialOptions:
+    """How H is trained.
+
+    Attributes:
+        iterations: length of the run.
+        warmup: iterations at its beginning in which the Gaussians are trained alone.
+        lambda2: what calling a pixel transient costs; H does so where the residual is larger.
+        residual: ``mean`` or ``sum`` of the squared differences over the channels.
+        lr: Adam's learning rate for H.
+    """
+
+    iterations: int
+    warmup: int
+    lambda2: float
+    residual: str
+    lr: float
+
+
+class InitialObjective:
+    """L_init = mean over pixels of (1 - M) d_I + lambda2 |M|, with d_I the squared difference (the paper's).
+
+    For a constant residual e of a pixel the optimum is M = 0 where e < lambda2, else 1 (M3.1): H never gets
+    there, and how far it gets depends on learning rate and iterations.
+
+    Attributes:
+        net: H.
+        advice: what the user may change where training diverges.
+    """
+
+    advice = "lower transient.lr, or raise transient.near_plane"
+
+    def __init__(self, net: TransientNet, options: InitialOptions, device: torch.device) -> None:
+        """``net`` is used itself and is moved to ``device``, where the Gaussians are trained."""
+        self.net = net.to(device).train()
+        self._options = options
+        self._adam = torch.optim.Adam(net.parameters(), lr=options.lr)
+        self._probability = torch.zeros(options.iterations, device=device)
+        self._iteration = 0
+
+    def loss(self, image: Tensor, views: Views, index: int) -> Tensor:
+        """L_init of one picture; see ``egosplat.splats.objective.Objective``."""
+        picture = views.picture(index)
+        factor = CHANNELS[self._options.residual]
+        self._iteration += 1
+        if self._warming_up:
+            return factor * l2(image, picture, views.weight)
+        probability = self.net(picture, *picture.shape[:2])
+        self._probability[self._iteration - 1] = probability.detach().mean()
+        static = 1.0 - probability
+        weight = static if views.weight is None else views.weight * static
+        return factor * l2(image, picture, weight) + self._options.lambda2 * probability.mean()
+
+    def step(self) -> None:
+        """One step of H; none in the warm-up, and none by a gradient that is not finite."""
+        if self._warming_up:
+            return
+        grads = [p.grad for p in self.net.parameters() if p.grad is not None]
+        if bool(torch.nn.utils.get_total_norm(grads).isfinite()):
+            self._adam.step()
+        self._adam.zero_grad()
+
+    def mean_probability(self, iterations: list[int]) -> NDArray[np.float64]:
+        """Mean M since the iteration before, for each of ``iterations``; 0 in the warm-up."""
+        ends = np.array([0, *iterations])
+        means = self._probability.cpu().double().numpy()
+        return np.array([means[a:b].mean() for a, b in pairwise(ends)])
+
+    def state_dict(self) -> dict[str, Any]:
+        """H, its optimizer, the curve and the iteration, for ``load_state_dict``."""
+        return {
+            "net": dict(self.net.state_dict()),
+            "adam": self._adam.state_dict(),
+            "probability": self._probability,
+            "iteration": self._iteration,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from ``state_dict``."""
+        self.net.load_state_dict(state["net"])
+        self._adam.load_state_dict(state["adam"])
+        self._probability = state["probability"]
+        self._iteration = state["iteration"]
+
+    @property
+    def _warming_up(self) -> bool:
+        return self._iteration <= self._options.warmup

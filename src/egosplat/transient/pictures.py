@@ -1,0 +1,49 @@
+"""Pictures at the size that H and the temporary Gaussians are trained at."""
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from egosplat.artifacts.reading import Artifact
+from egosplat.geometry import Camera
+from egosplat.splats.views import Mask, Views
+
+
+def working_size(height: int, width: int, resolution: int) -> tuple[int, int]:
+    """Height and width of a picture whose longer side is ``resolution``, never larger than it is."""
+    factor = min(resolution / max(height, width), 1.0)
+    return max(round(height * factor), 1), max(round(width * factor), 1)
+
+
+def reduced(picture: NDArray[np.uint8], height: int, width: int) -> NDArray[np.uint8]:
+    """(h, w, 3) -> (height, width, 3) by averaging over areas."""
+    if picture.shape[:2] == (height, width):
+        return picture
+    return cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+
+
+def read_reduced_views(
+    frames: Artifact, poses: Artifact, chosen: Mask, resolution: int, device: torch.device
+) -> Views:
+    """Read the frames at ``chosen`` (F,) bool, all of which have a pose, at ``resolution`` into memory.
+
+    A pixel counts only where all that it averages lies inside the lens circle.
+    """
+    rows = np.flatnonzero(chosen)
+    _, full_height, full_width, _ = frames.shape("rgb")
+    height, width = working_size(full_height, full_width, resolution)
+    pictures = np.empty((len(rows), height, width, 3), np.uint8)
+    for position, row in enumerate(rows):
+        pictures[position] = reduced(frames.row("rgb", row), height, width)
+    valid = frames.read("valid").astype(np.uint8) * 255
+    inside = torch.from_numpy(cv2.resize(valid, (width, height), interpolation=cv2.INTER_AREA) == 255)
+    full = Camera.from_matrix(poses.read("intrinsics"), full_width, full_height)
+    return Views(
+        frame=rows.astype(np.int64),
+        pictures=torch.from_numpy(pictures),
+        camera_to_world=poses.read("camera_to_world")[rows],
+        weight=None if bool(inside.all()) else inside.to(device, torch.float32),
+        camera=full.scaled_to(width, height),
+        device=device,
+    )

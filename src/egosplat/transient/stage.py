@@ -1,0 +1,176 @@
+"""Stage ``transient``: the network H, trained together with temporary 3D Gaussians, and what it says of all frames."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from egosplat import provenance
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.transient import TRANSIENT
+from egosplat.artifacts.writing import Writer, create
+from egosplat.models.checkpoints import content_hash
+from egosplat.progress import log, track
+from egosplat.provenance import Provenance
+from egosplat.splats.checkpoint import Checkpoint, key_of
+from egosplat.splats.device import rasterizer_used, training_device
+from egosplat.splats.initialise import scene_extent
+from egosplat.splats.options import RenderOptions, TrainingOptions
+from egosplat.splats.starting import starting_gaussians
+from egosplat.splats.state import TrainingState
+from egosplat.splats.train import Photographs, resume_and_train
+from egosplat.splats.views import check_belong_together, split_views
+from egosplat.transient.network import TransientNet, make_network
+from egosplat.transient.objective import InitialObjective, InitialOptions
+from egosplat.transient.pictures import read_reduced_views, reduced, working_size
+
+POSITION_LR, GROW_GRAD2D = 1.6e-4, 2e-4
+"""The temporary Gaussians' learning rate and threshold of growth: stock 3DGS's (M3.2)."""
+
+
+def run(
+    frames: Path,
+    poses: Path,
+    output: Path,
+    *,
+    iterations: int,
+    warmup: float,
+    resolution: int,
+    lambda2: float,
+    residual: str,
+    lr: float,
+    input_size: int,
+    encoder_weights: str | None,
+    batch_norm: str,
+    density: str,
+    max_points: int,
+    max_gaussians: int,
+    sh_degree: int,
+    near_plane: float,
+    background: str,
+    checkpoint_s: float,
+    backend: str,
+    seed: int,
+) -> None:
+    """Write the transient artifact of ``frames`` with ``poses``; the keys are those of the schema's ``transient``.
+
+    A run that was killed goes on from its last checkpoint, to the same result as without the kill.
+
+    Raises:
+        UserError: no training frame has a pose, the inputs do not belong together, the weights cannot be read,
+            the backend cannot run, training diverges.
+    """
+    keys = {key: value for key, value in locals().items() if key not in ("frames", "poses", "output")}
+    pictures, walk = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
+    check_belong_together(pictures, walk)
+    weights = None if encoder_weights is None else Path(encoder_weights).expanduser()
+    net = make_network(input_size, _sideways(pictures), weights, seed)
+    made = _begin(keys, pictures, walk, weights)
+    options = TrainingOptions(
+        render=RenderOptions(near_plane, background, antialiased=False, backend=backend),
+        iterations=iterations,
+        density=density,
+        max_gaussians=max_gaussians,
+        position_lr=POSITION_LR,
+        grow_grad2d=GROW_GRAD2D,
+        evaluate_every=iterations,
+        patience=0,
+        min_improvement=0.0,
+        seed=seed,
+    )
+    photographs = _photographs(pictures, walk, resolution, training_device(backend))
+    views = photographs.training
+    start = starting_gaussians(
+        walk,
+        views.camera,
+        views.camera_to_world,
+        max_points=min(max_points, max_gaussians),
+        sh_degree=sh_degree,
+        near_plane=near_plane,
+        seed=seed,
+        device=views.device,
+    )
+    initial = InitialOptions(iterations, round(warmup * iterations), lambda2, residual, lr)
+    objective = InitialObjective(net, initial, views.device)
+    state = TrainingState(start, options, scene_extent(views.camera_to_world), objective)
+    checkpoint = Checkpoint(output, key_of(made), checkpoint_s)
+    resume_and_train(state, photographs, options, checkpoint)
+    with create(output, TRANSIENT, made) as artifact:
+        _put_curves(artifact, state, objective)
+        tensors = _put_weights(artifact, net)
+        _put_probability(artifact, pictures, net, resolution, batch_norm, views.device)
+        artifact.facts = {
+            "rasterizer": rasterizer_used(backend, views.device),
+            "working_size": [views.camera.height, views.camera.width],
+            "views": len(views),
+            "gaussians": state.gaussians.count,
+            "training_s": round(state.seconds, 3),
+            "tensors": tensors,
+        }
+    checkpoint.remove()
+
+
+def _sideways(pictures: Artifact) -> bool:
+    """Whether the pictures are as Aria's sensor takes them."""
+    return pictures.facts.get("format") == "adt" and not pictures.facts["upright"]
+
+
+def _begin(keys: dict[str, Any], pictures: Artifact, walk: Artifact, weights: Path | None) -> Provenance:
+    origin = "synthetic" if "synthetic" in (pictures.origin, walk.origin) else "real"
+    inputs = {artifact.path.name: artifact.digest for artifact in (pictures, walk)}
+    models = {} if weights is None else {"encoder_weights": content_hash(weights)[:16]}
+    return provenance.begin("transient", keys, origin, inputs, models)
+
+
+def _photographs(pictures: Artifact, walk: Artifact, resolution: int, device: torch.device) -> Photographs:
+    """The training views alone: nothing is decided or measured by others here."""
+    flags = pictures.read("train"), pictures.read("evaluation"), walk.read("registered")
+    training = split_views(*flags, validate=False).training
+    views, none = (
+        read_reduced_views(pictures, walk, chosen, resolution, device)
+        for chosen in (training, np.zeros_like(training))
+    )
+    camera = views.camera
+    log(f"{len(views)} training views of {camera.width} x {camera.height} pixels")
+    return Photographs(views, none, none)
+
+
+def _put_curves(artifact: Writer, state: TrainingState, objective: InitialObjective) -> None:
+    curves = state.curves
+    artifact.put("curve/iteration", np.array(curves.iteration, np.int64))
+    artifact.put("curve/loss", np.array(curves.loss, np.float64))
+    artifact.put("curve/probability", objective.mean_probability(curves.iteration))
+
+
+def _put_weights(artifact: Writer, net: TransientNet) -> list[list[Any]]:
+    """Store the network, its running statistics too; the result is name and shape of each tensor, in order."""
+    tensors = {name: tensor for name, tensor in net.state_dict().items() if tensor.is_floating_point()}
+    flat = torch.cat([tensor.detach().cpu().flatten() for tensor in tensors.values()])
+    artifact.put("weights", flat.numpy())
+    return [[name, list(tensor.shape)] for name, tensor in tensors.items()]
+
+
+@torch.no_grad()
+def _put_probability(
+    artifact: Writer,
+    pictures: Artifact,
+    net: TransientNet,
+    resolution: int,
+    batch_norm: str,
+    device: torch.device,
+) -> None:
+    """Store what the network says of each frame; its running statistics have been stored and may change."""
+    net.train(batch_norm == "train")
+    count, height, width, _ = pictures.shape("rgb")
+    size = working_size(height, width, resolution)
+    artifact.allocate("probability", (count, height, width))
+    total = 0.0
+    for frame in track(range(count), "predicting"):
+        picture = torch.from_numpy(reduced(pictures.row("rgb", frame), *size)).to(device).float() / 255.0
+        probability = net(picture, height, width).cpu()
+        total += float(probability.mean())
+        artifact.put_row("probability", frame, probability.numpy().astype(np.float16))
+    log(f"mean probability of being transient: {total / max(count, 1):.4f}")

@@ -1,0 +1,142 @@
+"""The rules of features, from frames and segments that are there, with an OpenCLIP of the user's own."""
+
+import json
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import yaml
+from safetensors.torch import load_file, save_file
+
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.reading import verify
+from egosplat.artifacts.segments import SEGMENTS
+from egosplat.artifacts.writing import create
+from egosplat.checking import SCHEMAS
+from egosplat.models.open_clip_loader import build_model
+from egosplat.provenance import begin
+
+ROOT = Path(__file__).resolve().parents[2]
+SCENE = "results/mine/scene"
+BOTH = {"view_features", "features"}
+SNAKEFILE = 'include: "rules/common.smk"\ninclude: "rules/features.smk"\n'
+SIZE, FRAME_COUNT = 32, 6
+DESCRIPTION = {
+    "embed_dim": 8,
+    "vision_cfg": {"image_size": 32, "layers": 1, "width": 64, "head_width": 32, "patch_size": 16},
+    "text_cfg": {"context_length": 6, "vocab_size": 49408, "width": 16, "heads": 2, "layers": 1},
+}
+
+
+@dataclass(frozen=True)
+class Work:
+    """A working directory with its own workflow, of two rules."""
+
+    folder: Path
+    weights: Path
+
+    def snakemake(self, *arguments: str, **config: dict) -> str:
+        """Ask for the features with some more configuration; what is said."""
+        models = {"clip_model": "model", "clip_checkpoint": str(self.weights), "device": "cpu"}
+        (self.folder / "mine.yaml").write_text(yaml.safe_dump({"models": models, **config}))
+        options = ["--snakefile", "workflow/Snakefile", "--cores", "1", "--configfile", "mine.yaml"]
+        done = subprocess.run(
+            [sys.executable, "-m", "snakemake", *options, *arguments, "--", f"{SCENE}/features.zarr"],
+            check=False,
+            cwd=self.folder,
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout + done.stderr
+
+    def stale(self, **config: dict) -> set[str]:
+        """Rules that would run."""
+        lines = self.snakemake("--dry-run", "--quiet", "host", **config).splitlines()
+        return {line.split()[1].rstrip(":") for line in lines if line.startswith("rule ")}
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory: pytest.TempPathFactory) -> Work:
+    """Both rules have run, on six frames with two instances."""
+    folder = tmp_path_factory.mktemp("features")
+    (folder / "workflow").mkdir()
+    shutil.copytree(ROOT / "workflow" / "rules", folder / "workflow" / "rules")
+    shutil.copytree(ROOT / "config" / "presets", folder / "config" / "presets")
+    (folder / "workflow" / "Snakefile").write_text(SNAKEFILE)
+    header = "dataset\tscene\tformat\trecording\toptions\n"
+    (folder / "config" / "scenes.tsv").write_text(f"{header}mine\tscene\tplain\trecording\t\n")
+    (folder / "recording").mkdir()
+    (folder / "model").mkdir()
+    (folder / "model" / "open_clip_config.json").write_text(json.dumps({"model_cfg": DESCRIPTION}))
+    made = Work(folder, folder / "model" / "weights.safetensors")
+    torch.manual_seed(0)
+    weights = build_model("tiny", DESCRIPTION).state_dict()
+    save_file({name: value.contiguous() for name, value in weights.items()}, made.weights)
+    write_inputs(folder / SCENE)
+    made.snakemake(features={"dims": 3})
+    return made
+
+
+def write_inputs(folder: Path) -> None:
+    """frames.zarr and segments.zarr."""
+    labels = np.full((FRAME_COUNT, 1, SIZE, SIZE), -1, np.int32)
+    labels[:, 0, 4:14, 4:20] = 0
+    labels[:, 0, 20:30, 4:20] = 1
+    arrays = {
+        "rgb": np.random.default_rng(0).integers(256, size=(FRAME_COUNT, SIZE, SIZE, 3), dtype=np.uint8),
+        "valid": np.ones((SIZE, SIZE), bool),
+        "timestamp_ns": np.arange(FRAME_COUNT),
+        "exposure_middle_ns": np.arange(FRAME_COUNT),
+        "train": np.arange(FRAME_COUNT) < 5,
+        "evaluation": np.arange(FRAME_COUNT) == 5,
+        "labels": labels,
+        "instances/level": np.zeros(2, np.int8),
+        "instances/predicted_iou": np.ones(2, np.float32),
+        "instances/stability": np.ones(2, np.float32),
+        "instances/first_frame": np.zeros(2, np.int64),
+    }
+    for schema in (FRAMES, SEGMENTS):
+        with create(folder / f"{schema.name}.zarr", schema, begin("frames", {}, "real")) as artifact:
+            for name in schema.fields:
+                artifact.put(name, arrays[name])
+            artifact.facts = {"format": "plain", "upright": True, "levels": ["whole"]}
+
+
+def test_both_artifacts_are_made_and_then_nothing_is_to_be_done(work):
+    views, features = (
+        verify(work.folder / SCENE / f"{name}.zarr", SCHEMAS) for name in ("view_features", "features")
+    )
+    assert views.shape("feature") == (10, 8) and features.shape("code") == (10, 3)
+    assert features.provenance["inputs"] == {"view_features.zarr": views.digest}
+    assert work.stale(features={"dims": 3}) == set()
+
+
+@pytest.mark.parametrize(
+    "config, expected",
+    [
+        ({"features": {"dims": 4}}, {"features"}),
+        ({"features": {"dims": 3, "mad_norm": "euclidean"}}, {"features"}),
+        ({"features": {"dims": 3}, "view_features": {"max_views": 2}}, BOTH),
+        ({"features": {"dims": 3}, "splats": {"iterations": 5}}, set()),
+    ],
+)
+def test_a_changed_key_reruns_its_stage_and_what_follows(work, config, expected):
+    assert work.stale(**config) == expected
+
+
+def test_another_checkpoint_of_the_same_name_makes_both_stale(work):
+    before = work.weights.read_bytes()
+    tensors = load_file(work.weights)
+    tensors["visual.proj"] += 1
+    save_file(tensors, work.weights)
+    try:
+        assert work.stale(features={"dims": 3}) == BOTH
+    finally:
+        work.weights.write_bytes(before)
+    assert work.stale(features={"dims": 3}) == set()

@@ -1,0 +1,123 @@
+"""A tiny OpenCLIP with random weights, and a small scene with instances, as artifacts."""
+
+import gzip
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import save_file
+
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.reading import recorded_digest
+from egosplat.artifacts.segments import SEGMENTS
+from egosplat.artifacts.view_features import VIEW_FEATURES
+from egosplat.artifacts.writing import create
+from egosplat.models.open_clip_loader import build_model
+from egosplat.provenance import begin
+
+SIZE = 40
+FRAME_COUNT = 5
+DESCRIPTION = {
+    "model_cfg": {
+        "embed_dim": 8,
+        "vision_cfg": {"image_size": 32, "layers": 1, "width": 64, "head_width": 32, "patch_size": 16},
+        "text_cfg": {"context_length": 6, "vocab_size": 518, "width": 16, "heads": 2, "layers": 1},
+    },
+    "preprocess_cfg": {"interpolation": "bicubic", "resize_mode": "squash"},
+}
+
+
+@pytest.fixture(scope="session")
+def tiny_clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with an OpenCLIP model whose features have 8 channels."""
+    folder = tmp_path_factory.mktemp("clip")
+    (folder / "open_clip_config.json").write_text(json.dumps(DESCRIPTION))
+    with gzip.open(folder / "bpe.txt.gz", "wt", encoding="utf-8") as file:
+        file.write("#version: 0.2\nc h\nch a\ni r</w>\ncha ir</w>")
+    torch.manual_seed(0)
+    weights = build_model("tiny", DESCRIPTION["model_cfg"]).state_dict()
+    save_file({name: value.contiguous() for name, value in weights.items()}, folder / "model.safetensors")
+    return folder
+
+
+@pytest.fixture
+def clip_keys(tiny_clip: Path) -> dict[str, str]:
+    """The keys of the section ``models`` for it."""
+    return {
+        "clip_model": str(tiny_clip),
+        "clip_checkpoint": str(tiny_clip / "model.safetensors"),
+        "device": "cpu",
+        "precision": "float32",
+    }
+
+
+@pytest.fixture
+def labels() -> np.ndarray:
+    """(5, 2, 40, 40) int32: instances 0 (moving) and 1 (large) of level 0, 2 of level 1, 3 of one pixel, 4 nowhere."""
+    labels = np.full((FRAME_COUNT, 2, SIZE, SIZE), -1, np.int32)
+    for frame in range(FRAME_COUNT):
+        labels[frame, 0, 2:9, 3 * frame : 3 * frame + 11] = 0
+        labels[frame, 0, 20:38, 5:30] = 1
+    labels[2, 1, 10:14, 10:16] = 2
+    labels[3, 1, 5, 5] = 3
+    return labels
+
+
+@pytest.fixture
+def scene(tmp_path: Path, labels: np.ndarray) -> Callable[..., Path]:
+    """``scene(labels=, train=, level=, **facts)``: a folder with frames.zarr and segments.zarr."""
+
+    def make(
+        labels: np.ndarray = labels,
+        train: np.ndarray | None = None,
+        level: tuple[int, ...] = (0, 0, 1, 1, 0),
+        **facts: Any,
+    ) -> Path:
+        frames, _, height, width = labels.shape
+        rng = np.random.default_rng(0)
+        train = np.arange(frames) != 4 if train is None else train
+        with create(tmp_path / "frames.zarr", FRAMES, begin("frames", {}, "synthetic")) as artifact:
+            artifact.put("rgb", rng.integers(256, size=(frames, height, width, 3), dtype=np.uint8))
+            artifact.put("valid", np.ones((height, width), bool))
+            for name in ("timestamp_ns", "exposure_middle_ns"):
+                artifact.put(name, np.arange(frames) * 100_000_000)
+            artifact.put("train", train)
+            artifact.put("evaluation", ~train)
+            artifact.facts = {"recording": "a recording", "format": "adt", "upright": True} | facts
+        inputs = {"frames.zarr": recorded_digest(tmp_path / "frames.zarr")}
+        made = begin("frames", {}, "synthetic", inputs)
+        with create(tmp_path / "segments.zarr", SEGMENTS, made) as artifact:
+            artifact.put("labels", labels)
+            artifact.put("instances/level", np.array(level, np.int8))
+            for name in ("predicted_iou", "stability"):
+                artifact.put(f"instances/{name}", np.ones(len(level), np.float32))
+            artifact.put("instances/first_frame", np.zeros(len(level), np.int64))
+            artifact.facts = {"levels": ["part", "whole"]}
+        return tmp_path
+
+    return make
+
+
+@pytest.fixture
+def write_views(tmp_path: Path) -> Callable[..., Path]:
+    """``write_views(feature, instance, level)``: the path of a view_features.zarr of these rows."""
+
+    def write(feature: np.ndarray, instance: list[int], level: list[int]) -> Path:
+        count = len(instance)
+        with create(
+            tmp_path / "view_features.zarr", VIEW_FEATURES, begin("frames", {}, "synthetic")
+        ) as artifact:
+            artifact.put("feature", np.asarray(feature, np.float32))
+            artifact.put("instance", np.asarray(instance, np.int32))
+            artifact.put("frame", np.arange(count, dtype=np.int32))
+            artifact.put("area", np.ones(count, np.int32))
+            artifact.put("box", np.zeros((count, 4), np.int32))
+            artifact.put("instances/level", np.asarray(level, np.int8))
+            artifact.facts = {"levels": ["part", "whole"], "clip": {"small": True, "hash": "0"}}
+        return tmp_path / "view_features.zarr"
+
+    return write

@@ -1,0 +1,146 @@
+"""Aggregation follows the paper's formula, also where views are few, equal, or mostly wrong."""
+
+import numpy as np
+import pytest
+
+from egosplat.features.aggregation import NORMS, aggregate, median, robust_mean
+
+MAD = ("element", "euclidean", "cosine")
+
+
+def scalars(*values: float) -> np.ndarray:
+    """(1, V, 1)."""
+    return np.array(values, np.float64)[None, :, None]
+
+
+@pytest.mark.parametrize("norm", ["element", "euclidean"])
+@pytest.mark.parametrize(
+    "values, kept, mean",
+    [
+        ((1, 1, 1, 1, 5), (True, True, True, True, False), 1.0),  # a MAD of 0 keeps what equals the median
+        ((0, 1, 2, 3, 10), (True, True, True, True, False), 1.5),
+        ((0, 1, 2, 5, 10), (True, True, True, True, False), 2.0),  # median deviation 2: |10 - 2| = 8 > 6
+        ((0, 1, 2, 4, 8), (True, True, True, True, True), 3.0),  # exactly at the threshold counts
+        ((4.0,), (True,), 4.0),
+        ((0.0, 10.0), (True, True), 5.0),
+        ((0, 2, 4, 30), (True, True, True, False), 2.0),  # median 3, deviations 3, 1, 1, 27: MAD 2
+        ((7, 7, 7), (True, True, True), 7.0),
+    ],
+)
+def test_reference_values(norm, values, kept, mean):
+    found, inlier = robust_mean(scalars(*values), norm, 3.0)
+    assert inlier[0].tolist() == list(kept)
+    assert found[0, 0] == pytest.approx(mean, rel=1e-15)
+
+
+def test_element_takes_each_channel_by_itself():
+    views = np.stack([scalars(0, 1, 2, 3, 10), scalars(10, 3, 2, 1, 0)], axis=-1)[..., 0, :]
+    mean, inlier = robust_mean(views, "element", 3.0)
+    assert mean[0].tolist() == [1.5, 1.5]
+    assert inlier[0].all(), "each view counts in half of the channels at least"
+
+
+def test_euclidean_looks_at_the_whole_vector():
+    # Medians (0, 0); lengths 1, 1, 1, 1, 5 and a MAD of 1.
+    views = np.array([[[1, 0], [-1, 0], [0, 1], [0, -1], [3, 4], [0, 0], [0, 0]]], float)
+    mean, inlier = robust_mean(views, "euclidean", 3.0)
+    assert inlier[0].tolist() == [True] * 4 + [False] + [True] * 2
+    assert mean[0].tolist() == [0.0, 0.0]
+
+
+def test_cosine_ignores_length():
+    views = np.array([[[1, 0.1], [5, 0], [0.2, 0.0], [1, -0.1], [0.1, 1]]], float)
+    assert robust_mean(views, "cosine", 3.0)[1][0].tolist() == [True, True, True, True, False]
+
+
+@pytest.mark.parametrize("norm", MAD)
+def test_equal_views_are_all_kept_to_the_last_bit(norm):
+    view = np.random.default_rng(0).normal(size=512).astype(np.float32)
+    mean, inlier = robust_mean(np.tile(view, (1, 9, 1)), norm, 1.0)
+    assert inlier.all()
+    np.testing.assert_allclose(mean[0], view, rtol=1e-15)
+
+
+@pytest.mark.parametrize("norm", MAD)
+def test_a_majority_of_wrong_views_decides(norm):
+    right, wrong = np.eye(8)[:2]
+    rng = np.random.default_rng(1)
+    views = np.concatenate([np.tile(right, (4, 1)), np.tile(wrong, (6, 1))]) + 0.01 * rng.normal(size=(10, 8))
+    mean, inlier = robust_mean(views[None], norm, 3.0)
+    if norm != "element":  # where the majority is tight, the minority is left out
+        assert inlier[0].tolist() == [False] * 4 + [True] * 6
+    assert mean[0] @ wrong > 0.9 and abs(mean[0] @ right) < 0.1
+
+
+@pytest.mark.parametrize("norm", MAD)
+def test_a_few_wrong_views_are_left_out(norm):
+    rng = np.random.default_rng(2)
+    right, wrong = rng.normal(size=(2, 64))
+    views = np.stack([right] * 9 + [wrong] * 3) + 0.1 * rng.normal(size=(12, 64))
+    views /= np.linalg.norm(views, axis=1, keepdims=True)
+    mean, inlier = robust_mean(views[None], norm, 3.0)
+    assert inlier[0].tolist() == [True] * 9 + [False] * 3
+    plain = views.mean(axis=0)
+    right /= np.linalg.norm(right)
+    assert mean[0] @ right / np.linalg.norm(mean[0]) > 0.99 > plain @ right / np.linalg.norm(plain)
+
+
+@pytest.mark.parametrize("norm", NORMS)
+@pytest.mark.parametrize("views", range(1, 8))
+def test_never_are_all_left_out(norm, views):
+    values = np.random.default_rng(views).normal(size=(50, views, 3))
+    mean, inlier = robust_mean(values, norm, 1.0 + 1e-9)
+    assert inlier.any(axis=1).all() and np.isfinite(mean).all()
+    low, high = values.min(axis=1), values.max(axis=1)
+    assert ((mean >= low - 1e-12) & (mean <= high + 1e-12)).all()
+
+
+@pytest.mark.parametrize("norm", NORMS)
+@pytest.mark.parametrize("scale", [1e-38, 1e-20, 1.0, 1e20, 1e38])
+def test_any_scale_of_float32(norm, scale):
+    values = np.random.default_rng(3).normal(size=(2, 9, 16))
+    usual, kept = robust_mean(values.astype(np.float32).astype(np.float64), norm, 3.0)
+    scaled, kept_scaled = robust_mean(values.astype(np.float32).astype(np.float64) * scale, norm, 3.0)
+    np.testing.assert_allclose(scaled, usual * scale, rtol=1e-9)
+    assert (kept == kept_scaled).all()
+
+
+def test_views_of_zeros_do_no_harm():
+    for norm in NORMS:
+        mean, inlier = robust_mean(np.zeros((1, 3, 4)), norm, 3.0)
+        assert (mean == 0).all() and inlier.all()
+
+
+@pytest.mark.parametrize("count", range(1, 9))
+def test_the_median_is_numpy_s(count):
+    values = np.random.default_rng(count).normal(size=(3, count, 5))
+    np.testing.assert_allclose(median(values), np.median(values, axis=1), rtol=1e-15)
+
+
+@pytest.mark.parametrize("norm", NORMS)
+def test_many_instances_at_once_are_as_each_alone(norm, monkeypatch):
+    monkeypatch.setattr("egosplat.features.aggregation._NUMBERS_AT_ONCE", 200)
+    rng = np.random.default_rng(4)
+    instance = np.sort(rng.integers(0, 40, 300))
+    instance = instance[instance != 17]
+    features = rng.normal(size=(len(instance), 6)).astype(np.float32)
+    found = aggregate(features, instance, 41, norm, 3.0)
+    assert found.views.tolist() == np.bincount(instance, minlength=41).tolist()
+    for number in range(41):
+        rows = instance == number
+        if not rows.any():
+            assert (found.feature[number] == 0).all()
+            continue
+        mean, inlier = robust_mean(features[None, rows], norm, 3.0)
+        assert (mean[0] == found.feature[number]).all() and (inlier[0] == found.inlier[rows]).all()
+
+
+def test_nothing_to_aggregate():
+    found = aggregate(np.zeros((0, 4), np.float32), np.zeros(0, np.int32), 3, "element", 3.0)
+    assert found.feature.shape == (3, 4) and not found.views.any() and not len(found.inlier)
+
+
+@pytest.mark.parametrize("norm, k", [("manhattan", 3.0), ("element", 0.9), ("element", float("nan"))])
+def test_what_cannot_be_is_refused(norm, k):
+    with pytest.raises(ValueError):
+        aggregate(np.zeros((1, 2)), np.zeros(1, int), 1, norm, k)

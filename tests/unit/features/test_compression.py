@@ -1,0 +1,186 @@
+"""Codes decode to what they were made of, as well as their number of dimensions allows."""
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.errors import UserError
+from egosplat.features.autoencoder import BATCH, Autoencoder, batches, loss
+from egosplat.features.compression import fit
+from egosplat.features.decoding import Decoder, decode
+from egosplat.features.quality import reconstruction, spread, summary
+from egosplat.features.vectors import unit
+
+
+def rows(count: int, channels: int, rank: int, seed: int = 0) -> np.ndarray:
+    """(count, channels) float32 of unit norm, in a plane of ``rank`` dimensions that misses the origin."""
+    rng = np.random.default_rng(seed)
+    basis, centre = rng.normal(size=(rank, channels)), 5 * rng.normal(size=channels)
+    return unit(rng.normal(size=(count, rank)) @ basis + centre).astype(np.float32)
+
+
+def test_langsplat_s_autoencoder_has_its_number_of_parameters():
+    model = Autoencoder(512, 3)
+    count = {name: sum(p.numel() for p in part.parameters()) for name, part in model.named_children()}
+    assert count == {"encoder": 175_619, "decoder": 241_440}
+    assert sum(count.values()) == 417_059
+
+
+def test_its_code_and_output_have_unit_norm():
+    model, features = Autoencoder(64, 3).eval(), torch.randn(20, 64)
+    for values, width in ((model.encode(features), 3), (model(features), 64)):
+        assert values.shape == (20, width)
+        torch.testing.assert_close(values.norm(dim=1), torch.ones(20))
+
+
+def test_its_loss_takes_the_cosine_over_the_channels():
+    features = torch.tensor([[1.0, 0.0], [0.0, 1.0]])
+    swapped = features.flip(1)
+    assert loss(features, features, 1.0) == 0.0
+    assert loss(swapped, features, 0.5) == pytest.approx(
+        1.0 + 0.5
+    )  # over the batch: each column's cosine is 0 too
+    lengthened = torch.tensor([[2.0, 0.0], [0.0, 3.0]])
+    assert loss(lengthened, features, 1.0) == pytest.approx(
+        (1 + 4) / 4
+    )  # over the batch it would be the same
+
+
+@pytest.mark.parametrize("count", [1, 2, BATCH, BATCH + 1, BATCH + 2, 3 * BATCH + 1])
+def test_every_row_is_in_a_batch_of_at_least_two(count):
+    parts = batches(count, torch.Generator().manual_seed(0))
+    assert all(len(part) > 1 for part in parts)
+    assert set(torch.cat(parts).tolist()) == set(range(count))
+    assert count == 1 or len(torch.cat(parts)) == count
+
+
+@pytest.mark.parametrize("kind, dims", [("none", 1), ("linear", 4), ("linear", 12), ("autoencoder", 3)])
+def test_codes_and_what_they_are_decoded_to(kind, dims):
+    features = rows(150, 12, 4)
+    fitted = fit(features, kind, dims, 3, 0)
+    codes = fitted.encode(features)
+    assert codes.dtype == np.float32 and codes.shape == (150, 12 if kind == "none" else dims)
+    decoded = decode(torch.from_numpy(codes), fitted.decoder)
+    torch.testing.assert_close(decoded.norm(dim=1), torch.ones(150))
+    cosine = reconstruction(features, codes, fitted.decoder)
+    np.testing.assert_allclose(cosine, (features * decoded.numpy()).sum(axis=1), atol=1e-6)
+    if kind != "autoencoder":
+        assert cosine.min() > (0.9999 if kind == "none" or dims == 12 else 0.99)
+
+
+def test_the_decoder_s_numbers_are_the_autoencoder_s():
+    torch.manual_seed(3)
+    model = Autoencoder(20, 2).eval()
+    from egosplat.features.autoencoder import _decoder_of
+
+    decoder = _decoder_of(model)
+    assert decoder.widths == (2, 16, 32, 64, 128, 256, 256, 20)
+    features = torch.randn(7, 20)
+    with torch.no_grad():
+        torch.testing.assert_close(decode(model.encode(features), decoder), model(features))
+        grid = model.encode(features).reshape(7, 1, 2).double()
+        assert decode(grid, decoder).shape == (7, 1, 20) and decode(grid, decoder).dtype == torch.float64
+
+
+def test_training_the_autoencoder_brings_features_back():
+    features = rows(200, 16, 2)
+    few, many = (
+        reconstruction(
+            features, (f := fit(features, "autoencoder", 3, epochs, 0)).encode(features), f.decoder
+        )
+        for epochs in (1, 40)
+    )
+    assert many.mean() > 0.97 and many.mean() > few.mean()
+
+
+def test_equal_seeds_are_equal_and_others_are_not():
+    features = rows(70, 10, 3)
+    values = [fit(features, "autoencoder", 2, 2, seed).decoder.values for seed in (0, 0, 1)]
+    assert (values[0] == values[1]).all() and (values[0] != values[2]).any()
+
+
+def test_global_random_numbers_are_left_alone():
+    torch.manual_seed(5)
+    expected = torch.rand(1)
+    torch.manual_seed(5)
+    fit(rows(70, 10, 3), "autoencoder", 2, 1, 0)
+    assert torch.rand(1) == expected
+
+
+def test_the_linear_basis_is_orthonormal_and_of_least_error():
+    features = rows(300, 10, 10)
+    fitted = fit(features, "linear", 4, 1, 0)
+    basis = fitted.decoder.values[:40].reshape(10, 4)
+    np.testing.assert_allclose(basis.T @ basis, np.eye(4), atol=1e-6)
+    np.testing.assert_allclose(fitted.decoder.values[40:], features.mean(axis=0), atol=1e-7)
+    left = features - features.mean(axis=0)
+    error = ((left - left @ basis @ basis.T) ** 2).sum()
+    assert error == pytest.approx((np.linalg.svd(left)[1][4:] ** 2).sum(), rel=1e-4)
+
+
+def test_more_dimensions_than_the_scene_has_do_no_harm():
+    features = np.tile(rows(2, 12, 4), (5, 1))
+    fitted = fit(features, "linear", 12, 1, 0)
+    assert reconstruction(features, fitted.encode(features), fitted.decoder).min() > 0.99999
+    assert np.isfinite(fitted.decoder.values).all()
+
+
+@pytest.mark.parametrize("kind", ["none", "linear", "autoencoder"])
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_hardly_any_rows(kind, count):
+    features = rows(count, 12, 3)
+    fitted = fit(features, kind, 3, 2, 0)
+    codes = fitted.encode(features)
+    assert codes.shape == (count, 12 if kind == "none" else 3) and np.isfinite(codes).all()
+    assert np.isfinite(fitted.decoder.values).all()
+    assert decode(torch.from_numpy(codes), fitted.decoder).isfinite().all()
+
+
+@pytest.mark.parametrize("kind", ["linear", "autoencoder"])
+def test_more_dimensions_than_channels_are_refused(kind):
+    with pytest.raises(UserError, match=r"features.dims = 13: OpenCLIP's features have 12 channels"):
+        fit(rows(5, 12, 3), kind, 13, 1, 0)
+
+
+def test_training_that_diverges_is_told(monkeypatch):
+    monkeypatch.setattr("egosplat.features.autoencoder.LEARNING_RATE", float("inf"))
+    with pytest.raises(UserError, match="diverged"):
+        fit(rows(70, 12, 3), "autoencoder", 3, 2, 0)
+
+
+def test_codes_of_another_decoder_are_refused():
+    with pytest.raises(ValueError, match="3 channels"):
+        decode(torch.zeros(1, 3), Decoder((2, 4), np.zeros(12, np.float32)))
+    with pytest.raises(ValueError, match="need 12 numbers"):
+        decode(torch.zeros(1, 2), Decoder((2, 4), np.zeros(11, np.float32)))
+
+
+def test_gradients_reach_the_codes():
+    features = rows(50, 12, 3)
+    fitted = fit(features, "linear", 3, 1, 0)
+    codes = torch.from_numpy(fitted.encode(features)).requires_grad_()
+    decode(codes, fitted.decoder)[:, 0].sum().backward()
+    assert codes.grad.abs().sum() > 0
+
+
+def test_spread_is_the_mean_cosine_of_different_rows():
+    features = rows(9, 5, 5)
+    cosines = [float(features[i] @ features[j]) for i in range(9) for j in range(9) if i != j]
+    assert spread(features) == pytest.approx(np.mean(cosines), abs=1e-6)
+    assert spread(features[:1]) is None and spread(features[:0]) is None
+    assert spread(np.tile(features[0], (4, 1))) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_the_summary_is_by_level():
+    found = summary(np.array([0.5, 1.0, 0.8]), np.array([0, 0, 2]), ["subpart", "part", "whole"])
+    assert found["mean"] == pytest.approx(2.3 / 3) and found["lowest"] == 0.5
+    assert found["by_level"]["subpart"] == {"mean": 0.75, "lowest": 0.5}
+    assert found["by_level"]["part"] == {"mean": None, "lowest": None}
+
+
+@pytest.mark.parametrize("scale", [1e-45, 1e-30, 1.0, 5e37])
+def test_directions_at_any_scale(scale):
+    vector = np.array([[3.0, 4.0, 0.0]], np.float32)
+    expected = vector * np.float32(scale)
+    np.testing.assert_allclose(np.linalg.norm(unit(expected), axis=1), 1.0, rtol=1e-12)
+    assert (unit(np.zeros((2, 3), np.float32)) == 0).all()

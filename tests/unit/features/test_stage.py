@@ -1,0 +1,153 @@
+"""The stage ``features`` from view features to what Gaussians are trained on."""
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.artifacts.reading import verify
+from egosplat.checking import SCHEMAS
+from egosplat.config import defaults
+from egosplat.errors import UserError
+from egosplat.features import stage
+from egosplat.features.decoding import decode, read_decoder
+from egosplat.features.vectors import unit
+
+KEYS = defaults()["features"] | {"dims": 3, "epochs": 2}
+INSTANCE = [0] * 7 + [2] * 2 + [3]
+LEVEL = [1, 0, 0, 0]
+
+
+@pytest.fixture
+def feature() -> np.ndarray:
+    """(10, 6): seven views of instance 0, the last of something else, two of 2, one of 3; none of 1."""
+    rng = np.random.default_rng(0)
+    rows = np.concatenate(
+        [np.tile(np.eye(6)[0], (6, 1)), np.eye(6)[1:2], np.tile(np.eye(6)[2:4].sum(0), (2, 1)), np.eye(6)[5:]]
+    )
+    return unit(rows + 0.05 * rng.normal(size=rows.shape)).astype(np.float32)
+
+
+@pytest.fixture
+def run(write_views, tmp_path, feature):
+    """``run(feature=, instance=, level=, **changes)``: the verified artifact."""
+
+    def call(feature=feature, instance=INSTANCE, level=LEVEL, **changes):
+        path = write_views(feature, instance, level)
+        stage.run(path, tmp_path / "features.zarr", **KEYS | changes)
+        return verify(tmp_path / "features.zarr", SCHEMAS)
+
+    return call
+
+
+@pytest.mark.parametrize("mad_norm", ["element", "euclidean", "cosine"])
+def test_the_wrong_view_is_left_out(run, feature, mad_norm):
+    features = run(mad_norm=mad_norm)
+    assert features.read("views").tolist() == [7, 0, 2, 1]
+    assert features.read("inlier").tolist()[6:] == [False, True, True, True]
+    consistent = features.read("consistent")
+    assert consistent[0, 0] > 0.99 and (consistent[1] == 0).all()
+    np.testing.assert_allclose(consistent[3], feature[9], atol=1e-7)
+    assert features.facts["outliers"] >= 1 and features.facts["instances_without_views"] == 1
+
+
+def test_supervision_is_the_average_and_of_unit_norm(run, feature):
+    features = run()
+    consistent, supervision = features.read("consistent"), features.read("supervision")
+    np.testing.assert_allclose(np.linalg.norm(supervision, axis=1), 1.0, rtol=1e-6)
+    np.testing.assert_allclose(supervision[8], unit(feature[8] + consistent[2]), atol=1e-6)
+    np.testing.assert_allclose(supervision[6], consistent[0], atol=1e-6)  # an outlier
+    kept_half = run(outliers="average").read("supervision")
+    np.testing.assert_allclose(kept_half[6], unit(feature[6] + consistent[0]), atol=1e-6)
+
+
+def test_without_renormalising_means_stay_as_they_are(run, feature):
+    features = run(renormalise=False, mad_norm="none")
+    consistent = features.read("consistent")
+    np.testing.assert_allclose(consistent[0], feature[:7].mean(axis=0), atol=1e-6)
+    assert np.linalg.norm(consistent[0]) < 0.95
+    np.testing.assert_allclose(features.read("supervision")[6], (feature[6] + consistent[0]) / 2, atol=1e-6)
+
+
+def test_the_paper_s_reference_value(run):
+    """M9: of 0, 1, 2, 3, 10 the consistent value is 1.5; the average of the view with 10 is 5.75."""
+    feature = np.stack([np.array([0, 1, 2, 3, 10]), np.full(5, 1.0)], axis=1)
+    keys = {"renormalise": False, "outliers": "average", "compression": "none"}
+    features = run(feature, [0] * 5, [0], **keys)
+    assert features.read("consistent")[0].tolist() == [1.5, 1.0]
+    assert features.read("supervision")[4].tolist() == [5.75, 1.0]
+
+
+@pytest.mark.parametrize("target", ["view", "consistent"])
+def test_supervision_without_an_average(run, feature, target):
+    features = run(target=target)
+    expected = feature if target == "view" else features.read("consistent")[INSTANCE]
+    np.testing.assert_allclose(features.read("supervision"), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("compression", ["linear", "autoencoder", "none"])
+def test_codes_decode_with_what_the_artifact_holds(run, compression):
+    features = run(compression=compression, dims=4)
+    decoder = read_decoder(features)
+    cosines = []
+    for codes, meant in (("code", "supervision"), ("consistent_code", "consistent")):
+        decoded = decode(torch.from_numpy(features.read(codes)), decoder).numpy()
+        seen = np.linalg.norm(features.read(meant), axis=1) > 0
+        cosines.append((decoded * features.read(meant)).sum(axis=1)[seen])
+    told = features.facts["reconstruction"]
+    assert told["mean"] == pytest.approx(cosines[0].mean(), abs=1e-6)
+    assert told["lowest"] == pytest.approx(cosines[0].min(), abs=1e-6)
+    assert set(told["by_level"]) == {"part", "whole"}
+    assert cosines[0].mean() > (0.99 if compression == "linear" else 0.999 if compression == "none" else -1)
+    assert (features.read("consistent_code")[1] == 0).all()
+
+
+def test_spread_before_and_after(run):
+    features = run(compression="none")
+    seen = features.read("consistent")[[0, 2, 3]]
+    expected = (seen @ seen.T)[np.triu_indices(3, 1)].mean()
+    assert features.facts["spread"]["features"] == pytest.approx(expected, abs=1e-6)
+    assert features.facts["spread"]["decoded"] == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("compression", ["linear", "autoencoder", "none"])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 0.0])
+def test_what_is_no_feature_is_left_out_before_and_never_gets_in(run, feature, bad, compression, capsys):
+    feature[1] = bad
+    feature[9] = bad
+    features = run(compression=compression)
+    for name in features.schema.fields:
+        assert np.isfinite(features.read(name)).all(), name
+    assert features.read("views").tolist() == [6, 0, 2, 0]
+    assert not features.read("inlier")[[1, 9]].any()
+    assert "2 of 10 views are left out" in capsys.readouterr().err
+    np.testing.assert_allclose(features.read("supervision")[1], features.read("consistent")[0], atol=1e-6)
+    for name in ("supervision", "code"):
+        assert (features.read(name)[9] == 0).all()
+
+
+def test_views_that_cancel_leave_the_first(run):
+    opposite = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
+    features = run(opposite, [0, 0], [0], compression="none")
+    assert features.read("consistent").tolist() == [[1.0, 0.0, 0.0]]
+    assert features.read("supervision").tolist() == [[1.0, 0.0, 0.0]] * 2
+
+
+@pytest.mark.parametrize("compression", ["linear", "autoencoder", "none"])
+@pytest.mark.parametrize("instance, level", [([], []), ([], [0, 1]), ([0], [1])])
+def test_hardly_anything(run, compression, instance, level):
+    feature = unit(np.ones((len(instance), 6)))
+    features = run(feature, instance, level, compression=compression)
+    assert features.shape("consistent") == (len(level), 6)
+    assert features.facts["spread"] == {"features": None, "decoded": None}
+    assert all(np.isfinite(features.read(name)).all() for name in features.schema.fields)
+
+
+def test_equal_runs_are_equal(run):
+    digests = [run(compression="autoencoder", seed=seed).digest for seed in (0, 0, 1)]
+    assert digests[0] == digests[1] != digests[2]
+
+
+def test_too_many_dimensions_leave_nothing(run, tmp_path):
+    with pytest.raises(UserError, match="features.dims = 7"):
+        run(dims=7)
+    assert {path.name for path in tmp_path.iterdir()} == {"view_features.zarr"}

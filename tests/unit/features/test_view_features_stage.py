@@ -1,0 +1,178 @@
+"""The stage from artifacts to the artifact, also when it is killed."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from egosplat.artifacts.reading import open_artifact, verify
+from egosplat.artifacts.segments import SEGMENTS
+from egosplat.artifacts.view_features import VIEW_FEATURES
+from egosplat.checking import SCHEMAS
+from egosplat.errors import UserError
+from egosplat.features import view_features_stage as stage
+from egosplat.models.open_clip_loader import load_open_clip
+
+KEYS = {"min_area": 0.0, "max_views": None, "batch": 4}
+
+
+@pytest.fixture
+def run(clip_keys):
+    """``run(folder, name=, **changes)``: the verified artifact."""
+
+    def call(folder: Path, name: str = "view_features.zarr", **changes: object):
+        stage.run(
+            folder / "frames.zarr", folder / "segments.zarr", folder / name, **KEYS | clip_keys | changes
+        )
+        return verify(folder / name, SCHEMAS)
+
+    return call
+
+
+def test_what_the_artifact_says(scene, run, clip_keys):
+    views = run(scene())
+    assert views.origin == "synthetic" and set(views.provenance["inputs"]) == {"frames.zarr", "segments.zarr"}
+    assert views.read("instance").tolist() == [0] * 4 + [1] * 4 + [2, 3]
+    assert views.read("frame").tolist() == [0, 1, 2, 3, 0, 1, 2, 3, 2, 3]
+    assert views.read("instances/level").tolist() == [0, 0, 1, 1, 0]
+    assert views.read("feature").shape == (10, 8)
+    np.testing.assert_allclose(np.linalg.norm(views.read("feature"), axis=1), 1.0, rtol=1e-6)
+    assert views.facts["levels"] == ["part", "whole"] and not views.facts["turned"]
+    clip = views.facts["clip"]
+    assert clip["model"] == clip_keys["clip_model"] and len(clip["hash"]) == 16 and not clip["small"]
+
+
+def test_features_are_open_clip_s_own(scene, run, clip_keys):
+    """Through OpenCLIP's own transform of the picture that the crop is."""
+    from open_clip.transform import PreprocessCfg, image_transform_v2
+
+    folder = scene()
+    found = run(folder).read("feature")
+    names = ("clip_model", "clip_checkpoint", "device", "precision")
+    clip = load_open_clip(*(clip_keys[name] for name in names))
+    prepare = image_transform_v2(
+        PreprocessCfg(size=(32, 32), interpolation="bicubic", resize_mode="squash"), False
+    )
+    rgb = open_artifact(folder / "frames.zarr", SCHEMAS["frames"]).row("rgb", 2)
+    square = np.zeros((11, 11, 3), np.uint8)
+    square[2:9] = rgb[2:9, 6:17]
+    with clip.compute.inference():
+        expected = clip.model.encode_image(prepare(Image.fromarray(square))[None], normalize=True)[0].numpy()
+    np.testing.assert_allclose(found[2], expected, atol=1e-6)
+
+
+def test_equal_runs_are_equal_and_nothing_else_is_left(scene, run):
+    folder = scene()
+    assert run(folder).digest == run(folder, "again.zarr").digest
+    names = {"frames.zarr", "segments.zarr", "view_features.zarr", "again.zarr"}
+    assert {path.name for path in folder.iterdir()} == names
+
+
+@pytest.mark.parametrize("batch", [1, 3, 100])
+def test_batches_run_across_frames_and_change_nothing(scene, run, batch):
+    folder = scene()
+    expected = run(folder).read("feature")
+    np.testing.assert_allclose(run(folder, "other.zarr", batch=batch).read("feature"), expected, atol=1e-5)
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from egosplat.features import view_features_stage as stage
+
+encode, done = stage.encode, []
+
+def mortal(clip, crops):
+    if len(done) == 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+    done.append(1)
+    return encode(clip, crops)
+
+stage.encode = mortal
+folder = Path(sys.argv[1])
+paths = [folder / f"{name}.zarr" for name in ("frames", "segments", "view_features")]
+stage.run(*paths, **eval(sys.argv[2]))
+"""
+
+
+def test_a_killed_run_goes_on_to_the_same_features(scene, run, clip_keys, capsys):
+    folder = scene()
+    expected = run(folder, "unbroken.zarr", batch=2).digest
+    keys = KEYS | clip_keys | {"batch": 2}
+    killed = subprocess.run(
+        [sys.executable, "-c", KILLED, str(folder), repr(keys)],
+        env=os.environ | {"OMP_NUM_THREADS": str(torch.get_num_threads())},
+        check=False,
+        capture_output=True,
+    )
+    assert killed.returncode == -signal.SIGKILL and not (folder / "view_features.zarr").exists()
+    capsys.readouterr()
+    assert run(folder, batch=2).digest == expected
+    assert "encoding goes on after crop 6 of 10" in capsys.readouterr().err
+    names = {"frames.zarr", "segments.zarr", "view_features.zarr", "unbroken.zarr"}
+    assert {path.name for path in folder.iterdir()} == names
+
+
+def test_what_was_finished_of_other_options_is_not_used(scene, run, monkeypatch):
+    folder = scene()
+    expected = run(folder, "fresh.zarr", batch=2).digest
+    monkeypatch.setattr(stage.Journal, "remove", lambda self: None)
+    run(folder, batch=1)
+    assert (folder / ".view_features.zarr.checkpoint" / "journal").exists()
+    assert run(folder, batch=2).digest == expected
+
+
+@pytest.mark.parametrize(
+    "level, shape", [((), (5, 1, 40, 40)), ((0, 0), (5, 2, 40, 40)), ((), (5, 0, 40, 40))]
+)
+def test_nothing_to_encode(scene, run, level, shape):
+    views = run(scene(labels=np.full(shape, -1, np.int32), level=level))
+    assert views.shape("feature") == (0, 8) and views.shape("instances/level") == (len(level),)
+
+
+def test_views_without_a_feature_are_left_out_and_told(scene, run, monkeypatch, capsys):
+    encode = stage.encode
+
+    def spoiled(clip, crops):
+        features = encode(clip, crops)
+        features[0] = np.nan
+        return features
+
+    folder = scene()
+    whole = run(folder, "whole.zarr").read("feature")
+    monkeypatch.setattr(stage, "encode", spoiled)
+    views = run(folder)
+    assert views.facts["without_feature"] == 3 and views.shape("feature") == (7, 8)
+    assert np.isfinite(views.read("feature")).all()
+    assert all((row == whole).all(axis=1).any() for row in views.read("feature"))
+    assert "3 of 10 views are left out" in capsys.readouterr().err
+
+
+def test_a_model_that_makes_no_feature_at_all(scene, run, monkeypatch):
+    monkeypatch.setattr(stage, "encode", lambda clip, crops: np.full((len(crops), 8), np.nan, np.float32))
+    folder = scene()
+    with pytest.raises(UserError, match="models.clip_checkpoint.*no finite feature"):
+        run(folder)
+    assert not (folder / "view_features.zarr").exists()
+
+
+def test_segments_of_other_frames(scene, run, labels):
+    folder = scene()
+    segments = (folder / "segments.zarr").rename(folder / "kept.zarr")
+    scene(labels=labels[:4], train=np.ones(4, bool))
+    shutil.rmtree(folder / "segments.zarr")
+    segments.rename(folder / "segments.zarr")
+    with pytest.raises(UserError, match="segments.zarr: was made from other frames"):
+        run(folder)
+    assert {path.name for path in folder.iterdir()} == {"frames.zarr", "segments.zarr"}
+
+
+def test_the_kinds_of_artifact_are_known():
+    assert SCHEMAS["view_features"] is VIEW_FEATURES and SCHEMAS["segments"] is SEGMENTS

@@ -1,0 +1,92 @@
+"""Views are those of training frames, large enough and not too many; their crops are upright."""
+
+import numpy as np
+import pytest
+
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.reading import open_artifact
+from egosplat.artifacts.segments import SEGMENTS
+from egosplat.errors import UserError
+from egosplat.features.views import check_belong_together, cut_crops, find_views, spread
+from egosplat.models.open_clip_loader import Preprocessing
+
+WANTED = Preprocessing((11, 11), (0.5, 0.5, 0.5), (0.2, 0.2, 0.2), "bicubic", "squash")
+
+
+def artifacts(folder):
+    return open_artifact(folder / "frames.zarr", FRAMES), open_artifact(folder / "segments.zarr", SEGMENTS)
+
+
+def test_rows_go_by_instance_then_frame_and_leave_held_out_frames_out(scene):
+    views = find_views(*artifacts(scene()), min_area=0.0, max_views=None)
+    rows = list(zip(views.instance.tolist(), views.frame.tolist(), views.area.tolist(), strict=True))
+    first = [(0, frame, 77) for frame in range(4)]
+    assert rows == [*first, *((1, frame, 450) for frame in range(4)), (2, 2, 24), (3, 3, 1)]
+    assert views.box[1].tolist() == [3, 2, 14, 9] and views.box[-1].tolist() == [5, 5, 6, 6]
+    assert [arr.dtype for arr in (views.instance, views.frame, views.area, views.box)] == [np.int32] * 4
+
+
+@pytest.mark.parametrize("min_area, instances", [(24 / 1600, {0, 1, 2}), (25 / 1600, {0, 1}), (1.0, set())])
+def test_small_masks_are_left_out(scene, min_area, instances):
+    views = find_views(*artifacts(scene()), min_area, None)
+    assert set(views.instance.tolist()) == instances and views.box.shape == (len(views), 4)
+
+
+def test_at_most_so_many_views(scene):
+    views = find_views(*artifacts(scene()), 0.0, 2)
+    assert views.instance.tolist() == [0, 0, 1, 1, 2, 3] and views.frame.tolist() == [0, 2, 0, 2, 2, 3]
+
+
+@pytest.mark.parametrize("most", [1, 2, 3, 7, 10, 1000])
+def test_views_are_spread_evenly(most):
+    counts = np.array([1, 9, 100, 3])
+    kept = spread(np.repeat(np.array([0, 2, 3, 9], np.int32), counts), most)
+    for number, part in enumerate(np.split(kept, np.cumsum(counts)[:-1])):
+        assert part.sum() == min(counts[number], most) and part[0]
+        gaps = np.diff(np.flatnonzero(part))
+        assert not len(gaps) or gaps.max() - gaps.min() <= 1
+
+
+def test_no_training_frame(scene):
+    views = find_views(*artifacts(scene(train=np.zeros(5, bool))), 0.0, None)
+    assert len(views) == 0 and views.box.shape == (0, 4)
+
+
+@pytest.mark.parametrize(
+    "facts, turned",
+    [
+        ({"format": "adt", "upright": True}, False),
+        ({"format": "adt", "upright": False}, True),
+        ({"format": "plain", "upright": False}, False),
+    ],
+)
+def test_crops_are_upright(scene, facts, turned):
+    frames, segments = artifacts(scene(**facts))
+    views = find_views(frames, segments, 0.0, None)
+    views = views.chosen(views.by_frame)
+    crops = list(cut_crops(frames, segments, views, WANTED))
+    assert len(crops) == len(views)
+    expected = np.zeros((11, 11, 3), np.uint8)
+    expected[2:9] = frames.row("rgb", 0)[2:9, :11]
+    np.testing.assert_array_equal(crops[0], np.rot90(expected, -1) if turned else expected)
+
+
+def test_each_frame_is_read_once(scene, monkeypatch):
+    frames, segments = artifacts(scene())
+    views = find_views(frames, segments, 0.0, None)
+    read = []
+    row = type(frames).row
+    monkeypatch.setattr(
+        type(frames), "row", lambda self, name, at: read.append((name, int(at))) or row(self, name, at)
+    )
+    list(cut_crops(frames, segments, views.chosen(views.by_frame), WANTED))
+    assert sorted(read) == sorted((name, frame) for name in ("rgb", "labels") for frame in range(4))
+
+
+@pytest.mark.parametrize("frames", [5, 4])
+def test_segments_of_other_frames_are_refused(scene, labels, tmp_path, frames):
+    scene(labels=labels)
+    segments = open_artifact((tmp_path / "segments.zarr").rename(tmp_path / "kept.zarr"), SEGMENTS)
+    scene(labels=labels[:frames], train=np.ones(frames, bool))
+    with pytest.raises(UserError, match=r"kept.zarr: was made from other frames"):
+        check_belong_together(open_artifact(tmp_path / "frames.zarr", FRAMES), segments)

@@ -1,0 +1,90 @@
+"""A small scene in which a square moves before a wall, as artifacts and as views."""
+
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.segments import SEGMENTS
+from egosplat.artifacts.writing import create
+from egosplat.geometry import Camera
+from egosplat.provenance import begin
+from egosplat.splats.views import Views
+
+SIZE = 32
+FRAME_COUNT = 6
+CAMERA = Camera(SIZE, SIZE, 30.0, 30.0, SIZE / 2, SIZE / 2)
+FACTS = {
+    "recording": "a recording",
+    "format": "plain",
+    "upright": True,
+    "camera": asdict(CAMERA),
+    "levels": ["subpart", "part", "whole"],
+}
+
+
+@pytest.fixture
+def pictures() -> np.ndarray:
+    """(6, 32, 32, 3) uint8: grey, and a white square in another place each time."""
+    rgb = np.full((FRAME_COUNT, SIZE, SIZE, 3), 90, np.uint8)
+    for frame in range(FRAME_COUNT):
+        rgb[frame, 8:16, 4 * frame : 4 * frame + 8] = 255
+    return rgb
+
+
+@pytest.fixture
+def views(pictures) -> Views:
+    """All pictures, each of the same camera."""
+    poses = np.tile(np.eye(4), (FRAME_COUNT, 1, 1))
+    frames = np.arange(FRAME_COUNT)
+    return Views(frames, torch.from_numpy(pictures), poses, None, CAMERA, torch.device("cpu"))
+
+
+@pytest.fixture
+def scene(tmp_path, pictures) -> Callable[..., Path]:
+    """``scene(**changes)``: a folder with frames.zarr, poses.zarr and segments.zarr; changes replace arrays.
+
+    Of the segments' three instances 0 is the square and 1 the lower half, both at level 2; 2 has no pixel.
+    """
+
+    def make(facts: dict[str, object] | None = None, **changes: np.ndarray) -> Path:
+        rng = np.random.default_rng(0)
+        labels = np.full((FRAME_COUNT, 3, SIZE, SIZE), -1, np.int32)
+        labels[:, 2, SIZE // 2 :] = 1
+        labels[:, 2][(pictures == 255).all(axis=-1)] = 0
+        poses = np.tile(np.eye(4), (FRAME_COUNT, 1, 1))
+        poses[:, 0, 3] = np.linspace(-0.1, 0.1, FRAME_COUNT)
+        arrays = {
+            "rgb": pictures,
+            "valid": np.ones((SIZE, SIZE), bool),
+            "timestamp_ns": np.arange(FRAME_COUNT) * 100_000_000,
+            "exposure_middle_ns": np.arange(FRAME_COUNT) * 100_000_000,
+            "train": np.arange(FRAME_COUNT) != 3,
+            "evaluation": np.arange(FRAME_COUNT) == 3,
+            "camera_to_world": poses,
+            "registered": np.ones(FRAME_COUNT, bool),
+            "intrinsics": CAMERA.matrix,
+            "up": np.array([0.0, -1.0, 0.0]),
+            "points/xyz": rng.uniform([-1.0, -1.0, 1.9], [1.0, 1.0, 2.1], (60, 3)),
+            "points/rgb": np.full((60, 3), 90, np.uint8),
+            "labels": labels,
+            "instances/level": np.array([2, 2, 1], np.int8),
+            "instances/predicted_iou": np.ones(3, np.float32),
+            "instances/stability": np.ones(3, np.float32),
+            "instances/first_frame": np.zeros(3, np.int64),
+        } | changes
+        inputs: dict[str, str] = {}
+        for schema in (FRAMES, POSES, SEGMENTS):
+            made = begin(schema.name, {}, "synthetic", inputs)
+            with create(tmp_path / f"{schema.name}.zarr", schema, made) as artifact:
+                for name in schema.fields:
+                    artifact.put(name, arrays[name])
+                artifact.facts = FACTS | (facts or {})
+        return tmp_path
+
+    return make

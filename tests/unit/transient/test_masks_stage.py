@@ -1,0 +1,97 @@
+"""The stage masks from artifacts to the artifact."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from egosplat.artifacts.reading import open_artifact, verify
+from egosplat.artifacts.segments import SEGMENTS
+from egosplat.artifacts.transient import TRANSIENT
+from egosplat.artifacts.writing import create
+from egosplat.checking import SCHEMAS
+from egosplat.errors import UserError
+from egosplat.provenance import begin
+from egosplat.transient import masks_stage
+
+SIZE, FRAME_COUNT = 32, 6
+
+
+def predict(folder: Path, probability: np.ndarray, frames_digest: str = "") -> None:
+    """Write transient.zarr with a probability."""
+    inputs = {"frames.zarr": frames_digest} if frames_digest else {}
+    arrays = {
+        "probability": probability.astype(np.float16),
+        "weights": np.zeros(1, np.float32),
+        "curve/iteration": np.zeros(1, np.int64),
+        "curve/loss": np.zeros(1),
+        "curve/probability": np.zeros(1),
+    }
+    with create(
+        folder / "transient.zarr", TRANSIENT, begin("transient", {}, "synthetic", inputs)
+    ) as artifact:
+        for name, values in arrays.items():
+            artifact.put(name, values)
+
+
+@pytest.fixture
+def folder(scene) -> Path:
+    """The square is half transient everywhere, the lower half a little in one frame."""
+    made = scene()
+    labels = open_artifact(made / "segments.zarr", SEGMENTS).read("labels")
+    probability = np.where(labels[:, 2] == 0, 0.5, 0.0)
+    probability[0][labels[0, 2] == 1] = 0.06
+    predict(made, probability)
+    return made
+
+
+def run(folder: Path, **keys: object):
+    """The verified artifact."""
+    stage_keys = {"threshold": 0.25, "level": "all"} | keys
+    masks_stage.run(folder / "transient.zarr", folder / "segments.zarr", folder / "masks.zarr", **stage_keys)
+    return verify(folder / "masks.zarr", SCHEMAS)
+
+
+def test_what_the_artifact_says(folder, pictures):
+    masks = run(folder)
+    assert masks.read("instances/score") == pytest.approx([0.5, 0.01, 0.0], abs=1e-4)
+    assert masks.read("instances/transient").tolist() == [True, False, False]
+    square = (pictures == 255).all(axis=-1)
+    assert (masks.read("refined") == square).all()
+    facts = masks.facts
+    assert (facts["transient"], facts["instances"], facts["empty"]) == (1, 3, 1)
+    assert facts["masked_share"] == pytest.approx(square.mean())
+    assert masks.origin == "synthetic" and set(masks.provenance["inputs"]) == {
+        "segments.zarr",
+        "transient.zarr",
+    }
+
+
+def test_a_lower_threshold_masks_more(folder):
+    assert run(folder, threshold=0.005).read("instances/transient").tolist() == [True, True, False]
+
+
+@pytest.mark.parametrize("keys", [{"threshold": 0.9}, {"level": "part"}], ids=["threshold", "level"])
+def test_an_empty_set_masks_nothing(folder, keys):
+    masks = run(folder, **keys)
+    assert not masks.read("refined").any() and masks.facts["masked_share"] == 0.0
+
+
+def test_no_instance_at_all_masks_nothing(scene):
+    empty = {
+        "labels": np.full((FRAME_COUNT, 3, SIZE, SIZE), -1, np.int32),
+        "instances/level": np.zeros(0, np.int8),
+        "instances/predicted_iou": np.zeros(0, np.float32),
+        "instances/stability": np.zeros(0, np.float32),
+        "instances/first_frame": np.zeros(0, np.int64),
+    }
+    folder = scene(**empty)
+    predict(folder, np.ones((FRAME_COUNT, SIZE, SIZE)))
+    assert not run(folder).read("refined").any()
+
+
+def test_inputs_of_other_frames_are_refused(scene):
+    folder = scene()
+    predict(folder, np.zeros((FRAME_COUNT, SIZE, SIZE // 2)))
+    with pytest.raises(UserError, match="was made from other frames"):
+        run(folder)

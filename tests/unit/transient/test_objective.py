@@ -1,0 +1,108 @@
+"""L_init: what it is, what it drives H to, and that it goes on where it was."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from egosplat.transient.network import make_network
+from egosplat.transient.objective import InitialObjective, InitialOptions
+
+OPTIONS = InitialOptions(iterations=12, warmup=0, lambda2=0.05, residual="mean", lr=3e-3)
+
+
+def make(**changes: object) -> InitialObjective:
+    return InitialObjective(
+        make_network(64, False, None, 0), replace(OPTIONS, **changes), torch.device("cpu")
+    )
+
+
+def steps(objective: InitialObjective, views, count: int, offset: float = 0.3) -> list[float]:
+    """The losses of so many steps against renders that are ``offset`` off."""
+    losses = []
+    for number in range(count):
+        image = (views.picture(number % len(views)) + offset).requires_grad_()
+        loss = objective.loss(image, views, number % len(views))
+        loss.backward()
+        objective.step()
+        losses.append(loss.item())
+    return losses
+
+
+@torch.no_grad()
+@pytest.mark.parametrize(("residual", "channels"), [("mean", 1), ("sum", 3)])
+def test_the_loss_is_the_papers(views, residual, channels):
+    objective = make(residual=residual)
+    picture = views.picture(0)
+    probability = objective.net(picture, 32, 32)
+    image = picture + torch.linspace(0, 0.5, 32)[:, None]
+    error = (image - picture).square().sum(-1) * channels / 3
+    expected = ((1 - probability) * error).mean() + 0.05 * probability.mean()
+    assert float(objective.loss(image, views, 0)) == pytest.approx(float(expected), rel=1e-5)
+
+
+@torch.no_grad()
+def test_only_what_the_lens_sees_is_compared(views):
+    objective, weight = make(lambda2=0.0), torch.zeros(32, 32)
+    weight[:, 16:] = 1.0
+    masked = replace(views, weight=weight)
+    image = views.picture(0).clone()
+    image[:, :16] += 0.5
+    assert float(objective.loss(image, masked, 0)) == 0.0 < float(objective.loss(image, views, 0))
+
+
+@pytest.mark.parametrize(("offset", "rises"), [(0.1, False), (0.5, True)], ids=["e < lambda2", "e > lambda2"])
+def test_probability_goes_where_the_residual_sends_it(views, offset, rises):
+    objective = make()
+    steps(objective, views, 12, offset)
+    first, last = objective.mean_probability(list(range(1, 13)))[[0, -1]]
+    assert (last > first + 0.05) if rises else (last < first - 0.05)
+
+
+def test_gaussians_get_no_gradient_where_all_is_transient(views):
+    objective = make()
+    objective.net.head.bias.data.fill_(60.0)
+    image = (views.picture(0) + 0.3).requires_grad_()
+    objective.loss(image, views, 0).backward()
+    assert float(image.grad.abs().max()) == 0.0
+
+
+def test_the_network_rests_in_the_warm_up(views):
+    objective = make(warmup=3)
+    before = {name: tensor.clone() for name, tensor in objective.net.state_dict().items()}
+    losses = steps(objective, views, 3)
+    assert losses == pytest.approx([0.09] * 3, rel=1e-4)
+    assert all(torch.equal(tensor, before[name]) for name, tensor in objective.net.state_dict().items())
+    assert objective.mean_probability([3]).tolist() == [0.0]
+    steps(objective, views, 1)
+    assert not torch.equal(objective.net.head.weight, before["head.weight"])
+    assert objective.mean_probability([3, 4])[1] > 0.0
+
+
+def test_a_render_that_is_not_finite_harms_nothing(views):
+    objective = make()
+    image = torch.full((32, 32, 3), float("nan"), requires_grad=True)
+    objective.loss(image, views, 0).backward()
+    objective.step()
+    assert float(image.grad.abs().max()) == 0.0
+    assert all(bool(p.isfinite().all()) for p in objective.net.parameters())
+
+
+def test_a_gradient_that_is_not_finite_is_no_step(views):
+    objective = make()
+    before = objective.net.head.weight.detach().clone()
+    image = views.picture(0).requires_grad_()
+    (objective.loss(image, views, 0) * float("nan")).backward()
+    objective.step()
+    assert torch.equal(objective.net.head.weight, before) and objective.net.head.weight.grad is None
+
+
+def test_it_goes_on_where_it_was(views):
+    unbroken, first, second = make(), make(), make()
+    losses = steps(unbroken, views, 12)
+    steps(first, views, 6)
+    second.load_state_dict(first.state_dict())
+    assert steps(second, views, 12 - 6) == losses[6:]
+    weights = second.net.state_dict()
+    assert all(torch.equal(tensor, weights[name]) for name, tensor in unbroken.net.state_dict().items())
+    assert (second.mean_probability([6, 12]) == unbroken.mean_probability([6, 12])).all()

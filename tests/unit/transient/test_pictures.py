@@ -1,0 +1,39 @@
+"""Pictures at working size."""
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reading import open_artifact
+from egosplat.transient.pictures import read_reduced_views, reduced, working_size
+
+
+@pytest.mark.parametrize(
+    ("resolution", "size"), [(1000, (48, 64)), (64, (48, 64)), (32, (24, 32)), (1, (1, 1))]
+)
+def test_the_longer_side_is_the_resolution_and_never_grows(resolution, size):
+    assert working_size(48, 64, resolution) == size
+
+
+def test_areas_are_averaged():
+    picture = np.zeros((4, 4, 3), np.uint8)
+    picture[:2, 0] = 200
+    assert reduced(picture, 2, 2)[..., 0].tolist() == [[100, 0], [0, 0]]
+    assert reduced(picture, 4, 4) is picture
+
+
+def test_views_keep_what_they_show(scene):
+    valid = np.ones((32, 32), bool)
+    valid[0, 0] = False
+    folder = scene(valid=valid)
+    frames, poses = open_artifact(folder / "frames.zarr", FRAMES), open_artifact(folder / "poses.zarr", POSES)
+    views = read_reduced_views(frames, poses, np.arange(6) == 2, 16, torch.device("cpu"))
+    assert views.frame.tolist() == [2] and views.pictures.shape == (1, 16, 16, 3)
+    assert (views.camera.fx, views.camera.cx, views.camera.width) == (15.0, 8.0, 16)
+    # A pixel of which a part lies outside the lens circle does not count.
+    assert float(views.weight[0, 0]) == 0.0 and float(views.weight.sum()) == 255.0
+    assert (
+        read_reduced_views(frames, poses, np.zeros(6, bool), 16, torch.device("cpu")).pictures.shape[0] == 0
+    )

@@ -1,0 +1,106 @@
+"""The stage transient from artifacts to the artifact."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.artifacts.reading import verify
+from egosplat.checking import SCHEMAS
+from egosplat.config import defaults
+from egosplat.errors import UserError
+from egosplat.splats.checkpoint import Checkpoint
+from egosplat.transient import stage
+from egosplat.transient.network import make_network
+
+KEYS = defaults()["transient"] | {"iterations": 12, "input_size": 64, "resolution": 24, "max_gaussians": 80}
+
+
+def run(folder: Path, name: str = "transient.zarr", **changes: object):
+    """The verified artifact."""
+    stage.run(folder / "frames.zarr", folder / "poses.zarr", folder / name, **KEYS | changes)
+    return verify(folder / name, SCHEMAS)
+
+
+def test_what_the_artifact_says(scene):
+    registered = np.arange(6) != 5
+    transient = run(scene(registered=registered))
+    assert transient.origin == "synthetic" and set(transient.provenance["inputs"]) == {
+        "frames.zarr",
+        "poses.zarr",
+    }
+    assert transient.facts["views"] == 4 and transient.facts["working_size"] == [24, 24]
+    assert transient.read("curve/iteration").tolist() == [10, 12]
+    probability = transient.read("probability")
+    assert probability.shape == (6, 32, 32) and ((probability >= 0) & (probability <= 1)).all()
+    # The frame without a pose too.
+    assert probability[5].std() > 0
+
+
+def test_the_network_comes_back(scene):
+    folder = scene()
+    transient = run(folder, batch_norm="eval", resolution=32)
+    net, values = make_network(64, False, None, 9).eval(), torch.from_numpy(transient.read("weights"))
+    sizes = [int(np.prod(shape)) for _, shape in transient.facts["tensors"]]
+    parts = zip(transient.facts["tensors"], values.split(sizes), strict=True)
+    missing = net.load_state_dict({name: part.view(shape) for (name, shape), part in parts}, strict=False)
+    assert all(name.endswith("num_batches_tracked") for name in missing.missing_keys)
+    picture = torch.from_numpy(verify(folder / "frames.zarr", SCHEMAS).row("rgb", 2)).float() / 255
+    assert net(picture, 32, 32).detach().numpy() == pytest.approx(transient.row("probability", 2), abs=1e-3)
+
+
+def test_equal_runs_are_equal_and_nothing_else_is_left(scene):
+    folder = scene()
+    assert run(folder).digest == run(folder, "again.zarr").digest != run(folder, "other.zarr", seed=1).digest
+    names = {"frames.zarr", "poses.zarr", "segments.zarr", "transient.zarr", "again.zarr", "other.zarr"}
+    assert {path.name for path in folder.iterdir()} == names
+
+
+class Stopped(Exception):
+    pass
+
+
+def test_a_killed_run_goes_on_to_the_same_result(scene, monkeypatch, capsys):
+    folder = scene()
+    expected = run(folder, "unbroken.zarr", background="random").digest
+    save = Checkpoint.save_if_due
+
+    def stop(self, state):
+        save(self, state)
+        raise Stopped
+
+    with monkeypatch.context() as patch, pytest.raises(Stopped):
+        patch.setattr(Checkpoint, "save_if_due", stop)
+        run(folder, background="random", checkpoint_s=1e-9)
+    # Time between checkpoints is an option, so it must be the same for going on.
+    assert run(folder, background="random", checkpoint_s=1e-9).digest == expected
+    assert "goes on after iteration 10" in capsys.readouterr().err
+    assert not (folder / ".transient.zarr.checkpoint").exists()
+
+
+def test_batch_norm_of_the_picture_or_of_the_run(scene):
+    folder = scene()
+    of_picture, of_run = (run(folder, f"{kind}.zarr", batch_norm=kind) for kind in ("train", "eval"))
+    assert (of_picture.read("weights") == of_run.read("weights")).all()
+    assert (of_picture.read("probability") != of_run.read("probability")).any()
+
+
+def test_pictures_as_the_sensor_takes_them_are_looked_at_upright(scene):
+    lying = run(scene(facts={"format": "adt", "upright": False}), iterations=1, warmup=1.0).read(
+        "probability"
+    )
+    upright = run(scene(facts={"format": "adt", "upright": True}), iterations=1, warmup=1.0).read(
+        "probability"
+    )
+    assert (lying != upright).any()
+
+
+def test_frames_without_poses_are_refused(scene):
+    with pytest.raises(UserError, match="none of 5 training frames has a pose"):
+        run(scene(registered=np.zeros(6, bool)))
+
+
+def test_a_missing_checkpoint_is_named(scene):
+    with pytest.raises(UserError, match=r"transient.encoder_weights: there is no file nowhere.pt"):
+        run(scene(), encoder_weights="nowhere.pt")

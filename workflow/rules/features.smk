@@ -1,0 +1,61 @@
+"""
+What each instance means: OpenCLIP's features of its views, made consistent over them, and compressed.
+
+REQUIRED INPUTS: frames.zarr, segments.zarr. Never annotations.zarr.
+OUTPUTS: view_features.zarr, features.zarr; beside the first, while it is made, .view_features.zarr.checkpoint, from
+which a killed run goes on.
+TOOLS: OpenCLIP, PyTorch.
+"""
+
+
+rule view_features:
+    """Encode the crop of each instance in each training frame with OpenCLIP."""
+    input:
+        frames="results/{dataset}/{scene}/frames.zarr",
+        segments="results/{dataset}/{scene}/segments.zarr",
+    output:
+        directory("results/{dataset}/{scene}/view_features.zarr"),
+    log:
+        "logs/{dataset}/{scene}/view_features.log",
+    benchmark:
+        "logs/{dataset}/{scene}/view_features.tsv"
+    threads: 8
+    resources:
+        mem_mb=8000,
+        runtime="12h",
+    params:
+        flags=flags("view_features"),
+        models=models("view_features"),
+        code=code_of("view_features"),
+    shell:
+        "egosplat view-features"
+        " --frames {input.frames:q}"
+        " --segments {input.segments:q}"
+        " --output {output:q}"
+        " {params.flags}"
+        " 2>&1 | tee {log:q}"
+
+
+rule features:
+    """Aggregate each instance's features over its views, and compress them to codes."""
+    input:
+        view_features="results/{dataset}/{scene}/view_features.zarr",
+    output:
+        directory("results/{dataset}/{scene}/features.zarr"),
+    log:
+        "logs/{dataset}/{scene}/features.log",
+    benchmark:
+        "logs/{dataset}/{scene}/features.tsv"
+    threads: 2
+    resources:
+        mem_mb=8000,
+        runtime="2h",
+    params:
+        flags=flags("features"),
+        code=code_of("features"),
+    shell:
+        "egosplat features"
+        " --view-features {input.view_features:q}"
+        " --output {output:q}"
+        " {params.flags}"
+        " 2>&1 | tee {log:q}"

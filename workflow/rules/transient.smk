@@ -1,0 +1,72 @@
+"""
+What moves: a network that finds it by what static Gaussians cannot explain, and the instances that it belongs to.
+
+REQUIRED INPUTS: frames.zarr, poses.zarr, segments.zarr. Never annotations.zarr.
+OUTPUTS: transient.zarr, masks.zarr; beside the first, while it is made, .transient.zarr.checkpoint, from which a killed
+run goes on.
+TOOLS: PyTorch, timm, egosplat's kernels or gsplat.
+"""
+
+from egosplat.models.checkpoints import content_hash
+
+
+def encoder_weights(wildcards):
+    """What the file of the encoder's weights holds, so that another content is seen; the stage says if it is absent."""
+    name = scene_of(wildcards).config["transient"]["encoder_weights"]
+    path = Path(name).expanduser() if name else None
+    return content_hash(path)[:16] if path and path.is_file() else "none"
+
+
+rule transient:
+    """Train the network and temporary Gaussians, and store the probability of being transient of all frames."""
+    input:
+        frames="results/{dataset}/{scene}/frames.zarr",
+        poses="results/{dataset}/{scene}/poses.zarr",
+    output:
+        directory("results/{dataset}/{scene}/transient.zarr"),
+    log:
+        "logs/{dataset}/{scene}/transient.log",
+    benchmark:
+        "logs/{dataset}/{scene}/transient.tsv"
+    threads: 8
+    resources:
+        mem_mb=16000,
+        runtime="12h",
+    params:
+        flags=flags("transient"),
+        weights=encoder_weights,
+        code=code_of("transient"),
+    shell:
+        "egosplat transient"
+        " --frames {input.frames:q}"
+        " --poses {input.poses:q}"
+        " --output {output:q}"
+        " {params.flags}"
+        " 2>&1 | tee {log:q}"
+
+
+rule masks:
+    """Find the transient instances, and mask them in every frame."""
+    input:
+        transient="results/{dataset}/{scene}/transient.zarr",
+        segments="results/{dataset}/{scene}/segments.zarr",
+    output:
+        directory("results/{dataset}/{scene}/masks.zarr"),
+    log:
+        "logs/{dataset}/{scene}/masks.log",
+    benchmark:
+        "logs/{dataset}/{scene}/masks.tsv"
+    threads: 1
+    resources:
+        mem_mb=4000,
+        runtime="1h",
+    params:
+        flags=flags("masks"),
+        code=code_of("masks"),
+    shell:
+        "egosplat masks"
+        " --transient {input.transient:q}"
+        " --segments {input.segments:q}"
+        " --output {output:q}"
+        " {params.flags}"
+        " 2>&1 | tee {log:q}"
