@@ -32,6 +32,7 @@ TINY = """
 synthetic: {size: 176, fps: 2.0, seconds: 6.0, objects: 16}
 frames: {resolution: 96, evaluation_frames: 3}
 segments: {segmenter: classical}
+transient: {iterations: 20, resolution: 48, input_size: 64}
 splats: {iterations: 40, max_points: 1000, max_gaussians: 2000, evaluate_every: 20}
 """
 
@@ -104,7 +105,10 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Workdir:
     return workdir
 
 
-MAIN = tuple(f"results/adt/scene1/{name}.png" for name in ("contact_sheet", "segments", "crops", "splats"))
+MAIN = tuple(
+    f"results/adt/scene1/{name}"
+    for name in ("contact_sheet.png", "segments.png", "crops.png", "masks.zarr", "splats.png")
+)
 
 
 @pytest.fixture

@@ -18,6 +18,8 @@ OUTPUTS = {
     "segments": "segments.zarr",
     "view_features": "view_features.zarr",
     "features": "features.zarr",
+    "transient": "transient.zarr",
+    "masks": "masks.zarr",
     "splats": "splats.zarr",
     "contact_sheet": "contact_sheet.png",
     "segments_sheet": "segments.png",

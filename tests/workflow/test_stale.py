@@ -6,11 +6,15 @@ import shutil
 import pytest
 
 POSES = "results/adt/scene1/poses.zarr"
-MAIN = tuple(f"results/adt/scene1/{name}.png" for name in ("contact_sheet", "segments", "crops", "splats"))
+MAIN = tuple(
+    f"results/adt/scene1/{name}"
+    for name in ("contact_sheet.png", "segments.png", "crops.png", "masks.zarr", "splats.png")
+)
 AFTER_SPLATS = {"splats", "splats_sheet"}
-AFTER_POSES = {"poses", "contact_sheet", *AFTER_SPLATS}
+AFTER_TRANSIENT = {"transient", "masks"}
+AFTER_POSES = {"poses", "contact_sheet", *AFTER_TRANSIENT, *AFTER_SPLATS}
 AFTER_VIEWS = {"view_features", "features", "crops_sheet"}
-AFTER_SEGMENTS = {"segments", "segments_sheet", *AFTER_VIEWS}
+AFTER_SEGMENTS = {"segments", "segments_sheet", "masks", *AFTER_VIEWS}
 AFTER_FRAMES = {"frames", "annotations", *AFTER_POSES, *AFTER_SEGMENTS}
 
 
@@ -27,6 +31,8 @@ def test_a_finished_run_has_nothing_to_do(workdir):
         ("segments: {segmenter: classical, min_frames: 4}", AFTER_SEGMENTS),
         ("view_features: {min_area: 0.001}", AFTER_VIEWS),
         ("features: {mad_k: 2.5}", {"features", "crops_sheet"}),
+        ("transient: {lambda2: 0.005}", AFTER_TRANSIENT),
+        ("masks: {threshold: 0.5}", {"masks"}),
         ("splats: {iterations: 41}", AFTER_SPLATS),
         ("annotations: {max_age_ms: 2.0}", {"annotations", "contact_sheet"}),
         ("frames: {stride: 2}", AFTER_FRAMES),
@@ -44,11 +50,18 @@ def test_a_changed_key_reruns_its_stage_and_what_follows(workdir, config, expect
     "module, old, new, expected",
     [
         ("poses/adt.py", "\ndef adt_poses", "\nCHANGED = 1\n\n\ndef adt_poses", AFTER_POSES),
-        ("splats/train.py", "RECORD_EVERY = 10", "RECORD_EVERY = 20", AFTER_SPLATS),
+        ("splats/train.py", "RECORD_EVERY = 10", "RECORD_EVERY = 20", AFTER_TRANSIENT | AFTER_SPLATS),
         ("segments/merging.py", "MIN_COMMON_FRAMES = 2", "MIN_COMMON_FRAMES = 3", AFTER_SEGMENTS),
         ("features/aggregation.py", "\nNORMS = (", "\nCHANGED = 1\nNORMS = (", {"features", "crops_sheet"}),
-        ("kernels/source/composite_backward.h", "int MOMENTS = 6;", "int MOMENTS = 7;", AFTER_SPLATS),
+        (
+            "kernels/source/composite_backward.h",
+            "int MOMENTS = 6;",
+            "int MOMENTS = 7;",
+            AFTER_TRANSIENT | AFTER_SPLATS,
+        ),
         ("kernels/source/composite.h", "// Compositing of", "// The compositing of", set()),
+        ("splats/stage.py", "\ndef run", "\nCHANGED = 1\n\n\ndef run", AFTER_SPLATS),
+        ("transient/refinement.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", {"masks"}),
         ("report/splats_sheet.py", "PICTURES = 4", "PICTURES = 3", {"splats_sheet"}),
         (
             "frames/adt_annotations.py",

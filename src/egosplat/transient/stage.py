@@ -27,8 +27,8 @@ from egosplat.transient.network import TransientNet, make_network
 from egosplat.transient.objective import InitialObjective, InitialOptions
 from egosplat.transient.pictures import read_reduced_views, reduced, working_size
 
-POSITION_LR, GROW_GRAD2D = 1.6e-4, 2e-4
-"""The temporary Gaussians' learning rate and threshold of growth: stock 3DGS's (M3.2)."""
+POSITION_LR = 1.6e-4
+"""The temporary Gaussians' learning rate of the means: stock 3DGS's (M3.2)."""
 
 
 def run(
@@ -48,6 +48,7 @@ def run(
     density: str,
     max_points: int,
     max_gaussians: int,
+    grow_grad2d: float,
     sh_degree: int,
     near_plane: float,
     background: str,
@@ -75,7 +76,7 @@ def run(
         density=density,
         max_gaussians=max_gaussians,
         position_lr=POSITION_LR,
-        grow_grad2d=GROW_GRAD2D,
+        grow_grad2d=grow_grad2d,
         evaluate_every=iterations,
         patience=0,
         min_improvement=0.0,
