@@ -18,15 +18,14 @@ sys.path.insert(0, str(HERE.parent / "training"))
 
 from segmentation_bench.video_scores import VideoScores, score_level
 from segmentation_bench.worlds import LEVELS, read_worlds
-from small_models.worlds import FilmedWorld
+from small_models.worlds import NOTHING, FilmedWorld
 
 from egosplat.config import stage_keys
 from egosplat.errors import UserError
 from egosplat.models.sam2_loader import load_sam2
 from egosplat.progress import log
 from egosplat.segments.classical_video import segment_video
-from egosplat.segments.instances import Segmented, frames_seen
-from egosplat.segments.merging import kept, merged
+from egosplat.segments.instances import Segmented, settle
 from egosplat.segments.options import MaskOptions, TrackOptions
 from egosplat.segments.tracking import Tracker
 
@@ -43,7 +42,7 @@ def options() -> tuple[MaskOptions, TrackOptions]:
 
 def segment(world: FilmedWorld, method: str, checkpoint: str) -> tuple[list[np.ndarray], float]:
     """(F,) final labels (3, H, W) of the first clip, and seconds a frame."""
-    pictures, valid = world.rgb[0], world.subpart[0, 0] != 2**16 - 1
+    pictures, valid = world.rgb[0], world.subpart[0, 0] != NOTHING
     start = time.perf_counter()
     masks, tracks = options()
     if method == "classical":
@@ -59,11 +58,8 @@ def segment(world: FilmedWorld, method: str, checkpoint: str) -> tuple[list[np.n
 
 def final_labels(segmented: Segmented, min_frames: int) -> list[np.ndarray]:
     """What the stage writes."""
-    count = len(segmented.labels)
-    roots = merged(len(segmented.instances), segmented.same)
-    new, _ = kept(roots, frames_seen(segmented.labels, roots), min_frames, count)
-    table = np.append(new, -1).astype(np.int32)
-    return [table[segmented.labels[frame]] for frame in range(count)]
+    table = settle(segmented, min_frames).table
+    return [table[segmented.labels[frame]] for frame in range(len(segmented.labels))]
 
 
 def score(world: FilmedWorld, labels: list[np.ndarray]) -> list[VideoScores]:

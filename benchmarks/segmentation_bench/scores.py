@@ -8,9 +8,16 @@ from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from segmentation_bench.segmenters import Segmenter
-from segmentation_bench.worlds import LEVELS, SIZES, Film, Masks, Picture, comes_back, size_class
-
-_LEAST_PIXELS = 40
+from segmentation_bench.worlds import (
+    LEAST_PIXELS,
+    LEVELS,
+    SIZES,
+    Film,
+    Masks,
+    Picture,
+    comes_back,
+    size_class,
+)
 
 
 def iou(first: Masks, second: Masks) -> NDArray[np.float64]:
@@ -67,7 +74,7 @@ def score_everything(segmenter: Segmenter, picture: Picture, scores: Scores) -> 
 def score_film(segmenter: Segmenter, film: Film, scores: Scores) -> None:
     """J: mean IoU over the later frames in which a mask is visible; apart, for those that come back."""
     followed = segmenter.follow(film)
-    visible = film.masks.sum((2, 3)) >= _LEAST_PIXELS
+    visible = film.masks.sum((2, 3)) >= LEAST_PIXELS
     ious = iou(followed, film.masks)
     for number in range(len(film.masks)):
         later = np.flatnonzero(visible[number, 1:]) + 1
@@ -77,7 +84,7 @@ def score_film(segmenter: Segmenter, film: Film, scores: Scores) -> None:
         gone = np.flatnonzero(~visible[number])
         if len(gone):
             scores.add(
-                "silent while hidden", "all", (followed[number, gone].sum((1, 2)) < _LEAST_PIXELS).mean()
+                "silent while hidden", "all", (followed[number, gone].sum((1, 2)) < LEAST_PIXELS).mean()
             )
 
 

@@ -6,15 +6,15 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from small_models.worlds import FilmedWorld, read_world
+from small_models.levels import LEVELS
+from small_models.worlds import NOTHING, FilmedWorld, read_world
 
 from egosplat.errors import UserError
 
-LEVELS = ("subpart", "part", "whole")
 SIZES = {"< 0.1 %": 0.0, "0.1-1 %": 0.001, "1-5 %": 0.01, "> 5 %": 0.05}
 """Classes of size by the share of the picture that a mask covers: from here to the next one."""
 
-_LEAST_PIXELS = 40
+LEAST_PIXELS = 40
 _POINTS_A_LEVEL = 12
 
 Masks = NDArray[np.bool_]
@@ -93,7 +93,7 @@ def pictures(world: FilmedWorld, every: int, rng: np.random.Generator) -> Iterat
 
 def _large(labels: NDArray[np.int32]) -> NDArray[np.int32]:
     values, areas = np.unique(labels, return_counts=True)
-    return values[(values >= 0) & (areas >= _LEAST_PIXELS)]
+    return values[(values >= 0) & (areas >= LEAST_PIXELS)]
 
 
 def _chosen(labels: NDArray[np.int32], rng: np.random.Generator) -> NDArray[np.int32]:
@@ -105,10 +105,10 @@ def film(world: FilmedWorld, count: int, rng: np.random.Generator) -> Film:
     labels = world.labels(world.subpart[0])[2]
     first, areas = np.unique(labels[0], return_counts=True)
     values = first[(first >= 0) & (areas >= 0.002 * labels[0].size)]
-    visible = np.stack([(labels == value).sum(axis=(1, 2)) >= _LEAST_PIXELS for value in values])
+    visible = np.stack([(labels == value).sum(axis=(1, 2)) >= LEAST_PIXELS for value in values])
     order = sorted(range(len(values)), key=lambda k: (not comes_back(visible[k]), rng.random()))
     masks = np.stack([labels == values[k] for k in order[:count]])
-    return Film(np.asarray(world.rgb[0]), world.subpart[0, 0] != 2**16 - 1, masks)
+    return Film(np.asarray(world.rgb[0]), world.subpart[0, 0] != NOTHING, masks)
 
 
 def comes_back(visible: NDArray[np.bool_]) -> bool:

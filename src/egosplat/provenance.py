@@ -1,5 +1,7 @@
 """How an artifact was made: what travels with it down to the tables."""
 
+import hashlib
+import json
 import resource
 import sys
 import time
@@ -45,6 +47,18 @@ class Provenance:
         peak_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         cost = {"wall_s": time.perf_counter() - self.started, "peak_memory_mb": peak_kb / 1024}
         return values | {key: round(value, 3) for key, value in cost.items()}
+
+
+def key_of(made: Provenance, more: Mapping[str, Any] | None = None) -> str:
+    """SHA-256 of all that decides the result: stage, options, inputs, models, code, versions, and what is given beside."""
+    mappings = (made.options, made.inputs, made.models, made.versions, more or {})
+    parts = [made.stage, made.code, *map(dict, mappings)]
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+
+
+def joint_origin(*origins: str) -> str:
+    """Of what is made from things of several origins: one that is synthetic makes it synthetic."""
+    return "synthetic" if "synthetic" in origins else "real"
 
 
 def begin(

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 from small_models.levels import Levels, find_levels
-from small_models.worlds import Filming, _world
+from small_models.worlds import Filming, make_furnished_world
 
 from egosplat.synthetic.world import World
 
@@ -19,7 +19,9 @@ def rebuild_world(folder: Path) -> tuple[World, Levels]:
     about = json.loads((folder / "world.json").read_text())
     filming = Filming(**about["filming"])
     spacing_s = filming.frames * filming.step_s + 2.0
-    world = _world(about["seed"], np.random.default_rng([about["seed"], 100]), spacing_s * filming.clips)
+    world = make_furnished_world(
+        about["seed"], np.random.default_rng([about["seed"], 100]), spacing_s * filming.clips
+    )
     levels = find_levels(world)
     if list(levels.part_names) != about["part_names"]:
         raise ValueError(f"{folder}: seed {about['seed']} does not make the same parts any more")

@@ -45,7 +45,7 @@ def film_world(seed: int, filming: Filming, folder: Path) -> None:
     """Render the world of a seed into a folder: ``rgb.npy``, ``subpart.npy`` and ``world.json``."""
     rng = np.random.default_rng([seed, 100])
     spacing_s = filming.frames * filming.step_s + 2.0
-    world = _world(seed, rng, spacing_s * filming.clips)
+    world = make_furnished_world(seed, rng, spacing_s * filming.clips)
     levels = find_levels(world)
     renderer = make_renderer(world, pinhole_lens(pinhole(filming.size, FOCAL)))
     starts = spacing_s * np.arange(filming.clips) + rng.uniform(0, 2.0, filming.clips)
@@ -64,7 +64,7 @@ def film_world(seed: int, filming: Filming, folder: Path) -> None:
         (made / "world.json").write_text(json.dumps(_tables(seed, filming, world, levels)))
 
 
-def _world(seed: int, rng: np.random.Generator, seconds: float) -> World:
+def make_furnished_world(seed: int, rng: np.random.Generator, seconds: float) -> World:
     """An apartment of which not every number of objects finds its place."""
     for objects in rng.permutation(np.arange(18, 39)):
         try:

@@ -6,18 +6,16 @@ numbers, and a hash of these, by which a record that was cut short is known. Wha
 """
 
 import hashlib
-import json
 import shutil
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.progress import log
-from egosplat.provenance import Provenance
 
 _HEAD = struct.Struct("<QQQ")
 """First row, rows, channels."""
@@ -31,7 +29,7 @@ class Journal:
     """The journal of the artifact at ``output``."""
 
     def __init__(self, output: Path, key: bytes) -> None:
-        """``key``: what it belongs to, see ``key_of``."""
+        """``key``: what it belongs to, such as ``provenance.key_of``."""
         self.file = output.parent / f".{output.name}.checkpoint" / "journal"
         self._key = key
         self._row = 0
@@ -77,12 +75,6 @@ class Journal:
                 return
             yield np.frombuffer(body, "<f4").reshape(rows, channels)
             self._row += rows
-
-
-def key_of(made: Provenance, more: Mapping[str, Any]) -> bytes:
-    """SHA-256 of all that decides the result: stage, options, inputs, code, versions, and what is given beside."""
-    parts = [made.stage, dict(made.options), dict(made.inputs), made.code, dict(made.versions), dict(more)]
-    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).digest()
 
 
 def _size(rows: int, channels: int) -> int:

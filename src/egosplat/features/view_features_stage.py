@@ -17,7 +17,7 @@ from egosplat.artifacts.view_features import VIEW_FEATURES
 from egosplat.artifacts.writing import create
 from egosplat.errors import UserError
 from egosplat.features.encoding import channels, encode
-from egosplat.features.journal import Journal, key_of
+from egosplat.features.journal import Journal
 from egosplat.features.vectors import usable
 from egosplat.features.views import (
     Views,
@@ -67,13 +67,13 @@ def run(
     pictures, tracks = open_artifact(frames, FRAMES), open_artifact(segments, SEGMENTS)
     check_belong_together(pictures, tracks)
     inputs = _Inputs(pictures, tracks, load_open_clip(clip_model, clip_checkpoint, device, precision))
-    origin = "synthetic" if "synthetic" in (pictures.origin, tracks.origin) else "real"
+    origin = provenance.joint_origin(pictures.origin, tracks.origin)
     made = provenance.begin(
         "view_features", keys, origin, {one.path.name: one.digest for one in (pictures, tracks)}
     )
     model = _about(inputs.clip, clip_model, clip_checkpoint)
     views = find_views(pictures, tracks, min_area, max_views)
-    journal = Journal(output, key_of(made, model))
+    journal = Journal(output, bytes.fromhex(provenance.key_of(made, model)))
     features = _encoded(inputs, views, batch, journal)
     good = _checked(features, clip_checkpoint)
     facts = {

@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.segments.classical_following import follow
-from egosplat.segments.classical_options import LEVELS, ClassicalOptions
+from egosplat.segments.classical_options import ClassicalOptions
 from egosplat.segments.classical_partition import partition
-from egosplat.segments.classical_tracking import propagate, track
+from egosplat.segments.classical_tracking import propagate, track, track_levels
+from egosplat.segments.options import LEVELS
 
-__all__ = ["LEVELS", "ClassicalOptions", "follow", "propagate", "segment", "track"]
+__all__ = ["LEVELS", "ClassicalOptions", "follow", "propagate", "segment", "track", "track_levels"]
 
 
 def segment(

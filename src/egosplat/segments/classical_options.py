@@ -2,9 +2,6 @@
 
 from dataclasses import dataclass
 
-LEVELS = ("subpart", "part", "whole")
-"""The names of the levels, from the finest."""
-
 
 @dataclass(frozen=True)
 class ClassicalOptions:

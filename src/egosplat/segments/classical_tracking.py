@@ -5,10 +5,11 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.segments.classical_flow import find_origins
-from egosplat.segments.classical_options import LEVELS, ClassicalOptions
+from egosplat.segments.classical_flow import Origins, find_origins
+from egosplat.segments.classical_options import ClassicalOptions
 from egosplat.segments.classical_partition import partition
 from egosplat.segments.classical_working import check_map, check_picture
+from egosplat.segments.options import LEVELS
 
 Labels = NDArray[np.int32]
 
@@ -42,7 +43,11 @@ def propagate(
     check_picture(current, valid)
     check_map(regions, np.dtype(np.int32), valid.shape, "regions")
     check_map(labels, np.dtype(np.int32), valid.shape, "labels")
-    origins = find_origins(previous, current, valid, options)
+    return _carried(labels, find_origins(previous, current, valid, options), regions, options)
+
+
+def _carried(labels: Labels, origins: Origins, regions: Labels, options: ClassicalOptions) -> Labels:
+    """``propagate``, where it is known already where pixels come from."""
     brought = np.where(origins.known, origins.look_up(labels), np.int32(-1))
     return _vote(brought, regions, options)
 
@@ -87,23 +92,38 @@ def track(
     if level not in LEVELS:
         raise ValueError(f"level {level!r} is none of {', '.join(LEVELS)}")
     # A function that yields checks nothing before its first frame is asked for: hence the second one.
-    return _track(pictures, valid, LEVELS.index(level) + 1, options)
+    return (labels[0] for labels in _track(pictures, valid, (LEVELS.index(level) + 1,), options))
+
+
+def track_levels(
+    pictures: Iterable[NDArray[np.uint8]], valid: NDArray[np.bool_], options: ClassicalOptions
+) -> Iterator[list[Labels]]:
+    """``track`` of all ``LEVELS`` at once: each picture is cut, and its flow computed, once."""
+    return _track(pictures, valid, tuple(range(1, len(LEVELS) + 1)), options)
 
 
 def _track(
-    pictures: Iterable[NDArray[np.uint8]], valid: NDArray[np.bool_], level: int, options: ClassicalOptions
-) -> Iterator[Labels]:
-    previous, labels, tracks = None, np.full(valid.shape, -1, dtype=np.int32), 0
+    pictures: Iterable[NDArray[np.uint8]],
+    valid: NDArray[np.bool_],
+    levels: tuple[int, ...],
+    options: ClassicalOptions,
+) -> Iterator[list[Labels]]:
+    """Labels of some of the levels that ``partition`` gives."""
+    previous = None
+    labels = [np.full(valid.shape, -1, dtype=np.int32) for _ in levels]
+    tracks = [0] * len(levels)
     for picture in pictures:
-        levels = partition(picture, valid, options)
+        found = partition(picture, valid, options)
         if previous is not None:
-            labels = propagate(labels, previous, picture, levels[0], options)
+            origins = find_origins(previous, picture, valid, options)
+            labels = [_carried(one, origins, found[0], options) for one in labels]
         # In the first frame all is uncovered, and everything however small is given a track.
         least = options.new_area * valid.sum() if previous is not None else 1
-        labels = open_tracks(labels, levels[level], tracks, least)
-        tracks = max(tracks, int(labels.max(initial=-1)) + 1)
+        for number, level in enumerate(levels):
+            labels[number] = open_tracks(labels[number], found[level], tracks[number], least)
+            tracks[number] = max(tracks[number], int(labels[number].max(initial=-1)) + 1)
         previous = picture
-        yield labels
+        yield list(labels)
 
 
 def open_tracks(labels: Labels, regions: Labels, first: int, least_pixels: float) -> Labels:

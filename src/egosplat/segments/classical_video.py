@@ -1,12 +1,12 @@
 """The classical segmenter over a whole video."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.progress import track as progress
-from egosplat.segments.classical import LEVELS, ClassicalOptions, track
+from egosplat.segments.classical import LEVELS, ClassicalOptions, track_levels
 from egosplat.segments.instances import Instance, Segmented
 from egosplat.segments.labels import LabelMaps
 
@@ -21,9 +21,9 @@ def segment_video(
     """
     labels = LabelMaps((len(LEVELS), *valid.shape))
     instances: list[Instance] = []
-    tracked = [track(map(pictures, range(frames)), valid, level, ClassicalOptions()) for level in LEVELS]
+    tracked = track_levels(map(pictures, range(frames)), valid, ClassicalOptions())
     known: list[dict[int, int]] = [{} for _ in LEVELS]
-    for frame, levels in enumerate(progress(_together(tracked), "following regions", total=frames)):
+    for frame, levels in enumerate(progress(tracked, "following regions", total=frames)):
         maps = []
         for level, regions in enumerate(levels):
             for number in np.unique(regions[regions >= 0]).tolist():
@@ -33,10 +33,6 @@ def segment_video(
             maps.append(_renumbered(regions, known[level]))
         labels[frame] = np.stack(maps)
     return Segmented(labels, instances, [], {})
-
-
-def _together(tracked: list[Iterator[NDArray[np.int32]]]) -> Iterator[tuple[NDArray[np.int32], ...]]:
-    return zip(*tracked, strict=True)
 
 
 def _renumbered(regions: NDArray[np.int32], numbers: dict[int, int]) -> NDArray[np.int32]:

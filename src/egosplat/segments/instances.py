@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.segments.labels import LabelMaps
+from egosplat.segments.merging import kept, merged
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,30 @@ class Segmented:
     instances: list[Instance]
     same: list[tuple[int, int]]
     notes: dict[str, object]
+
+
+@dataclass(frozen=True)
+class Settled:
+    """What stays of a segmented video, and under which number.
+
+    Attributes:
+        table: (count + 1,) int32 new number of each instance, -1 of those that are dropped; the last entry is the
+            one that -1 picks: nothing stays nothing.
+        staying: (N,) old numbers of those that stay, in their new order.
+        merged: how many were the same as others.
+    """
+
+    table: NDArray[np.int32]
+    staying: NDArray[np.int64]
+    merged: int
+
+
+def settle(segmented: Segmented, min_frames: int) -> Settled:
+    """Merge what is one thing and drop what is seen in too few frames, see ``merging``."""
+    roots = merged(len(segmented.instances), segmented.same)
+    seen = frames_seen(segmented.labels, roots)
+    new, staying = kept(roots, seen, min_frames, len(segmented.labels))
+    return Settled(np.append(new, -1).astype(np.int32), staying, int((roots != np.arange(len(roots))).sum()))
 
 
 def frames_seen(labels: LabelMaps, roots: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -13,8 +13,7 @@ from egosplat.errors import UserError
 from egosplat.models.checkpoints import SAM2, model_hash
 from egosplat.progress import log, track
 from egosplat.segments.classical_video import segment_video
-from egosplat.segments.instances import Segmented, frames_seen
-from egosplat.segments.merging import kept, merged
+from egosplat.segments.instances import Segmented, settle
 from egosplat.segments.options import LEVELS, MaskOptions, TrackOptions
 
 
@@ -104,31 +103,28 @@ def _by_sam2(
 def _write(artifact: Writer, segmented: Segmented, min_frames: int) -> None:
     """Merge what is one thing, drop what is seen too briefly, and write the rest frame by frame."""
     labels, count = segmented.labels, len(segmented.labels)
-    roots = merged(len(segmented.instances), segmented.same)
-    new, staying = kept(roots, frames_seen(labels, roots), min_frames, count)
-    if len(staying) == 0:
+    settled = settle(segmented, min_frames)
+    if len(settled.staying) == 0:
         raise UserError(
             "segments: nothing was found in any frame. Lower segments.pred_iou_thresh and stability_score_thresh, "
             "or take segmenter: classical"
         )
-    # The last entry is the one that -1 picks: nothing stays nothing.
-    table = np.append(new, -1).astype(np.int32)
     first = labels[0]
     artifact.allocate("labels", (count, *first.shape))
     for frame in track(range(count), "writing labels"):
-        artifact.put_row("labels", frame, table[labels[frame]])
-    chosen = [segmented.instances[number] for number in staying]
+        artifact.put_row("labels", frame, settled.table[labels[frame]])
+    chosen = [segmented.instances[number] for number in settled.staying]
     artifact.put("instances/level", np.array([one.level for one in chosen], dtype=np.int8))
     artifact.put("instances/predicted_iou", np.array([one.predicted_iou for one in chosen], dtype=np.float32))
     artifact.put("instances/stability", np.array([one.stability for one in chosen], dtype=np.float32))
     artifact.put("instances/first_frame", np.array([one.first_frame for one in chosen], dtype=np.int64))
     by_level = {name: sum(one.level == number for one in chosen) for number, name in enumerate(LEVELS)}
-    dropped = len(segmented.instances) - len(staying)
-    log(f"{len(staying)} instances ({by_level}); {dropped} merged with others or seen too briefly")
+    dropped = len(segmented.instances) - len(settled.staying)
+    log(f"{len(settled.staying)} instances ({by_level}); {dropped} merged with others or seen too briefly")
     artifact.facts = {
         "levels": list(LEVELS),
         "instances": by_level,
         "found": len(segmented.instances),
-        "merged": int((roots != np.arange(len(roots))).sum()),
+        "merged": settled.merged,
         **segmented.notes,
     }

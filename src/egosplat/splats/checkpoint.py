@@ -7,7 +7,6 @@ is never resumed. Its own hash tells a damaged one, which is not resumed either.
 
 import hashlib
 import io
-import json
 import shutil
 import time
 from collections.abc import Callable
@@ -18,7 +17,6 @@ import torch
 
 from egosplat.atomic import whole_file
 from egosplat.progress import log
-from egosplat.provenance import Provenance
 
 State = dict[str, Any]
 """Tensors, numbers, texts, and lists and dictionaries of them."""
@@ -77,10 +75,3 @@ class Checkpoint:
         with whole_file(self.file) as scratch, scratch.open("wb") as file:
             file.write(hashlib.sha256(body).digest())
             file.write(body)
-
-
-def key_of(made: Provenance) -> str:
-    """SHA-256 of all that decides the result: stage, options, inputs, models, code and versions."""
-    mappings = (made.options, made.inputs, made.models, made.versions)
-    parts = [made.stage, made.code, *map(dict, mappings)]
-    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()

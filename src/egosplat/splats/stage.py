@@ -14,7 +14,7 @@ from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.writing import create
 from egosplat.progress import log
 from egosplat.provenance import Provenance
-from egosplat.splats.checkpoint import Checkpoint, key_of
+from egosplat.splats.checkpoint import Checkpoint
 from egosplat.splats.device import rasterizer_used, training_device
 from egosplat.splats.evaluate import evaluate
 from egosplat.splats.gaussians import Gaussians
@@ -85,7 +85,7 @@ def run(
         seed=seed,
         device=photographs.training.device,
     )
-    checkpoint = Checkpoint(output, key_of(made), checkpoint_s)
+    checkpoint = Checkpoint(output, provenance.key_of(made), checkpoint_s)
     state = _trained(start, photographs, options, L1Ssim(ssim_lambda), checkpoint)
     _write(output, made, state, photographs, options)
     checkpoint.remove()
@@ -93,7 +93,7 @@ def run(
 
 def _begin(keys: dict[str, Any], pictures: Artifact, walk: Artifact) -> Provenance:
     check_belong_together(pictures, walk)
-    origin = "synthetic" if "synthetic" in (pictures.origin, walk.origin) else "real"
+    origin = provenance.joint_origin(pictures.origin, walk.origin)
     inputs = {artifact.path.name: artifact.digest for artifact in (pictures, walk)}
     return provenance.begin("splats", keys, origin, inputs)
 

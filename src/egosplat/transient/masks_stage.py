@@ -25,7 +25,7 @@ def run(transient: Path, segments: Path, output: Path, *, threshold: float, leve
     keys: dict[str, Any] = {"threshold": threshold, "level": level}
     predicted, instances = open_artifact(transient, TRANSIENT), open_artifact(segments, SEGMENTS)
     _check_belong_together(predicted, instances)
-    origin = "synthetic" if "synthetic" in (predicted.origin, instances.origin) else "real"
+    origin = provenance.joint_origin(predicted.origin, instances.origin)
     inputs = {artifact.path.name: artifact.digest for artifact in (predicted, instances)}
     made = provenance.begin("masks", keys, origin, inputs)
     names = instances.facts["levels"]

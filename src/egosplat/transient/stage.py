@@ -15,7 +15,7 @@ from egosplat.artifacts.writing import Writer, create
 from egosplat.models.checkpoints import content_hash
 from egosplat.progress import log, track
 from egosplat.provenance import Provenance
-from egosplat.splats.checkpoint import Checkpoint, key_of
+from egosplat.splats.checkpoint import Checkpoint
 from egosplat.splats.device import rasterizer_used, training_device
 from egosplat.splats.initialise import scene_extent
 from egosplat.splats.options import RenderOptions, TrainingOptions
@@ -97,7 +97,7 @@ def run(
     initial = InitialOptions(iterations, round(warmup * iterations), lambda2, residual, lr)
     objective = InitialObjective(net, initial, views.device)
     state = TrainingState(start, options, scene_extent(views.camera_to_world), objective)
-    checkpoint = Checkpoint(output, key_of(made), checkpoint_s)
+    checkpoint = Checkpoint(output, provenance.key_of(made), checkpoint_s)
     resume_and_train(state, photographs, options, checkpoint)
     with create(output, TRANSIENT, made) as artifact:
         _put_curves(artifact, state, objective)
@@ -120,7 +120,7 @@ def _sideways(pictures: Artifact) -> bool:
 
 
 def _begin(keys: dict[str, Any], pictures: Artifact, walk: Artifact, weights: Path | None) -> Provenance:
-    origin = "synthetic" if "synthetic" in (pictures.origin, walk.origin) else "real"
+    origin = provenance.joint_origin(pictures.origin, walk.origin)
     inputs = {artifact.path.name: artifact.digest for artifact in (pictures, walk)}
     models = {} if weights is None else {"encoder_weights": content_hash(weights)[:16]}
     return provenance.begin("transient", keys, origin, inputs, models)

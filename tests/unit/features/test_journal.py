@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from egosplat.features.journal import Journal, key_of
-from egosplat.provenance import begin
+from egosplat.features.journal import Journal
+from egosplat.provenance import begin, key_of
 
 KEY = b"k" * 32
 
@@ -97,7 +97,7 @@ def test_a_full_disk_does_not_end_the_work(output, capsys):
 
 
 def test_all_that_decides_is_in_the_key():
-    def key(batch: int = 1, origin: str = "real", digest: str = "a", **more: str) -> bytes:
+    def key(batch: int = 1, origin: str = "real", digest: str = "a", **more: str) -> str:
         return key_of(begin("frames", {"batch": batch}, origin, {"frames.zarr": digest}), more)
 
     assert key() == key(origin="synthetic")

@@ -4,7 +4,15 @@ import cv2
 import numpy as np
 import pytest
 
-from egosplat.segments.classical import ClassicalOptions, follow, propagate, segment, track
+from egosplat.segments.classical import (
+    LEVELS,
+    ClassicalOptions,
+    follow,
+    propagate,
+    segment,
+    track,
+    track_levels,
+)
 from egosplat.segments.classical_tracking import open_tracks
 
 OPTIONS = ClassicalOptions()
@@ -173,3 +181,14 @@ def test_wrong_input_is_refused_at_once():
         propagate(labels, picture.astype(float), picture, labels, OPTIONS)
     with pytest.raises(ValueError, match="picture is"):
         list(track([picture[..., 0]], VALID, "whole", OPTIONS))
+
+
+def test_all_levels_at_once_are_the_levels_one_by_one() -> None:
+    rng = np.random.default_rng(4)
+    coarse = rng.integers(0, 255, (6, 8, 3), dtype=np.uint8)
+    large = np.repeat(np.repeat(coarse, 10, 0), 10, 1)
+    pictures, valid = [np.roll(large, 2 * frame, axis=1) for frame in range(3)], np.ones((60, 80), bool)
+    together = list(track_levels(pictures, valid, ClassicalOptions()))
+    for number, level in enumerate(LEVELS):
+        for frame, alone in enumerate(track(pictures, valid, level, ClassicalOptions())):
+            assert np.array_equal(together[frame][number], alone)
