@@ -44,12 +44,13 @@ class Recipe:
         steps: in all; clips_from: share of them after which every other one is on clips.
         pictures, points: of a picture step; clips, frames, tracks: of a clip step.
         peak_rate, warm_up, decay: see ``learning_rate``; average: see ``Average``.
+        place_scale: of the frequencies in which places are told to the decoder, as multiples of SAM2's.
         balance: see ``mask_loss``, at first; it is gone after ``balanced_steps`` of either kind.
     """
 
     steps: int
     seed: int
-    clips_from: float = 0.35
+    clips_from: float = 0.55
     pictures: int = 6
     points: int = 12
     clips: int = 2
@@ -60,6 +61,7 @@ class Recipe:
     decay: float = 0.3
     weight_decay: float = 0.03
     average: float = 0.9985
+    place_scale: float = 2.0
     balance: float = 0.5
     balanced_steps: int = 2000
 
@@ -70,7 +72,7 @@ def main() -> None:
     parser.add_argument("worlds", type=Path, help="folder that render_worlds.py made")
     parser.add_argument("--output", type=Path, required=True, help="folder for model.safetensors")
     parser.add_argument("--state", type=Path, required=True, help="file from which a stopped run goes on")
-    parser.add_argument("--steps", type=int, default=14_000, help="steps in all")
+    parser.add_argument("--steps", type=int, default=9_000, help="steps in all")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     parser.add_argument("--threads", type=int, default=2, help="of the CPU")
@@ -104,6 +106,7 @@ class Run:
         self.recipe, self.worlds, self.state_path = recipe, worlds, state
         self.step, self.stopped = 0, False
         self.model: SAM2Base = instantiate(OmegaConf.load(CONFIG).model, _recursive_=True).to(device).train()
+        self.model.sam_prompt_encoder.pe_layer.positional_encoding_gaussian_matrix.mul_(recipe.place_scale)
         self.pairs = PixelPairs(self.model.hidden_dim).to(device)
         self.optimizers = self._optimizers()
         self.average = Average(self.model, recipe.average)

@@ -139,7 +139,7 @@ def _views(scene: Scene, gaussians: Gaussians) -> Views:
         seen = image[..., :3] + 0.05 * torch.randn(camera.height, camera.width, 3, generator=noise)
         pictures.append((255.0 * seen.clamp(0.0, 1.0)).round().to(torch.uint8))
     frame = np.arange(len(pictures), dtype=np.int64)
-    return Views(frame, torch.stack(pictures), camera_to_world, None, camera, torch.device("cpu"))
+    return Views(frame, torch.stack(pictures), camera_to_world, None, None, camera, torch.device("cpu"))
 
 
 def _memory(key: str) -> int:

@@ -7,6 +7,7 @@ from pathlib import Path
 from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reading import Artifact, recorded_digest, verify
@@ -16,7 +17,7 @@ from egosplat.artifacts.transient import TRANSIENT
 from egosplat.artifacts.view_features import VIEW_FEATURES
 from egosplat.errors import UserError
 
-_ALL = (FRAMES, ANNOTATIONS, POSES, SEGMENTS, VIEW_FEATURES, FEATURES, TRANSIENT, MASKS, SPLATS)
+_ALL = (FRAMES, ANNOTATIONS, POSES, SEGMENTS, VIEW_FEATURES, FEATURES, TRANSIENT, MASKS, SPLATS, LANGUAGE)
 SCHEMAS = {schema.name: schema for schema in _ALL}
 """Every kind of artifact, by name."""
 

@@ -51,7 +51,21 @@ PATHS: dict[str, dict[str, str]] = {
     "splats": {
         "frames": "the frames artifact",
         "poses": "its poses artifact",
+        "transient": "its transient artifact, for masking by the network alone (optional)",
+        "masks": "its masks artifact, for refined masking (optional)",
+        "segments": "its segments artifact, for codes trained jointly (optional)",
+        "features": "its features artifact, for codes trained jointly (optional)",
         "output": "the splats artifact to make",
+    },
+    "language": {
+        "frames": "the frames artifact",
+        "poses": "its poses artifact",
+        "segments": "its segments artifact",
+        "features": "its features artifact",
+        "splats": "its splats artifact",
+        "transient": "its transient artifact, where the splats were masked by the network alone (optional)",
+        "masks": "its masks artifact, where the splats were masked by it (optional)",
+        "output": "the language artifact to make",
     },
     "contact_sheet": {
         "frames": "the frames artifact",
@@ -78,6 +92,12 @@ PATHS: dict[str, dict[str, str]] = {
     },
 }
 """What each stage reads and writes, in the order of its function's arguments."""
+
+OPTIONAL = {
+    "splats": {"transient", "masks", "segments", "features"},
+    "language": {"transient", "masks"},
+}
+"""Which of these a stage can do without; it says when it cannot."""
 
 TITLE = click.Option(["--title"], default="scene", show_default=True, help="What the scene is called.")
 
@@ -166,7 +186,10 @@ def stage_command(stage: str) -> click.Command:
 def _flags(stage: str) -> list[click.Parameter]:
     paths = [
         click.Option(
-            [f"--{name.replace('_', '-')}", name], type=ARTIFACT, required=True, help=about.capitalize() + "."
+            [f"--{name.replace('_', '-')}", name],
+            type=ARTIFACT,
+            required=name not in OPTIONAL.get(stage, ()),
+            help=about.capitalize() + ".",
         )
         for name, about in PATHS[stage].items()
     ]

@@ -85,6 +85,11 @@ STAGES = {
         ("numpy", "scipy", "torch", "torchmetrics", "zarr"),
         "Train 3D Gaussians on the pictures.",
     ),
+    "language": Stage(
+        "egosplat.language.stage",
+        ("numpy", "torch", "zarr"),
+        "Give each Gaussian the codes of what it shows, at every level.",
+    ),
     "contact_sheet": Stage(
         "egosplat.report.contact_sheet",
         ("matplotlib",),

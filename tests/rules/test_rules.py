@@ -21,6 +21,7 @@ OUTPUTS = {
     "transient": "transient.zarr",
     "masks": "masks.zarr",
     "splats": "splats.zarr",
+    "language": "language.zarr",
     "contact_sheet": "contact_sheet.png",
     "segments_sheet": "segments.png",
     "crops_sheet": "crops.png",

@@ -12,10 +12,12 @@ import numpy as np
 import pytest
 
 from egosplat import checking
+from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.integrity import ArtifactError
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reading import open_artifact, verify
 from egosplat.artifacts.schema import Field, Schema
+from egosplat.artifacts.view_features import VIEW_FEATURES
 from egosplat.artifacts.writing import create
 from egosplat.checking import SCHEMAS, check_tree
 from egosplat.provenance import Provenance
@@ -27,8 +29,11 @@ TINY = Schema(
         "rows": Field(("frame", "height", 3), "uint8", "-", "rows", by_row=True),
         "flags": Field(("frame",), "bool", "-", "flags"),
         "points/xyz": Field(("point", 3), "float64", "m", "points"),
+        "feature": Field(("view", 2), "float32", "-", "many short rows", by_row=3),
     },
 )
+VIEWS = 8
+"""Three chunks, of which the last is not full."""
 
 
 @pytest.fixture(autouse=True)
@@ -46,13 +51,19 @@ def write(path: Path, points: int = 5, inputs=None, seed: int = 0) -> dict[str, 
     rng = np.random.default_rng(seed)
     rows = rng.integers(0, 255, (4, 6, 3), dtype=np.uint8)
     rows[1] = 0  # an all-zero chunk must be stored like any other
-    values = {"rows": rows, "flags": np.zeros(4, bool), "points/xyz": rng.normal(size=(points, 3))}
+    values = {
+        "rows": rows,
+        "flags": np.zeros(4, bool),
+        "points/xyz": rng.normal(size=(points, 3)),
+        "feature": rng.normal(size=(VIEWS, 2)).astype(np.float32),
+    }
     with create(path, TINY, made(inputs)) as artifact:
         artifact.allocate("rows", rows.shape)
         for index, row in enumerate(rows):
             artifact.put_row("rows", index, row)
         artifact.put("flags", values["flags"])
         artifact.put("points/xyz", values["points/xyz"])
+        artifact.put("feature", values["feature"])
         artifact.facts = {"answer": 42}
     return values
 
@@ -111,7 +122,7 @@ def test_an_error_while_replacing_keeps_the_old_artifact(tmp_path):
             "size 5 along axis 'frame'",
         ),
         (lambda a: (a.allocate("rows", (4, 6, 3)), a.put_row("rows", 0, np.zeros((6, 3)))), "float64"),
-        (lambda a: None, "never written: flags, points/xyz, rows"),
+        (lambda a: None, "never written: feature, flags, points/xyz, rows"),
     ],
 )
 def test_a_writer_that_breaks_its_schema_is_stopped(tmp_path, fault, message):
@@ -130,6 +141,7 @@ def test_a_missing_row_is_an_error(tmp_path):
             artifact.put_row("rows", index, np.zeros((6, 3), np.uint8))
         artifact.put("flags", np.zeros(4, bool))
         artifact.put("points/xyz", np.zeros((0, 3)))
+        artifact.put("feature", np.zeros((0, 2), np.float32))
     assert leftovers(tmp_path) == []
 
 
@@ -153,6 +165,49 @@ def test_a_flipped_byte_is_named_when_it_is_read(tmp_path):
             read()
 
 
+def test_a_flipped_byte_in_a_chunk_of_several_rows_is_named_by_its_chunk(tmp_path):
+    values = write(tmp_path / "a.zarr")["feature"]
+    flip(tmp_path / "a.zarr/feature/c/1/0")
+    artifact = open_artifact(tmp_path / "a.zarr", TINY)
+    for sound in (0, 2, 6, 7):
+        np.testing.assert_array_equal(artifact.row("feature", sound), values[sound])
+    for read in (
+        lambda: artifact.row("feature", 3),
+        lambda: artifact.row("feature", 5),
+        lambda: artifact.read("feature"),
+        lambda: verify(artifact.path, SCHEMAS),
+    ):
+        with pytest.raises(ArtifactError, match=r"array 'feature', chunk 1 cannot be read"):
+            read()
+
+
+@pytest.mark.parametrize("rows, chunks", [(VIEWS, 3), (3, 1), (2, 1), (0, 0)])
+def test_a_chunk_holds_as_many_rows_as_declared(tmp_path, rows, chunks):
+    schema = Schema("tiny", 2, {"feature": TINY.fields["feature"]})
+    values = np.arange(2 * rows, dtype=np.float32).reshape(rows, 2)
+    with create(tmp_path / "whole.zarr", schema, made()) as artifact:
+        artifact.put("feature", values)
+    with create(tmp_path / "rows.zarr", schema, made()) as artifact:
+        artifact.allocate("feature", values.shape)
+        for index in reversed(range(rows)):
+            artifact.put_row("feature", index, values[index])
+    for name in ("whole.zarr", "rows.zarr"):
+        assert sum(file.is_file() for file in (tmp_path / name / "feature").glob("c/**/*")) == chunks
+        np.testing.assert_array_equal(open_artifact(tmp_path / name, schema).read("feature"), values)
+
+
+@pytest.mark.parametrize(
+    "declared, columns",
+    [
+        (VIEW_FEATURES.fields["feature"], 512),
+        (FEATURES.fields["supervision"], 512),
+        (FEATURES.fields["code"], 16),
+    ],
+)
+def test_what_views_have_lies_in_chunks_of_a_few_megabytes(declared, columns):
+    assert 1e6 < declared.by_row * columns * np.dtype(declared.dtype).itemsize < 1e7
+
+
 @pytest.mark.parametrize("cut", [0, 10])
 def test_a_truncated_chunk_is_named(tmp_path, cut):
     write(tmp_path / "a.zarr")
@@ -166,6 +221,7 @@ def test_a_truncated_chunk_is_named(tmp_path, cut):
     "damage, message",
     [
         (lambda p: (p / "rows/c/1/0/0").unlink(), "'rows' lacks 1 of 4 chunks"),
+        (lambda p: (p / "feature/c/1/0").unlink(), "'feature' lacks 1 of 3 chunks"),
         (lambda p: (p / "flags/zarr.json").unlink(), "array 'flags' is missing"),
         (lambda p: (p / "flags/zarr.json").write_text("{"), "array 'flags' is unreadable"),
         (lambda p: (p / "zarr.json").unlink(), "no readable Zarr group"),
@@ -263,5 +319,6 @@ def test_attributes_are_plain_json(tmp_path):
         artifact.allocate("rows", (0, 6, 3))
         artifact.put("flags", np.zeros(0, bool))
         artifact.put("points/xyz", np.zeros((0, 3)))
+        artifact.put("feature", np.zeros((0, 2), np.float32))
         artifact.facts = {"bad": float("nan")}
     assert not (tmp_path / "c.zarr").exists()

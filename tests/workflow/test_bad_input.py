@@ -91,6 +91,7 @@ def splats(scene: Path, **changes: object) -> list[object]:
         "output": scene / "new.zarr",
         "iterations": 1,
         "max-points": 50,
+        "masking": "none",
     } | changes
     return ["splats", *(word for name, value in flags.items() for word in (f"--{name}", value))]
 

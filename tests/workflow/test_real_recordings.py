@@ -14,7 +14,7 @@ from egosplat.artifacts.splats import SPLATS
 
 PICTURES = ("results/mine/scene/contact_sheet.png", "results/mine/scene/splats.png")
 
-BRIEFLY = "splats.iterations=30 splats.max_points=2000 splats.max_gaussians=2000"
+BRIEFLY = "splats.masking=none splats.iterations=30 splats.max_points=2000 splats.max_gaussians=2000"
 """Enough to see that training runs, not to see a scene."""
 
 

@@ -8,13 +8,15 @@ import pytest
 POSES = "results/adt/scene1/poses.zarr"
 MAIN = tuple(
     f"results/adt/scene1/{name}"
-    for name in ("contact_sheet.png", "segments.png", "crops.png", "masks.zarr", "splats.png")
+    for name in ("contact_sheet.png", "segments.png", "crops.png", "splats.png", "language.zarr")
 )
-AFTER_SPLATS = {"splats", "splats_sheet"}
-AFTER_TRANSIENT = {"transient", "masks"}
-AFTER_POSES = {"poses", "contact_sheet", *AFTER_TRANSIENT, *AFTER_SPLATS}
-AFTER_VIEWS = {"view_features", "features", "crops_sheet"}
-AFTER_SEGMENTS = {"segments", "segments_sheet", "masks", *AFTER_VIEWS}
+AFTER_SPLATS = {"splats", "splats_sheet", "language"}
+AFTER_MASKS = {"masks", *AFTER_SPLATS}
+AFTER_TRANSIENT = {"transient", *AFTER_MASKS}
+AFTER_POSES = {"poses", "contact_sheet", *AFTER_TRANSIENT}
+AFTER_FEATURES = {"features", "crops_sheet", "language"}
+AFTER_VIEWS = {"view_features", *AFTER_FEATURES}
+AFTER_SEGMENTS = {"segments", "segments_sheet", *AFTER_MASKS, *AFTER_VIEWS}
 AFTER_FRAMES = {"frames", "annotations", *AFTER_POSES, *AFTER_SEGMENTS}
 
 
@@ -30,10 +32,12 @@ def test_a_finished_run_has_nothing_to_do(workdir):
         ("poses: {method: colmap}", AFTER_POSES),
         ("segments: {segmenter: classical, min_frames: 4}", AFTER_SEGMENTS),
         ("view_features: {min_area: 0.001}", AFTER_VIEWS),
-        ("features: {mad_k: 2.5}", {"features", "crops_sheet"}),
+        ("features: {mad_k: 2.5}", AFTER_FEATURES),
         ("transient: {lambda2: 0.005}", AFTER_TRANSIENT),
-        ("masks: {threshold: 0.5}", {"masks"}),
+        ("masks: {threshold: 0.5}", AFTER_MASKS),
         ("splats: {iterations: 41}", AFTER_SPLATS),
+        ("splats: {masking: none}", AFTER_SPLATS),
+        ("language: {method: trained, iterations: 10}", {"language"}),
         ("annotations: {max_age_ms: 2.0}", {"annotations", "contact_sheet"}),
         ("frames: {stride: 2}", AFTER_FRAMES),
         ("synthetic: {objects: 17}", {"synthetic", *AFTER_FRAMES}),
@@ -50,18 +54,19 @@ def test_a_changed_key_reruns_its_stage_and_what_follows(workdir, config, expect
     "module, old, new, expected",
     [
         ("poses/adt.py", "\ndef adt_poses", "\nCHANGED = 1\n\n\ndef adt_poses", AFTER_POSES),
-        ("splats/train.py", "RECORD_EVERY = 10", "RECORD_EVERY = 20", AFTER_TRANSIENT | AFTER_SPLATS),
+        ("splats/train.py", "RECORD_EVERY = 10", "RECORD_EVERY = 20", AFTER_TRANSIENT),
         ("segments/merging.py", "MIN_COMMON_FRAMES = 2", "MIN_COMMON_FRAMES = 3", AFTER_SEGMENTS),
-        ("features/aggregation.py", "\nNORMS = (", "\nCHANGED = 1\nNORMS = (", {"features", "crops_sheet"}),
+        ("features/aggregation.py", "\nNORMS = (", "\nCHANGED = 1\nNORMS = (", AFTER_FEATURES),
         (
             "kernels/source/composite_backward.h",
             "int MOMENTS = 6;",
             "int MOMENTS = 7;",
-            AFTER_TRANSIENT | AFTER_SPLATS,
+            AFTER_TRANSIENT,
         ),
         ("kernels/source/composite.h", "// Compositing of", "// The compositing of", set()),
         ("splats/stage.py", "\ndef run", "\nCHANGED = 1\n\n\ndef run", AFTER_SPLATS),
-        ("transient/refinement.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", {"masks"}),
+        ("transient/refinement.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_MASKS),
+        ("language/lifting.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", {"language"}),
         ("report/splats_sheet.py", "PICTURES = 4", "PICTURES = 3", {"splats_sheet"}),
         (
             "frames/adt_annotations.py",

@@ -17,8 +17,10 @@ FEATURES = Schema(
         "instance": Field(("view",), "int32", "index", "instance; the rows of view_features.zarr"),
         "frame": Field(("view",), "int32", "index", "frame in frames.zarr"),
         "inlier": Field(("view",), "bool", "-", "views that agree with their instance's median"),
-        "supervision": Field(("view", "channel"), "float32", "-", "what the instance means in the frame"),
-        "code": Field(("view", "code"), "float32", "-", "supervision, compressed"),
+        "supervision": Field(
+            ("view", "channel"), "float32", "-", "what the instance means in the frame", by_row=2048
+        ),
+        "code": Field(("view", "code"), "float32", "-", "supervision, compressed", by_row=65536),
         "consistent_code": Field(("instance", "code"), "float32", "-", "consistent, compressed"),
         "decoder/values": Field(
             ("number",),

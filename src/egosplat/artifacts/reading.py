@@ -53,21 +53,24 @@ class Artifact:
             ArtifactError: a chunk does not match its checksum.
         """
         array = self._group[name]
-        if not array.size:
-            return np.empty(array.shape, array.dtype)
-        if self.schema.fields[name].by_row:
-            return np.stack([self.row(name, index) for index in range(array.shape[0])])
-        return self._checked(name, ...)
+        values = np.empty(array.shape, array.dtype)
+        if values.size:
+            # A chunk at a time, so that damage is told by its chunk.
+            rows = array.chunks[0]
+            for start in range(0, len(values), rows):
+                values[start : start + rows] = self._checked(array, name, slice(start, start + rows))
+        return values
 
     def row(self, name: str, index: int) -> NDArray[Any]:
         """Read one index of the first axis. Raises as ``read``."""
-        return self._checked(name, index)
+        return self._checked(self._group[name], name, index)
 
-    def _checked(self, name: str, selection: Any) -> NDArray[Any]:
+    def _checked(self, array: zarr.Array, name: str, selection: int | slice) -> NDArray[Any]:
         try:
-            return np.asarray(self._group[name][selection])
+            return np.asarray(array[selection])
         except (ValueError, RuntimeError, OSError, KeyError) as error:
-            where = "" if selection is ... else f", chunk {selection}"
+            first = selection.start if isinstance(selection, slice) else selection
+            where = "" if array.nchunks == 1 else f", chunk {first // array.chunks[0]}"
             reason = _reason(error)
             raise damaged(self.path, f"array {name!r}{where} cannot be read ({reason})") from error
 

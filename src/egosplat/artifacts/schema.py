@@ -13,14 +13,15 @@ class Field:
         dtype: NumPy name of the element type.
         unit: physical unit, or what the numbers count.
         about: what the array holds, with its axis convention.
-        by_row: one chunk for each index of the first axis (large arrays that are read a frame at a time).
+        by_row: how many indices of the first axis a chunk holds: ``True``, that is one, for what is read a frame
+            at a time; a number, of which the chunks have a few MB, for many short rows; ``False`` for all.
     """
 
     dims: tuple[str | int, ...]
     dtype: str
     unit: str
     about: str
-    by_row: bool = False
+    by_row: int = False
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from egosplat.artifacts.schema import Field, Schema
 
 SPLATS = Schema(
     "splats",
-    1,
+    2,
     {
         "means": Field(("gaussian", 3), "float32", "m", "centres, in the world of poses.zarr"),
         "quats": Field(("gaussian", 4), "float32", "-", "rotations to the world, wxyz, of any length but 0"),
@@ -17,6 +17,12 @@ SPLATS = Schema(
             "float32",
             "sRGB 0..1",
             "spherical harmonics of the direction from camera to centre, 3DGS's order; colour = max(sum + 0.5, 0)",
+        ),
+        "features": Field(
+            ("gaussian", "channel"),
+            "float32",
+            "-",
+            "codes of all levels, side by side, where they were trained with the geometry; else no column",
         ),
         "curve/iteration": Field(("record",), "int64", "iteration", "last iteration of each record"),
         "curve/loss": Field(

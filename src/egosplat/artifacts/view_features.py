@@ -10,7 +10,9 @@ VIEW_FEATURES = Schema(
             ("view",), "int32", "index", "instance in segments.zarr; rows go by instance, then frame"
         ),
         "frame": Field(("view",), "int32", "index", "frame in frames.zarr; training frames alone"),
-        "feature": Field(("view", "channel"), "float32", "-", "OpenCLIP's of the crop, of unit norm"),
+        "feature": Field(
+            ("view", "channel"), "float32", "-", "OpenCLIP's of the crop, of unit norm", by_row=2048
+        ),
         "area": Field(("view",), "int32", "px", "pixels of the instance's mask in the frame"),
         "box": Field(("view", 4), "int32", "px", "x0, y0, x1, y1 around the mask, the ends exclusive"),
         "instances/level": Field(("instance",), "int8", "index", "level of each instance, views or none"),

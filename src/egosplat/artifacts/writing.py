@@ -72,12 +72,12 @@ class Writer:
     def _create(self, name: str, shape: tuple[int, ...]) -> zarr.Array:
         declared = self._declared(name)
         check_shape(declared, shape, self._sizes, name)
-        chunks = (1, *shape[1:]) if declared.by_row else shape
+        rows = min(declared.by_row, shape[0]) if declared.by_row else shape[0]
         array = self._group.create_array(
             name,
             shape=shape,
             dtype=declared.dtype,
-            chunks=tuple(max(1, size) for size in chunks),
+            chunks=tuple(max(1, size) for size in (rows, *shape[1:])),
             compressors=[ZstdCodec(level=3), Crc32cCodec()],
             dimension_names=[dim if isinstance(dim, str) else None for dim in declared.dims],
             # An all-zero chunk is stored too: only then is a missing file known to be a loss.

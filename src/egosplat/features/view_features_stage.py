@@ -67,11 +67,8 @@ def run(
     pictures, tracks = open_artifact(frames, FRAMES), open_artifact(segments, SEGMENTS)
     check_belong_together(pictures, tracks)
     inputs = _Inputs(pictures, tracks, load_open_clip(clip_model, clip_checkpoint, device, precision))
-    origin = provenance.joint_origin(pictures.origin, tracks.origin)
-    made = provenance.begin(
-        "view_features", keys, origin, {one.path.name: one.digest for one in (pictures, tracks)}
-    )
     model = _about(inputs.clip, clip_model, clip_checkpoint)
+    made = _begin(keys, pictures, tracks, model["hash"])
     views = find_views(pictures, tracks, min_area, max_views)
     journal = Journal(output, bytes.fromhex(provenance.key_of(made, model)))
     features = _encoded(inputs, views, batch, journal)
@@ -86,6 +83,12 @@ def run(
     journal.remove()
     seen, count = len(np.unique(views.instance[good])), tracks.shape("instances/level")[0]
     log(f"{int(good.sum())} views of {seen} of {count} instances")
+
+
+def _begin(keys: dict[str, Any], pictures: Artifact, tracks: Artifact, clip_hash: str) -> Provenance:
+    origin = provenance.joint_origin(pictures.origin, tracks.origin)
+    inputs = {artifact.path.name: artifact.digest for artifact in (pictures, tracks)}
+    return provenance.begin("view_features", keys, origin, inputs, {CLIP.checkpoint_key: clip_hash})
 
 
 def _about(clip: OpenClip, model: str, checkpoint: str) -> dict[str, Any]:

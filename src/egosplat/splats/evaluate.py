@@ -53,7 +53,7 @@ def evaluate(
     scores = np.empty((len(views), 2))
     for index in range(len(views)):
         image = rendered(gaussians, views, index, options, sh_degree)
-        scores[index] = picture_scores(image, views.picture(index), views.weight)
+        scores[index] = picture_scores(image, views.picture(index), views.weight(index))
         show(index, (image * 255.0).round().to("cpu", torch.uint8).numpy())
     return Scores(scores[:, 0], scores[:, 1])
 
@@ -82,9 +82,9 @@ def picture_scores(image: Tensor, truth: Tensor, weight: Tensor | None) -> tuple
 
     Args:
         image, truth: (H, W, 3) float32 in [0, 1].
-        weight: (H, W) float32, 0 where invalid; None where all pixels are valid.
+        weight: (H, W) float32, of which pixels below a half are invalid; None where all are valid.
     """
-    valid = torch.ones_like(truth[..., 0], dtype=torch.bool) if weight is None else weight > 0
+    valid = torch.ones_like(truth[..., 0], dtype=torch.bool) if weight is None else weight >= 0.5
     psnr = peak_signal_noise_ratio(image[valid], truth[valid], data_range=1.0)
     shown = torch.where(valid[..., None], image, truth)
     pair = (picture.permute(2, 0, 1)[None].contiguous() for picture in (shown, truth))

@@ -23,7 +23,7 @@ class Objective(Protocol):
         """The loss of one iteration.
 
         Args:
-            image: (H, W, 3) float32 render, on the device of the views.
+            image: (H, W, 3 + F) float32 render, colours and features, on the device of the views.
             views: the photographs.
             index: which of them is rendered.
 
@@ -47,7 +47,7 @@ class Objective(Protocol):
 
 @dataclass(frozen=True)
 class L1Ssim:
-    """The loss of 3DGS within the lens circle; nothing is trained beside the Gaussians.
+    """The loss of 3DGS, weighted by 1 - M within the lens circle; nothing is trained beside the Gaussians.
 
     Attributes:
         ssim_lambda: share of 1 - SSIM in the loss; the rest is L1.
@@ -57,8 +57,8 @@ class L1Ssim:
     advice: str = "lower splats.position_lr, or raise splats.near_plane"
 
     def loss(self, image: Tensor, views: Views, index: int) -> Tensor:
-        """``egosplat.splats.loss.l1_ssim``."""
-        return l1_ssim(image, views.picture(index), views.weight, self.ssim_lambda)
+        """``egosplat.splats.loss.l1_ssim`` of the colours."""
+        return l1_ssim(image[..., :3], views.picture(index), views.weight(index), self.ssim_lambda)
 
     def step(self) -> None:
         """Nothing to do."""

@@ -8,24 +8,18 @@ from egosplat.artifacts.writing import Writer
 from egosplat.splats.gaussians import Gaussians
 from egosplat.splats.state import Curves
 
-STORED = ("means", "quats", "log_scales", "logit_opacities", "sh")
+STORED = ("means", "quats", "log_scales", "logit_opacities", "sh", "features")
 
 
 def put_gaussians(artifact: Writer, gaussians: Gaussians) -> None:
-    """Store the parameters; Gaussians with features have no place here.
-
-    Raises:
-        ValueError: there are features.
-    """
-    if gaussians.features.shape[1]:
-        raise ValueError(f"{gaussians.features.shape[1]} feature channels would be lost")
+    """Store the parameters."""
     for name in STORED:
         artifact.put(name, getattr(gaussians, name).detach().cpu().numpy())
 
 
 def read_gaussians(artifact: Artifact) -> Gaussians:
-    """The Gaussians of a splats artifact, on the CPU, without features and not requiring gradients."""
-    stored = {name: torch.from_numpy(artifact.read(name)) for name in STORED}
+    """The Gaussians of a splats artifact, on the CPU and not requiring gradients; without features, not to render them."""
+    stored = {name: torch.from_numpy(artifact.read(name)) for name in STORED if name != "features"}
     return Gaussians(**stored, features=torch.zeros(len(stored["means"]), 0))
 
 

@@ -1,17 +1,20 @@
 """Stage ``splats``: 3D Gaussians from pictures and poses."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from egosplat import provenance
+from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.writing import create
+from egosplat.errors import UserError
 from egosplat.progress import log
 from egosplat.provenance import Provenance
 from egosplat.splats.checkpoint import Checkpoint
@@ -19,13 +22,18 @@ from egosplat.splats.device import rasterizer_used, training_device
 from egosplat.splats.evaluate import evaluate
 from egosplat.splats.gaussians import Gaussians
 from egosplat.splats.initialise import scene_extent
+from egosplat.splats.language_objective import JointLanguage, with_codes
+from egosplat.splats.masking import Masking, open_masking
 from egosplat.splats.objective import L1Ssim, Objective
 from egosplat.splats.options import RenderOptions, TrainingOptions
 from egosplat.splats.saved import put_curves, put_gaussians
 from egosplat.splats.starting import starting_gaussians
 from egosplat.splats.state import TrainingState
+from egosplat.splats.targets import CodeTargets
 from egosplat.splats.train import Photographs, resume_and_train
 from egosplat.splats.views import check_belong_together, read_views, split_views
+
+_PATHS = ("frames", "poses", "output", "transient", "masks", "segments", "features")
 
 
 def run(
@@ -33,6 +41,13 @@ def run(
     poses: Path,
     output: Path,
     *,
+    transient: Path | None,
+    masks: Path | None,
+    segments: Path | None,
+    features: Path | None,
+    masking: str,
+    language: str,
+    lambda1: float,
     iterations: int,
     density: str,
     max_points: int,
@@ -55,13 +70,20 @@ def run(
 
     A run that was killed goes on from its last checkpoint, to the same Gaussians as without the kill.
 
+    Args:
+        frames, poses, output: paths.
+        transient: needed where ``masking`` is ``initial``; masks: where it is ``refined``.
+        segments, features: needed where ``language`` is ``joint``.
+
     Raises:
-        UserError: no training frame has a pose, the inputs do not belong together, the backend cannot run,
-            training diverges.
+        UserError: no training frame has a pose, an input lacks or does not belong to the others, the backend
+            cannot run, training diverges.
     """
-    keys = {key: value for key, value in locals().items() if key not in ("frames", "poses", "output")}
+    keys = {key: value for key, value in locals().items() if key not in _PATHS}
     pictures, walk = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
-    made = _begin(keys, pictures, walk)
+    moving = open_masking(masking, pictures, transient=transient, masks=masks)
+    words = _words(segments, features) if language == "joint" else ()
+    made = _begin(keys, pictures, walk, moving, words)
     options = TrainingOptions(
         render=RenderOptions(near_plane, background, antialiased, backend),
         iterations=iterations,
@@ -74,7 +96,7 @@ def run(
         min_improvement=min_improvement,
         seed=seed,
     )
-    photographs = _photographs(pictures, walk, options)
+    photographs = _photographs(pictures, walk, moving, options)
     start = starting_gaussians(
         walk,
         photographs.training.camera,
@@ -85,25 +107,50 @@ def run(
         seed=seed,
         device=photographs.training.device,
     )
+    objective: Objective = L1Ssim(ssim_lambda)
+    if words:
+        targets = CodeTargets(*words, photographs.training.device)
+        objective = JointLanguage(ssim_lambda, lambda1, targets)
+        start = replace(start, features=with_codes(start.count, targets, start.means.device))
     checkpoint = Checkpoint(output, provenance.key_of(made), checkpoint_s)
-    state = _trained(start, photographs, options, L1Ssim(ssim_lambda), checkpoint)
+    state = _trained(start, photographs, options, objective, checkpoint)
     _write(output, made, state, photographs, options)
     checkpoint.remove()
 
 
-def _begin(keys: dict[str, Any], pictures: Artifact, walk: Artifact) -> Provenance:
+def _words(segments: Path | None, features: Path | None) -> tuple[Artifact, Artifact]:
+    if segments is None or features is None:
+        raise UserError(
+            "splats.language = joint needs what codes are made from: give --segments and --features"
+        )
+    return open_artifact(segments, SEGMENTS), open_artifact(features, FEATURES)
+
+
+def _begin(
+    keys: dict[str, Any], pictures: Artifact, walk: Artifact, moving: Masking, words: tuple[Artifact, ...]
+) -> Provenance:
     check_belong_together(pictures, walk)
-    origin = provenance.joint_origin(pictures.origin, walk.origin)
-    inputs = {artifact.path.name: artifact.digest for artifact in (pictures, walk)}
-    return provenance.begin("splats", keys, origin, inputs)
+    used = [pictures, walk, *words]
+    if moving.artifact is not None:
+        used.append(moving.artifact)
+    origin = provenance.joint_origin(*(artifact.origin for artifact in used))
+    return provenance.begin(
+        "splats", keys, origin, {artifact.path.name: artifact.digest for artifact in used}
+    )
 
 
-def _photographs(pictures: Artifact, walk: Artifact, options: TrainingOptions) -> Photographs:
+def _photographs(
+    pictures: Artifact, walk: Artifact, moving: Masking, options: TrainingOptions
+) -> Photographs:
+    """What moves is left out of training and of what decides its end; held-out pictures are measured whole."""
     flags = pictures.read("train"), pictures.read("evaluation"), walk.read("registered")
     split = split_views(*flags, validate=options.patience > 0)
     device = training_device(options.render.backend)
-    parts = (split.training, split.validation, split.held_out)
-    photographs = Photographs(*(read_views(pictures, walk, chosen, device) for chosen in parts))
+    photographs = Photographs(
+        read_views(pictures, walk, split.training, moving, device),
+        read_views(pictures, walk, split.validation, moving, device),
+        read_views(pictures, walk, split.held_out, Masking(None, ""), device),
+    )
     counts = ", ".join(f"{len(views)} {name}" for name, views in _named(photographs).items())
     log(f"views: {counts}; on {rasterizer_used(options.render.backend, device)}")
     return photographs

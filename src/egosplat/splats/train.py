@@ -101,7 +101,7 @@ def iterate(state: TrainingState, views: Views, options: TrainingOptions, schedu
         antialiased=options.render.antialiased,
         backend=options.render.backend,
     )
-    loss = state.objective.loss(image[..., :3], views, index)
+    loss = state.objective.loss(image, views, index)
     regulariser = regularisation(state.gaussians, state.population.opacity_reg, state.population.scale_reg)
     meta["means2d"].retain_grad()
     total = loss if regulariser is None else loss + regulariser

@@ -10,6 +10,7 @@ from torch import Tensor
 from egosplat.artifacts.reading import Artifact
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
+from egosplat.splats.masking import Masking
 
 Mask = NDArray[np.bool_]
 
@@ -25,15 +26,17 @@ class Views:
         frame: (V,) int64 index of each in frames.zarr.
         pictures: (V, H, W, 3) uint8 sRGB, in the CPU's memory.
         camera_to_world: (V, 4, 4) float64, OpenCV axes, metres.
-        weight: (H, W) float32, 0 outside the lens circle and 1 inside; None where all pixels count.
+        valid: (H, W) float32, 0 outside the lens circle and 1 inside; None where all pixels are valid.
+        transient: (V, H, W) bool, or float16 in [0, 1], in the CPU's memory: the paper's M; None where nothing moves.
         camera: of all photographs.
-        device: where ``picture`` and ``weight`` are.
+        device: where ``picture``, ``valid`` and ``weight`` are.
     """
 
     frame: NDArray[np.int64]
     pictures: Tensor
     camera_to_world: NDArray[np.float64]
-    weight: Tensor | None
+    valid: Tensor | None
+    transient: Tensor | None
     camera: Camera
     device: torch.device
 
@@ -43,6 +46,24 @@ class Views:
     def picture(self, index: int) -> Tensor:
         """(H, W, 3) float32 in [0, 1] on ``device``."""
         return self.pictures[index].to(self.device).float().div_(255.0)
+
+    def weight(self, index: int) -> Tensor | None:
+        """(H, W) float32 weight of each pixel in a loss, 1 - M within the lens circle; None for ones."""
+        transient = None if self.transient is None else self.transient[index].to(self.device)
+        return pixel_weight(self.valid, transient)
+
+
+def pixel_weight(valid: Tensor | None, transient: Tensor | None) -> Tensor | None:
+    """The paper's 1 - M, and 0 outside the lens circle; None for ones.
+
+    Args:
+        valid: (H, W) float32; None where all pixels are valid.
+        transient: (H, W) bool or floating point in [0, 1]; None where nothing moves.
+    """
+    if transient is None:
+        return valid
+    static = 1.0 - transient.float()
+    return static if valid is None else valid * static
 
 
 @dataclass(frozen=True)
@@ -100,19 +121,27 @@ def check_belong_together(frames: Artifact, poses: Artifact) -> None:
         )
 
 
-def read_views(frames: Artifact, poses: Artifact, chosen: Mask, device: torch.device) -> Views:
+def read_views(
+    frames: Artifact, poses: Artifact, chosen: Mask, masking: Masking, device: torch.device
+) -> Views:
     """Read the frames at ``chosen`` (F,) bool, all of which have a pose, into memory."""
     rows = np.flatnonzero(chosen)
     _, height, width, _ = frames.shape("rgb")
     pictures = np.empty((len(rows), height, width, 3), np.uint8)
     for position, row in enumerate(rows):
         pictures[position] = frames.row("rgb", row)
-    valid = torch.from_numpy(frames.read("valid"))
     return Views(
         frame=rows.astype(np.int64),
         pictures=torch.from_numpy(pictures),
         camera_to_world=poses.read("camera_to_world")[rows],
-        weight=None if bool(valid.all()) else valid.to(device, torch.float32),
+        valid=read_valid(frames, device),
+        transient=masking.frames(rows),
         camera=Camera.from_matrix(poses.read("intrinsics"), width, height),
         device=device,
     )
+
+
+def read_valid(frames: Artifact, device: torch.device) -> Tensor | None:
+    """(H, W) float32, 0 outside the lens circle; None where all pixels are valid."""
+    valid = torch.from_numpy(frames.read("valid"))
+    return None if bool(valid.all()) else valid.to(device, torch.float32)

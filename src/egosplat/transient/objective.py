@@ -63,11 +63,11 @@ class InitialObjective:
         factor = CHANNELS[self._options.residual]
         self._iteration += 1
         if self._warming_up:
-            return factor * l2(image, picture, views.weight)
+            return factor * l2(image, picture, views.valid)
         probability = self.net(picture, *picture.shape[:2])
         self._probability[self._iteration - 1] = probability.detach().mean()
         static = 1.0 - probability
-        weight = static if views.weight is None else views.weight * static
+        weight = static if views.valid is None else views.valid * static
         return factor * l2(image, picture, weight) + self._options.lambda2 * probability.mean()
 
     def step(self) -> None:

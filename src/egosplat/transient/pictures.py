@@ -43,7 +43,8 @@ def read_reduced_views(
         frame=rows.astype(np.int64),
         pictures=torch.from_numpy(pictures),
         camera_to_world=poses.read("camera_to_world")[rows],
-        weight=None if bool(inside.all()) else inside.to(device, torch.float32),
+        valid=None if bool(inside.all()) else inside.to(device, torch.float32),
+        transient=None,
         camera=full.scaled_to(width, height),
         device=device,
     )

@@ -18,6 +18,7 @@ from egosplat.artifacts.view_features import VIEW_FEATURES
 from egosplat.checking import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.features import view_features_stage as stage
+from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
 
 KEYS = {"min_area": 0.0, "max_views": None, "batch": 4}
@@ -46,6 +47,7 @@ def test_what_the_artifact_says(scene, run, clip_keys):
     np.testing.assert_allclose(np.linalg.norm(views.read("feature"), axis=1), 1.0, rtol=1e-6)
     assert views.facts["levels"] == ["part", "whole"] and not views.facts["turned"]
     clip = views.facts["clip"]
+    assert views.provenance["models"] == {"clip_checkpoint": model_hash(CLIP, clip_keys)}
     assert clip["model"] == clip_keys["clip_model"] and len(clip["hash"]) == 16 and not clip["small"]
 
 

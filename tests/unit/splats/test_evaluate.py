@@ -24,7 +24,7 @@ def views(pictures, camera_to_world) -> Views:
     camera = Camera(24, 24, 22.0, 22.0, 12.0, 12.0)
     rows = np.array([2, 6])
     device = torch.device("cpu")
-    return Views(rows, torch.from_numpy(pictures[rows]), camera_to_world[rows], None, camera, device)
+    return Views(rows, torch.from_numpy(pictures[rows]), camera_to_world[rows], None, None, camera, device)
 
 
 def test_equal_pictures_are_perfect():

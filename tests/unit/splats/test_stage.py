@@ -19,12 +19,19 @@ from egosplat.splats import stage
 from egosplat.splats import train as training
 from egosplat.splats.saved import STORED, read_gaussians
 
-KEYS = defaults()["splats"] | {"iterations": 40, "max_gaussians": 60, "evaluate_every": 20, "sh_degree": 1}
+KEYS = defaults()["splats"] | {
+    "masking": "none",
+    "iterations": 40,
+    "max_gaussians": 60,
+    "evaluate_every": 20,
+    "sh_degree": 1,
+}
+NOTHING = dict.fromkeys(("transient", "masks", "segments", "features"))
 
 
 def run(folder: Path, name: str = "splats.zarr", **changes: object):
     """The verified artifact."""
-    stage.run(folder / "frames.zarr", folder / "poses.zarr", folder / name, **KEYS | changes)
+    stage.run(folder / "frames.zarr", folder / "poses.zarr", folder / name, **NOTHING, **KEYS | changes)
     return verify(folder / name, SCHEMAS)
 
 

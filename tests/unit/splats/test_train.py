@@ -41,7 +41,7 @@ def photographs(pictures, camera_to_world) -> Photographs:
         frame = np.array(rows, np.int64)
         camera, device = Camera(24, 24, 22.0, 22.0, 12.0, 12.0), torch.device("cpu")
         some = torch.from_numpy(pictures[frame])
-        return Views(frame, some, camera_to_world[frame], None, camera, device)
+        return Views(frame, some, camera_to_world[frame], None, None, camera, device)
 
     return Photographs(training=views(0, 1, 3, 5, 7, 8), validation=views(), held_out=views(4))
 
@@ -141,13 +141,13 @@ def test_every_view_comes_once_an_epoch(start):
 def test_pixels_outside_the_lens_circle_do_not_matter(trained, photographs):
     weight = torch.ones(24, 24)
     weight[:, :14] = 0.0
-    views = replace(photographs.training, weight=weight)
+    views = replace(photographs.training, valid=weight)
     other = views.pictures.clone()
     other[:, :, :4] = 255  # windows of SSIM that have a valid pixel begin at column 4
     dark = trained(replace(photographs, training=views))
     bright = trained(replace(photographs, training=replace(views, pictures=other)))
     assert same(dark.gaussians, bright.gaussians)
-    unmasked = trained(replace(photographs, training=replace(views, weight=None, pictures=other)))
+    unmasked = trained(replace(photographs, training=replace(views, valid=None, pictures=other)))
     assert not same(dark.gaussians, unmasked.gaussians)
 
 

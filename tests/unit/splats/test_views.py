@@ -9,9 +9,11 @@ from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reading import open_artifact
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
+from egosplat.splats.masking import Masking
 from egosplat.splats.views import check_belong_together, read_views, split_views
 
 CPU = torch.device("cpu")
+NOTHING = Masking(None, "")
 
 
 def mask(count: int, *rows: int) -> np.ndarray:
@@ -45,7 +47,7 @@ def test_too_few_views_are_refused():
 
 def test_views_are_the_chosen_frames(scene, pictures, camera_to_world):
     intrinsics = Camera(24, 24, 30.0, 31.0, 11.0, 13.0).matrix
-    views = read_views(*opened(scene(intrinsics=intrinsics)), mask(9, 1, 7), CPU)
+    views = read_views(*opened(scene(intrinsics=intrinsics)), mask(9, 1, 7), NOTHING, CPU)
     assert len(views) == 2 and views.frame.tolist() == [1, 7]
     np.testing.assert_array_equal(views.pictures.numpy(), pictures[[1, 7]])
     np.testing.assert_array_equal(views.camera_to_world, camera_to_world[[1, 7]])
@@ -58,15 +60,15 @@ def test_views_are_the_chosen_frames(scene, pictures, camera_to_world):
 
 def test_the_weight_is_the_lens_circle(scene):
     valid = np.ones((24, 24), bool)
-    assert read_views(*opened(scene()), mask(9, 0), CPU).weight is None
+    assert read_views(*opened(scene()), mask(9, 0), NOTHING, CPU).valid is None
     valid[:3, 5] = False
-    weight = read_views(*opened(scene(valid=valid)), mask(9, 0), CPU).weight
+    weight = read_views(*opened(scene(valid=valid)), mask(9, 0), NOTHING, CPU).valid
     assert weight.dtype == torch.float32
     np.testing.assert_array_equal(weight.numpy(), valid)
 
 
 def test_no_views_can_be_read(scene):
-    assert len(read_views(*opened(scene()), mask(9), CPU)) == 0
+    assert len(read_views(*opened(scene()), mask(9), NOTHING, CPU)) == 0
 
 
 def test_poses_of_other_frames_are_refused(scene, camera_to_world):

@@ -42,7 +42,7 @@ def views(pictures) -> Views:
     """All pictures, each of the same camera."""
     poses = np.tile(np.eye(4), (FRAME_COUNT, 1, 1))
     frames = np.arange(FRAME_COUNT)
-    return Views(frames, torch.from_numpy(pictures), poses, None, CAMERA, torch.device("cpu"))
+    return Views(frames, torch.from_numpy(pictures), poses, None, None, CAMERA, torch.device("cpu"))
 
 
 @pytest.fixture

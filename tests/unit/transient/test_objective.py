@@ -45,7 +45,7 @@ def test_the_loss_is_the_papers(views, residual, channels):
 def test_only_what_the_lens_sees_is_compared(views):
     objective, weight = make(lambda2=0.0), torch.zeros(32, 32)
     weight[:, 16:] = 1.0
-    masked = replace(views, weight=weight)
+    masked = replace(views, valid=weight)
     image = views.picture(0).clone()
     image[:, :16] += 0.5
     assert float(objective.loss(image, masked, 0)) == 0.0 < float(objective.loss(image, views, 0))

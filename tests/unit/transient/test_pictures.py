@@ -33,7 +33,7 @@ def test_views_keep_what_they_show(scene):
     assert views.frame.tolist() == [2] and views.pictures.shape == (1, 16, 16, 3)
     assert (views.camera.fx, views.camera.cx, views.camera.width) == (15.0, 8.0, 16)
     # A pixel of which a part lies outside the lens circle does not count.
-    assert float(views.weight[0, 0]) == 0.0 and float(views.weight.sum()) == 255.0
+    assert float(views.valid[0, 0]) == 0.0 and float(views.valid.sum()) == 255.0
     assert (
         read_reduced_views(frames, poses, np.zeros(6, bool), 16, torch.device("cpu")).pictures.shape[0] == 0
     )

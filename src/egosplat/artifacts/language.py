@@ -1,0 +1,31 @@
+"""What ``language.zarr`` holds: what each Gaussian of ``splats.zarr`` means, at every level."""
+
+from egosplat.artifacts.schema import Field, Schema
+
+LANGUAGE = Schema(
+    "language",
+    1,
+    {
+        "code": Field(
+            ("gaussian", "level", "channel"),
+            "float32",
+            "-",
+            "code, for the decoder of features.zarr; 0 where the share is 0; levels as the facts name them",
+        ),
+        "share": Field(
+            ("gaussian", "level"),
+            "float32",
+            "0..1",
+            "share of what the Gaussian shows in the training views at which the level has an instance with a code",
+        ),
+        "curve/iteration": Field(
+            ("record",), "int64", "iteration", "last iteration of each record of training"
+        ),
+        "curve/loss": Field(
+            ("record",),
+            "float64",
+            "-",
+            "mean loss of the iterations since the record before; none if not trained",
+        ),
+    },
+)

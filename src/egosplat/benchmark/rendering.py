@@ -1,0 +1,86 @@
+"""How well a held-out photograph is rendered: of all, of static and of dynamic pixels (M3.4)."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torchmetrics.functional.image import peak_signal_noise_ratio, structural_similarity_index_measure
+
+from egosplat.benchmark.queries import InstanceMap, Mask
+from egosplat.frames.recording import Instance
+
+Picture = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class RegionScore:
+    """Of one region of a picture; NaN where it has no pixel.
+
+    Attributes:
+        pixels: its size.
+        psnr: [dB], infinite where render and photograph are equal.
+        ssim: mean of the SSIM map over the region.
+    """
+
+    pixels: int
+    psnr: float
+    ssim: float
+
+
+def regions(instance_map: InstanceMap, instances: Sequence[Instance], valid: Mask) -> dict[str, Mask]:
+    """The pixels of each group.
+
+    Args:
+        instance_map: (H, W) int32, -1 where nothing is annotated; that counts as static.
+        instances: that the map's indices mean.
+        valid: (H, W) bool pixels that show the scene.
+
+    Returns:
+        (H, W) bool for ``static``, ``dynamic`` and ``all``, the valid pixels.
+    """
+    # The last entry is the one that -1 picks.
+    moves = np.array([*(one.motion_type == "dynamic" for one in instances), False])
+    dynamic = moves[instance_map] & valid
+    return {"static": valid & ~dynamic, "dynamic": dynamic, "all": valid}
+
+
+def region_scores(
+    render: Picture, photograph: Picture, valid: Mask, groups: Mapping[str, Mask]
+) -> dict[str, RegionScore]:
+    """PSNR and SSIM of each group of pixels.
+
+    SSIM compares the 11 x 11 pixels around each, so that a region's border also shows what lies beyond it; beyond the
+    valid pixels both pictures are the photograph.
+
+    Args:
+        render, photograph: (H, W, 3) uint8, at least 6 pixels a side.
+        valid: (H, W) bool pixels that show the scene.
+        groups: (H, W) bool each, within the valid ones.
+
+    Raises:
+        ValueError: shapes differ.
+    """
+    if render.shape != photograph.shape or valid.shape != photograph.shape[:2]:
+        raise ValueError(
+            f"render {render.shape}, photograph {photograph.shape} and valid {valid.shape} differ"
+        )
+    truth = _planar(photograph)
+    image = torch.where(torch.from_numpy(valid), _planar(render), truth)
+    _, similarity = structural_similarity_index_measure(image, truth, data_range=1.0, return_full_image=True)
+    return {name: _score(image, truth, similarity, torch.from_numpy(own)) for name, own in groups.items()}
+
+
+def _score(image: Tensor, truth: Tensor, similarity: Tensor, region: Tensor) -> RegionScore:
+    pixels = int(region.sum())
+    if not pixels:
+        return RegionScore(0, float("nan"), float("nan"))
+    psnr = peak_signal_noise_ratio(image[..., region], truth[..., region], data_range=1.0)
+    return RegionScore(pixels, float(psnr), float(similarity[..., region].mean()))
+
+
+def _planar(picture: Picture) -> Tensor:
+    """(H, W, 3) uint8 -> (1, 3, H, W) float32 in 0..1."""
+    return torch.from_numpy(picture).permute(2, 0, 1)[None].contiguous().float() / 255.0

@@ -1,0 +1,69 @@
+"""Closed-form lifting: each Gaussian gets the mean of what its pixels mean, weighted as it is rendered (M6.6).
+
+A picture is linear in the values of the Gaussians, with the compositing weights as coefficients. The transposed map,
+which is what backpropagation computes, therefore sums what pixels mean over all that a Gaussian is rendered to, in one
+pass a view, whatever renders.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from egosplat.language.rendering import Lens, render_values
+from egosplat.language.views import TaughtViews
+from egosplat.progress import track
+from egosplat.splats.gaussians import Gaussians
+
+_LEAST_WEIGHT = 1e-3
+"""Pixels that a Gaussian must have filled, in all views together, to have been seen."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lifted:
+    """What N Gaussians mean at L levels: ``code`` (N, L, C) and ``share`` (N, L), as language.zarr has them."""
+
+    code: Tensor
+    share: Tensor
+
+
+def lift(gaussians: Gaussians, views: TaughtViews, lens: Lens) -> Lifted:
+    """Weighted means over all views: ``f_g = sum w_gp F(p) / sum w_gp`` over the pixels p with a code (M6.6).
+
+    w is alpha times transmittance, times 1 - M. A Gaussian that no view shows has share 0.
+
+    Args:
+        gaussians: the scene, not requiring gradients.
+        views: at least one.
+        lens: how to render.
+    """
+    sums = seen = None
+    for index in track(range(len(views)), "lifting", unit="view"):
+        targets = views.targets(int(views.frame[index]))
+        weight = views.weight(index)
+        counted = targets.known.float() if weight is None else targets.known * weight
+        shown = counted.new_ones(counted.shape[1:]) if weight is None else weight
+        pixels = torch.cat([(targets.codes * counted[:, None]).flatten(0, 1), counted, shown[None]])
+        part = _summed(gaussians, pixels, views, index, lens)
+        sums = part if sums is None else sums + part
+        seen = targets
+    assert sums is not None and seen is not None
+    levels, channels = seen.codes.shape[:2]
+    code, known, all_ = sums.split([levels * channels, levels, 1], dim=1)
+    return _means(code.unflatten(1, (levels, channels)), known, all_)
+
+
+def _summed(gaussians: Gaussians, pixels: Tensor, views: TaughtViews, index: int, lens: Lens) -> Tensor:
+    """(N, X) what (X, H, W) pixels sum to over each Gaussian's weights."""
+    values = torch.zeros(gaussians.count, len(pixels), device=gaussians.means.device, requires_grad=True)
+    image, _ = render_values(gaussians, values, views.camera, views.camera_to_world[index], lens)
+    (sums,) = torch.autograd.grad(image, values, pixels.permute(1, 2, 0))
+    return sums
+
+
+def _means(code: Tensor, known: Tensor, seen: Tensor) -> Lifted:
+    """Sums divided by sums of weights; 0 where there are next to none."""
+    taught = known > _LEAST_WEIGHT
+    mean = torch.where(taught[..., None], code / known.clamp(min=_LEAST_WEIGHT)[..., None], 0.0)
+    share = torch.where(taught, known / seen.clamp(min=_LEAST_WEIGHT), 0.0).clamp(max=1.0)
+    return Lifted(mean, share)

@@ -1,0 +1,160 @@
+"""Stage ``language``: what each Gaussian means, at every level."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from egosplat import provenance
+from egosplat.artifacts.features import FEATURES
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.language import LANGUAGE
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.segments import SEGMENTS
+from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.writing import create
+from egosplat.errors import UserError
+from egosplat.language.lifting import Lifted, lift
+from egosplat.language.rendering import Lens, lens_of
+from egosplat.language.training import CodeOptions, CodeTraining, Curve, shown_codes
+from egosplat.language.views import TaughtViews, taught_views
+from egosplat.progress import log
+from egosplat.provenance import Provenance
+from egosplat.splats.checkpoint import Checkpoint
+from egosplat.splats.device import training_device
+from egosplat.splats.gaussians import Gaussians
+from egosplat.splats.masking import Masking, open_masking
+from egosplat.splats.saved import read_gaussians
+from egosplat.splats.targets import CodeTargets
+from egosplat.splats.views import check_belong_together
+
+_PATHS = ("frames", "poses", "segments", "features", "splats", "output", "transient", "masks")
+
+
+def run(
+    frames: Path,
+    poses: Path,
+    segments: Path,
+    features: Path,
+    splats: Path,
+    output: Path,
+    *,
+    transient: Path | None,
+    masks: Path | None,
+    method: str,
+    iterations: int,
+    lr: float,
+    unit_codes: bool,
+    checkpoint_s: float,
+    backend: str,
+    seed: int,
+) -> None:
+    """Write the language artifact of ``splats``; the keys are those of the schema's ``language``.
+
+    Where the codes were trained with the geometry, they are taken as they are, whatever the method. Pixels of what
+    moves weigh as in the training of the splats, and need the same artifact.
+
+    Args:
+        frames, poses, segments, features, splats, output: paths.
+        transient: needed where the splats' masking is ``initial``; masks: where it is ``refined``.
+
+    Raises:
+        UserError: an input lacks or does not belong to the others, the backend cannot run, training diverges.
+    """
+    keys = {key: value for key, value in locals().items() if key not in _PATHS}
+    pictures, walk = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
+    instances, words = open_artifact(segments, SEGMENTS), open_artifact(features, FEATURES)
+    scene = open_artifact(splats, SPLATS)
+    check_belong_together(pictures, walk)
+    moving = open_masking(scene.provenance["options"]["masking"], pictures, transient=transient, masks=masks)
+    made = _begin(keys, [pictures, walk, instances, words, scene], moving)
+    device = training_device(backend)
+    targets = CodeTargets(instances, words, device)
+    views = taught_views(pictures, walk, targets.of, moving, device)
+    gaussians = _on(read_gaussians(scene), device)
+    lens = lens_of(scene, backend)
+    lifted = lift(gaussians, views, lens)
+    checkpoint = Checkpoint(output, provenance.key_of(made), checkpoint_s)
+    code, curve = lifted.code, Curve()
+    if _is_joint(scene):
+        method, code = "joint", _joint_codes(scene, words, lifted, unit_codes)
+    elif method == "trained":
+        options = CodeOptions(iterations, lr, unit_codes, seed)
+        code, curve = _trained(gaussians, views, lens, lifted, options, checkpoint)
+    facts = {"levels": words.facts["levels"], "method": method, "views": len(views)}
+    _write(output, made, code, lifted.share, curve, facts)
+    checkpoint.remove()
+
+
+def _begin(keys: dict[str, Any], used: list[Artifact], moving: Masking) -> Provenance:
+    if moving.artifact is not None:
+        used = [*used, moving.artifact]
+    origin = provenance.joint_origin(*(artifact.origin for artifact in used))
+    return provenance.begin(
+        "language", keys, origin, {artifact.path.name: artifact.digest for artifact in used}
+    )
+
+
+def _on(gaussians: Gaussians, device: torch.device) -> Gaussians:
+    return Gaussians(**{name: tensor.to(device) for name, tensor in gaussians.parameters().items()})
+
+
+def _is_joint(splats: Artifact) -> bool:
+    return splats.provenance["options"]["language"] == "joint"
+
+
+def _joint_codes(splats: Artifact, features: Artifact, lifted: Lifted, unit_codes: bool) -> Tensor:
+    """The codes that the splats were trained with.
+
+    Raises:
+        UserError: they were trained with other features.
+    """
+    if splats.provenance["inputs"]["features.zarr"] != features.digest:
+        raise UserError(
+            f"{splats.path}: its codes were trained with other features than {features.path}; "
+            f"make it anew: snakemake --cores 2 {splats.path}"
+        )
+    stored = torch.from_numpy(splats.read("features")).to(lifted.code.device)
+    return shown_codes(stored.reshape(lifted.code.shape), unit_codes)
+
+
+def _trained(
+    gaussians: Gaussians,
+    views: TaughtViews,
+    lens: Lens,
+    lifted: Lifted,
+    options: CodeOptions,
+    checkpoint: Checkpoint,
+) -> tuple[Tensor, Curve]:
+    """A run that was killed goes on from its last checkpoint; an error of the user's removes it."""
+    training = CodeTraining(gaussians, *lifted.code.shape[1:], options)
+    if (saved := checkpoint.load()) is not None:
+        training.load_state_dict(saved)
+        log(f"training of codes goes on after iteration {training.iteration}")
+    try:
+        training.run(gaussians, views, lens, checkpoint)
+    except UserError:
+        checkpoint.remove()
+        raise
+    return shown_codes(training.code.detach(), options.unit_codes), training.curve
+
+
+def _write(
+    output: Path, made: Provenance, code: Tensor, share: Tensor, curve: Curve, facts: dict[str, Any]
+) -> None:
+    taught = share > 0
+    code = torch.where(taught[..., None], code, 0.0)
+    with create(output, LANGUAGE, made) as artifact:
+        artifact.put("code", code.cpu().numpy())
+        artifact.put("share", share.cpu().numpy())
+        artifact.put("curve/iteration", np.array(curve.iteration, np.int64))
+        artifact.put("curve/loss", np.array(curve.loss, np.float64))
+        artifact.facts = facts
+    shares = ", ".join(
+        f"{name} {float(part):.0%}"
+        for name, part in zip(facts["levels"], taught.float().mean(0), strict=True)
+    )
+    log(f"Gaussians with a meaning: {shares}")

@@ -1,0 +1,130 @@
+"""Codes trained by gradients, the geometry as it is: LangSplat's second stage (M2.3), for all levels at once."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from egosplat.errors import UserError
+from egosplat.language.rendering import Lens, render_values
+from egosplat.language.views import TaughtViews
+from egosplat.progress import track
+from egosplat.splats.checkpoint import Checkpoint
+from egosplat.splats.gaussians import Gaussians
+from egosplat.splats.language_objective import code_l1
+
+RECORD_EVERY = 10
+"""Iterations a record; a checkpoint is written at one, too."""
+
+
+@dataclass(frozen=True)
+class CodeOptions:
+    """How codes are trained.
+
+    Attributes:
+        iterations: one view each.
+        lr: Adam's learning rate.
+        unit_codes: whether each Gaussian's code of a level is brought to unit norm before it is rendered (M7 no. 9).
+        seed: of the order of views.
+    """
+
+    iterations: int
+    lr: float
+    unit_codes: bool
+    seed: int
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Last iteration and mean loss of each record."""
+
+    iteration: list[int] = field(default_factory=list)
+    loss: list[float] = field(default_factory=list)
+
+
+class CodeTraining:
+    """Where a training of codes stands.
+
+    Attributes:
+        code: (N, L, C) leaf.
+        curve: of the loss.
+        iteration: the last one done.
+    """
+
+    def __init__(self, gaussians: Gaussians, levels: int, channels: int, options: CodeOptions) -> None:
+        """Codes of 0, as LangSplat's."""
+        shape = (gaussians.count, levels, channels)
+        self.code = torch.zeros(shape, device=gaussians.means.device, requires_grad=True)
+        self.curve = Curve()
+        self.iteration = 0
+        self._options = options
+        self._adam = torch.optim.Adam([self.code], lr=options.lr, eps=1e-15)
+        self._generator = torch.Generator().manual_seed(options.seed)
+        self._order: list[int] = []
+        self._loss = self.code.new_zeros(())
+
+    def run(self, gaussians: Gaussians, views: TaughtViews, lens: Lens, checkpoint: Checkpoint) -> None:
+        """Go on until the last iteration.
+
+        Raises:
+            UserError: training diverges.
+        """
+        rest = range(self.iteration + 1, self._options.iterations + 1)
+        for iteration in track(rest, "training codes", unit="iteration"):
+            self._iterate(gaussians, views, lens)
+            self.iteration = iteration
+            if iteration % RECORD_EVERY == 0 or iteration == self._options.iterations:
+                self._record()
+                checkpoint.save_if_due(self.state_dict)
+
+    def _iterate(self, gaussians: Gaussians, views: TaughtViews, lens: Lens) -> None:
+        if not self._order:
+            self._order = torch.randperm(len(views), generator=self._generator).tolist()
+        index = self._order.pop()
+        targets = views.targets(int(views.frame[index]))
+        self._adam.zero_grad()
+        values = shown_codes(self.code, self._options.unit_codes).flatten(1)
+        image, _ = render_values(gaussians, values, views.camera, views.camera_to_world[index], lens)
+        codes = image.permute(2, 0, 1).unflatten(0, targets.codes.shape[:2])
+        loss = code_l1(codes, targets, views.weight(index))
+        loss.backward()
+        self._adam.step()
+        self._loss += loss.detach()
+
+    def _record(self) -> None:
+        before = self.curve.iteration[-1] if self.curve.iteration else 0
+        loss = float(self._loss) / (self.iteration - before)
+        self._loss.zero_()
+        if not (math.isfinite(loss) and bool(self.code.isfinite().all())):
+            raise UserError(f"training of codes diverged at iteration {self.iteration}; lower language.lr")
+        self.curve.iteration.append(self.iteration)
+        self.curve.loss.append(loss)
+
+    def state_dict(self) -> dict[str, Any]:
+        """All that ``load_state_dict`` needs to go on."""
+        return {
+            "code": self.code.detach(),
+            "adam": self._adam.state_dict(),
+            "generator": self._generator.get_state(),
+            "order": list(self._order),
+            "iteration": self.iteration,
+            "curve": [list(self.curve.iteration), list(self.curve.loss)],
+            "loss": self._loss,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from ``state_dict``."""
+        with torch.no_grad():
+            self.code.copy_(state["code"])
+        self._adam.load_state_dict(state["adam"])
+        self._generator.set_state(state["generator"])
+        self._order, self.iteration = state["order"], state["iteration"]
+        self.curve = Curve(*state["curve"])
+        self._loss = state["loss"].to(self.code.device)
+
+
+def shown_codes(code: Tensor, unit_codes: bool) -> Tensor:
+    """(N, L, C) codes as they are rendered: of unit norm where that is asked for, 0 where they are 0 (M2.3)."""
+    return torch.nn.functional.normalize(code, dim=-1, eps=1e-9) if unit_codes else code

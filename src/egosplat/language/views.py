@@ -1,0 +1,72 @@
+"""The views by which Gaussians learn what they mean."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from egosplat.artifacts.reading import Artifact
+from egosplat.geometry import Camera
+from egosplat.splats.masking import Masking
+from egosplat.splats.targets import Targets
+from egosplat.splats.views import pixel_weight, read_valid, split_views
+
+
+@dataclass(frozen=True, eq=False)
+class TaughtViews:
+    """V training views with what their pixels shall show.
+
+    Attributes:
+        frame: (V,) int64 index of each in frames.zarr.
+        camera_to_world: (V, 4, 4) float64, OpenCV axes, metres.
+        camera: of all views.
+        targets: gives what the pixels of a frame shall show.
+        valid: see ``egosplat.splats.views.Views``.
+        masking: what moves in each frame.
+        device: where everything is to be.
+    """
+
+    frame: NDArray[np.int64]
+    camera_to_world: NDArray[np.float64]
+    camera: Camera
+    targets: Callable[[int], Targets]
+    valid: Tensor | None
+    masking: Masking
+    device: torch.device
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    def weight(self, index: int) -> Tensor | None:
+        """(H, W) float32 weight of each pixel, the paper's 1 - M within the lens circle; None for ones."""
+        found = self.masking.frames(self.frame[index : index + 1])
+        return pixel_weight(self.valid, None if found is None else found[0].to(self.device))
+
+
+def taught_views(
+    frames: Artifact,
+    poses: Artifact,
+    targets: Callable[[int], Targets],
+    masking: Masking,
+    device: torch.device,
+) -> TaughtViews:
+    """All training frames with a pose.
+
+    Raises:
+        UserError: there is none.
+    """
+    flags = frames.read("train"), frames.read("evaluation"), poses.read("registered")
+    rows = np.flatnonzero(split_views(*flags, validate=False).training)
+    _, height, width, _ = frames.shape("rgb")
+    return TaughtViews(
+        frame=rows.astype(np.int64),
+        camera_to_world=poses.read("camera_to_world")[rows],
+        camera=Camera.from_matrix(poses.read("intrinsics"), width, height),
+        targets=targets,
+        valid=read_valid(frames, device),
+        masking=masking,
+        device=device,
+    )

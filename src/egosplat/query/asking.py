@@ -1,0 +1,80 @@
+"""Asking a scene: the codes of one view are rendered, then answered from."""
+
+from collections.abc import Iterator
+
+import torch
+from torch import Tensor
+
+from egosplat.features.decoding import Decoder
+from egosplat.geometry import Array, Camera
+from egosplat.language.rendering import Lens, render_codes
+from egosplat.query.answer import Answer, View, answer_from_codes
+from egosplat.query.options import QueryOptions
+from egosplat.query.smoothing import Mask
+from egosplat.query.text import Texts
+from egosplat.splats.gaussians import Gaussians
+from egosplat.splats.render import render
+
+
+def ask(
+    gaussians: Gaussians,
+    code: Tensor,
+    share: Tensor,
+    decoder: Decoder,
+    texts: Texts,
+    camera: Camera,
+    camera_to_world: Array,
+    valid: Mask | None,
+    lens: Lens,
+    options: QueryOptions,
+) -> Iterator[Answer]:
+    """Answer queries in one view of a scene.
+
+    Args:
+        gaussians: the scene: N Gaussians on any device.
+        code, share: (N, L, C) and (N, L) float32 of language.zarr, on the same device.
+        decoder: of features.zarr, that the codes were made for.
+        texts: the queries, by the model that features.zarr was made with.
+        camera, camera_to_world: of the picture that is asked.
+        valid: (H, W) bool pixels that show the scene, or None for all.
+        lens: how the Gaussians are rendered.
+        options: how queries are answered.
+
+    Returns:
+        The answers in the order of the queries.
+
+    Raises:
+        ValueError: see ``answer_from_codes``.
+    """
+    view = view_of(gaussians, code, share, camera, camera_to_world, valid, lens, options.resolution)
+    return answer_from_codes(view, decoder, texts, options)
+
+
+@torch.inference_mode()
+def view_of(
+    gaussians: Gaussians,
+    code: Tensor,
+    share: Tensor,
+    camera: Camera,
+    camera_to_world: Array,
+    valid: Mask | None,
+    lens: Lens,
+    resolution: int,
+) -> View:
+    """One view's codes and depth; arguments as ``ask``, and ``resolution`` as in ``QueryOptions``."""
+    drawn = rendering_camera(camera, resolution)
+    how = {"near_plane": lens.near_plane, "antialiased": lens.antialiased, "backend": lens.backend}
+    codes = render_codes(gaussians, code, share, drawn, camera_to_world, **how)
+    depth, _, _ = render(
+        gaussians, drawn, camera_to_world, sh_degree=0, background=None, render_mode="ED", **how
+    )
+    return View(codes.codes, codes.coverage, depth[..., 0], camera, camera_to_world, valid)
+
+
+def rendering_camera(camera: Camera, resolution: int) -> Camera:
+    """The camera with its longer side brought down to ``resolution`` [px]; itself where that is 0 or no less."""
+    longer = max(camera.width, camera.height)
+    if not 0 < resolution < longer:
+        return camera
+    width, height = (max(1, round(side * resolution / longer)) for side in (camera.width, camera.height))
+    return camera.scaled_to(width, height)

@@ -1,0 +1,65 @@
+"""How well what is seen fits what is asked for (paper, "Open-Vocabulary Querying"; LERF; M2.4)."""
+
+import torch
+from torch import Tensor
+
+from egosplat.features.decoding import Decoder, decode
+from egosplat.query.folding import fold
+from egosplat.query.text import Texts
+
+_NUMBERS_AT_ONCE = 2**18
+"""Of the widest layer of a decoder, in float32: 1 MiB, which stay in a processor's cache."""
+
+
+def relevancy(features: Tensor, queries: Tensor, canonical: Tensor, temperature: float) -> Tensor:
+    """Relevancy of features to queries: ``sigmoid(t (s_q - max_c s_c))``.
+
+    That is the paper's minimum over the canonical phrases c of exp(t s_q) / (exp(t s_q) + exp(t s_c)), without an
+    exponential that could overflow. It is 0.5 where the query fits as well as the best canonical phrase.
+
+    Args:
+        features: (..., D) float32 of unit norm; zeros, or numbers that are not finite, where there is none.
+        queries: (Q, D) float32; s_q is the inner product.
+        canonical: (K, D) float32, K at least 1.
+        temperature: t.
+
+    Returns:
+        (..., Q) float32 in [0, 1]; 0 where there is no feature.
+    """
+    fits = features @ queries.T - (features @ canonical.T).amax(dim=-1, keepdim=True)
+    # Of unit norm or of none, and a comparison with NaN is false.
+    there = (features.square().sum(dim=-1, keepdim=True) - 1.0).abs() < 0.5
+    return torch.where(there, torch.sigmoid(temperature * fits), 0.0)
+
+
+@torch.inference_mode()
+def relevancy_maps(codes: Tensor, seen: Tensor, decoder: Decoder, texts: Texts, temperature: float) -> Tensor:
+    """Relevancy of rendered codes to all queries; features are never held for more than a few thousand pixels.
+
+    Args:
+        codes: (L, H, W, C) float32, of full weight (divided by what they were weighted with).
+        seen: (L, H, W) bool, on the same device; other pixels are not decoded.
+        decoder: of the codes.
+        texts: Q queries and what they are compared with.
+        temperature: see ``relevancy``.
+
+    Returns:
+        (Q, L, H, W) float32 in [0, 1], on the codes' device; 0 where nothing is seen or a feature vanishes.
+
+    Raises:
+        ValueError: a code is not finite, or shapes do not belong together.
+    """
+    if codes.ndim != 4 or seen.shape != codes.shape[:-1]:
+        raise ValueError(f"codes {tuple(codes.shape)} and seen {tuple(seen.shape)} do not belong together")
+    if not codes.isfinite().all():
+        raise ValueError("codes hold numbers that are not finite")
+    count = len(texts.phrases)
+    maps = torch.zeros(count, seen.numel(), device=codes.device)
+    if not count:
+        return maps.reshape(count, *seen.shape)
+    folded, directions = fold(decoder, torch.cat([texts.queries, texts.canonical]).to(codes))
+    rows = codes.reshape(-1, codes.shape[-1])
+    for chosen in seen.flatten().nonzero()[:, 0].split(_NUMBERS_AT_ONCE // max(folded.widths)):
+        features = decode(rows[chosen], folded)
+        maps[:, chosen] = relevancy(features, directions[:count], directions[count:], temperature).T
+    return maps.reshape(count, *seen.shape)

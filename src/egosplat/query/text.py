@@ -1,0 +1,79 @@
+"""OpenCLIP's features of phrases."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from egosplat.errors import UserError
+from egosplat.features.vectors import unit, usable
+from egosplat.models.open_clip_loader import OpenClip
+
+_SPECIAL_TOKENS = 2
+"""Start and end, which stand around every text."""
+
+
+@dataclass(frozen=True, eq=False)
+class Texts:
+    """Q queries, and the K canonical phrases that they are compared with.
+
+    Attributes:
+        phrases: the queries' words.
+        queries: (Q, D) float32 of unit norm.
+        canonical: (K, D) float32 of unit norm, K at least 1.
+    """
+
+    phrases: tuple[str, ...]
+    queries: Tensor
+    canonical: Tensor
+
+    def in_parts(self, size: int) -> Iterator["Texts"]:
+        """The queries, at most ``size`` at a time, in order."""
+        for begin in range(0, len(self.phrases), size):
+            part = slice(begin, begin + size)
+            yield Texts(self.phrases[part], self.queries[part], self.canonical)
+
+
+def encode_texts(clip: OpenClip, phrases: Sequence[str], canonical: Sequence[str]) -> Texts:
+    """Queries and canonical phrases as the model sees them, word for word, without a template (M2.4).
+
+    Args:
+        clip: the model that made the features which are asked.
+        phrases: Q queries; may be none.
+        canonical: K phrases, at least one.
+
+    Raises:
+        UserError: see ``encode_phrases``.
+    """
+    return Texts(tuple(phrases), encode_phrases(clip, phrases), encode_phrases(clip, canonical))
+
+
+def encode_phrases(clip: OpenClip, phrases: Sequence[str]) -> Tensor:
+    """The features of phrases.
+
+    Returns:
+        (P, D) float32 of unit norm, on the CPU; (0, 0) of no phrase.
+
+    Raises:
+        UserError: a phrase is blank or longer than the model reads, or the model makes no direction of it.
+    """
+    if not phrases:
+        return torch.zeros(0, 0)
+    for phrase in phrases:
+        _check(clip, phrase)
+    with clip.compute.inference():
+        tokens = clip.tokenizer(list(phrases)).to(clip.compute.device)
+        features = clip.model.encode_text(tokens).float().cpu().numpy()
+    for phrase, good in zip(phrases, usable(features), strict=True):
+        if not good:
+            raise UserError(f"query {phrase!r}: the model of models.clip_checkpoint makes no direction of it")
+    return torch.from_numpy(unit(features)).float()
+
+
+def _check(clip: OpenClip, phrase: str) -> None:
+    if not phrase.strip():
+        raise UserError("query: is blank; say in a few words what to look for")
+    tokens, limit = len(clip.tokenizer.encode(phrase)), clip.tokenizer.context_length - _SPECIAL_TOKENS
+    if tokens > limit:
+        raise UserError(f"query {phrase!r}: has {tokens} tokens, the model reads {limit}; shorten it")

@@ -1,0 +1,79 @@
+"""What Gaussians shall show in words: the code of each pixel's instance, at every level."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from egosplat.artifacts.reading import Artifact
+from egosplat.errors import UserError
+
+
+@dataclass(frozen=True, eq=False)
+class Targets:
+    """Codes of one frame's pixels, at L levels of C channels each.
+
+    Attributes:
+        codes: (L, C, H, W) float32, 0 where there is none.
+        known: (L, H, W) bool, where there is one.
+    """
+
+    codes: Tensor
+    known: Tensor
+
+
+class CodeTargets:
+    """The supervision F of the paper's L_F, compressed, of any frame; read when it is asked for.
+
+    An instance has in each frame the code of its view there. Where it is too small to have been encoded it has the
+    consistent code, unless supervision is by the views' own features alone.
+    """
+
+    def __init__(self, segments: Artifact, features: Artifact, device: torch.device) -> None:
+        """``device``: where the targets are to be.
+
+        Raises:
+            UserError: the features are of other segments.
+        """
+        self._segments, self._device = segments, device
+        self._check(segments, features)
+        self._instance, self._frame = features.read("instance"), features.read("frame")
+        self._code = features.read("code")
+        self._common = features.read("consistent_code")
+        seen = features.read("views") > 0
+        views_alone = features.provenance["options"]["target"] == "view"
+        self._usable = np.zeros_like(seen) if views_alone else seen
+        self._named = seen
+        self.levels = segments.shape("labels")[1]
+        self.channels = self._code.shape[1]
+
+    @staticmethod
+    def _check(segments: Artifact, features: Artifact) -> None:
+        if segments.shape("instances/level") != features.shape("instances/level"):
+            raise UserError(
+                f"{features.path}: is of other segments than {segments.path}; make it anew: "
+                f"snakemake --cores 2 {features.path}"
+            )
+
+    def of(self, frame: int) -> Targets:
+        """What the pixels of a frame, by its index in frames.zarr, shall show."""
+        table, usable = self._table(frame)
+        labels = torch.from_numpy(self._segments.row("labels", frame)).to(self._device).long()
+        # The last entry of both is the one that -1 picks: nothing.
+        known = usable[labels]
+        codes = torch.stack([table[:, level] for level in labels])
+        return Targets(codes, known)
+
+    def _table(self, frame: int) -> tuple[Tensor, Tensor]:
+        """(C, N + 1) code of each instance in the frame, and whether it has one, (N + 1,)."""
+        codes, usable = self._common.copy(), self._usable.copy()
+        rows: NDArray[np.intp] = np.flatnonzero(self._frame == frame)
+        owners = self._instance[rows]
+        codes[owners] = self._code[rows]
+        usable[owners] = self._named[owners]
+        codes[~usable] = 0.0
+        table = np.concatenate([codes, np.zeros((1, codes.shape[1]), codes.dtype)])
+        flags = torch.from_numpy(np.append(usable, False))
+        return torch.from_numpy(np.ascontiguousarray(table.T)).to(self._device), flags.to(self._device)

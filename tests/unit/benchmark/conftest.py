@@ -1,0 +1,56 @@
+"""A recording with annotations: a chair, two books of which one moves, a person, and the room."""
+
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from egosplat.artifacts.annotations import ANNOTATIONS
+from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.writing import create
+from egosplat.frames.recording import Instance
+from egosplat.provenance import begin
+
+HEIGHT, WIDTH = 30, 40
+
+
+@pytest.fixture
+def instances() -> list[Instance]:
+    """0 a chair, 1 and 2 books, of which 2 moves, 3 a person, 4 the room."""
+    return [
+        Instance(11, "Chair_1", "dining chair", "static", "object"),
+        Instance(12, "Book_1", "book", "static", "object"),
+        Instance(13, "Book_2", "book", "dynamic", "object"),
+        Instance(14, "Ana", "person", "dynamic", "human"),
+        Instance(15, "Room", "shelter", "static", "object"),
+    ]
+
+
+@pytest.fixture
+def instance_map() -> np.ndarray:
+    """(30, 40) int32: all five, a left border without any; chair 80, books 24 and 60, person 50 pixels."""
+    labels = np.full((HEIGHT, WIDTH), 4, np.int32)
+    labels[:, :2] = -1
+    labels[2:10, 5:15] = 0
+    labels[12:16, 5:11] = 1
+    labels[12:18, 20:30] = 2
+    labels[20:30, 30:35] = 3
+    return labels
+
+
+@pytest.fixture
+def annotations(tmp_path: Path, instances: list[Instance]) -> Callable[..., Artifact]:
+    """``annotations(maps, annotated)``: the artifact of evaluation frames 10, 20, ... of the recording."""
+
+    def make(maps: np.ndarray, annotated: list[bool]) -> Artifact:
+        path = tmp_path / "annotations.zarr"
+        with create(path, ANNOTATIONS, begin("annotations", {}, "synthetic", {})) as artifact:
+            artifact.put("instance_map", maps)
+            artifact.put("frame", 10 * np.arange(1, len(maps) + 1))
+            artifact.put("annotated", np.array(annotated, bool))
+            artifact.facts = {"instances": [asdict(one) for one in instances]}
+        return open_artifact(path, ANNOTATIONS)
+
+    return make

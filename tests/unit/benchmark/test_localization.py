@@ -1,0 +1,63 @@
+"""Hits and accuracy."""
+
+import math
+
+import numpy as np
+import pytest
+
+from egosplat.benchmark.localization import accuracy, bounding_boxes, is_hit
+
+NOWHERE = np.zeros((0, 2), np.int64)
+
+
+@pytest.fixture
+def ring() -> np.ndarray:
+    """(20, 20) int32: instance 0 is a ring whose middle is instance 1; 2 is one pixel."""
+    labels = np.full((20, 20), -1, np.int32)
+    labels[4:13, 6:15] = 0
+    labels[7:10, 9:12] = 1
+    labels[19, 0] = 2
+    return labels
+
+
+def test_boxes_hold_their_first_and_last_pixel(ring):
+    assert bounding_boxes(ring, (0, 2)).tolist() == [[6, 4, 14, 12], [0, 19, 0, 19]]
+    assert bounding_boxes(ring, (5,)).shape == (0, 4)
+
+
+@pytest.mark.parametrize(
+    "pixel, box, mask",
+    [
+        ((6, 4), True, True),
+        ((14, 12), True, True),
+        ((15, 12), False, False),
+        ((5, 4), False, False),
+        ((10, 8), True, False),
+    ],
+)
+def test_box_and_mask(ring, pixel, box, mask):
+    candidates = np.array([pixel])
+    assert is_hit(candidates, ring, (0,), "box") is box and is_hit(candidates, ring, (0,), "mask") is mask
+
+
+@pytest.mark.parametrize("target", ["box", "mask"])
+def test_any_candidate_in_any_instance_hits(ring, target):
+    assert is_hit(np.array([[19, 0], [0, 19]]), ring, (0, 2), target)
+    assert not is_hit(np.array([[19, 0], [0, 19]]), ring, (0, 1), target)
+    assert not is_hit(NOWHERE, ring, (0, 1, 2), target)
+    assert not is_hit(np.array([[6, 4]]), ring, (7,), target)
+
+
+def test_a_box_is_one_instances(ring):
+    """Between two instances is in the box of neither."""
+    assert not is_hit(np.array([[3, 16]]), ring, (0, 2), "box")
+
+
+def test_an_unknown_target_is_refused(ring):
+    with pytest.raises(ValueError, match="'point'"):
+        is_hit(np.array([[0, 0]]), ring, (0,), "point")
+
+
+def test_accuracy():
+    assert accuracy(np.array([True, False, True, True])) == 0.75
+    assert math.isnan(accuracy(np.zeros(0, bool)))

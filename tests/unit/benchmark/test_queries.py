@@ -1,0 +1,70 @@
+"""What is asked in the benchmark."""
+
+import numpy as np
+import pytest
+
+from egosplat.benchmark.queries import BenchmarkQueries, Query, categories, find_queries, read_map
+
+ALL = BenchmarkQueries(min_area=0.0, excluded=(), people=True)
+
+
+def asked(instance_map, instances, options: BenchmarkQueries) -> dict[str, dict[str, tuple[int, ...]]]:
+    return dict(categories(instance_map, instances, options))
+
+
+def test_a_query_is_a_category_with_all_its_instances(instance_map, instances):
+    assert asked(instance_map, instances, ALL) == {
+        "book": {"static": (1,), "dynamic": (2,), "all": (1, 2)},
+        "dining chair": {"static": (0,), "all": (0,)},
+        "person": {"dynamic": (3,), "all": (3,)},
+        "shelter": {"static": (4,), "all": (4,)},
+    }
+
+
+def test_rooms_and_people_can_be_left_out(instance_map, instances):
+    options = BenchmarkQueries(min_area=0.0, excluded=("shelter",), people=False)
+    assert list(asked(instance_map, instances, options)) == ["book", "dining chair"]
+
+
+@pytest.mark.parametrize(
+    "pixels, expected",
+    [
+        (24, {"static": (1,), "dynamic": (2,), "all": (1, 2)}),
+        (25, {"dynamic": (2,), "all": (1, 2)}),
+        (61, {"all": (1, 2)}),
+        (85, None),
+    ],
+)
+def test_each_group_has_to_be_large_enough(instance_map, instances, pixels, expected):
+    options = BenchmarkQueries(min_area=pixels / instance_map.size, excluded=(), people=True)
+    assert asked(instance_map, instances, options).get("book") == expected
+
+
+def test_what_is_not_seen_is_not_asked(instance_map, instances):
+    instance_map[instance_map == 2] = 4
+    assert asked(instance_map, instances, ALL)["book"] == {"static": (1,), "all": (1,)}
+    assert asked(np.full((3, 3), -1, np.int32), instances, ALL) == {}
+    assert asked(np.full((3, 3), -1, np.int32), [], ALL) == {}
+
+
+def test_frames_without_annotation_are_left_out(annotations, instance_map):
+    artifact = annotations(np.stack([instance_map] * 3), [True, False, True])
+    options = BenchmarkQueries(min_area=0.06, excluded=("shelter",), people=True)
+    found = find_queries(artifact, np.ones(instance_map.shape, bool), options)
+    groups = {"static": (0,), "all": (0,)}
+    chairs = [Query(row, frame, "dining chair", groups) for row, frame in ((0, 10), (2, 30))]
+    assert [one for one in found if one.category == "dining chair"] == chairs and len(found) == 4
+
+
+def test_only_valid_pixels_count(annotations, instance_map):
+    artifact = annotations(instance_map[None], [True])
+    valid = np.zeros(instance_map.shape, bool)
+    valid[:11] = True
+    assert [one.category for one in find_queries(artifact, valid, ALL)] == ["dining chair", "shelter"]
+    assert (read_map(artifact, 0, valid)[11:] == -1).all()
+    np.testing.assert_array_equal(read_map(artifact, 0, valid)[:11], instance_map[:11])
+
+
+def test_a_recording_without_annotations_asks_nothing(annotations, instance_map):
+    artifact = annotations(instance_map[None], [False])
+    assert find_queries(artifact, np.ones(instance_map.shape, bool), ALL) == []

@@ -1,0 +1,90 @@
+"""PSNR and SSIM of parts of a picture."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from torchmetrics.functional.image import structural_similarity_index_measure
+
+from egosplat.benchmark.rendering import region_scores, regions
+
+
+@pytest.fixture
+def photograph() -> np.ndarray:
+    """(30, 40, 3) uint8 noise from 50 to 199."""
+    return np.random.default_rng(0).integers(50, 200, (30, 40, 3), dtype=np.uint8)
+
+
+@pytest.fixture
+def valid(instance_map) -> np.ndarray:
+    return instance_map >= 0
+
+
+@pytest.fixture
+def groups(instance_map, instances, valid) -> dict[str, np.ndarray]:
+    return regions(instance_map, instances, valid)
+
+
+def test_what_moves_is_dynamic_and_the_rest_static(instance_map, groups, valid):
+    np.testing.assert_array_equal(groups["dynamic"], np.isin(instance_map, (2, 3)))
+    np.testing.assert_array_equal(groups["static"], np.isin(instance_map, (0, 1, 4)))
+    np.testing.assert_array_equal(groups["all"], valid)
+
+
+def test_what_is_not_annotated_is_static(instance_map, instances):
+    groups = regions(instance_map, instances, np.ones(instance_map.shape, bool))
+    assert groups["static"][:, :2].all() and groups["all"].all()
+    nothing = regions(np.full((8, 8), -1, np.int32), [], np.ones((8, 8), bool))
+    assert nothing["static"].all() and not nothing["dynamic"].any()
+
+
+def test_equal_pictures_are_perfect(photograph, valid, groups):
+    found = region_scores(photograph, photograph, valid, groups)
+    assert {name: one.pixels for name, one in found.items()} == {"static": 1030, "dynamic": 110, "all": 1140}
+    for one in found.values():
+        assert one.psnr == math.inf and one.ssim == pytest.approx(1.0, abs=1e-6)
+
+
+def test_an_error_is_where_it_is(photograph, valid, groups):
+    """20 of 255 on what moves: 20 log10(255 / 20) dB there, and less by the share of pixels over all."""
+    render = photograph.copy()
+    render[groups["dynamic"]] += 20
+    found = region_scores(render, photograph, valid, groups)
+    expected = 20 * math.log10(255 / 20)
+    assert found["dynamic"].psnr == pytest.approx(expected, abs=1e-3) and found["static"].psnr == math.inf
+    assert found["all"].psnr == pytest.approx(expected + 10 * math.log10(1140 / 110), abs=1e-3)
+    assert found["dynamic"].ssim < found["all"].ssim < 1.0
+    assert found["all"].ssim == pytest.approx(
+        (1030 * found["static"].ssim + 110 * found["dynamic"].ssim) / 1140
+    )
+
+
+def test_all_of_a_valid_picture_is_torchmetrics_ssim(photograph):
+    render = np.random.default_rng(1).integers(50, 200, photograph.shape, dtype=np.uint8)
+    whole = np.ones(photograph.shape[:2], bool)
+    pair = (torch.from_numpy(one / 255.0).float().permute(2, 0, 1)[None] for one in (render, photograph))
+    expected = structural_similarity_index_measure(*pair, data_range=1.0)
+    assert region_scores(render, photograph, whole, {"all": whole})["all"].ssim == pytest.approx(
+        float(expected)
+    )
+
+
+def test_pixels_that_are_not_valid_do_not_count(photograph, valid, groups):
+    render = photograph.copy()
+    render[5, 10] = 0
+    expected = region_scores(render, photograph, valid, groups)
+    render[~valid] = 255
+    assert region_scores(render, photograph, valid, groups) == expected
+
+
+def test_a_region_without_pixels_has_no_scores(photograph, valid):
+    found = region_scores(photograph, photograph, valid, {"dynamic": np.zeros_like(valid)})["dynamic"]
+    assert found.pixels == 0 and math.isnan(found.psnr) and math.isnan(found.ssim)
+
+
+def test_other_shapes_are_refused(photograph, valid):
+    with pytest.raises(ValueError, match="differ"):
+        region_scores(photograph[1:], photograph, valid, {})
+    with pytest.raises(ValueError, match="differ"):
+        region_scores(photograph, photograph, valid[1:], {})

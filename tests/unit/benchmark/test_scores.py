@@ -1,0 +1,74 @@
+"""The scores of a scene."""
+
+import math
+
+import numpy as np
+import pytest
+
+from egosplat.benchmark.intervals import IntervalOptions
+from egosplat.benchmark.queries import BenchmarkQueries, Query, categories
+from egosplat.benchmark.scores import QueryScore, score_query, summarise
+
+OPTIONS = IntervalOptions(confidence=0.95, resamples=200, seed=0)
+
+
+@pytest.fixture
+def queries(instance_map, instances) -> list[Query]:
+    """Book (static and dynamic), dining chair, person."""
+    asked = BenchmarkQueries(min_area=0.0, excluded=("shelter",), people=True)
+    return [Query(0, 10, name, groups) for name, groups in categories(instance_map, instances, asked)]
+
+
+def answer(instance_map: np.ndarray, query: Query) -> tuple[np.ndarray, np.ndarray]:
+    """A perfect one: a pixel of the first instance, and all pixels of the category."""
+    mask = np.isin(instance_map, query.instances["all"])
+    rows, columns = np.nonzero(instance_map == query.instances["all"][0])
+    return np.array([[columns[0], rows[0]]]), mask
+
+
+@pytest.mark.parametrize("target", ["box", "mask"])
+def test_perfect_answers(instance_map, queries, target):
+    scores = [score_query(one, *answer(instance_map, one), instance_map, None, target) for one in queries]
+    found = summarise(scores, OPTIONS)
+    assert [found[name].count for name in ("static", "dynamic", "all")] == [2, 2, 3]
+    assert (found["all"].accuracy, found["all"].mean_iou) == (1.0, 1.0)
+    assert found["all"].mean_iou_interval.low == 1.0 and found["all"].accuracy_interval.low < 0.6
+    # Of the books the static one is hit, and the mask of both is larger than that of either.
+    assert found["static"].accuracy == 1.0 and found["dynamic"].accuracy == 0.5
+    assert found["static"].mean_iou == pytest.approx((24 / 84 + 1) / 2)
+    assert found["dynamic"].mean_iou == pytest.approx((60 / 84 + 1) / 2)
+
+
+def test_no_answers(instance_map, queries):
+    nothing = np.zeros((0, 2), np.int64), np.zeros(instance_map.shape, bool)
+    found = summarise([score_query(one, *nothing, instance_map, None, "box") for one in queries], OPTIONS)
+    assert (found["all"].accuracy, found["all"].mean_iou, found["all"].count) == (0.0, 0.0, 3)
+
+
+def test_answers_to_other_questions_are_chance():
+    """On ten equal stripes an answer to a random one of ten questions is right in a tenth of the cases."""
+    stripes = np.repeat(np.arange(10, dtype=np.int32), 4)[None].repeat(8, axis=0)
+    rng, scores = np.random.default_rng(0), []
+    for frame in range(60):
+        for own, other in enumerate(rng.permutation(10)):
+            query = Query(frame, frame, str(own), {"static": (own,), "all": (own,)})
+            given = np.array([[4 * other + 1, 5]]), stripes == other
+            scores.append(score_query(query, *given, stripes, None, "box"))
+    found = summarise(scores, OPTIONS)["all"]
+    assert found.count == 600 and 0.06 < found.accuracy < 0.14 and found.mean_iou == found.accuracy
+    assert found.accuracy_interval.low < 0.1 < found.accuracy_interval.high
+
+
+def test_all_need_not_lie_between_static_and_dynamic():
+    """Mixed categories count once in all, and in both others."""
+    mixed = QueryScore(
+        {"static": True, "dynamic": False, "all": True}, {"static": 0.2, "dynamic": 0.1, "all": 0.3}
+    )
+    found = summarise([mixed, mixed], OPTIONS)
+    assert (found["static"].count, found["dynamic"].count, found["all"].count) == (2, 2, 2)
+    assert found["all"].mean_iou > max(found["static"].mean_iou, found["dynamic"].mean_iou)
+
+
+def test_without_queries_there_are_no_scores():
+    for found in summarise([], OPTIONS).values():
+        assert found.count == 0 and math.isnan(found.accuracy) and math.isnan(found.mean_iou)

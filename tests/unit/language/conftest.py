@@ -1,0 +1,174 @@
+"""A wall of Gaussians, its left half one instance and its right half another, as artifacts and in memory."""
+
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.artifacts.features import FEATURES
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.masks import MASKS
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reading import Artifact, open_artifact, recorded_digest
+from egosplat.artifacts.segments import SEGMENTS
+from egosplat.artifacts.transient import TRANSIENT
+from egosplat.artifacts.writing import create
+from egosplat.geometry import Camera
+from egosplat.language.rendering import Lens
+from egosplat.provenance import begin
+from egosplat.splats.gaussians import Gaussians
+from egosplat.splats.initialise import from_points
+from egosplat.splats.render import render
+
+SIZE = 24
+FRAME_COUNT = 5
+HELD_OUT = 2
+CAMERA = Camera(SIZE, SIZE, 22.0, 22.0, SIZE / 2, SIZE / 2)
+LEVELS = ["part", "whole"]
+CODES = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, -0.5], [0.3, 0.3, 0.3]], np.float32)
+"""Of the instances: 0 is the left half and 1 the right half, both at level 1; 2 is the middle, at level 0."""
+
+
+@pytest.fixture(scope="session")
+def lens() -> Lens:
+    return Lens(near_plane=0.1, antialiased=False, backend="auto")
+
+
+@pytest.fixture(scope="session")
+def wall() -> Gaussians:
+    """Opaque Gaussians on a plane 2 m ahead."""
+    grid = np.stack(np.meshgrid(np.linspace(-1.6, 1.6, 16), np.linspace(-1.6, 1.6, 16), [2.0]), axis=-1)
+    xyz = grid.reshape(-1, 3)
+    rgb = np.random.default_rng(0).integers(256, size=(len(xyz), 3), dtype=np.uint8)
+    gaussians = from_points(xyz, rgb, sh_degree=0, feature_channels=0, max_points=1000, seed=0)
+    gaussians.logit_opacities.fill_(4.0)
+    return gaussians
+
+
+@pytest.fixture(scope="session")
+def camera_to_world() -> np.ndarray:
+    """(5, 4, 4) a small step to the right for each frame, looking ahead."""
+    poses = np.tile(np.eye(4), (FRAME_COUNT, 1, 1))
+    poses[:, 0, 3] = np.linspace(-0.2, 0.2, FRAME_COUNT)
+    return poses
+
+
+@pytest.fixture(scope="session")
+def labels(camera_to_world) -> np.ndarray:
+    """(5, 2, 24, 24) instances."""
+    found = np.full((FRAME_COUNT, 2, SIZE, SIZE), -1, np.int32)
+    columns = np.arange(SIZE) + 0.5
+    for frame, pose in enumerate(camera_to_world):
+        x = (columns - CAMERA.cx) / CAMERA.fx * 2.0 + pose[0, 3]
+        found[frame, 1] = np.where(x < 0, 0, 1)
+        found[frame, 0, 8:16] = np.where(np.abs(x) < 0.5, 2, -1)
+    return found
+
+
+@pytest.fixture
+def scene(tmp_path, wall, camera_to_world, labels) -> Callable[..., Path]:
+    """``scene(target=..., rows=..., **changes)``: a folder with all that the stage reads but the splats.
+
+    Args:
+        target: as features.target; rows: (instance, frame) of the views that were encoded, by default all.
+    """
+
+    def make(target: str = "average", rows: list[tuple[int, int]] | None = None) -> Path:
+        options = {"sh_degree": 0, "background": None, "near_plane": 0.1, "antialiased": False}
+        images = torch.stack(
+            [render(wall, CAMERA, pose, backend="auto", **options)[0] for pose in camera_to_world]
+        )
+        held_out = np.arange(FRAME_COUNT) == HELD_OUT
+        facts = {"recording": "a recording", "format": "plain", "upright": True, "camera": asdict(CAMERA)}
+        frames = {
+            "rgb": (images.clamp(0, 1) * 255).round().to(torch.uint8).numpy(),
+            "valid": np.ones((SIZE, SIZE), bool),
+            "timestamp_ns": np.arange(FRAME_COUNT, dtype=np.int64),
+            "exposure_middle_ns": np.arange(FRAME_COUNT, dtype=np.int64),
+            "train": ~held_out,
+            "evaluation": held_out,
+        }
+        poses = {
+            "camera_to_world": camera_to_world,
+            "intrinsics": CAMERA.matrix,
+            "registered": np.ones(FRAME_COUNT, bool),
+            "up": np.array([0.0, -1.0, 0.0]),
+            "points/xyz": wall.means.double().numpy(),
+            "points/rgb": np.full((wall.count, 3), 128, np.uint8),
+        }
+        segments = {
+            "labels": labels,
+            "instances/level": np.array([1, 1, 0], np.int8),
+            "instances/predicted_iou": np.ones(3, np.float32),
+            "instances/stability": np.ones(3, np.float32),
+            "instances/first_frame": np.zeros(3, np.int64),
+        }
+        everything = [(instance, frame) for instance in range(3) for frame in range(FRAME_COUNT)]
+        views = np.array(everything if rows is None else rows, np.int32).reshape(-1, 2)
+        features = {
+            "consistent": CODES,
+            "views": np.ones(3, np.int32),
+            "instances/level": segments["instances/level"],
+            "instance": views[:, 0],
+            "frame": views[:, 1],
+            "inlier": np.ones(len(views), bool),
+            "supervision": CODES[views[:, 0]],
+            "code": CODES[views[:, 0]],
+            "consistent_code": CODES,
+            "decoder/values": np.zeros(0, np.float32),
+        }
+        moving = np.zeros((FRAME_COUNT, SIZE, SIZE), bool)
+        moving[:, :, :4] = True
+        _write(tmp_path, "frames", FRAMES, frames, facts)
+        _write(tmp_path, "poses", POSES, poses, facts, ["frames"])
+        _write(tmp_path, "segments", SEGMENTS, segments, {"levels": LEVELS}, ["frames"])
+        _write(
+            tmp_path,
+            "features",
+            FEATURES,
+            features,
+            {"levels": LEVELS, "decoder": {"widths": [3]}},
+            [],
+            {"target": target},
+        )
+        masks = {
+            "refined": moving,
+            "instances/score": np.zeros(3, np.float32),
+            "instances/transient": np.zeros(3, bool),
+        }
+        _write(tmp_path, "masks", MASKS, masks, {}, ["segments"])
+        transient = {
+            "probability": moving.astype(np.float16) / 2,
+            "weights": np.zeros(1, np.float32),
+            "curve/iteration": np.zeros(0, np.int64),
+            "curve/loss": np.zeros(0),
+            "curve/probability": np.zeros(0),
+        }
+        _write(tmp_path, "transient", TRANSIENT, transient, {}, ["frames"])
+        return tmp_path
+
+    return make
+
+
+def _write(folder, name, schema, arrays, facts, inputs=(), options=None) -> None:
+    digests = {f"{other}.zarr": recorded_digest(folder / f"{other}.zarr") for other in inputs}
+    made = begin(name, options or {}, "synthetic", digests)
+    with create(folder / f"{name}.zarr", schema, made) as artifact:
+        for key, values in arrays.items():
+            artifact.put(key, values)
+        artifact.facts = facts
+
+
+@pytest.fixture
+def opened() -> Callable[[Path], tuple[Artifact, Artifact, Artifact, Artifact]]:
+    """``opened(folder)``: frames, poses, segments and features."""
+
+    def open_all(folder: Path) -> tuple[Artifact, Artifact, Artifact, Artifact]:
+        kinds = {"frames": FRAMES, "poses": POSES, "segments": SEGMENTS, "features": FEATURES}
+        found = [open_artifact(folder / f"{name}.zarr", schema) for name, schema in kinds.items()]
+        return found[0], found[1], found[2], found[3]
+
+    return open_all

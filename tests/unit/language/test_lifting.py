@@ -1,0 +1,111 @@
+"""Closed-form lifting, against weights that are found one Gaussian at a time."""
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.language.lifting import lift
+from egosplat.language.rendering import render_codes, render_values
+from egosplat.language.views import TaughtViews, taught_views
+from egosplat.splats.gaussians import Gaussians
+from egosplat.splats.masking import Masking, open_masking
+from egosplat.splats.targets import CodeTargets
+
+CPU = torch.device("cpu")
+
+
+@pytest.fixture
+def views(scene, opened):
+    """``views(masked)``: the training views of the scene."""
+
+    def make(masked: bool = False, **changes: object) -> TaughtViews:
+        folder = scene(**changes)
+        frames, poses, segments, features = opened(folder)
+        moving = open_masking("refined", frames, transient=None, masks=folder / "masks.zarr")
+        masking = moving if masked else Masking(None, "")
+        return taught_views(frames, poses, CodeTargets(segments, features, CPU).of, masking, CPU)
+
+    return make
+
+
+@pytest.mark.parametrize("masked", [False, True])
+def test_lifted_codes_are_means_by_rendering_weight(wall, views, lens, masked):
+    given = views(masked)
+    lifted = lift(wall, given, lens)
+    # Each column of the identity shows where one Gaussian is rendered, and how much of it.
+    codes, known, seen = torch.zeros(wall.count, 2, 3), torch.zeros(wall.count, 2), torch.zeros(wall.count)
+    for index in range(len(given)):
+        image, _ = render_values(
+            wall, torch.eye(wall.count), given.camera, given.camera_to_world[index], lens
+        )
+        targets, weight = given.targets(int(given.frame[index])), given.weight(index)
+        counted = targets.known * (torch.ones(24, 24) if weight is None else weight)
+        codes += torch.einsum("hwn,lchw,lhw->nlc", image, targets.codes, counted)
+        known += torch.einsum("hwn,lhw->nl", image, counted)
+        seen += torch.einsum("hwn,hw->n", image, torch.ones(24, 24) if weight is None else weight)
+    taught = known > 1e-3
+    torch.testing.assert_close(
+        lifted.code, torch.where(taught[..., None], codes / known[..., None], 0.0), rtol=1e-4, atol=1e-5
+    )
+    torch.testing.assert_close(
+        lifted.share, torch.where(taught, known / seen[:, None], 0.0), rtol=1e-4, atol=1e-5
+    )
+
+
+def test_each_half_gets_the_code_of_its_instance(wall, views, lens):
+    lifted = lift(wall, views(), lens)
+    inside = (wall.means[:, 0].abs() > 0.4) & (wall.means[:, :2].abs() < 1.0).all(dim=1)
+    left, right = inside & (wall.means[:, 0] < 0), inside & (wall.means[:, 0] > 0)
+    assert left.any() and right.any()
+    for half, code in ((left, [1.0, 0.0, 0.5]), (right, [0.0, 1.0, -0.5])):
+        torch.testing.assert_close(
+            lifted.code[half, 1], torch.tensor(code).expand(int(half.sum()), 3), atol=0.05, rtol=0
+        )
+        assert float(lifted.share[half, 1].min()) == pytest.approx(1.0)
+    far = wall.means[:, 1].abs() > 1.2  # no instance at level 0 there
+    assert float(lifted.share[far, 0].max()) == 0.0 and float(lifted.code[far, 0].abs().max()) == 0.0
+
+
+def test_what_no_view_shows_means_nothing(wall, views, lens):
+    behind = wall.select(torch.arange(3))
+    behind.means[:, 2] = -5.0
+    lifted = lift(Gaussians.concatenate([wall, behind]), views(), lens)
+    assert float(lifted.share[-3:].abs().max()) == 0.0 and float(lifted.code[-3:].abs().max()) == 0.0
+    assert bool(lifted.code.isfinite().all()) and bool((lifted.share <= 1).all())
+
+
+def test_rendered_codes_are_those_that_were_lifted(wall, views, lens, camera_to_world, labels):
+    given = views()
+    lifted = lift(wall, given, lens)
+    found = render_codes(
+        wall,
+        lifted.code,
+        lifted.share,
+        given.camera,
+        camera_to_world[2],  # held out
+        near_plane=lens.near_plane,
+        antialiased=lens.antialiased,
+        backend=lens.backend,
+    )
+    assert found.codes.shape == (2, 24, 24, 3) and found.coverage.shape == (2, 24, 24)
+    nearest = torch.cdist(
+        found.codes[1].reshape(-1, 3), torch.tensor([[1.0, 0.0, 0.5], [0.0, 1.0, -0.5]])
+    ).argmin(dim=1)
+    assert float((nearest.reshape(24, 24).numpy() == labels[2, 1]).mean()) > 0.95
+    assert float(found.coverage.max()) <= 1.0 + 1e-5
+    none = found.coverage[0] <= 1e-6
+    assert bool(none.any()) and float(found.codes[0][none].abs().max()) == 0.0
+
+
+def test_a_gaussian_without_share_has_no_say(wall, camera_to_world, lens, views):
+    code = torch.zeros(wall.count, 1, 2)
+    code[: wall.count // 2] = torch.tensor([1.0, 2.0])
+    code[wall.count // 2 :] = 1e6
+    share = torch.zeros(wall.count, 1)
+    share[: wall.count // 2] = 0.25
+    options = {"near_plane": 0.1, "antialiased": False, "backend": "auto"}
+    found = render_codes(wall, code, share, views().camera, camera_to_world[0], **options)
+    covered = found.coverage[0] > 1e-6
+    assert bool(covered.any())
+    values = found.codes[0][covered]
+    np.testing.assert_allclose(values.numpy(), np.tile([1.0, 2.0], (len(values), 1)), rtol=1e-3)

@@ -1,0 +1,114 @@
+"""The stage from artifacts to the artifact."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from egosplat.artifacts.reading import verify
+from egosplat.checking import SCHEMAS
+from egosplat.config import defaults
+from egosplat.errors import UserError
+from egosplat.language import stage
+from egosplat.splats import stage as splats_stage
+
+KEYS = defaults()["language"] | {"iterations": 20, "lr": 0.02}
+SPLATS = defaults()["splats"] | {
+    "iterations": 20,
+    "max_gaussians": 300,
+    "evaluate_every": 20,
+    "sh_degree": 0,
+    "masking": "none",
+}
+
+
+def train(folder: Path, **changes: object) -> None:
+    paths = {name: folder / f"{name}.zarr" for name in ("masks", "transient", "segments", "features")}
+    splats_stage.run(
+        folder / "frames.zarr",
+        folder / "poses.zarr",
+        folder / "splats.zarr",
+        **paths,
+        **SPLATS | changes,
+    )
+
+
+def run(folder: Path, name: str = "language.zarr", masks: bool = True, **changes: object):
+    """The verified artifact."""
+    inputs = [folder / f"{kind}.zarr" for kind in ("frames", "poses", "segments", "features", "splats")]
+    moving = {kind: folder / f"{kind}.zarr" if masks else None for kind in ("masks", "transient")}
+    stage.run(*inputs, folder / name, **moving, **KEYS | changes)
+    return verify(folder / name, SCHEMAS)
+
+
+def test_what_the_artifact_says(scene):
+    folder = scene()
+    train(folder, masking="refined")
+    found = run(folder)
+    assert found.origin == "synthetic" and set(found.provenance["inputs"]) == {
+        f"{name}.zarr" for name in ("frames", "poses", "segments", "features", "splats", "masks")
+    }
+    assert found.facts == {"levels": ["part", "whole"], "method": "lifted", "views": 4}
+    assert found.shape("code")[1:] == (2, 3) and found.shape("curve/loss") == (0,)
+    assert not found.read("code")[found.read("share") == 0].any()
+
+
+@pytest.mark.parametrize("method", ["lifted", "trained"])
+def test_equal_runs_are_equal_and_nothing_else_is_left(scene, method):
+    folder = scene()
+    train(folder)
+    before = {path.name for path in folder.iterdir()}
+    assert run(folder, method=method).digest == run(folder, "again.zarr", method=method).digest
+    assert {path.name for path in folder.iterdir()} - before == {"language.zarr", "again.zarr"}
+
+
+def test_codes_trained_with_the_geometry_are_taken_as_they_are(scene):
+    folder = scene()
+    train(folder, language="joint")
+    splats, found = verify(folder / "splats.zarr", SCHEMAS), run(folder)
+    assert found.facts["method"] == "joint"
+    taught = found.read("share") > 0
+    stored = splats.read("features").reshape(found.shape("code"))
+    assert taught.any() and np.array_equal(found.read("code")[taught], stored[taught])
+    unit = run(folder, "unit.zarr", unit_codes=True).read("code")[taught]
+    norms = np.linalg.norm(unit, axis=-1)
+    trained = stored[taught].any(axis=-1)
+    assert trained.any() and norms == pytest.approx(np.where(trained, 1.0, 0.0), abs=1e-5)
+
+
+def test_joint_codes_of_other_features_are_refused(scene):
+    folder = scene()
+    train(folder, language="joint")
+    splats = (folder / "splats.zarr").rename(folder / "kept")
+    for path in folder.glob("*.zarr"):
+        shutil.rmtree(path)
+    scene(rows=[(0, 0), (1, 0)])
+    splats.rename(folder / "splats.zarr")
+    with pytest.raises(UserError, match="other features"):
+        run(folder)
+
+
+def test_masks_that_are_needed_must_be_given(scene):
+    folder = scene()
+    train(folder, masking="refined")
+    with pytest.raises(UserError, match="give --masks"):
+        run(folder, masks=False)
+
+
+def test_the_network_alone_can_mask(scene):
+    folder = scene()
+    train(folder, masking="initial")
+    assert "transient.zarr" in run(folder).provenance["inputs"]
+
+
+def test_joint_training_needs_what_codes_are_made_from(scene):
+    folder = scene()
+    with pytest.raises(UserError, match="--segments and --features"):
+        splats_stage.run(
+            folder / "frames.zarr",
+            folder / "poses.zarr",
+            folder / "s.zarr",
+            **dict.fromkeys(("transient", "masks", "segments", "features")),
+            **SPLATS | {"language": "joint"},
+        )

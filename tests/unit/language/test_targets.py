@@ -1,0 +1,32 @@
+"""What pixels shall mean, by view, by instance, and not at all."""
+
+import torch
+
+from egosplat.splats.targets import CodeTargets
+
+CPU = torch.device("cpu")
+
+
+def targets(opened, folder, frame: int):
+    _, _, segments, features = opened(folder)
+    return CodeTargets(segments, features, CPU).of(frame)
+
+
+def test_pixels_have_the_code_of_their_instance(scene, opened, labels):
+    found = targets(opened, scene(), 0)
+    assert found.codes.shape == (2, 3, 24, 24) and found.known.shape == (2, 24, 24)
+    assert torch.equal(found.known, torch.from_numpy(labels[0] >= 0))
+    left = torch.from_numpy(labels[0, 1] == 0)
+    assert found.codes[1][:, left].T.unique(dim=0).tolist() == [[1.0, 0.0, 0.5]]
+    assert float(found.codes[0][:, ~found.known[0]].abs().max()) == 0.0
+
+
+def test_a_view_too_small_to_be_encoded_has_the_consistent_code(scene, opened):
+    found = targets(opened, scene(rows=[(0, 0)]), 0)
+    assert bool(found.known[1].all())
+
+
+def test_without_aggregation_it_has_none(scene, opened, labels):
+    found = targets(opened, scene(target="view", rows=[(0, 0)]), 0)
+    assert torch.equal(found.known[1], torch.from_numpy(labels[0, 1] == 0))
+    assert not found.known[0].any()

@@ -1,0 +1,67 @@
+"""Codes trained by gradients."""
+
+import pytest
+import torch
+
+from egosplat.errors import UserError
+from egosplat.language.training import CodeOptions, CodeTraining, shown_codes
+from egosplat.language.views import taught_views
+from egosplat.splats.checkpoint import Checkpoint
+from egosplat.splats.language_objective import code_l1
+from egosplat.splats.masking import Masking
+from egosplat.splats.targets import CodeTargets, Targets
+
+CPU = torch.device("cpu")
+OPTIONS = CodeOptions(iterations=60, lr=0.05, unit_codes=False, seed=0)
+
+
+@pytest.fixture
+def views(scene, opened):
+    frames, poses, segments, features = opened(scene())
+    return taught_views(frames, poses, CodeTargets(segments, features, CPU).of, Masking(None, ""), CPU)
+
+
+@pytest.fixture
+def checkpoint(tmp_path):
+    return Checkpoint(tmp_path / "language.zarr", "key", 1e9)
+
+
+def test_the_loss_falls_and_each_half_learns_its_code(wall, views, lens, checkpoint):
+    training = CodeTraining(wall, 2, 3, OPTIONS)
+    training.run(wall, views, lens, checkpoint)
+    assert training.curve.iteration == [10, 20, 30, 40, 50, 60]
+    assert training.curve.loss[-1] < 0.2 * training.curve.loss[0]
+    left = (wall.means[:, 0] < -0.4) & (wall.means[:, :2].abs() < 0.9).all(dim=1)
+    expected = torch.tensor([1.0, 0.0, 0.5])
+    assert float((training.code.detach()[left, 1].mean(dim=0) - expected).abs().max()) < 0.2
+
+
+def test_a_run_goes_on_to_the_same_codes(wall, views, lens, checkpoint):
+    whole = CodeTraining(wall, 2, 3, OPTIONS)
+    whole.run(wall, views, lens, checkpoint)
+    half = CodeTraining(wall, 2, 3, CodeOptions(30, 0.05, False, 0))
+    half.run(wall, views, lens, checkpoint)
+    rest = CodeTraining(wall, 2, 3, OPTIONS)
+    rest.load_state_dict(half.state_dict())
+    rest.run(wall, views, lens, checkpoint)
+    assert torch.equal(whole.code, rest.code) and whole.curve == rest.curve
+
+
+def test_a_learning_rate_far_too_large_ends_training(wall, views, lens, checkpoint):
+    training = CodeTraining(wall, 2, 3, CodeOptions(20, 3e37, False, 0))
+    with pytest.raises(UserError, match=r"language\.lr"):
+        training.run(wall, views, lens, checkpoint)
+
+
+def test_unit_codes():
+    code = torch.tensor([[[3.0, 4.0], [0.0, 0.0]]])
+    assert shown_codes(code, True).tolist() == [[[pytest.approx(0.6), pytest.approx(0.8)], [0.0, 0.0]]]
+    assert shown_codes(code, False) is code
+
+
+def test_pixels_without_a_code_or_weight_count_in_the_denominator_alone():
+    rendered = torch.tensor([1.0, 2.0, 3.0, 4.0]).reshape(1, 1, 2, 2)
+    targets = Targets(torch.zeros(1, 1, 2, 2), torch.tensor([[[True, True], [False, True]]]))
+    weight = torch.tensor([[1.0, 0.5], [1.0, 0.0]])
+    assert float(code_l1(rendered, targets, weight)) == pytest.approx((1.0 + 1.0) / 4)
+    assert float(code_l1(rendered, targets, None)) == pytest.approx((1.0 + 2.0 + 4.0) / 4)

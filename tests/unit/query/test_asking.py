@@ -1,0 +1,65 @@
+"""Asking Gaussians."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.features.decoding import Decoder
+from egosplat.geometry import Camera
+from egosplat.language.rendering import Lens
+from egosplat.query.asking import ask, rendering_camera, view_of
+from egosplat.query.options import LANGSPLAT
+from egosplat.query.text import Texts
+from egosplat.splats.gaussians import Gaussians
+
+CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)
+LENS = Lens(near_plane=0.1, antialiased=False, backend="auto")
+IDENTITY = Decoder((4,), np.zeros(0, np.float32))
+
+
+@pytest.fixture
+def scene() -> tuple[Gaussians, torch.Tensor, torch.Tensor]:
+    """Two opaque balls at 2 m, left and right, that mean directions 0 and 1 at the one level there is."""
+    means = torch.tensor([[-0.5, 0.0, 2.0], [0.5, 0.1, 2.0]])
+    gaussians = Gaussians(
+        means,
+        torch.tensor([[1.0, 0.0, 0.0, 0.0]]).repeat(2, 1),
+        torch.full((2, 3), 0.1).log(),
+        torch.full((2,), 4.0),
+        torch.zeros(2, 1, 3),
+        torch.zeros(2, 0),
+    )
+    return gaussians, torch.eye(4)[:2, None], torch.ones(2, 1)
+
+
+@pytest.mark.parametrize("resolution", [0, 32])
+def test_things_are_found_where_they_are(scene, resolution):
+    texts = Texts(("left", "right"), torch.eye(4)[:2], torch.eye(4)[2:3])
+    options = replace(LANGSPLAT, smoothing_px=4, resolution=resolution)
+    answers = ask(*scene, IDENTITY, texts, CAMERA, np.eye(4), None, LENS, options)
+    for answer, place in zip(answers, scene[0].means.numpy(), strict=True):
+        assert answer.score > 0.99 and answer.mask.shape == (48, 64)
+        assert np.abs(answer.position - place).max() < 0.15 and answer.position[2] == pytest.approx(
+            2.0, abs=1e-3
+        )
+        assert answer.mask.any() and not answer.mask[:, 30:34].any()
+
+
+def test_a_gaussian_without_a_share_says_nothing(scene):
+    gaussians, code, share = scene
+    share[1] = 0.0
+    view = view_of(gaussians, code, share, CAMERA, np.eye(4), None, LENS, 0)
+    assert view.codes.shape == (1, 48, 64, 4) and view.coverage.shape == (1, 48, 64)
+    assert view.coverage[0, :, :32].max() > 0.9 and view.coverage[0, :, 34:].max() == 0.0
+    assert view.depth.shape == (48, 64) and view.depth[24, 48] == pytest.approx(2.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    "resolution, size", [(0, (64, 48)), (64, (64, 48)), (1000, (64, 48)), (32, (32, 24)), (1, (1, 1))]
+)
+def test_the_longer_side_is_brought_down(resolution, size):
+    camera = rendering_camera(CAMERA, resolution)
+    assert (camera.width, camera.height) == size
+    assert camera.cx / camera.width == pytest.approx(0.5)

@@ -1,0 +1,47 @@
+"""Folded decoders give the same cosines."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.features.decoding import Decoder, decode
+from egosplat.query.folding import fold
+
+
+def decoder(*widths: int, scale: float = 1.0) -> Decoder:
+    rng = np.random.default_rng(0)
+    count = sum(wide * (narrow + 1) for narrow, wide in pairwise(widths))
+    return Decoder(widths, (scale * rng.normal(size=count)).astype(np.float32))
+
+
+@pytest.mark.parametrize("widths, folded", [((3, 40), (3, 4)), ((3, 8, 16, 64), (3, 8, 16, 17))])
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_cosines_stay(widths, folded, scale):
+    generator = torch.Generator().manual_seed(1)
+    codes = torch.randn(50, widths[0], generator=generator)
+    directions = torch.nn.functional.normalize(torch.randn(6, widths[-1], generator=generator), dim=-1)
+    whole = decoder(*widths, scale=scale)
+    small, projected = fold(whole, directions)
+    assert small.widths == folded and projected.shape == (6, folded[-1]) and projected.dtype == torch.float32
+    expected = decode(codes, whole) @ directions.T
+    torch.testing.assert_close(decode(codes, small) @ projected.T, expected, rtol=0, atol=2e-6)
+    assert (expected.abs() > 0.05).any()
+
+
+def test_features_without_a_direction_stay_without():
+    without_bias = Decoder((2, 9), np.r_[np.ones(18), np.zeros(9)].astype(np.float32))
+    small, _ = fold(without_bias, torch.eye(9))
+    assert not decode(torch.zeros(1, 2), small).any()
+
+
+@pytest.mark.parametrize("widths", [(4,), (4, 5), (4, 3), (3, 8, 9)])
+def test_what_gains_nothing_is_left_as_it_is(widths):
+    whole, directions = decoder(*widths), torch.ones(2, widths[-1])
+    assert fold(whole, directions) == (whole, directions)
+
+
+def test_directions_of_another_model_are_refused():
+    with pytest.raises(ValueError, match="not of 40 channels"):
+        fold(decoder(3, 40), torch.ones(2, 41))

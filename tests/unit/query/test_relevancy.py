@@ -1,0 +1,112 @@
+"""How well features fit queries."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.features.decoding import Decoder, decode
+from egosplat.query import relevancy as module
+from egosplat.query.relevancy import relevancy, relevancy_maps
+from egosplat.query.text import Texts
+
+IDENTITY = Decoder((6,), np.zeros(0, np.float32))
+
+
+def unit(*shape: int, seed: int = 0) -> torch.Tensor:
+    return torch.nn.functional.normalize(
+        torch.randn(*shape, generator=torch.Generator().manual_seed(seed)), dim=-1
+    )
+
+
+@pytest.fixture
+def texts() -> Texts:
+    return Texts(("a", "b", "c"), unit(3, 6, seed=1), unit(4, 6, seed=2))
+
+
+@pytest.mark.parametrize("temperature, expected", [(10.0, 0.62246), (1.0, 0.51250)])
+def test_reference_values(temperature, expected):
+    feature = torch.tensor([1.0, 0.0])
+    query = torch.tensor([[0.30, 0.0]])
+    canonical = torch.tensor([[0.25, 0.0], [0.20, 0.0], [0.22, 0.0], [0.18, 0.0]])
+    assert relevancy(feature, query, canonical, temperature).item() == pytest.approx(expected, abs=5e-6)
+
+
+@pytest.mark.parametrize("temperature", [1.0, 10.0, 100.0])
+def test_it_is_the_papers_formula(texts, temperature):
+    features = unit(40, 6)
+    found = relevancy(features, texts.queries, texts.canonical, temperature)
+    query = np.exp(temperature * (features @ texts.queries.T).double().numpy())[:, :, None]
+    canonical = np.exp(temperature * (features @ texts.canonical.T).double().numpy())[:, None]
+    np.testing.assert_allclose(found, (query / (query + canonical)).min(axis=2), atol=1e-5)
+
+
+def test_the_extremes_stay_finite(texts):
+    features = torch.cat([unit(20, 6), texts.queries, texts.canonical])
+    found = relevancy(features, texts.queries, texts.canonical, 1e4)
+    assert found.isfinite().all() and found.min() == 0.0 and found.max() == 1.0
+    # The better of query and canonical phrase, whatever the temperature.
+    soft = relevancy(features, texts.queries, texts.canonical, 1e-4)
+    gentle = relevancy(features, texts.queries, texts.canonical, 10.0)
+    assert torch.equal(found > 0.5, gentle > 0.5) and (soft - 0.5).abs().max() < 1e-3
+
+
+def test_a_query_that_is_a_canonical_phrase_never_wins(texts):
+    found = relevancy(unit(30, 6), texts.canonical[:1], texts.canonical, 10.0)
+    assert found.max() == pytest.approx(0.5, abs=1e-5) and found.min() < 0.4
+
+
+@pytest.mark.parametrize("value", [0.0, math.nan, math.inf])
+def test_without_a_feature_nothing_is_relevant(texts, value):
+    features = unit(3, 6)
+    features[1] = value
+    found = relevancy(features, texts.queries, texts.canonical, 10.0)
+    assert not found[1].any() and (found[[0, 2]] > 0).all()
+
+
+def test_maps_are_the_relevancy_of_decoded_codes(texts, monkeypatch):
+    rng = np.random.default_rng(0)
+    decoder = Decoder((3, 5, 16), rng.normal(size=4 * 5 + 6 * 16).astype(np.float32))
+    wide = Texts(texts.phrases, unit(3, 16, seed=3), unit(4, 16, seed=4))
+    codes = torch.randn(2, 7, 5, 3, generator=torch.Generator().manual_seed(5))
+    seen = torch.rand(2, 7, 5, generator=torch.Generator().manual_seed(6)) > 0.3
+    expected = relevancy(decode(codes, decoder), wide.queries, wide.canonical, 10.0).permute(3, 0, 1, 2)
+    for at_once in (2**18, 64):
+        monkeypatch.setattr(module, "_NUMBERS_AT_ONCE", at_once)
+        found = relevancy_maps(codes, seen, decoder, wide, 10.0)
+        assert found.shape == (3, 2, 7, 5) and found.dtype == torch.float32
+        torch.testing.assert_close(found, torch.where(seen, expected, 0.0), rtol=0, atol=1e-5)
+
+
+def test_where_nothing_is_seen_nothing_is_decoded(texts):
+    codes = unit(1, 4, 4, 6)
+    assert not relevancy_maps(codes, torch.zeros(1, 4, 4, dtype=torch.bool), IDENTITY, texts, 10.0).any()
+
+
+def test_a_code_that_vanishes_has_no_relevancy(texts):
+    codes, seen = unit(1, 2, 2, 6), torch.ones(1, 2, 2, dtype=torch.bool)
+    codes[0, 0, 0] = 0.0
+    found = relevancy_maps(codes, seen, IDENTITY, texts, 10.0)
+    assert not found[:, 0, 0, 0].any() and (found[:, 0, 1] > 0).all()
+
+
+def test_no_queries(texts):
+    none = Texts((), torch.zeros(0, 0), texts.canonical)
+    assert relevancy_maps(unit(1, 2, 2, 6), torch.ones(1, 2, 2) > 0, IDENTITY, none, 1.0).shape == (
+        0,
+        1,
+        2,
+        2,
+    )
+
+
+def test_what_cannot_be_is_refused(texts):
+    codes, seen = unit(1, 2, 2, 6), torch.ones(1, 2, 2, dtype=torch.bool)
+    with pytest.raises(ValueError, match="belong together"):
+        relevancy_maps(codes, seen[0], IDENTITY, texts, 10.0)
+    for value in (math.nan, math.inf):
+        broken = codes.clone()
+        broken[0, 1, 1, 3] = value
+        with pytest.raises(ValueError, match="not finite"):
+            relevancy_maps(broken, seen, IDENTITY, texts, 10.0)

@@ -1,0 +1,174 @@
+"""The page of what Gaussians mean is drawn from whatever its artifacts hold, and shows what it says."""
+
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+from egosplat.artifacts.language import LANGUAGE
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reading import recorded_digest
+from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.writing import create
+from egosplat.errors import UserError
+from egosplat.geometry import Camera, is_rigid, make_pose
+from egosplat.provenance import begin
+from egosplat.report.language_sheet import UNKNOWN, choose_place, principal_colours, run, turned_right
+
+CAMERA = Camera(36, 24, 18.0, 18.0, 18.0, 12.0)
+UP = np.array([0.0, -1.0, 0.0])
+OPTIONS = {"near_plane": 0.1, "antialiased": False, "background": "black"}
+LEVELS = ["part", "whole"]
+
+
+def scene(folder, channels: int, share: float, seed: int = 0, count: int = 60):
+    """Green Gaussians all around; the first level has a meaning, the second has none."""
+    rng = np.random.default_rng(seed)
+    around = rng.normal(size=(count, 3)) * [1.0, 0.3, 1.0]
+    shares = np.zeros((count, 2), np.float32)
+    shares[:, 0] = share
+    code = rng.normal(size=(count, 2, channels)).astype(np.float32) * (shares[..., None] > 0)
+    arrays = {
+        "camera_to_world": np.tile(np.eye(4), (4, 1, 1)),
+        "registered": np.array([False, True, True, True]),
+        "intrinsics": CAMERA.matrix,
+        "up": UP,
+        "points/xyz": np.zeros((0, 3)),
+        "points/rgb": np.zeros((0, 3), np.uint8),
+        "means": (3.0 * around / np.linalg.norm(around, axis=1, keepdims=True)).astype(np.float32),
+        "quats": np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
+        "log_scales": np.full((count, 3), -0.7, np.float32),
+        "logit_opacities": np.full(count, 5.0, np.float32),
+        "sh": np.tile(np.float32([-1.5, 1.5, -1.5]), (count, 1, 1)),
+        "features": np.zeros((count, 0), np.float32),
+        "code": code,
+        "share": shares,
+    }
+    facts = {"levels": LEVELS, "method": "lifted", "camera": asdict(CAMERA), "sh_degree_in_use": 0}
+    inputs: dict[str, str] = {}
+    for schema in (POSES, SPLATS, LANGUAGE):
+        path = folder / f"{schema.name}.zarr"
+        with create(path, schema, begin("frames", OPTIONS, "real", inputs)) as artifact:
+            for name, field in schema.fields.items():
+                sizes = [dim if isinstance(dim, int) else 0 for dim in field.dims]
+                artifact.put(name, arrays[name] if name in arrays else np.zeros(sizes, field.dtype))
+            artifact.facts = facts
+        inputs = inputs | {path.name: recorded_digest(path)}
+    return [folder / f"{name}.zarr" for name in ("poses", "splats", "language")]
+
+
+@pytest.mark.parametrize("channels, share", [(5, 1.0), (2, 0.6), (1, 1.0), (4, 0.0)])
+def test_a_picture_is_made(tmp_path, channels, share):
+    output = tmp_path / "language.png"
+    run(*scene(tmp_path, channels, share), output, title="a scene")
+    picture = np.asarray(Image.open(output).convert("RGB")).astype(int)
+    assert [path.name for path in tmp_path.iterdir() if path.suffix == ".png"] == ["language.png"]
+    height, width, _ = picture.shape
+    assert width > 1000
+    cells = picture[height // 8 :].reshape(-1, 3)
+    green = (cells[:, 1] > 180) & (cells[:, [0, 2]].max(axis=1) < 60)
+    assert green.sum() > 5000
+    # The level without a meaning is grey; the other, where it has one, is of other colours.
+    grey = (np.abs(cells - 255 * UNKNOWN).max(axis=1) < 2).sum() / (height * width)
+    assert (0.2 < grey < 0.4) if share else grey > 0.4
+
+
+def test_inputs_that_do_not_belong_together_are_refused(tmp_path):
+    for number, name in enumerate(("one", "two")):
+        (tmp_path / name).mkdir()
+        scene(tmp_path / name, 3, 1.0, number)
+    paths = [tmp_path / "one" / f"{name}.zarr" for name in ("poses", "splats", "language")]
+    with pytest.raises(UserError, match=r"two/language.zarr: was made from another splats.zarr than"):
+        run(*paths[:2], tmp_path / "two/language.zarr", tmp_path / "language.png", title="a scene")
+    assert not (tmp_path / "language.png").exists()
+
+
+def codes(count: int, *scales: float) -> np.ndarray:
+    """(count, 1, C) float32, of such standard deviations along the axes."""
+    rng = np.random.default_rng(0)
+    return (rng.normal(size=(count, 1, len(scales))) * scales + 7.0).astype(np.float32)
+
+
+def painted(code: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """(N, 3) colours of the first level."""
+    return principal_colours(code, share).paint(code[:, 0], np.ones(len(code), np.float32))
+
+
+def test_red_green_and_blue_are_the_first_three_components():
+    code = codes(4000, 0.1, 3.0, 0.01, 1.0, 0.3)
+    colours = painted(code, np.ones((4000, 1), np.float32))
+    for channel, axis in enumerate((1, 3, 4)):
+        assert np.corrcoef(colours[:, channel], code[:, 0, axis])[0, 1] > 0.97
+    np.testing.assert_allclose(colours.mean(axis=0), 0.5, atol=0.01)
+    # Two standard deviations reach to the ends: uniform enough to be told apart, and little is cut off.
+    assert 0.2 < colours.std(axis=0).min() and (colours == 1).mean() < 0.05
+
+
+def test_codes_weigh_by_their_share():
+    code = codes(200, 1.0, 0.1)
+    share = np.ones((200, 1), np.float32)
+    code[100:] += 50.0
+    share[100:] = 1e-6
+    np.testing.assert_allclose(painted(code, share)[:100].mean(axis=0)[:2], 0.5, atol=0.05)
+    repeated = np.concatenate([code[:100], code[:100], code[100:]])
+    twice = np.concatenate([np.full((200, 1), 0.5), share[100:]]).astype(np.float32)
+    np.testing.assert_allclose(painted(repeated, twice)[:100], painted(code, share)[:100], atol=1e-6)
+
+
+def test_a_code_has_one_colour_at_all_levels():
+    code = np.repeat(codes(50, 1.0, 0.5, 0.2), 2, axis=1)
+    code[:, 1] += np.float32(2.0)
+    both = principal_colours(code, np.ones((50, 2), np.float32))
+    flat = principal_colours(code.reshape(100, 1, 3), np.ones((100, 1), np.float32))
+    np.testing.assert_allclose(both.axes, flat.axes, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "code, share",
+    [
+        (np.zeros((0, 2, 4)), np.zeros((0, 2))),
+        (np.ones((5, 2, 4)), np.ones((5, 2))),
+        (np.zeros((5, 2, 4)), np.zeros((5, 2))),
+    ],
+    ids=["no Gaussian", "one code", "no meaning"],
+)
+def test_codes_that_do_not_differ_have_the_middle_colour(code, share):
+    colours = principal_colours(code.astype(np.float32), share.astype(np.float32))
+    assert np.abs(colours.paint(np.ones((3, 4)), np.ones(3)) - 0.5).max() < 1e-6
+
+
+def test_what_is_half_covered_is_half_grey():
+    colours = principal_colours(codes(100, 1.0, 1.0, 1.0), np.ones((100, 1), np.float32))
+    code = colours.mean + 100 * colours.axes[0]  # the brightest red
+    full, half, none = colours.paint(np.stack([code] * 3), np.array([1.0, 0.5, 0.0]))
+    assert full[0] == 1.0 and none.tolist() == [UNKNOWN] * 3
+    np.testing.assert_allclose(half, (full + none) / 2)
+
+
+def test_a_turn_to_the_right_is_in_place_and_level():
+    tilted = make_pose(Rotation.from_euler("x", -20, degrees=True).as_matrix(), np.array([1.0, 2.0, 3.0]))
+    turned = turned_right(tilted, UP, 90.0)
+    assert is_rigid(turned)
+    np.testing.assert_allclose(turned[:3, 3], [1.0, 2.0, 3.0])
+    # To the right of one who looks along z with y down is x.
+    ahead = np.cos(np.radians(20))
+    np.testing.assert_allclose(turned[:3, 2], [ahead, tilted[1, 2], 0.0], atol=1e-12)
+    np.testing.assert_allclose(turned_right(turned, UP, 270.0), tilted, atol=1e-12)
+
+
+def test_the_place_is_in_the_middle_of_the_walk_and_looks_level():
+    count = 41
+    poses = np.tile(np.eye(4), (count, 1, 1))
+    poses[:, 0, 3] = np.linspace(-5, 5, count)
+    poses[:, :3, :3] = Rotation.from_euler("x", -60, degrees=True).as_matrix()
+    poses[[0, 21], :3, :3] = np.eye(3)
+    registered = np.ones(count, bool)
+    assert choose_place(poses, registered, UP) == 21  # 20 is the middle, 0 is as level but far away
+    registered[18:23] = False
+    poses[~registered] = np.nan
+    assert choose_place(poses, registered, UP) in (16, 17, 23, 24)
+    one = np.zeros(count, bool)
+    one[3] = True
+    assert choose_place(poses, one, UP) == 3

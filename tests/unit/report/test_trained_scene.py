@@ -1,0 +1,80 @@
+"""Gaussians are drawn as they were trained to be."""
+
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reading import recorded_digest
+from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.writing import create
+from egosplat.errors import UserError
+from egosplat.geometry import Camera
+from egosplat.provenance import begin
+from egosplat.report.trained_scene import open_trained_scene
+
+CAMERA = Camera(16, 12, 12.0, 12.0, 8.0, 6.0)
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """``scene(background=, degree=, made_from=)``: one Gaussian ahead, green where its harmonics are used."""
+
+    def make(background: str = "black", degree: int = 1, made_from: str | None = None):
+        sh = np.zeros((1, 4, 3), np.float32)
+        sh[0, 2, 1] = 1.0  # along z
+        arrays = {
+            "camera_to_world": np.eye(4)[None],
+            "registered": np.ones(1, bool),
+            "intrinsics": CAMERA.matrix,
+            "up": np.array([0.0, -1.0, 0.0]),
+            "means": np.float32([[0, 0, 2]]),
+            "quats": np.float32([[1, 0, 0, 0]]),
+            "log_scales": np.full((1, 3), -2.0, np.float32),
+            "logit_opacities": np.float32([9.0]),
+            "sh": sh,
+        }
+        facts = {"camera": asdict(CAMERA), "sh_degree_in_use": degree}
+        options = {"near_plane": 0.5, "antialiased": True, "background": background}
+        inputs: dict[str, str] = {}
+        for schema in (POSES, SPLATS):
+            path = tmp_path / f"{schema.name}.zarr"
+            with create(path, schema, begin("frames", options, "real", inputs)) as artifact:
+                for name, field in schema.fields.items():
+                    sizes = [dim if isinstance(dim, int) else int(dim == "gaussian") for dim in field.dims]
+                    artifact.put(name, arrays.get(name, np.zeros(sizes, field.dtype)))
+                artifact.facts = facts
+            inputs = {path.name: made_from or recorded_digest(path)}
+        return open_trained_scene(tmp_path / "poses.zarr", tmp_path / "splats.zarr")
+
+    return make
+
+
+@pytest.mark.parametrize("background, expected", [("black", 0.0), ("white", 1.0), ("random", 0.0)])
+def test_what_is_behind(scene, background, expected):
+    picture = scene(background).picture(CAMERA, np.eye(4))
+    assert picture.shape == (12, 16, 3) and picture.dtype == np.float32
+    np.testing.assert_allclose(picture[0, 0], expected, atol=1e-6)
+    assert picture[6, 8].std() > 0.1
+
+
+def test_harmonics_are_used_up_to_the_degree_in_use(scene):
+    with_direction, without = (scene(degree=degree).picture(CAMERA, np.eye(4))[6, 8] for degree in (1, 0))
+    assert with_direction[1] > with_direction[0] + 0.1
+    np.testing.assert_allclose(without, without[0], atol=1e-6)
+
+
+def test_what_was_told_in_training(scene):
+    made = scene()
+    assert made.camera == CAMERA and made.near_plane == 0.5 and made.antialiased
+    behind = np.diag([-1.0, 1.0, -1.0, 1.0])
+    assert (made.picture(CAMERA, behind) == 0).all()
+    near = np.eye(4)
+    near[2, 3] = 1.6
+    assert (made.picture(CAMERA, near) == 0).all()  # nearer than the plane
+
+
+def test_gaussians_of_other_poses_are_refused(scene):
+    with pytest.raises(UserError, match=r"splats.zarr: was made from another poses.zarr than .*snakemake"):
+        scene(made_from="0" * 64)

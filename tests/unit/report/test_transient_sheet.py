@@ -1,0 +1,192 @@
+"""The page of what moves is drawn from whatever its artifacts hold, and shows what it says."""
+
+import shutil
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.masks import MASKS
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reading import recorded_digest
+from egosplat.artifacts.segments import SEGMENTS
+from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.transient import TRANSIENT
+from egosplat.artifacts.writing import create
+from egosplat.errors import UserError
+from egosplat.geometry import Camera
+from egosplat.provenance import begin
+from egosplat.report.transient_sheet import LABELS, MOVING, PICTURES, choose_frames, label_places, run
+
+HEIGHT, WIDTH = 20, 30
+CAMERA = Camera(WIDTH, HEIGHT, 20.0, 20.0, 15.0, 10.0)
+NAMES = ("frames", "poses", "transient", "segments", "masks", "splats")
+OPTIONS = {"near_plane": 0.1, "antialiased": False, "background": "black", "masking": "refined"}
+
+
+def scene(folder, frames: int, instances: int, moving: int, digests: bool = False):
+    """The first ``moving`` instances move, in all frames but the last; with ``digests``, inputs are recorded."""
+    rng = np.random.default_rng(0)
+    labels = np.full((frames, 2, HEIGHT, WIDTH), -1, np.int32)
+    for instance in reversed(range(instances)):
+        row = 2 * (instance % 10)  # what moves covers what stays
+        labels[: frames - (instance < moving), instance % 2, row : row + 2, 2:25] = instance
+    moves = np.arange(instances) < moving
+    poses = np.tile(np.eye(4), (frames, 1, 1))
+    count = 6
+    arrays = {
+        "rgb": np.full((frames, HEIGHT, WIDTH, 3), 100, np.uint8),
+        "valid": np.ones((HEIGHT, WIDTH), bool),
+        "timestamp_ns": np.arange(frames) * 100_000_000,
+        "exposure_middle_ns": np.arange(frames) * 100_000_000,
+        "train": np.ones(frames, bool),
+        "evaluation": np.zeros(frames, bool),
+        "camera_to_world": poses,
+        "registered": np.ones(frames, bool),
+        "intrinsics": CAMERA.matrix,
+        "up": np.array([0.0, -1.0, 0.0]),
+        "points/xyz": np.zeros((0, 3)),
+        "points/rgb": np.zeros((0, 3), np.uint8),
+        "probability": rng.random((frames, HEIGHT, WIDTH)).astype(np.float16),
+        "weights": np.zeros(3, np.float32),
+        "curve/probability": np.zeros(1),
+        "labels": labels,
+        "instances/level": (np.arange(instances) % 2).astype(np.int8),
+        "instances/predicted_iou": np.ones(instances, np.float32),
+        "instances/stability": np.ones(instances, np.float32),
+        "instances/first_frame": np.zeros(instances, np.int64),
+        "refined": np.append(moves, False)[labels].any(axis=1),
+        "instances/score": np.where(moves, 0.9, 0.1).astype(np.float32),
+        "instances/transient": moves,
+        "means": (rng.normal(size=(count, 3)) + [0, 0, 4]).astype(np.float32),
+        "quats": np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
+        "log_scales": np.full((count, 3), -1.0, np.float32),
+        "logit_opacities": np.full(count, 4.0, np.float32),
+        "sh": np.tile(np.float32([-1.5, 1.5, -1.5]), (count, 1, 1)),
+        "features": np.zeros((count, 0), np.float32),
+        "curve/iteration": np.array([10]),
+        "curve/loss": np.ones(1),
+        "curve/gaussians": np.array([count]),
+        "history/iteration": np.zeros(0, np.int64),
+        "history/psnr": np.zeros(0),
+        "history/ssim": np.zeros(0),
+        "history/validation_psnr": np.zeros(0),
+        "held_out/frame": np.zeros(0, np.int64),
+        "held_out/psnr": np.zeros(0),
+        "held_out/ssim": np.zeros(0),
+        "held_out/render": np.zeros((0, HEIGHT, WIDTH, 3), np.uint8),
+    }
+    facts = {
+        "levels": ["part", "whole"],
+        "level": "all",
+        "threshold": 0.5,
+        "instances": instances,
+        "transient": moving,
+        "masked_share": float(arrays["refined"].mean()),
+        "camera": asdict(CAMERA),
+        "sh_degree_in_use": 0,
+    }
+    inputs: dict[str, str] = {}
+    for schema in (FRAMES, POSES, TRANSIENT, SEGMENTS, MASKS, SPLATS):
+        path = folder / f"{schema.name}.zarr"
+        with create(path, schema, begin("frames", OPTIONS, "real", inputs)) as artifact:
+            for name in schema.fields:
+                artifact.put(name, arrays[name])
+            artifact.facts = facts
+        if digests:
+            inputs = inputs | {path.name: recorded_digest(path)}
+    return [folder / f"{name}.zarr" for name in NAMES]
+
+
+def drawn(folder, *what: int) -> np.ndarray:
+    """(H, W, 3) int of the page, which is the only picture there is."""
+    output = folder / "transient.png"
+    run(*scene(folder, *what), output, title="a scene")
+    assert [path.name for path in folder.iterdir() if path.suffix == ".png"] == [output.name]
+    return np.asarray(Image.open(output).convert("RGB")).astype(int)
+
+
+def count(picture: np.ndarray, low: list[int], high: list[int]) -> int:
+    """Pixels whose colour lies in a box."""
+    return int(((picture >= low) & (picture <= high)).all(axis=2).sum())
+
+
+@pytest.mark.parametrize(
+    "frames, instances, moving",
+    [(12, 6, 3), (1, 1, 0), (2, 0, 0), (2, 100, 95)],
+    ids=["usual", "one that stays", "no instance", "more bars than are named"],
+)
+def test_a_picture_is_made(tmp_path, frames, instances, moving):
+    picture = drawn(tmp_path, frames, instances, moving)
+    assert picture.shape[1] > 700 and picture.std() > 10
+    crimson = count(picture, [215, 15, 55], [225, 25, 65])  # bars of what moves
+    assert (crimson > 2000) == (moving > 0)
+    tinted = count(picture, [146, 66, 82], [150, 70, 86])  # crimson over the grey of the photographs
+    assert (tinted > 2000) == (moving > 0)
+    assert count(picture, [0, 180, 0], [100, 255, 100]) > 500  # the Gaussians are green
+
+
+def test_inputs_that_do_not_belong_together_are_refused(tmp_path):
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+    paths = scene(tmp_path / "one", 1, 2, 1, True)
+    run(*paths, tmp_path / "transient.png", title="a scene")
+    other = dict(zip(NAMES, scene(tmp_path / "two", 2, 2, 1, True), strict=True))
+    for name, told in (("segments", "frames"), ("masks", "segments"), ("splats", "poses")):
+        mixed = [other[one] if one == name else path for one, path in zip(NAMES, paths, strict=True)]
+        with pytest.raises(UserError, match=rf"two/{name}.zarr: was made from another .*{told}.zarr than"):
+            run(*mixed, tmp_path / "none.png", title="a scene")
+    shutil.rmtree(other["masks"])
+    with pytest.raises(UserError, match="masks.zarr: does not exist"):
+        run(*paths[:4], other["masks"], paths[5], tmp_path / "none.png", title="a scene")
+    assert not (tmp_path / "none.png").exists()
+
+
+def test_frames_where_most_is_masked_spread_in_time_and_one_where_nothing_is():
+    masked = np.zeros(100)
+    masked[10:90] = 0.1
+    masked[[20, 44, 56, 70, 88]] = 0.5, 0.3, 0.4, 0.6, 0.9
+    posed = np.ones(100, bool)
+    shown = choose_frames(masked, posed)
+    assert {20, 44, 56} <= set(shown) and 88 not in shown  # 88 ends its part
+    assert len(shown) == PICTURES and shown == sorted(shown)
+    assert sum(masked[shown] == 0) == PICTURES - MOVING
+    posed[[20, 44]] = False
+    assert not {20, 44} & set(choose_frames(masked, posed))
+
+
+@pytest.mark.parametrize(
+    "masked, expected",
+    [
+        ([0.0, 0.0, 0.0], [0, 1, 2]),
+        ([0.2, 0.1], [0, 1]),
+        ([0.0, 0.3, 0.0, 0.0], [0, 1, 2, 3]),
+        ([0.0] * 10, [1, 3, 5, 7, 9]),
+        ([0.2] * 40, [2, 12, 22, 32]),
+        ([], []),
+    ],
+)
+def test_frames_where_much_or_nothing_moves(masked, expected):
+    assert choose_frames(np.array(masked), np.ones(len(masked), bool)) == expected
+
+
+def test_the_largest_of_what_moves_is_named_within_itself_and_once_at_a_place():
+    labels = np.full((2, 40, 40), -1, np.int32)
+    labels[0, 0:10, 0:30] = 0
+    labels[1, 0:10, 0:30] = 1  # the same at the other level
+    labels[0, 30:36, 4:10] = 2
+    labels[0, 20:24, :] = 3  # stays
+    labels[1, 30:39, 20:39] = 4
+    labels[1, 32:37, 24:35] = -1  # a hole around the middle
+    places = label_places(labels, np.array([True, True, True, False, True, True]))
+    assert [instance for _, _, instance in places] == [0, 4, 2]
+    for u, v, instance in places:
+        assert instance in labels[:, v, u]
+    assert label_places(labels, np.zeros(6, bool)) == []
+
+
+def test_no_more_names_than_there_is_room_for():
+    labels = np.arange(64, dtype=np.int32).reshape(1, 8, 8)
+    assert len(label_places(labels, np.ones(64, bool))) == LABELS
