@@ -107,7 +107,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Workdir:
 
 MAIN = tuple(
     f"results/adt/scene1/{name}"
-    for name in ("contact_sheet.png", "segments.png", "crops.png", "splats.png", "language.zarr")
+    for name in ("contact_sheet.png", "segments.png", "crops.png", "splats.png", "metrics.json")
 )
 
 

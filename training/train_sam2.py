@@ -44,13 +44,15 @@ class Recipe:
         steps: in all; clips_from: share of them after which every other one is on clips.
         pictures, points: of a picture step; clips, frames, tracks: of a clip step.
         peak_rate, warm_up, decay: see ``learning_rate``; average: see ``Average``.
+        still: clip steps at the beginning over which clips of one drifting picture give way to filmed ones; a
+            third of all stay.
         place_scale: of the frequencies in which places are told to the decoder, as multiples of SAM2's.
         balance: see ``mask_loss``, at first; it is gone after ``balanced_steps`` of either kind.
     """
 
     steps: int
     seed: int
-    clips_from: float = 0.55
+    clips_from: float = 0.6
     pictures: int = 6
     points: int = 12
     clips: int = 2
@@ -61,6 +63,7 @@ class Recipe:
     decay: float = 0.3
     weight_decay: float = 0.03
     average: float = 0.9985
+    still: int = 800
     place_scale: float = 2.0
     balance: float = 0.5
     balanced_steps: int = 2000
@@ -72,7 +75,7 @@ def main() -> None:
     parser.add_argument("worlds", type=Path, help="folder that render_worlds.py made")
     parser.add_argument("--output", type=Path, required=True, help="folder for model.safetensors")
     parser.add_argument("--state", type=Path, required=True, help="file from which a stopped run goes on")
-    parser.add_argument("--steps", type=int, default=9_000, help="steps in all")
+    parser.add_argument("--steps", type=int, default=8_000, help="steps in all")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     parser.add_argument("--threads", type=int, default=2, help="of the CPU")
@@ -182,7 +185,9 @@ class Run:
         """What a step learns from; a random stream of its own each, so that a resumed run sees the same."""
         rng, recipe = np.random.default_rng([self.recipe.seed, step]), self.recipe
         if self._on_clips(step):
-            clips = [sample_clip(self.worlds, rng, recipe.frames) for _ in range(recipe.clips)]
+            done = (step - recipe.clips_from * recipe.steps) / 2
+            still = max(1 - done / recipe.still, 1 / 3)
+            clips = [sample_clip(self.worlds, rng, recipe.frames, still) for _ in range(recipe.clips)]
             return clips, [sample_tracks(clip, rng, recipe.tracks) for clip in clips]
         clips = [sample_clip(self.worlds, rng, 1) for _ in range(recipe.pictures)]
         return clips, [sample_prompts(clip.labels[:, 0], rng, recipe.points) for clip in clips]

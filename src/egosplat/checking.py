@@ -4,22 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from egosplat.artifacts.annotations import ANNOTATIONS
-from egosplat.artifacts.features import FEATURES
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.language import LANGUAGE
-from egosplat.artifacts.masks import MASKS
-from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.kinds import SCHEMAS
 from egosplat.artifacts.reading import Artifact, recorded_digest, verify
-from egosplat.artifacts.segments import SEGMENTS
-from egosplat.artifacts.splats import SPLATS
-from egosplat.artifacts.transient import TRANSIENT
-from egosplat.artifacts.view_features import VIEW_FEATURES
 from egosplat.errors import UserError
-
-_ALL = (FRAMES, ANNOTATIONS, POSES, SEGMENTS, VIEW_FEATURES, FEATURES, TRANSIENT, MASKS, SPLATS, LANGUAGE)
-SCHEMAS = {schema.name: schema for schema in _ALL}
-"""Every kind of artifact, by name."""
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import click
+import yaml
 
 import egosplat
-from egosplat.config import keys_table, schema, stage_keys
+from egosplat.config import keys_table, schema, section_keys, stage_keys
 from egosplat.errors import UserError
 from egosplat.stages import STAGES, stage_function
 
@@ -67,6 +68,15 @@ PATHS: dict[str, dict[str, str]] = {
         "masks": "its masks artifact, where the splats were masked by it (optional)",
         "output": "the language artifact to make",
     },
+    "metrics": {
+        "frames": "the frames artifact",
+        "poses": "its poses artifact",
+        "annotations": "its annotations artifact",
+        "features": "its features artifact",
+        "splats": "its splats artifact",
+        "language": "its language artifact",
+        "output": "the JSON file of scores to make",
+    },
     "contact_sheet": {
         "frames": "the frames artifact",
         "annotations": "the annotations artifact",
@@ -110,6 +120,7 @@ EXTRAS: dict[str, list[click.Option]] = {
             help="How the recording is laid out on disk.",
         )
     ],
+    "metrics": [TITLE],
     "contact_sheet": [TITLE],
     "crops_sheet": [TITLE],
     "segments_sheet": [TITLE],
@@ -118,13 +129,39 @@ EXTRAS: dict[str, list[click.Option]] = {
 """Flags that come from the table of scenes."""
 
 
+class TextList(click.ParamType):
+    """Several texts, at least so many, as a list is written in YAML: ``[object, "some thing"]``."""
+
+    name = "list"
+
+    def __init__(self, least: int) -> None:
+        self.least = least
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> tuple[str, ...]:
+        """The texts; a list that is one already is taken as it is."""
+        try:
+            texts = yaml.safe_load(value) if isinstance(value, str) else value
+        except yaml.YAMLError:
+            texts = None
+        if not isinstance(texts, list | tuple) or not all(isinstance(text, str) for text in texts):
+            self.fail(f"{value!r} is no list of texts, as in [object, things]", parameter, context)
+        if len(texts) < self.least:
+            self.fail(f"needs at least {self.least} text", parameter, context)
+        return tuple(texts)
+
+
 class Commands(click.Group):
     """Sub-commands that are made, and whose stages are imported, only when they are called."""
 
     def list_commands(self, context: click.Context) -> list[str]:
-        return [*(name.replace("_", "-") for name in STAGES), *super().list_commands(context)]
+        others = sorted([*super().list_commands(context), "query"])
+        return [*(name.replace("_", "-") for name in STAGES), *others]
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
+        if name == "query":
+            return query_command()
         stage = name.replace("-", "_")
         return stage_command(stage) if stage in STAGES else super().get_command(context, name)
 
@@ -172,6 +209,49 @@ def doctor(configfile: tuple[Path, ...], config: tuple[str, ...]) -> None:
         raise SystemExit(1)
 
 
+def query_command() -> click.Command:
+    """The command ``query``, with a flag for each key of the section of that name."""
+
+    def call(
+        folder: Path,
+        phrases: tuple[str, ...],
+        frame: int | None,
+        pose: Path | None,
+        output: Path | None,
+        backend: str,
+        device: str,
+        precision: str,
+        **keys: Any,
+    ) -> None:
+        from egosplat.query.options import QueryOptions
+        from egosplat.report.query_command import Asking, run
+
+        asking, options = Asking(frame, pose, output), QueryOptions(**keys)
+        how = {"backend": backend, "device": device, "precision": precision}
+        click.echo(run(folder, phrases, asking, options, **how))
+
+    models = {name: section_keys("models")[name] for name in ("device", "precision")}
+    return click.Command(
+        "query",
+        callback=call,
+        params=[
+            click.Argument(["folder"], type=ARTIFACT),
+            click.Argument(["phrases"], nargs=-1, required=True),
+            click.Option(
+                ["--frame"], type=click.IntRange(min=0), help="Ask in this frame. [default: the middle]"
+            ),
+            click.Option(
+                ["--pose"], type=ARTIFACT, help='Ask from here: JSON, {"camera_to_world": 4 rows of 4}.'
+            ),
+            click.Option(
+                ["--output"], type=ARTIFACT, help="The picture to make. [default: FOLDER/query.png]"
+            ),
+            *(_flag(name, key) for name, key in {**section_keys("query"), **models}.items()),
+        ],
+        help="Find what each of PHRASES names in the finished scene of FOLDER, such as results/adt/scene1.",
+    )
+
+
 def stage_command(stage: str) -> click.Command:
     """The command of a stage, with a flag for each path and each key of its configuration section."""
 
@@ -193,8 +273,7 @@ def _flags(stage: str) -> list[click.Parameter]:
         )
         for name, about in PATHS[stage].items()
     ]
-    models = {name: stage_keys("models")[name] for name in STAGES[stage].models}
-    keys = (_flag(name, key) for name, key in {**stage_keys(stage), **models}.items())
+    keys = (_flag(name, key) for name, key in stage_keys(stage).items())
     return [*paths, *EXTRAS.get(stage, []), *keys]
 
 
@@ -206,6 +285,8 @@ def _flag(name: str, key: dict[str, Any]) -> click.Option:
     kind = key["type"] if isinstance(key["type"], str) else key["type"][0]
     if kind == "boolean":
         return click.Option([f"{flag}/--no-{flag[2:]}"], **common)
+    if kind == "array":
+        return click.Option([flag, name], type=TextList(key.get("minItems", 0)), **common)
     if kind == "string":
         return click.Option([flag, name], **common)
     return click.Option([flag, name], type=_range(kind, key), **common)
@@ -214,7 +295,8 @@ def _flag(name: str, key: dict[str, Any]) -> click.Option:
 def _range(kind: str, key: dict[str, Any]) -> click.ParamType:
     make: Callable[..., click.ParamType] = {"integer": click.IntRange, "number": click.FloatRange}[kind]
     lower = key.get("exclusiveMinimum", key.get("minimum"))
-    return make(min=lower, max=key.get("maximum"), min_open="exclusiveMinimum" in key)
+    upper = key.get("exclusiveMaximum", key.get("maximum"))
+    return make(min=lower, max=upper, min_open="exclusiveMinimum" in key, max_open="exclusiveMaximum" in key)
 
 
 def main() -> None:

@@ -13,6 +13,7 @@ from jsonschema import Draft202012Validator
 from jsonschema.exceptions import ValidationError
 
 from egosplat.errors import UserError
+from egosplat.stages import STAGES
 
 Config = dict[str, Any]
 
@@ -23,9 +24,27 @@ def schema(name: str) -> dict[str, Any]:
     return yaml.safe_load((resources.files("egosplat") / "schemas" / f"{name}.schema.yaml").read_text())
 
 
+def section_keys(section: str) -> dict[str, dict[str, Any]]:
+    """The schema of each key of a section, by name; empty where there is no such section, as for a stage without keys."""
+    return schema("config")["properties"].get(section, {}).get("properties", {})
+
+
 def stage_keys(stage: str) -> dict[str, dict[str, Any]]:
-    """The schema of each key of a stage's section, by name; empty for a stage without keys."""
-    return schema("config")["properties"].get(stage, {}).get("properties", {})
+    """The schema of each key that a stage takes, by name: its own section's, of ``models``, of other sections."""
+    about = STAGES[stage]
+    keys: dict[str, dict[str, Any]] = {}
+    for section in (stage, *about.sections):
+        keys |= section_keys(section)
+    return keys | {name: section_keys("models")[name] for name in about.models}
+
+
+def stage_values(stage: str, config: Mapping[str, Any]) -> Config:
+    """The values of these keys in a whole configuration."""
+    about = STAGES[stage]
+    values: Config = {}
+    for section in (stage, *about.sections):
+        values |= config.get(section, {})
+    return values | {name: config["models"][name] for name in about.models}
 
 
 def defaults() -> Config:
@@ -112,10 +131,15 @@ def keys_table() -> str:
     for section, part in schema("config")["properties"].items():
         keys = part.get("properties") or {"": part}
         for name, key in keys.items():
-            default = "" if key["default"] == {} else f"`{yaml.safe_dump(key['default']).split()[0]}`"
+            default = "" if key["default"] == {} else f"`{_shown(key['default'])}`"
             path = f"{section}.{name}" if name else section
             rows.append(f"| `{path}` | {default} | {' '.join(key['description'].split())}{_choices(key)} |")
     return "\n".join(rows)
+
+
+def _shown(value: Any) -> str:
+    """A value as it is written in YAML, on one line."""
+    return yaml.safe_dump(value, default_flow_style=True, width=1000).splitlines()[0]
 
 
 def _choices(key: Mapping[str, Any]) -> str:
@@ -157,6 +181,10 @@ def _allowed(error: ValidationError) -> str:
             return f"at most {limit}"
         case "exclusiveMinimum":
             return f"more than {limit}"
+        case "exclusiveMaximum":
+            return f"less than {limit}"
+        case "minItems":
+            return f"at least {limit} of them"
         case "minLength":
             return "must not be empty"
         case _:

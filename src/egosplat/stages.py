@@ -16,12 +16,14 @@ class Stage:
         libraries: distributions whose version changes the result, beside egosplat itself.
         about: one line for the command line's help.
         models: keys of the configuration's section ``models`` that the stage takes beside its own section's.
+        sections: other sections of the configuration whose keys it all takes as well.
     """
 
     module: str
     libraries: tuple[str, ...]
     about: str
     models: tuple[str, ...] = ()
+    sections: tuple[str, ...] = ()
 
 
 STAGES = {
@@ -89,6 +91,22 @@ STAGES = {
         "egosplat.language.stage",
         ("numpy", "torch", "zarr"),
         "Give each Gaussian the codes of what it shows, at every level.",
+    ),
+    "metrics": Stage(
+        "egosplat.benchmark.stage",
+        (
+            "jsonschema",
+            "numpy",
+            "open_clip_torch",
+            "opencv-contrib-python-headless",
+            "scipy",
+            "torch",
+            "torchmetrics",
+            "zarr",
+        ),
+        "Ask for everything that is annotated, and score answers and renders.",
+        models=("clip_checkpoint", "clip_model", "device", "precision"),
+        sections=("query",),
     ),
     "contact_sheet": Stage(
         "egosplat.report.contact_sheet",

@@ -27,8 +27,17 @@ def test_every_key_has_a_description_and_a_default():
 def test_schema_and_stage_function_name_the_same_keys(stage):
     arguments = inspect.signature(stage_function(stage)).parameters
     extras = [option.name for option in EXTRAS.get(stage, [])]
-    assert set(arguments) == {*PATHS[stage], *extras, *config.stage_keys(stage), *STAGES[stage].models}
+    assert set(arguments) == {*PATHS[stage], *extras, *config.stage_keys(stage)}
     assert all(argument.default is inspect.Parameter.empty for argument in arguments.values())
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_stage_takes_its_sections_and_models(stage):
+    about = STAGES[stage]
+    names = [name for section in (stage, *about.sections) for name in config.section_keys(section)]
+    assert sorted([*names, *about.models]) == sorted(config.stage_keys(stage))
+    values = config.stage_values(stage, config.defaults())
+    assert values == {name: key["default"] for name, key in config.stage_keys(stage).items()}
 
 
 def test_the_defaults_are_allowed_and_the_balanced_preset_is_the_default():
@@ -75,6 +84,9 @@ def test_the_table_in_the_config_readme_is_that_of_the_schema():
         ),
         ({"poses": {"min_registered": 1.5}}, "at most 1"),
         ({"poses": {"max_gap_ms": 0}}, "more than 0"),
+        ({"query": {"min_coverage": 1.0}}, "query.min_coverage = 1.0 is not allowed: less than 1"),
+        ({"query": {"canonical": []}}, "at least 1 of them"),
+        ({"query": {"canonical": [3]}}, "query.canonical.0 = 3 is not allowed: must be string"),
         (
             {"preset": "fastest"},
             "preset = 'fastest' is not allowed: one of fast, balanced, paper .did you mean 'fast'",

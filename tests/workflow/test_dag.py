@@ -29,7 +29,8 @@ def descendants(of: str, pairs: set[tuple[str, str]]) -> set[str]:
 
 def test_no_rule_that_trains_sees_annotations(finished):
     pairs = edges(finished, "all")
-    assert "contact_sheet" in descendants("annotations", pairs)
+    assert {"contact_sheet", "metrics"} <= descendants("annotations", pairs)
+    assert ("language", "metrics") in pairs
     assert descendants("annotations", pairs) <= EVALUATION
 
 

@@ -8,13 +8,14 @@ import pytest
 POSES = "results/adt/scene1/poses.zarr"
 MAIN = tuple(
     f"results/adt/scene1/{name}"
-    for name in ("contact_sheet.png", "segments.png", "crops.png", "splats.png", "language.zarr")
+    for name in ("contact_sheet.png", "segments.png", "crops.png", "splats.png", "metrics.json")
 )
-AFTER_SPLATS = {"splats", "splats_sheet", "language"}
+AFTER_LANGUAGE = {"language", "metrics"}
+AFTER_SPLATS = {"splats", "splats_sheet", *AFTER_LANGUAGE}
 AFTER_MASKS = {"masks", *AFTER_SPLATS}
 AFTER_TRANSIENT = {"transient", *AFTER_MASKS}
 AFTER_POSES = {"poses", "contact_sheet", *AFTER_TRANSIENT}
-AFTER_FEATURES = {"features", "crops_sheet", "language"}
+AFTER_FEATURES = {"features", "crops_sheet", *AFTER_LANGUAGE}
 AFTER_VIEWS = {"view_features", *AFTER_FEATURES}
 AFTER_SEGMENTS = {"segments", "segments_sheet", *AFTER_MASKS, *AFTER_VIEWS}
 AFTER_FRAMES = {"frames", "annotations", *AFTER_POSES, *AFTER_SEGMENTS}
@@ -37,8 +38,10 @@ def test_a_finished_run_has_nothing_to_do(workdir):
         ("masks: {threshold: 0.5}", AFTER_MASKS),
         ("splats: {iterations: 41}", AFTER_SPLATS),
         ("splats: {masking: none}", AFTER_SPLATS),
-        ("language: {method: trained, iterations: 10}", {"language"}),
-        ("annotations: {max_age_ms: 2.0}", {"annotations", "contact_sheet"}),
+        ("language: {method: trained, iterations: 10}", AFTER_LANGUAGE),
+        ("query: {canonical: [object, thing]}", {"metrics"}),
+        ("metrics: {target: mask}", {"metrics"}),
+        ("annotations: {max_age_ms: 2.0}", {"annotations", "contact_sheet", "metrics"}),
         ("frames: {stride: 2}", AFTER_FRAMES),
         ("synthetic: {objects: 17}", {"synthetic", *AFTER_FRAMES}),
         ("poses: {max_gap_ms: 50.0}", set()),  # the default, written out
@@ -66,13 +69,15 @@ def test_a_changed_key_reruns_its_stage_and_what_follows(workdir, config, expect
         ("kernels/source/composite.h", "// Compositing of", "// The compositing of", set()),
         ("splats/stage.py", "\ndef run", "\nCHANGED = 1\n\n\ndef run", AFTER_SPLATS),
         ("transient/refinement.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_MASKS),
-        ("language/lifting.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", {"language"}),
+        ("language/lifting.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_LANGUAGE),
+        ("query/localization.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", {"metrics"}),
+        ("benchmark/scores.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", {"metrics"}),
         ("report/splats_sheet.py", "PICTURES = 4", "PICTURES = 3", {"splats_sheet"}),
         (
             "frames/adt_annotations.py",
             "\nclass ",
             "\nCHANGED = 1\n\n\nclass ",
-            {"annotations", "contact_sheet"},
+            {"annotations", "contact_sheet", "metrics"},
         ),
         ("report/contact_sheet.py", "PICTURES = 8", "PICTURES = 6", {"contact_sheet"}),
         ("poses/colmap.py", "\ndef colmap_poses", "\n# why\ndef colmap_poses", set()),
@@ -87,8 +92,8 @@ def test_edited_code_reruns_the_stages_that_execute_it(workdir, module, old, new
 
 
 def test_a_new_room_reruns_nothing(workdir):
-    (workdir.folder / "src/egosplat/benchmark").mkdir()
-    (workdir.folder / "src/egosplat/benchmark/__init__.py").write_text("# a comment\n")
+    (workdir.folder / "src/egosplat/another").mkdir()
+    (workdir.folder / "src/egosplat/another/__init__.py").write_text("# a comment\n")
     assert workdir.stale(*MAIN) == set()
 
 

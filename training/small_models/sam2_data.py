@@ -74,19 +74,26 @@ class Tracks:
     present: Tensor
 
 
-def sample_clip(worlds: Sequence[FilmedWorld], rng: Rng, frames: int) -> Clip:
-    """A clip of ``frames`` pictures: any world, cut, side and direction of time; colours changed."""
+def sample_clip(worlds: Sequence[FilmedWorld], rng: Rng, frames: int, still: float = 0.0) -> Clip:
+    """A clip of ``frames`` pictures: any world, cut, side and direction of time; colours changed.
+
+    Args:
+        worlds: where it may be from; rng: decides; frames: its length.
+        still: probability that it is one picture seen through a cut that drifts, which is easier to follow.
+    """
     world = worlds[rng.integers(len(worlds))]
     clips, length, size = world.subpart.shape[:3]
     clip, first = rng.integers(clips), rng.integers(length - frames + 1)
     order = np.arange(first, first + frames)
     if rng.random() < 0.5:
         order = order[::-1]
-    top, left, height, width = _random_box(rng, size)
-    rows, columns = np.s_[top : top + height], np.s_[left : left + width]
+    boxes = [_random_box(rng, size)] * frames
+    if rng.random() < still:
+        order, boxes = np.full(frames, first), _drifting(boxes[0], rng, size, frames)
     flip = rng.random() < 0.5
     pictures, subparts = [], []
-    for frame in order:
+    for frame, (top, left, height, width) in zip(order, boxes, strict=True):
+        rows, columns = np.s_[top : top + height], np.s_[left : left + width]
         rgb, subpart = world.rgb[clip, frame, rows, columns], world.subpart[clip, frame, rows, columns]
         shrinks = max(height, width) > SIDE
         picture = cv2.resize(rgb, (SIDE, SIDE), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
@@ -104,6 +111,16 @@ def _random_box(rng: Rng, size: int) -> tuple[int, int, int, int]:
     ratio = np.exp(rng.uniform(-0.15, 0.15))
     height, width = (int(np.clip(side * factor, 32, size)) for factor in (ratio, 1 / ratio))
     return rng.integers(size - height + 1), rng.integers(size - width + 1), height, width
+
+
+def _drifting(box: tuple[int, int, int, int], rng: Rng, size: int, frames: int) -> list[tuple[int, ...]]:
+    """The cut, a little smaller so that it has room, going one way by up to a tenth of its side a frame."""
+    top, left, height, width = box
+    height, width = round(0.8 * height), round(0.8 * width)
+    speed = rng.uniform(-0.1, 0.1, 2) * (height, width)
+    places = (np.array([top, left]) + np.arange(frames)[:, None] * speed).round().astype(int)
+    places = places.clip(0, [size - height, size - width])
+    return [(int(y), int(x), height, width) for y, x in places]
 
 
 def _change_colours(pictures: Bytes, rng: Rng) -> Bytes:

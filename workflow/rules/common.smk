@@ -5,6 +5,7 @@ A stage's parameters hold its command line flags (its own keys alone) and the co
 it executes: Snakemake reruns it when one of them changes, and not when something else does.
 """
 
+import json
 import os
 import shlex
 import sys
@@ -49,9 +50,7 @@ def flags(stage):
     """A function of the wildcards: the stage's keys as command line flags, in order of their names."""
 
     def flags_of_scene(wildcards):
-        resolved = scene_of(wildcards).config
-        shared = {name: resolved["models"][name] for name in STAGES[stage].models}
-        keys = {**resolved.get(stage, {}), **shared}
+        keys = configuration.stage_values(stage, scene_of(wildcards).config)
         return " ".join(
             flag(name, value)
             for name, value in sorted(keys.items())
@@ -78,7 +77,8 @@ def flag(name, value):
     name = name.replace("_", "-")
     if isinstance(value, bool):
         return f"--{name}" if value else f"--no-{name}"
-    return f"--{name} {shlex.quote(str(value))}"
+    text = json.dumps(value) if isinstance(value, list) else str(value)
+    return f"--{name} {shlex.quote(text)}"
 
 
 def recording(wildcards):
@@ -136,12 +136,12 @@ WATCHED = {
 """Of each format, what a stage reads."""
 
 
-def pictures_of_scenes(_):
-    """The pictures of every scene whose recording is there or can be made."""
+def results_of_scenes(_):
+    """The pictures and scores of every scene whose recording is there or can be made."""
     found = [
         scene
         for scene in scenes.values()
         if scene.synthetic or scene.recording.exists()
     ]
-    names = ("contact_sheet.png", "splats.png")
+    names = ("contact_sheet.png", "splats.png", "metrics.json")
     return [str(scene.results / name) for scene in found for name in names]

@@ -106,11 +106,11 @@ def _checked_artifact(path: Path, schema: Schema, group: zarr.Group, attributes:
     return Artifact(path, schema, group, attributes)
 
 
-def verify(path: Path, schemas: Mapping[str, Schema]) -> Artifact:
-    """Open an artifact of any of some kinds, by name, and also check every stored byte against its digest.
+def open_any(path: Path, schemas: Mapping[str, Schema]) -> Artifact:
+    """Open an artifact of any of some kinds, by name.
 
     Raises:
-        ArtifactError: as ``open_artifact``, or some file was changed, added or removed.
+        ArtifactError: as ``open_artifact``, or it is of none of these kinds.
     """
     group, attributes = _open(path)
     schema = schemas.get(attributes.get("schema", ""))
@@ -118,9 +118,18 @@ def verify(path: Path, schemas: Mapping[str, Schema]) -> Artifact:
         raise ArtifactError(
             f"{path}: holds {attributes.get('schema')!r}, a kind that this egosplat does not know."
         )
-    artifact = _checked_artifact(path, schema, group, attributes)
+    return _checked_artifact(path, schema, group, attributes)
+
+
+def verify(path: Path, schemas: Mapping[str, Schema]) -> Artifact:
+    """Open an artifact of any of some kinds, and also check every stored byte against its digest.
+
+    Raises:
+        ArtifactError: as ``open_any``, or some file was changed, added or removed.
+    """
+    artifact = open_any(path, schemas)
     if digest_of(path) != artifact.digest:
-        for name in schema.fields:  # names the chunk, where it is a chunk
+        for name in artifact.schema.fields:  # names the chunk, where it is a chunk
             artifact.read(name)
         raise damaged(path, "its files are not those that were written (digest differs)")
     return artifact

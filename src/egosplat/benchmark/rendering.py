@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torchmetrics.functional.image import peak_signal_noise_ratio, structural_similarity_index_measure
 
-from egosplat.benchmark.queries import InstanceMap, Mask
+from egosplat.benchmark.queries import GROUPS, InstanceMap, Mask
 from egosplat.frames.recording import Instance
 
 Picture = NDArray[np.uint8]
@@ -28,6 +28,33 @@ class RegionScore:
     pixels: int
     psnr: float
     ssim: float
+
+
+@dataclass(frozen=True)
+class RenderingScore:
+    """Of one region in several pictures; NaN where none has it.
+
+    Attributes:
+        frames: pictures that have a pixel of it.
+        psnr, ssim: means over these pictures, as papers have them.
+    """
+
+    frames: int
+    psnr: float
+    ssim: float
+
+
+def summarise_rendering(scores: Sequence[Mapping[str, RegionScore]]) -> dict[str, RenderingScore]:
+    """The mean over pictures of each of ``GROUPS``; pictures without a pixel of a region do not count there."""
+    return {name: _mean([one[name] for one in scores if name in one]) for name in GROUPS}
+
+
+def _mean(scores: Sequence[RegionScore]) -> RenderingScore:
+    seen = [score for score in scores if score.pixels]
+    if not seen:
+        return RenderingScore(0, float("nan"), float("nan"))
+    psnr, ssim = (float(np.mean([getattr(one, name) for one in seen])) for name in ("psnr", "ssim"))
+    return RenderingScore(len(seen), psnr, ssim)
 
 
 def regions(instance_map: InstanceMap, instances: Sequence[Instance], valid: Mask) -> dict[str, Mask]:

@@ -112,9 +112,10 @@ def _answer(
     """One answer from (L, h, w) relevancy; ``seen`` and ``shown``: what is seen, at (L, h, w) and (L, H, W)."""
     levels = [fill_unseen(*level) for level in zip(small, seen, strict=True)]
     raw = np.stack([_resize(level, view.camera, cv2.INTER_LINEAR) for level in levels])
-    filtered = np.stack([box_filter(level, options.smoothing_px) for level in raw])
+    longer = max(view.camera.width, view.camera.height)
+    filtered = np.stack([box_filter(level, options.smoothing_px(longer)) for level in raw])
     location = localize(filtered, shown)
-    found = segment(raw, filtered, shown, options.segmentation_threshold, options.majority_px)
+    found = segment(raw, filtered, shown, options.segmentation_threshold, options.majority_px(longer))
     if location is None or found is None:
         nothing = np.zeros(raw.shape[1:], np.float32)
         return Answer(phrase, 0.0, None, np.zeros((0, 2), np.int64), None, None, nothing, None, nothing > 0)

@@ -3,41 +3,32 @@
 from collections.abc import Iterator
 
 import torch
-from torch import Tensor
 
-from egosplat.features.decoding import Decoder
 from egosplat.geometry import Array, Camera
-from egosplat.language.rendering import Lens, render_codes
+from egosplat.language.rendering import render_codes
 from egosplat.query.answer import Answer, View, answer_from_codes
 from egosplat.query.options import QueryOptions
+from egosplat.query.scene import LanguageScene
 from egosplat.query.smoothing import Mask
 from egosplat.query.text import Texts
-from egosplat.splats.gaussians import Gaussians
 from egosplat.splats.render import render
 
 
 def ask(
-    gaussians: Gaussians,
-    code: Tensor,
-    share: Tensor,
-    decoder: Decoder,
+    scene: LanguageScene,
     texts: Texts,
     camera: Camera,
     camera_to_world: Array,
     valid: Mask | None,
-    lens: Lens,
     options: QueryOptions,
 ) -> Iterator[Answer]:
     """Answer queries in one view of a scene.
 
     Args:
-        gaussians: the scene: N Gaussians on any device.
-        code, share: (N, L, C) and (N, L) float32 of language.zarr, on the same device.
-        decoder: of features.zarr, that the codes were made for.
-        texts: the queries, by the model that features.zarr was made with.
+        scene: what is asked.
+        texts: the queries, by the model that the scene's features were made with.
         camera, camera_to_world: of the picture that is asked.
         valid: (H, W) bool pixels that show the scene, or None for all.
-        lens: how the Gaussians are rendered.
         options: how queries are answered.
 
     Returns:
@@ -46,27 +37,20 @@ def ask(
     Raises:
         ValueError: see ``answer_from_codes``.
     """
-    view = view_of(gaussians, code, share, camera, camera_to_world, valid, lens, options.resolution)
-    return answer_from_codes(view, decoder, texts, options)
+    view = view_of(scene, camera, camera_to_world, valid, options.resolution)
+    return answer_from_codes(view, scene.decoder, texts, options)
 
 
 @torch.inference_mode()
 def view_of(
-    gaussians: Gaussians,
-    code: Tensor,
-    share: Tensor,
-    camera: Camera,
-    camera_to_world: Array,
-    valid: Mask | None,
-    lens: Lens,
-    resolution: int,
+    scene: LanguageScene, camera: Camera, camera_to_world: Array, valid: Mask | None, resolution: int
 ) -> View:
     """One view's codes and depth; arguments as ``ask``, and ``resolution`` as in ``QueryOptions``."""
-    drawn = rendering_camera(camera, resolution)
+    drawn, lens = rendering_camera(camera, resolution), scene.lens
     how = {"near_plane": lens.near_plane, "antialiased": lens.antialiased, "backend": lens.backend}
-    codes = render_codes(gaussians, code, share, drawn, camera_to_world, **how)
+    codes = render_codes(scene.gaussians, scene.code, scene.share, drawn, camera_to_world, **how)
     depth, _, _ = render(
-        gaussians, drawn, camera_to_world, sh_degree=0, background=None, render_mode="ED", **how
+        scene.gaussians, drawn, camera_to_world, sh_degree=0, background=None, render_mode="ED", **how
     )
     return View(codes.codes, codes.coverage, depth[..., 0], camera, camera_to_world, valid)
 

@@ -17,11 +17,10 @@ class QueryOptions:
             camera's, for the camera's own. Maps are then resized to the camera's, in which all else happens.
         min_coverage: a pixel is seen at a level where more of it is covered by something with a code there; of less
             nothing can be said. Above 0, below 1.
-        smoothing_px: side of the box filter [px]; 1 for none. LangSplat has 30 in pictures of about 1,000 to
-            1,400 px; smaller pictures want a smaller one.
+        smoothing: side of the box filter, as a share of the picture's longer side; 0 for none.
         segmentation_threshold: a pixel belongs to the mask where its value, brought to 0..1 over the picture, is
             larger (M7 no. 38).
-        majority_px: side of the square in which the mask takes the majority [px], odd; 1 for none.
+        majority: side of the square in which the mask takes the majority, as the same share; 0 for none.
 
     Raises:
         ValueError: a number is out of its range.
@@ -31,9 +30,9 @@ class QueryOptions:
     temperature: float
     resolution: int
     min_coverage: float
-    smoothing_px: int
+    smoothing: float
     segmentation_threshold: float
-    majority_px: int
+    majority: float
 
     def __post_init__(self) -> None:
         ranges = {
@@ -41,13 +40,21 @@ class QueryOptions:
             "temperature": 0.0 < self.temperature < float("inf"),
             "resolution": self.resolution >= 0,
             "min_coverage": 0.0 < self.min_coverage < 1.0,
-            "smoothing_px": self.smoothing_px >= 1,
+            "smoothing": 0.0 <= self.smoothing <= 1.0,
             "segmentation_threshold": 0.0 <= self.segmentation_threshold < 1.0,
-            "majority_px": self.majority_px >= 1 and self.majority_px % 2 == 1,
+            "majority": 0.0 <= self.majority <= 1.0,
         }
         for name, good in ranges.items():
             if not good:
                 raise ValueError(f"{name} = {getattr(self, name)!r} is out of its range")
+
+    def smoothing_px(self, longer: int) -> int:
+        """Side of the box filter [px] in a picture with this longer side; at least 1, which filters nothing."""
+        return max(1, round(self.smoothing * longer))
+
+    def majority_px(self, longer: int) -> int:
+        """The same of the majority's square: the odd number that is nearest, which has a middle."""
+        return 2 * int(self.majority * longer / 2) + 1
 
 
 LANGSPLAT = QueryOptions(
@@ -55,8 +62,9 @@ LANGSPLAT = QueryOptions(
     temperature=10.0,
     resolution=0,
     min_coverage=0.01,
-    smoothing_px=30,
+    smoothing=0.0213,
     segmentation_threshold=0.7,
-    majority_px=7,
+    majority=0.005,
 )
-"""LangSplat's protocol, which the paper follows; LangSplat itself also decodes what nothing covers."""
+"""LangSplat's protocol, which the paper follows: squares of 30 and 7 pixels at the paper's 1408. LangSplat itself also
+decodes what nothing covers."""

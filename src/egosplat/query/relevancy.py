@@ -18,7 +18,8 @@ def relevancy(features: Tensor, queries: Tensor, canonical: Tensor, temperature:
     exponential that could overflow. It is 0.5 where the query fits as well as the best canonical phrase.
 
     Args:
-        features: (..., D) float32 of unit norm; zeros, or numbers that are not finite, where there is none.
+        features: (..., D) floats of unit norm; zeros, or numbers that are not finite, where there is none. Halves are
+            widened: they would move a relevancy by 0.08 at a temperature of 10,000.
         queries: (Q, D) float32; s_q is the inner product.
         canonical: (K, D) float32, K at least 1.
         temperature: t.
@@ -26,6 +27,8 @@ def relevancy(features: Tensor, queries: Tensor, canonical: Tensor, temperature:
     Returns:
         (..., Q) float32 in [0, 1]; 0 where there is no feature.
     """
+    wide = torch.promote_types(features.dtype, torch.float32)
+    features, queries, canonical = features.to(wide), queries.to(wide), canonical.to(wide)
     fits = features @ queries.T - (features @ canonical.T).amax(dim=-1, keepdim=True)
     # Of unit norm or of none, and a comparison with NaN is false.
     there = (features.square().sum(dim=-1, keepdim=True) - 1.0).abs() < 0.5

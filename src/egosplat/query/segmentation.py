@@ -33,7 +33,8 @@ def segment(
         raw: (L, H, W) float32 relevancy, finite.
         filtered: the same, smoothed.
         seen: (L, H, W) bool; other pixels do not count and are in no mask.
-        segmentation_threshold, majority_px: see ``QueryOptions``.
+        segmentation_threshold: see ``QueryOptions``.
+        majority_px: see ``majority``.
 
     Returns:
         None where nothing is seen at any level.

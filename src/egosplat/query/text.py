@@ -28,6 +28,11 @@ class Texts:
     queries: Tensor
     canonical: Tensor
 
+    def of(self, phrases: Sequence[str]) -> "Texts":
+        """Some of the queries, in the order of these phrases."""
+        rows = [self.phrases.index(phrase) for phrase in phrases]
+        return Texts(tuple(phrases), self.queries[rows], self.canonical)
+
     def in_parts(self, size: int) -> Iterator["Texts"]:
         """The queries, at most ``size`` at a time, in order."""
         for begin in range(0, len(self.phrases), size):

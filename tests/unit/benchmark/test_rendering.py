@@ -7,7 +7,13 @@ import pytest
 import torch
 from torchmetrics.functional.image import structural_similarity_index_measure
 
-from egosplat.benchmark.rendering import region_scores, regions
+from egosplat.benchmark.rendering import (
+    RegionScore,
+    RenderingScore,
+    region_scores,
+    regions,
+    summarise_rendering,
+)
 
 
 @pytest.fixture
@@ -88,3 +94,15 @@ def test_other_shapes_are_refused(photograph, valid):
         region_scores(photograph[1:], photograph, valid, {})
     with pytest.raises(ValueError, match="differ"):
         region_scores(photograph, photograph, valid[1:], {})
+
+
+def test_the_mean_is_over_pictures_that_have_the_region():
+    scores = [
+        {"all": RegionScore(9, 20.0, 0.5), "dynamic": RegionScore(0, math.nan, math.nan)},
+        {"all": RegionScore(9, 30.0, 0.7), "dynamic": RegionScore(4, 10.0, 0.1)},
+        {},
+    ]
+    found = summarise_rendering(scores)
+    assert found["all"] == RenderingScore(2, 25.0, pytest.approx(0.6))
+    assert found["dynamic"] == RenderingScore(1, 10.0, 0.1)
+    assert found["static"].frames == 0 and math.isnan(found["static"].psnr)

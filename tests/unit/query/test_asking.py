@@ -11,6 +11,7 @@ from egosplat.geometry import Camera
 from egosplat.language.rendering import Lens
 from egosplat.query.asking import ask, rendering_camera, view_of
 from egosplat.query.options import LANGSPLAT
+from egosplat.query.scene import LanguageScene
 from egosplat.query.text import Texts
 from egosplat.splats.gaussians import Gaussians
 
@@ -20,7 +21,7 @@ IDENTITY = Decoder((4,), np.zeros(0, np.float32))
 
 
 @pytest.fixture
-def scene() -> tuple[Gaussians, torch.Tensor, torch.Tensor]:
+def scene() -> LanguageScene:
     """Two opaque balls at 2 m, left and right, that mean directions 0 and 1 at the one level there is."""
     means = torch.tensor([[-0.5, 0.0, 2.0], [0.5, 0.1, 2.0]])
     gaussians = Gaussians(
@@ -31,26 +32,24 @@ def scene() -> tuple[Gaussians, torch.Tensor, torch.Tensor]:
         torch.zeros(2, 1, 3),
         torch.zeros(2, 0),
     )
-    return gaussians, torch.eye(4)[:2, None], torch.ones(2, 1)
+    return LanguageScene(gaussians, torch.eye(4)[:2, None], torch.ones(2, 1), IDENTITY, LENS)
 
 
 @pytest.mark.parametrize("resolution", [0, 32])
 def test_things_are_found_where_they_are(scene, resolution):
     texts = Texts(("left", "right"), torch.eye(4)[:2], torch.eye(4)[2:3])
-    options = replace(LANGSPLAT, smoothing_px=4, resolution=resolution)
-    answers = ask(*scene, IDENTITY, texts, CAMERA, np.eye(4), None, LENS, options)
-    for answer, place in zip(answers, scene[0].means.numpy(), strict=True):
+    options = replace(LANGSPLAT, smoothing=4 / 64, resolution=resolution)
+    answers = ask(scene, texts, CAMERA, np.eye(4), None, options)
+    for answer, place in zip(answers, scene.gaussians.means.numpy(), strict=True):
         assert answer.score > 0.99 and answer.mask.shape == (48, 64)
-        assert np.abs(answer.position - place).max() < 0.15 and answer.position[2] == pytest.approx(
-            2.0, abs=1e-3
-        )
+        assert np.abs(answer.position - place).max() < 0.15
+        assert answer.position[2] == pytest.approx(2.0, abs=1e-3)
         assert answer.mask.any() and not answer.mask[:, 30:34].any()
 
 
 def test_a_gaussian_without_a_share_says_nothing(scene):
-    gaussians, code, share = scene
-    share[1] = 0.0
-    view = view_of(gaussians, code, share, CAMERA, np.eye(4), None, LENS, 0)
+    scene.share[1] = 0.0
+    view = view_of(scene, CAMERA, np.eye(4), None, 0)
     assert view.codes.shape == (1, 48, 64, 4) and view.coverage.shape == (1, 48, 64)
     assert view.coverage[0, :, :32].max() > 0.9 and view.coverage[0, :, 34:].max() == 0.0
     assert view.depth.shape == (48, 64) and view.depth[24, 48] == pytest.approx(2.0, abs=1e-3)

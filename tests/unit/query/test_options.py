@@ -4,13 +4,29 @@ from dataclasses import replace
 
 import pytest
 
-from egosplat.query.options import CANONICAL, LANGSPLAT
+from egosplat.config import section_keys
+from egosplat.query.options import CANONICAL, LANGSPLAT, QueryOptions
 
 
 def test_langsplat():
     assert CANONICAL == ("object", "things", "stuff", "texture")
-    assert (LANGSPLAT.temperature, LANGSPLAT.smoothing_px, LANGSPLAT.majority_px) == (10.0, 30, 7)
-    assert LANGSPLAT.segmentation_threshold == 0.7
+    assert (LANGSPLAT.temperature, LANGSPLAT.segmentation_threshold) == (10.0, 0.7)
+    assert (LANGSPLAT.smoothing_px(1408), LANGSPLAT.majority_px(1408)) == (30, 7)
+
+
+@pytest.mark.parametrize("longer, smoothing, majority", [(1056, 22, 5), (512, 11, 3), (96, 2, 1), (1, 1, 1)])
+def test_squares_go_with_the_picture(longer, smoothing, majority):
+    assert (LANGSPLAT.smoothing_px(longer), LANGSPLAT.majority_px(longer)) == (smoothing, majority)
+
+
+def test_squares_can_be_left_out():
+    options = replace(LANGSPLAT, smoothing=0.0, majority=0.0)
+    assert (options.smoothing_px(1408), options.majority_px(1408)) == (1, 1)
+
+
+def test_the_configuration_s_defaults_are_langsplat_s():
+    keys = {name: key["default"] for name, key in section_keys("query").items() if name != "backend"}
+    assert QueryOptions(**keys | {"canonical": tuple(keys["canonical"])}) == LANGSPLAT
 
 
 @pytest.mark.parametrize(
@@ -23,9 +39,9 @@ def test_langsplat():
         ("resolution", -1),
         ("min_coverage", 0.0),
         ("min_coverage", 1.0),
-        ("smoothing_px", 0),
+        ("smoothing", -0.1),
         ("segmentation_threshold", 1.0),
-        ("majority_px", 6),
+        ("majority", 1.1),
     ],
 )
 def test_what_is_out_of_range_is_named(name, value):

@@ -19,9 +19,7 @@ COUNT, SIDE = 6, 64
 
 @pytest.fixture(scope="module")
 def keys():
-    names = ("sam2_config", "sam2_checkpoint", "device", "precision")
-    defaults = {name: key["default"] for name, key in stage_keys("segments").items()}
-    return defaults | {name: stage_keys("models")[name]["default"] for name in names}
+    return {name: key["default"] for name, key in stage_keys("segments").items()}
 
 
 @pytest.fixture

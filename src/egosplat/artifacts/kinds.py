@@ -1,0 +1,17 @@
+"""All kinds of artifacts."""
+
+from egosplat.artifacts.annotations import ANNOTATIONS
+from egosplat.artifacts.features import FEATURES
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.language import LANGUAGE
+from egosplat.artifacts.masks import MASKS
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.schema import Schema
+from egosplat.artifacts.segments import SEGMENTS
+from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.transient import TRANSIENT
+from egosplat.artifacts.view_features import VIEW_FEATURES
+
+_ALL = (FRAMES, ANNOTATIONS, POSES, SEGMENTS, VIEW_FEATURES, FEATURES, TRANSIENT, MASKS, SPLATS, LANGUAGE)
+SCHEMAS: dict[str, Schema] = {schema.name: schema for schema in _ALL}
+"""Every kind of artifact, by name."""

@@ -1,0 +1,55 @@
+"""What artifacts were made from, back to the recording."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from egosplat.artifacts.kinds import SCHEMAS
+from egosplat.artifacts.reading import Artifact, open_any, recorded_digest
+from egosplat.errors import UserError
+
+
+@dataclass(frozen=True)
+class Lineage:
+    """Some artifacts with all that they were made from.
+
+    Attributes:
+        found: by file name, sorted.
+        lost: names of those that lie beside none of them any more, or only another of that name does; sorted.
+    """
+
+    found: Mapping[str, Artifact]
+    lost: tuple[str, ...]
+
+
+def lineage(artifacts: Sequence[Artifact]) -> Lineage:
+    """Follow the digests that artifacts record of their inputs; these are looked for beside any of the artifacts.
+
+    Raises:
+        UserError: two of them were made from different artifacts of one name, or one is damaged.
+    """
+    folders = dict.fromkeys(artifact.path.parent for artifact in artifacts)
+    found = {artifact.path.name: artifact for artifact in artifacts}
+    lost: set[str] = set()
+    todo = list(artifacts)
+    while todo:
+        artifact = todo.pop()
+        for name, digest in artifact.provenance["inputs"].items():
+            if name in found:
+                _check_same(artifact, found[name], digest)
+                continue
+            paths = (folder / name for folder in folders)
+            path = next((one for one in paths if one.exists() and recorded_digest(one) == digest), None)
+            if path is None:
+                lost.add(name)
+            else:
+                found[name] = open_any(path, SCHEMAS)
+                todo.append(found[name])
+    return Lineage(dict(sorted(found.items())), tuple(sorted(lost)))
+
+
+def _check_same(artifact: Artifact, source: Artifact, digest: str) -> None:
+    if source.digest != digest:
+        raise UserError(
+            f"{artifact.path}: was made from another {source.path.name} than {source.path}; "
+            f"make it anew: snakemake --cores 2 {artifact.path}"
+        )

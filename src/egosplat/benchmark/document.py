@@ -1,0 +1,99 @@
+"""``metrics.json``: its parts as plain values, its schema, and how it is written."""
+
+import functools
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import yaml
+from jsonschema import Draft202012Validator
+
+from egosplat.atomic import whole_file
+from egosplat.benchmark.asking import Asked
+from egosplat.benchmark.evaluation import Frame
+from egosplat.benchmark.intervals import Interval
+from egosplat.benchmark.rendering import RegionScore
+from egosplat.benchmark.scores import GroupScore
+from egosplat.frames.recording import Instance
+
+FORMAT_VERSION = 1
+
+
+@functools.cache
+def metrics_schema() -> dict[str, Any]:
+    """The JSON schema of ``metrics.json``."""
+    return yaml.safe_load((resources.files("egosplat") / "schemas" / "metrics.schema.yaml").read_text())
+
+
+def write_metrics(output: Path, document: Mapping[str, Any]) -> None:
+    """Check a document and write it, with sorted keys; the file appears when it is complete.
+
+    Numbers that are not finite (a mean of nothing, the PSNR of equal pictures) become null.
+
+    Raises:
+        jsonschema.ValidationError: it is not what the schema describes.
+    """
+    values = finite(document)
+    Draft202012Validator(metrics_schema()).validate(values)
+    with whole_file(output) as scratch:
+        scratch.write_text(json.dumps(values, indent=1, sort_keys=True, allow_nan=False) + "\n")
+
+
+def finite(value: Any) -> Any:
+    """The same plain value with lists for tuples, and None for numbers that are not finite."""
+    if isinstance(value, Mapping):
+        return {key: finite(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def score_entry(score: GroupScore) -> dict[str, Any]:
+    """Of a group, with intervals as pairs."""
+    return asdict(score) | {
+        "accuracy_interval": _pair(score.accuracy_interval),
+        "mean_iou_interval": _pair(score.mean_iou_interval),
+    }
+
+
+def query_entry(asked: Asked, instances: Sequence[Instance], levels: Sequence[str]) -> dict[str, Any]:
+    """Of a query; levels and instances by their names."""
+    query, score = asked.query, asked.score
+    return {
+        "frame": query.frame,
+        "category": query.category,
+        "relevancy": asked.relevancy,
+        "level": None if asked.level is None else levels[asked.level],
+        "pixel": asked.pixel,
+        "position_m": None if asked.position is None else asked.position.tolist(),
+        "mask_level": None if asked.mask_level is None else levels[asked.mask_level],
+        "mask_pixels": asked.mask_pixels,
+        "groups": {
+            name: {
+                "hit": score.hit[name],
+                "iou": score.iou[name],
+                "instances": [instances[index].name for index in own],
+            }
+            for name, own in query.instances.items()
+        },
+    }
+
+
+def frame_entry(frame: Frame, queries: int, rendering: Mapping[str, RegionScore]) -> dict[str, Any]:
+    """Of an evaluation frame, in which so many queries were asked."""
+    return {
+        "frame": frame.index,
+        "annotated": frame.annotated,
+        "registered": frame.registered,
+        "trained_on": frame.trained_on,
+        "queries": queries,
+        "rendering": {name: asdict(score) for name, score in rendering.items()},
+    }
+
+
+def _pair(interval: Interval) -> tuple[float, float]:
+    return interval.low, interval.high

@@ -1,0 +1,43 @@
+"""How what was scored came about: every artifact on the way, what it cost, and which models made it."""
+
+from typing import Any
+
+from egosplat.artifacts.lineage import Lineage
+from egosplat.models.configs import SMALL
+
+
+def artifact_entries(made_from: Lineage) -> dict[str, dict[str, Any] | None]:
+    """Provenance and digest of each artifact by file name, wall time and peak memory among it; None of a lost one."""
+    known = {
+        name: artifact.provenance | {"digest": artifact.digest} for name, artifact in made_from.found.items()
+    }
+    return known | dict.fromkeys(made_from.lost)
+
+
+def total_cost(made_from: Lineage, own: dict[str, Any]) -> dict[str, float | None]:
+    """Wall time of all stages one after the other [s] and the largest peak memory [MiB]; None if an artifact is lost.
+
+    Args:
+        made_from: all artifacts.
+        own: the record of what is being made itself.
+    """
+    if made_from.lost:
+        return {"wall_s": None, "peak_memory_mb": None}
+    records = [own, *(artifact.provenance for artifact in made_from.found.values())]
+    return {
+        "wall_s": round(sum(record["wall_s"] for record in records), 3),
+        "peak_memory_mb": max(record["peak_memory_mb"] for record in records),
+    }
+
+
+def models_used(made_from: Lineage) -> dict[str, dict[str, Any]]:
+    """Of each model by the key of its checkpoint: its value, content hash, and whether it is the small one shipped."""
+    return {
+        key: {
+            "checkpoint": artifact.provenance["options"][key],
+            "hash": content,
+            "small": artifact.provenance["options"][key] == SMALL,
+        }
+        for artifact in made_from.found.values()
+        for key, content in sorted(artifact.provenance["models"].items())
+    }

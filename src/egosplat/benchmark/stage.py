@@ -1,0 +1,153 @@
+"""Stage ``metrics``: everything that is annotated is asked for; answers and renders are scored."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from egosplat import provenance
+from egosplat.artifacts.annotations import ANNOTATIONS
+from egosplat.artifacts.features import FEATURES
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.language import LANGUAGE
+from egosplat.artifacts.lineage import Lineage, lineage
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reading import open_artifact
+from egosplat.artifacts.splats import SPLATS
+from egosplat.benchmark.asking import Asked, ask_all
+from egosplat.benchmark.counts import counts_of
+from egosplat.benchmark.document import FORMAT_VERSION, frame_entry, query_entry, score_entry, write_metrics
+from egosplat.benchmark.evaluation import Evaluation, Frame, read_evaluation
+from egosplat.benchmark.intervals import IntervalOptions
+from egosplat.benchmark.making import artifact_entries, models_used, total_cost
+from egosplat.benchmark.queries import GROUPS, BenchmarkQueries, Query, find_queries
+from egosplat.benchmark.rendering import summarise_rendering
+from egosplat.benchmark.scores import GroupScore, summarise
+from egosplat.progress import log
+from egosplat.provenance import Provenance
+from egosplat.query.clip import load_clip_of
+from egosplat.query.options import QueryOptions
+from egosplat.query.scene import read_scene
+from egosplat.query.text import encode_texts
+
+_PATHS = ("frames", "poses", "annotations", "features", "splats", "language", "output", "title")
+
+
+def run(
+    frames: Path,
+    poses: Path,
+    annotations: Path,
+    features: Path,
+    splats: Path,
+    language: Path,
+    output: Path,
+    *,
+    title: str,
+    clip_model: str,
+    clip_checkpoint: str,
+    device: str,
+    precision: str,
+    canonical: Sequence[str],
+    temperature: float,
+    resolution: int,
+    min_coverage: float,
+    smoothing: float,
+    segmentation_threshold: float,
+    majority: float,
+    backend: str,
+    min_area: float,
+    excluded: Sequence[str],
+    people: bool,
+    target: str,
+    confidence: float,
+    resamples: int,
+    seed: int,
+) -> None:
+    """Write the scores of a scene as JSON, see ``metrics.schema.yaml``; the keys are those of the schema's ``metrics``
+    and ``query``, and the section ``models``'s for OpenCLIP.
+
+    Raises:
+        UserError: inputs do not belong together, the model is not that of the features, the backend cannot run.
+    """
+    keys = {key: value for key, value in locals().items() if key not in _PATHS}
+    pictures, walk = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
+    truth, words = open_artifact(annotations, ANNOTATIONS), open_artifact(features, FEATURES)
+    trained, meaning = open_artifact(splats, SPLATS), open_artifact(language, LANGUAGE)
+    made_from = lineage([pictures, walk, truth, words, trained, meaning])
+    made = _begin(keys, made_from)
+    clip = load_clip_of(words, clip_model, clip_checkpoint, device, precision)
+    evaluation = read_evaluation(pictures, walk, truth, trained)
+    queries = _queries(evaluation, BenchmarkQueries(min_area, tuple(excluded), people))
+    texts = encode_texts(clip, sorted({query.category for query in queries}), canonical)
+    options = QueryOptions(
+        canonical=tuple(canonical),
+        temperature=temperature,
+        resolution=resolution,
+        min_coverage=min_coverage,
+        smoothing=smoothing,
+        segmentation_threshold=segmentation_threshold,
+        majority=majority,
+    )
+    scene = read_scene(trained, meaning, words, backend)
+    asked = list(ask_all(queries, evaluation, scene, texts, options, target))
+    scores = summarise([one.score for one in asked], IntervalOptions(confidence, resamples, seed))
+    document = {
+        "scene": title,
+        "counts": counts_of(evaluation, words, meaning, made_from),
+        "scores": {name: score_entry(score) for name, score in scores.items()},
+        "queries": [query_entry(one, evaluation.instances, meaning.facts["levels"]) for one in asked],
+        **_rendering(evaluation, asked),
+        **_making(made, made_from),
+    }
+    write_metrics(output, document)
+    _tell(evaluation.frames, scores)
+
+
+def _begin(keys: dict[str, Any], made_from: Lineage) -> Provenance:
+    found = made_from.found
+    origin = provenance.joint_origin(*(artifact.origin for artifact in found.values()))
+    inputs = {name: artifact.digest for name, artifact in found.items()}
+    models = {key: used["hash"] for key, used in models_used(made_from).items() if key in keys}
+    return provenance.begin("metrics", keys, origin, inputs, models)
+
+
+def _queries(evaluation: Evaluation, options: BenchmarkQueries) -> list[Query]:
+    """Those of frames that have a pose."""
+    asked = {frame.row for frame in evaluation.frames if frame.asked}
+    found = find_queries(evaluation.annotations, evaluation.valid, options)
+    return [query for query in found if query.row in asked]
+
+
+def _rendering(evaluation: Evaluation, asked: Sequence[Asked]) -> dict[str, Any]:
+    rendering = [evaluation.rendering_of(frame) for frame in evaluation.frames]
+    counts = [sum(one.query.frame == frame.index for one in asked) for frame in evaluation.frames]
+    entries = zip(evaluation.frames, counts, rendering, strict=True)
+    return {
+        "frames": [frame_entry(*entry) for entry in entries],
+        "rendering": {name: asdict(score) for name, score in summarise_rendering(rendering).items()},
+    }
+
+
+def _making(made: Provenance, made_from: Lineage) -> dict[str, Any]:
+    record = made.record()
+    return {
+        "format_version": FORMAT_VERSION,
+        "origin": made.origin,
+        "provenance": record,
+        "models": models_used(made_from),
+        "artifacts": artifact_entries(made_from),
+        "total": total_cost(made_from, record),
+    }
+
+
+def _tell(frames: Sequence[Frame], scores: Mapping[str, GroupScore]) -> None:
+    if trained_on := sum(frame.trained_on for frame in frames):
+        log(
+            f"warning: {trained_on} of {len(frames)} evaluation frames were trained on; their renders are not scored"
+        )
+    if lost := sum(frame.annotated and not frame.registered for frame in frames):
+        log(f"warning: {lost} annotated frames have no pose and are not asked")
+    for name in GROUPS:
+        one = scores[name]
+        told = f"accuracy {one.accuracy:.1%}, mIoU {one.mean_iou:.1%}" if one.count else "nothing to ask for"
+        log(f"{name}: {one.count} queries, {told}")

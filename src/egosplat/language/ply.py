@@ -1,0 +1,90 @@
+"""Gaussians as a .ply file that public viewers of 3DGS open, what they mean as further properties."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.artifacts.language import LANGUAGE
+from egosplat.artifacts.reading import open_artifact
+from egosplat.artifacts.splats import SPLATS
+from egosplat.atomic import whole_file
+from egosplat.errors import UserError
+from egosplat.progress import log
+from egosplat.splats.gaussians import Gaussians
+from egosplat.splats.saved import read_gaussians
+
+Columns = dict[str, NDArray[np.float32]]
+
+
+def export(scene: Path, output: Path, codes: bool) -> None:
+    """Write the Gaussians of a scene's folder.
+
+    Args:
+        scene: folder with splats.zarr, and language.zarr where codes are asked for.
+        output: the file.
+        codes: whether codes and shares are written.
+
+    Raises:
+        UserError: an artifact is absent or damaged, or of other splats.
+    """
+    splats = open_artifact(scene / "splats.zarr", SPLATS)
+    columns = geometry_columns(read_gaussians(splats))
+    if codes:
+        language = open_artifact(scene / "language.zarr", LANGUAGE)
+        if language.provenance["inputs"]["splats.zarr"] != splats.digest:
+            raise UserError(
+                f"{language.path}: is of other Gaussians than {splats.path}; "
+                f"make it anew: snakemake --cores 2 {language.path}"
+            )
+        columns |= code_columns(language.read("code"), language.read("share"), language.facts["levels"])
+    write_ply(output, columns, comment=f"egosplat, origin {splats.origin}")
+    log(f"{output}: {len(columns['x'])} Gaussians, {len(columns)} properties each")
+
+
+def geometry_columns(gaussians: Gaussians) -> Columns:
+    """The properties of 3DGS (Kerbl et al. 2023) in its order: raw parameters, normals of 0, SH by colour channel."""
+    sh = gaussians.sh.permute(0, 2, 1).numpy()
+    rest = sh[:, :, 1:].reshape(len(sh), -1)
+    nothing = np.zeros(len(sh), np.float32)
+    return {
+        **dict(zip("xyz", gaussians.means.numpy().T, strict=True)),
+        **dict.fromkeys(("nx", "ny", "nz"), nothing),
+        **{f"f_dc_{channel}": sh[:, channel, 0] for channel in range(3)},
+        **{f"f_rest_{number}": rest[:, number] for number in range(rest.shape[1])},
+        "opacity": gaussians.logit_opacities.numpy(),
+        **{f"scale_{axis}": gaussians.log_scales[:, axis].numpy() for axis in range(3)},
+        **{f"rot_{number}": gaussians.quats[:, number].numpy() for number in range(4)},
+    }
+
+
+def code_columns(code: NDArray[np.float32], share: NDArray[np.float32], levels: Sequence[str]) -> Columns:
+    """``share_whole``, ``code_whole_0``, ... of (N, L, C) codes and (N, L) shares."""
+    columns: Columns = {}
+    for level, name in enumerate(levels):
+        columns[f"share_{name}"] = share[:, level]
+        columns |= {f"code_{name}_{number}": code[:, level, number] for number in range(code.shape[2])}
+    return columns
+
+
+def write_ply(path: Path, columns: Columns, comment: str) -> None:
+    """Write float32 properties of vertices, little-endian binary; the file is whole or absent.
+
+    Args:
+        path: the file.
+        columns: (N,) values of each property, in order.
+        comment: one line for the header.
+    """
+    vertices = np.stack(list(columns.values()), axis=1).astype("<f4")
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        f"comment {comment}",
+        f"element vertex {len(vertices)}",
+        *(f"property float {name}" for name in columns),
+        "end_header",
+    ]
+    with whole_file(path) as scratch, scratch.open("wb") as file:
+        file.write("\n".join([*header, ""]).encode("ascii"))
+        file.write(vertices.tobytes())

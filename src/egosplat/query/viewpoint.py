@@ -1,0 +1,66 @@
+"""Where a question is asked from: a frame of the recording, or any place."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from egosplat.artifacts.reading import Artifact
+from egosplat.errors import UserError
+from egosplat.geometry import Array, is_rigid
+from egosplat.query.smoothing import Mask
+
+
+@dataclass(frozen=True, eq=False)
+class Viewpoint:
+    """A pose of the recording's camera.
+
+    Attributes:
+        name: in words.
+        camera_to_world: (4, 4) float64, OpenCV axes, metres.
+        valid: (H, W) bool pixels that show the scene, or None for all.
+    """
+
+    name: str
+    camera_to_world: Array
+    valid: Mask | None
+
+
+def frame_viewpoint(frames: Artifact, poses: Artifact, frame: int | None) -> Viewpoint:
+    """The viewpoint of a frame; of None, the middle one of those that have a pose.
+
+    Raises:
+        UserError: there is no such frame, or it has no pose.
+    """
+    registered = poses.read("registered")
+    with_pose = np.flatnonzero(registered)
+    if not len(with_pose):
+        raise UserError(f"{poses.path}: no frame has a pose; look at the log of the stage poses")
+    index = int(with_pose[len(with_pose) // 2]) if frame is None else frame
+    if index >= len(registered):
+        raise UserError(f"--frame {index}: there are {len(registered)} frames, 0 to {len(registered) - 1}")
+    if not registered[index]:
+        nearest = with_pose[np.abs(with_pose - index).argmin()]
+        raise UserError(f"--frame {index}: has no pose; the nearest frame that has one is {nearest}")
+    return Viewpoint(f"frame {index}", poses.read("camera_to_world")[index], frames.read("valid"))
+
+
+def file_viewpoint(path: Path) -> Viewpoint:
+    """The viewpoint of a JSON file ``{"camera_to_world": [[...], ...]}``, 4 rows of 4 numbers.
+
+    Raises:
+        UserError: the file cannot be read, or holds no rigid motion.
+    """
+    try:
+        pose = np.array(json.loads(path.read_text(encoding="utf-8"))["camera_to_world"], np.float64)
+    except FileNotFoundError:
+        raise UserError(f"--pose {path}: does not exist") from None
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        reason = str(error).splitlines()[0]
+        raise UserError(f"--pose {path}: is no JSON with 4x4 numbers camera_to_world ({reason})") from None
+    if pose.shape != (4, 4) or not is_rigid(pose):
+        raise UserError(
+            f"--pose {path}: camera_to_world is no rigid motion: 4x4, a rotation and metres, last row 0 0 0 1"
+        )
+    return Viewpoint(path.name, pose, None)

@@ -1,0 +1,77 @@
+"""Answers on one page: for each query the place, the relevancy and the mask in the rendered view."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import numpy as np
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from egosplat.atomic import whole_file
+from egosplat.query.answer import Answer
+
+CELL = 4.0
+"""Height of a picture, in inches."""
+
+DIMMED = 0.35
+"""Brightness that is left of what is not in the mask."""
+
+HEAT = 0.65
+"""Share of the heat map's colours over the picture."""
+
+
+def draw_answers(
+    picture: NDArray[np.float32], answers: Sequence[Answer], levels: Sequence[str], title: str, output: Path
+) -> None:
+    """Draw the page as PNG; the file appears when it is complete.
+
+    Args:
+        picture: (H, W, 3) float32 in [0, 1], the rendered view.
+        answers: a row each, one at least.
+        levels: their names.
+        title: above all.
+        output: the file.
+    """
+    height, width, _ = picture.shape
+    cell = CELL * float(np.clip(width / height, 0.6, 1.8))
+    size = (3 * cell, len(answers) * (CELL + 0.35) + 0.6)
+    figure, grid = plt.subplots(len(answers), 3, squeeze=False, figsize=size, layout="constrained")
+    figure.suptitle(title, fontsize=12)
+    for cells, answer in zip(grid, answers, strict=True):
+        _draw(cells, picture, answer, levels)
+    with whole_file(output) as scratch:
+        figure.savefig(scratch, dpi=90, format="png")
+    plt.close(figure)
+
+
+def _draw(
+    cells: NDArray[np.object_], picture: NDArray[np.float32], answer: Answer, levels: Sequence[str]
+) -> None:
+    place, heat, mask = cells
+    for axes in cells:
+        axes.set_axis_off()
+    place.imshow(picture)
+    place.set_title(f'"{answer.phrase}": {answer.score:.2f}', fontsize=10)
+    if answer.level is None or answer.mask_level is None:
+        heat.set_title("nothing is seen here", fontsize=10)
+        return
+    _mark(place, answer)
+    grey = picture.mean(axis=-1)
+    heat.imshow(grey, cmap="gray", vmin=0.0, vmax=1.0)
+    heat.imshow(answer.relevancy, cmap="turbo", vmin=0.0, vmax=1.0, alpha=HEAT)
+    _mark(heat, answer)
+    heat.set_title(f"relevancy 0 to 1, {levels[answer.level]}", fontsize=10)
+    mask.imshow(np.where(answer.mask[..., None], picture, DIMMED * picture))
+    mask.set_title(f"mask, {levels[answer.mask_level]}", fontsize=10)
+
+
+def _mark(axes: Axes, answer: Answer) -> None:
+    """A ring around the most relevant pixel."""
+    if answer.pixel is not None:
+        axes.scatter(*answer.pixel, s=130, facecolors="none", edgecolors="black", linewidths=3.5)
+        axes.scatter(*answer.pixel, s=130, facecolors="none", edgecolors="white", linewidths=1.5)

@@ -1,0 +1,144 @@
+"""The stage ``metrics`` on a scene whose answers are known."""
+
+import json
+import math
+import shutil
+
+import pytest
+from jsonschema import Draft202012Validator, ValidationError
+
+from egosplat.benchmark import stage
+from egosplat.benchmark.document import finite, metrics_schema, write_metrics
+from egosplat.config import stage_keys
+from egosplat.errors import UserError
+
+NAMES = ("frames", "poses", "annotations", "features", "splats", "language")
+
+
+@pytest.fixture
+def scored(tmp_path):
+    """``scored(folder, **keys)``: what the stage writes."""
+
+    def run(folder, **keys):
+        paths = {name: folder / f"{name}.zarr" for name in NAMES}
+        defaults = {name: key["default"] for name, key in stage_keys("metrics").items()}
+        output = tmp_path / "metrics.json"
+        stage.run(**paths, output=output, title="a/scene", **defaults | {"resamples": 50} | keys)
+        return json.loads(output.read_text())
+
+    return run
+
+
+def test_everything_is_found(word_scene, scored):
+    found = scored(word_scene())
+    Draft202012Validator(metrics_schema()).validate(found)
+    # Couch and cup, in the held-out frame and in the one that was trained on.
+    assert [(one["frame"], one["category"]) for one in found["queries"]] == [
+        (frame, name) for frame in (1, 2) for name in ("couch", "cup")
+    ]
+    for name, count in (("static", 2), ("dynamic", 2), ("all", 4)):
+        score = found["scores"][name]
+        assert (score["count"], score["accuracy"]) == (count, 1.0) and score["mean_iou"] > 0.8
+        assert score["accuracy_interval"][0] < 1.0 == score["accuracy_interval"][1]
+    couch, cup = found["queries"][:2]
+    assert couch["level"] == couch["mask_level"] == "whole" and couch["relevancy"] > 0.5
+    assert set(couch["groups"]) == {"static", "all"} and set(cup["groups"]) == {"dynamic", "all"}
+    assert couch["groups"]["all"]["instances"] == ["Couch_1"]
+    assert couch["pixel"][0] < 24 <= cup["pixel"][0]
+    assert couch["position_m"][0] < 0 < cup["position_m"][0]
+    assert cup["position_m"][2] == pytest.approx(2.0, abs=0.01)
+
+
+def test_renders_are_scored_where_frames_are_held_out(word_scene, scored):
+    found = scored(word_scene())
+    held_out, trained_on, without_pose = found["frames"]
+    assert [frame["queries"] for frame in found["frames"]] == [2, 2, 0]
+    assert not trained_on["rendering"] and not without_pose["rendering"]
+    assert trained_on["trained_on"] and not without_pose["registered"]
+    dynamic = held_out["rendering"]["dynamic"]
+    assert dynamic["psnr"] == pytest.approx(20 * math.log10(255 / 20), abs=1e-3)
+    assert held_out["rendering"]["static"]["psnr"] is None  # infinite
+    assert dynamic["pixels"] == 46 * 24
+    assert found["rendering"]["dynamic"] == {"frames": 1, "psnr": dynamic["psnr"], "ssim": dynamic["ssim"]}
+
+
+def test_counts(word_scene, scored):
+    found = scored(word_scene())["counts"]
+    expected = {
+        "frames": 4,
+        "training_frames": 2,
+        "evaluation_frames": 3,
+        "evaluation_frames_annotated": 3,
+        "evaluation_frames_asked": 2,
+        "evaluation_frames_trained_on": 1,
+        "evaluation_frames_without_pose": 1,
+        "annotated_instances": 2,
+        "instances": {"part": 0, "whole": 2},
+        "transient_instances": None,
+        "gaussians": 576,
+        "gaussians_with_code": {"part": 0, "whole": 576},
+    }
+    assert found.items() >= expected.items()
+
+
+def test_only_another_method_may_count_less(word_scene, scored):
+    found, validator = scored(word_scene()), Draft202012Validator(metrics_schema())
+    del found["counts"]["gaussians"]
+    assert not validator.is_valid(found)
+    assert validator.is_valid(found | {"method": "another"})
+
+
+def test_how_it_came_about(word_scene, scored):
+    found = scored(word_scene())
+    assert set(found["artifacts"]) == {f"{name}.zarr" for name in NAMES}
+    assert found["origin"] == "synthetic" and found["scene"] == "a/scene"
+    assert found["models"]["clip_checkpoint"]["small"]
+    own, parts = found["provenance"], found["artifacts"].values()
+    assert own["models"] == {"clip_checkpoint": found["models"]["clip_checkpoint"]["hash"]}
+    assert own["options"]["temperature"] == 10.0 and own["options"]["target"] == "box"
+    assert found["total"]["wall_s"] == pytest.approx(own["wall_s"] + sum(one["wall_s"] for one in parts))
+    assert found["total"]["peak_memory_mb"] >= own["peak_memory_mb"]
+
+
+def test_a_lost_artifact_is_told(word_scene, scored):
+    found = scored(word_scene(inputs={"view_features.zarr": "0" * 64}))
+    assert found["artifacts"]["view_features.zarr"] is None
+    assert found["total"] == {"wall_s": None, "peak_memory_mb": None}
+
+
+def test_without_anything_to_ask_for_there_are_no_scores(word_scene, scored):
+    found = scored(word_scene(), excluded=["couch", "cup"])
+    assert found["queries"] == []
+    assert found["scores"]["all"] == {
+        "count": 0,
+        "accuracy": None,
+        "accuracy_interval": [None, None],
+        "mean_iou": None,
+        "mean_iou_interval": [None, None],
+    }
+    assert found["rendering"]["all"]["frames"] == 1
+
+
+def test_another_openclip_is_refused(word_scene, scored):
+    with pytest.raises(UserError, match="features.zarr: was made with another OpenCLIP") as caught:
+        scored(word_scene(clip_hash="0123456789abcdef"))
+    assert "0123456789abcdef" in str(caught.value) and str(caught.value).count("\n") == 1
+
+
+def test_artifacts_that_do_not_belong_together_are_refused(word_scene, scored, tmp_path):
+    other = shutil.copytree(word_scene(nudge=0.001) / "language.zarr", tmp_path / "other")
+    folder = word_scene()
+    shutil.rmtree(folder / "language.zarr")
+    shutil.copytree(other, folder / "language.zarr")
+    with pytest.raises(UserError, match="language.zarr: was made from another splats.zarr"):
+        scored(folder)
+
+
+def test_what_is_not_finite_is_null(tmp_path):
+    assert finite({"a": (float("nan"), 1.0), "b": [float("inf"), "x", None, True]}) == {
+        "a": [None, 1.0],
+        "b": [None, "x", None, True],
+    }
+    with pytest.raises(ValidationError):
+        write_metrics(tmp_path / "metrics.json", {"scene": "a/scene"})
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,173 @@
+"""A scene that can be asked: two halves of a wall that mean a couch and a cup, as a folder of artifacts."""
+
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.artifacts.annotations import ANNOTATIONS
+from egosplat.artifacts.features import FEATURES
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.language import LANGUAGE
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reading import recorded_digest
+from egosplat.artifacts.schema import Schema
+from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.writing import create
+from egosplat.geometry import Camera
+from egosplat.models.checkpoints import CLIP, model_hash
+from egosplat.models.open_clip_loader import load_open_clip
+from egosplat.provenance import begin
+from egosplat.query.text import encode_phrases
+from egosplat.splats.gaussians import Gaussians
+from egosplat.splats.initialise import from_points
+from egosplat.splats.render import render
+
+SIZE = 48
+CAMERA = Camera(SIZE, SIZE, 44.0, 44.0, SIZE / 2, SIZE / 2)
+RENDERING = {"near_plane": 0.1, "antialiased": False}
+SMALL = {"clip_model": "small", "clip_checkpoint": "small"}
+LIGHTER = 20
+"""By so much the photograph of the right half, a cup that moves, is lighter than its render."""
+
+
+@pytest.fixture(scope="session")
+def couch_and_cup() -> torch.Tensor:
+    """(2, D) float32 directions of the words by the small OpenCLIP."""
+    return encode_phrases(load_open_clip("small", "small", "cpu", "float32"), ["couch", "cup"])
+
+
+@pytest.fixture(scope="session")
+def halves() -> Gaussians:
+    """Opaque Gaussians on a plane 2 m ahead."""
+    along = np.linspace(-1.6, 1.6, 24)
+    xyz = np.stack(np.meshgrid(along, along, [2.0]), axis=-1).reshape(-1, 3)
+    rgb = np.full((len(xyz), 3), 120, np.uint8)
+    gaussians = from_points(xyz, rgb, sh_degree=0, feature_channels=0, max_points=1000, seed=0)
+    gaussians.logit_opacities.fill_(4.0)
+    return gaussians
+
+
+@pytest.fixture
+def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -> Callable[..., Path]:
+    """``word_scene(clip_hash=, inputs=, nudge=)``: a folder with all that queries and metrics need.
+
+    Four frames of one view: 0 is trained on, 1 held out, 2 evaluated though trained on, 3 evaluated without a pose.
+
+    Args:
+        clip_hash: of the OpenCLIP that features.zarr says it was made with, by default the small one.
+        inputs: more that it says it was made from.
+        nudge: metres by which the stored Gaussians are off.
+    """
+
+    def make(clip_hash: str | None = None, inputs: dict[str, str] | None = None, nudge: float = 0.0) -> Path:
+        clip_hash = clip_hash or model_hash(CLIP, SMALL)
+        settings = RENDERING | {"sh_degree": 0, "background": None, "backend": "auto"}
+        picture, _, _ = render(halves, CAMERA, np.eye(4), **settings)
+        photograph = (picture.clamp(0, 1) * 255).round().to(torch.uint8).numpy()
+        lighter = photograph.copy()
+        lighter[:, SIZE // 2 :] += LIGHTER
+        right = (halves.means[:, 0] > 0).numpy()
+        meant = couch_and_cup.numpy()[right.astype(int)]
+        nothing = np.zeros_like(meant)
+        level = ["part", "whole"]
+        clip = {"model": "small", "checkpoint": "small", "hash": clip_hash, "small": True}
+        facts = {"levels": level, "clip": clip, "decoder": {"widths": [meant.shape[1]]}}
+        lens = RENDERING | {"background": "black"}
+        things = [
+            {"id": 1, "name": "Couch_1", "category": "couch", "motion_type": "static"},
+            {"id": 2, "name": "Cup_1", "category": "cup", "motion_type": "dynamic"},
+        ]
+        evaluated = np.array([1, 2, 3])
+        _put(
+            tmp_path,
+            FRAMES,
+            {
+                "rgb": np.stack([lighter] * 4),
+                "valid": np.arange(SIZE)[:, None] + np.zeros((1, SIZE)) >= 2,
+                "train": np.array([True, False, True, False]),
+                "evaluation": np.array([False, True, True, True]),
+            },
+        )
+        _put(
+            tmp_path,
+            POSES,
+            {
+                "camera_to_world": np.stack([np.eye(4)] * 3 + [np.full((4, 4), np.nan)]),
+                "registered": np.array([True, True, True, False]),
+                "intrinsics": CAMERA.matrix,
+            },
+            inputs=_digests(tmp_path, "frames"),
+        )
+        _put(
+            tmp_path,
+            ANNOTATIONS,
+            {
+                "frame": evaluated,
+                "annotated": np.ones(3, bool),
+                "instance_map": np.tile(
+                    (np.arange(SIZE) >= SIZE // 2).astype(np.int32), (len(evaluated), SIZE, 1)
+                ),
+            },
+            {"instances": [thing | {"instance_type": "object"} for thing in things]},
+            inputs=_digests(tmp_path, "frames"),
+        )
+        _put(
+            tmp_path,
+            FEATURES,
+            {"instances/level": np.array([1, 1], np.int8), "consistent": couch_and_cup.numpy()},
+            facts,
+            SMALL,
+            inputs or {},
+            {"clip_checkpoint": clip_hash},
+        )
+        stored = {
+            name: getattr(halves, name).numpy()
+            for name in ("means", "quats", "log_scales", "logit_opacities", "sh")
+        }
+        stored["means"] = stored["means"] + np.float32(nudge)
+        held_out = {"held_out/frame": np.array([1]), "held_out/render": photograph[None]}
+        about = {"camera": asdict(CAMERA), "sh_degree_in_use": 0, "views": {"training": 2}}
+        _put(tmp_path, SPLATS, stored | held_out, about, lens, _digests(tmp_path, "frames", "poses"))
+        _put(
+            tmp_path,
+            LANGUAGE,
+            {
+                "code": np.stack([nothing, meant], axis=1),
+                "share": np.tile(np.float32([0, 1]), (len(meant), 1)),
+            },
+            {"levels": level},
+            inputs=_digests(tmp_path, "frames", "poses", "features", "splats"),
+        )
+        return tmp_path
+
+    return make
+
+
+def _digests(folder: Path, *names: str) -> dict[str, str]:
+    return {f"{name}.zarr": recorded_digest(folder / f"{name}.zarr") for name in names}
+
+
+def _put(
+    folder: Path,
+    schema: Schema,
+    arrays: dict[str, np.ndarray],
+    facts: dict[str, Any] | None = None,
+    options: dict[str, Any] | None = None,
+    inputs: dict[str, str] | None = None,
+    models: dict[str, str] | None = None,
+) -> None:
+    """Write an artifact, with zeros for the arrays that are not given."""
+    sizes: dict[str | int, int] = {}
+    for name, values in arrays.items():
+        sizes |= dict(zip(schema.fields[name].dims, values.shape, strict=True))
+    made = begin(schema.name, options or {}, "synthetic", inputs or {}, models or {})
+    with create(folder / f"{schema.name}.zarr", schema, made) as artifact:
+        for name, field in schema.fields.items():
+            shape = [dim if isinstance(dim, int) else sizes.get(dim, 0) for dim in field.dims]
+            artifact.put(name, arrays.get(name, np.zeros(shape, field.dtype)))
+        artifact.facts = facts or {}

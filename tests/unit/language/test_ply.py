@@ -1,0 +1,62 @@
+"""The file that viewers open, read back by a library that knows the format."""
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+
+from egosplat.errors import UserError
+from egosplat.language.ply import code_columns, export, geometry_columns, write_ply
+from egosplat.splats.gaussians import Gaussians
+
+
+@pytest.fixture
+def gaussians() -> Gaussians:
+    values = torch.Generator().manual_seed(0)
+    shapes = {
+        "means": (5, 3),
+        "quats": (5, 4),
+        "log_scales": (5, 3),
+        "logit_opacities": (5,),
+        "sh": (5, 4, 3),
+        "features": (5, 0),
+    }
+    return Gaussians(**{name: torch.randn(shape, generator=values) for name, shape in shapes.items()})
+
+
+def read(path) -> np.ndarray:
+    """The vertices as they are stored."""
+    scene = trimesh.load(path)
+    return scene.metadata["_ply_raw"]["vertex"]["data"]
+
+
+def test_every_parameter_comes_back_under_the_name_that_viewers_know(tmp_path, gaussians):
+    write_ply(tmp_path / "x.ply", geometry_columns(gaussians), "a comment")
+    found = read(tmp_path / "x.ply")
+    for axis, name in enumerate("xyz"):
+        assert np.array_equal(found[name].ravel(), gaussians.means[:, axis].numpy())
+    assert np.array_equal(found["f_dc_1"].ravel(), gaussians.sh[:, 0, 1].numpy())
+    # Coefficients 1 to 3 of red, then those of green, then those of blue.
+    for number in range(9):
+        channel, coefficient = divmod(number, 3)
+        expected = gaussians.sh[:, 1 + coefficient, channel].numpy()
+        assert np.array_equal(found[f"f_rest_{number}"].ravel(), expected)
+    assert np.array_equal(found["opacity"].ravel(), gaussians.logit_opacities.numpy())
+    assert np.array_equal(found["scale_2"].ravel(), gaussians.log_scales[:, 2].numpy())
+    assert np.array_equal(found["rot_0"].ravel(), gaussians.quats[:, 0].numpy())
+
+
+def test_codes_are_further_properties():
+    code, share = np.arange(12, dtype=np.float32).reshape(2, 2, 3), np.ones((2, 2), np.float32)
+    columns = code_columns(code, share, ["part", "whole"])
+    assert list(columns) == [
+        *("share_part", "code_part_0", "code_part_1", "code_part_2"),
+        *("share_whole", "code_whole_0", "code_whole_1", "code_whole_2"),
+    ]
+    assert columns["code_whole_2"].tolist() == [5.0, 11.0]
+
+
+def test_a_scene_without_codes_can_be_exported_without_them(tmp_path):
+    with pytest.raises(UserError, match=r"splats\.zarr: does not exist"):
+        export(tmp_path, tmp_path / "x.ply", codes=False)
+    assert not (tmp_path / "x.ply").exists()

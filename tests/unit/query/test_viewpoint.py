@@ -1,0 +1,67 @@
+"""Where a question is asked from."""
+
+import json
+
+import numpy as np
+import pytest
+
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reading import open_artifact
+from egosplat.errors import UserError
+from egosplat.query.viewpoint import file_viewpoint, frame_viewpoint
+
+
+@pytest.fixture
+def recording(word_scene):
+    folder = word_scene()
+    return open_artifact(folder / "frames.zarr", FRAMES), open_artifact(folder / "poses.zarr", POSES)
+
+
+def test_a_frame_is_seen_within_the_lens_circle(recording):
+    view = frame_viewpoint(*recording, 2)
+    assert view.name == "frame 2" and not view.valid[:2].any() and view.valid[2:].all()
+    np.testing.assert_array_equal(view.camera_to_world, np.eye(4))
+
+
+def test_without_a_frame_it_is_the_middle_one_of_those_with_a_pose(recording):
+    assert frame_viewpoint(*recording, None).name == "frame 1"
+
+
+@pytest.mark.parametrize(
+    "frame, said", [(4, "there are 4 frames, 0 to 3"), (3, "has no pose; the nearest .* is 2")]
+)
+def test_frames_that_cannot_be_had(recording, frame, said):
+    with pytest.raises(UserError, match=f"--frame {frame}: {said}"):
+        frame_viewpoint(*recording, frame)
+
+
+def test_a_file_may_be_anywhere(tmp_path):
+    pose = np.eye(4)
+    pose[:3, 3] = [1.0, 2.0, 3.0]
+    path = tmp_path / "here.json"
+    path.write_text(json.dumps({"camera_to_world": pose.tolist()}))
+    view = file_viewpoint(path)
+    assert view.name == "here.json" and view.valid is None
+    np.testing.assert_array_equal(view.camera_to_world, pose)
+
+
+@pytest.mark.parametrize(
+    "text, said",
+    [
+        (None, "does not exist"),
+        ("{", "is no JSON"),
+        ("[]", "is no JSON with 4x4"),
+        ('{"pose": 1}', "camera_to_world"),
+        ('{"camera_to_world": [[1, 2], [3]]}', "is no JSON with 4x4"),
+        ('{"camera_to_world": [[1, 2], [3, 4]]}', "no rigid motion"),
+        (json.dumps({"camera_to_world": (2 * np.eye(4)).tolist()}), "no rigid motion"),
+        (json.dumps({"camera_to_world": np.full((4, 4), np.nan).tolist()}), "no rigid motion"),
+    ],
+)
+def test_files_that_hold_no_pose(tmp_path, text, said):
+    path = tmp_path / "pose.json"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(UserError, match=f"--pose .*pose.json: .*{said}"):
+        file_viewpoint(path)

@@ -1,0 +1,49 @@
+"""What artifacts were made from."""
+
+import shutil
+
+import pytest
+
+from egosplat.artifacts.language import LANGUAGE
+from egosplat.artifacts.lineage import lineage
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reading import open_artifact
+from egosplat.artifacts.splats import SPLATS
+from egosplat.errors import UserError
+
+
+def test_all_that_lies_beside_is_found(word_scene):
+    language = open_artifact(word_scene() / "language.zarr", LANGUAGE)
+    found = lineage([language])
+    assert list(found.found) == [
+        f"{name}.zarr" for name in ("features", "frames", "language", "poses", "splats")
+    ]
+    assert found.found["poses.zarr"].schema is POSES and found.lost == ()
+
+
+def test_each_of_several_folders_is_looked_in(word_scene, tmp_path):
+    folder, other = word_scene(), tmp_path / "variant"
+    for name in ("splats", "language"):
+        shutil.move(folder / f"{name}.zarr", other / f"{name}.zarr")
+    language = open_artifact(other / "language.zarr", LANGUAGE)
+    assert lineage([language]).lost == ("features.zarr", "frames.zarr", "poses.zarr")
+    found = lineage([language, open_artifact(folder / "poses.zarr", POSES)])
+    assert found.lost == () and found.found["splats.zarr"].path.parent == other
+
+
+def test_what_is_gone_is_lost(word_scene):
+    folder = word_scene()
+    shutil.rmtree(folder / "splats.zarr")
+    assert lineage([open_artifact(folder / "language.zarr", LANGUAGE)]).lost == ("splats.zarr",)
+
+
+def test_an_artifact_made_from_another_is_named(word_scene, tmp_path):
+    other = shutil.copytree(word_scene(nudge=0.001) / "language.zarr", tmp_path / "other")
+    folder = word_scene()
+    shutil.rmtree(folder / "language.zarr")
+    shutil.copytree(other, folder / "language.zarr")
+    language = open_artifact(folder / "language.zarr", LANGUAGE)
+    # Beside it lies another of this name, which is not the one that it was made from.
+    assert lineage([language]).lost == ("splats.zarr",)
+    with pytest.raises(UserError, match=r"language.zarr: was made from another splats.zarr .*make it anew"):
+        lineage([language, open_artifact(folder / "splats.zarr", SPLATS)])
