@@ -11,18 +11,18 @@ TOOLS: matplotlib.
 rule contact_sheet:
     """Draw a scene's pictures, its annotations, and its trajectory and points from above."""
     input:
-        frames="results/{dataset}/{scene}/frames.zarr",
-        annotations="results/{dataset}/{scene}/annotations.zarr",
-        poses="results/{dataset}/{scene}/poses.zarr",
+        frames=artifact("frames"),
+        annotations=artifact("annotations"),
+        poses=artifact("poses"),
     output:
         report(
-            "results/{dataset}/{scene}/contact_sheet.png",
+            "results/{dataset}/{scene}/{variant}contact_sheet.png",
             caption="../report/contact_sheet.rst",
             category="Scenes",
-            labels={"dataset": "{dataset}", "scene": "{scene}"},
+            labels=LABELS,
         ),
     log:
-        "logs/{dataset}/{scene}/contact_sheet.log",
+        "logs/{dataset}/{scene}/{variant}contact_sheet.log",
     resources:
         mem_mb=2000,
         runtime="10m",
@@ -41,17 +41,17 @@ rule contact_sheet:
 rule segments_sheet:
     """Draw the instances of each level in frames through the video."""
     input:
-        frames="results/{dataset}/{scene}/frames.zarr",
-        segments="results/{dataset}/{scene}/segments.zarr",
+        frames=artifact("frames"),
+        segments=artifact("segments"),
     output:
         report(
-            "results/{dataset}/{scene}/segments.png",
+            "results/{dataset}/{scene}/{variant}segments.png",
             caption="../report/segments.rst",
             category="Scenes",
-            labels={"dataset": "{dataset}", "scene": "{scene}"},
+            labels=LABELS,
         ),
     log:
-        "logs/{dataset}/{scene}/segments_sheet.log",
+        "logs/{dataset}/{scene}/{variant}segments_sheet.log",
     resources:
         mem_mb=2000,
         runtime="10m",
@@ -69,19 +69,19 @@ rule segments_sheet:
 rule crops_sheet:
     """Draw crops of instances in order of time, the views that were left out struck out."""
     input:
-        frames="results/{dataset}/{scene}/frames.zarr",
-        segments="results/{dataset}/{scene}/segments.zarr",
-        view_features="results/{dataset}/{scene}/view_features.zarr",
-        features="results/{dataset}/{scene}/features.zarr",
+        frames=artifact("frames"),
+        segments=artifact("segments"),
+        view_features=artifact("view_features"),
+        features=artifact("features"),
     output:
         report(
-            "results/{dataset}/{scene}/crops.png",
+            "results/{dataset}/{scene}/{variant}crops.png",
             caption="../report/crops.rst",
             category="Scenes",
-            labels={"dataset": "{dataset}", "scene": "{scene}"},
+            labels=LABELS,
         ),
     log:
-        "logs/{dataset}/{scene}/crops_sheet.log",
+        "logs/{dataset}/{scene}/{variant}crops_sheet.log",
     resources:
         mem_mb=2000,
         runtime="10m",
@@ -101,17 +101,17 @@ rule crops_sheet:
 rule splats_sheet:
     """Draw held-out frames beside their renders, and how training went."""
     input:
-        frames="results/{dataset}/{scene}/frames.zarr",
-        splats="results/{dataset}/{scene}/splats.zarr",
+        frames=artifact("frames"),
+        splats=artifact("splats"),
     output:
         report(
-            "results/{dataset}/{scene}/splats.png",
+            "results/{dataset}/{scene}/{variant}splats.png",
             caption="../report/splats.rst",
             category="Scenes",
-            labels={"dataset": "{dataset}", "scene": "{scene}"},
+            labels=LABELS,
         ),
     log:
-        "logs/{dataset}/{scene}/splats_sheet.log",
+        "logs/{dataset}/{scene}/{variant}splats_sheet.log",
     resources:
         mem_mb=2000,
         runtime="10m",
