@@ -107,7 +107,15 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Workdir:
 
 MAIN = tuple(
     f"results/adt/scene1/{name}"
-    for name in ("contact_sheet.png", "segments.png", "crops.png", "splats.png", "metrics.json")
+    for name in (
+        "contact_sheet.png",
+        "segments.png",
+        "crops.png",
+        "transient.png",
+        "splats.png",
+        "language.png",
+        "metrics.json",
+    )
 )
 
 

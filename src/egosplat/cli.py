@@ -90,6 +90,21 @@ PATHS: dict[str, dict[str, str]] = {
         "features": "its features artifact",
         "output": "the picture to make",
     },
+    "language_sheet": {
+        "poses": "the poses artifact",
+        "splats": "the splats artifact",
+        "language": "its language artifact",
+        "output": "the picture to make",
+    },
+    "transient_sheet": {
+        "frames": "the frames artifact",
+        "poses": "its poses artifact",
+        "transient": "its transient artifact",
+        "segments": "its segments artifact",
+        "masks": "the masks artifact",
+        "splats": "the splats artifact",
+        "output": "the picture to make",
+    },
     "segments_sheet": {
         "frames": "the frames artifact",
         "segments": "the segments artifact",
@@ -123,6 +138,8 @@ EXTRAS: dict[str, list[click.Option]] = {
     "metrics": [TITLE],
     "contact_sheet": [TITLE],
     "crops_sheet": [TITLE],
+    "language_sheet": [TITLE],
+    "transient_sheet": [TITLE],
     "segments_sheet": [TITLE],
     "splats_sheet": [TITLE],
 }
@@ -185,6 +202,17 @@ def check(folders: tuple[Path, ...]) -> None:
     problems = sum(not report.sound for folder in folders for report in check_tree(folder, click.echo))
     if problems:
         raise UserError(f"{problems} artifact{'s are' if problems > 1 else ' is'} not sound")
+
+
+@cli.command()
+@click.argument("scene", type=ARTIFACT)
+@click.option("--output", type=ARTIFACT, help="File to make; by default scene.ply in the folder.")
+@click.option("--codes/--no-codes", default=True, show_default=True, help="Whether codes are written, too.")
+def export(scene: Path, output: Path | None, codes: bool) -> None:
+    """Write the Gaussians of SCENE, as results/adt/scene1, as a .ply file that viewers of 3DGS open."""
+    from egosplat.language.ply import export as write
+
+    write(scene, output or scene / "scene.ply", codes)
 
 
 @cli.command()

@@ -131,10 +131,17 @@ def keys_table() -> str:
     for section, part in schema("config")["properties"].items():
         keys = part.get("properties") or {"": part}
         for name, key in keys.items():
-            default = "" if key["default"] == {} else f"`{_shown(key['default'])}`"
             path = f"{section}.{name}" if name else section
-            rows.append(f"| `{path}` | {default} | {' '.join(key['description'].split())}{_choices(key)} |")
+            rows.append(
+                f"| `{path}` | {_default(key)} | {' '.join(key['description'].split())}{_choices(key)} |"
+            )
     return "\n".join(rows)
+
+
+def _default(key: Mapping[str, Any]) -> str:
+    """As it is written in a file; of several named things, the names."""
+    value = key["default"]
+    return ", ".join(f"`{one}`" for one in (value if isinstance(value, Mapping) else [_shown(value)]))
 
 
 def _shown(value: Any) -> str:

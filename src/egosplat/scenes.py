@@ -81,13 +81,26 @@ def check_recording(scene: Scene) -> None:
         )
 
 
-def requested_scenes(words: list[str]) -> list[tuple[str, str]]:
-    """Dataset and scene of each word of a command line that is a path below results.
+@dataclass(frozen=True)
+class Target:
+    """A path below results: dataset, scene, variant (None for the scene's own), and the rest of it."""
+
+    dataset: str
+    scene: str
+    variant: str | None
+    name: str
+
+
+_TARGET = r"(?:\./)?results/([a-z0-9_]+)/([A-Za-z0-9_-]+)/(?:variants/([A-Za-z0-9_-]+)/)?(.+)"
+
+
+def requested_targets(words: list[str]) -> list[Target]:
+    """What each word of a command line names that is a path below results.
 
     Snakemake tells a workflow its targets only after it has read it, which is too late for a plain message.
     """
-    found = (re.fullmatch(r"(?:\./)?results/([a-z0-9_]+)/([A-Za-z0-9_-]+)/.+", word) for word in words)
-    return [(match[1], match[2]) for match in found if match and match[1] != "benchmark"]
+    found = (re.fullmatch(_TARGET, word) for word in words)
+    return [Target(*match.groups()) for match in found if match and match[1] != "benchmark"]
 
 
 def _rows(path: Path) -> list[dict[str, Any]]:

@@ -113,6 +113,16 @@ STAGES = {
         ("matplotlib",),
         "Draw a scene's pictures, annotations, and its trajectory from above.",
     ),
+    "language_sheet": Stage(
+        "egosplat.report.language_sheet",
+        ("matplotlib", "scipy", "torch"),
+        "Look around in what the Gaussians mean, at each level.",
+    ),
+    "transient_sheet": Stage(
+        "egosplat.report.transient_sheet",
+        ("matplotlib", "torch"),
+        "Draw what moves, what is masked for it, and what is left.",
+    ),
     "crops_sheet": Stage(
         "egosplat.report.crops_sheet",
         ("matplotlib",),

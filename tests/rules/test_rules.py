@@ -31,7 +31,9 @@ OUTPUTS = {
     "contact_sheet": "contact_sheet.png",
     "segments_sheet": "segments.png",
     "crops_sheet": "crops.png",
+    "transient_sheet": "transient.png",
     "splats_sheet": "splats.png",
+    "language_sheet": "language.png",
 }
 
 

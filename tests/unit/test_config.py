@@ -9,7 +9,7 @@ import yaml
 from egosplat import config
 from egosplat.cli import EXTRAS, PATHS
 from egosplat.errors import UserError
-from egosplat.scenes import find_scene, read_scenes, requested_scenes
+from egosplat.scenes import find_scene, read_scenes, requested_targets
 from egosplat.stages import STAGES, stage_function
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -178,4 +178,5 @@ def test_scenes_are_found_on_a_command_line():
         "./results/hoi4d/scene2/metrics.json",
         "all",
     ]
-    assert requested_scenes(words) == [("adt", "scene1"), ("hoi4d", "scene2")]
+    found = [(target.dataset, target.scene, target.variant) for target in requested_targets(words)]
+    assert found == [("adt", "scene1", None), ("hoi4d", "scene2", None)]

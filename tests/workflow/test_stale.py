@@ -8,10 +8,18 @@ import pytest
 POSES = "results/adt/scene1/poses.zarr"
 MAIN = tuple(
     f"results/adt/scene1/{name}"
-    for name in ("contact_sheet.png", "segments.png", "crops.png", "splats.png", "metrics.json")
+    for name in (
+        "contact_sheet.png",
+        "segments.png",
+        "crops.png",
+        "transient.png",
+        "splats.png",
+        "language.png",
+        "metrics.json",
+    )
 )
-AFTER_LANGUAGE = {"language", "metrics"}
-AFTER_SPLATS = {"splats", "splats_sheet", *AFTER_LANGUAGE}
+AFTER_LANGUAGE = {"language", "language_sheet", "metrics"}
+AFTER_SPLATS = {"splats", "splats_sheet", "transient_sheet", *AFTER_LANGUAGE}
 AFTER_MASKS = {"masks", *AFTER_SPLATS}
 AFTER_TRANSIENT = {"transient", *AFTER_MASKS}
 AFTER_POSES = {"poses", "contact_sheet", *AFTER_TRANSIENT}

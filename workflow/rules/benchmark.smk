@@ -11,23 +11,24 @@ TOOLS: OpenCLIP, PyTorch, egosplat's kernels or gsplat, torchmetrics.
 rule metrics:
     """Ask for everything that is annotated in the evaluation frames, and score answers and renders."""
     input:
-        frames="results/{dataset}/{scene}/frames.zarr",
-        poses="results/{dataset}/{scene}/poses.zarr",
-        annotations="results/{dataset}/{scene}/annotations.zarr",
-        features="results/{dataset}/{scene}/features.zarr",
-        splats="results/{dataset}/{scene}/splats.zarr",
-        language="results/{dataset}/{scene}/language.zarr",
+        frames=artifact("frames"),
+        poses=artifact("poses"),
+        annotations=artifact("annotations"),
+        features=artifact("features"),
+        splats=artifact("splats"),
+        language=artifact("language"),
     output:
-        "results/{dataset}/{scene}/metrics.json",
+        "results/{dataset}/{scene}/{variant}metrics.json",
     log:
-        "logs/{dataset}/{scene}/metrics.log",
+        "logs/{dataset}/{scene}/{variant}metrics.log",
     benchmark:
-        "logs/{dataset}/{scene}/metrics.tsv"
+        "logs/{dataset}/{scene}/{variant}metrics.tsv"
     threads: 8
     resources:
         mem_mb=8000,
         runtime="2h",
     params:
+        title=title,
         flags=flags("metrics"),
         models=models("metrics"),
         code=code_of("metrics"),
@@ -39,7 +40,7 @@ rule metrics:
         " --features {input.features:q}"
         " --splats {input.splats:q}"
         " --language {input.language:q}"
-        " --title {wildcards.dataset}/{wildcards.scene}"
+        " --title {params.title:q}"
         " --output {output:q}"
         " {params.flags}"
         " 2>&1 | tee {log:q}"

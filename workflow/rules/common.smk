@@ -15,14 +15,31 @@ from pathlib import Path
 from egosplat import config as configuration
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import model_hashes
-from egosplat.scenes import check_recording, find_scene, read_scenes, requested_scenes
+from egosplat.scenes import check_recording, find_scene, read_scenes, requested_targets
 from egosplat.stages import STAGES, code_of
+from egosplat.variants import optional_inputs_of, reaches, variant_config
+
+
+def check_target(target):
+    """Check that what the command line asks for can be made, before Snakemake looks for a rule."""
+    scene = find_scene(scenes, target.dataset, target.scene)
+    check_recording(scene)
+    if target.variant is None:
+        return
+    own = variant_config(scene.config, target.variant, f"{scene.dataset}/{scene.scene}")
+    stage, _, suffix = target.name.partition(".")
+    named = stage in STAGES and suffix in ("zarr", "json")
+    if named and not reaches(stage, scene.config, own):
+        raise UserError(
+            f"variant {target.variant} changes nothing of {target.name}; take {scene.results / target.name}"
+        )
+
 
 try:
     presets = Path(workflow.basedir).parent / "config" / "presets"
     scenes = read_scenes(configuration.resolve(config, presets))
-    for dataset, scene in requested_scenes(sys.argv):
-        check_recording(find_scene(scenes, dataset, scene))
+    for target in requested_targets(sys.argv):
+        check_target(target)
 except UserError as error:
     # Not as an exception, around which Snakemake would print a traceback.
     sys.exit(f"egosplat: {error}")
@@ -36,9 +53,14 @@ shell.prefix(
 )
 
 
+LABELS = {"dataset": "{dataset}", "scene": "{scene}", "variant": "{variant}"}
+"""Of a picture in Snakemake's report."""
+
+
 wildcard_constraints:
     dataset="[a-z0-9_]+",
     scene="[A-Za-z0-9_-]+",
+    variant="(variants/[A-Za-z0-9_-]+/)?",
 
 
 def scene_of(wildcards):
@@ -46,11 +68,62 @@ def scene_of(wildcards):
     return find_scene(scenes, wildcards.dataset, wildcards.scene)
 
 
+def config_of(wildcards):
+    """The scene's configuration, with the variant's keys over it."""
+    base = scene_of(wildcards).config
+    if not wildcards.get("variant"):
+        return base
+    name = wildcards.variant.split("/")[1]
+    return variant_config(base, name, f"{wildcards.dataset}/{wildcards.scene}")
+
+
+def title(wildcards):
+    """What the scene is called in pictures and tables."""
+    name = f"{wildcards.dataset}/{wildcards.scene}"
+    variant = wildcards.get("variant")
+    return f"{name}, {variant.split('/')[1]}" if variant else name
+
+
+def path_of(stage, wildcards):
+    """The artifact of a stage: the variant's own where one of its keys reaches the stage, else the scene's."""
+    own = reaches(stage, scene_of(wildcards).config, config_of(wildcards))
+    variant = wildcards.get("variant", "") if own else ""
+    return f"results/{wildcards.dataset}/{wildcards.scene}/{variant}{stage}.zarr"
+
+
+def artifact(stage):
+    """A function of the wildcards: the artifact of a stage."""
+    return lambda wildcards: path_of(stage, wildcards)
+
+
+def optional_artifacts(stage):
+    """A function of the wildcards: the artifacts that a stage reads as its keys ask for it."""
+
+    def paths(wildcards):
+        names = optional_inputs_of(stage, config_of(wildcards))
+        return [path_of(name, wildcards) for name in names]
+
+    return paths
+
+
+def optional_flags(stage):
+    """A function of the wildcards: the same as command line flags."""
+
+    def flags_of_scene(wildcards):
+        names = optional_inputs_of(stage, config_of(wildcards))
+        return " ".join(
+            f"--{name.replace('_', '-')} {shlex.quote(path_of(name, wildcards))}"
+            for name in names
+        )
+
+    return flags_of_scene
+
+
 def flags(stage):
     """A function of the wildcards: the stage's keys as command line flags, in order of their names."""
 
     def flags_of_scene(wildcards):
-        keys = configuration.stage_values(stage, scene_of(wildcards).config)
+        keys = configuration.stage_values(stage, config_of(wildcards))
         return " ".join(
             flag(name, value)
             for name, value in sorted(keys.items())
@@ -64,7 +137,7 @@ def models(stage):
     """A function of the wildcards: what the files of a stage's models hold, so that another checkpoint is seen."""
 
     def models_of_scene(wildcards):
-        hashes = model_hashes(scene_of(wildcards).config)
+        hashes = model_hashes(config_of(wildcards))
         return " ".join(
             f"{key}={hashes[key]}" for key in STAGES[stage].models if key in hashes
         )
@@ -143,5 +216,12 @@ def results_of_scenes(_):
         for scene in scenes.values()
         if scene.synthetic or scene.recording.exists()
     ]
-    names = ("contact_sheet.png", "splats.png", "metrics.json")
-    return [str(scene.results / name) for scene in found for name in names]
+    return [str(scene.results / name) for scene in found for name in results_of(scene)]
+
+
+def results_of(scene):
+    """Of one scene; what moves is shown where it is masked by instances."""
+    names = ["contact_sheet.png", "segments.png", "crops.png"]
+    if scene.config["splats"]["masking"] == "refined":
+        names.append("transient.png")
+    return [*names, "splats.png", "language.png", "metrics.json"]

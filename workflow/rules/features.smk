@@ -11,14 +11,14 @@ TOOLS: OpenCLIP, PyTorch.
 rule view_features:
     """Encode the crop of each instance in each training frame with OpenCLIP."""
     input:
-        frames="results/{dataset}/{scene}/frames.zarr",
-        segments="results/{dataset}/{scene}/segments.zarr",
+        frames=artifact("frames"),
+        segments=artifact("segments"),
     output:
-        directory("results/{dataset}/{scene}/view_features.zarr"),
+        directory("results/{dataset}/{scene}/{variant}view_features.zarr"),
     log:
-        "logs/{dataset}/{scene}/view_features.log",
+        "logs/{dataset}/{scene}/{variant}view_features.log",
     benchmark:
-        "logs/{dataset}/{scene}/view_features.tsv"
+        "logs/{dataset}/{scene}/{variant}view_features.tsv"
     threads: 8
     resources:
         mem_mb=8000,
@@ -39,13 +39,13 @@ rule view_features:
 rule features:
     """Aggregate each instance's features over its views, and compress them to codes."""
     input:
-        view_features="results/{dataset}/{scene}/view_features.zarr",
+        view_features=artifact("view_features"),
     output:
-        directory("results/{dataset}/{scene}/features.zarr"),
+        directory("results/{dataset}/{scene}/{variant}features.zarr"),
     log:
-        "logs/{dataset}/{scene}/features.log",
+        "logs/{dataset}/{scene}/{variant}features.log",
     benchmark:
-        "logs/{dataset}/{scene}/features.tsv"
+        "logs/{dataset}/{scene}/{variant}features.tsv"
     threads: 2
     resources:
         mem_mb=8000,

@@ -33,11 +33,11 @@ rule frames:
     input:
         recording_files("frames"),
     output:
-        directory("results/{dataset}/{scene}/frames.zarr"),
+        directory("results/{dataset}/{scene}/{variant}frames.zarr"),
     log:
-        "logs/{dataset}/{scene}/frames.log",
+        "logs/{dataset}/{scene}/{variant}frames.log",
     benchmark:
-        "logs/{dataset}/{scene}/frames.tsv"
+        "logs/{dataset}/{scene}/{variant}frames.tsv"
     resources:
         mem_mb=4000,
         runtime="2h",
@@ -59,13 +59,13 @@ rule annotations:
     """Read the instance maps of the evaluation frames. No rule that trains may depend on them."""
     input:
         recording_files("annotations"),
-        frames="results/{dataset}/{scene}/frames.zarr",
+        frames=artifact("frames"),
     output:
-        directory("results/{dataset}/{scene}/annotations.zarr"),
+        directory("results/{dataset}/{scene}/{variant}annotations.zarr"),
     log:
-        "logs/{dataset}/{scene}/annotations.log",
+        "logs/{dataset}/{scene}/{variant}annotations.log",
     benchmark:
-        "logs/{dataset}/{scene}/annotations.tsv"
+        "logs/{dataset}/{scene}/{variant}annotations.tsv"
     resources:
         mem_mb=4000,
         runtime="1h",

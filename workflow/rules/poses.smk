@@ -11,13 +11,13 @@ rule poses:
     """Find the pose of every frame: from the device's trajectory, or with COLMAP."""
     input:
         recording_files("poses"),
-        frames="results/{dataset}/{scene}/frames.zarr",
+        frames=artifact("frames"),
     output:
-        directory("results/{dataset}/{scene}/poses.zarr"),
+        directory("results/{dataset}/{scene}/{variant}poses.zarr"),
     log:
-        "logs/{dataset}/{scene}/poses.log",
+        "logs/{dataset}/{scene}/{variant}poses.log",
     benchmark:
-        "logs/{dataset}/{scene}/poses.tsv"
+        "logs/{dataset}/{scene}/{variant}poses.tsv"
     threads: 8
     resources:
         mem_mb=8000,

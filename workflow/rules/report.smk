@@ -2,38 +2,39 @@
 Pictures for people.
 
 REQUIRED INPUTS: frames.zarr, annotations.zarr, poses.zarr, segments.zarr, view_features.zarr, features.zarr,
-splats.zarr.
-OUTPUTS: contact_sheet.png, segments.png, crops.png, splats.png.
-TOOLS: matplotlib.
+transient.zarr, masks.zarr, splats.zarr, language.zarr.
+OUTPUTS: contact_sheet.png, segments.png, crops.png, splats.png, transient.png, language.png.
+TOOLS: matplotlib; egosplat's kernels or gsplat.
 """
 
 
 rule contact_sheet:
     """Draw a scene's pictures, its annotations, and its trajectory and points from above."""
     input:
-        frames="results/{dataset}/{scene}/frames.zarr",
-        annotations="results/{dataset}/{scene}/annotations.zarr",
-        poses="results/{dataset}/{scene}/poses.zarr",
+        frames=artifact("frames"),
+        annotations=artifact("annotations"),
+        poses=artifact("poses"),
     output:
         report(
-            "results/{dataset}/{scene}/contact_sheet.png",
+            "results/{dataset}/{scene}/{variant}contact_sheet.png",
             caption="../report/contact_sheet.rst",
             category="Scenes",
-            labels={"dataset": "{dataset}", "scene": "{scene}"},
+            labels=LABELS,
         ),
     log:
-        "logs/{dataset}/{scene}/contact_sheet.log",
+        "logs/{dataset}/{scene}/{variant}contact_sheet.log",
     resources:
         mem_mb=2000,
         runtime="10m",
     params:
+        title=title,
         code=code_of("contact_sheet"),
     shell:
         "egosplat contact-sheet"
         " --frames {input.frames:q}"
         " --annotations {input.annotations:q}"
         " --poses {input.poses:q}"
-        " --title {wildcards.dataset}/{wildcards.scene}"
+        " --title {params.title:q}"
         " --output {output:q}"
         " 2>&1 | tee {log:q}"
 
@@ -41,27 +42,28 @@ rule contact_sheet:
 rule segments_sheet:
     """Draw the instances of each level in frames through the video."""
     input:
-        frames="results/{dataset}/{scene}/frames.zarr",
-        segments="results/{dataset}/{scene}/segments.zarr",
+        frames=artifact("frames"),
+        segments=artifact("segments"),
     output:
         report(
-            "results/{dataset}/{scene}/segments.png",
+            "results/{dataset}/{scene}/{variant}segments.png",
             caption="../report/segments.rst",
             category="Scenes",
-            labels={"dataset": "{dataset}", "scene": "{scene}"},
+            labels=LABELS,
         ),
     log:
-        "logs/{dataset}/{scene}/segments_sheet.log",
+        "logs/{dataset}/{scene}/{variant}segments_sheet.log",
     resources:
         mem_mb=2000,
         runtime="10m",
     params:
+        title=title,
         code=code_of("segments_sheet"),
     shell:
         "egosplat segments-sheet"
         " --frames {input.frames:q}"
         " --segments {input.segments:q}"
-        " --title {wildcards.dataset}/{wildcards.scene}"
+        " --title {params.title:q}"
         " --output {output:q}"
         " 2>&1 | tee {log:q}"
 
@@ -69,23 +71,24 @@ rule segments_sheet:
 rule crops_sheet:
     """Draw crops of instances in order of time, the views that were left out struck out."""
     input:
-        frames="results/{dataset}/{scene}/frames.zarr",
-        segments="results/{dataset}/{scene}/segments.zarr",
-        view_features="results/{dataset}/{scene}/view_features.zarr",
-        features="results/{dataset}/{scene}/features.zarr",
+        frames=artifact("frames"),
+        segments=artifact("segments"),
+        view_features=artifact("view_features"),
+        features=artifact("features"),
     output:
         report(
-            "results/{dataset}/{scene}/crops.png",
+            "results/{dataset}/{scene}/{variant}crops.png",
             caption="../report/crops.rst",
             category="Scenes",
-            labels={"dataset": "{dataset}", "scene": "{scene}"},
+            labels=LABELS,
         ),
     log:
-        "logs/{dataset}/{scene}/crops_sheet.log",
+        "logs/{dataset}/{scene}/{variant}crops_sheet.log",
     resources:
         mem_mb=2000,
         runtime="10m",
     params:
+        title=title,
         code=code_of("crops_sheet"),
     shell:
         "egosplat crops-sheet"
@@ -93,7 +96,7 @@ rule crops_sheet:
         " --segments {input.segments:q}"
         " --view-features {input.view_features:q}"
         " --features {input.features:q}"
-        " --title {wildcards.dataset}/{wildcards.scene}"
+        " --title {params.title:q}"
         " --output {output:q}"
         " 2>&1 | tee {log:q}"
 
@@ -101,26 +104,95 @@ rule crops_sheet:
 rule splats_sheet:
     """Draw held-out frames beside their renders, and how training went."""
     input:
-        frames="results/{dataset}/{scene}/frames.zarr",
-        splats="results/{dataset}/{scene}/splats.zarr",
+        frames=artifact("frames"),
+        splats=artifact("splats"),
     output:
         report(
-            "results/{dataset}/{scene}/splats.png",
+            "results/{dataset}/{scene}/{variant}splats.png",
             caption="../report/splats.rst",
             category="Scenes",
-            labels={"dataset": "{dataset}", "scene": "{scene}"},
+            labels=LABELS,
         ),
     log:
-        "logs/{dataset}/{scene}/splats_sheet.log",
+        "logs/{dataset}/{scene}/{variant}splats_sheet.log",
     resources:
         mem_mb=2000,
         runtime="10m",
     params:
+        title=title,
         code=code_of("splats_sheet"),
     shell:
         "egosplat splats-sheet"
         " --frames {input.frames:q}"
         " --splats {input.splats:q}"
-        " --title {wildcards.dataset}/{wildcards.scene}"
+        " --title {params.title:q}"
+        " --output {output:q}"
+        " 2>&1 | tee {log:q}"
+
+
+rule transient_sheet:
+    """Draw what moves, what is masked for it, and what is left."""
+    input:
+        frames=artifact("frames"),
+        poses=artifact("poses"),
+        transient=artifact("transient"),
+        segments=artifact("segments"),
+        masks=artifact("masks"),
+        splats=artifact("splats"),
+    output:
+        report(
+            "results/{dataset}/{scene}/{variant}transient.png",
+            caption="../report/transient.rst",
+            category="Scenes",
+            labels=LABELS,
+        ),
+    log:
+        "logs/{dataset}/{scene}/{variant}transient_sheet.log",
+    resources:
+        mem_mb=4000,
+        runtime="20m",
+    params:
+        title=title,
+        code=code_of("transient_sheet"),
+    shell:
+        "egosplat transient-sheet"
+        " --frames {input.frames:q}"
+        " --poses {input.poses:q}"
+        " --transient {input.transient:q}"
+        " --segments {input.segments:q}"
+        " --masks {input.masks:q}"
+        " --splats {input.splats:q}"
+        " --title {params.title:q}"
+        " --output {output:q}"
+        " 2>&1 | tee {log:q}"
+
+
+rule language_sheet:
+    """Look around in what the Gaussians mean, at each level."""
+    input:
+        poses=artifact("poses"),
+        splats=artifact("splats"),
+        language=artifact("language"),
+    output:
+        report(
+            "results/{dataset}/{scene}/{variant}language.png",
+            caption="../report/language.rst",
+            category="Scenes",
+            labels=LABELS,
+        ),
+    log:
+        "logs/{dataset}/{scene}/{variant}language_sheet.log",
+    resources:
+        mem_mb=4000,
+        runtime="20m",
+    params:
+        title=title,
+        code=code_of("language_sheet"),
+    shell:
+        "egosplat language-sheet"
+        " --poses {input.poses:q}"
+        " --splats {input.splats:q}"
+        " --language {input.language:q}"
+        " --title {params.title:q}"
         " --output {output:q}"
         " 2>&1 | tee {log:q}"

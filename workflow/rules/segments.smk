@@ -10,13 +10,13 @@ TOOLS: SAM2, or OpenCV's graph segmentation and optical flow.
 rule segments:
     """Find instances by a grid of point prompts and follow them both ways."""
     input:
-        frames="results/{dataset}/{scene}/frames.zarr",
+        frames=artifact("frames"),
     output:
-        directory("results/{dataset}/{scene}/segments.zarr"),
+        directory("results/{dataset}/{scene}/{variant}segments.zarr"),
     log:
-        "logs/{dataset}/{scene}/segments.log",
+        "logs/{dataset}/{scene}/{variant}segments.log",
     benchmark:
-        "logs/{dataset}/{scene}/segments.tsv"
+        "logs/{dataset}/{scene}/{variant}segments.tsv"
     threads: 8
     resources:
         mem_mb=24000,

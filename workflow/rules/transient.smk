@@ -12,7 +12,7 @@ from egosplat.models.checkpoints import content_hash
 
 def encoder_weights(wildcards):
     """What the file of the encoder's weights holds, so that another content is seen; the stage says if it is absent."""
-    name = scene_of(wildcards).config["transient"]["encoder_weights"]
+    name = config_of(wildcards)["transient"]["encoder_weights"]
     path = Path(name).expanduser() if name else None
     return content_hash(path)[:16] if path and path.is_file() else "none"
 
@@ -20,14 +20,14 @@ def encoder_weights(wildcards):
 rule transient:
     """Train the network and temporary Gaussians, and store the probability of being transient of all frames."""
     input:
-        frames="results/{dataset}/{scene}/frames.zarr",
-        poses="results/{dataset}/{scene}/poses.zarr",
+        frames=artifact("frames"),
+        poses=artifact("poses"),
     output:
-        directory("results/{dataset}/{scene}/transient.zarr"),
+        directory("results/{dataset}/{scene}/{variant}transient.zarr"),
     log:
-        "logs/{dataset}/{scene}/transient.log",
+        "logs/{dataset}/{scene}/{variant}transient.log",
     benchmark:
-        "logs/{dataset}/{scene}/transient.tsv"
+        "logs/{dataset}/{scene}/{variant}transient.tsv"
     threads: 8
     resources:
         mem_mb=16000,
@@ -48,14 +48,14 @@ rule transient:
 rule masks:
     """Find the transient instances, and mask them in every frame."""
     input:
-        transient="results/{dataset}/{scene}/transient.zarr",
-        segments="results/{dataset}/{scene}/segments.zarr",
+        transient=artifact("transient"),
+        segments=artifact("segments"),
     output:
-        directory("results/{dataset}/{scene}/masks.zarr"),
+        directory("results/{dataset}/{scene}/{variant}masks.zarr"),
     log:
-        "logs/{dataset}/{scene}/masks.log",
+        "logs/{dataset}/{scene}/{variant}masks.log",
     benchmark:
-        "logs/{dataset}/{scene}/masks.tsv"
+        "logs/{dataset}/{scene}/{variant}masks.tsv"
     threads: 1
     resources:
         mem_mb=4000,

@@ -38,6 +38,7 @@ def scene(folder, held_out: int, records: int, validation: bool):
         "quats": np.zeros((count, 4), np.float32),
         "log_scales": np.zeros((count, 3), np.float32),
         "logit_opacities": np.zeros(count, np.float32),
+        "features": np.zeros((count, 0), np.float32),
         "sh": np.zeros((count, 4, 3), np.float32),
         "curve/iteration": np.arange(records) * 10 + 10,
         "curve/loss": 0.3 / np.arange(1.0, records + 1),
