@@ -77,6 +77,13 @@ PATHS: dict[str, dict[str, str]] = {
         "language": "its language artifact",
         "output": "the JSON file of scores to make",
     },
+    "method_metrics": {
+        "frames": "the frames artifact",
+        "poses": "its poses artifact",
+        "annotations": "its annotations artifact",
+        "relevancy": "the method's relevancy maps, laid out as docs/other_methods.md says",
+        "output": "the JSON file of scores to make",
+    },
     "contact_sheet": {
         "frames": "the frames artifact",
         "annotations": "the annotations artifact",
@@ -216,6 +223,21 @@ def export(scene: Path, output: Path | None, codes: bool) -> None:
 
 
 @cli.command()
+@click.argument("metrics", nargs=-1, type=ARTIFACT)
+@click.option(
+    "--output", type=ARTIFACT, required=True, help="Folder of the tables, made where it is not there."
+)
+@click.option(
+    "--picture", "pictures", multiple=True, type=ARTIFACT, help="Shown on the page; may be repeated."
+)
+def tables(metrics: tuple[Path, ...], output: Path, pictures: tuple[Path, ...]) -> None:
+    """Lay METRICS, files metrics.json of scenes, out as the paper's tables, its printed numbers beside."""
+    from egosplat.benchmark.tables_stage import run
+
+    run(metrics, output, pictures=pictures)
+
+
+@cli.command()
 def keys() -> None:
     """Print every configuration key with its default and what it trades, as a Markdown table."""
     click.echo(keys_table())
@@ -325,6 +347,15 @@ def _range(kind: str, key: dict[str, Any]) -> click.ParamType:
     lower = key.get("exclusiveMinimum", key.get("minimum"))
     upper = key.get("exclusiveMaximum", key.get("maximum"))
     return make(min=lower, max=upper, min_open="exclusiveMinimum" in key, max_open="exclusiveMaximum" in key)
+
+
+EXTRAS["method_metrics"] = [
+    TITLE,
+    *(
+        _flag(name, section_keys("query")[name])
+        for name in ("smoothing", "segmentation_threshold", "majority")
+    ),
+]
 
 
 def main() -> None:

@@ -108,6 +108,20 @@ STAGES = {
         models=("clip_checkpoint", "clip_model", "device", "precision"),
         sections=("query",),
     ),
+    "method_metrics": Stage(
+        "egosplat.benchmark.other_methods",
+        (
+            "jsonschema",
+            "numpy",
+            "opencv-contrib-python-headless",
+            "scipy",
+            "torch",
+            "torchmetrics",
+            "zarr",
+        ),
+        "Score another method's relevancy maps as egosplat's own.",
+        sections=("metrics",),
+    ),
     "contact_sheet": Stage(
         "egosplat.report.contact_sheet",
         ("matplotlib",),

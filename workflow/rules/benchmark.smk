@@ -3,9 +3,50 @@ How well a scene is found, outlined and rendered.
 
 REQUIRED INPUTS: frames.zarr, poses.zarr, annotations.zarr, features.zarr, splats.zarr, language.zarr; what these were
 made from is looked at beside them, for its time and memory.
-OUTPUTS: metrics.json, as src/egosplat/schemas/metrics.schema.yaml describes it.
-TOOLS: OpenCLIP, PyTorch, egosplat's kernels or gsplat, torchmetrics.
+OUTPUTS: metrics.json, as src/egosplat/schemas/metrics.schema.yaml describes it; of all scenes results/benchmark/.
+TOOLS: OpenCLIP, PyTorch, egosplat's kernels or gsplat, torchmetrics; Jinja2.
 """
+
+import egosplat
+from egosplat.fingerprint import code_hash
+
+PACKAGE = Path(egosplat.__file__).parent
+
+TABLES = ("adt_accuracy", "adt_iou", "adt_ablation", "hoi4d", "adt_transient")
+ABLATIONS = ("baseline", "aggregation", "initial")
+"""The variants that the tables have rows for, beside the scene itself."""
+
+
+def tables_code():
+    """Content hash of the code that lays out tables."""
+    return code_hash(
+        "egosplat.benchmark.tables_stage", ("jinja2", "jsonschema", "pandas")
+    )
+
+
+def scores_of_scenes(_):
+    """metrics.json of every scene that is there or can be made, and of its ablations."""
+    return [
+        str(scene.results / folder / "metrics.json")
+        for scene in available()
+        for folder in ("", *(f"variants/{name}" for name in ABLATIONS))
+    ]
+
+
+def pictures_of_scenes(_):
+    """The pictures on the page."""
+    return [
+        str(scene.results / name)
+        for scene in available()
+        for name in ("splats.png", "language.png")
+    ]
+
+
+def picture_flags(wildcards):
+    """The same as command line flags."""
+    return " ".join(
+        f"--picture {shlex.quote(path)}" for path in pictures_of_scenes(wildcards)
+    )
 
 
 rule metrics:
@@ -28,7 +69,6 @@ rule metrics:
         mem_mb=8000,
         runtime="2h",
     params:
-        title=title,
         flags=flags("metrics"),
         models=models("metrics"),
         code=code_of("metrics"),
@@ -40,7 +80,39 @@ rule metrics:
         " --features {input.features:q}"
         " --splats {input.splats:q}"
         " --language {input.language:q}"
-        " --title {params.title:q}"
+        " --title {wildcards.dataset}/{wildcards.scene}"
         " --output {output:q}"
         " {params.flags}"
+        " 2>&1 | tee {log:q}"
+
+
+rule tables:
+    """Lay the scores of all scenes and variants out as the paper's tables, its printed numbers beside."""
+    input:
+        metrics=scores_of_scenes,
+        pictures=pictures_of_scenes,
+        printed=PACKAGE / "benchmark/paper_numbers.csv",
+        page=PACKAGE / "benchmark/tables.html.j2",
+    output:
+        expand(
+            "results/benchmark/{name}.{form}", name=TABLES, form=("csv", "md", "tex")
+        ),
+        page=report(
+            "results/benchmark/tables.html",
+            caption="../report/tables.rst",
+            category="Tables",
+        ),
+    log:
+        "logs/benchmark/tables.log",
+    resources:
+        mem_mb=2000,
+        runtime="10m",
+    params:
+        pictures=picture_flags,
+        code=tables_code(),
+    shell:
+        "egosplat tables"
+        " --output results/benchmark"
+        " {params.pictures}"
+        " {input.metrics:q}"
         " 2>&1 | tee {log:q}"

@@ -211,12 +211,18 @@ WATCHED = {
 
 def results_of_scenes(_):
     """The pictures and scores of every scene whose recording is there or can be made."""
-    found = [
+    return [
+        str(scene.results / name) for scene in available() for name in results_of(scene)
+    ]
+
+
+def available():
+    """The scenes whose recording is there or can be made."""
+    return [
         scene
         for scene in scenes.values()
         if scene.synthetic or scene.recording.exists()
     ]
-    return [str(scene.results / name) for scene in found for name in results_of(scene)]
 
 
 def results_of(scene):

@@ -11,18 +11,15 @@ from torch import Tensor
 
 from egosplat.features.decoding import Decoder
 from egosplat.geometry import Array, Camera
-from egosplat.query.localization import localize
+from egosplat.query.maps import Found, find_in_maps
 from egosplat.query.options import QueryOptions
 from egosplat.query.position import pixel_position
 from egosplat.query.relevancy import relevancy_maps
-from egosplat.query.segmentation import segment
-from egosplat.query.smoothing import Map, Mask, box_filter, fill_unseen
+from egosplat.query.smoothing import Map, Mask
 from egosplat.query.text import Texts
 
 _MAPS_AT_ONCE = 2**27
 """Numbers of relevancy that are held at a time, 512 MiB in float32; more queries are decoded for in turn."""
-
-_NEAREST = cv2.INTER_NEAREST_EXACT
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,47 +85,32 @@ def answer_from_codes(view: View, decoder: Decoder, texts: Texts, options: Query
         ValueError: a code is not finite, or shapes do not belong together.
     """
     _check(view)
-    seen = _seen(view, options.min_coverage)
+    height, width = view.camera.height, view.camera.width
+    valid = np.ones((height, width), bool) if view.valid is None else view.valid
+    seen = _seen(view, valid, options.min_coverage)
     there = torch.from_numpy(seen).to(view.codes.device)
-    shown = np.stack([_resize(level.astype(np.uint8), view.camera, _NEAREST) > 0 for level in seen])
-    if view.valid is not None:
-        shown &= view.valid
-    depth = view.depth.cpu().numpy()
     for part in texts.in_parts(max(1, _MAPS_AT_ONCE // seen.size)):
         maps = relevancy_maps(view.codes, there, decoder, part, options.temperature)
         for phrase, small in zip(part.phrases, maps, strict=True):
-            yield _answer(phrase, small.cpu().numpy(), seen, shown, depth, view, options)
+            levels = np.where(seen, small.cpu().numpy(), np.float32(np.nan))
+            yield _answer(phrase, find_in_maps(levels, valid, options), view)
 
 
-def _answer(
-    phrase: str,
-    small: Map,
-    seen: Mask,
-    shown: Mask,
-    depth: Map,
-    view: View,
-    options: QueryOptions,
-) -> Answer:
-    """One answer from (L, h, w) relevancy; ``seen`` and ``shown``: what is seen, at (L, h, w) and (L, H, W)."""
-    levels = [fill_unseen(*level) for level in zip(small, seen, strict=True)]
-    raw = np.stack([_resize(level, view.camera, cv2.INTER_LINEAR) for level in levels])
-    longer = max(view.camera.width, view.camera.height)
-    filtered = np.stack([box_filter(level, options.smoothing_px(longer)) for level in raw])
-    location = localize(filtered, shown)
-    found = segment(raw, filtered, shown, options.segmentation_threshold, options.majority_px(longer))
-    if location is None or found is None:
-        nothing = np.zeros(raw.shape[1:], np.float32)
+def _answer(phrase: str, found: Found | None, view: View) -> Answer:
+    if found is None:
+        nothing = np.zeros((view.camera.height, view.camera.width), np.float32)
         return Answer(phrase, 0.0, None, np.zeros((0, 2), np.int64), None, None, nothing, None, nothing > 0)
+    location = found.location
     return Answer(
         phrase=phrase,
         score=location.score,
         level=location.level,
         candidates=location.candidates,
         pixel=location.pixel,
-        position=pixel_position(view.camera, view.camera_to_world, location.pixel, depth),
-        relevancy=np.where(shown[location.level], raw[location.level], np.float32(0.0)),
-        mask_level=found.level,
-        mask=found.mask,
+        position=pixel_position(view.camera, view.camera_to_world, location.pixel, view.depth.cpu().numpy()),
+        relevancy=found.relevancy,
+        mask_level=found.segmentation.level,
+        mask=found.segmentation.mask,
     )
 
 
@@ -142,17 +124,8 @@ def _check(view: View) -> None:
             raise ValueError(f"{name} {tuple(array.shape)} does not belong to codes {codes}, picture {size}")
 
 
-def _seen(view: View, min_coverage: float) -> Mask:
+def _seen(view: View, valid: Mask, min_coverage: float) -> Mask:
     """(L, h, w) bool: what the codes' view shows of the scene."""
-    seen = (view.coverage > min_coverage).cpu().numpy()
-    if view.valid is not None:
-        height, width = view.depth.shape
-        seen &= cv2.resize(view.valid.astype(np.uint8), (width, height), interpolation=_NEAREST) > 0
-    return seen
-
-
-def _resize(values: NDArray, camera: Camera, interpolation: int) -> NDArray:
-    """(h, w) -> (H, W) of the camera; pixel centres stay where they are in the view."""
-    if values.shape == (camera.height, camera.width):
-        return values
-    return cv2.resize(values, (camera.width, camera.height), interpolation=interpolation)
+    height, width = view.depth.shape
+    inside = cv2.resize(valid.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST_EXACT) > 0
+    return (view.coverage > min_coverage).cpu().numpy() & inside

@@ -9,23 +9,28 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torchmetrics.functional.image import peak_signal_noise_ratio, structural_similarity_index_measure
 
+from egosplat.errors import UserError
 from egosplat.splats.gaussians import Gaussians
 from egosplat.splats.options import RenderOptions
 from egosplat.splats.render import render
 from egosplat.splats.views import Views
 
+_LEAST_SIDE = 6
+"""Of a picture [px]: torchmetrics mirrors 5 px at its border for SSIM."""
+
 
 @dataclass(frozen=True)
 class Scores:
-    """Of V pictures: PSNR [dB] and SSIM, (V,) float64 each."""
+    """Of V pictures: PSNR [dB] and SSIM, (V,) float64 each; the PSNR is NaN of a picture without a valid pixel."""
 
     psnr: NDArray[np.float64]
     ssim: NDArray[np.float64]
 
     @property
     def mean_psnr(self) -> float:
-        """NaN where there is no picture."""
-        return float(self.psnr.mean()) if len(self.psnr) else float("nan")
+        """Of the pictures with a valid pixel; NaN where there is none."""
+        known = self.psnr[~np.isnan(self.psnr)]
+        return float(known.mean()) if len(known) else float("nan")
 
     @property
     def mean_ssim(self) -> float:
@@ -49,7 +54,15 @@ def evaluate(
         options: how to render; a random background is black here.
         sh_degree: degree in use.
         show: is given the index and the rendered (H, W, 3) uint8 picture of each view.
+
+    Raises:
+        UserError: the pictures are too small for SSIM.
     """
+    camera = views.camera
+    if len(views) and min(camera.width, camera.height) < _LEAST_SIDE:
+        raise UserError(
+            f"splats: pictures of {camera.width} x {camera.height} pixels cannot be scored; raise frames.resolution"
+        )
     scores = np.empty((len(views), 2))
     for index in range(len(views)):
         image = rendered(gaussians, views, index, options, sh_degree)

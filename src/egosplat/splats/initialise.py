@@ -79,11 +79,12 @@ def from_points(
 
     Raises:
         ValueError: shapes or dtypes other than these.
-        UserError: no finite point.
+        UserError: no point that is finite in float32.
     """
     if xyz.ndim != 2 or xyz.shape[1] != 3 or rgb.shape != xyz.shape or rgb.dtype != np.uint8:
         raise ValueError(f"xyz {xyz.shape} and rgb {rgb.shape} {rgb.dtype} are not (P, 3) and (P, 3) uint8")
-    kept = np.flatnonzero(np.isfinite(xyz).all(axis=1))
+    # In float32, which the Gaussians are of: NaN compares as False.
+    kept = np.flatnonzero((np.abs(xyz) <= np.finfo(np.float32).max).all(axis=1))
     if not len(kept):
         raise UserError("splats: no finite point to start from; start from random points instead")
     if len(kept) > max_points:

@@ -5,6 +5,7 @@ import torch
 
 from egosplat.artifacts.reading import Artifact
 from egosplat.artifacts.writing import Writer
+from egosplat.errors import UserError
 from egosplat.splats.gaussians import Gaussians
 from egosplat.splats.state import Curves
 
@@ -12,9 +13,17 @@ STORED = ("means", "quats", "log_scales", "logit_opacities", "sh", "features")
 
 
 def put_gaussians(artifact: Writer, gaussians: Gaussians) -> None:
-    """Store the parameters."""
+    """Store the parameters; what is not finite, which no picture shows, is left out.
+
+    Raises:
+        UserError: nothing is left.
+    """
+    whole = gaussians.finite()
+    if not whole.any():
+        raise UserError("splats: training left no finite Gaussian; lower splats.position_lr")
+    kept = gaussians.detach().select(whole)
     for name in STORED:
-        artifact.put(name, getattr(gaussians, name).detach().cpu().numpy())
+        artifact.put(name, getattr(kept, name).cpu().numpy())
 
 
 def read_gaussians(artifact: Artifact) -> Gaussians:

@@ -31,7 +31,7 @@ from egosplat.splats.starting import starting_gaussians
 from egosplat.splats.state import TrainingState
 from egosplat.splats.targets import CodeTargets
 from egosplat.splats.train import Photographs, resume_and_train
-from egosplat.splats.views import check_belong_together, read_views, split_views
+from egosplat.splats.views import Views, check_belong_together, read_views, split_views
 
 _PATHS = ("frames", "poses", "output", "transient", "masks", "segments", "features")
 
@@ -151,9 +151,18 @@ def _photographs(
         read_views(pictures, walk, split.validation, moving, device),
         read_views(pictures, walk, split.held_out, Masking(None, ""), device),
     )
+    _check_left(photographs.training)
     counts = ", ".join(f"{len(views)} {name}" for name, views in _named(photographs).items())
     log(f"views: {counts}; on {rasterizer_used(options.render.backend, device)}")
     return photographs
+
+
+def _check_left(views: Views) -> None:
+    weights = (views.weight(index) for index in range(len(views)))
+    if not any(weight is None or bool(weight.any()) for weight in weights):
+        raise UserError(
+            "splats.masking: leaves no pixel of any training frame; raise masks.threshold, or set it to none"
+        )
 
 
 def _named(photographs: Photographs) -> dict[str, Any]:

@@ -5,10 +5,14 @@ import torch
 from numpy.typing import NDArray
 
 from egosplat.artifacts.reading import Artifact
+from egosplat.errors import UserError
 from egosplat.geometry import Camera
 from egosplat.progress import log
 from egosplat.splats.gaussians import Gaussians
-from egosplat.splats.initialise import from_points, random_points, seen
+from egosplat.splats.initialise import from_points, random_points, scene_extent, seen
+
+_COARSEST = 1e-3
+"""Smallest difference of two float32 positions, as a share of the scene's extent: a quarter of a pixel 2 m away."""
 
 
 def starting_gaussians(
@@ -36,7 +40,11 @@ def starting_gaussians(
 
     Returns:
         Without features, not requiring gradients.
+
+    Raises:
+        UserError: the scene lies so far from the world's origin that float32 cannot hold it.
     """
+    _check_origin(poses, camera_to_world)
     xyz, rgb = poses.read("points/xyz"), poses.read("points/rgb")
     visible = seen(xyz, camera, camera_to_world, near_plane=near_plane)
     log(f"{visible.sum()} of {len(xyz)} points are seen from training views")
@@ -46,3 +54,13 @@ def starting_gaussians(
         xyz, rgb = random_points(max_points, camera, camera_to_world, near_plane=near_plane, seed=seed)
     start = from_points(xyz, rgb, sh_degree=sh_degree, feature_channels=0, max_points=max_points, seed=seed)
     return Gaussians(**{name: tensor.to(device) for name, tensor in start.parameters().items()})
+
+
+def _check_origin(poses: Artifact, camera_to_world: NDArray[np.float64]) -> None:
+    farthest = float(np.abs(camera_to_world[:, :3, 3]).max())
+    step = float(np.spacing(np.float32(farthest)))
+    if not step <= _COARSEST * scene_extent(camera_to_world):
+        raise UserError(
+            f"{poses.path}: cameras stand {farthest:.3g} m from the world's origin, where float32 holds places to "
+            f"{step:.2g} m only; move the origin into the scene"
+        )

@@ -58,11 +58,12 @@ def pixel_weight(valid: Tensor | None, transient: Tensor | None) -> Tensor | Non
 
     Args:
         valid: (H, W) float32; None where all pixels are valid.
-        transient: (H, W) bool or floating point in [0, 1]; None where nothing moves.
+        transient: (H, W) bool or floating point, clamped to [0, 1]; None where nothing moves. What is not finite
+            weighs 0.
     """
     if transient is None:
         return valid
-    static = 1.0 - transient.float()
+    static = 1.0 - transient.float().nan_to_num(1.0, 1.0, 1.0).clamp(0.0, 1.0)
     return static if valid is None else valid * static
 
 

@@ -1,0 +1,118 @@
+"""The paper's five tables: what it prints, and below what was measured here."""
+
+from collections.abc import Iterator, Sequence
+from string import ascii_lowercase
+
+from egosplat.benchmark.averages import average
+from egosplat.benchmark.paper_layouts import LAYOUTS, Layout, Line
+from egosplat.benchmark.paper_notes import PAPER_NOTES
+from egosplat.benchmark.paper_numbers import AVERAGE, printed
+from egosplat.benchmark.series import APARTMENTS, NAMES, OWN, Series
+from egosplat.benchmark.tables import PRINTED, REAL, SYNTHETIC, Block, Cell, Column, Note, Row, Table, ranked
+
+
+def paper_tables(series: Sequence[Series]) -> list[Table]:
+    """All five, with a row for each of the series that belongs to them."""
+    return [_table(layout, series) for layout in LAYOUTS]
+
+
+def _table(layout: Layout, series: Sequence[Series]) -> Table:
+    own = [one for one in series if one.dataset == layout.dataset and set(one.scenes) & set(layout.scenes)]
+    measured = _measured_blocks(layout, own)
+    apart = f" The last rows are of {APARTMENTS}, not of {NAMES[layout.dataset]}."
+    return Table(
+        name=layout.name,
+        caption=layout.caption + (apart if any(block.kind == SYNTHETIC for block in measured) else ""),
+        components=layout.components,
+        columns=layout.columns,
+        blocks=(_printed_block(layout), *measured),
+        notes=(*_notes_on_the_paper(layout), *_notes_on(measured)),
+        scenes=layout.scenes,
+    )
+
+
+def _printed_block(layout: Layout) -> Block:
+    name = NAMES[layout.dataset]
+    rows = []
+    for line in layout.lines:
+        method = OWN if layout.components else line.printed
+        cells = tuple(_printed_cell(layout, line, column) for column in layout.columns)
+        label, variant = f"{method} (paper, {name})", line.printed if line.steps else ""
+        rows.append(Row(label, method, name, "the paper's", variant, line.steps, cells))
+    return Block(PRINTED, f"Printed in the paper, on {name}", ranked(rows))
+
+
+def _printed_cell(layout: Layout, line: Line, column: Column) -> Cell:
+    key = (column.scene, line.printed, column.metric, column.group)
+    notes = zip(PAPER_NOTES[layout.name], _notes_on_the_paper(layout), strict=True)
+    mark = next((note.mark for remark, note in notes if key in remark.cells), "")
+    return Cell(percent=printed(layout.numbers, *key), mark=mark)
+
+
+def _notes_on_the_paper(layout: Layout) -> list[Note]:
+    """The remarks on a table; those on some of its cells have a letter."""
+    letters = iter(ascii_lowercase)
+    return [Note(next(letters) if one.cells else "", one.text) for one in PAPER_NOTES[layout.name]]
+
+
+def _measured_blocks(layout: Layout, series: Sequence[Series]) -> list[Block]:
+    name = NAMES[layout.dataset]
+    titles = {
+        REAL: f"Measured by egosplat's benchmark, on {name}",
+        SYNTHETIC: f"Measured on {APARTMENTS}: not {name}, comparable with no row above",
+    }
+    rows = {kind: _rows(layout, [one for one in series if one.origin == kind]) for kind in titles}
+    if not any(rows.values()):
+        rows[REAL] = [_empty_row(layout, line, name) for line in layout.own_lines]
+    # A mark of the best on a synthetic row could be taken for the best of the table.
+    order = {REAL: ranked, SYNTHETIC: tuple}
+    return [Block(kind, titles[kind], order[kind](own)) for kind, own in rows.items() if own]
+
+
+def _rows(layout: Layout, series: Sequence[Series]) -> list[Row]:
+    """Rows of one origin; in an ablation, a line that nothing is known of has a row without numbers."""
+    known = {line: [one for one in series if _belongs(one, line)] for line in layout.own_lines}
+    rows: list[Row] = []
+    for line, own in known.items():
+        rows += [_row(layout, line, one) for one in own]
+        if not own and any(known.values()):
+            rows.append(_empty_row(layout, line, series[0].data))
+    return rows
+
+
+def _belongs(series: Series, line: Line) -> bool:
+    """Whether scores are of a line; other methods have none in an ablation of egosplat."""
+    return series.variant == line.variant and (series.own or not line.steps)
+
+
+def _row(layout: Layout, line: Line, series: Series) -> Row:
+    scenes = {name: series.scenes[name] for name in layout.scenes if name in series.scenes}
+
+    def cell(column: Column) -> Cell:
+        own = {name: scene.cell(column.metric, column.group) for name, scene in scenes.items()}
+        return average(own) if column.scene == AVERAGE else own.get(column.scene, Cell())
+
+    cells = tuple(map(cell, layout.columns))
+    return Row(
+        series.label, series.method, series.data, series.checkpoints, series.variant, line.steps, cells
+    )
+
+
+def _empty_row(layout: Layout, line: Line, data: str) -> Row:
+    cells = tuple(Cell() for _ in layout.columns)
+    label = f"{OWN} (egosplat, {data}: not measured)"
+    return Row(label, OWN, data, "", line.variant or "", line.steps, cells)
+
+
+def _notes_on(blocks: Sequence[Block]) -> Iterator[Note]:
+    """What has to be known of measured blocks."""
+    if any(cell.interval for block in blocks for row in block.rows for cell in row.cells):
+        yield Note("", "Intervals tell how far other queries in the same scenes could move a number.")
+    for block in blocks:
+        on = block.rows[0].data
+        if len({row.scenes for row in block.rows if row.scenes}) > 1:
+            yield Note("", f"Averages on {on} are over different scenes, and not comparable.")
+        if block.kind == REAL and any(cell.queries for row in block.rows for cell in row.cells):
+            yield Note(
+                "", f"Measured on {on} in egosplat's own evaluation frames; the paper's are not known."
+            )

@@ -1,0 +1,156 @@
+"""The scores of scenes as ``metrics.json`` files tell them."""
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from egosplat import config as configuration
+from egosplat.benchmark.tables import Cell
+from egosplat.errors import UserError
+
+FULL = "full"
+"""The variant of a scene's own folder."""
+
+PROTOCOL = ("min_area", "excluded", "people", "target", "confidence")
+"""Keys of the section ``metrics`` that decide what is asked and how it is scored: they are the same in a table."""
+
+_PLACE = re.compile(
+    r"(?:^|/)results/(?P<dataset>[a-z0-9_]+)/(?P<scene>[A-Za-z0-9_-]+)/"
+    r"(?:variants/(?P<variant>[^/]+)/|methods/[^/]+/)?[^/]+$"
+)
+_NAME = re.compile(r"(?P<dataset>[a-z0-9_]+)/(?P<scene>[A-Za-z0-9_-]+)(?:, (?P<variant>[A-Za-z0-9_-]+))?")
+
+
+@dataclass(frozen=True)
+class Model:
+    """A model on the way: key and file name of its checkpoint, what the files hold, whether it is the small one."""
+
+    key: str
+    checkpoint: str
+    hash: str
+    small: bool
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredScene:
+    """A scene's scores.
+
+    Attributes:
+        path: of the file.
+        dataset, scene, variant: of which scene; another method has the variant ``FULL``.
+        method: another method's name, or None for egosplat itself.
+        origin: ``real`` or ``synthetic``.
+        models: by key.
+        document: the file's values.
+    """
+
+    path: Path
+    dataset: str
+    scene: str
+    variant: str
+    method: str | None
+    origin: str
+    models: tuple[Model, ...]
+    document: Mapping[str, Any]
+
+    @property
+    def protocol(self) -> dict[str, Any]:
+        """The values of ``PROTOCOL``; None of a key that the file does not tell."""
+        options = self.document["provenance"]["options"]
+        return {key: options.get(key) for key in PROTOCOL}
+
+    def cell(self, metric: str, group: str) -> Cell:
+        """A score in percent, with its interval where it has one."""
+        score = self.document["scores"][group]
+        low, high = score[f"{metric}_interval"]
+        return Cell(
+            percent=_percent(score[metric]),
+            interval=None if low is None or high is None else (100 * low, 100 * high),
+            queries=score["count"],
+        )
+
+
+def read_scored_scene(path: Path) -> ScoredScene:
+    """Read a ``metrics.json``.
+
+    Which scene it is of is told by its path ``results/DATASET/SCENE/``, below which ``variants/NAME/`` is a variant
+    and ``methods/NAME/`` another method's; elsewhere by its own ``scene``, DATASET/SCENE or DATASET/SCENE, VARIANT.
+
+    Raises:
+        UserError: the file cannot be read, is no ``metrics.json``, or does not say which scene it is of.
+    """
+    document = _read(path)
+    configuration.check(document, str(path), against="metrics")
+    dataset, scene, variant = _place(path, document["scene"])
+    method = document.get("method")
+    return ScoredScene(
+        path=path,
+        dataset=dataset,
+        scene=scene,
+        variant=variant if method is None else FULL,
+        method=None if method is None else one_line(method),
+        origin=document["origin"],
+        models=tuple(
+            Model(key, one_line(Path(used["checkpoint"]).name), used["hash"], used["small"])
+            for key, used in sorted(document["models"].items())
+        ),
+        document=document,
+    )
+
+
+def check_protocol(scenes: Sequence[ScoredScene]) -> None:
+    """Check that all scenes of a dataset were asked and scored alike, and that all intervals have one confidence.
+
+    Raises:
+        UserError: names two that were not.
+    """
+    for key in PROTOCOL:
+        first: dict[str, ScoredScene] = {}
+        for scene in scenes:
+            other = first.setdefault("all" if key == "confidence" else scene.dataset, scene)
+            mine, theirs = scene.protocol[key], other.protocol[key]
+            if mine != theirs:
+                raise UserError(
+                    f"{scene.path}: was scored with metrics.{key} = {mine!r}, {other.path} with {theirs!r}.\n"
+                    "Numbers in one table need the same; make one of them anew"
+                )
+
+
+def one_line(text: str) -> str:
+    """A name that someone gave, on one line and without control characters."""
+    return " ".join("".join(one if one.isprintable() else " " for one in text).split())
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)
+    except FileNotFoundError:
+        raise UserError(f"{path}: does not exist. Make it: snakemake --cores 2 {path}") from None
+    except (OSError, ValueError) as error:
+        reason = str(error).partition("\n")[0]
+        raise UserError(f"{path}: cannot be read as JSON ({reason}). Make it anew") from None
+
+
+def _refuse(constant: str) -> float:
+    raise ValueError(f"{constant} is no number of JSON")
+
+
+def _place(path: Path, told: str) -> tuple[str, str, str]:
+    below, named = _PLACE.search(path.as_posix()), _NAME.fullmatch(told)
+    if below is None and named is None:
+        raise UserError(
+            f"{path}: lies below no results/DATASET/SCENE and its scene {told!r} is no DATASET/SCENE; "
+            "move it there, as results/adt/scene1/methods/NAME/metrics.json"
+        )
+    parts = ("dataset", "scene", "variant")
+    if below and named and below.group(*parts) != named.group(*parts):
+        raise UserError(f"{path}: holds the scores of {told}, which lie elsewhere; make it anew")
+    dataset, scene, variant = (below or named).group(*parts)
+    return dataset, scene, variant or FULL
+
+
+def _percent(share: float | None) -> float | None:
+    return None if share is None else 100 * share

@@ -1,0 +1,62 @@
+"""Stage ``tables``: the paper's tables, with what was measured below what it prints."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from egosplat.atomic import whole_file
+from egosplat.benchmark.paper_layouts import in_a_table
+from egosplat.benchmark.paper_tables import paper_tables
+from egosplat.benchmark.scored_scenes import ScoredScene, check_protocol, read_scored_scene
+from egosplat.benchmark.series import find_series
+from egosplat.benchmark.tables_csv import to_csv
+from egosplat.benchmark.tables_latex import to_latex
+from egosplat.benchmark.tables_markdown import to_markdown
+from egosplat.benchmark.tables_page import read_picture, to_html
+from egosplat.progress import log
+
+PAGE = "tables.html"
+
+_FORMATS = {"csv": to_csv, "md": to_markdown, "tex": to_latex}
+
+
+def run(metrics: Sequence[Path], output: Path, *, pictures: Sequence[Path]) -> None:
+    """Write each of ``egosplat.benchmark.paper_layouts.LAYOUTS`` as CSV, Markdown and LaTeX, and all on one page.
+
+    Each file appears when it is complete. The same inputs make the same bytes.
+
+    Args:
+        metrics: ``metrics.json`` files, of egosplat's variants and of other methods; see ``read_scored_scene``. What no
+            table has a place for is told and left out.
+        output: the folder of the files, made where it is not there.
+        pictures: PNG or JPEG files of scenes, which the page ends with.
+
+    Raises:
+        UserError: a file cannot be read, two have the scores of the same, or they were not scored alike.
+    """
+    scenes = _with_a_place([read_scored_scene(path) for path in metrics])
+    check_protocol(scenes)
+    series = find_series(scenes)
+    tables = paper_tables(series)
+    confidence = next((scene.protocol["confidence"] for scene in scenes), None)
+    page = to_html(tables, series, [read_picture(path) for path in pictures], confidence)
+    for table in tables:
+        for suffix, form in _FORMATS.items():
+            _write(output / f"{table.name}.{suffix}", form(table))
+    _write(output / PAGE, page)
+    log(f"{len(scenes)} scored scenes in {len(tables)} tables: {output / PAGE}")
+
+
+def _with_a_place(scenes: Sequence[ScoredScene]) -> list[ScoredScene]:
+    for one in scenes:
+        if not _has_a_place(one):
+            log(f"{one.path}: no table has a place for {one.dataset}/{one.scene}, variant {one.variant}")
+    return [one for one in scenes if _has_a_place(one)]
+
+
+def _has_a_place(scene: ScoredScene) -> bool:
+    return in_a_table(scene.dataset, scene.scene, scene.variant)
+
+
+def _write(path: Path, text: str) -> None:
+    with whole_file(path) as scratch:
+        scratch.write_text(text, encoding="utf-8")

@@ -1,0 +1,322 @@
+"""Another method's relevancy maps, laid out by anyone, are scored."""
+
+import json
+import re
+import runpy
+import shutil
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zarr
+from jsonschema import Draft202012Validator
+
+from egosplat.artifacts.annotations import ANNOTATIONS
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.relevancy import open_relevancy
+from egosplat.artifacts.writing import create
+from egosplat.benchmark import document, other_methods
+from egosplat.benchmark.scored_scenes import PROTOCOL
+from egosplat.config import section_keys
+from egosplat.errors import UserError
+from egosplat.frames.recording import Instance
+from egosplat.provenance import begin
+from egosplat.stages import STAGES, Stage
+
+HEIGHT, WIDTH, FRAMES_TOTAL = 30, 40, 4
+DOC = Path(__file__).parents[3] / "docs" / "other_methods.md"
+OF_EGOSPLAT = {
+    "training_frames",
+    "instances",
+    "transient_instances",
+    "views",
+    "gaussians",
+    "gaussians_with_code",
+    "code_channels",
+}
+INSTANCES = [
+    Instance(11, "Chair_1", "dining chair", "static", "object"),
+    Instance(12, "Book_1", "book", "static", "object"),
+    Instance(13, "Book_2", "book", "dynamic", "object"),
+    Instance(14, "Ana", "person", "dynamic", "human"),
+]
+
+
+@pytest.fixture(autouse=True)
+def with_the_stage(monkeypatch):
+    """The stage is in the table of stages."""
+    libraries = ("jsonschema", "numpy", "opencv-contrib-python-headless", "scipy", "zarr")
+    monkeypatch.setitem(
+        STAGES, "method_metrics", Stage("egosplat.benchmark.other_methods", libraries, "Score.")
+    )
+
+
+@pytest.fixture
+def labels() -> np.ndarray:
+    """(30, 40) int32: a chair, a static book, a book that moves, a person."""
+    found = np.full((HEIGHT, WIDTH), -1, np.int32)
+    found[2:10, 5:15] = 0
+    found[12:20, 5:13] = 1
+    found[12:22, 20:30] = 2
+    found[22:30, 32:37] = 3
+    return found
+
+
+@pytest.fixture
+def scene(tmp_path, labels) -> Path:
+    """Frames 1 and 3 are annotated; frame 3 has no pose."""
+    folder = tmp_path / "scene"
+    with create(folder / "frames.zarr", FRAMES, begin("frames", {}, "synthetic")) as artifact:
+        artifact.put("rgb", np.zeros((FRAMES_TOTAL, HEIGHT, WIDTH, 3), np.uint8))
+        artifact.put("valid", np.ones((HEIGHT, WIDTH), bool))
+        for name in ("timestamp_ns", "exposure_middle_ns"):
+            artifact.put(name, np.arange(FRAMES_TOTAL))
+        artifact.put("train", np.array([True, False, True, False]))
+        artifact.put("evaluation", np.array([False, True, False, True]))
+    with create(folder / "poses.zarr", POSES, begin("poses", {}, "synthetic")) as artifact:
+        artifact.put("camera_to_world", np.tile(np.eye(4), (FRAMES_TOTAL, 1, 1)))
+        artifact.put("registered", np.array([True, True, True, False]))
+        artifact.put("intrinsics", np.eye(3))
+        artifact.put("up", np.array([0.0, -1.0, 0.0]))
+        artifact.put("points/xyz", np.zeros((0, 3)))
+        artifact.put("points/rgb", np.zeros((0, 3), np.uint8))
+    with create(folder / "annotations.zarr", ANNOTATIONS, begin("annotations", {}, "synthetic")) as artifact:
+        artifact.put("frame", np.array([1, 3]))
+        artifact.put("annotated", np.array([True, True]))
+        artifact.put("instance_map", np.stack([labels, labels]))
+        artifact.facts = {"instances": [asdict(one) for one in INSTANCES]}
+    return folder
+
+
+def write(path: Path, maps: np.ndarray, queries: list[tuple[int, str]], **attributes) -> Path:
+    """Maps as anyone would write them, (query, level, height, width)."""
+    group = zarr.open_group(path, mode="w")
+    group.create_array("relevancy", shape=maps.shape, chunks=(1, *maps.shape[1:]), dtype=maps.dtype)[...] = (
+        maps
+    )
+    frames = np.array([frame for frame, _ in queries], np.int32)
+    group.create_array("frame", shape=frames.shape, dtype=frames.dtype)[...] = frames
+    told = {
+        "schema": "relevancy",
+        "format_version": 1,
+        "method": "Mine",
+        "levels": [f"level {number}" for number in range(maps.shape[1])],
+        "category": [category for _, category in queries],
+    }
+    group.attrs.update(told | attributes)
+    return path
+
+
+QUERIES = [(1, "dining chair"), (1, "book")]
+
+
+@pytest.fixture
+def perfect(labels) -> np.ndarray:
+    """(2, 1, 30, 40) float16: 1 on the chair, then on both books, else 0.2."""
+    truth = np.stack([labels == 0, (labels == 1) | (labels == 2)])
+    return np.where(truth, 1.0, 0.2).astype(np.float16)[:, None]
+
+
+@pytest.fixture
+def scored(tmp_path, scene):
+    """``scored(relevancy, **keys)``: what the stage writes, without smoothing."""
+
+    def run(relevancy: Path, **keys) -> dict:
+        names = {
+            **section_keys("metrics"),
+            **{key: section_keys("query")[key] for key in other_methods.QUERY_KEYS},
+        }
+        defaults = {name: key["default"] for name, key in names.items()}
+        paths = {name: scene / f"{name}.zarr" for name in ("frames", "poses", "annotations")}
+        output = tmp_path / "metrics.json"
+        keys = defaults | {"resamples": 50, "smoothing": 0.0, "majority": 0.0} | keys
+        other_methods.run(**paths, relevancy=relevancy, output=output, title="adt/scene1", **keys)
+        return json.loads(output.read_text())
+
+    return run
+
+
+def test_perfect_maps_have_perfect_scores(tmp_path, scored, perfect):
+    found = scored(write(tmp_path / "mine.zarr", perfect, QUERIES))
+    Draft202012Validator(document.metrics_schema()).validate(found)
+    assert (found["method"], found["scene"], found["origin"]) == ("Mine", "adt/scene1", "synthetic")
+    assert found["scores"]["all"]["count"] == 2
+    for group in ("static", "dynamic", "all"):
+        assert found["scores"][group]["accuracy"] == 1.0
+    assert found["scores"]["all"]["mean_iou"] == 1.0
+    book, chair = found["queries"]
+    # Of both books one is static: of the groups' truth, the mask covers more.
+    assert book["groups"]["static"]["iou"] == pytest.approx(64 / 164)
+    assert chair["level"] == chair["mask_level"] == "level 0" and chair["position_m"] is None
+    assert chair["mask_pixels"] == 80 and set(chair["groups"]) == {"static", "all"}
+
+
+def test_frames_without_a_pose_are_not_asked(tmp_path, scored, perfect):
+    found = scored(write(tmp_path / "mine.zarr", perfect, QUERIES))
+    assert [(one["frame"], one["queries"], one["registered"]) for one in found["frames"]] == [
+        (1, 2, True),
+        (3, 0, False),
+    ]
+    assert found["counts"]["evaluation_frames_asked"] == 1
+    assert not OF_EGOSPLAT & set(found["counts"])
+
+
+def test_how_it_came_about(tmp_path, scored, perfect):
+    path = write(tmp_path / "mine.zarr", perfect, QUERIES)
+    first = scored(path)["provenance"]
+    assert set(first["inputs"]) == {"frames.zarr", "poses.zarr", "annotations.zarr", "mine.zarr"}
+    assert set(PROTOCOL) <= set(first["options"])
+    renamed = scored(write(path, perfect, QUERIES, method="Yours"))["provenance"]
+    changed = scored(write(path, 0.5 * perfect, QUERIES))["provenance"]
+    assert len({one["inputs"]["mine.zarr"] for one in (first, renamed, changed)}) == 3
+
+
+def test_wrong_maps_miss(tmp_path, scored, perfect):
+    found = scored(write(tmp_path / "mine.zarr", perfect[::-1].copy(), QUERIES))
+    assert found["scores"]["all"]["accuracy"] == 0.0 and found["scores"]["all"]["mean_iou"] == 0.0
+
+
+def test_the_best_level_answers(tmp_path, scored, perfect):
+    flat = np.full_like(perfect, 0.3)
+    found = scored(write(tmp_path / "mine.zarr", np.concatenate([flat, perfect], axis=1), QUERIES))
+    assert {one["level"] for one in found["queries"]} == {"level 1"}
+    assert found["scores"]["all"]["accuracy"] == 1.0
+
+
+def test_where_nothing_is_seen_nothing_is_found(tmp_path, scored, perfect):
+    found = scored(write(tmp_path / "mine.zarr", np.full_like(perfect, np.nan), QUERIES))
+    for one in found["queries"]:
+        assert (one["relevancy"], one["level"], one["pixel"], one["mask_pixels"]) == (0.0, None, None, 0)
+        assert not any(truth["hit"] or truth["iou"] for truth in one["groups"].values())
+
+
+def test_maps_that_do_not_decide_are_told(tmp_path, scored, perfect, capsys):
+    scored(write(tmp_path / "mine.zarr", perfect, QUERIES))
+    assert (
+        "in 2 of 2 queries more than 1% of the picture has the largest relevancy" in capsys.readouterr().err
+    )
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH]
+    scored(
+        write(tmp_path / "mine.zarr", (perfect - 1e-4 * (WIDTH * rows + columns)).astype(np.float32), QUERIES)
+    )
+    assert "warning" not in capsys.readouterr().err
+
+
+def test_other_number_types_sizes_and_orders_say_the_same(tmp_path, scored, perfect):
+    first = scored(write(tmp_path / "a.zarr", perfect, QUERIES))["queries"]
+    swapped = perfect[::-1].astype(np.float32)
+    again = scored(write(tmp_path / "b.zarr", swapped, QUERIES[::-1] + []))["queries"]
+    assert [one["groups"] for one in again] == [one["groups"] for one in first]
+    small = scored(write(tmp_path / "c.zarr", perfect[..., ::2, ::2].copy(), QUERIES))
+    assert small["scores"]["all"]["accuracy"] == 1.0 and small["scores"]["all"]["mean_iou"] > 0.6
+
+
+def test_maps_of_no_query_are_not_read(tmp_path, scored, perfect):
+    queries = [*QUERIES, (1, "sofa"), (3, "book")]
+    maps = np.concatenate([perfect, np.full_like(perfect, 7.0)])
+    assert scored(write(tmp_path / "mine.zarr", maps, queries))["scores"]["all"]["accuracy"] == 1.0
+
+
+@pytest.mark.parametrize("kept", [0, 1])
+def test_a_query_that_is_left_out_is_an_error(tmp_path, scored, perfect, kept):
+    path = write(tmp_path / "mine.zarr", perfect[kept : kept + 1], QUERIES[kept : kept + 1])
+    with pytest.raises(
+        UserError, match=f"no map for 1 of 2 queries, the first '{QUERIES[1 - kept][1]}' in frame 1"
+    ):
+        scored(path)
+
+
+@pytest.mark.parametrize("value", [-0.1, 1.5, np.inf])
+def test_numbers_outside_their_range_are_an_error(tmp_path, scored, perfect, value):
+    perfect[1, 0, 3, 4] = value
+    with pytest.raises(UserError, match=r"relevancy\[1\], 'book' in frame 1, holds numbers outside 0..1"):
+        scored(write(tmp_path / "mine.zarr", perfect, QUERIES))
+
+
+@pytest.mark.parametrize(
+    "attributes, message",
+    [
+        ({"schema": "other"}, "attributes schema and format_version are 'other' and 1"),
+        ({"format_version": 2}, "are 'relevancy' and 2"),
+        ({"method": ""}, "attribute method is no name"),
+        ({"method": "a\nb"}, "attribute method is no name"),
+        ({"method": 61 * "a"}, "attribute method is no name"),
+        ({"method": None}, "attribute method is no name"),
+        ({"levels": ["a", "b"]}, "attribute levels has 2 texts, the arrays have 1"),
+        ({"levels": "a"}, "attribute levels is no list of texts"),
+        ({"category": ["book", 1]}, "attribute category is no list of texts"),
+        ({"category": ["book", "book"]}, "holds a category twice in one frame"),
+    ],
+)
+def test_attributes_that_are_wrong_are_named(tmp_path, perfect, attributes, message):
+    path = write(tmp_path / "mine.zarr", perfect, QUERIES, **attributes)
+    with pytest.raises(UserError, match=f"mine.zarr: .*{message}"):
+        open_relevancy(path)
+
+
+def test_arrays_that_are_wrong_are_named(tmp_path, perfect, scored):
+    path = tmp_path / "mine.zarr"
+    for maps, message in (
+        (perfect.astype(np.float64), "'relevancy' is float64, not float16 or float32"),
+        (perfect[:, 0], "has 3 axes, not 4"),
+        (perfect[:1], "'frame' has size 2 along axis 'query', not 1"),
+    ):
+        with pytest.raises(UserError, match=message):
+            open_relevancy(write(path, maps, QUERIES))
+    with pytest.raises(UserError, match="maps of 20x30 pixels are of another shape than the frames, 40x30"):
+        scored(write(path, perfect[..., :20].copy(), QUERIES))
+
+
+def test_what_is_not_there_is_named(tmp_path, perfect):
+    path = tmp_path / "mine.zarr"
+    with pytest.raises(UserError, match="does not exist"):
+        open_relevancy(path)
+    write(path, perfect, QUERIES)
+    (path / "relevancy" / "c" / "1" / "0" / "0" / "0").unlink()
+    with pytest.raises(UserError, match="'relevancy' lacks 1 of 2 chunks"):
+        open_relevancy(path)
+    shutil.rmtree(path / "relevancy")
+    with pytest.raises(UserError, match="lacks the array 'relevancy'"):
+        open_relevancy(path)
+    (path / "zarr.json").write_text("{")
+    with pytest.raises(UserError, match="is no readable Zarr group"):
+        open_relevancy(path)
+
+
+def test_damage_is_named_when_it_is_read(tmp_path, perfect):
+    path = write(tmp_path / "mine.zarr", perfect, QUERIES)
+    chunk = path / "relevancy" / "c" / "1" / "0" / "0" / "0"
+    chunk.write_bytes(b"nonsense")
+    maps = open_relevancy(path)
+    assert maps.maps(1, "dining chair").shape == (1, HEIGHT, WIDTH)
+    with pytest.raises(UserError, match=r"relevancy\[1\], 'book' in frame 1, cannot be read"):
+        maps.maps(1, "book")
+
+
+@pytest.fixture
+def documented(tmp_path, monkeypatch):
+    """``documented(index)``: the names that an example of the documentation leaves, run in an empty folder."""
+
+    def run(index: int) -> dict:
+        script = tmp_path / "example.py"
+        script.write_text(re.findall(r"```python\n(.*?)```", DOC.read_text(), re.DOTALL)[index])
+        monkeypatch.chdir(tmp_path)
+        return runpy.run_path(str(script))
+
+    return run
+
+
+def test_the_documented_example_writes_what_is_read(tmp_path, documented):
+    documented(1)
+    found = open_relevancy(tmp_path / "my_method.zarr")
+    assert (found.method, found.levels, found.size) == ("My method", ("all",), (30, 40))
+    assert found.maps(12, "book").dtype == np.float32
+    assert set(found.rows) == {(12, "book"), (12, "dining chair")}
+
+
+def test_the_documented_listing_lists_the_queries(scene, documented, tmp_path):
+    shutil.copytree(scene, tmp_path / "results" / "adt" / "scene1")
+    expected = [(1, "book"), (1, "dining chair"), (3, "book"), (3, "dining chair")]
+    assert documented(0)["queries"] == expected

@@ -1,0 +1,158 @@
+"""Tables of results: ranks, averages with intervals, the paper's numbers and its layout."""
+
+import math
+
+import pytest
+
+from egosplat.benchmark.averages import average
+from egosplat.benchmark.intervals import wilson_interval
+from egosplat.benchmark.paper_layouts import LAYOUTS
+from egosplat.benchmark.paper_numbers import METHODS, SCENES, printed
+from egosplat.benchmark.paper_tables import paper_tables
+from egosplat.benchmark.tables import Cell, Row, aside, number, ranked
+
+
+def row(*cells: Cell) -> Row:
+    return Row("a", "a", "ADT", "", "full", (), cells)
+
+
+def test_numbers_are_formatted_as_the_paper_formats_them():
+    assert [number(value) for value in (35.9, 0.0, 100.0, 12.349, 9.96, None)] == [
+        "35.9",
+        "0.0",
+        "100.0",
+        "12.3",
+        "10.0",
+        "-",
+    ]
+
+
+@pytest.mark.parametrize(
+    "key, percent",
+    [
+        (("adt", "scene1", "LERF", "accuracy", "all"), 12.6),
+        (("adt", "scene2", "GAGS", "accuracy", "dynamic"), 25.6),
+        (("adt", "scene4", "EgoSplat", "accuracy", "dynamic"), 22.7),
+        (("adt", "average", "SG", "accuracy", "static"), 25.1),
+        (("adt", "scene5", "LEGaussian", "mean_iou", "dynamic"), 5.2),
+        (("adt", "average", "EgoSplat", "mean_iou", "all"), 14.1),
+        (("hoi4d", "average", "LangSplat", "mean_iou", "all"), 43.1),
+        (("hoi4d", "average", "LERF", "accuracy", "all"), 67.5),
+        (("adt-ablation", "average", "aggregation", "accuracy", "all"), 33.3),
+        (("adt-ablation", "average", "full", "mean_iou", "dynamic"), 14.2),
+        (("adt-transient", "scene1", "none", "mean_iou", "static"), 13.5),
+        (("adt-transient", "scene1", "initial", "mean_iou", "all"), 12.6),
+        (("adt-transient", "scene1", "refined", "accuracy", "dynamic"), 28.3),
+    ],
+)
+def test_the_paper_prints(key, percent):
+    assert printed(*key) == percent
+
+
+def test_rows_of_the_paper_that_stand_in_two_tables_are_the_same():
+    for metric in ("accuracy", "mean_iou"):
+        for group in ("static", "dynamic", "all"):
+            assert printed("adt-ablation", "average", "full", metric, group) == printed(
+                "adt", "average", "EgoSplat", metric, group
+            )
+            assert printed("adt-transient", "scene1", "refined", metric, group) == printed(
+                "adt", "scene1", "EgoSplat", metric, group
+            )
+
+
+def test_printed_averages_are_means_but_for_those_with_a_note():
+    noted = {
+        (metric, method, group)
+        for table in paper_tables([])[:2]
+        for row in table.blocks[0].rows
+        for column, cell in zip(table.columns, row.cells, strict=True)
+        if column.scene == "average" and cell.mark
+        for metric, method, group in [(column.metric, row.method, column.group)]
+    }
+    wrong = {
+        (metric, method, group)
+        for metric in ("accuracy", "mean_iou")
+        for method in METHODS
+        for group in ("static", "dynamic", "all")
+        if abs(
+            sum(printed("adt", scene, method, metric, group) for scene in SCENES["adt"]) / 5
+            - printed("adt", "average", method, metric, group)
+        )
+        > 0.1
+    }
+    assert noted == wrong and len(wrong) == 3
+
+
+def test_the_five_tables_are_laid_out_as_the_papers():
+    tables = {table.name: table for table in paper_tables([])}
+    assert list(tables) == ["adt_accuracy", "adt_iou", "adt_ablation", "hoi4d", "adt_transient"]
+    for name in ("adt_accuracy", "adt_iou"):
+        assert tables[name].spans() == [(f"scene {one}", 3) for one in range(1, 6)] + [("avg", 3)]
+        assert [column.heading for column in tables[name].columns[:3]] == ["St.", "Dy.", "All"]
+        assert [one.method for one in tables[name].blocks[0].rows] == list(METHODS)
+    for name in ("adt_ablation", "adt_transient"):
+        assert tables[name].spans() == [("Acc (%)", 3), ("mIoU (%)", 3)]
+        assert len(tables[name].components) == 2
+    ticks = [one.steps for one in tables["adt_ablation"].blocks[0].rows]
+    assert ticks == [(False, False), (True, False), (True, True)]
+    assert [column.heading for column in tables["hoi4d"].columns] == ["Acc", "mIoU"]
+    assert tables["hoi4d"].spans() == []
+
+
+def test_every_table_has_a_place_for_what_is_not_measured_yet():
+    for layout, table in zip(LAYOUTS, paper_tables([]), strict=True):
+        printed_block, own = table.blocks
+        assert (printed_block.kind, own.kind) == ("printed", "real")
+        assert len(own.rows) == len(layout.own_lines)
+        assert all(cell == Cell() for one in own.rows for cell in one.cells)
+
+
+def test_the_best_of_the_paper_are_marked_as_there():
+    table = paper_tables([])[0]
+    dynamic = [one.cells[-2] for one in table.blocks[0].rows]
+    assert [cell.rank for cell in dynamic] == [0, 0, 0, 2, 0, 1]
+
+
+def test_remarks_stand_at_the_cells_that_they_are_about():
+    table = paper_tables([])[0]
+    texts = {note.mark: note.text for note in table.notes if note.mark}
+    lerf, *_, own = table.blocks[0].rows
+    assert "below both 29.7 and 13.0" in texts[lerf.cells[2].mark]
+    assert "Below LangSplat and GAGS" in texts[own.cells[10].mark]
+    assert {cell.mark for one in table.blocks[0].rows for cell in one.cells} == {"", *texts}
+
+
+def test_equal_numbers_are_equally_good():
+    first, second, third, none = ranked([row(Cell(29.4)), row(Cell(29.41)), row(Cell(28.3)), row(Cell())])
+    assert [one.cells[0].rank for one in (first, second, third, none)] == [1, 1, 2, 0]
+
+
+def test_a_row_alone_and_averages_over_different_scenes_are_not_ranked():
+    assert ranked([row(Cell(50.0))])[0].cells[0].rank == 0
+    rows = ranked([row(Cell(50.0, scenes=("scene1",))), row(Cell(40.0, scenes=("scene1", "scene2")))])
+    assert [one.cells[0].rank for one in rows] == [0, 0]
+
+
+def test_an_average_is_over_the_scenes_that_are_there():
+    cells = {"scene1": Cell(40.0, (30.0, 52.0), 80), "scene2": Cell(), "scene3": Cell(60.0, (56.0, 65.0), 20)}
+    found = average(cells)
+    assert (found.percent, found.queries, found.scenes) == (50.0, 100, ("scene1", "scene3"))
+    assert found.interval == pytest.approx((50.0 - math.hypot(10, 4) / 2, 50.0 + math.hypot(12, 5) / 2))
+    assert average({"scene1": Cell()}) == Cell()
+    assert average({"scene1": cells["scene1"]}).interval == pytest.approx((30.0, 52.0))
+    assert average(cells | {"scene2": Cell(20.0, None, 1)}).interval is None
+
+
+def test_the_interval_of_an_average_is_about_that_of_all_queries_together():
+    whole = wilson_interval(160, 400, 0.95)
+    quarter = wilson_interval(40, 100, 0.95)
+    cell = Cell(40.0, (100 * quarter.low, 100 * quarter.high), 100)
+    found = average({f"scene{index}": cell for index in range(4)})
+    assert found.interval == pytest.approx((100 * whole.low, 100 * whole.high), abs=0.3)
+
+
+def test_an_average_over_fewer_scenes_than_its_row_says_so():
+    whole = Cell(50.0, scenes=("scene1", "scene2"))
+    part = Cell(40.0, scenes=("scene1",))
+    one = row(whole, part)
+    assert (aside(whole, one), aside(part, one), aside(Cell(), one)) == ("", " (of 1)", "")

@@ -1,0 +1,298 @@
+"""The stage ``tables``: from scores on disk to files."""
+
+import base64
+import json
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from egosplat import config as configuration
+from egosplat.benchmark.scored_scenes import one_line, read_scored_scene
+from egosplat.benchmark.tables_stage import run
+from egosplat.errors import UserError
+
+NAN = float("nan")
+NAMES = ("adt_accuracy", "adt_iou", "adt_ablation", "hoi4d", "adt_transient")
+PIXEL = base64.b64decode(
+    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="
+)
+OPTIONS = {"confidence": 0.95, "target": "box", "min_area": 0.001, "excluded": ["shelter"], "people": False}
+
+
+def least(part: dict, whole: dict):
+    """The least document that a part of a schema allows."""
+    if "$ref" in part:
+        return least(whole["$defs"][part["$ref"].rpartition("/")[2]], whole)
+    if "const" in part or "enum" in part:
+        return part.get("const") or part["enum"][0]
+    kind = part["type"] if isinstance(part["type"], str) else part["type"][-1]
+    if kind == "object":
+        return {key: least(part["properties"][key], whole) for key in part.get("required", ())}
+    if kind == "array":
+        return [least(part["items"], whole)] * part.get("minItems", 0)
+    return {"string": "x", "integer": part.get("minimum"), "number": 0.0, "null": None, "boolean": False}[
+        kind
+    ]
+
+
+def scores(accuracy: float, count: int = 100) -> dict:
+    share = {
+        "count": count,
+        "accuracy": accuracy,
+        "accuracy_interval": [accuracy - 0.1, accuracy + 0.1],
+        "mean_iou": accuracy / 2,
+        "mean_iou_interval": [accuracy / 2 - 0.05, accuracy / 2 + 0.05],
+    }
+    nothing = {"count": 0, "accuracy": None, "accuracy_interval": [None, None]}
+    return {
+        "static": share,
+        "dynamic": nothing | {"mean_iou": None, "mean_iou_interval": [None, None]},
+        "all": share,
+    }
+
+
+@pytest.fixture
+def scored(tmp_path):
+    """``scored(place, accuracy, ...)``: the path of scores below results."""
+
+    def write(place, accuracy=0.5, origin="synthetic", checkpoint="small", options=None, **more) -> Path:
+        schema = configuration.schema("metrics")
+        document = least(schema, schema)
+        counts = schema["properties"]["counts"]["properties"]
+        document["counts"] = {key: least(part, schema) for key, part in counts.items()}
+        dataset, name, *below = place.split("/")
+        title = f"{dataset}/{name}" + (f", {below[1]}" if below[:1] == ["variants"] else "")
+        document |= {"scene": title, "origin": origin, "scores": scores(accuracy)}
+        document["provenance"]["options"] = OPTIONS | (options or {})
+        document["models"] = {
+            "clip_checkpoint": {"checkpoint": checkpoint, "hash": "c0de" * 4, "small": checkpoint == "small"}
+        }
+        path = tmp_path / "results" / place / "metrics.json"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(document | more))
+        return path
+
+    return write
+
+
+@pytest.fixture
+def tables(tmp_path):
+    """``tables(*paths)``: the CSV files of the stage, by name."""
+
+    def make(*paths, pictures=()) -> dict[str, pd.DataFrame]:
+        run(paths, tmp_path / "out", pictures=pictures)
+        return {
+            name: pd.read_csv(tmp_path / "out" / f"{name}.csv", keep_default_na=False, na_values=[""])
+            for name in NAMES
+        }
+
+    return make
+
+
+def test_all_files_are_there_also_of_nothing(tables, tmp_path):
+    found = tables()
+    expected = {f"{name}.{suffix}" for name in NAMES for suffix in ("csv", "md", "tex")} | {"tables.html"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == expected
+    assert set(found["hoi4d"].kind) == {"printed", "real"}
+    assert found["hoi4d"][found["hoi4d"].kind == "real"].percent.isna().all()
+    assert "nothing yet" in (tmp_path / "out" / "tables.html").read_text()
+
+
+def test_the_same_scores_make_the_same_bytes_in_any_order(tables, scored, tmp_path):
+    paths = [scored("adt/scene1"), scored("adt/scene2", 0.3)]
+    tables(*paths)
+    first = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+    tables(*reversed(paths))
+    again = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+    assert first == again
+
+
+def test_a_scene_that_is_missing_is_left_out_of_the_average(tables, scored, tmp_path):
+    found = tables(scored("adt/scene1", 0.4), scored("adt/scene3", 0.6))["adt_accuracy"]
+    own = found[(found.kind == "synthetic") & (found.group == "static")].set_index("scene")
+    assert own.percent.to_dict() == pytest.approx(
+        {"scene1": 40, "scene2": NAN, "scene3": 60, "scene4": NAN, "scene5": NAN, "average": 50},
+        nan_ok=True,
+    )
+    assert own.scenes["average"] == "scene1 scene3" and own.queries["average"] == 200
+    assert (own.low["scene1"], own.high["scene1"]) == (30.0, 50.0)
+    assert own.low["average"] == pytest.approx(50 - 10 / 2**0.5, abs=1e-3)
+    dynamic = found[(found.kind == "synthetic") & (found.group == "dynamic")]
+    assert dynamic.percent.isna().all()
+    line = next(
+        line
+        for line in (tmp_path / "out" / "adt_accuracy.md").read_text().splitlines()
+        if "synthetic apartments, small" in line
+    )
+    assert "average of 2 of 5 scenes | 40.0 | - | 40.0 | - | - | - | 60.0 |" in line
+
+
+def test_synthetic_rows_stand_apart(tables, scored, tmp_path):
+    paths = [
+        scored("adt/scene1", 0.89),
+        scored("adt/scene1/methods/mine", 0.2, method="Mine", models={}),
+        scored("adt/scene2", 0.5, "real", "/models/vit.bin"),
+    ]
+    found = tables(*paths)["adt_accuracy"]
+    assert list(found.kind.unique()) == ["printed", "real", "synthetic"]
+    assert set(found[found.kind == "synthetic"].data) == {"synthetic apartments"}
+    assert set(found[found.kind != "synthetic"].data) == {"ADT"}
+    averages = found[(found.scene == "average") & (found.group == "all") & (found.method == "EgoSplat")]
+    averages = averages.set_index("kind")
+    assert averages.percent["real"] == 50.0 and averages.percent["synthetic"] == 89.0
+    for suffix in ("md", "tex"):
+        text = (tmp_path / "out" / f"adt_accuracy.{suffix}").read_text()
+        rows = [line for line in text.splitlines() if "89.0" in line]
+        assert len(rows) == 1
+        assert "EgoSplat (egosplat, synthetic apartments, small checkpoints)" in rows[0]
+        assert not any(mark in rows[0] for mark in ("**", "textbf"))
+        before = text[: text.index(rows[0])]
+        heading = before.rindex("synthetic apartments: not ADT")
+        assert heading > max(before.rindex("(paper, ADT)"), before.rindex("(egosplat, ADT, checkpoints clip"))
+        # The printed numbers are ranked as without it.
+        assert ("**35.2**" if suffix == "md" else r"\textbf{35.2}") in text
+    page = (tmp_path / "out" / "tables.html").read_text()
+    assert "synthetic apartments, small checkpoints" in page[: page.index("</title>")]
+
+
+def test_scenes_with_other_models_are_not_averaged_together(tables, scored):
+    paths = [scored("adt/scene1", 0.4, "real", "a.bin"), scored("adt/scene2", 0.6, "real", "b.bin")]
+    found = tables(*paths)["adt_accuracy"]
+    own = found[(found.kind == "real") & (found.scene == "average") & (found.group == "all")]
+    assert own.percent.tolist() == [40.0, 60.0]
+    assert own.checkpoints.tolist() == ["checkpoints clip a.bin", "checkpoints clip b.bin"]
+
+
+def test_models_of_one_name_are_told_apart_by_their_hashes(tables, scored):
+    models = {"clip_checkpoint": {"checkpoint": "/x/a.bin", "hash": "beef" * 4, "small": False}}
+    paths = [scored("adt/scene1", 0.4, "real", "/y/a.bin"), scored("adt/scene2", 0.6, "real", models=models)]
+    found = tables(*paths)["adt_accuracy"]
+    names = sorted(found[found.kind == "real"].checkpoints.unique())
+    assert names == ["checkpoints clip a.bin beefbeef", "checkpoints clip a.bin c0dec0de"]
+
+
+def test_the_ablations_take_their_variants(tables, scored):
+    paths = [scored("adt/scene1", 0.9)] + [
+        scored(f"adt/scene1/variants/{name}", accuracy)
+        for name, accuracy in (("aggregation", 0.7), ("initial", 0.8))
+    ]
+    found = tables(*paths)
+    lines = {}
+    for name in ("adt_ablation", "adt_transient"):
+        one = found[name]
+        one = one[(one.kind == "synthetic") & (one.metric == "accuracy") & (one.group == "all")]
+        lines[name] = list(zip(one.variant, one.percent.fillna(-1), strict=True))
+    assert lines["adt_ablation"] == [("baseline", -1), ("aggregation", 70.0), ("full", 90.0)]
+    assert lines["adt_transient"] == [("aggregation", 70.0), ("initial", 80.0), ("full", 90.0)]
+    # By scene, only what the scene's own folder holds.
+    by_scene = found["adt_accuracy"]
+    assert by_scene[by_scene.kind == "synthetic"].percent.dropna().unique().tolist() == [90.0]
+
+
+def test_averages_over_different_scenes_are_told(tables, scored, tmp_path):
+    tables(scored("adt/scene1"), scored("adt/scene2"), scored("adt/scene1/variants/baseline"))
+    text = (tmp_path / "out" / "adt_ablation.md").read_text()
+    assert "Averages on synthetic apartments are over different scenes" in text
+    tables(scored("adt/scene1"), scored("adt/scene1/variants/baseline"))
+    assert "over different scenes" not in (tmp_path / "out" / "adt_ablation.md").read_text()
+
+
+def test_another_method_has_a_row_of_its_name(tables, scored, tmp_path):
+    hostile = "My\nmethod <b>&_"
+    paths = [
+        scored("adt/scene1", 0.5, "real", "a.bin"),
+        scored("adt/scene1/methods/mine", 0.3, "real", method=hostile, models={}),
+    ]
+    found = tables(*paths)
+    by_scene = found["adt_accuracy"]
+    assert list(by_scene[by_scene.kind == "real"].method.unique()) == ["EgoSplat", "My method <b>&_"]
+    assert "My method" not in (tmp_path / "out" / "adt_ablation.md").read_text()
+    assert (
+        r"My method \textless{}b\textgreater{}\&\_ (scored by egosplat, ADT)"
+        in (tmp_path / "out" / "adt_accuracy.tex").read_text()
+    )
+    page = (tmp_path / "out" / "tables.html").read_text()
+    assert "My method &lt;b&gt;&amp;_ (scored by egosplat, ADT)" in page and "<b>" not in page
+
+
+def test_scores_from_elsewhere_say_which_scene_they_are_of(scored, tmp_path):
+    path = tmp_path / "elsewhere.json"
+    path.write_text(scored("hoi4d/scene2").read_text())
+    found = read_scored_scene(path)
+    assert (found.dataset, found.scene, found.variant) == ("hoi4d", "scene2", "full")
+    path.write_text(scored("adt/scene1/variants/initial").read_text())
+    assert read_scored_scene(path).variant == "initial"
+    path.write_text(path.read_text().replace("adt/scene1, initial", "kitchen"))
+    with pytest.raises(UserError, match="elsewhere.json: lies below no results/DATASET/SCENE"):
+        read_scored_scene(path)
+
+
+def test_scores_in_the_folder_of_another_scene_are_refused(scored):
+    with pytest.raises(UserError, match="holds the scores of adt/scene2, which lie elsewhere"):
+        read_scored_scene(scored("adt/scene1", scene="adt/scene2"))
+    with pytest.raises(UserError, match="holds the scores of adt/scene1, baseline"):
+        read_scored_scene(scored("adt/scene1", scene="adt/scene1, baseline"))
+    assert read_scored_scene(scored("adt/scene1", scene="scene")).scene == "scene1"
+
+
+def test_what_no_table_has_a_place_for_is_told(tables, scored, capsys):
+    found = tables(scored("plain/room"), scored("adt/scene9"), scored("adt/scene2/variants/initial"))
+    told = capsys.readouterr().err
+    for place in ("plain/room, variant full", "adt/scene9, variant full", "adt/scene2, variant initial"):
+        assert f"no table has a place for {place}" in told
+    assert not any("synthetic" in set(table.kind) for table in found.values())
+
+
+@pytest.mark.parametrize("key, value", [("confidence", 0.9), ("target", "mask"), ("people", True)])
+def test_scores_that_were_not_made_alike_are_refused(tables, scored, key, value):
+    paths = [scored("adt/scene1"), scored("adt/scene2", options={key: value})]
+    with pytest.raises(UserError, match=f"scene2/metrics.json: was scored with metrics.{key} = .?{value}"):
+        tables(*paths)
+
+
+def test_datasets_may_be_asked_differently_but_have_intervals_of_one_confidence(tables, scored):
+    tables(scored("adt/scene1"), scored("hoi4d/scene1", options={"target": "mask"}))
+    with pytest.raises(UserError, match="hoi4d/scene1/metrics.json: was scored with metrics.confidence"):
+        tables(scored("adt/scene1"), scored("hoi4d/scene1", options={"confidence": 0.9}))
+
+
+def test_the_same_scores_twice_are_refused(tables, scored):
+    with pytest.raises(UserError, match="are scores of the same"):
+        tables(scored("adt/scene1"), scored("adt/scene1"))
+
+
+@pytest.mark.parametrize(
+    "content, message",
+    [
+        ("{", "cannot be read as JSON"),
+        ('{"scene": NaN}', "NaN is no number of JSON"),
+        ("{}", "is not allowed"),
+        ("\udcff", None),
+    ],
+)
+def test_a_file_that_is_no_scores_is_named(tables, tmp_path, content, message):
+    path = tmp_path / "metrics.json"
+    path.write_bytes(content.encode("utf-8", "surrogateescape"))
+    with pytest.raises(UserError, match=f"metrics.json: .*{message or 'cannot be read'}"):
+        tables(path)
+    with pytest.raises(UserError, match="absent.json: does not exist"):
+        tables(tmp_path / "absent.json")
+    assert not (tmp_path / "out").exists()
+
+
+def test_pictures_are_on_the_page(tables, tmp_path):
+    picture = tmp_path / "results" / "adt" / "scene1" / "splats.png"
+    picture.parent.mkdir(parents=True)
+    picture.write_bytes(PIXEL)
+    tables(pictures=[picture])
+    page = (tmp_path / "out" / "tables.html").read_text()
+    assert base64.b64encode(PIXEL).decode() in page
+    assert "<figcaption>adt/scene1/splats.png</figcaption>" in page
+    for path, message in (("a.svg", "is no picture for the page"), ("a.png", "does not exist")):
+        with pytest.raises(UserError, match=message):
+            tables(pictures=[tmp_path / path])
+
+
+def test_names_are_brought_to_one_line():
+    assert one_line(" a\n\tb\x00c\u202ed ") == "a b c d"
