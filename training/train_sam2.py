@@ -23,8 +23,8 @@ from hydra.utils import instantiate
 from omegaconf import OmegaConf
 from safetensors.torch import save_file
 from sam2.modeling.sam2_base import SAM2Base
-from small_models.sam2_data import sample_clip, sample_prompts, sample_tracks
-from small_models.sam2_losses import PixelPairs
+from small_models.sam2_data import sample_clip, sample_prompts, sample_tracks, vocabulary
+from small_models.sam2_losses import Guides
 from small_models.sam2_steps import Outcome, clip_step, picture_step
 from small_models.schedule import Average, half_precision, learning_rate, read_state, save_state
 from small_models.worlds import FilmedWorld, read_world
@@ -110,7 +110,8 @@ class Run:
         self.step, self.stopped = 0, False
         self.model: SAM2Base = instantiate(OmegaConf.load(CONFIG).model, _recursive_=True).to(device).train()
         self.model.sam_prompt_encoder.pe_layer.positional_encoding_gaussian_matrix.mul_(recipe.place_scale)
-        self.pairs = PixelPairs(self.model.hidden_dim).to(device)
+        self.words = vocabulary(worlds)
+        self.guides = Guides(self.model.hidden_dim, len(self.words)).to(device)
         self.optimizers = self._optimizers()
         self.average = Average(self.model, recipe.average)
         self.history: dict[str, deque[Any]] = {"pictures": deque(maxlen=100), "clips": deque(maxlen=100)}
@@ -123,11 +124,11 @@ class Run:
         recipe = self.recipe
         matrices = {
             id(layer.weight)
-            for model in (self.model, self.pairs)
+            for model in (self.model, self.guides)
             for layer in model.modules()
             if isinstance(layer, torch.nn.Linear)
         }
-        every = [*self.model.parameters(), *self.pairs.parameters()]
+        every = [*self.model.parameters(), *self.guides.parameters()]
         muon = [value for value in every if id(value) in matrices]
         adam = [value for value in every if id(value) not in matrices]
         options = {"lr": recipe.peak_rate, "weight_decay": recipe.weight_decay}
@@ -138,7 +139,7 @@ class Run:
 
     def _restore(self, saved: dict[str, Any]) -> None:
         self.model.load_state_dict(saved["model"])
-        self.pairs.load_state_dict(saved["pairs"])
+        self.guides.load_state_dict(saved["guides"])
         for optimizer, state in zip(self.optimizers, saved["optimizers"], strict=True):
             optimizer.load_state_dict(state)
         self.average.weights = saved["average"]
@@ -149,7 +150,7 @@ class Run:
         save_state(
             self.state_path,
             model=self.model.state_dict(),
-            pairs=self.pairs.state_dict(),
+            guides=self.guides.state_dict(),
             optimizers=[optimizer.state_dict() for optimizer in self.optimizers],
             average=self.average.weights,
             step=self.step,
@@ -187,9 +188,11 @@ class Run:
         if self._on_clips(step):
             done = (step - recipe.clips_from * recipe.steps) / 2
             still = max(1 - done / recipe.still, 1 / 3)
-            clips = [sample_clip(self.worlds, rng, recipe.frames, still) for _ in range(recipe.clips)]
+            clips = [
+                sample_clip(self.worlds, self.words, rng, recipe.frames, still) for _ in range(recipe.clips)
+            ]
             return clips, [sample_tracks(clip, rng, recipe.tracks) for clip in clips]
-        clips = [sample_clip(self.worlds, rng, 1) for _ in range(recipe.pictures)]
+        clips = [sample_clip(self.worlds, self.words, rng, 1) for _ in range(recipe.pictures)]
         return clips, [sample_prompts(clip.labels[:, 0], rng, recipe.points) for clip in clips]
 
     def _take(self, sampled: tuple[list[Any], list[Any]]) -> None:
@@ -205,7 +208,7 @@ class Run:
         begun = recipe.clips_from * recipe.steps if on_clips else 0
         balance = recipe.balance * max(0.0, 1 - (self.step - begun) / recipe.balanced_steps)
         outcome: Outcome = (clip_step if on_clips else picture_step)(
-            self.model, self.pairs, balance, *sampled
+            self.model, self.guides, balance, *sampled
         )
         outcome.loss.backward()
         norm = torch.nn.utils.clip_grad_norm_(self.model.parameters(), 1.0)

@@ -36,10 +36,12 @@ class Clip:
     Attributes:
         pictures: (T, S, S, 3) uint8.
         labels: (3, T, S, S) int32 number of subpart, part and whole; -1 for nothing.
+        names: (T, S, S) int32 what the part is called, an index into the vocabulary; -1 for nothing.
     """
 
     pictures: Bytes
     labels: Ints
+    names: Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,11 +76,23 @@ class Tracks:
     present: Tensor
 
 
-def sample_clip(worlds: Sequence[FilmedWorld], rng: Rng, frames: int, still: float = 0.0) -> Clip:
+def vocabulary(worlds: Sequence[FilmedWorld]) -> dict[str, int]:
+    """A number for every name that a part of any world has; numbers at a name's end do not count."""
+    names = {_name(one) for world in worlds for one in world.part_names}
+    return {name: number for number, name in enumerate(sorted(names))}
+
+
+def _name(part: str) -> str:
+    return part.rstrip("0123456789 ")
+
+
+def sample_clip(
+    worlds: Sequence[FilmedWorld], words: dict[str, int], rng: Rng, frames: int, still: float = 0.0
+) -> Clip:
     """A clip of ``frames`` pictures: any world, cut, side and direction of time; colours changed.
 
     Args:
-        worlds: where it may be from; rng: decides; frames: its length.
+        worlds: where it may be from; words: see ``vocabulary``; rng: decides; frames: its length.
         still: probability that it is one picture seen through a cut that drifts, which is easier to follow.
     """
     world = worlds[rng.integers(len(worlds))]
@@ -100,7 +114,10 @@ def sample_clip(worlds: Sequence[FilmedWorld], rng: Rng, frames: int, still: flo
         label = cv2.resize(subpart, (SIDE, SIDE), interpolation=cv2.INTER_NEAREST)
         pictures.append(picture[:, ::-1] if flip else picture)
         subparts.append(label[:, ::-1] if flip else label)
-    return Clip(_change_colours(np.stack(pictures), rng), world.labels(np.stack(subparts)))
+    labels = world.labels(np.stack(subparts))
+    # The last entry is the one that -1 picks: nothing has no name.
+    called = np.array([words[_name(part)] for part in world.part_names] + [-1], np.int32)
+    return Clip(_change_colours(np.stack(pictures), rng), labels, called[labels[1]])
 
 
 def _random_box(rng: Rng, size: int) -> tuple[int, int, int, int]:
@@ -211,6 +228,7 @@ def _hide(clip: Clip, level: int, value: int, rng: Rng) -> None:
         patch = clip.pictures[0, y : y + height, x : x + width].copy()
         clip.pictures[frame, top : top + height, left : left + width] = patch
         clip.labels[:, frame, top : top + height, left : left + width] = -1
+        clip.names[frame, top : top + height, left : left + width] = -1
 
 
 def _wrong(mask: NDArray[np.bool_], rng: Rng) -> NDArray[np.float32]:

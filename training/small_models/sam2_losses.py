@@ -1,7 +1,9 @@
 """What training SAM2 makes small: errors of masks, of their predicted IoU, of presence, and of the features."""
 
+import numpy as np
 import torch
 import torch.nn.functional as F
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 _FOCAL_WEIGHT = 20.0
@@ -73,3 +75,48 @@ class PixelPairs(nn.Module):
             _, number, counts = torch.unique(row, return_inverse=True, return_counts=True)
             rows.append(counts.float()[number] ** -0.7)
         return torch.stack(rows)
+
+
+class Names(nn.Module):
+    """Features shall tell what a pixel is called, and where a subpart, a part or a whole ends.
+
+    Two linear maps; they serve training alone and are not kept.
+    """
+
+    def __init__(self, channels: int, names: int, levels: int = 3) -> None:
+        """``names``: how many there are."""
+        super().__init__()
+        self.names = nn.Conv2d(channels, names, 1)
+        self.ends = nn.Conv2d(channels, levels, 1)
+
+    def forward(self, features: Tensor, labels: Tensor, names: Tensor) -> Tensor:
+        """(B, C, h, w) features, (B, 3, h, w) and (B, h, w) int64 labels and names, -1 for nothing -> loss."""
+        if bool((names >= 0).any()):
+            loss = F.cross_entropy(self.names(features), names, ignore_index=-1)
+        else:
+            loss = features.new_zeros(())
+        ends = torch.zeros_like(labels, dtype=features.dtype)
+        ends[..., :, 1:] += labels[..., :, 1:] != labels[..., :, :-1]
+        ends[..., 1:, :] += labels[..., 1:, :] != labels[..., :-1, :]
+        ends = ends.clamp(max=1)
+        entropy = F.binary_cross_entropy_with_logits(self.ends(features), ends, reduction="none")
+        some = (entropy * ends).sum() / ends.sum().clamp(min=1)
+        none = (entropy * (1 - ends)).sum() / (1 - ends).sum().clamp(min=1)
+        return 0.5 * loss + 0.25 * (some + none)
+
+
+class Guides(nn.Module):
+    """All that guides the features of the encoder beside the masks."""
+
+    def __init__(self, channels: int, names: int) -> None:
+        super().__init__()
+        self.pairs = PixelPairs(channels)
+        self.names = Names(channels, names)
+
+    def forward(self, features: Tensor, labels: NDArray[np.int32], names: NDArray[np.int32]) -> Tensor:
+        """(B, C, h, w) features of stride 4, (B, 3, S, S) labels and (B, S, S) names -> loss."""
+        coarse, called = (
+            torch.from_numpy(np.ascontiguousarray(each[..., 1::4, 1::4])).long().to(features.device)
+            for each in (labels, names)
+        )
+        return self.pairs(features, coarse) + self.names(features, coarse, called)

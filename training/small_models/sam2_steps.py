@@ -7,7 +7,7 @@ import torch
 import torch.nn.functional as F
 from sam2.modeling.sam2_base import NO_OBJ_SCORE, SAM2Base
 from small_models.sam2_data import Clip, Prompts, Tracks, to_input
-from small_models.sam2_losses import PixelPairs, mask_iou, mask_loss
+from small_models.sam2_losses import Guides, mask_iou, mask_loss
 from torch import Tensor
 
 _LEVEL_WEIGHTS = (0.6, 0.8, 1.2)
@@ -21,11 +21,11 @@ _GIVEN_SCALE = 20.0
 
 @dataclass(frozen=True, eq=False)
 class Encoded:
-    """Features of B pictures: strides 4, 8 and 16, the positions of the last, and the loss of pixel pairs."""
+    """Features of B pictures: strides 4, 8 and 16, the positions of the last, and the loss of their guides."""
 
     features: list[Tensor]
     position: Tensor
-    pairs: Tensor
+    guided: Tensor
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,12 +36,13 @@ class Outcome:
     ious: Tensor
 
 
-def encode(model: SAM2Base, pairs: PixelPairs, pictures: Tensor, labels: np.ndarray) -> Encoded:
-    """(B, 3, S, S) pictures with (B, 3, S, S) labels."""
+def encode(
+    model: SAM2Base, guides: Guides, pictures: Tensor, labels: np.ndarray, names: np.ndarray
+) -> Encoded:
+    """(B, 3, S, S) pictures with (B, 3, S, S) labels and (B, S, S) names."""
     output = model.image_encoder(pictures)
     features = list(output["backbone_fpn"])
-    coarse = torch.from_numpy(np.ascontiguousarray(labels[..., 1::4, 1::4])).long()
-    loss = pairs(features[0], coarse.to(pictures.device))
+    loss = guides(features[0], labels, names)
     features[0] = model.sam_mask_decoder.conv_s0(features[0])
     features[1] = model.sam_mask_decoder.conv_s1(features[1])
     return Encoded(features, output["vision_pos_enc"][-1], loss)
@@ -78,12 +79,15 @@ def decode(
 
 
 def picture_step(
-    model: SAM2Base, pairs: PixelPairs, balance: float, clips: list[Clip], prompts: list[Prompts]
+    model: SAM2Base, guides: Guides, balance: float, clips: list[Clip], prompts: list[Prompts]
 ) -> Outcome:
     """Point prompts on single pictures: three masks each, and one of the whole from the single-mask token."""
     device = next(model.parameters()).device
     pictures = torch.cat([to_input(clip.pictures[:1]) for clip in clips]).to(device)
-    encoded = encode(model, pairs, pictures, np.stack([clip.labels[:, 0] for clip in clips]))
+    labels, names = (
+        np.stack(each) for each in zip(*((c.labels[:, 0], c.names[0]) for c in clips), strict=True)
+    )
+    encoded = encode(model, guides, pictures, labels, names)
     count = len(prompts[0].points)
     repeated = [feature.repeat_interleave(count, 0) for feature in encoded.features]
     points, coarse, fine, present = (
@@ -98,17 +102,18 @@ def picture_step(
     loss = (mask_loss(masks, coarse, balance) * weights).sum() / weights.sum().clamp(min=1)
     loss = loss + ((ious - true).square() * present[:, None]).mean()
     loss = loss + _PRESENCE_WEIGHT * F.binary_cross_entropy_with_logits(presence[:, 0], present.float())
-    return Outcome(loss + encoded.pairs, true[present][:, 1:].mean(0))
+    return Outcome(loss + encoded.guided, true[present][:, 1:].mean(0))
 
 
 def clip_step(
-    model: SAM2Base, pairs: PixelPairs, balance: float, clips: list[Clip], tracks: list[Tracks]
+    model: SAM2Base, guides: Guides, balance: float, clips: list[Clip], tracks: list[Tracks]
 ) -> Outcome:
     """Masks given for the first frame and followed through the rest by memory."""
     device = next(model.parameters()).device
     frames = len(clips[0].pictures)
     pictures = torch.cat([to_input(clip.pictures) for clip in clips]).to(device)
-    encoded = encode(model, pairs, pictures, np.concatenate([clip.labels.swapaxes(0, 1) for clip in clips]))
+    labels = np.concatenate([clip.labels.swapaxes(0, 1) for clip in clips])
+    encoded = encode(model, guides, pictures, labels, np.concatenate([clip.names for clip in clips]))
     counts = torch.tensor([len(each.prompt) for each in tracks], device=device)
     by_frame = [feature.unflatten(0, (len(clips), frames)) for feature in encoded.features]
     position = encoded.position.unflatten(0, (len(clips), frames))[:, 0].repeat_interleave(counts, 0)
@@ -136,7 +141,7 @@ def clip_step(
         losses.append(((predicted - true).square() * seen).sum() / share)
         losses.append(2 * _PRESENCE_WEIGHT * F.binary_cross_entropy_with_logits(presence, seen))
         ious.append((true * seen).sum() / share)
-    return Outcome(torch.stack(losses).sum() / (frames - 1) + encoded.pairs, torch.stack(ious))
+    return Outcome(torch.stack(losses).sum() / (frames - 1) + encoded.guided, torch.stack(ious))
 
 
 def _tokens(feature: Tensor) -> Tensor:

@@ -97,13 +97,14 @@ class FilmedWorld:
         rgb: (C, T, S, S, 3) uint8; subpart: (C, T, S, S) uint16.
         tables: (3, P + 1) int32: what each subpart is at the levels subpart, part and whole; the last column,
             for pixels that show nothing, is -1.
-        names: of the wholes.
+        names: of the wholes; part_names: of the parts, which are numbered through all wholes.
     """
 
     rgb: NDArray[np.uint8]
     subpart: NDArray[np.uint16]
     tables: NDArray[np.int32]
     names: tuple[str, ...]
+    part_names: tuple[str, ...]
 
     def labels(self, subpart: NDArray[np.uint16]) -> NDArray[np.int32]:
         """(...,) subparts -> (3, ...) numbers of subpart, part and whole; -1 for nothing."""
@@ -120,4 +121,5 @@ def read_world(folder: Path) -> FilmedWorld:
         np.load(folder / "subpart.npy", mmap_mode="r"),
         np.pad(tables, ((0, 0), (0, 1)), constant_values=-1).astype(np.int32),
         tuple(about["whole_names"]),
+        tuple(about["part_names"]),
     )

@@ -13,6 +13,7 @@ from small_models.sam2_data import (
     sample_tracks,
     share_covered,
     to_input,
+    vocabulary,
 )
 from small_models.worlds import NOTHING, FilmedWorld
 
@@ -32,14 +33,19 @@ def world():
     part = np.arange(36) // 2
     tables = np.stack([np.arange(36), part, part // 2])
     tables = np.pad(tables, ((0, 0), (0, 1)), constant_values=-1).astype(np.int32)
-    return FilmedWorld(rgb, subpart, tables, tuple("abcdefghi"))
+    return FilmedWorld(
+        rgb, subpart, tables, tuple("abcdefghi"), tuple(f"{name} 1" for name in "mnopqrstuvwxyzabcd")
+    )
 
 
 def test_a_clip_is_cut_alike_in_all_frames_and_in_picture_and_label(world):
     rng = np.random.default_rng(0)
+    # Parts are called m, n, ... z, a, ... d, and words are numbered by the alphabet.
+    names = np.append((np.arange(18) + 4) % 18, -1)
     for _ in range(20):
-        clip = sample_clip([world], rng, 3)
+        clip = sample_clip([world], vocabulary([world]), rng, 3)
         assert clip.pictures.shape == (3, SIDE, SIDE, 3) and clip.labels.shape == (3, 3, SIDE, SIDE)
+        assert np.array_equal(clip.names, names[clip.labels[1]])
         # One colour a subpart, but for smoothing at edges and noise: medians of two differ, those of one do not.
         values = [value for value in np.unique(clip.labels[0]) if value >= 0]
         for value in values:
@@ -80,8 +86,8 @@ def test_tracks_are_the_masks_of_later_frames(world):
     rng = np.random.default_rng(2)
     hidden = 0
     for _ in range(20):
-        clip = sample_clip([world], rng, 4)
-        before = Clip(clip.pictures.copy(), clip.labels.copy())
+        clip = sample_clip([world], vocabulary([world]), rng, 4)
+        before = Clip(clip.pictures.copy(), clip.labels.copy(), clip.names.copy())
         tracks = sample_tracks(clip, rng, 5)
         count = tracks.prompt.shape[0]
         assert tracks.prompt.shape == (count, 1, SIDE, SIDE) and tracks.coarse.shape == (

@@ -7,7 +7,7 @@ import pytest
 import torch
 import train_sam2
 from small_models import sam2_data, sam2_steps
-from small_models.sam2_losses import PixelPairs, mask_iou, mask_loss
+from small_models.sam2_losses import Names, PixelPairs, mask_iou, mask_loss
 from small_models.schedule import Average, half_precision, learning_rate, read_state, save_state
 from small_models.worlds import FilmedWorld
 from train_sam2 import Recipe, Run
@@ -27,7 +27,13 @@ def world():
     colours = rng.integers(0, 256, (16, 3), dtype=np.uint8)
     tables = np.stack([np.arange(16), np.arange(16) // 2, np.arange(16) // 4])
     tables = np.pad(tables, ((0, 0), (0, 1)), constant_values=-1).astype(np.int32)
-    return FilmedWorld(colours[subpart], subpart, tables, tuple("abcd"))
+    return FilmedWorld(
+        colours[subpart],
+        subpart,
+        tables,
+        tuple("abcd"),
+        ("legs 0", "legs 1", "back", "seat", "lid", "body", "rim", "foot"),
+    )
 
 
 def test_mask_loss_falls_towards_the_truth():
@@ -63,6 +69,22 @@ def test_pairs_of_one_thing_shall_be_near():
     torch.manual_seed(1)
     together = pairs(0 * told, labels % 3)
     assert apart < 0.1 < together
+
+
+def test_features_shall_tell_names_and_ends():
+    names = (torch.arange(256).reshape(1, 16, 16) // 64).long()
+    labels = names[:, None].expand(1, 3, 16, 16)
+    module = Names(4, names=4)
+    told = torch.nn.functional.one_hot(names, 4).permute(0, 3, 1, 2).float()
+    torch.nn.init.zeros_(module.names.weight)
+    with torch.no_grad():
+        module.names.bias.zero_()
+        unsure = module(told, labels, names)
+        module.names.weight[:, :, 0, 0] = 10 * torch.eye(4)
+        sure = module(told, labels, names)
+    assert float(unsure - sure) == pytest.approx(0.5 * np.log(4), abs=0.01)
+    nothing = torch.full_like(names, -1)
+    assert module(told, torch.full_like(labels, -1), nothing).isfinite()
 
 
 def test_a_given_mask_is_remembered_as_sam2_does(world, tmp_path):
