@@ -8,6 +8,7 @@ BIN := .venv/bin
 INSTALLED := .venv/.installed
 KERNELS := src/egosplat/kernels
 COMPILED := $(KERNELS)/libegosplat_generic.so
+PAGES := contact_sheet.png segments.png crops.png transient.png splats.png language.png
 
 # Some distributions leave ensurepip out of Python: then the pip at hand fills the environment.
 WITHOUT_ENSUREPIP = { $(PYTHON) -m venv --clear --without-pip .venv && $(PYTHON) -m pip --python $(BIN)/python install --quiet pip; }
@@ -33,8 +34,9 @@ $(COMPILED): $(INSTALLED) setup.py $(addprefix $(KERNELS)/,variants.py compiling
 	@$(BIN)/python -c 'from egosplat.kernels.library import why_not; print(why_not() or "The C++ kernels are ready.")'
 
 demo: install
-	$(BIN)/snakemake --cores $(CORES) results/adt/scene1/contact_sheet.png results/adt/scene1/splats.png
-	@echo "Look at results/adt/scene1/contact_sheet.png and results/adt/scene1/splats.png"
+	$(BIN)/snakemake --cores $(CORES) results/adt/scene1/metrics.json $(addprefix results/adt/scene1/,$(PAGES))
+	$(BIN)/egosplat query results/adt/scene1 "couch" "step stool" "television"
+	@echo "Look at results/adt/scene1: $(PAGES) query.png"
 
 # One process a core, and one thread each: more would wait for one another.
 test: install
