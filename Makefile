@@ -1,5 +1,6 @@
 # make demo     set up, then run the main job on the first scene
 # make test     set up, then run the tests
+# make numerics run the tests of numbers at their extremes, and write docs/numerics.md
 # make install  set up alone, into .venv
 
 PYTHON ?= python3
@@ -13,7 +14,7 @@ PAGES := contact_sheet.png segments.png crops.png transient.png splats.png langu
 # Some distributions leave ensurepip out of Python: then the pip at hand fills the environment.
 WITHOUT_ENSUREPIP = { $(PYTHON) -m venv --clear --without-pip .venv && $(PYTHON) -m pip --python $(BIN)/python install --quiet pip; }
 
-.PHONY: install demo test lint lock
+.PHONY: install demo test numerics lint lock
 
 install: $(COMPILED)
 
@@ -41,6 +42,9 @@ demo: install
 # One process a core, and one thread each: more would wait for one another.
 test: install
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses $(CORES) --dist loadfile
+
+numerics: install
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests/numerics --numerics-table docs/numerics.md
 
 lint: install
 	$(BIN)/ruff check setup.py src tests benchmarks training

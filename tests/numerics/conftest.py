@@ -1,0 +1,164 @@
+"""The cases of the numerics tests: what each of them says of itself, the errors it measures, and the table of both.
+
+A test says with ``@pytest.mark.numerics(tried, within=..., outside=...)`` what it tries, within which error of a
+float64 reference the results stay, and what happens beyond the range. It gives each error to the fixture ``measured``,
+which holds it against that bound. ``pytest tests/numerics --numerics-table docs/numerics.md`` writes what came out.
+"""
+
+from collections.abc import Callable, Generator
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, settings
+
+from egosplat.kernels import library
+
+settings.register_profile(
+    "numerics",
+    max_examples=25,
+    deadline=None,
+    derandomize=True,
+    database=None,
+    # The fixtures that are used by swept tests make things anew, or only collect.
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+settings.load_profile("numerics")
+
+AREAS = {
+    "rasterize": "Rasterizer",
+    "features": "Consistent features and compression",
+    "query": "Relevancy and answers",
+    "transient": "Transient network and masks",
+    "poses": "Poses",
+    "splats": "Training",
+}
+"""By the folder of the tests; the table's order."""
+
+HEADER = """# Numbers at their extremes
+
+What `tests/numerics` tries, and how far results stay from a float64 reference. `make numerics` runs it and writes this file.
+
+- **Tried**: the inputs. Ranges are swept by [Hypothesis](https://hypothesis.readthedocs.io) or stepped through by decades.
+- **Bound**: the largest error that the test lets pass. Errors are absolute for images, probabilities and relevancies, which
+  are about 1 in size, and relative, in the L2 norm over all values of a kind, for gradients and positions. Where there is
+  none, the case is about what happens rather than about how exactly.
+- **Measured**: the largest error of the run that wrote this file; {machine}
+- **Beyond**: what happens outside of the range, or at its end: an error that names the cause, or a clamp. Never NaN.
+
+Float32 results are compared with float64 results of the same, already rounded, inputs, unless a row says otherwise. Pixels at
+which rounding alone decides whether a Gaussian is composited (alpha within 1e-4 of 1/255, or transmittance of 1e-4) are left out:
+there an image may rightly change by 1/255 of a colour.
+"""
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--numerics-table", metavar="PATH", help="write the table of the numerics tests there")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line("markers", "numerics(tried, within=None, outside=''): a row of docs/numerics.md")
+
+
+@pytest.fixture
+def measured(request: pytest.FixtureRequest) -> Callable[[float], None]:
+    """``measured(error)``: fails where the error is beyond the bound of the case, or NaN; else remembers it."""
+    bound = _case(request.node)["within"]
+
+    def measure(error: float) -> None:
+        assert bound is not None, "the case states no bound"
+        request.node.user_properties.append(("error", float(error)))
+        assert float(error) <= bound, f"error {error:.3g} beyond {bound:g}"
+
+    return measure
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
+    """Tell the table which case a test is of."""
+    if item.path.parent.name not in AREAS:
+        return (yield)
+    case = _case(item)
+    item.user_properties.append(("case", case))
+    result = yield
+    measures = any(name == "error" for name, _ in item.user_properties)
+    assert measures or case["within"] is None, "the case states a bound and measures no error"
+    return result
+
+
+def _case(node: pytest.Item) -> dict[str, object]:
+    """What a test says of itself."""
+    mark = node.get_closest_marker("numerics")
+    assert mark is not None, f"{node.nodeid} has no numerics mark"
+    tried, within, outside = mark.args[0], mark.kwargs.get("within"), mark.kwargs.get("outside", "")
+    assert within is not None or outside, f"{node.nodeid} says neither a bound nor what happens"
+    return {"area": AREAS[node.path.parent.name], "tried": tried, "within": within, "outside": outside}
+
+
+class Table:
+    """Collects the reports of a run and writes them as Markdown."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._rows: dict[tuple[str, str], dict[str, object]] = {}
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        case = dict(report.user_properties).get("case")
+        if report.when != "teardown" or case is None:
+            return
+        row = self._rows.setdefault((case["area"], case["tried"]), case | {"errors": []})
+        row["errors"] += [value for name, value in report.user_properties if name == "error"]
+
+    def pytest_sessionfinish(self, session: pytest.Session, exitstatus: int) -> None:
+        # Of a run that failed, or was of some tests alone, the table would say too much or too little.
+        if exitstatus == 0:
+            self._path.write_text(self._text(), encoding="utf-8")
+
+    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter, exitstatus: int) -> None:
+        written = (
+            f"{len(self._rows)} cases in {self._path}" if exitstatus == 0 else "the table is not written"
+        )
+        terminalreporter.write_line(written)
+
+    def _text(self) -> str:
+        parts = [HEADER.format(machine=_machine())]
+        for area in AREAS.values():
+            rows = [row for (where, _), row in self._rows.items() if where == area]
+            if rows:
+                parts.append(f"## {area}\n\n{_aligned([_cells(row) for row in rows])}")
+        return "\n".join(parts)
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    path = session.config.getoption("--numerics-table", default=None)
+    if path and not hasattr(session.config, "workerinput"):
+        session.config.pluginmanager.register(Table(Path(path)), "numerics-table")
+
+
+def _machine() -> str:
+    return f"its kernels were the variant {library.variant()}." if library.is_usable() else "without kernels."
+
+
+def _cells(row: dict[str, object]) -> list[str]:
+    errors, bound = row["errors"], row["within"]
+    found = _short(max(errors)) if errors else ""
+    return [str(row["tried"]), "" if bound is None else _short(bound), found, str(row["outside"])]
+
+
+def _short(number: float) -> str:
+    """One digit: 3e-6; 0 where it is exactly that."""
+    return f"{number:.0e}".replace("e-0", "e-").replace("e+00", "") if number else "0"
+
+
+def _aligned(cells: list[list[str]]) -> str:
+    """A Markdown table whose source is aligned as well."""
+    table = [["Tried", "Bound", "Measured", "Beyond"], *cells]
+    widths = [max(len(line[column]) for line in table) for column in range(4)]
+    rule = ["-" * widths[0], "-" * (widths[1] - 1) + ":", "-" * (widths[2] - 1) + ":", "-" * widths[3]]
+    lines = [table[0], rule, *table[1:]]
+    pad = (str.ljust, str.rjust, str.rjust, str.ljust)
+    return "".join(
+        "| "
+        + " | ".join(put(cell, width) for put, cell, width in zip(pad, line, widths, strict=True))
+        + " |\n"
+        for line in lines
+    )

@@ -1,0 +1,177 @@
+"""Consistent features: views that are all the same, alone, of no length, of half precision, and very many."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from egosplat.features.aggregation import NORMS, aggregate, robust_mean
+from egosplat.features.supervision import consistent_directions, supervise
+from egosplat.features.vectors import unit, usable
+
+EACH_NORM = pytest.mark.parametrize("norm", NORMS)
+K = 3.0
+
+
+def views(seed: int, *shape: int) -> np.ndarray:
+    """Float32 features of unit norm."""
+    return unit(np.random.default_rng(seed).normal(size=shape)).astype(np.float32)
+
+
+def exact(rows: np.ndarray, norm: str, k: float) -> np.ndarray:
+    """The consistent feature of (V, D) views in extended precision, from the formula alone."""
+    rows = rows.astype(np.longdouble)
+    centre = np.median(rows, axis=0)
+    if norm == "none":
+        return rows.mean(axis=0)
+    if norm == "element":
+        deviation = np.abs(rows - centre)
+        kept = deviation <= k * np.median(deviation, axis=0)
+        return (rows * kept).sum(axis=0) / kept.sum(axis=0)
+    apart = rows - centre if norm == "euclidean" else direction(rows) - direction(centre)
+    deviation = np.sqrt((apart**2).sum(axis=1))
+    deviation = deviation**2 / 2 if norm == "cosine" else deviation
+    return rows[deviation <= k * np.median(deviation)].mean(axis=0)
+
+
+def direction(rows: np.ndarray) -> np.ndarray:
+    """Of unit norm; 0 where there is none."""
+    length = np.sqrt((rows**2).sum(axis=-1, keepdims=True))
+    return rows / np.where(length > 0, length, 1)
+
+
+@pytest.mark.numerics("2 to 40 views of 1 to 64 channels, k of 1 to 10, each norm", within=1e-14)
+@EACH_NORM
+@given(seed=st.integers(0, 999), count=st.integers(2, 40), width=st.integers(1, 64), k=st.floats(1, 10))
+def test_any_views(measured, norm, seed, count, width, k):
+    rows = views(seed, count, width)
+    found, _ = robust_mean(rows[None], norm, k)
+    measured(np.abs(found[0] - exact(rows, norm, k)).max())
+
+
+@pytest.mark.numerics("2 to 1000 identical views: the view itself, none left out", within=2e-14)
+@EACH_NORM
+@pytest.mark.parametrize("count", [2, 3, 1000])
+def test_identical_views(measured, norm, count):
+    view = views(0, 1, 32)
+    found, kept = robust_mean(np.repeat(view, count, axis=0)[None], norm, K)
+    assert kept.all()
+    measured(np.abs(found[0] - view[0]).max())
+
+
+@pytest.mark.numerics("one view: the view itself", within=0.0)
+@EACH_NORM
+def test_one_view(measured, norm):
+    view = views(0, 1, 32)
+    found, kept = robust_mean(view[None], norm, K)
+    assert kept.all()
+    measured(np.abs(found[0] - view[0]).max())
+
+
+@pytest.mark.numerics(
+    "all views but one identical",
+    within=1e-14,
+    outside="the median deviation is 0: what differs at all is left out",
+)
+@pytest.mark.parametrize("norm", ["element", "euclidean", "cosine"])
+def test_all_but_one_identical(measured, norm):
+    same, other = views(1, 2, 32)
+    found, kept = robust_mean(np.stack([same] * 4 + [other])[None], norm, K)
+    assert kept.tolist() == [[True] * 4 + [False]]
+    measured(np.abs(found[0] - same).max())
+
+
+@pytest.mark.numerics("no view", outside="the feature is 0, its number of views is 0")
+def test_no_view():
+    found = aggregate(views(0, 2, 8), np.array([0, 2]), 3, "element", K)
+    assert found.views.tolist() == [1, 0, 1] and not found.feature[1].any()
+    none = aggregate(np.zeros((0, 8), np.float32), np.zeros(0, int), 2, "cosine", K)
+    assert none.feature.shape == (2, 8) and not none.feature.any() and len(none.inlier) == 0
+
+
+@pytest.mark.numerics(
+    "features of no length among others", within=1e-14, outside="alone: the consistent feature is 0"
+)
+@EACH_NORM
+def test_views_of_no_length(measured, norm):
+    zeros, _ = robust_mean(np.zeros((1, 5, 16)), norm, K)
+    assert not zeros.any()
+    rows = np.concatenate([views(2, 6, 16), np.zeros((1, 16), np.float32)])
+    found, _ = robust_mean(rows[None], norm, K)
+    measured(np.abs(found[0] - exact(rows, norm, K)).max())
+
+
+@pytest.mark.numerics(
+    "features that are 0, NaN or infinite, and finite ones of 1e-45 to 3e38",
+    within=1e-14,
+    outside="0 and what is not finite are left out before aggregation; all others have a direction",
+)
+@given(exponent=st.floats(-37, 38))
+def test_which_features_are_usable(measured, exponent):
+    rows = (views(3, 1, 16).astype(np.float64) * 10.0**exponent).astype(np.float32)
+    assert usable(rows).all()
+    exact_rows = rows.astype(np.longdouble)
+    measured(float(np.abs(unit(rows) - exact_rows / np.sqrt((exact_rows**2).sum())).max()))
+    broken = np.array([[0.0, 0.0], [np.nan, 1.0], [1.0, np.inf], [0.0, 1e-45]], np.float32)
+    assert usable(broken).tolist() == [False, False, False, True]
+    assert unit(broken[[0, 3]]).tolist() == [[0.0, 0.0], [0.0, 1.0]]
+
+
+@pytest.mark.numerics(
+    "half-precision views (float16), against the same numbers in extended precision",
+    within=1e-14,
+    outside="everything is computed in float64",
+)
+@EACH_NORM
+@given(seed=st.integers(0, 999), count=st.integers(2, 40))
+def test_half_precision(measured, norm, seed, count):
+    rows = views(seed, count, 32).astype(np.float16)
+    found, _ = robust_mean(rows[None], norm, K)
+    assert found.dtype == np.float64
+    measured(np.abs(found[0] - exact(rows, norm, K)).max())
+
+
+@pytest.mark.numerics("float16 views of up to its largest number, 65504", within=1e-10)
+@EACH_NORM
+def test_the_largest_half_precision(measured, norm):
+    rows = (views(4, 9, 16) * 65504).astype(np.float16)
+    found, _ = robust_mean(rows[None], norm, K)
+    measured(np.abs(found[0] - exact(rows, norm, K)).max())
+
+
+@pytest.mark.numerics(
+    "1 and 1e5 instances of 1 to 3 views each, every 997th against the formula", within=1e-14
+)
+@EACH_NORM
+@pytest.mark.parametrize("count", [1, 100_000])
+def test_one_and_very_many_instances(measured, norm, count):
+    number = np.arange(count) % 3 + 1
+    instance = np.repeat(np.arange(count), number)
+    rows = views(5, len(instance), 8)
+    found = aggregate(rows, instance, count, norm, K)
+    assert np.isfinite(found.feature).all() and (found.views == number).all()
+    for one in range(0, count, 997):
+        own = rows[instance == one]
+        measured(np.abs(found.feature[one] - exact(own, norm, K)).max())
+
+
+@pytest.mark.numerics("k below 1, NaN, or an unknown norm", outside="ValueError")
+@pytest.mark.parametrize(("norm", "k"), [("element", 0.99), ("element", np.nan), ("median", 3.0)])
+def test_what_cannot_be_aggregated(norm, k):
+    with pytest.raises(ValueError, match="at least 1"):
+        aggregate(views(0, 2, 4), np.array([0, 0]), 1, norm, k)
+
+
+@pytest.mark.numerics(
+    "views that cancel: opposite ones, whose mean is rounding",
+    within=1e-7,
+    outside="the instance has its first view's direction; an average with it, the consistent one",
+)
+def test_views_that_cancel(measured):
+    first = views(6, 1, 32)
+    rows = np.concatenate([first, -first])
+    mean, _ = robust_mean(rows[None], "euclidean", K)
+    direction = consistent_directions(mean, rows, np.zeros(2, int))
+    measured(np.abs(direction[0] - first[0]).max())
+    mixed = supervise(rows, direction[[0, 0]], np.ones(2, bool), "average", "consistent")
+    assert np.linalg.norm(mixed[1]) < 1e-6 and np.isfinite(unit(mixed)).all()

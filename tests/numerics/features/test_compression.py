@@ -1,0 +1,186 @@
+"""Compression of features: none that differ, none at all, none of any length, and halves."""
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from egosplat.artifacts.features import FEATURES
+from egosplat.artifacts.reading import open_artifact
+from egosplat.artifacts.view_features import VIEW_FEATURES
+from egosplat.artifacts.writing import create
+from egosplat.config import defaults
+from egosplat.errors import UserError
+from egosplat.features import autoencoder, stage
+from egosplat.features.compression import fit
+from egosplat.features.decoding import Decoder, decode
+from egosplat.features.quality import reconstruction, spread
+from egosplat.features.vectors import unit
+from egosplat.provenance import begin
+
+WIDTH = 16
+KINDS = pytest.mark.parametrize("kind", ["none", "linear", "autoencoder"])
+
+
+def features(seed: int, count: int) -> np.ndarray:
+    """(count, 16) float32 of unit norm."""
+    return unit(np.random.default_rng(seed).normal(size=(count, WIDTH))).astype(np.float32)
+
+
+@pytest.mark.numerics(
+    "linear: as many codes as channels bring every feature back, 20 to 100 of them of length 1e-6 to 1e6",
+    within=3e-6,
+)
+@given(seed=st.integers(0, 999), count=st.integers(20, 100), exponent=st.floats(-6, 6))
+def test_a_full_basis_loses_nothing(measured, seed, count, exponent):
+    rows = features(seed, count) * np.float32(10.0**exponent)
+    compression = fit(rows, "linear", WIDTH, 1, 0)
+    decoded = decode(torch.from_numpy(compression.encode(rows)), compression.decoder).numpy()
+    measured(np.abs(decoded - unit(rows)).max())
+
+
+@pytest.mark.numerics(
+    "linear: 3 codes against the best basis by float64 singular values, squared error", within=1e-6
+)
+@given(seed=st.integers(0, 999), count=st.integers(10, 100))
+def test_the_basis_is_the_best(measured, seed, count):
+    rows = features(seed, count).astype(np.float64)
+    compression = fit(rows.astype(np.float32), "linear", 3, 1, 0)
+    basis, mean = np.split(compression.decoder.values.astype(np.float64), [3 * WIDTH])
+    codes = compression.encode(rows.astype(np.float32)).astype(np.float64)
+    error = ((codes @ basis.reshape(WIDTH, 3).T + mean - rows) ** 2).sum()
+    best = (np.linalg.svd(rows - rows.mean(axis=0), compute_uv=False)[3:] ** 2).sum()
+    measured(abs(error - best) / best)
+
+
+@pytest.mark.numerics(
+    "70 identical features, one feature, 70 of no length, and none",
+    within=2e-7,
+    outside="linear codes are 0 and their mean is decoded; nothing is NaN in any kind",
+)
+@KINDS
+@pytest.mark.parametrize(
+    "rows",
+    [np.repeat(features(1, 1), 70, axis=0), features(2, 1), np.zeros((70, WIDTH)), np.zeros((0, WIDTH))],
+    ids=["identical", "one", "zero", "none"],
+)
+def test_features_that_do_not_differ(measured, kind, rows):
+    rows = rows.astype(np.float32)
+    compression = fit(rows, kind, 3, 2, 0)
+    codes = compression.encode(rows)
+    decoded = decode(torch.from_numpy(codes), compression.decoder).numpy()
+    assert codes.dtype == np.float32 and np.isfinite(codes).all() and np.isfinite(decoded).all()
+    known = kind != "autoencoder" and rows.size
+    measured(np.abs(decoded - unit(rows)).max() if known else 0.0)
+
+
+@pytest.mark.numerics("two opposite features, whose mean is 0", within=2e-6)
+def test_a_mean_of_zero(measured):
+    rows = np.concatenate([features(3, 1), -features(3, 1)])
+    compression = fit(rows, "linear", 1, 1, 0)
+    decoded = decode(torch.from_numpy(compression.encode(rows)), compression.decoder).numpy()
+    measured(np.abs(decoded - rows).max())
+
+
+@pytest.mark.numerics(
+    "half-precision features (float16): linear codes against those of the same numbers in float32",
+    within=0.0,
+    outside="the autoencoder takes float32 alone, and says so",
+)
+def test_half_precision(measured):
+    rows = features(4, 50).astype(np.float16)
+    codes = [fit(given_, "linear", 3, 1, 0).encode(given_) for given_ in (rows, rows.astype(np.float32))]
+    measured(np.abs(codes[0] - codes[1]).max())
+    with pytest.raises(RuntimeError, match="same dtype"):
+        fit(rows, "autoencoder", 3, 1, 0)
+
+
+@pytest.mark.numerics(
+    "decoding: codes of 0, of length 1e-30 to 1e15, and beyond float32",
+    within=3e-7,
+    outside="a feature that vanishes is 0; codes of which float32 makes infinity are refused where queries are answered",
+)
+@given(exponent=st.floats(-30, 15))
+def test_codes_of_any_length(measured, exponent):
+    decoder = Decoder(
+        (3, 8), np.concatenate([np.random.default_rng(0).normal(size=24), np.zeros(8)]).astype(np.float32)
+    )
+    codes = torch.tensor([[0.3, -0.2, 0.9]]) * 10.0**exponent
+    found = decode(codes, decoder)
+    truth = decode(codes.double(), decoder)
+    # Shorter than 1e-12, what torch normalises is left as short as it is.
+    measured(float((found - truth).abs().max()))
+    assert not decode(torch.zeros(1, 3), decoder).any()
+
+
+@pytest.mark.numerics("more dimensions than channels", outside="UserError that names features.dims")
+def test_too_many_dimensions():
+    with pytest.raises(UserError, match="features.dims = 17"):
+        fit(features(0, 5), "linear", WIDTH + 1, 1, 0)
+
+
+@pytest.mark.numerics(
+    "an autoencoder whose loss is NaN", outside="UserError: training diverged; take linear codes"
+)
+def test_an_autoencoder_that_diverges(monkeypatch):
+    real = autoencoder.loss
+    monkeypatch.setattr(autoencoder, "loss", lambda *given_: real(*given_) * float("nan"))
+    with pytest.raises(UserError, match="diverged; set it to linear"):
+        fit(features(0, 70), "autoencoder", 3, 2, 0)
+
+
+@pytest.mark.numerics("quality of one instance and of none", outside="no figure (None), rather than NaN")
+def test_figures_of_too_few():
+    assert spread(features(0, 1)) is None and spread(features(0, 0)) is None
+    assert reconstruction(
+        features(0, 0), features(0, 0), Decoder((WIDTH,), np.zeros(0, np.float32))
+    ).shape == (0,)
+
+
+@pytest.mark.numerics(
+    "the stage: views of which some are NaN, infinite or 0, identical ones, instances with one view and with none",
+    outside="those views are left out and told; no number of the artifact is NaN",
+)
+@pytest.mark.parametrize("kind", ["none", "linear", "autoencoder"])
+@pytest.mark.parametrize("target", ["average", "consistent", "view"])
+def test_the_stage(tmp_path, capsys, kind, target):
+    rows = features(7, 12)
+    rows[0, 3], rows[1, 0], rows[2] = np.nan, np.inf, 0.0
+    rows[3:7] = rows[3]
+    rows[8] = -rows[7]
+    instance = np.array([0, 0, 1, 2, 2, 2, 2, 3, 3, 4, 5, 5], np.int32)
+    with create(tmp_path / "view_features.zarr", VIEW_FEATURES, begin("frames", {}, "synthetic")) as artifact:
+        artifact.put("feature", rows)
+        artifact.put("instance", instance)
+        artifact.put("frame", np.arange(12, dtype=np.int32))
+        artifact.put("area", np.ones(12, np.int32))
+        artifact.put("box", np.zeros((12, 4), np.int32))
+        artifact.put("instances/level", np.zeros(7, np.int8))
+        artifact.facts = {"levels": ["whole"], "clip": {"small": True, "hash": "0"}}
+    keys = defaults()["features"] | {"compression": kind, "dims": 3, "epochs": 2, "target": target}
+    stage.run(tmp_path / "view_features.zarr", tmp_path / "features.zarr", **keys)
+    assert "3 of 12 views are left out" in capsys.readouterr().err
+    made = open_artifact(tmp_path / "features.zarr", FEATURES)
+    for name in ("consistent", "supervision", "code", "consistent_code", "decoder/values"):
+        assert np.isfinite(made.read(name)).all(), name
+    assert made.read("views").tolist() == [0, 0, 4, 2, 1, 2, 0] and made.facts["views_without_feature"] == 3
+
+
+@pytest.mark.numerics(
+    "a number that is not finite on its way to the artifact", outside="ValueError, nothing is written"
+)
+def test_the_stage_writes_nothing_broken(tmp_path, monkeypatch):
+    monkeypatch.setattr(stage, "usable", lambda rows: np.ones(len(rows), bool))
+    with create(tmp_path / "view_features.zarr", VIEW_FEATURES, begin("frames", {}, "synthetic")) as artifact:
+        artifact.put("feature", np.full((2, WIDTH), np.nan, np.float32))
+        artifact.put("instance", np.zeros(2, np.int32))
+        artifact.put("frame", np.arange(2, dtype=np.int32))
+        artifact.put("area", np.ones(2, np.int32))
+        artifact.put("box", np.zeros((2, 4), np.int32))
+        artifact.put("instances/level", np.zeros(1, np.int8))
+        artifact.facts = {"levels": ["whole"], "clip": {"small": True, "hash": "0"}}
+    keys = defaults()["features"] | {"compression": "none", "dims": 3, "epochs": 2}
+    with pytest.raises(ValueError, match="is not finite"):
+        stage.run(tmp_path / "view_features.zarr", tmp_path / "features.zarr", **keys)
+    assert not (tmp_path / "features.zarr").exists()

@@ -1,0 +1,159 @@
+"""Cameras that do not move, that only turn, that are two, or of which nothing is known."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from egosplat.errors import UserError
+from egosplat.geometry import Camera, is_rigid, make_pose
+from egosplat.poses.alignment import align, similarity, trajectory_error
+from egosplat.poses.result import Poses, mean_camera_up, unregistered
+from egosplat.splats.initialise import random_points, scene_extent, seen
+from egosplat.splats.views import split_views
+
+CAMERA = Camera(64, 48, 50.0, 50.0, 32.0, 24.0)
+NEAR = 0.1
+
+
+def turning(count: int, place: tuple[float, float, float] = (1.0, 2.0, 3.0)) -> np.ndarray:
+    """Cameras in one place that only turn."""
+    turns = Rotation.from_rotvec(np.outer(np.linspace(0, 1, count), [0.1, 1.0, 0.2])).as_matrix()
+    return make_pose(turns, np.tile(place, (count, 1)))
+
+
+@pytest.mark.numerics(
+    "coincident cameras, and cameras that only turn: size of the scene", within=0.0, outside="1 m at least"
+)
+@pytest.mark.parametrize("count", [1, 2, 30])
+def test_size_of_a_scene_without_motion(measured, count):
+    measured(abs(scene_extent(turning(count)) - 1.0))
+    measured(abs(scene_extent(np.tile(np.eye(4), (count, 1, 1))) - 1.0))
+
+
+@pytest.mark.numerics("size of a scene of 2 to 100 cameras 1 to 1e6 m apart", within=1e-14)
+@given(seed=st.integers(0, 999), count=st.integers(2, 100), exponent=st.floats(0.5, 6))
+def test_size_of_a_scene(measured, seed, count, exponent):
+    places = np.random.default_rng(seed).normal(size=(count, 3)) * 10.0**exponent
+    exact = places.astype(np.longdouble)
+    truth = max(1.1 * float(np.sqrt(((exact - exact.mean(axis=0)) ** 2).sum(axis=1)).max()), 1.0)
+    measured(abs(scene_extent(make_pose(np.eye(3), places)) - truth) / truth)
+
+
+@pytest.mark.numerics("no camera, or one that is not finite", outside="ValueError")
+@pytest.mark.parametrize("poses", [np.zeros((0, 4, 4)), unregistered(2)])
+def test_no_size(poses):
+    with pytest.raises(ValueError, match="no pose or one that is not finite"):
+        scene_extent(poses)
+
+
+@pytest.mark.numerics(
+    "random points before cameras that coincide or only turn: all are seen, in 5 m at most", within=0.0
+)
+@pytest.mark.parametrize("count", [1, 2, 30])
+def test_random_points_without_motion(measured, count):
+    poses = turning(count)
+    xyz, rgb = random_points(500, CAMERA, poses, near_plane=NEAR, seed=0)
+    assert np.isfinite(xyz).all() and len(rgb) == 500 and np.linalg.norm(xyz - [1, 2, 3], axis=1).max() < 5
+    measured(float((~seen(xyz, CAMERA, poses, near_plane=NEAR * (1 - 1e-9))).mean()))
+
+
+@pytest.mark.numerics(
+    "aligning trajectories that differ by a similarity: scales of 1e-3 to 1e3, 1e3 m apart, 3 to 50 cameras",
+    within=1e-9,
+)
+@given(seed=st.integers(0, 999), count=st.integers(3, 50), exponent=st.floats(-3, 3))
+def test_alignment(measured, seed, count, exponent):
+    rng = np.random.default_rng(seed)
+    true = make_pose(Rotation.random(count, random_state=seed).as_matrix(), rng.normal(size=(count, 3)))
+    turn, scale = Rotation.random(random_state=seed + 1).as_matrix(), 10.0**exponent
+    moved = make_pose(turn @ true[:, :3, :3], scale * true[:, :3, 3] @ turn.T + 1e3)
+    aligned, factor = align(moved, true)
+    measured(np.linalg.norm(aligned[:, :3, 3] - true[:, :3, 3]) / np.linalg.norm(true[:, :3, 3]))
+    measured(abs(factor * scale - 1))
+
+
+@pytest.mark.numerics(
+    "aligning coincident cameras, ones on a line (also to 1e-7 of its length), one, two",
+    outside="ValueError: not determined",
+)
+@pytest.mark.parametrize("case", ["coincident", "line", "almost a line", "one", "two"])
+def test_alignments_that_are_not_determined(case):
+    along = np.outer(np.linspace(0, 1, 5), [1.0, 2.0, 3.0])
+    places = {
+        "coincident": np.ones((5, 3)),
+        "line": along,
+        "almost a line": along + 1e-7 * np.random.default_rng(0).normal(size=(5, 3)),
+        "one": along[:1],
+        "two": along[:2],
+    }[case]
+    with pytest.raises(ValueError, match="not determined|three or more pairs"):
+        similarity(places, places)
+    poses = make_pose(np.eye(3), places)
+    with pytest.raises(ValueError):
+        trajectory_error(poses, poses)
+
+
+@pytest.mark.numerics(
+    "upward direction of cameras that look every way", within=1e-12, outside="opposed ones: UserError"
+)
+@given(seed=st.integers(0, 999), count=st.integers(1, 50))
+def test_up(measured, seed, count):
+    angles = np.random.default_rng(seed).uniform(0, 2 * np.pi, count)
+    poses = make_pose(Rotation.from_rotvec(np.outer(angles, [0, 1.0, 0])).as_matrix(), np.zeros((count, 3)))
+    measured(np.abs(mean_camera_up(poses) - [0, -1, 0]).max())
+    opposed = make_pose(Rotation.from_rotvec([[0, 0, 0], [0, 0, np.pi]]).as_matrix(), np.zeros((2, 3)))
+    with pytest.raises(UserError, match="no common upward direction"):
+        mean_camera_up(opposed)
+
+
+@pytest.mark.numerics(
+    "poses that are no rigid motion: scaled, mirrored, sheared by 1e-5, NaN",
+    outside="refused before they are written",
+)
+@pytest.mark.parametrize("broken", ["scaled", "mirrored", "sheared", "nan"])
+def test_poses_that_are_none(broken):
+    pose = np.eye(4)
+    pose[:3, :3] *= {"scaled": 1.001}.get(broken, 1.0)
+    pose[0, 0] *= {"mirrored": -1.0, "nan": np.nan}.get(broken, 1.0)
+    pose[0, 1] += {"sheared": 1e-5}.get(broken, 0.0)
+    assert not is_rigid(pose)
+    found = Poses(
+        pose[None],
+        np.ones(1, bool),
+        CAMERA,
+        np.zeros((0, 3)),
+        np.zeros((0, 3), np.uint8),
+        np.array([0, -1.0, 0]),
+    )
+    with pytest.raises(ValueError, match="is not a rigid motion"):
+        found.check()
+
+
+@pytest.mark.numerics(
+    "two frames, one, and none with a pose",
+    outside="two train; one cannot validate, none cannot train: UserError",
+)
+def test_few_frames():
+    two, none = np.ones(2, bool), np.zeros(2, bool)
+    assert split_views(two, none, two, validate=True).training.sum() == 1
+    assert split_views(two, none, two, validate=False).training.sum() == 2
+    with pytest.raises(UserError, match="needs 2 training frames"):
+        split_views(two, none, np.array([True, False]), validate=True)
+    with pytest.raises(UserError, match="none of 2 training frames has a pose"):
+        split_views(two, none, none, validate=False)
+
+
+@pytest.mark.numerics(
+    "projection of points at z of 1e-300 to 1e300 m",
+    within=1e-12,
+    outside="at z = 0 and behind: NaN, in no image",
+)
+@given(exponent=st.floats(-300, 300))
+def test_projection(measured, exponent):
+    z = 10.0**exponent
+    found = CAMERA.project(np.array([0.1 * z, -0.2 * z, z]))
+    measured(float(np.abs(found - [37.0, 14.0]).max()))
+    behind = CAMERA.project(np.array([[0.0, 0, 0], [0, 0, -1], [0, 0, -1e-300], [np.nan, 0, 1]]))
+    assert not CAMERA.contains(behind).any()

@@ -1,0 +1,115 @@
+"""Answers from maps that are constant, unseen, or made of one pixel."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.features.decoding import Decoder
+from egosplat.geometry import Camera
+from egosplat.query.answer import View, answer_from_codes
+from egosplat.query.localization import localize
+from egosplat.query.options import LANGSPLAT
+from egosplat.query.position import pixel_position
+from egosplat.query.segmentation import segment
+from egosplat.query.smoothing import box_filter, fill_unseen
+from egosplat.query.text import Texts
+
+CAMERA = Camera(8, 6, 7.0, 7.0, 4.0, 3.0)
+IDENTITY = Decoder((4,), np.zeros(0, np.float32))
+TEXTS = Texts(("cup",), torch.eye(4)[:1], torch.eye(4)[2:])
+
+
+def view(**changes: object) -> View:
+    """All pixels show the query, at 2 levels, 3 m away."""
+    codes = torch.zeros(2, 6, 8, 4)
+    codes[..., 0] = 1.0
+    return replace(
+        View(codes, torch.ones(2, 6, 8), torch.full((6, 8), 3.0), CAMERA, np.eye(4), None), **changes
+    )
+
+
+@pytest.mark.numerics(
+    "a picture of one relevancy", within=1e-6, outside="every pixel is a candidate; the mask is empty"
+)
+def test_a_constant_map(measured):
+    (answer,) = answer_from_codes(view(), IDENTITY, TEXTS, LANGSPLAT)
+    measured(abs(answer.score - 1 / (1 + np.exp(-10.0))))
+    assert len(answer.candidates) == 48 and not answer.mask.any() and np.isfinite(answer.position).all()
+
+
+@pytest.mark.numerics(
+    "a view in which nothing is covered, or nothing valid",
+    outside="score 0, no candidates, an empty mask, no place",
+)
+@pytest.mark.parametrize(
+    "nothing",
+    [
+        {"coverage": torch.zeros(2, 6, 8)},
+        {"coverage": torch.full((2, 6, 8), float("nan"))},
+        {"valid": np.zeros((6, 8), bool)},
+    ],
+    ids=["uncovered", "NaN", "invalid"],
+)
+def test_nothing_is_seen(nothing):
+    (answer,) = answer_from_codes(view(**nothing), IDENTITY, TEXTS, LANGSPLAT)
+    assert answer.score == 0 and answer.level is None and answer.pixel is None and answer.position is None
+    assert not answer.relevancy.any() and not answer.mask.any()
+
+
+@pytest.mark.numerics("a picture of 1x1 px", within=1e-6)
+def test_one_pixel(measured):
+    one = View(
+        torch.eye(4)[:1].reshape(1, 1, 1, 4),
+        torch.ones(1, 1, 1),
+        torch.ones(1, 1),
+        Camera(1, 1, 1, 1, 0.5, 0.5),
+        np.eye(4),
+        None,
+    )
+    (answer,) = answer_from_codes(one, IDENTITY, TEXTS, LANGSPLAT)
+    measured(abs(answer.score - 1 / (1 + np.exp(-10.0))))
+    assert answer.pixel == (0, 0) and answer.position.tolist() == [0.0, 0.0, 1.0]
+
+
+@pytest.mark.numerics(
+    "depths of 0, NaN, infinity and below 0", outside="the answer has no place in the world (None)"
+)
+@pytest.mark.parametrize("depth", [0.0, -1.0, float("nan"), float("inf")])
+def test_no_depth(depth):
+    assert pixel_position(CAMERA, np.eye(4), (2, 3), np.full((6, 8), depth, np.float32)) is None
+
+
+@pytest.mark.numerics("depths of 1e-30 to 1e30 m", within=1e-14)
+@pytest.mark.parametrize("exponent", [-30, -3, 0, 3, 30])
+def test_any_depth(measured, exponent):
+    depth = np.full((6, 8), 10.0**exponent, np.float32)
+    found = pixel_position(CAMERA, np.eye(4), (2, 3), depth)
+    expected = np.array([(2.5 - 4.0) / 7.0, (3.5 - 3.0) / 7.0, 1.0]) * float(depth[0, 0])
+    measured(np.linalg.norm(found - expected) / np.linalg.norm(expected))
+
+
+@pytest.mark.numerics(
+    "smoothing relevancies of 1e-30 to 1, squares of 1 px to larger than the picture",
+    within=1e-6,
+    outside="sides beyond the picture mirror it several times",
+)
+@pytest.mark.parametrize("size", [1, 2, 7, 30, 64])
+@pytest.mark.parametrize("scale", [1e-30, 1.0])
+def test_smoothing(measured, size, scale):
+    values = np.random.default_rng(0).uniform(size=(33, 47)).astype(np.float32) * np.float32(scale)
+    reach = size // 2
+    padded = np.pad(values.astype(np.float64), ((reach, reach), (reach, reach)), mode="reflect")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (size, size))[:33, :47]
+    measured(np.abs(box_filter(values, size) - windows.mean(axis=(2, 3))).max() / scale)
+
+
+@pytest.mark.numerics("maps of which one pixel is seen, or none", outside="that pixel; None")
+def test_one_seen_pixel():
+    values = np.full((1, 4, 5), 0.3, np.float32)
+    seen = np.zeros((1, 4, 5), bool)
+    assert localize(values, seen) is None and segment(values, values, seen, 0.7, 1) is None
+    assert not fill_unseen(values[0], seen[0]).any()
+    seen[0, 2, 3] = True
+    assert localize(values, seen).pixel == (3, 2) and not segment(values, values, seen, 0.7, 1).mask.any()

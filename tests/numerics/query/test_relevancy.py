@@ -1,0 +1,152 @@
+"""Relevancy at the ends of its temperature, and of features that are none."""
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from egosplat.features.decoding import Decoder
+from egosplat.query.folding import fold
+from egosplat.query.options import LANGSPLAT, QueryOptions
+from egosplat.query.relevancy import relevancy, relevancy_maps
+from egosplat.query.text import Texts
+
+WIDTH = 512
+ENDS = [1e-3, 1.0, 10.0, 1e3, 1e4]
+
+
+def directions(seed: int, count: int) -> torch.Tensor:
+    """(count, 512) float32 of unit norm."""
+    rows = np.random.default_rng(seed).normal(size=(count, WIDTH))
+    return torch.from_numpy(rows / np.linalg.norm(rows, axis=1, keepdims=True)).float()
+
+
+def papers(
+    features: torch.Tensor, queries: torch.Tensor, canonical: torch.Tensor, temperature: float
+) -> torch.Tensor:
+    """The paper's minimum over softmaxes of pairs, in float64."""
+    fits, common = (features.double() @ rows.double().T for rows in (queries, canonical))
+    pairs = torch.stack(torch.broadcast_tensors(fits[:, :, None], common[:, None, :]))
+    return torch.softmax(temperature * pairs, dim=0)[0].amin(dim=-1)
+
+
+@pytest.mark.numerics("temperatures of 1e-3 to 1e2, 512 channels", within=1e-5)
+@given(exponent=st.floats(-3, 2), seed=st.integers(0, 999))
+def test_usual_temperatures(measured, exponent, seed):
+    given_ = directions(seed, 60), directions(seed + 1, 5), directions(seed + 2, 4), 10.0**exponent
+    measured(float((relevancy(*given_) - papers(*given_)).abs().max()))
+
+
+@pytest.mark.numerics(
+    "temperatures of 1e2 to 1e4",
+    within=1e-3,
+    outside="it grows with the temperature: 0 or 1 without overflow up to 1e38",
+)
+@given(exponent=st.floats(2, 4), seed=st.integers(0, 999))
+def test_high_temperatures(measured, exponent, seed):
+    given_ = directions(seed, 60), directions(seed + 1, 5), directions(seed + 2, 4), 10.0**exponent
+    measured(float((relevancy(*given_) - papers(*given_)).abs().max()))
+    hottest = relevancy(*given_[:3], 1e38)
+    assert ((hottest >= 0) & (hottest <= 1)).all()
+
+
+@pytest.mark.numerics("a query equal to a canonical phrase, the best one: 0.5", within=1e-3)
+@pytest.mark.parametrize("temperature", ENDS)
+def test_a_query_that_is_canonical(measured, temperature):
+    canonical = directions(0, 4)
+    best = relevancy(canonical, canonical, canonical, temperature)
+    measured(float((best.diagonal() - 0.5).abs().max()))
+    alone = relevancy(directions(1, 50), canonical[:1], canonical[:1], temperature)
+    measured(float((alone - 0.5).abs().max()))
+
+
+@pytest.mark.numerics("a feature equal to the query: the paper's formula", within=1e-3)
+@pytest.mark.parametrize("temperature", ENDS)
+def test_a_feature_that_is_the_query(measured, temperature):
+    given_ = directions(3, 5), directions(3, 5), directions(4, 4), temperature
+    measured(float((relevancy(*given_) - papers(*given_)).abs().max()))
+
+
+@pytest.mark.numerics(
+    "half-precision features, queries and phrases (float16, bfloat16), against the same numbers in float64",
+    within=1e-3,
+    outside="computed in float32",
+)
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16])
+@pytest.mark.parametrize("temperature", ENDS)
+def test_half_precision(measured, dtype, temperature):
+    rows = [directions(seed, count).to(dtype) for seed, count in ((5, 60), (6, 5), (7, 4))]
+    found = relevancy(*rows, temperature)
+    assert found.dtype == torch.float32
+    measured(float((found - papers(*rows, temperature)).abs().max()))
+
+
+@pytest.mark.numerics(
+    "features of 0, NaN, infinity, and of lengths below 0.7 or above 1.3", outside="0: no feature is there"
+)
+@pytest.mark.parametrize("temperature", ENDS)
+@pytest.mark.parametrize("value", [0.0, float("nan"), float("inf"), -float("inf"), 1e-3, 1e30])
+def test_features_that_are_none(value, temperature):
+    features = directions(8, 3)
+    queries = features[[0, 2]]
+    features[1] = value
+    found = relevancy(features, queries, directions(10, 4), temperature)
+    assert not found[1].any() and (found[[0, 2]].diagonal() >= 0.5).all()
+    assert ((found >= 0) & (found <= 1)).all()
+
+
+@pytest.mark.numerics(
+    "no query, and no phrase to compare with", outside="an empty result; ValueError of the options"
+)
+def test_none_asked():
+    texts = Texts((), torch.zeros(0, 4), torch.eye(4))
+    codes, seen = torch.ones(1, 2, 2, 4), torch.ones(1, 2, 2, dtype=torch.bool)
+    found = relevancy_maps(codes, seen, Decoder((4,), np.zeros(0, np.float32)), texts, 10.0)
+    assert found.shape == (0, 1, 2, 2)
+    with pytest.raises(ValueError, match="canonical"):
+        QueryOptions(**vars(LANGSPLAT) | {"canonical": ()})
+
+
+@pytest.mark.numerics(
+    "temperatures of 0, below, NaN and infinity", outside="ValueError that names the temperature"
+)
+@pytest.mark.parametrize("temperature", [0.0, -1.0, float("nan"), float("inf")])
+def test_temperatures_that_are_none(temperature):
+    with pytest.raises(ValueError, match="temperature"):
+        QueryOptions(**vars(LANGSPLAT) | {"temperature": temperature})
+
+
+@pytest.mark.numerics(
+    "folded decoders: cosines of codes of length 1e-3 to 1e3 with a temperature of 10",
+    within=1e-5,
+    outside="codes that are not finite: ValueError",
+)
+@given(exponent=st.floats(-3, 3), seed=st.integers(0, 999))
+def test_folded_decoders(measured, exponent, seed):
+    rng = np.random.default_rng(seed)
+    decoder = Decoder(
+        (8, WIDTH), np.concatenate([rng.normal(size=8 * WIDTH), rng.normal(size=WIDTH)]).astype(np.float32)
+    )
+    codes = torch.from_numpy(rng.normal(size=(1, 4, 4, 8)) * 10.0**exponent).float()
+    texts = Texts(("a", "b"), directions(seed, 2), directions(seed + 1, 4))
+    found = relevancy_maps(codes, torch.ones(1, 4, 4, dtype=torch.bool), decoder, texts, 10.0)
+    weights, biases = decoder.layers(codes.double())[0]
+    features = torch.nn.functional.normalize(codes.double().reshape(16, 8) @ weights.T + biases, dim=-1)
+    truth = papers(features, texts.queries, texts.canonical, 10.0).T.reshape(found.shape)
+    measured(float((found - truth).abs().max()))
+    assert fold(decoder, texts.queries)[0].widths == (8, 9)
+
+
+@pytest.mark.numerics(
+    "rendered codes with one NaN or infinity", outside="ValueError: codes hold numbers that are not finite"
+)
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_codes_that_are_not_finite(value):
+    codes = torch.ones(1, 2, 2, 4)
+    codes[0, 1, 1, 2] = value
+    texts = Texts(("a",), torch.eye(4)[:1], torch.eye(4)[1:])
+    with pytest.raises(ValueError, match="not finite"):
+        relevancy_maps(
+            codes, torch.ones(1, 2, 2, dtype=torch.bool), Decoder((4,), np.zeros(0, np.float32)), texts, 10.0
+        )

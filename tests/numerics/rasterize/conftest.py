@@ -1,0 +1,198 @@
+"""Gaussians at their extremes, and the compiled kernels in float32 held against the reference in float64."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import ModuleType
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from egosplat.kernels import library
+from egosplat.rasterize import cpu, reference
+from egosplat.rasterize.contract import ALPHA_THRESHOLD, MAX_ALPHA, MIN_TRANSMITTANCE, Arguments
+
+WIDTH, HEIGHT = 32, 24
+SHAPE = ("means", "quats", "scales", "opacities", "colors")
+
+
+@pytest.fixture(autouse=True)
+def _kernels() -> None:
+    if why_not := library.why_not():
+        pytest.skip(why_not)
+
+
+@pytest.fixture(scope="session")
+def gaussian() -> Callable[..., dict[str, Tensor]]:
+    """``gaussian(**changes)``: the float32 arguments of a Gaussian 2 m ahead, turned, with three axes of its own."""
+
+    def make(**changes: object) -> dict[str, Tensor]:
+        values = {
+            "means": [[0.03, -0.02, 2.0]],
+            "quats": [[0.9, 0.1, 0.2, 0.3]],
+            "scales": [[0.1, 0.2, 0.15]],
+            "opacities": [0.8],
+            "colors": [[0.2, 0.5, 0.9]],
+            "viewmats": np.eye(4)[None],
+            "Ks": [[[30.0, 0, 16.0], [0, 28.0, 12.0], [0, 0, 1]]],
+        }
+        return {
+            name: torch.as_tensor(np.asarray(value), dtype=torch.float32)
+            for name, value in (values | changes).items()
+        }
+
+    return make
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """Image and alpha of one camera, (H, W, X + 1), what was projected, and the gradients by name."""
+
+    image: Tensor
+    meta: dict[str, object]
+    gradients: dict[str, Tensor]
+
+
+@dataclass(frozen=True)
+class Compared:
+    """The kernels' result in float32, and the reference's in float64."""
+
+    values: dict[str, Tensor]
+    found: Rendered
+    truth: Rendered
+    decided: Tensor
+
+    @property
+    def image_error(self) -> float:
+        """Largest difference of a value, where rounding decides nothing."""
+        return float(((self.found.image - self.truth.image).abs() * self.decided[..., None]).max())
+
+    @property
+    def gradient_error(self) -> float:
+        """The larger of the two that follow; infinite where a gradient is not finite."""
+        return max(self.shape_error, self.pose_error)
+
+    @property
+    def shape_error(self) -> float:
+        """Of the gradients by the logarithms of all parameters together, by positions in widths of the Gaussian: the L2
+        norm of the difference by that of the truth."""
+        width = self.values["scales"].double().amax(dim=1, keepdim=True)
+        sizes = {name: self.values[name].double() for name in SHAPE} | {"means": width}
+        found, truth = (
+            torch.cat([(each.gradients[name].double() * sizes[name]).flatten() for name in SHAPE])
+            for each in (self.found, self.truth)
+        )
+        return _relative(found, truth)
+
+    @property
+    def pose_error(self) -> float:
+        """The same of the gradient by the pose."""
+        return _relative(self.found.gradients["viewmats"], self.truth.gradients["viewmats"])
+
+
+def _relative(found: Tensor, truth: Tensor) -> float:
+    difference = float((found.double() - truth).norm())
+    if difference == 0:
+        return 0.0
+    return difference / float(truth.norm()) if np.isfinite(difference) and truth.any() else float("inf")
+
+
+@pytest.fixture(scope="session")
+def compare() -> Callable[..., Compared]:
+    """``compare(values, width=, height=, **options)``: render and differentiate with both, from equal numbers."""
+
+    def both(
+        values: dict[str, Tensor], width: int = WIDTH, height: int = HEIGHT, **options: object
+    ) -> Compared:
+        with torch.no_grad():
+            decided = _decided(_forward(reference, values, torch.float64, width, height, options)[1])
+        found, truth = (
+            _rendered(backend, values, dtype, decided, width, height, options)
+            for backend, dtype in ((cpu, torch.float32), (reference, torch.float64))
+        )
+        return Compared(values, found, truth, decided)
+
+    return both
+
+
+@pytest.fixture(scope="session")
+def cloud() -> Callable[[int, int], dict[str, Tensor]]:
+    """``cloud(seed, count)``: float32 arguments of Gaussians from specks to blobs as wide as the image."""
+
+    def make(seed: int, count: int) -> dict[str, Tensor]:
+        rng = np.random.default_rng(seed)
+        arrays = {
+            "means": rng.uniform([-0.7, -0.6, 1.5], [0.7, 0.6, 4.5], (count, 3)),
+            "quats": rng.normal(size=(count, 4)),
+            "scales": np.exp(rng.uniform(-4.5, -1.0, (count, 3))),
+            "opacities": rng.uniform(0.01, 0.99, count),
+            "colors": rng.uniform(size=(count, 3)),
+            "viewmats": np.eye(4)[None],
+            "Ks": np.array([[[40.0, 0, 16.0], [0, 38.0, 12.0], [0, 0, 1]]]),
+        }
+        return {name: torch.from_numpy(array).float() for name, array in arrays.items()}
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def decided_of() -> Callable[[dict[str, object]], Tensor]:
+    """(H, W) bool of a reference's meta: pixels at which rounding decides nothing."""
+    return _decided
+
+
+@pytest.fixture(scope="session")
+def weights_of() -> Callable[[torch.Size], Tensor]:
+    """Fixed random float64 weights of an image, whose weighted sum is differentiated."""
+    return _weights
+
+
+def _weights(shape: torch.Size) -> Tensor:
+    return torch.randn(shape, generator=torch.Generator().manual_seed(7), dtype=torch.float64)
+
+
+def _rendered(
+    backend: ModuleType,
+    values: dict[str, Tensor],
+    dtype: torch.dtype,
+    decided: Tensor,
+    width: int,
+    height: int,
+    options: dict[str, object],
+) -> Rendered:
+    leaves = {name: value.to(dtype).requires_grad_(name != "Ks") for name, value in _copied(values).items()}
+    image, meta = _forward(backend, leaves, dtype, width, height, options)
+    (image * (_weights(image.shape) * decided[..., None]).to(dtype)).sum().backward()
+    gradients = {name: leaf.grad for name, leaf in leaves.items() if leaf.grad is not None}
+    return Rendered(image.detach(), meta, gradients)
+
+
+def _copied(values: dict[str, Tensor]) -> dict[str, Tensor]:
+    return {name: value.detach().clone() for name, value in values.items()}
+
+
+def _forward(
+    backend: ModuleType,
+    values: dict[str, Tensor],
+    dtype: torch.dtype,
+    width: int,
+    height: int,
+    options: dict[str, object],
+) -> tuple[Tensor, dict[str, object]]:
+    given = {name: value.to(dtype) for name, value in values.items()}
+    image, alpha, meta = backend.rasterization(Arguments(**given, width=width, height=height, **options))
+    return torch.cat([image[0], alpha[0]], dim=-1), meta
+
+
+def _decided(meta: dict[str, object]) -> Tensor:
+    """(H, W) bool: pixels at which no Gaussian stands so close to a threshold that rounding decides about it."""
+    order = meta["depths"][0].argsort(stable=True)
+    order = order[(meta["radii"][0, order] > 0).all(dim=-1)]
+    (x, y), (xx, xy, yy) = meta["means2d"][0, order].T, meta["conics"][0, order].T
+    dx = torch.arange(meta["width"])[None, :, None] + 0.5 - x
+    dy = torch.arange(meta["height"])[:, None, None] + 0.5 - y
+    raw = meta["opacities"][0, order] * torch.exp(-0.5 * (xx * dx * dx + yy * dy * dy) - xy * dx * dy)
+    left = (1 - torch.where(raw >= ALPHA_THRESHOLD, raw.clamp(max=MAX_ALPHA), 0.0)).cumprod(dim=-1)
+    shares = (raw / ALPHA_THRESHOLD, raw / MAX_ALPHA, left / MIN_TRANSMITTANCE)
+    return ~torch.stack([(share - 1).abs() < 1e-4 for share in shares]).any(dim=0).any(dim=-1)

@@ -1,0 +1,205 @@
+"""Where Gaussians stand before the camera, and what camera it is."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from egosplat.errors import UserError
+from egosplat.rasterize import cpu, reference
+from egosplat.rasterize.api import rasterization
+from egosplat.rasterize.contract import Arguments
+
+NEAR = 0.1
+
+
+def before(depth: float, size: float = 0.1) -> dict[str, object]:
+    """A Gaussian near the middle of the image that looks as large at any depth [m]."""
+    shares = [[0.1 * size, -0.05 * size, 1.0]]
+    return {"means": np.multiply(shares, depth), "scales": np.multiply([[size, 2 * size, 1.5 * size]], depth)}
+
+
+@pytest.mark.numerics(
+    "image and gradients: depths of 0.1 m (the near plane) to 1e10 m (the far plane)",
+    within=1e-5,
+    outside="nearer, farther, or behind the camera: culled",
+)
+@given(exponent=st.one_of(st.floats(-0.999, 9.999)))
+def test_depths(gaussian, compare, measured, exponent):
+    both = compare(gaussian(**before(10.0**exponent)), near_plane=NEAR)
+    measured(both.image_error)
+    measured(both.gradient_error)
+
+
+@pytest.mark.numerics("a depth of exactly the near plane", within=1e-5, outside="drawn")
+def test_at_the_near_plane(gaussian, compare, measured):
+    near = float(np.float32(NEAR))
+    both = compare(gaussian(means=[[0.0, 0.0, NEAR]], scales=[[0.01, 0.02, 0.015]]), near_plane=near)
+    measured(both.image_error)
+    measured(both.gradient_error)
+    assert both.found.image.any()
+
+
+@pytest.mark.numerics(
+    "depths below the near plane by one float32, of 1e-30 m, 0, and behind",
+    outside="culled: radius 0, gradient 0",
+)
+@pytest.mark.parametrize(
+    "depth", [np.nextafter(np.float32(NEAR), np.float32(0)), 1e-30, 0.0, -1e-30, -NEAR, -2.0]
+)
+def test_before_the_near_plane(gaussian, compare, depth):
+    near = float(np.float32(NEAR))
+    found = compare(gaussian(means=[[0.01, 0.0, depth]]), near_plane=near).found
+    assert not found.image.any() and not found.meta["radii"].any()
+    assert not any(gradient.any() for gradient in found.gradients.values())
+
+
+@pytest.mark.numerics(
+    "image and gradients: near planes of 1e-12 to 1e3 m with a Gaussian right at each",
+    within=1e-5,
+    outside="0 or less: ValueError",
+)
+@given(exponent=st.floats(-12, 3))
+def test_near_planes(gaussian, compare, measured, exponent):
+    near = 10.0**exponent
+    both = compare(gaussian(**before(1.01 * near)), near_plane=near)
+    measured(both.image_error)
+    measured(both.gradient_error)
+
+
+@pytest.mark.numerics(
+    "image and gradients: focal lengths of 1 to 1e5 px, Gaussians of 0.01 to 1e4 px",
+    within=2e-5,
+    outside="0, negative or not finite: ValueError",
+)
+@given(exponent=st.floats(0, 5), wide=st.floats(-2, 4))
+def test_focal_lengths(gaussian, compare, measured, exponent, wide):
+    focal, size = 10.0**exponent, 10.0 ** (wide - exponent)
+    K = [[[focal, 0, 16.0], [0, 1.1 * focal, 12.0], [0, 0, 1]]]
+    both = compare(
+        gaussian(means=[[2 / focal, -3 / focal, 2.0]], scales=[[size, 2 * size, 1.5 * size]], Ks=K)
+    )
+    measured(both.image_error)
+    measured(both.gradient_error)
+
+
+@pytest.mark.numerics(
+    "expected depth: focal lengths of 1 to 1e5 px, where alpha is 0.05 and more",
+    within=2e-5,
+    outside="divided by an alpha of 1e-10 at least: 0 where nothing is",
+)
+@pytest.mark.parametrize("focal", [1.0, 10.0, 1e3, 1e5])
+def test_expected_depth(gaussian, compare, measured, focal):
+    K = [[[focal, 0, 16.0], [0, focal, 12.0], [0, 0, 1]]]
+    both = compare(gaussian(scales=[[1.0, 2.0, 1.5]], Ks=K), render_mode="RGB+ED")
+    image = both.found.image.double()
+    covered = both.truth.image[..., -1] > 0.05
+    assert covered.any() and image.isfinite().all() and not image[both.found.image[..., -1] == 0].any()
+    measured(float((image - both.truth.image)[covered & both.decided].abs().max()))
+
+
+@pytest.mark.numerics(
+    "a Gaussian 1 to 1e8 times its distance beside the image, and as wide",
+    within=1e-5,
+    outside="linearised at 1.3 times the field of view",
+)
+@given(exponent=st.floats(0, 8))
+def test_beside_the_image(gaussian, compare, measured, exponent):
+    aside = 2 * 10.0**exponent
+    both = compare(gaussian(means=[[aside, 0.0, 2.0]], scales=[[aside, 0.2, aside]]))
+    measured(both.image_error)
+    measured(both.gradient_error)
+
+
+@pytest.mark.numerics(
+    "images of 1x1 px, focal lengths of 1 to 1e5 px", within=1e-5, outside="0 px: ValueError"
+)
+@pytest.mark.parametrize("focal", [1.0, 30.0, 1e5])
+def test_one_pixel(gaussian, compare, measured, focal):
+    K = [[[focal, 0, 0.4], [0, focal, 0.7], [0, 0, 1]]]
+    both = compare(gaussian(means=[[0.0, 0.0, 2.0]], opacities=[0.6], Ks=K), 1, 1)
+    assert both.found.image.shape == (1, 1, 4) and both.found.image.any()
+    measured(both.image_error)
+    measured(both.gradient_error)
+
+
+@pytest.mark.numerics("images of 1 px by 40 px, both ways, and of 17x33 px", within=1e-5)
+@pytest.mark.parametrize(("width", "height"), [(1, 40), (40, 1), (17, 33)])
+def test_narrow_images(gaussian, compare, measured, width, height):
+    both = compare(gaussian(scales=[[1.0, 2.0, 1.5]]), width, height)
+    measured(both.image_error)
+    measured(both.gradient_error)
+
+
+@pytest.mark.numerics(
+    "cameras and Gaussians 1 to 1e6 m from the origin, as they are in float32",
+    within=1e-5,
+    outside="float32 itself holds no more than 6 cm at 1e6 m: see Training",
+)
+@given(exponent=st.floats(0, 6), turn=st.tuples(*[st.floats(-1, 1)] * 3))
+def test_far_from_the_origin(gaussian, compare, measured, exponent, turn):
+    centre = np.array([1.0, -0.5, 0.3]) * 10.0**exponent
+    view = np.eye(4)
+    view[:3, :3] = Rotation.from_rotvec(turn).as_matrix()
+    view[:3, 3] = -view[:3, :3] @ centre
+    mean = view[:3, :3].T @ [0.03, -0.02, 2.0] + centre
+    both = compare(gaussian(means=[mean], viewmats=view[None]))
+    measured(both.image_error)
+    measured(both.gradient_error)
+
+
+@pytest.mark.numerics(
+    "cameras that are none: focal lengths of 0, -1, NaN; poses with NaN or infinity; near planes of 0 or beyond the far "
+    "one; images of 0 px",
+    outside="ValueError that names the argument",
+)
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"Ks": [[[0.0, 0, 1], [0, 1, 1], [0, 0, 1]]]}, "focal lengths must be positive"),
+        ({"Ks": [[[-1.0, 0, 1], [0, 1, 1], [0, 0, 1]]]}, "focal lengths must be positive"),
+        ({"Ks": [[[math.nan, 0, 1], [0, 1, 1], [0, 0, 1]]]}, "not finite"),
+        ({"viewmats": np.full((1, 4, 4), math.inf)}, "not finite"),
+        ({"near_plane": 0.0}, "near_plane"),
+        ({"near_plane": math.nan}, "near_plane"),
+        ({"near_plane": 2.0, "far_plane": 1.0}, "near_plane"),
+        ({"eps2d": math.nan}, "eps2d"),
+        ({"width": 0}, "0 x 4 pixels"),
+    ],
+    ids=str,
+)
+def test_cameras_that_are_none(gaussian, changes, words):
+    tensors = {name: value for name, value in changes.items() if name in ("Ks", "viewmats")}
+    numbers = {"width": 4, "height": 4} | {name: changes[name] for name in changes.keys() - tensors.keys()}
+    with pytest.raises(ValueError, match=words):
+        rasterization(**gaussian(**tensors), **numbers)
+
+
+@pytest.mark.numerics(
+    "the reference itself in float32: the scene of 40 Gaussians, image and alpha",
+    within=1e-5,
+    outside="it has float32's range: culled beyond a variance of 1e19 px², quaternions below 1e-19 or above 1e19",
+)
+@pytest.mark.parametrize("seed", range(3))
+def test_reference_in_float32(gaussian, cloud, decided_of, measured, seed):
+    values = cloud(seed, 40)
+    results = []
+    for dtype in (torch.float32, torch.float64):
+        given_ = {name: value.to(dtype) for name, value in values.items()}
+        results.append(reference.rasterization(Arguments(**given_, width=32, height=24)))
+    (found, found_alpha, _), (truth, truth_alpha, meta) = results
+    decided = decided_of(meta)
+    measured(float(((found - truth)[0].abs() * decided[..., None]).max()))
+    measured(float(((found_alpha - truth_alpha)[0].abs() * decided[..., None]).max()))
+
+
+@pytest.mark.numerics("float64 arguments", outside="the kernels refuse them; auto takes the reference")
+def test_float64_is_rendered_by_the_reference(gaussian):
+    values = {name: value.double() for name, value in gaussian().items()}
+    assert rasterization(**values, width=4, height=4)[0].dtype == torch.float64
+    with pytest.raises(UserError, match="float32 on the CPU"):
+        cpu.rasterization(Arguments(**values, width=4, height=4))

@@ -1,0 +1,195 @@
+"""Many Gaussians, large images, and gradients against finite differences."""
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.rasterize import cpu, reference
+from egosplat.rasterize.composite_reference import composite
+from egosplat.rasterize.contract import Arguments
+from egosplat.rasterize.projection_reference import project
+
+LARGE, WINDOW = 4096, 24
+CORNERS = [(0, 0), (LARGE - WINDOW, LARGE - WINDOW), (2036, 2040), (0, LARGE - WINDOW)]
+
+
+@pytest.mark.numerics("image and gradients: 200 Gaussians of all sizes and opacities", within=2e-5)
+@pytest.mark.parametrize("mode", ["classic", "antialiased"])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_cloud(cloud, compare, measured, mode, seed):
+    both = compare(cloud(seed, 200), rasterize_mode=mode)
+    assert both.decided.float().mean() > 0.8
+    measured(both.image_error)
+    measured(both.gradient_error)
+
+
+def stacked(gaussian, count: int, opacities: torch.Tensor) -> dict[str, torch.Tensor]:
+    """Gaussians of less than a pixel, all in the middle of the 5 x 5 image, from 1 to 3 m."""
+    rng = np.random.default_rng(0)
+    depth = np.sort(rng.uniform(1.0, 3.0, count))
+    return gaussian(
+        means=np.stack([0.001 * depth, -0.002 * depth, depth], axis=1),
+        quats=rng.normal(size=(count, 4)),
+        scales=np.exp(rng.uniform(-9.0, -5.0, (count, 3))),
+        opacities=opacities,
+        colors=rng.uniform(size=(count, 3)),
+        Ks=[[[30.0, 0, 2.5], [0, 30.0, 2.5], [0, 0, 1]]],
+    )
+
+
+OPACITIES = pytest.mark.parametrize(("low", "high"), [(0.01, 0.01), (0.0, 1.0), (1.0, 1.0)])
+
+
+@pytest.mark.numerics(
+    "10,000 Gaussians on one pixel, opacities all 0.01, all 1, and of 0 to 1: image and gradients by the Gaussians",
+    within=1e-4,
+    outside="the first that would leave a transmittance of 1e-4 or less ends the pixel; no gradient behind it",
+)
+@OPACITIES
+def test_ten_thousand_on_one_pixel(gaussian, compare, measured, low, high):
+    opacities = np.random.default_rng(1).uniform(low, high, 10_000)
+    both = compare(stacked(gaussian, 10_000, opacities), 5, 5)
+    assert both.found.image[2, 2, -1] > 0.99 and both.decided[2, 2]
+    measured(both.image_error)
+    measured(both.shape_error)
+    assert not both.found.gradients["colors"][-1].any()
+
+
+@pytest.mark.numerics(
+    "the same: gradient by the pose, to which the errors of 900 Gaussians add up in one direction",
+    within=2e-2,
+)
+@OPACITIES
+def test_pose_before_ten_thousand(gaussian, compare, measured, low, high):
+    opacities = np.random.default_rng(1).uniform(low, high, 10_000)
+    measured(compare(stacked(gaussian, 10_000, opacities), 5, 5).pose_error)
+
+
+@pytest.mark.numerics(
+    "10,000 equal Gaussians at equal depth", within=1e-4, outside="composited in their order"
+)
+def test_equal_depths(gaussian, compare, measured):
+    count = 10_000
+    values = gaussian(
+        means=[[0.0, 0.0, 2.0]] * count,
+        quats=[[1.0, 0.0, 0.0, 0.0]] * count,
+        scales=[[1e-3] * 3] * count,
+        opacities=[0.05] * count,
+        colors=np.linspace(0, 1, 3 * count).reshape(count, 3),
+        Ks=[[[30.0, 0, 2.5], [0, 30.0, 2.5], [0, 0, 1]]],
+    )
+    both = compare(values, 5, 5)
+    measured(both.image_error)
+    measured(both.shape_error)
+    met = both.found.gradients["colors"].abs().sum(dim=1) > 0
+    assert met[: int(met.sum())].all()
+
+
+@pytest.mark.numerics("no Gaussians", outside="the background alone; gradients of shape (0, ...)")
+def test_none(gaussian, compare):
+    values = {name: value if name in ("viewmats", "Ks") else value[:0] for name, value in gaussian().items()}
+    found = compare(values, backgrounds=None).found
+    assert not found.image.any() and found.gradients["means"].shape == (0, 3)
+
+
+@pytest.mark.numerics(
+    "image and gradients: 4096x4096 px, 300 Gaussians, in four windows of 24x24 px",
+    within=2e-4,
+    outside="float32 holds a place in such an image to 2e-4 px",
+)
+def test_a_large_image(gaussian, decided_of, weights_of, measured):
+    rng = np.random.default_rng(2)
+    count = 300
+    corner = np.array(CORNERS)[rng.integers(len(CORNERS), size=count)] + rng.uniform(0, WINDOW, (count, 2))
+    depth = rng.uniform(2.0, 3.0, (count, 1))
+    values = gaussian(
+        means=np.hstack([(corner - LARGE / 2) / 4000 * depth, depth]),
+        quats=rng.normal(size=(count, 4)),
+        scales=np.exp(rng.uniform(-8.0, -5.0, (count, 3))),
+        opacities=rng.uniform(0.05, 0.9, count),
+        colors=rng.uniform(size=(count, 3)),
+        Ks=[[[4000.0, 0, LARGE / 2], [0, 4000.0, LARGE / 2], [0, 0, 1]]],
+    )
+    found = {name: value.clone().requires_grad_(name != "Ks") for name, value in values.items()}
+    truth = {name: value.detach().double().requires_grad_(name != "Ks") for name, value in values.items()}
+    image, alpha, _ = cpu.rasterization(Arguments(**found, width=LARGE, height=LARGE))
+    assert image.shape == (1, LARGE, LARGE, 3) and alpha.isfinite().all()
+    exact = _windows(truth)
+    sums = [0.0, 0.0]
+    for (x, y), (expected, meta) in zip(CORNERS, exact, strict=True):
+        seen = image[0, y : y + WINDOW, x : x + WINDOW]
+        decided = decided_of(meta)[..., None]
+        assert expected.any()
+        measured(float(((seen - expected).abs() * decided).detach().max()))
+        weights = weights_of(expected.shape) * decided
+        sums = [sums[0] + (seen * weights.float()).sum(), sums[1] + (expected * weights).sum()]
+    for total in sums:
+        total.backward()
+    for name in ("means", "quats", "scales", "opacities", "colors", "viewmats"):
+        measured(float((found[name].grad - truth[name].grad).norm() / truth[name].grad.norm()))
+
+
+def _windows(values: dict[str, torch.Tensor]) -> list[tuple[torch.Tensor, dict[str, object]]]:
+    """What the reference shows of each window: projected as for the large image, composited there alone."""
+    shape = [values[name] for name in ("means", "quats", "scales", "opacities")]
+    planes = {"near_plane": 0.1, "far_plane": 1e10, "radius_clip": 0.0, "eps2d": 0.3, "antialiased": False}
+    p = project(*shape, values["viewmats"][0], values["Ks"][0], LARGE, LARGE, **planes)
+    results = []
+    for corner in CORNERS:
+        means2d = p.means2d - p.means2d.new_tensor(corner)
+        rest = p.conics, p.opacities, values["colors"], p.depths, p.radii, WINDOW, WINDOW
+        image, _ = composite(means2d, *rest)
+        meta = {
+            "means2d": means2d[None].detach(),
+            "conics": p.conics[None].detach(),
+            "opacities": p.opacities[None].detach(),
+            "depths": p.depths[None].detach(),
+            "radii": p.radii[None],
+            "width": WINDOW,
+            "height": WINDOW,
+        }
+        results.append((image, meta))
+    return results
+
+
+STEP = 1e-6
+
+
+@pytest.mark.numerics(
+    "gradients of the reference in float64 against central differences: all inputs, 4 Gaussians, colours, depth and "
+    "spherical harmonics",
+    within=1e-6,
+    outside="at a threshold the function jumps, and no difference is a gradient",
+)
+@pytest.mark.parametrize("mode", ["classic", "antialiased"])
+@pytest.mark.parametrize("render_mode", ["RGB", "RGB+ED"])
+def test_finite_differences(cloud, decided_of, weights_of, measured, mode, render_mode):
+    values = {name: value.double() for name, value in cloud(5, 4).items()}
+    generator = torch.Generator().manual_seed(3)
+    values["colors"] = 0.2 * torch.randn(4, 16, 3, generator=generator, dtype=torch.float64)
+    size = {"width": 12, "height": 10, "sh_degree": 3, "rasterize_mode": mode, "render_mode": render_mode}
+    values["Ks"] = values["Ks"] * 0.4
+    values["Ks"][:, 2, 2] = 1.0
+
+    def total(given: dict[str, torch.Tensor], keep: torch.Tensor) -> torch.Tensor:
+        image, alpha, _ = reference.rasterization(Arguments(**given, **size))
+        image = torch.cat([image, alpha], dim=-1)[0]
+        return (image * weights_of(image.shape) * keep).sum()
+
+    with torch.no_grad():
+        _, alpha, meta = reference.rasterization(Arguments(**values, **size))
+    keep = decided_of(meta)[..., None] & (alpha[0] > 0.05)
+    leaves = {name: value.clone().requires_grad_(name != "Ks") for name, value in values.items()}
+    total(leaves, keep).backward()
+    generator = torch.Generator().manual_seed(4)
+    for name, leaf in leaves.items():
+        if name == "Ks":
+            continue
+        direction = torch.randn(leaf.shape, generator=generator, dtype=torch.float64)
+        if name == "viewmats":
+            direction[:, 3] = 0.0
+        with torch.no_grad():
+            ends = [total(values | {name: values[name] + sign * STEP * direction}, keep) for sign in (1, -1)]
+        difference = (ends[0] - ends[1]) / (2 * STEP)
+        expected = (leaf.grad * direction).sum()
+        measured(float((difference - expected).abs() / leaf.grad.norm()))

@@ -1,0 +1,197 @@
+"""Sizes, proportions, turns and opacities of a Gaussian."""
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from egosplat.splats.gaussians import Gaussians
+from egosplat.splats.optimizer import Adam, LearningRates
+
+TURNS = st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: sum(v * v for v in q) > 1e-2)
+MODES = pytest.mark.parametrize("mode", ["classic", "antialiased"])
+
+
+def decades(low: float, high: float) -> st.SearchStrategy[float]:
+    """10 to the power of ``low`` to ``high``."""
+    return st.floats(low, high).map(lambda exponent: 10.0**exponent)
+
+
+@pytest.mark.numerics(
+    "image: three scales of 1e-8 to 1e4 m each, any turn, classic", within=3e-6, outside="drawn up to 1e18 m"
+)
+@given(scales=st.tuples(*[decades(-8, 4)] * 3), turn=TURNS)
+def test_image_of_any_scales(gaussian, compare, measured, scales, turn):
+    measured(compare(gaussian(scales=[scales], quats=[turn])).image_error)
+
+
+@pytest.mark.numerics(
+    "image: the same, antialiased",
+    within=1e-5,
+    outside="what is dimmed below alpha 1/255 is culled: radius 0, gradient 0",
+)
+@given(scales=st.tuples(*[decades(-8, 4)] * 3), turn=TURNS)
+def test_image_of_any_scales_antialiased(gaussian, compare, measured, scales, turn):
+    measured(compare(gaussian(scales=[scales], quats=[turn]), rasterize_mode="antialiased").image_error)
+
+
+@pytest.mark.numerics(
+    "gradients: round Gaussians, scales of 1e-8 to 1e4 m within a factor of 3 of one another",
+    within=1e-5,
+    outside="finite at any scale",
+)
+@MODES
+@given(size=decades(-8, 4), turn=TURNS)
+def test_gradients_of_any_scale(gaussian, compare, measured, mode, size, turn):
+    scales = [[size, 2 * size, 3 * size]]
+    measured(compare(gaussian(scales=scales, quats=[turn]), rasterize_mode=mode).gradient_error)
+
+
+@pytest.mark.numerics(
+    "gradients: needles 1e-8 m thin and 1e-4 to 1e4 m long",
+    within=1e-4,
+    outside="finite at any length",
+)
+@given(length=decades(-4, 4), turn=TURNS)
+def test_needles(gaussian, compare, measured, length, turn):
+    measured(compare(gaussian(scales=[[length, 1e-8, 1e-8]], quats=[turn])).gradient_error)
+
+
+@pytest.mark.numerics("gradients: pancakes 1e-8 m thin and 1e-4 to 1e4 m wide, any turn", within=1e-4)
+@MODES
+@given(width=decades(-4, 4), turn=TURNS)
+def test_pancakes(gaussian, compare, measured, mode, width, turn):
+    values = gaussian(scales=[[width, 0.7 * width, 1e-8]], quats=[turn])
+    measured(compare(values, rasterize_mode=mode).gradient_error)
+
+
+@pytest.mark.numerics("image and gradients: a pancake seen exactly from its edge", within=1e-5)
+@MODES
+def test_pancake_from_its_edge(gaussian, compare, measured, mode):
+    both = compare(gaussian(scales=[[1.0, 0.8, 1e-8]], quats=[[1, 0, 1, 0]]), rasterize_mode=mode)
+    measured(both.image_error)
+    measured(both.gradient_error)
+
+
+@pytest.mark.numerics(
+    "scales of 0", within=1e-6, outside="classic: a speck as wide as eps2d; antialiased: culled"
+)
+@MODES
+def test_scales_of_zero(gaussian, compare, measured, mode):
+    both = compare(gaussian(scales=[[0.0] * 3]), rasterize_mode=mode)
+    measured(both.image_error)
+    assert all(gradient.isfinite().all() for gradient in both.found.gradients.values())
+    assert bool(both.found.image.any()) == (mode == "classic")
+
+
+@pytest.mark.numerics("scales from 1e19 m to infinity, and NaN", outside="not drawn; gradients are finite")
+@pytest.mark.parametrize("scale", [1e19, 1e30, float("inf"), float("nan")])
+def test_scales_beyond_all_bounds(gaussian, compare, scale):
+    found = compare(gaussian(scales=[[scale] * 3])).found
+    assert not found.image.any()
+    assert all(gradient.isfinite().all() for gradient in found.gradients.values())
+
+
+@pytest.mark.numerics(
+    "image and gradients: quaternions of length 1e-37 to 1e37",
+    within=1e-5,
+    outside="0, or not finite: culled",
+)
+@given(length=decades(-37, 37), turn=TURNS)
+def test_quaternions_of_any_length(gaussian, compare, measured, length, turn):
+    both = compare(gaussian(quats=torch.tensor([turn], dtype=torch.float64) * length))
+    measured(both.image_error)
+    measured(both.gradient_error)
+
+
+@pytest.mark.numerics(
+    "a subnormal quaternion, of length 1e-40",
+    within=1e-5,
+    outside="the image holds; its gradient overflows float32, and the optimizer leaves that Gaussian out",
+)
+def test_a_subnormal_quaternion(gaussian, compare, measured):
+    both = compare(gaussian(quats=[[9e-41, 1e-41, 2e-41, 3e-41]]))
+    measured(both.image_error)
+    raw = Gaussians(
+        both.values["means"].clone(),
+        both.values["quats"].clone(),
+        both.values["scales"].log(),
+        both.values["opacities"].logit(),
+        torch.zeros(1, 1, 3),
+        torch.zeros(1, 0),
+    ).requires_grad_()
+    optimizer = Adam(raw, LearningRates(means=1.0))
+    raw.means.grad, raw.quats.grad = both.found.gradients["means"], both.found.gradients["quats"]
+    optimizer.step(None)
+    assert optimizer.skipped_rows == 1 and torch.equal(raw.means.detach(), both.values["means"])
+
+
+@pytest.mark.numerics("a quaternion of 0 or of infinite length", outside="culled: radius 0, gradient 0")
+@pytest.mark.parametrize("length", [0.0, float("inf"), float("nan")])
+def test_quaternions_that_are_no_rotation(gaussian, compare, length):
+    both = compare(gaussian(quats=[[length, 0.0, 0.0, 0.0]]))
+    for each in (both.found, both.truth):
+        assert not each.image.any() and not each.meta["radii"].any()
+        assert not any(gradient.any() for gradient in each.gradients.values())
+
+
+@pytest.mark.numerics(
+    "image and gradients: opacities of 0.004 to 1", within=2e-5, outside="alpha is at most 0.999"
+)
+@given(opacity=st.one_of(st.floats(0.004, 1.0), st.sampled_from([0.004, 0.998, 0.9991, 1.0])))
+def test_opacities(gaussian, compare, measured, opacity):
+    both = compare(gaussian(opacities=[opacity]))
+    measured(both.image_error)
+    measured(both.gradient_error)
+
+
+@pytest.mark.numerics(
+    "opacity 1 at the centre of a pixel",
+    within=1e-6,
+    outside="alpha is 0.999 there, without gradient",
+)
+def test_opacity_of_one(gaussian, compare, measured):
+    values = gaussian(
+        means=[[0.0, 0.0, 2.0]], opacities=[1.0], Ks=[[[30.0, 0, 0.5], [0, 30.0, 0.5], [0, 0, 1]]]
+    )
+    both = compare(values, 1, 1)
+    for each in (both.found, both.truth):
+        measured(float((each.image[0, 0, -1] - 0.999).abs()))
+    assert not both.found.gradients["opacities"].any() and both.found.gradients["colors"].any()
+
+
+@pytest.mark.numerics("opacities of 0, below 1/255, and negative", outside="culled: radius 0, gradient 0")
+@pytest.mark.parametrize("opacity", [0.0, 1e-38, 0.0039, -1.0])
+def test_opacities_that_show_nothing(gaussian, compare, opacity):
+    both = compare(gaussian(opacities=[opacity]))
+    assert not both.found.image.any() and not both.found.meta["radii"].any()
+    assert not any(gradient.any() for gradient in both.found.gradients.values())
+
+
+@pytest.mark.numerics("opacities above 1", within=1e-5, outside="clamped: alpha is at most 0.999")
+def test_opacities_above_one(gaussian, compare, measured):
+    both = compare(gaussian(opacities=[50.0]))
+    measured(both.image_error)
+    assert float(both.found.image[..., -1].max()) <= 0.9990001
+
+
+@pytest.mark.numerics(
+    "places, turns, sizes, opacities and colours that are NaN or infinite, beside a sound Gaussian",
+    within=1e-5,
+    outside="culled: radius 0, gradient 0; the sound one is drawn as if alone",
+)
+@pytest.mark.parametrize("name", ["means", "quats", "scales", "opacities", "colors"])
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_broken_beside_sound(gaussian, compare, measured, name, value):
+    values = gaussian()
+    broken = values[name].clone()
+    broken[..., 0] = value
+    pair = {
+        key: torch.cat([tensor, tensor]) for key, tensor in values.items() if key not in ("viewmats", "Ks")
+    }
+    pair[name] = torch.cat([broken, values[name]])
+    both, alone = compare(values | pair), compare(values)
+    for each in (both.found, both.truth):
+        assert not each.meta["radii"][0, 0].any()
+        assert not any(each.gradients[key][0].any() for key in pair)
+        measured(float((each.image - alone.truth.image).abs().max()))

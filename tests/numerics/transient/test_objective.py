@@ -1,0 +1,162 @@
+"""The network's loss with lambda2 at its ends, and pictures and residuals that are extreme."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.geometry import Camera
+from egosplat.splats.views import Views
+from egosplat.transient.network import make_network
+from egosplat.transient.objective import InitialObjective, InitialOptions
+
+SIZE = 32
+OPTIONS = InitialOptions(iterations=40, warmup=0, lambda2=0.004, residual="mean", lr=3e-3)
+
+
+@pytest.fixture
+def views() -> Views:
+    """Two grey pictures with a white square."""
+    pictures = torch.full((2, SIZE, SIZE, 3), 90, dtype=torch.uint8)
+    pictures[0, 4:12, 4:12], pictures[1, 14:22, 14:22] = 255, 255
+    camera = Camera(SIZE, SIZE, 30.0, 30.0, 16.0, 16.0)
+    return Views(
+        np.arange(2), pictures, np.tile(np.eye(4), (2, 1, 1)), None, None, camera, torch.device("cpu")
+    )
+
+
+def objective(**changes: object) -> InitialObjective:
+    return InitialObjective(
+        make_network(64, False, None, 0), replace(OPTIONS, **changes), torch.device("cpu")
+    )
+
+
+def trained(one: InitialObjective, views: Views, offset: float, steps: int) -> list[float]:
+    """The losses of so many steps against renders that are ``offset`` off."""
+    losses = []
+    for number in range(steps):
+        image = (views.picture(number % 2) + offset).requires_grad_()
+        loss = one.loss(image, views, number % 2)
+        loss.backward()
+        one.step()
+        losses.append(loss.item())
+    return losses
+
+
+def sound(one: InitialObjective) -> bool:
+    """Whether all weights, and the probabilities of a picture, are finite and within bounds."""
+    tensors = [tensor for tensor in one.net.state_dict().values() if tensor.is_floating_point()]
+    with torch.no_grad():
+        probability = one.net(torch.rand(SIZE, SIZE, 3), SIZE, SIZE)
+    return all(bool(tensor.isfinite().all()) for tensor in tensors) and bool(
+        ((probability >= 0) & (probability <= 1)).all()
+    )
+
+
+@pytest.mark.numerics(
+    "the loss, with the network's own probabilities, against float64: residuals of 1e-4 to 1e3", within=1e-6
+)
+@pytest.mark.parametrize("offset", [1e-4, 0.1, 1.0, 1e3])
+@pytest.mark.parametrize("residual", ["mean", "sum"])
+def test_the_loss(views, measured, offset, residual):
+    one = objective(residual=residual)
+    picture = views.picture(0)
+    image = picture + offset
+    with torch.no_grad():
+        probability = one.net(picture, SIZE, SIZE).double()
+        found = one.loss(image, views, 0).item()
+    error = (image.double() - picture).square().sum(dim=2) * (1.0 if residual == "sum" else 1 / 3)
+    truth = float(((1 - probability) * error).mean() + OPTIONS.lambda2 * probability.mean())
+    measured(abs(found - truth) / truth)
+
+
+@pytest.mark.numerics("lambda2 = 0: masking costs nothing", outside="the probability rises; nothing is NaN")
+def test_lambda2_of_zero(views):
+    one = objective(lambda2=0.0, lr=1e-2)
+    losses = trained(one, views, 0.3, 20)
+    assert sound(one) and losses[-1] < losses[0]
+
+
+@pytest.mark.numerics("lambda2 = 1e6: masking never pays", outside="the probability falls; nothing is NaN")
+def test_a_huge_lambda2(views):
+    one = objective(lambda2=1e6, lr=1e-2)
+    losses = trained(one, views, 0.3, 20)
+    assert sound(one) and losses[-1] < losses[0]
+
+
+@pytest.mark.numerics(
+    "lambda2 = 1e30: gradients whose norm overflows float32",
+    outside="no step is taken: the network stays as it was",
+)
+def test_lambda2_beyond_float32(views):
+    one = objective(lambda2=1e30)
+    before = [p.detach().clone() for p in one.net.parameters()]
+    trained(one, views, 0.3, 3)
+    assert sound(one)
+    assert all(torch.equal(*pair) for pair in zip(before, one.net.parameters(), strict=True))
+
+
+@pytest.mark.numerics("lr x100", outside="probabilities stay within 0..1, weights finite")
+def test_a_hundredfold_learning_rate(views):
+    one = objective(lr=100 * 1e-3)
+    trained(one, views, 0.3, 20)
+    assert sound(one)
+
+
+@pytest.mark.numerics(
+    "renders with NaN, infinity and 1e30", outside="those pixels weigh 0; the network stays finite"
+)
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), 1e30])
+def test_broken_renders(views, value):
+    one = objective()
+    image = views.picture(0) + 0.1
+    image[3:9] = value
+    image.requires_grad_()
+    loss = one.loss(image, views, 0)
+    loss.backward()
+    one.step()
+    assert loss.isfinite() and image.grad.isfinite().all() and not image.grad[3:9].any() and sound(one)
+
+
+@pytest.mark.numerics(
+    "pictures with no valid pixel",
+    within=1e-7,
+    outside="no residual: the Gaussians get no gradient, the network learns 0",
+)
+def test_no_valid_pixel(views, measured):
+    blind = replace(views, valid=torch.zeros(SIZE, SIZE))
+    one = objective()
+    image = (blind.picture(0) + 0.3).requires_grad_()
+    with torch.no_grad():
+        mean = one.net(blind.picture(0), SIZE, SIZE).double().mean()
+    loss = one.loss(image, blind, 0)
+    loss.backward()
+    measured(abs(loss.item() - OPTIONS.lambda2 * float(mean)))
+    assert not image.grad.any()
+
+
+@pytest.mark.numerics("pictures of one colour: black, grey and white", outside="probabilities within 0..1")
+@pytest.mark.parametrize("colour", [0.0, 0.5, 1.0])
+def test_one_colour(colour):
+    net = make_network(64, False, None, 0)
+    for mode in (True, False):
+        with torch.no_grad():
+            probability = net.train(mode)(torch.full((SIZE, SIZE, 3), colour), SIZE, SIZE)
+        assert ((probability >= 0) & (probability <= 1)).all()
+
+
+@pytest.mark.numerics(
+    "probabilities of logits of -200 to 200, in float32 and stored as float16",
+    within=3e-4,
+    outside="exactly 0 and 1 at the ends",
+)
+def test_logits_at_their_ends(measured):
+    net = make_network(64, False, None, 0).eval()
+    with torch.no_grad():
+        net.head.weight.zero_()
+        for logit in (-200.0, -20.0, -3.0, 0.0, 3.0, 20.0, 200.0):
+            net.head.bias.fill_(logit)
+            found = net(torch.rand(SIZE, SIZE, 3), 8, 8).numpy().astype(np.float16).astype(np.float64)
+            measured(np.abs(found - 1 / (1 + np.exp(-np.float64(logit)))).max())
+            assert ((found >= 0) & (found <= 1)).all()
