@@ -12,6 +12,7 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image
 
+from egosplat.config import section_keys
 from egosplat.models.sam2_loader import Sam2, load_sam2
 from egosplat.segments import classical
 from segmentation_bench.worlds import Film, Picture
@@ -20,6 +21,9 @@ Masks = NDArray[np.bool_]
 
 _POINTS_A_BATCH = 32
 _GRID = 16
+
+_THRESHOLDS = ("pred_iou_thresh", "stability_score_thresh", "stability_score_offset")
+"""Those of the configuration."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +59,11 @@ class Sam2Segmenter:
 
         self._sam2 = sam2
         self._predictor = sam2.image_predictor()
+        keys = section_keys("segments")
         self._generator = SAM2AutomaticMaskGenerator(
-            sam2.video_predictor, points_per_side=_GRID, pred_iou_thresh=0.6, stability_score_thresh=0.8
+            sam2.video_predictor,
+            points_per_side=_GRID,
+            **{name: keys[name]["default"] for name in _THRESHOLDS},
         )
         self._generator.predictor = self._predictor
 
