@@ -111,7 +111,7 @@ def _encoded(inputs: _Inputs, views: Views, batch: int, journal: Journal) -> Fea
     if start:
         log(f"encoding goes on after crop {start} of {len(views)}")
     left = views.chosen(order[start:])
-    for crops in track(_batches(inputs, left, batch), "encoding crops", -(-len(left) // batch), unit="batch"):
+    for crops in track(_batches(inputs, left, batch), "encoding crops", -(-len(left) // batch), unit="step"):
         done.append(encode(inputs.clip, crops))
         journal.append(done[-1])
     features = np.empty((len(views), done[0].shape[1] if done else channels(inputs.clip)), np.float32)
