@@ -74,7 +74,7 @@ def run(
     device = training_device(backend)
     targets = CodeTargets(instances, words, device)
     views = taught_views(pictures, walk, targets.of, moving, device)
-    gaussians = _on(read_gaussians(scene), device)
+    gaussians = read_gaussians(scene).to(device)
     lens = lens_of(scene, backend)
     lifted = lift(gaussians, views, lens)
     checkpoint = Checkpoint(output, provenance.key_of(made), checkpoint_s)
@@ -96,10 +96,6 @@ def _begin(keys: dict[str, Any], used: list[Artifact], moving: Masking) -> Prove
     return provenance.begin(
         "language", keys, origin, {artifact.path.name: artifact.digest for artifact in used}
     )
-
-
-def _on(gaussians: Gaussians, device: torch.device) -> Gaussians:
-    return Gaussians(**{name: tensor.to(device) for name, tensor in gaussians.parameters().items()})
 
 
 def _is_joint(splats: Artifact) -> bool:

@@ -42,9 +42,8 @@ def read_scene(splats: Artifact, language: Artifact, features: Artifact, backend
         UserError: the backend cannot run.
     """
     device = training_device(backend)
-    stored = read_gaussians(splats).parameters()
     return LanguageScene(
-        gaussians=Gaussians(**{name: values.to(device) for name, values in stored.items()}),
+        gaussians=read_gaussians(splats).to(device),
         code=torch.from_numpy(language.read("code")).to(device),
         share=torch.from_numpy(language.read("share")).to(device),
         decoder=read_decoder(features),

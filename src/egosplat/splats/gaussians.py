@@ -95,6 +95,10 @@ class Gaussians:
         """The same storage outside of the autograd graph."""
         return Gaussians(**{name: tensor.detach() for name, tensor in self.parameters().items()})
 
+    def to(self, device: torch.device) -> "Gaussians":
+        """The same Gaussians on ``device``."""
+        return Gaussians(**{name: tensor.to(device) for name, tensor in self.parameters().items()})
+
     def finite(self) -> Tensor:
         """(N,) bool: no parameter of the Gaussian is NaN or infinite, nor is a scale when exponentiated."""
         tensors = [*self.parameters().values(), self.scales]

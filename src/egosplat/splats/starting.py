@@ -53,7 +53,7 @@ def starting_gaussians(
         log(f"no points to start from: {max_points} random ones are taken")
         xyz, rgb = random_points(max_points, camera, camera_to_world, near_plane=near_plane, seed=seed)
     start = from_points(xyz, rgb, sh_degree=sh_degree, feature_channels=0, max_points=max_points, seed=seed)
-    return Gaussians(**{name: tensor.to(device) for name, tensor in start.parameters().items()})
+    return start.to(device)
 
 
 def _check_origin(poses: Artifact, camera_to_world: NDArray[np.float64]) -> None:
