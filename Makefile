@@ -36,7 +36,7 @@ $(COMPILED): $(INSTALLED) setup.py $(addprefix $(KERNELS)/,variants.py compiling
 
 demo: install
 	$(BIN)/snakemake --cores $(CORES) results/adt/scene1/metrics.json $(addprefix results/adt/scene1/,$(PAGES))
-	$(BIN)/egosplat query results/adt/scene1 "couch" "step stool" "television"
+	$(BIN)/egosplat query results/adt/scene1 "couch" "coffee table" "carpet" --frame 24
 	@echo "Look at results/adt/scene1: $(PAGES) query.png"
 
 # One process a core, and one thread each: more would wait for one another.
