@@ -31,6 +31,9 @@ from small_models.worlds import FilmedWorld, read_world
 
 from egosplat.atomic import whole_file
 from egosplat.errors import UserError
+from egosplat.models.checkpoints import SAM2
+from egosplat.models.sam2_loader import set_image_size
+from egosplat.models.weights import load_weights, read_tensors
 from egosplat.progress import log
 
 CONFIG = Path(__file__).parents[1] / "src/egosplat/models/small_sam2/sam2.yaml"
@@ -42,10 +45,12 @@ class Recipe:
 
     Attributes:
         steps: in all; clips_from: share of them after which every other one is on clips.
-        pictures, points: of a picture step; clips, frames, tracks: of a clip step.
+        sides: of the pictures, each as often [px]: the model is to be of use at all of them.
+        pictures, points: of a picture step; clips, frames, tracks: of a clip step. Pictures and clips at the first
+            side; at another, as many as take as long.
         peak_rate, warm_up, decay: see ``learning_rate``; average: see ``Average``.
-        still: clip steps at the beginning over which clips of one drifting picture give way to filmed ones; a
-            third of all stay.
+        still: share of the clip steps over which clips of one drifting picture give way to filmed ones, at the
+            beginning; a third of all stay.
         place_scale: of the frequencies in which places are told to the decoder, as multiples of SAM2's.
         balance: see ``mask_loss``, at first; it is gone after ``balanced_steps`` of either kind.
     """
@@ -53,6 +58,7 @@ class Recipe:
     steps: int
     seed: int
     clips_from: float = 0.6
+    sides: tuple[int, ...] = (256, 384)
     pictures: int = 6
     points: int = 12
     clips: int = 2
@@ -63,7 +69,7 @@ class Recipe:
     decay: float = 0.3
     weight_decay: float = 0.03
     average: float = 0.9985
-    still: int = 800
+    still: float = 0.25
     place_scale: float = 2.0
     balance: float = 0.5
     balanced_steps: int = 2000
@@ -75,7 +81,10 @@ def main() -> None:
     parser.add_argument("worlds", type=Path, help="folder that render_worlds.py made")
     parser.add_argument("--output", type=Path, required=True, help="folder for model.safetensors")
     parser.add_argument("--state", type=Path, required=True, help="file from which a stopped run goes on")
-    parser.add_argument("--steps", type=int, default=8_000, help="steps in all")
+    parser.add_argument(
+        "--start", type=Path, help="weights to begin with (.safetensors), instead of random ones"
+    )
+    parser.add_argument("--steps", type=int, default=16_000, help="steps in all")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     parser.add_argument("--threads", type=int, default=2, help="of the CPU")
@@ -86,7 +95,7 @@ def main() -> None:
         raise SystemExit(f"{args.worlds}: holds no worlds; run training/render_worlds.py {args.worlds}")
     log(f"{len(worlds)} worlds, {args.steps} steps")
     try:
-        run = Run(Recipe(args.steps, args.seed), worlds, args.state, torch.device(args.device))
+        run = Run(recipe_of(args), worlds, args.state, torch.device(args.device), args.start)
     except UserError as error:
         raise SystemExit(str(error)) from error
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -100,16 +109,32 @@ def main() -> None:
     log(f"{args.output / 'model.safetensors'} written")
 
 
+def recipe_of(args: argparse.Namespace) -> Recipe:
+    """What the command line asks for; weights that are not random move more slowly, and know that masks are small."""
+    if args.start is None:
+        return Recipe(args.steps, args.seed)
+    return Recipe(args.steps, args.seed, peak_rate=8e-4, balance=0.0)
+
+
 class Run:
     """A training run: model, optimizer, averaged weights and the step it has come to."""
 
-    def __init__(self, recipe: Recipe, worlds: list[FilmedWorld], state: Path, device: torch.device) -> None:
+    def __init__(
+        self,
+        recipe: Recipe,
+        worlds: list[FilmedWorld],
+        state: Path,
+        device: torch.device,
+        start: Path | None = None,
+    ) -> None:
         random.seed(recipe.seed)
         torch.manual_seed(recipe.seed)
         self.recipe, self.worlds, self.state_path = recipe, worlds, state
         self.step, self.stopped = 0, False
         self.model: SAM2Base = instantiate(OmegaConf.load(CONFIG).model, _recursive_=True).to(device).train()
         self.model.sam_prompt_encoder.pe_layer.positional_encoding_gaussian_matrix.mul_(recipe.place_scale)
+        if start is not None:
+            load_weights(self.model, read_tensors(start), start, SAM2)
         self.words = vocabulary(worlds)
         self.guides = Guides(self.model.hidden_dim, len(self.words)).to(device)
         self.optimizers = self._optimizers()
@@ -185,14 +210,20 @@ class Run:
     def _sample(self, step: int) -> tuple[list[Any], list[Any]]:
         """What a step learns from; a random stream of its own each, so that a resumed run sees the same."""
         rng, recipe = np.random.default_rng([self.recipe.seed, step]), self.recipe
+        side = int(rng.choice(recipe.sides))
+        alike = (recipe.sides[0] / side) ** 2
         if self._on_clips(step):
-            done = (step - recipe.clips_from * recipe.steps) / 2
+            done = (step / recipe.steps - recipe.clips_from) / (1 - recipe.clips_from)
             still = max(1 - done / recipe.still, 1 / 3)
             clips = [
-                sample_clip(self.worlds, self.words, rng, recipe.frames, still) for _ in range(recipe.clips)
+                sample_clip(self.worlds, self.words, rng, recipe.frames, still, side)
+                for _ in range(max(1, round(alike * recipe.clips)))
             ]
             return clips, [sample_tracks(clip, rng, recipe.tracks) for clip in clips]
-        clips = [sample_clip(self.worlds, self.words, rng, 1) for _ in range(recipe.pictures)]
+        clips = [
+            sample_clip(self.worlds, self.words, rng, 1, side=side)
+            for _ in range(max(1, round(alike * recipe.pictures)))
+        ]
         return clips, [sample_prompts(clip.labels[:, 0], rng, recipe.points) for clip in clips]
 
     def _take(self, sampled: tuple[list[Any], list[Any]]) -> None:
@@ -203,6 +234,7 @@ class Run:
             optimizer.zero_grad()
             for group in optimizer.param_groups:
                 group["lr"] = rate
+        set_image_size(self.model, sampled[0][0].pictures.shape[1])
         # The loss draws at random too: each step from a stream of its own, as the samples are.
         torch.manual_seed(recipe.seed * 1_000_003 + self.step)
         begun = recipe.clips_from * recipe.steps if on_clips else 0

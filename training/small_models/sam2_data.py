@@ -12,13 +12,11 @@ from small_models.worlds import FilmedWorld
 from torch import Tensor
 
 SIDE = 256
-"""Of the model's picture [px]."""
+"""Of the model's picture, where no other is asked for [px]."""
 
-MASK_SIDE = SIDE // 4
-"""Of the masks that the model gives [px]."""
-
-FINE_SIDE = SIDE // 2
-"""Of the targets by which a mask's IoU is judged [px]: at the mask's own side small ones are too coarse."""
+COARSE, FINE = 4, 2
+"""Pixels of the picture along a cell of the masks that the model gives, and of the targets by which their IoU is
+judged: in the coarse cells small ones are told apart too badly."""
 
 _LEAST_PIXELS = 12
 _MEAN, _STD = np.array([0.485, 0.456, 0.406], np.float32), np.array([0.229, 0.224, 0.225], np.float32)
@@ -87,13 +85,19 @@ def _name(part: str) -> str:
 
 
 def sample_clip(
-    worlds: Sequence[FilmedWorld], words: dict[str, int], rng: Rng, frames: int, still: float = 0.0
+    worlds: Sequence[FilmedWorld],
+    words: dict[str, int],
+    rng: Rng,
+    frames: int,
+    still: float = 0.0,
+    side: int = SIDE,
 ) -> Clip:
     """A clip of ``frames`` pictures: any world, cut, side and direction of time; colours changed.
 
     Args:
         worlds: where it may be from; words: see ``vocabulary``; rng: decides; frames: its length.
         still: probability that it is one picture seen through a cut that drifts, which is easier to follow.
+        side: of the pictures [px].
     """
     world = worlds[rng.integers(len(worlds))]
     clips, length, size = world.subpart.shape[:3]
@@ -109,9 +113,9 @@ def sample_clip(
     for frame, (top, left, height, width) in zip(order, boxes, strict=True):
         rows, columns = np.s_[top : top + height], np.s_[left : left + width]
         rgb, subpart = world.rgb[clip, frame, rows, columns], world.subpart[clip, frame, rows, columns]
-        shrinks = max(height, width) > SIDE
-        picture = cv2.resize(rgb, (SIDE, SIDE), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
-        label = cv2.resize(subpart, (SIDE, SIDE), interpolation=cv2.INTER_NEAREST)
+        shrinks = max(height, width) > side
+        picture = cv2.resize(rgb, (side, side), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
+        label = cv2.resize(subpart, (side, side), interpolation=cv2.INTER_NEAREST)
         pictures.append(picture[:, ::-1] if flip else picture)
         subparts.append(label[:, ::-1] if flip else label)
     labels = world.labels(np.stack(subparts))
@@ -179,8 +183,8 @@ def sample_prompts(labels: Ints, rng: Rng, count: int) -> Prompts:
         values = labels[:, y, x]
         masks = (labels == values[:, None, None]) & (values >= 0)[:, None, None]
         points.append((x + 0.5, y + 0.5))
-        coarse.append(share_covered(masks, MASK_SIDE))
-        fine.append(share_covered(masks, FINE_SIDE))
+        coarse.append(share_covered(masks, COARSE))
+        fine.append(share_covered(masks, FINE))
         present.append(values[0] >= 0)
     stacked = (torch.from_numpy(np.stack(each)) for each in (coarse, fine))
     return Prompts(torch.tensor(points, dtype=torch.float32), *stacked, torch.tensor(present))
@@ -206,25 +210,25 @@ def sample_tracks(clip: Clip, rng: Rng, count: int) -> Tracks:
     prompt = np.stack([_wrong(mask, rng) for mask in masks[0]])[:, None]
     return Tracks(
         torch.from_numpy(prompt),
-        torch.from_numpy(share_covered(masks, MASK_SIDE)),
-        torch.from_numpy(share_covered(masks, FINE_SIDE)),
+        torch.from_numpy(share_covered(masks, COARSE)),
+        torch.from_numpy(share_covered(masks, FINE)),
         torch.from_numpy(masks.sum(axis=(2, 3)) >= _LEAST_PIXELS),
     )
 
 
 def _hide(clip: Clip, level: int, value: int, rng: Rng) -> None:
     """Cover a mask in one or two frames after the first by a piece of the picture from elsewhere."""
-    count = len(clip.pictures)
+    count, side = clip.pictures.shape[:2]
     first = int(rng.integers(1, count))
     for frame in range(first, min(count, first + int(rng.integers(1, 3)))):
         rows, columns = np.nonzero(clip.labels[level, frame] == value)
-        if len(rows) == 0 or (np.ptp(rows) + 1) * (np.ptp(columns) + 1) > 0.15 * SIDE * SIDE:
+        if len(rows) == 0 or (np.ptp(rows) + 1) * (np.ptp(columns) + 1) > 0.15 * side * side:
             continue
         margin = int(rng.integers(0, 6))
         top, left = max(0, rows.min() - margin), max(0, columns.min() - margin)
         height, width = rows.max() + 1 + margin - top, columns.max() + 1 + margin - left
-        height, width = min(height, SIDE - top), min(width, SIDE - left)
-        y, x = rng.integers(SIDE - height + 1), rng.integers(SIDE - width + 1)
+        height, width = min(height, side - top), min(width, side - left)
+        y, x = rng.integers(side - height + 1), rng.integers(side - width + 1)
         patch = clip.pictures[0, y : y + height, x : x + width].copy()
         clip.pictures[frame, top : top + height, left : left + width] = patch
         clip.labels[:, frame, top : top + height, left : left + width] = -1
@@ -241,8 +245,9 @@ def _wrong(mask: NDArray[np.bool_], rng: Rng) -> NDArray[np.float32]:
     return (changed if changed.sum() >= _LEAST_PIXELS else mask).astype(np.float32)
 
 
-def share_covered(masks: NDArray[np.bool_], side: int) -> NDArray[np.float32]:
-    """(..., S, S) masks -> (..., side, side) share of each cell that they cover, to within 1/255."""
+def share_covered(masks: NDArray[np.bool_], cell: int) -> NDArray[np.float32]:
+    """(..., S, S) masks -> (..., S / cell, S / cell) share of each cell that they cover, to within 1/255."""
+    side = masks.shape[-1] // cell
     flat = masks.reshape(-1, *masks.shape[-2:]).astype(np.uint8) * np.uint8(255)
     cells = [cv2.resize(mask, (side, side), interpolation=cv2.INTER_AREA) for mask in flat]
     return np.stack(cells).reshape(*masks.shape[:-2], side, side).astype(np.float32) / np.float32(255)

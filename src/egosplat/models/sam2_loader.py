@@ -15,6 +15,7 @@ from egosplat.models.devices import Compute, choose_compute
 from egosplat.models.weights import load_weights, read_tensors
 
 if TYPE_CHECKING:
+    from sam2.modeling.sam2_base import SAM2Base
     from sam2.sam2_image_predictor import SAM2ImagePredictor
 
     from egosplat.models.video_predictor import VideoPredictor
@@ -61,12 +62,15 @@ class Sam2:
         return predictor
 
 
-def load_sam2(config: str, checkpoint: str, device: str, precision: str) -> Sam2:
+def load_sam2(
+    config: str, checkpoint: str, device: str, precision: str, image_size: int | None = None
+) -> Sam2:
     """Build SAM2 and fill it with a checkpoint; nothing is downloaded.
 
     Args:
         config, checkpoint, device, precision: the keys ``sam2_config``, ``sam2_checkpoint``, ``device`` and
             ``precision`` of the configuration's section ``models``.
+        image_size: see ``set_image_size``; None is the configuration's own.
 
     Raises:
         UserError: a file is missing, damaged, or does not fit the other; the device is not there.
@@ -76,7 +80,25 @@ def load_sam2(config: str, checkpoint: str, device: str, precision: str) -> Sam2
     tensors = read_tensors(path)
     predictor = build_predictor(file)
     load_weights(predictor, tensors, path, SAM2)
+    if image_size is not None:
+        set_image_size(predictor, image_size)
     return Sam2(predictor.to(compute.device).eval().requires_grad_(False), compute)
+
+
+def set_image_size(model: "SAM2Base", side: int) -> None:
+    """Let a model work on pictures of another side: SAM2's weights fit any, and larger ones show finer things.
+
+    Positions are told as shares of the picture's side, or computed for the features that come; nothing else knows
+    of it.
+
+    Args:
+        side: of the square picture, a multiple of 32 [px].
+    """
+    prompts = model.sam_prompt_encoder
+    cells = side // model.backbone_stride
+    model.image_size, model.sam_image_embedding_size = side, cells
+    prompts.input_image_size, prompts.image_embedding_size = (side, side), (cells, cells)
+    prompts.mask_input_size = (4 * cells, 4 * cells)
 
 
 def build_predictor(file: Path) -> "VideoPredictor":

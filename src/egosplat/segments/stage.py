@@ -22,6 +22,7 @@ def run(
     output: Path,
     *,
     segmenter: str,
+    image_size: int | None,
     points_per_side: int,
     pred_iou_thresh: float,
     stability_score_thresh: float,
@@ -80,14 +81,15 @@ def run(
         count = pictures.shape("rgb")[0]
         segmented = segment_video(lambda frame: pictures.row("rgb", frame), count, pictures.read("valid"))
     else:
-        segmented = _by_sam2(pictures, (sam2_config, sam2_checkpoint, device, precision), masks, tracks)
+        model = (sam2_config, sam2_checkpoint, device, precision, image_size)
+        segmented = _by_sam2(pictures, model, masks, tracks)
     with create(output, SEGMENTS, made) as artifact:
         _write(artifact, segmented, tracks.min_frames)
         artifact.facts |= {"segmenter": segmenter}
 
 
 def _by_sam2(
-    pictures: Artifact, model: tuple[str, str, str, str], masks: MaskOptions, tracks: TrackOptions
+    pictures: Artifact, model: tuple[str, str, str, str, int | None], masks: MaskOptions, tracks: TrackOptions
 ) -> Segmented:
     # Only here: the classical segmenter does without torch, which takes seconds to import.
     from egosplat.models.sam2_loader import load_sam2

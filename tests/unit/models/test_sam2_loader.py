@@ -48,6 +48,23 @@ def test_bfloat16_gives_nearly_the_scores_of_float32(tiny_sam2, picture):
     np.testing.assert_allclose(scores[1], scores[0], atol=0.02)
 
 
+def test_other_sides_are_those_of_a_model_made_for_them(tiny_sam2, picture, tmp_path):
+    weights = str(tiny_sam2 / "model.safetensors")
+    tree = yaml.safe_load((tiny_sam2 / "sam2.yaml").read_text())
+    tree["model"]["image_size"] = 192
+    (tmp_path / "large.yaml").write_text(yaml.safe_dump(tree))
+    answers = []
+    for config, side in ((tmp_path / "large.yaml", None), (tiny_sam2 / "sam2.yaml", 192)):
+        sam2 = load_sam2(str(config), weights, "cpu", "float32", side)
+        predictor = sam2.image_predictor()
+        with sam2.compute.inference():
+            predictor.set_image(picture)
+            answers.append(predictor.predict(np.array([[30.0, 40.0]]), np.array([1])))
+    assert answers[1][2].shape == (3, 48, 48)
+    for made, changed in zip(*answers, strict=True):
+        np.testing.assert_array_equal(made, changed)
+
+
 def test_objects_are_followed_through_a_video_without_warnings(sam2, tmp_path, recwarn):
     for number in range(3):
         colours = np.random.default_rng(number).integers(0, 256, (77, 101, 3), dtype=np.uint8)

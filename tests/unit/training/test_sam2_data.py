@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 from small_models.sam2_data import (
-    FINE_SIDE,
-    MASK_SIDE,
+    COARSE,
+    FINE,
     SIDE,
     Clip,
     sample_clip,
@@ -57,19 +57,25 @@ def test_a_clip_is_cut_alike_in_all_frames_and_in_picture_and_label(world):
             assert np.ptp(colours, axis=0).max() < 6 if len(colours) > 1 else True
 
 
+def test_a_clip_may_be_of_any_side(world):
+    clip = sample_clip([world], vocabulary([world]), np.random.default_rng(0), 2, side=96)
+    assert clip.pictures.shape == (2, 96, 96, 3) and clip.labels.shape == (3, 2, 96, 96)
+
+
 def test_prompts_mean_what_is_under_the_point(world):
     rng = np.random.default_rng(1)
     labels = world.labels(np.repeat(np.repeat(world.subpart[0, 0], 2, 0), 2, 1))
     labels = np.pad(labels, ((0, 0), (32, 32), (32, 32)), constant_values=-1)
     prompts = sample_prompts(labels, rng, 60)
-    assert prompts.coarse.shape == (60, 3, MASK_SIDE, MASK_SIDE) and prompts.fine.shape[-1] == FINE_SIDE
+    side = labels.shape[-1] // COARSE
+    assert prompts.coarse.shape == (60, 3, side, side) and prompts.fine.shape[-1] == labels.shape[-1] // FINE
     for number in range(60):
         x, y = (prompts.points[number] - 0.5).int().tolist()
         values = labels[:, y, x]
         assert bool(prompts.present[number]) == (values[0] >= 0)
         for level in range(3):
             expected = (labels[level] == values[level]) & (values[level] >= 0)
-            share = expected.reshape(MASK_SIDE, 4, MASK_SIDE, 4).mean((1, 3))
+            share = expected.reshape(side, COARSE, side, COARSE).mean((1, 3))
             assert np.abs(prompts.coarse[number, level].numpy() - share).max() < 0.005
     assert 0 < (~prompts.present).sum() < 30
 
@@ -90,16 +96,12 @@ def test_tracks_are_the_masks_of_later_frames(world):
         before = Clip(clip.pictures.copy(), clip.labels.copy(), clip.names.copy())
         tracks = sample_tracks(clip, rng, 5)
         count = tracks.prompt.shape[0]
-        assert tracks.prompt.shape == (count, 1, SIDE, SIDE) and tracks.coarse.shape == (
-            4,
-            count,
-            MASK_SIDE,
-            MASK_SIDE,
-        )
+        assert tracks.prompt.shape == (count, 1, SIDE, SIDE)
+        assert tracks.coarse.shape == (4, count, SIDE // COARSE, SIDE // COARSE)
         assert tracks.present[0].all(), "what is to be followed is visible at first"
         assert (tracks.prompt.sum((1, 2, 3)) > 0).all()
         # Given masks are near the true ones.
-        given = torch.from_numpy(share_covered(tracks.prompt[:, 0].numpy() > 0, MASK_SIDE))
+        given = torch.from_numpy(share_covered(tracks.prompt[:, 0].numpy() > 0, COARSE))
         assert ((given - tracks.coarse[0]).abs().mean((1, 2)) < 0.05).all()
         covered = (clip.labels == -1) & (before.labels >= 0)
         hidden += bool(covered.any())
@@ -111,8 +113,8 @@ def test_tracks_are_the_masks_of_later_frames(world):
 
 def test_shares_are_means_of_cells():
     masks = np.random.default_rng(0).random((2, 5, SIDE, SIDE)) < 0.5
-    expected = masks.reshape(2, 5, MASK_SIDE, 4, MASK_SIDE, 4).mean((3, 5))
-    assert np.abs(share_covered(masks, MASK_SIDE) - expected).max() < 1 / 254
+    expected = masks.reshape(2, 5, SIDE // COARSE, COARSE, SIDE // COARSE, COARSE).mean((3, 5))
+    assert np.abs(share_covered(masks, COARSE) - expected).max() < 1 / 254
 
 
 def test_input_is_normalised():

@@ -1,11 +1,13 @@
 """Training SAM2: losses know right from wrong, steps reach every weight, a stopped run goes on as if it had not."""
 
+import dataclasses
 import itertools
 
 import numpy as np
 import pytest
 import torch
 import train_sam2
+from safetensors.torch import save_file
 from small_models import sam2_data, sam2_steps
 from small_models.sam2_losses import Names, PixelPairs, mask_iou, mask_loss
 from small_models.schedule import Average, half_precision, learning_rate, read_state, save_state
@@ -14,7 +16,18 @@ from train_sam2 import Recipe, Run
 
 from egosplat.errors import UserError
 
-RECIPE = Recipe(steps=4, seed=3, clips_from=0.5, pictures=1, points=3, clips=1, frames=3, tracks=2, warm_up=1)
+RECIPE = Recipe(
+    steps=4,
+    seed=3,
+    clips_from=0.5,
+    sides=(256, 320),
+    pictures=1,
+    points=3,
+    clips=1,
+    frames=3,
+    tracks=2,
+    warm_up=1,
+)
 
 
 @pytest.fixture(scope="module")
@@ -151,6 +164,27 @@ def test_a_stopped_run_goes_on_to_the_same_weights(world, tmp_path, monkeypatch)
     resumed.train()
     for name, value in whole.average.weights.items():
         torch.testing.assert_close(resumed.average.weights[name], value, rtol=0, atol=0, msg=name)
+
+
+def test_a_run_may_begin_with_weights(world, tmp_path):
+    first = Run(RECIPE, [world], tmp_path / "first.pt", torch.device("cpu"))
+    save_file(half_precision(first.model.state_dict()), tmp_path / "start.safetensors")
+    other = dataclasses.replace(RECIPE, seed=4)
+    second = Run(other, [world], tmp_path / "second.pt", torch.device("cpu"), tmp_path / "start.safetensors")
+    for name, value in first.model.state_dict().items():
+        torch.testing.assert_close(second.model.state_dict()[name], value.half().float(), rtol=0, atol=0)
+    second.train()
+    assert second.step == RECIPE.steps
+
+
+def test_pictures_of_all_sides_are_learnt_from(world, tmp_path):
+    recipe = dataclasses.replace(RECIPE, sides=(256, 128), pictures=2)
+    run = Run(recipe, [world], tmp_path / "state.pt", torch.device("cpu"))
+    sampled = [run._sample(step)[0] for step in range(0, 24, 2)]
+    counts = {clips[0].pictures.shape[1]: len(clips) for clips in sampled}
+    assert counts == {256: 2, 128: 8}
+    for clips in sampled:
+        assert {clip.pictures.shape[1] for clip in clips} == {clips[0].pictures.shape[1]}
 
 
 def test_rubbish_in_place_of_a_state_is_told(tmp_path):
