@@ -125,3 +125,11 @@ def only_new(found: Candidates, followed: Tensor, cover_thresh: float, iou_thres
     covered = intersections(found.masks, followed.any(0)[None])[:, 0] / areas(found.masks).clamp(min=1.0)
     repeats = mask_iou(found.masks, followed).amax(1) > iou_thresh
     return found.take((covered <= cover_thresh) & ~repeats)
+
+
+def matches(masks: Tensor, others: Tensor, least_iou: float) -> Tensor:
+    """(N, M, M) and (K, M, M) bool masks -> (N,) which of the others each looks most like; -1 below ``least_iou``."""
+    if len(masks) == 0 or len(others) == 0:
+        return torch.full((len(masks),), -1, dtype=torch.int64, device=masks.device)
+    iou, place = mask_iou(masks, others).max(1)
+    return torch.where(iou >= least_iou, place, -1)

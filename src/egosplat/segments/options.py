@@ -42,6 +42,8 @@ class TrackOptions:
         merge_iou: instances of a level whose masks overlap more, where both are seen, are one.
         min_frames: instances seen in fewer frames are dropped, but never for a video that is itself shorter.
         max_instances: at most so many are followed at a time, for each level.
+        share_iou: what is found alike at two levels, with at least this IoU, is followed once for both.
+        absent_stride: see ``following.Follower``.
         batch: objects that pass through the model together; more are faster on a GPU and take more memory.
     """
 
@@ -52,4 +54,6 @@ class TrackOptions:
     merge_iou: float
     min_frames: int
     max_instances: int
+    share_iou: float
+    absent_stride: int
     batch: int

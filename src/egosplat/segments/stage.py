@@ -39,6 +39,8 @@ def run(
     merge_iou: float,
     min_frames: int,
     max_instances: int,
+    share_iou: float,
+    absent_stride: int,
     batch: int,
     sam2_config: str,
     sam2_checkpoint: str,
@@ -75,6 +77,8 @@ def run(
         merge_iou,
         min_frames,
         max_instances,
+        share_iou,
+        absent_stride,
         batch,
     )
     if segmenter == "classical":

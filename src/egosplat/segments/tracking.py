@@ -1,39 +1,23 @@
 """SAM2 over a whole video: forwards, with new prompts where nothing is followed, then backwards."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 
 import numpy as np
 import torch
 import torch.nn.functional as F
 from numpy.typing import NDArray
-from torch import Tensor
 
 from egosplat.models.sam2_loader import Sam2
 from egosplat.progress import track
-from egosplat.segments.candidates import Candidates, grid_points, only_new, prompt, thin_out
+from egosplat.segments.candidates import Candidates, grid_points, matches, only_new, prompt, thin_out
 from egosplat.segments.encoding import Encoded, encode
-from egosplat.segments.following import Follower, Group, restarted
+from egosplat.segments.following import Follower, restarted
 from egosplat.segments.instances import Instance, Segmented
 from egosplat.segments.labels import LabelMaps
-from egosplat.segments.merging import Overlaps, union_of
+from egosplat.segments.levels import Level, Seen, show_shared, together
+from egosplat.segments.merging import union_of
 from egosplat.segments.options import LEVELS, MaskOptions, TrackOptions
 from egosplat.segments.painting import paint
-
-Seen = tuple[list[int], Tensor]
-
-
-@dataclass
-class Level:
-    """One level while the video is worked through."""
-
-    groups: list[Group] = field(default_factory=list)
-    overlaps: Overlaps = field(default_factory=Overlaps)
-
-    @property
-    def followed(self) -> int:
-        """How many objects are followed."""
-        return sum(len(group.ids) for group in self.groups)
 
 
 class Tracker:
@@ -59,7 +43,7 @@ class Tracker:
         self._levels = [Level() for _ in LEVELS]
         self._instances: list[Instance] = []
         self._labels = LabelMaps((len(LEVELS), *valid.shape))
-        self._follower = Follower(sam2, frames)
+        self._follower = Follower(sam2, frames, tracks.absent_stride)
         self._key_frames: list[int] = []
         side = sam2.video_predictor.image_size // 4
         inside = torch.from_numpy(valid)[None, None].float()
@@ -88,28 +72,36 @@ class Tracker:
             [(group.ids, self._follower.step(encoded, frame, group, reverse=False)) for group in level.groups]
             for level in self._levels
         ]
+        show_shared(self._levels, seen)
         if frame == 0 or (self._tracks.key_frames and frame % self._tracks.key_frame_stride == 0):
             self._look_for_more(encoded, frame, seen)
         for level, found in zip(self._levels, seen, strict=True):
-            level.overlaps.add(*_together(found, self._inside))
+            level.overlaps.add(*together(found, self._inside))
         self._labels[frame] = np.stack([self._paint(found) for found in seen])
 
     def _backwards(self, frame: int) -> None:
         encoded = encode(self._sam2, self._pictures(frame))
         labels = self._labels[frame]
-        for number, level in enumerate(self._levels):
-            groups = [group for group in level.groups if group.first_frame > frame]
-            seen = [(group.ids, self._follower.step(encoded, frame, group, reverse=True)) for group in groups]
-            back = _together(seen, self._inside)
+        seen = [
+            [
+                (group.ids, self._follower.step(encoded, frame, group, reverse=True))
+                for group in level.groups
+                if group.first_frame > frame
+            ]
+            for level in self._levels
+        ]
+        show_shared(self._levels, seen)
+        for number, (level, found) in enumerate(zip(self._levels, seen, strict=True)):
+            back = together(found, self._inside)
             level.overlaps.add(*back)
             level.overlaps.add_between(*back, *self._as_masks(labels[number]))
             # What was followed forwards was found earlier, and stays.
-            labels[number] = np.where(labels[number] >= 0, labels[number], self._paint(seen))
+            labels[number] = np.where(labels[number] >= 0, labels[number], self._paint(found))
         self._labels[frame] = labels
 
     def _look_for_more(self, encoded: Encoded, frame: int, seen: list[list[Seen]]) -> None:
         """Prompt where a level is not covered, and begin to follow what is new there."""
-        followed = [_together(found, self._inside)[1] for found in seen]
+        followed = [together(found, self._inside)[1] for found in seen]
         free = [self._inside & ~union_of(masks) for masks in followed]
         least = self._tracks.min_uncovered * float(self._inside.sum())
         asked = [number for number, place in enumerate(free) if float(place.sum()) > least]
@@ -123,23 +115,52 @@ class Tracker:
             return
         self._key_frames.append(frame)
         found = prompt(self._sam2, encoded, points[wanted.cpu()], self._masks)
-        for number in asked:
+        begun: Seen = [], self._inside.new_zeros(0, *self._inside.shape)
+        for number in reversed(asked):
             new = thin_out(found[number], self._masks)
             new = only_new(new, followed[number], self._tracks.new_cover_thresh, self._masks.nms_iou_thresh)
-            self._begin(encoded, frame, number, new, seen[number])
-
-    def _begin(self, encoded: Encoded, frame: int, level: int, new: Candidates, seen: list[Seen]) -> None:
-        room = self._tracks.max_instances - self._levels[level].followed
-        new = new.take(new.scores.argsort(descending=True, stable=True)[: max(0, room)])
-        for first in range(0, len(new), self._tracks.batch):
-            some = new.take(
-                torch.arange(first, min(first + self._tracks.batch, len(new)), device=new.logits.device)
+            new = new.take(new.scores.argsort(descending=True, stable=True)[: self._room(number)])
+            alike = matches(new.masks, begun[1], self._tracks.share_iou)
+            self._begin_shared(
+                frame,
+                number,
+                new.take(alike >= 0),
+                [begun[0][place] for place in alike[alike >= 0].tolist()],
+                seen[number],
             )
-            ids = list(range(len(self._instances), len(self._instances) + len(some)))
-            facts = zip(some.predicted_iou.tolist(), some.stability.tolist(), strict=True)
-            self._instances += [Instance(level, frame, iou, stability) for iou, stability in facts]
-            self._levels[level].groups.append(self._follower.begin(encoded, frame, ids, some.logits))
-            seen.append((ids, some.logits))
+            ids = self._begin(encoded, frame, number, new.take(alike < 0), seen[number])
+            begun = begun[0] + ids, torch.cat([begun[1], new.take(alike < 0).masks])
+
+    def _room(self, level: int) -> int:
+        return max(0, self._tracks.max_instances - self._levels[level].instances)
+
+    def _begin(
+        self, encoded: Encoded, frame: int, level: int, new: Candidates, seen: list[Seen]
+    ) -> list[int]:
+        """Begin to follow; the numbers of the instances."""
+        ids = self._add_instances(frame, level, new)
+        for first in range(0, len(ids), self._tracks.batch):
+            some = slice(first, first + self._tracks.batch)
+            self._levels[level].groups.append(
+                self._follower.begin(encoded, frame, ids[some], new.logits[some])
+            )
+            seen.append((ids[some], new.logits[some]))
+        return ids
+
+    def _begin_shared(
+        self, frame: int, level: int, new: Candidates, followed: list[int], seen: list[Seen]
+    ) -> None:
+        """Note instances that are ``followed`` for another level already, as these numbers."""
+        ids = self._add_instances(frame, level, new)
+        if ids:
+            self._levels[level].shared |= dict(zip(ids, followed, strict=True))
+            seen.append((ids, new.logits))
+
+    def _add_instances(self, frame: int, level: int, new: Candidates) -> list[int]:
+        facts = zip(new.predicted_iou.tolist(), new.stability.tolist(), strict=True)
+        first = len(self._instances)
+        self._instances += [Instance(level, frame, iou, stability) for iou, stability in facts]
+        return list(range(first, len(self._instances)))
 
     def _paint(self, seen: list[Seen]) -> NDArray[np.int32]:
         return paint(seen, self._valid, self._sam2.compute.device)
@@ -154,12 +175,3 @@ class Tracker:
         ids = [number for number in small.unique().tolist() if number >= 0]
         masks = small == torch.tensor(ids, dtype=small.dtype, device=small.device)[:, None, None]
         return ids, masks
-
-
-def _together(seen: list[Seen], inside: Tensor) -> Seen:
-    """All numbers and (K, M, M) bool masks of a level in one frame."""
-    if not seen:
-        return [], inside.new_zeros(0, *inside.shape)
-    return [number for ids, _ in seen for number in ids], torch.cat(
-        [logits > 0 for _, logits in seen]
-    ) & inside

@@ -97,3 +97,64 @@ def test_memory_does_not_grow(sam2, video):
             follower.step(encoded, frame, group, reverse=False)
     held = [output for output in group.recent.values() if "maskmem_features" in output]
     assert len(held) == model.num_maskmem - 1 and len(group.recent) == model.max_obj_ptrs_in_encoder
+
+
+def test_what_is_long_unseen_is_looked_for_now_and_then(sam2, video, monkeypatch):
+    """Object 1 is lost after frame 2, and there again from frame 5 on: it is found when it is looked for."""
+    looked: dict[int, list[int]] = {}
+
+    def track(self, encoded, frame, first_frame, begun, recent, reverse):
+        count = len(begun["obj_ptr"])
+        # Which objects these are is told by their pointers.
+        places = [round(float(value)) for value in begun["obj_ptr"][:, 0]]
+        looked[frame] = places
+        logits = torch.full((count, 64, 64), 10.0)
+        for row, place in enumerate(places):
+            if place == 1 and 2 < frame < 5:
+                logits[row] = -10.0
+        return logits, {name: begun[name] for name in begun}
+
+    monkeypatch.setattr(Follower, "_track", track)
+    with sam2.compute.inference():
+        encoded = encode(sam2, video[0])
+        follower = Follower(sam2, 12, absent_stride=2)
+        group = follower.begin(encoded, 0, [0, 1], logits(video))
+        group.begun["obj_ptr"] = torch.arange(2.0)[:, None].expand(2, 128).clone()
+        seen = {}
+        for frame in range(1, 8):
+            found = follower.step(encoded, frame, group, reverse=False)
+            seen[frame] = [bool((each > 0).any()) for each in found]
+    assert looked[3] == [0, 1] and looked[4] == [0, 1], "two frames of absence come first"
+    assert looked[5] == [0] and looked[6] == [0, 1], "then every second frame"
+    assert seen[5] == [True, False] and seen[6] == [True, True], "it is back when it is looked for"
+    assert looked[7] == [0, 1]
+
+
+def test_some_objects_are_remembered_apart_from_others(sam2, video):
+    with sam2.compute.inference():
+        encoded = [encode(sam2, frame) for frame in video]
+        follower = Follower(sam2, FRAMES, absent_stride=10)
+        both, alone = (
+            follower.begin(encoded[0], 0, [0, 1][:count], logits(video)[:count]) for count in (2, 1)
+        )
+        # The second is taken for long gone: the first must be followed as if it were alone.
+        both.unseen = [0, 10]
+        for frame in range(1, FRAMES):
+            together = follower.step(encoded[frame], frame, both, reverse=False)
+            single = follower.step(encoded[frame], frame, alone, reverse=False)
+            torch.testing.assert_close(together[:1], single, rtol=1e-4, atol=1e-4)
+            assert (together[1] < 0).all()
+    assert both.unseen[1] == 10 + FRAMES - 1
+
+
+def test_all_may_be_out_of_view(sam2, video):
+    with sam2.compute.inference():
+        encoded = encode(sam2, video[0])
+        follower = Follower(sam2, 20, absent_stride=100)
+        group = follower.begin(encoded, 0, [0, 1], logits(video))
+        follower.step(encoded, 1, group, reverse=False)
+        group.unseen = [100, 100]
+        for frame in range(2, 15):
+            assert (follower.step(encoded, frame, group, reverse=False) < 0).all()
+        group.unseen = [0, 0]
+        assert follower.step(encoded, 15, group, reverse=False).isfinite().all(), "memory is still there"

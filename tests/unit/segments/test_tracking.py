@@ -1,6 +1,7 @@
 """The way through a video: prompts on key frames, ids and levels, both directions, limits. Random weights do."""
 
 from dataclasses import replace
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -9,13 +10,15 @@ import torch
 from egosplat.models.configs import SMALL_SAM2
 from egosplat.models.devices import choose_compute
 from egosplat.models.sam2_loader import Sam2, build_predictor
-from egosplat.segments.candidates import grid_points, only_new, prompt, thin_out
+from egosplat.segments import tracking
+from egosplat.segments.candidates import grid_points, matches, only_new, prompt, thin_out
 from egosplat.segments.encoding import encode
+from egosplat.segments.following import Follower
 from egosplat.segments.options import LEVELS, MaskOptions, TrackOptions
 from egosplat.segments.tracking import Tracker
 
 MASKS = MaskOptions(4, 0.0, 0.0, 0.1, 0.7, 0.8, 0.0, 0.0, 0.001)
-TRACKS = TrackOptions(True, 2, 0.05, 0.5, 0.9, 1, 6, 4)
+TRACKS = TrackOptions(True, 2, 0.05, 0.5, 0.9, 1, 6, 0.8, 1, 4)
 FRAMES, HEIGHT, WIDTH = 4, 40, 56
 
 
@@ -73,6 +76,28 @@ def test_no_more_are_followed_than_allowed(sam2, pictures):
             assert sum(one.level == level for one in segmented.instances) <= most
 
 
+def test_what_two_levels_show_alike_is_followed_once(sam2, pictures, monkeypatch):
+    """Where all levels find the same, one of them is followed, and all show it."""
+
+    def alike(*arguments):
+        found = prompt(*arguments)
+        return [found[2], found[2], found[2]]
+
+    monkeypatch.setattr(tracking, "prompt", alike)
+    steps = {}
+    for share_iou in (0.8, 1.01):
+        counted = mock.Mock(side_effect=Follower._track, autospec=Follower._track)
+        with mock.patch.object(Follower, "_track", lambda self, *a, counted=counted: counted(self, *a)):
+            segmented, _ = tracked(sam2, pictures, tracks=replace(TRACKS, share_iou=share_iou))
+        steps[share_iou] = counted.call_count
+        levels = [[one for one in segmented.instances if one.level == level] for level in range(3)]
+        assert len(levels[0]) == len(levels[1]) == len(levels[2]) > 0
+        for frame in range(FRAMES):
+            shown = [segmented.labels[frame][level] >= 0 for level in range(3)]
+            assert np.array_equal(shown[0], shown[1]) and np.array_equal(shown[1], shown[2])
+    assert steps[1.01] == 3 * steps[0.8]
+
+
 def test_batches_do_not_change_what_is_found(sam2, pictures):
     one, _ = tracked(sam2, pictures, tracks=replace(TRACKS, batch=1))
     four, _ = tracked(sam2, pictures, tracks=replace(TRACKS, batch=4))
@@ -122,3 +147,15 @@ def test_candidates_keep_their_levels_apart_and_are_thinned(sam2, pictures):
             taken = thin.masks
             assert len(only_new(thin, taken, 0.5, 0.8)) == 0, "what is followed already is not new"
             assert len(only_new(thin, taken[:0], 0.5, 0.8)) == len(thin)
+
+
+def test_a_mask_matches_the_one_most_like_it():
+    masks = torch.zeros(3, 8, 8, dtype=torch.bool)
+    masks[0, :4], masks[1, :5], masks[2, 6:] = True, True, True
+    assert matches(masks, masks[[1, 0]], 0.7).tolist() == [1, 0, -1]
+    assert matches(masks[:1], masks[1:2], 0.7).tolist() == [0]
+    assert matches(masks[:1], masks[1:2], 0.81).tolist() == [-1]
+    assert (
+        matches(masks, masks[:0], 0.5).tolist() == [-1, -1, -1]
+        and matches(masks[:0], masks, 0.5).tolist() == []
+    )

@@ -1,0 +1,51 @@
+"""What is followed at each level, and what one level shows of another's."""
+
+from dataclasses import dataclass, field
+
+import torch
+from torch import Tensor
+
+from egosplat.segments.following import Group
+from egosplat.segments.merging import Overlaps
+
+Seen = tuple[list[int], Tensor]
+"""Numbers of K instances and their (K, M, M) float32 logits, or bool masks, in one frame."""
+
+
+@dataclass
+class Level:
+    """One level while the video is worked through.
+
+    Attributes:
+        groups: what is followed for this level.
+        shared: for an instance that looks like one of another level, that one's number: it is followed for both.
+        overlaps: of all instances of the level.
+    """
+
+    groups: list[Group] = field(default_factory=list)
+    shared: dict[int, int] = field(default_factory=dict)
+    overlaps: Overlaps = field(default_factory=Overlaps)
+
+    @property
+    def instances(self) -> int:
+        """How many the level has."""
+        return sum(len(group.ids) for group in self.groups) + len(self.shared)
+
+
+def show_shared(levels: list[Level], seen: list[list[Seen]]) -> None:
+    """Add to what is seen of each level what is followed for it at another."""
+    logits = {
+        number: row for found in seen for ids, rows in found for number, row in zip(ids, rows, strict=True)
+    }
+    for level, found in zip(levels, seen, strict=True):
+        ids = [number for number, followed in level.shared.items() if followed in logits]
+        if ids:
+            found.append((ids, torch.stack([logits[level.shared[number]] for number in ids])))
+
+
+def together(seen: list[Seen], inside: Tensor) -> Seen:
+    """All numbers and (K, M, M) bool masks of a level in one frame, within (M, M) ``inside``."""
+    if not seen:
+        return [], inside.new_zeros(0, *inside.shape)
+    masks = torch.cat([logits > 0 for _, logits in seen])
+    return [number for ids, _ in seen for number in ids], masks & inside
