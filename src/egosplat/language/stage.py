@@ -23,7 +23,7 @@ from egosplat.language.training import CodeOptions, CodeTraining, Curve, shown_c
 from egosplat.language.views import TaughtViews, taught_views
 from egosplat.progress import log
 from egosplat.provenance import Provenance
-from egosplat.splats.checkpoint import Checkpoint
+from egosplat.checkpoint import Checkpoint
 from egosplat.splats.device import training_device
 from egosplat.splats.gaussians import Gaussians
 from egosplat.splats.masking import Masking, open_masking

@@ -3,7 +3,9 @@
 import zlib
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 Labels = NDArray[np.int32]
 
@@ -24,3 +26,14 @@ class LabelMaps:
 
     def __getitem__(self, frame: int) -> Labels:
         return np.frombuffer(zlib.decompress(self._frames[frame]), dtype=np.int32).reshape(self._shape).copy()
+
+    def state_dict(self) -> dict[int, Tensor]:
+        """The compressed frames, as (N,) uint8."""
+        return {
+            frame: torch.frombuffer(bytearray(packed), dtype=torch.uint8)
+            for frame, packed in self._frames.items()
+        }
+
+    def load_state_dict(self, state: dict[int, Tensor]) -> None:
+        """Take what ``state_dict`` gave in place of all that is there."""
+        self._frames = {frame: packed.numpy().tobytes() for frame, packed in state.items()}

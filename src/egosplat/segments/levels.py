@@ -5,8 +5,10 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
+from egosplat.checkpoint import State
 from egosplat.segments.following import Group
 from egosplat.segments.merging import Overlaps
+from egosplat.segments.remembering import moved
 
 Seen = tuple[list[int], Tensor]
 """Numbers of K instances and their (K, M, M) float32 logits, or bool masks, in one frame."""
@@ -30,6 +32,27 @@ class Level:
     def instances(self) -> int:
         """How many the level has."""
         return sum(len(group.ids) for group in self.groups) + len(self.shared)
+
+    def state_dict(self) -> State:
+        """All of it as tensors, numbers, lists and dictionaries."""
+        return {
+            "groups": [vars(group) for group in self.groups],
+            "shared": self.shared,
+            "overlaps": self.overlaps.state_dict(),
+        }
+
+    def load_state_dict(self, state: State, device: torch.device) -> None:
+        """Take what ``state_dict`` gave in place of all that is there."""
+        self.groups = [_group(saved, device) for saved in state["groups"]]
+        self.shared = state["shared"]
+        self.overlaps.load_state_dict(state["overlaps"])
+
+
+def _group(saved: State, device: torch.device) -> Group:
+    group = Group(saved["ids"], saved["first_frame"], moved(saved["begun"], device))
+    group.recent = {frame: moved(output, device) for frame, output in saved["recent"].items()}
+    group.unseen = saved["unseen"]
+    return group
 
 
 def show_shared(levels: list[Level], seen: list[list[Seen]]) -> None:

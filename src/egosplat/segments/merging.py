@@ -58,6 +58,15 @@ class Overlaps:
         alike = (iou > iou_thresh) & (self._frames >= min(MIN_COMMON_FRAMES, frames))
         return [(int(a), int(b)) for a, b in np.argwhere(np.triu(alike, 1))]
 
+    def state_dict(self) -> dict[str, Tensor]:
+        """All that was added, as arrays."""
+        return {name: torch.from_numpy(values.copy()) for name, values in vars(self).items()}
+
+    def load_state_dict(self, state: dict[str, Tensor]) -> None:
+        """Take what ``state_dict`` gave in place of all that was added."""
+        for name, values in state.items():
+            setattr(self, name, values.numpy())
+
     def _grow(self, ids: list[int]) -> None:
         missing = max(ids, default=-1) + 1 - len(self._shared)
         if missing > 0:

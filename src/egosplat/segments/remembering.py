@@ -37,6 +37,15 @@ def renewed(last: Output, chosen: list[int], new: Output) -> Output:
     return merged
 
 
+def moved(output: Output, device: torch.device) -> Output:
+    """The same memory on a device."""
+    on_device = {name: value.to(device) for name, value in output.items() if isinstance(value, Tensor)}
+    if "maskmem_pos_enc" in output:
+        position = [each[:1].to(device) for each in output["maskmem_pos_enc"]]
+        on_device["maskmem_pos_enc"] = _alike(position, len(on_device["obj_ptr"]))
+    return on_device
+
+
 def forget_features(output: Output) -> None:
     """Keep the pointers alone."""
     output.pop("maskmem_features", None)

@@ -9,12 +9,16 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.writing import Writer, create
+from egosplat.checkpoint import Checkpoint
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import SAM2, model_hash
 from egosplat.progress import log, track
 from egosplat.segments.classical_video import segment_video
 from egosplat.segments.instances import Segmented, settle
 from egosplat.segments.options import LEVELS, MaskOptions, TrackOptions
+
+CHECKPOINT_S = 60.0
+"""Between two checkpoints [s]."""
 
 
 def run(
@@ -49,6 +53,8 @@ def run(
 ) -> None:
     """Write the segments artifact of ``frames``; the keys are those of the schema's ``segments`` and ``models``.
 
+    A run with SAM2 that was killed goes on from its last checkpoint, to the same segments as without the kill.
+
     Raises:
         UserError: the model cannot be loaded, or nothing at all is found.
     """
@@ -81,19 +87,29 @@ def run(
         absent_stride,
         batch,
     )
+    checkpoint = Checkpoint(output, provenance.key_of(made), CHECKPOINT_S)
     if segmenter == "classical":
         count = pictures.shape("rgb")[0]
         segmented = segment_video(lambda frame: pictures.row("rgb", frame), count, pictures.read("valid"))
     else:
         model = (sam2_config, sam2_checkpoint, device, precision, image_size)
-        segmented = _by_sam2(pictures, model, masks, tracks)
-    with create(output, SEGMENTS, made) as artifact:
-        _write(artifact, segmented, tracks.min_frames)
-        artifact.facts |= {"segmenter": segmenter}
+        segmented = _by_sam2(pictures, model, masks, tracks, checkpoint)
+    try:
+        with create(output, SEGMENTS, made) as artifact:
+            _write(artifact, segmented, tracks.min_frames)
+            artifact.facts |= {"segmenter": segmenter}
+    except UserError:
+        checkpoint.remove()  # going on would lead to the same end
+        raise
+    checkpoint.remove()
 
 
 def _by_sam2(
-    pictures: Artifact, model: tuple[str, str, str, str, int | None], masks: MaskOptions, tracks: TrackOptions
+    pictures: Artifact,
+    model: tuple[str, str, str, str, int | None],
+    masks: MaskOptions,
+    tracks: TrackOptions,
+    checkpoint: Checkpoint,
 ) -> Segmented:
     # Only here: the classical segmenter does without torch, which takes seconds to import.
     from egosplat.models.sam2_loader import load_sam2
@@ -103,7 +119,7 @@ def _by_sam2(
     read = Tracker(
         sam2, lambda frame: pictures.row("rgb", frame), count, pictures.read("valid"), masks, tracks
     )
-    return read.run()
+    return read.run(checkpoint)
 
 
 def _write(artifact: Writer, segmented: Segmented, min_frames: int) -> None:

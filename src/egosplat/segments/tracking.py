@@ -7,8 +7,9 @@ import torch
 import torch.nn.functional as F
 from numpy.typing import NDArray
 
+from egosplat.checkpoint import Checkpoint, State
 from egosplat.models.sam2_loader import Sam2
-from egosplat.progress import track
+from egosplat.progress import log, track
 from egosplat.segments.candidates import Candidates, grid_points, matches, only_new, prompt, thin_out
 from egosplat.segments.encoding import Encoded, encode
 from egosplat.segments.following import Follower, restarted
@@ -45,26 +46,59 @@ class Tracker:
         self._labels = LabelMaps((len(LEVELS), *valid.shape))
         self._follower = Follower(sam2, frames, tracks.absent_stride)
         self._key_frames: list[int] = []
+        self._ahead = self._back = 0
         side = sam2.video_predictor.image_size // 4
         inside = torch.from_numpy(valid)[None, None].float()
         self._inside = (F.interpolate(inside, (side, side), mode="area")[0, 0] > 0.5).to(sam2.compute.device)
 
-    def run(self) -> Segmented:
-        """Work through the video, both ways."""
+    def run(self, checkpoint: Checkpoint | None = None) -> Segmented:
+        """Work through the video, both ways; from the checkpoint on where there is one."""
+        if checkpoint is not None and (saved := checkpoint.load()) is not None:
+            self.load_state_dict(saved)
+            log(f"following goes on after {self._ahead} frames forwards and {self._back} backwards")
         with self._sam2.compute.inference():
-            for frame in track(range(self._frames), "following instances forwards"):
+            for frame in track(range(self._ahead, self._frames), "following instances forwards"):
                 self._forwards(frame)
-            for level in self._levels:
-                level.groups = [restarted(group) for group in level.groups]
+                self._ahead += 1
+                self._save(checkpoint)
+            if not self._back:
+                for level in self._levels:
+                    level.groups = [restarted(group) for group in level.groups]
             last = max((group.first_frame for level in self._levels for group in level.groups), default=0)
-            for frame in track(range(last - 1, -1, -1), "following instances backwards"):
+            for frame in track(range(last - 1 - self._back, -1, -1), "following instances backwards"):
                 self._backwards(frame)
+                self._back += 1
+                self._save(checkpoint)
         same = [
             pair
             for level in self._levels
             for pair in level.overlaps.same(self._tracks.merge_iou, self._frames)
         ]
         return Segmented(self._labels, self._instances, same, {"key_frames": self._key_frames})
+
+    def state_dict(self) -> State:
+        """How far it has come, as tensors, numbers, lists and dictionaries."""
+        return {
+            "ahead": self._ahead,
+            "back": self._back,
+            "key_frames": self._key_frames,
+            "instances": [vars(instance) for instance in self._instances],
+            "labels": self._labels.state_dict(),
+            "levels": [level.state_dict() for level in self._levels],
+        }
+
+    def load_state_dict(self, state: State) -> None:
+        """Go on from what ``state_dict`` gave."""
+        self._ahead, self._back = state["ahead"], state["back"]
+        self._key_frames = state["key_frames"]
+        self._instances = [Instance(**values) for values in state["instances"]]
+        self._labels.load_state_dict(state["labels"])
+        for level, saved in zip(self._levels, state["levels"], strict=True):
+            level.load_state_dict(saved, self._sam2.compute.device)
+
+    def _save(self, checkpoint: Checkpoint | None) -> None:
+        if checkpoint is not None:
+            checkpoint.save_if_due(self.state_dict)
 
     def _forwards(self, frame: int) -> None:
         encoded = encode(self._sam2, self._pictures(frame))

@@ -17,7 +17,7 @@ from egosplat.artifacts.writing import create
 from egosplat.errors import UserError
 from egosplat.progress import log
 from egosplat.provenance import Provenance
-from egosplat.splats.checkpoint import Checkpoint
+from egosplat.checkpoint import Checkpoint
 from egosplat.splats.device import rasterizer_used, training_device
 from egosplat.splats.evaluate import evaluate
 from egosplat.splats.gaussians import Gaussians

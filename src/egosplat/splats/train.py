@@ -15,7 +15,7 @@ from torch import Tensor
 
 from egosplat.errors import UserError
 from egosplat.progress import log, track
-from egosplat.splats.checkpoint import Checkpoint
+from egosplat.checkpoint import Checkpoint
 from egosplat.splats.evaluate import evaluate
 from egosplat.splats.gaussians import Gaussians
 from egosplat.splats.options import TrainingOptions

@@ -15,7 +15,7 @@ from egosplat.artifacts.writing import Writer, create
 from egosplat.models.checkpoints import content_hash
 from egosplat.progress import log, track
 from egosplat.provenance import Provenance
-from egosplat.splats.checkpoint import Checkpoint
+from egosplat.checkpoint import Checkpoint
 from egosplat.splats.device import rasterizer_used, training_device
 from egosplat.splats.initialise import scene_extent
 from egosplat.splats.options import RenderOptions, TrainingOptions

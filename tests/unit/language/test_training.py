@@ -6,7 +6,7 @@ import torch
 from egosplat.errors import UserError
 from egosplat.language.training import CodeOptions, CodeTraining, shown_codes
 from egosplat.language.views import taught_views
-from egosplat.splats.checkpoint import Checkpoint
+from egosplat.checkpoint import Checkpoint
 from egosplat.splats.language_objective import code_l1
 from egosplat.splats.masking import Masking
 from egosplat.splats.targets import CodeTargets, Targets

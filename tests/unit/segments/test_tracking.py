@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from egosplat.checkpoint import Checkpoint
 from egosplat.models.configs import SMALL_SAM2
 from egosplat.models.devices import choose_compute
 from egosplat.models.sam2_loader import Sam2, build_predictor
@@ -104,6 +105,38 @@ def test_batches_do_not_change_what_is_found(sam2, pictures):
     assert one.instances == four.instances
     differing = [(one.labels[frame] != four.labels[frame]).mean() for frame in range(FRAMES)]
     assert max(differing) < 0.01, "rounding decides single pixels at most"
+
+
+@pytest.mark.parametrize("reads", [1, 3, FRAMES, FRAMES + 1])
+def test_a_killed_run_goes_on_to_the_same_end(sam2, pictures, tmp_path, reads):
+    """Killed when it asks for its picture after so many, forwards or backwards."""
+    tracks, valid = replace(TRACKS, absent_stride=2), np.ones((HEIGHT, WIDTH), bool)
+    expected, asked = tracked(sam2, pictures, tracks=tracks)
+    assert len(asked) > reads, "there is something left to do"
+    left = iter(range(reads))
+
+    def killed(frame: int) -> np.ndarray:
+        if next(left, None) is None:
+            raise KeyboardInterrupt
+        return pictures[frame]
+
+    def checkpoint() -> Checkpoint:
+        return Checkpoint(tmp_path / "segments.zarr", "key", 0.0)
+
+    with pytest.raises(KeyboardInterrupt):
+        Tracker(sam2, killed, FRAMES, valid, MASKS, tracks).run(checkpoint())
+    again: list[int] = []
+
+    def read(frame: int) -> np.ndarray:
+        again.append(frame)
+        return pictures[frame]
+
+    found = Tracker(sam2, read, FRAMES, valid, MASKS, tracks).run(checkpoint())
+    assert again == asked[reads:], "what was done is not done again"
+    assert found.instances == expected.instances and found.same == expected.same
+    assert found.notes == expected.notes
+    for frame in range(FRAMES):
+        assert np.array_equal(found.labels[frame], expected.labels[frame])
 
 
 def test_nothing_found_is_no_instance(sam2, pictures):

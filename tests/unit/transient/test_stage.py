@@ -10,7 +10,7 @@ from egosplat.artifacts.reading import verify
 from egosplat.checking import SCHEMAS
 from egosplat.config import defaults
 from egosplat.errors import UserError
-from egosplat.splats.checkpoint import Checkpoint
+from egosplat.checkpoint import Checkpoint
 from egosplat.transient import stage
 from egosplat.transient.network import make_network
 

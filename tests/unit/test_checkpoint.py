@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 import torch
 
+from egosplat.checkpoint import Checkpoint
 from egosplat.provenance import begin, key_of
-from egosplat.splats.checkpoint import Checkpoint
 
 NOW = 1e-9
 

@@ -1,4 +1,4 @@
-"""Checkpoints inside a training run: what was reached survives a kill, and a rerun goes on from there.
+"""Checkpoints inside a long stage: what was reached survives a kill, and a rerun goes on from there.
 
 A checkpoint lies in a hidden folder beside the output, because the workflow deletes outputs before it makes
 them. It names what it belongs to (options, inputs, code and library versions), and one of anything else
@@ -42,18 +42,18 @@ class Checkpoint:
             return None
         digest, body = content[:_DIGEST_BYTES], memoryview(content)[_DIGEST_BYTES:]
         if hashlib.sha256(body).digest() != digest:
-            log(f"{self.file}: the checkpoint is damaged; training starts anew")
+            log(f"{self.file}: the checkpoint is damaged; the stage starts anew")
             return None
         saved = torch.load(io.BytesIO(body), map_location="cpu", weights_only=True)
         if saved["key"] != self._key:
-            log("the checkpoint is of other options, inputs or code; training starts anew")
+            log("the checkpoint is of other options, inputs or code; the stage starts anew")
             return None
         return saved["state"]
 
     def save_if_due(self, state: Callable[[], State]) -> None:
         """Write ``state()`` where the last checkpoint is long enough ago.
 
-        One that cannot be written, on a full disk say, is told and does not end training.
+        One that cannot be written, on a full disk say, is told and does not end the stage.
         """
         if time.monotonic() - self._saved < self._every_s:
             return
