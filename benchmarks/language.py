@@ -29,6 +29,7 @@ from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.splats import SPLATS
+from egosplat.checkpoint import Checkpoint
 from egosplat.config import defaults
 from egosplat.errors import UserError
 from egosplat.features.decoding import Decoder, decode, read_decoder
@@ -37,7 +38,6 @@ from egosplat.language.rendering import Lens, lens_of, render_codes
 from egosplat.language.training import CodeOptions, CodeTraining
 from egosplat.language.views import TaughtViews, taught_views
 from egosplat.progress import log
-from egosplat.splats.checkpoint import Checkpoint
 from egosplat.splats.gaussians import Gaussians
 from egosplat.splats.masking import open_masking
 from egosplat.splats.saved import read_gaussians

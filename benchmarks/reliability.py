@@ -1,0 +1,150 @@
+"""Kill -9 at random moments of every stage, and of Snakemake itself; then the same command again.
+
+    python benchmarks/reliability.py docs/reliability.md
+
+Each time a finished small scene loses one artifact; while it is made again, the stage or Snakemake is killed. Then the
+same command has to end well, with the same scores as without a kill, and to leave nothing half made.
+"""
+
+import random
+import tempfile
+import time
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+import psutil
+from reliability_bench.scene import ARTIFACTS, Scene, remove
+
+from egosplat.checking import check_tree
+from egosplat.progress import log, track
+
+_LONGEST_WAIT_S = 300.0
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a kill did.
+
+    Attributes:
+        landed: whether the stage was at work when it came; after: whether what was there then was whole or absent.
+        resumed: whether the same command ended well; same: with the same scores; whole: and every artifact is sound,
+            and nothing is left beside them; settled: and the command then finds nothing to do.
+        seconds: from the kill to the end.
+    """
+
+    landed: bool
+    after: bool
+    resumed: bool
+    same: bool
+    whole: bool
+    settled: bool
+    seconds: float
+
+
+def kill(finished: Scene, folder: Path, stage: str, victim: str, share: float) -> Outcome:
+    """One kill.
+
+    Args:
+        victim: ``stage`` or ``Snakemake``; share: of the stage's usual time after which it is killed.
+    """
+    scene = finished.copy(folder)
+    remove(scene.output(stage))
+    snakemake = scene.start()
+    at_work = _wait_for(scene, stage, snakemake)
+    time.sleep(share * finished.seconds(stage))
+    landed = at_work is not None and at_work.is_running() and at_work.status() != psutil.STATUS_ZOMBIE
+    if victim == "stage" and landed:
+        at_work.kill()
+    elif victim == "Snakemake":
+        snakemake.kill()
+    snakemake.wait()
+    if at_work is not None:
+        psutil.wait_procs([at_work], timeout=20)
+    after = all(report.sound for report in check_tree(scene.folder / "results", lambda _: None))
+    began = time.perf_counter()
+    resumed = scene.run() == 0
+    seconds = time.perf_counter() - began
+    if not resumed:
+        log(f"{stage}, {victim} killed after {share:.2f}: the same command failed\n{scene.said()}")
+        return Outcome(landed, after, False, False, False, False, seconds)
+    reports = check_tree(scene.folder / "results", lambda _: None)
+    left = [
+        path for path in (scene.folder / "results").rglob(".*") if path.name.endswith((".tmp", ".checkpoint"))
+    ]
+    return Outcome(
+        landed,
+        after,
+        resumed,
+        scene.scores() == finished.scores(),
+        all(report.sound for report in reports) and not left,
+        scene.up_to_date(),
+        seconds,
+    )
+
+
+def _wait_for(scene: Scene, stage: str, snakemake: "psutil.Popen") -> psutil.Process | None:
+    end = time.monotonic() + _LONGEST_WAIT_S
+    while time.monotonic() < end and snakemake.poll() is None:
+        if (process := scene.stage_process(stage)) is not None:
+            return process
+        time.sleep(0.02)
+    return None
+
+
+def table(outcomes: dict[str, list[Outcome]]) -> str:
+    """Markdown, a row a stage."""
+    columns = (
+        "killed during",
+        "kills",
+        "while it worked",
+        "whole or absent after",
+        "went on",
+        "same scores",
+        "nothing left over",
+        "then nothing to do",
+        "s to the end",
+    )
+    lines = [f"| {' | '.join(columns)} |", "| --- |" + " ---: |" * (len(columns) - 1)]
+    rows = [*outcomes.items(), ("all", [one for each in outcomes.values() for one in each])]
+    for name, ones in rows:
+        counts = [
+            sum(getattr(one, field) for one in ones)
+            for field in ("landed", "after", "resumed", "same", "whole", "settled")
+        ]
+        mean = sum(one.seconds for one in ones) / len(ones)
+        lines.append(f"| {name} | {len(ones)} | {' | '.join(map(str, counts))} | {mean:.0f} |")
+    return "\n".join(lines)
+
+
+@click.command(help=__doc__)
+@click.argument("output", type=click.Path(dir_okay=False, path_type=Path))
+@click.option("--kills", default=3, help="of each stage; every third is of Snakemake")
+@click.option("--seed", default=0)
+@click.option("--stage", "stages", multiple=True, type=click.Choice(list(ARTIFACTS)), help="only these")
+def main(output: Path, kills: int, seed: int, stages: tuple[str, ...]) -> None:
+    """Kill and write the table."""
+    rng = random.Random(seed)
+    outcomes: dict[str, list[Outcome]] = defaultdict(list)
+    with tempfile.TemporaryDirectory() as name:
+        finished = Scene(Path(name) / "finished")
+        finished.folder.mkdir()
+        finished.prepare()
+        if finished.run() != 0:
+            raise SystemExit(f"the undisturbed run failed:\n{finished.said()}")
+        made = [stage for stage in stages or ARTIFACTS if finished.output(stage).exists()]
+        plan = [(stage, "Snakemake" if turn % 3 == 2 else "stage") for stage in made for turn in range(kills)]
+        for stage, victim in track(plan, "killing", unit="kill"):
+            outcomes[stage].append(
+                kill(finished, Path(name) / "killed", stage, victim, rng.uniform(0.05, 0.95))
+            )
+    output.write_text(
+        "# Reliability\n\nKilled with SIGKILL at random moments, the stage twice in three times, else Snakemake; then "
+        f"the same command again (`benchmarks/reliability.py --kills {kills} --seed {seed}`). A small synthetic scene, "
+        f"two cores; each number counts kills.\n\n{table(outcomes)}\n"
+    )
+
+
+if __name__ == "__main__":
+    main()

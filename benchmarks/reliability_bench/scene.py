@@ -1,0 +1,116 @@
+"""A small finished scene to break: its folder, its workflow, what its scores are apart from times."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import psutil
+
+ROOT = Path(__file__).resolve().parents[2]
+SCENE = Path("results/adt/scene1")
+TARGET = SCENE / "metrics.json"
+
+SMALL = """
+synthetic: {size: 176, fps: 2.0, seconds: 6.0, objects: 16}
+frames: {resolution: 96, evaluation_frames: 3}
+segments: {points_per_side: 8, key_frame_stride: 6}
+transient: {iterations: 60, resolution: 48, input_size: 64, checkpoint_s: 0.5}
+splats: {masking: refined, iterations: 120, max_points: 1000, max_gaussians: 2000, checkpoint_s: 0.5}
+"""
+"""So small that all stages take minutes, with checkpoints so frequent that kills meet them."""
+
+ARTIFACTS = {
+    "synthetic": "recording",
+    "frames": "frames.zarr",
+    "annotations": "annotations.zarr",
+    "poses": "poses.zarr",
+    "survey": "survey.json",
+    "segments": "segments.zarr",
+    "view_features": "view_features.zarr",
+    "features": "features.zarr",
+    "transient": "transient.zarr",
+    "masks": "masks.zarr",
+    "splats": "splats.zarr",
+    "language": "language.zarr",
+    "metrics": "metrics.json",
+}
+"""What each stage makes, in the scene's folder."""
+
+SCORED = ("origin", "counts", "scores", "queries", "rendering", "frames")
+"""The parts of metrics.json that do not tell of times."""
+
+
+class Scene:
+    """A working folder in which the workflow runs."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def prepare(self) -> None:
+        """Lay the configuration out."""
+        shutil.copytree(ROOT / "config", self.folder / "config")
+        (self.folder / "small.yaml").write_text(SMALL)
+
+    def copy(self, folder: Path) -> "Scene":
+        """A private copy, with its own Snakemake."""
+        shutil.rmtree(folder, ignore_errors=True)
+        return Scene(Path(shutil.copytree(self.folder, folder, symlinks=True)))
+
+    def start(self, *arguments: str) -> "subprocess.Popen[str]":
+        """The main command, begun; its output is one text."""
+        command = [sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "workflow/Snakefile")]
+        command += ["--cores", "2", "--configfile", "small.yaml", *arguments, "--", str(TARGET)]
+        return subprocess.Popen(
+            command,
+            cwd=self.folder,
+            stdout=(self.folder / "said.txt").open("a"),
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+            env=os.environ | {"OMP_NUM_THREADS": "1"},
+        )
+
+    def said(self) -> str:
+        """All that Snakemake and its stages have printed here."""
+        return (self.folder / "said.txt").read_text()
+
+    def run(self) -> int:
+        """The main command to its end: its exit status."""
+        return self.start().wait()
+
+    def up_to_date(self) -> bool:
+        """Whether the same command finds nothing to do."""
+        (self.folder / "said.txt").unlink(missing_ok=True)
+        return self.start("--dry-run").wait() == 0 and "Nothing to be done" in self.said()
+
+    def stage_process(self, stage: str) -> psutil.Process | None:
+        """The process that works on a stage here."""
+        for process in psutil.process_iter(["cmdline", "cwd"]):
+            words = process.info["cmdline"] or []
+            if stage.replace("_", "-") in words and process.info["cwd"] == str(self.folder.resolve()):
+                return process
+        return None
+
+    def seconds(self, stage: str) -> float:
+        """How long a stage took, as Snakemake measured it."""
+        tables = [path for path in (self.folder / "logs").rglob(f"{stage}.tsv")]
+        return float(pd.read_csv(tables[0], sep="\t")["s"].iloc[0]) if tables else 5.0
+
+    def output(self, stage: str) -> Path:
+        """What a stage makes."""
+        return self.folder / SCENE / ARTIFACTS[stage]
+
+    def scores(self) -> dict[str, Any]:
+        """metrics.json, but for what tells of times and of how it was made."""
+        document = json.loads((self.folder / TARGET).read_text())
+        return {name: document[name] for name in SCORED}
+
+
+def remove(path: Path) -> None:
+    """Remove an artifact, a file or a folder."""
+    shutil.rmtree(path) if path.is_dir() else path.unlink()

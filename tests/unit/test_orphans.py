@@ -1,0 +1,48 @@
+"""A stage whose Snakemake is gone ends; one without, or with a living one, goes on."""
+
+import os
+import subprocess
+import sys
+import time
+
+from egosplat.orphans import STARTED_BY
+
+STAGE = """
+import time
+from egosplat.orphans import end_with_snakemake
+end_with_snakemake()
+print("begun", flush=True)
+time.sleep(30)
+"""
+
+
+def stage(started_by: str) -> subprocess.Popen[str]:
+    process = subprocess.Popen(
+        [sys.executable, "-c", STAGE],
+        env=os.environ | {STARTED_BY: started_by},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None and process.stdout.readline() == "begun\n"
+    return process
+
+
+def test_it_ends_when_its_snakemake_is_gone():
+    snakemake = subprocess.Popen(["sleep", "30"])
+    process = stage(str(snakemake.pid))
+    time.sleep(0.2)
+    assert process.poll() is None
+    snakemake.kill()
+    snakemake.wait()
+    assert process.wait(timeout=20) == 1
+    assert "goes on from here" in process.stderr.read()
+
+
+def test_by_itself_it_does_not_end():
+    for started_by in ("", "rubbish", str(os.getpid())):
+        process = stage(started_by)
+        time.sleep(1.5)
+        assert process.poll() is None
+        process.kill()
+        process.wait()

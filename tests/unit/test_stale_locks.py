@@ -1,0 +1,64 @@
+"""Locks of the dead are cleared, those of the living are not."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+from egosplat.stale_locks import clear_stale_locks
+
+HOLD = """
+import sys
+from pathlib import Path
+from egosplat.stale_locks import clear_stale_locks
+print(clear_stale_locks(Path(sys.argv[1])), flush=True)
+sys.stdin.read()
+"""
+
+
+def another(folder: Path) -> subprocess.Popen[str]:
+    """A process that has looked at the folder and lives on."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLD, folder], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    process.said = process.stdout.readline().strip()
+    return process
+
+
+def locked(folder: Path) -> Path:
+    lock = folder / "locks/0.output.lock"
+    lock.parent.mkdir(parents=True, exist_ok=True)
+    lock.write_text("results/x\n")
+    return lock
+
+
+def test_what_a_killed_one_left_is_cleared(tmp_path):
+    lock = locked(tmp_path)
+    first = another(tmp_path)
+    assert first.said == "True" and not lock.exists()
+    lock = locked(tmp_path)
+    first.kill()
+    first.wait()
+    second = another(tmp_path)
+    assert second.said == "True" and not lock.exists()
+    second.communicate("")
+
+
+def test_a_living_one_keeps_its_locks(tmp_path):
+    first = another(tmp_path)
+    lock = locked(tmp_path)
+    second, third = another(tmp_path), another(tmp_path)
+    assert second.said == third.said == "False" and lock.exists()
+    first.communicate("")
+    assert another(tmp_path).communicate("")[0] == "" and lock.exists(), "two others are alive still"
+    second.communicate("")
+    third.communicate("")
+    last = another(tmp_path)
+    assert last.said == "True"
+    last.communicate("")
+
+
+def test_a_folder_that_cannot_be_is_left_to_snakemake(tmp_path):
+    (tmp_path / "file").write_text("")
+    assert clear_stale_locks(tmp_path / "file") is False
+    assert clear_stale_locks(tmp_path / "missing" / "deeper") is False
