@@ -7,6 +7,8 @@ python benchmarks/small_sam2.py data/held_out > benchmarks/small_sam2.md
 import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
@@ -18,37 +20,65 @@ sys.path.insert(0, str(HERE.parent / "training"))
 
 from segmentation_bench.scores import LARGE, Scores, score_everything, score_film, score_points
 from segmentation_bench.segmenters import ClassicalSegmenter, Segmenter, small_sam2
-from segmentation_bench.worlds import LEVELS, SIZES, film, pictures, read_worlds
-from small_models.worlds import FilmedWorld
+from segmentation_bench.worlds import LEVELS, SIZES, film, pictures, world_folders
+from small_models.worlds import read_world
 
 from egosplat.errors import UserError
 from egosplat.progress import track
 
+SEGMENTERS: dict[str, Callable[[str], Segmenter]] = {
+    "small SAM2": small_sam2,
+    "classical": lambda _: ClassicalSegmenter(),
+}
+"""What is compared, from the checkpoint."""
 
-def measure(segmenter: Segmenter, worlds: list[FilmedWorld], stills: int, tracks: int) -> tuple[Scores, dict]:
-    """All scores of a segmenter, and the mean seconds of a still, of everything in one, and of a track's frame."""
+
+@dataclass(frozen=True)
+class Task:
+    """One world for one segmenter.
+
+    Attributes:
+        name: of the segmenter; checkpoint: of the small SAM2.
+        folder: of the world; number: among the worlds, from which what is asked is drawn.
+        stills: pictures that are looked at; tracks: masks that are followed.
+    """
+
+    name: str
+    checkpoint: str
+    folder: Path
+    number: int
+    stills: int
+    tracks: int
+
+
+def measure(task: Task) -> tuple[Scores, dict[str, float]]:
+    """Scores, and the mean CPU seconds of a still, of everything in one, and of a track's frame."""
+    torch.set_num_threads(1)
+    segmenter, world = SEGMENTERS[task.name](task.checkpoint), read_world(task.folder)
     scores, seconds = Scores(), {"points": 0.0, "everything": 0.0, "track": 0.0}
-    frames = 0
-    for number, world in enumerate(track(worlds, type(segmenter).__name__, unit="world")):
-        rng = np.random.default_rng([number, 7])
-        every = max(1, world.rgb.shape[1] // stills)
-        for picture in pictures(world, every, rng):
-            seconds["points"] += _timed(score_points, segmenter, picture, scores)
-            seconds["everything"] += _timed(score_everything, segmenter, picture, scores)
-            frames += 1
-        clip = film(world, tracks, rng)
-        seconds["track"] += _timed(score_film, segmenter, clip, scores) / clip.masks[:, :, 0, 0].size
-    return scores, {
-        "points": seconds["points"] / frames,
-        "everything": seconds["everything"] / frames,
-        "track": seconds["track"] / len(worlds),
-    }
+    rng = np.random.default_rng([task.number, 7])
+    seen = list(pictures(world, max(1, world.rgb.shape[1] // task.stills), rng))
+    for picture in seen:
+        seconds["points"] += _timed(score_points, segmenter, picture, scores) / len(seen)
+        seconds["everything"] += _timed(score_everything, segmenter, picture, scores) / len(seen)
+    clip = film(world, task.tracks, rng)
+    seconds["track"] = _timed(score_film, segmenter, clip, scores) / clip.masks[:, :, 0, 0].size
+    return scores, seconds
+
+
+def together(results: list[tuple[Scores, dict[str, float]]]) -> tuple[Scores, dict[str, float]]:
+    """All scores, and the mean of the seconds."""
+    scores = Scores()
+    for one, _ in results:
+        scores.extend(one)
+    names = results[0][1]
+    return scores, {name: float(np.mean([seconds[name] for _, seconds in results])) for name in names}
 
 
 def _timed(work: Callable[..., None], *arguments: object) -> float:
-    start = time.perf_counter()
+    start = time.process_time()
     work(*arguments)
-    return time.perf_counter() - start
+    return time.process_time() - start
 
 
 def table(results: dict[str, tuple[Scores, dict]]) -> str:
@@ -76,7 +106,7 @@ def table(results: dict[str, tuple[Scores, dict]]) -> str:
     )
     for title, name in {"points": "points", "everything": "everything", "a track's frame": "track"}.items():
         times = [f"{1000 * seconds[name]:.0f}" for _, seconds in results.values()]
-        lines.append(f"| time [ms], {title} | | {' | '.join(times)} |")
+        lines.append(f"| CPU time [ms], {title} | | {' | '.join(times)} |")
     return "\n".join(lines)
 
 
@@ -86,17 +116,29 @@ def table(results: dict[str, tuple[Scores, dict]]) -> str:
 @click.option("--stills", default=6, help="pictures a world")
 @click.option("--tracks", default=6, help="masks followed a world")
 @click.option("--limit", default=None, type=int, help="worlds, of those in the folder")
-def main(worlds: Path, checkpoint: str, stills: int, tracks: int, limit: int | None) -> None:
+@click.option("--processes", default=2, help="worlds at a time")
+def main(worlds: Path, checkpoint: str, stills: int, tracks: int, limit: int | None, processes: int) -> None:
     """Measure both and print the table."""
     try:
-        read = read_worlds(worlds)[:limit]
-        segmenters = {"small SAM2": small_sam2(checkpoint), "classical": ClassicalSegmenter()}
+        folders = world_folders(worlds)[:limit]
+        for make in SEGMENTERS.values():
+            make(checkpoint)
     except UserError as error:
         raise SystemExit(str(error)) from error
-    results = {name: measure(each, read, stills, tracks) for name, each in segmenters.items()}
+    tasks = [
+        Task(name, checkpoint, folder, number, stills, tracks)
+        for name in SEGMENTERS
+        for number, folder in enumerate(folders)
+    ]
+    with ProcessPoolExecutor(processes) as pool:
+        measured = list(track(pool.map(measure, tasks), "measuring", total=len(tasks), unit="world"))
+    results = {
+        name: together([one for task, one in zip(tasks, measured, strict=True) if task.name == name])
+        for name in SEGMENTERS
+    }
     click.echo(
-        f"The small SAM2 beside the segmenter without weights: `benchmarks/small_sam2.py`. {len(read)} held-out "
-        f"worlds, {read[0].rgb.shape[2]} px, {torch.get_num_threads()} threads. Mean IoU unless said otherwise; "
+        f"The small SAM2 beside the segmenter without weights: `benchmarks/small_sam2.py`. {len(folders)} held-out "
+        f"worlds, {read_world(folders[0]).rgb.shape[2]} px, one thread. Mean IoU unless said otherwise; "
         "sizes are shares of the picture.\n"
     )
     click.echo(table(results))

@@ -38,6 +38,13 @@ class Scores:
         """One more result."""
         self.values[name, kind].append(float(value))
 
+    def extend(self, other: "Scores") -> None:
+        """All results of another."""
+        for key, values in other.values.items():
+            self.values[key] += values
+        self.predicted += other.predicted
+        self.true += other.true
+
     def mean(self, name: str, kinds: list[str]) -> tuple[float, int]:
         """Mean over some classes and how many results it is of; NaN of none."""
         found = [value for kind in kinds for value in self.values.get((name, kind), [])]

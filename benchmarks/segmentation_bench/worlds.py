@@ -53,12 +53,17 @@ class Film:
 
 
 def read_worlds(folder: Path) -> list[FilmedWorld]:
-    """All worlds in a folder.
+    """All worlds in a folder. Raises as ``world_folders`` does."""
+    return [read_world(each) for each in world_folders(folder)]
+
+
+def world_folders(folder: Path) -> list[Path]:
+    """The folders of all worlds in a folder.
 
     Raises:
         UserError: there are none.
     """
-    worlds = [read_world(each) for each in sorted(folder.glob("[0-9]*"))]
+    worlds = sorted(folder.glob("[0-9]*"))
     if not worlds:
         raise UserError(
             f"{folder}: holds no worlds; run training/render_worlds.py {folder} --worlds 20 --held-out "

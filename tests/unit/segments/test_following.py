@@ -7,7 +7,7 @@ from PIL import Image
 
 from egosplat.models.configs import SMALL_SAM2
 from egosplat.models.devices import choose_compute
-from egosplat.models.sam2_loader import Sam2, build_predictor
+from egosplat.models.sam2_loader import Sam2, build_predictor, set_image_size
 from egosplat.segments.encoding import encode
 from egosplat.segments.following import Follower, restarted
 
@@ -19,6 +19,7 @@ def sam2():
     """The small architecture with random weights, and a head that takes everything for present."""
     torch.manual_seed(0)
     predictor = build_predictor(SMALL_SAM2).eval().requires_grad_(False)
+    set_image_size(predictor, 256)
     torch.nn.init.constant_(predictor.sam_mask_decoder.pred_obj_score_head.layers[-1].bias, 5.0)
     predictor.hole_area = 0
     return Sam2(predictor, choose_compute("cpu", "float32"))

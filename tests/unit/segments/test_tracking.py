@@ -10,7 +10,7 @@ import torch
 from egosplat.checkpoint import Checkpoint
 from egosplat.models.configs import SMALL_SAM2
 from egosplat.models.devices import choose_compute
-from egosplat.models.sam2_loader import Sam2, build_predictor
+from egosplat.models.sam2_loader import Sam2, build_predictor, set_image_size
 from egosplat.segments import tracking
 from egosplat.segments.candidates import grid_points, matches, only_new, prompt, thin_out
 from egosplat.segments.encoding import encode
@@ -27,6 +27,7 @@ FRAMES, HEIGHT, WIDTH = 4, 40, 56
 def sam2():
     torch.manual_seed(1)
     predictor = build_predictor(SMALL_SAM2).eval().requires_grad_(False)
+    set_image_size(predictor, 256)
     torch.nn.init.constant_(predictor.sam_mask_decoder.pred_obj_score_head.layers[-1].bias, 5.0)
     return Sam2(predictor, choose_compute("cpu", "float32"))
 

@@ -7,14 +7,16 @@ import numpy as np
 import pytest
 import torch
 import train_sam2
+from omegaconf import OmegaConf
 from safetensors.torch import save_file
-from small_models import sam2_data, sam2_steps
+from small_models import sam2_steps
 from small_models.sam2_losses import Names, PixelPairs, mask_iou, mask_loss
 from small_models.schedule import Average, half_precision, learning_rate, read_state, save_state
 from small_models.worlds import FilmedWorld
 from train_sam2 import Recipe, Run
 
 from egosplat.errors import UserError
+from egosplat.models.sam2_loader import set_image_size
 
 RECIPE = Recipe(
     steps=4,
@@ -102,6 +104,7 @@ def test_features_shall_tell_names_and_ends():
 
 def test_a_given_mask_is_remembered_as_sam2_does(world, tmp_path):
     model = Run(RECIPE, [world], tmp_path / "state.pt", torch.device("cpu")).model.eval()
+    set_image_size(model, 256)
     torch.manual_seed(0)
     features = [torch.randn(2, 16, 64, 64), torch.randn(2, 32, 32, 32), torch.randn(2, 128, 16, 16)]
     prompt = torch.zeros(2, 1, 256, 256)
@@ -218,5 +221,6 @@ def test_the_average_follows_and_is_shipped_in_half_precision():
     assert half_precision(average.weights)["weight"].dtype == torch.float16
 
 
-def test_the_configuration_is_the_shipped_one():
-    assert train_sam2.CONFIG.exists() and sam2_data.SIDE == 256
+def test_the_shipped_configuration_is_of_a_side_between_those_that_are_learnt_from():
+    sides = Recipe(steps=1, seed=0).sides
+    assert min(sides) <= OmegaConf.load(train_sam2.CONFIG).model.image_size <= max(sides)
