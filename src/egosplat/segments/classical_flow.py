@@ -6,20 +6,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.segments.classical_motion import find_motion, move, pixel_grid
+from egosplat.dense_flow import agree, find_flow, padded, pixel_grid
+from egosplat.segments.classical_motion import find_motion, move
 from egosplat.segments.classical_options import ClassicalOptions
 from egosplat.segments.classical_working import make_working
 
 Floats = NDArray[np.float32]
 
-_LEAST_SIDE = 32
-"""Of the pictures that flow is computed of [px]: smaller ones are continued to the right and below."""
-
 _SURROUNDINGS = 2.0
 """Sigma of the Gaussian over which colours are compared, at the nominal side [px]."""
-
-_RELATIVE_ERROR = 0.1
-"""By which forward and backward flow may miss each other, as a share of their length."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +55,7 @@ def find_origins(
     motion = find_motion(now, before)
     backward, forward = _flow(now, before, motion), _flow(before, now, np.linalg.inv(motion))
     shape = small[0].valid.shape
-    agrees = _agree(backward, forward, options.flow_error * small[0].unit)
+    agrees = agree(backward, forward, options.flow_error * small[0].unit)
     agrees &= _look_alike(*colours, backward, small[0].unit, options)
     scale = np.array([width / shape[1], height / shape[0]], dtype=np.float32)
     if (height, width) != shape:
@@ -92,24 +87,8 @@ def _flow(source: NDArray[np.uint8], target: NDArray[np.uint8], motion: NDArray[
     than what the search finds among repeating textures.
     """
     height, width = source.shape
-    missing = max(0, _LEAST_SIDE - height), max(0, _LEAST_SIDE - width)
-    source, target = (
-        np.pad(one, ((0, missing[0]), (0, missing[1])), mode="edge") for one in (source, target)
-    )
+    source, target = padded(source), padded(target)
     start = pixel_grid(*source.shape)
     moved = move(start, motion)
     target = cv2.remap(target, moved, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    # A new search each time: a used one would begin from the flow of the pictures before.
-    search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-    rest = search.calc(source, target, None)
-    return (move(start + rest, motion) - start)[:height, :width]
-
-
-def _agree(backward: Floats, forward: Floats, tolerance: float) -> NDArray[np.bool_]:
-    """(h, w): following a pixel back and forth ends where it began (Sundaram et al. 2010)."""
-    height, width = backward.shape[:2]
-    ends = pixel_grid(height, width) + backward
-    returned = cv2.remap(forward, ends, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    missed = np.linalg.norm(backward + returned, axis=2)
-    length = np.maximum(np.linalg.norm(backward, axis=2), np.linalg.norm(returned, axis=2))
-    return missed <= tolerance + _RELATIVE_ERROR * length
+    return (move(start + find_flow(source, target), motion) - start)[:height, :width]

@@ -62,8 +62,3 @@ def _turn(corners: NDArray[np.float32]) -> float:
 def move(points: NDArray[np.float32], motion: NDArray[np.float64]) -> NDArray[np.float32]:
     """(h, w, 2) float32 points (x, y) under a homography."""
     return cv2.perspectiveTransform(points, motion)
-
-
-def pixel_grid(height: int, width: int) -> NDArray[np.float32]:
-    """(height, width, 2) float32 x and y of each pixel."""
-    return np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=2).astype(np.float32)

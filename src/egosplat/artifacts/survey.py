@@ -1,0 +1,67 @@
+"""What ``survey.json`` says: the decisions that other stages follow."""
+
+import functools
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import yaml
+from jsonschema import Draft202012Validator
+
+from egosplat.atomic import whole_file
+from egosplat.errors import UserError
+from egosplat.json_files import read_json_file
+
+FORMAT_VERSION = 1
+
+Survey = Mapping[str, Any]
+
+
+@functools.cache
+def survey_schema() -> dict[str, Any]:
+    """The JSON schema of ``survey.json``."""
+    return yaml.safe_load((resources.files("egosplat") / "schemas" / "survey.schema.yaml").read_text())
+
+
+def write_survey(output: Path, document: Survey) -> None:
+    """Check a survey and write it, with sorted keys; the file appears when it is complete.
+
+    Raises:
+        jsonschema.ValidationError: it is not what the schema describes.
+    """
+    Draft202012Validator(survey_schema()).validate(document)
+    with whole_file(output) as scratch:
+        scratch.write_text(json.dumps(document, indent=1, sort_keys=True, allow_nan=False) + "\n")
+
+
+def read_survey(path: Path) -> Survey:
+    """Read a survey.
+
+    Raises:
+        UserError: it is absent, or not what the schema describes.
+    """
+    try:
+        document = read_json_file(path)
+    except FileNotFoundError:
+        raise UserError(f"{path}: does not exist. Make it: snakemake --cores 2 {path}") from None
+    except (OSError, ValueError) as error:
+        raise UserError(f"{path}: cannot be read as JSON ({error}). {made_anew(path)}") from None
+    for error in Draft202012Validator(survey_schema()).iter_errors(document):
+        key = ".".join(str(part) for part in error.absolute_path) or "it"
+        raise UserError(
+            f"{path}: is no survey of this egosplat: {key}: {error.message[:200]}. {made_anew(path)}"
+        )
+    return document
+
+
+def digest_of_frames(kept: Iterable[int]) -> str:
+    """SHA-256 of a list of frames."""
+    return hashlib.sha256(json.dumps([int(frame) for frame in kept]).encode()).hexdigest()
+
+
+def made_anew(path: Path) -> str:
+    """What to do about a survey that is of no use."""
+    return f"Make it anew: rm {path}, then snakemake --cores 2 {path}"

@@ -1,0 +1,110 @@
+"""Stage ``survey``: what a scene requires, decided by its frames and poses alone."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat import provenance
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.survey import FORMAT_VERSION, digest_of_frames, write_survey
+from egosplat.errors import UserError
+from egosplat.geometry import Camera
+from egosplat.progress import log
+from egosplat.survey.moving import Motion, is_static, measure_motion
+from egosplat.survey.views import choose_views, median_depths
+
+
+def run(
+    frames: Path, poses: Path, output: Path, *, max_moving_share: float, min_view_change_deg: float
+) -> None:
+    """Write the survey of ``frames`` with ``poses``; the keys are those of the schema's ``survey``.
+
+    Raises:
+        UserError: the inputs do not belong together.
+    """
+    keys = {"max_moving_share": max_moving_share, "min_view_change_deg": min_view_change_deg}
+    pictures, walk = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
+    _check_belong_together(pictures, walk)
+    origin = provenance.joint_origin(pictures.origin, walk.origin)
+    inputs = {artifact.path.name: artifact.digest for artifact in (pictures, walk)}
+    made = provenance.begin("survey", keys, origin, inputs)
+    document = {
+        "format_version": FORMAT_VERSION,
+        "origin": origin,
+        "motion": _motion(measure_motion(pictures, walk), max_moving_share),
+        "views": _views(pictures, walk, min_view_change_deg),
+        "poses": _poses(pictures, walk),
+        "provenance": made.record(),
+    }
+    write_survey(output, document)
+    _tell(document)
+
+
+def _motion(found: Motion, threshold: float) -> dict[str, Any]:
+    static = is_static(found, threshold)
+    rows = zip(found.pairs.tolist(), found.moving.tolist(), found.measured.tolist(), strict=True)
+    return {
+        "static": static,
+        "masking": "none" if static else "refined",
+        "share": found.share,
+        "threshold": threshold,
+        "measured": float(found.measured.mean()) if len(found.pairs) else None,
+        "pairs": [{"frames": pair, "moving": moving, "measured": part} for pair, moving, part in rows],
+    }
+
+
+def _views(pictures: Artifact, walk: Artifact, least_deg: float) -> dict[str, Any]:
+    _, height, width, _ = pictures.shape("rgb")
+    camera = Camera.from_matrix(walk.read("intrinsics"), width, height)
+    camera_to_world, registered = walk.read("camera_to_world"), walk.read("registered")
+    depths = median_depths(camera, camera_to_world, registered, walk.read("points/xyz"))
+    optional = pictures.read("train") & ~pictures.read("evaluation")
+    times = pictures.read("timestamp_ns")
+    kept = choose_views(camera_to_world, depths, times, registered, optional, least_deg)
+    stay = np.flatnonzero(kept)
+    return {
+        "kept": stay.tolist(),
+        "left_out": np.flatnonzero(~kept).tolist(),
+        "min_view_change_deg": least_deg,
+        "median_depth_m": _median(depths),
+        "digest": digest_of_frames(stay),
+    }
+
+
+def _median(depths: NDArray[np.float64]) -> float | None:
+    known = depths[np.isfinite(depths)]
+    return float(np.median(known)) if len(known) else None
+
+
+def _poses(pictures: Artifact, walk: Artifact) -> dict[str, Any]:
+    by_device = pictures.facts["device_from_camera"] is not None
+    known = by_device and walk.provenance["options"]["method"] != "colmap"
+    return {
+        "source": "device" if known else "colmap",
+        "registered": int(walk.read("registered").sum()),
+        "frames": pictures.shape("rgb")[0],
+        "points": walk.shape("points/xyz")[0],
+    }
+
+
+def _check_belong_together(pictures: Artifact, walk: Artifact) -> None:
+    made_from = walk.provenance["inputs"].get(pictures.path.name, pictures.digest)
+    if made_from != pictures.digest or walk.shape("registered") != pictures.shape("train"):
+        raise UserError(
+            f"{walk.path}: was made from other frames than {pictures.path}; "
+            f"make it anew: snakemake --cores 2 {walk.path}"
+        )
+
+
+def _tell(document: dict[str, Any]) -> None:
+    motion, views = document["motion"], document["views"]
+    if motion["share"] is None:
+        log("motion: too little could be measured to say; something is taken to move")
+    else:
+        verdict = "nothing moves" if motion["static"] else "something moves"
+        log(f"motion: {verdict}; {motion['share']:.3%} of the pixels, threshold {motion['threshold']:.3%}")
+    log(f"views: {len(views['kept'])} frames stay, {len(views['left_out'])} add too little to the one before")

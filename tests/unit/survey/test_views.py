@@ -1,0 +1,86 @@
+"""Which frames are kept."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from egosplat.geometry import Camera, make_pose
+from egosplat.survey.depth import depth_quantile, seen_depths
+from egosplat.survey.views import choose_views, median_depths, view_change
+
+CAMERA = Camera(100, 100, 50.0, 50.0, 50.0, 50.0)
+
+
+def pose(x: float = 0.0, z: float = 0.0, yaw: float = 0.0) -> np.ndarray:
+    """camera_to_world; metres and degrees."""
+    return make_pose(Rotation.from_euler("y", yaw, degrees=True).as_matrix(), np.array([x, 0.0, z]))
+
+
+def kept(walks: list[np.ndarray], least: float = 5.0, rate: float = 30.0, **changes: object) -> list[int]:
+    count = len(walks)
+    given = {
+        "camera_to_world": np.stack(walks),
+        "depths": np.full(count, 2.0),
+        "times_ns": (np.arange(count) / rate * 1e9).astype(np.int64),
+        "registered": np.ones(count, bool),
+        "optional": np.ones(count, bool),
+    } | changes
+    return np.flatnonzero(choose_views(**given, least_deg=least)).tolist()
+
+
+def test_rotation_and_parallax_add_up():
+    assert view_change(pose(), pose(yaw=4.0), 2.0) == pytest.approx(4.0)
+    assert view_change(pose(), pose(x=2.0), 2.0) == pytest.approx(45.0)
+    assert view_change(pose(), pose(x=2.0, yaw=4.0), 2.0) == pytest.approx(49.0)
+    assert view_change(pose(), pose(x=2.0), np.inf) == 0.0
+    assert view_change(pose(yaw=33.0), pose(yaw=33.0), 2.0) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_small_steps_add_up_until_one_is_kept():
+    assert kept([pose(yaw=2.0 * k) for k in range(8)]) == [0, 3, 6, 7]
+    assert kept([pose(x=0.1 * k) for k in range(8)]) == [0, 2, 4, 6, 7]
+
+
+def test_large_steps_are_all_kept_and_zero_keeps_all():
+    assert kept([pose(yaw=6.0 * k) for k in range(8)]) == list(range(8))
+    assert kept([pose()] * 8, least=0.0) == list(range(8))
+
+
+def test_a_head_that_is_still_keeps_a_frame_a_second():
+    assert kept([pose()] * 65) == [0, 30, 60, 64]
+
+
+def test_what_may_not_be_left_out_stays_and_is_not_compared_with():
+    optional = np.ones(6, bool)
+    optional[[1, 2]] = False
+    assert kept([pose()] * 6, optional=optional) == [0, 1, 2, 5]
+
+
+def test_frames_of_which_nothing_is_known_stay():
+    walks = [pose()] * 3 + [np.full((4, 4), np.nan)] + [pose()] * 2
+    registered = np.array([True, True, True, False, True, True])
+    assert kept(walks, registered=registered) == [0, 3, 5]
+    depths = np.array([2.0, 2.0, np.nan, 2.0, 2.0, 2.0])
+    assert kept([pose()] * 6, depths=depths) == [0, 2, 5]
+    assert kept([pose()] * 6, depths=np.full(6, np.nan)) == list(range(6))
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_one_frame_and_two_stay(count):
+    assert kept([pose()] * count) == list(range(count))
+
+
+def test_depths_are_of_the_points_in_the_picture():
+    points = np.array([[0.0, 0.0, z] for z in np.linspace(1, 3, 21)] + [[0.0, 0.0, -1.0], [9.0, 0.0, 1.0]])
+    depths = seen_depths(CAMERA, np.eye(4), points)
+    assert len(depths) == 21 and depth_quantile(depths, 0.5) == pytest.approx(2.0)
+    assert depth_quantile(depths[:5], 0.5) is None
+    walks = np.stack([pose(), pose(yaw=180.0), pose(z=-1.0)])
+    found = median_depths(CAMERA, walks, np.array([True, True, False]), points)
+    assert found[0] == pytest.approx(2.0) and np.isnan(found[1:]).all()
+
+
+def test_of_very_many_points_some_tell_the_depth():
+    points = np.zeros((120_000, 3))
+    points[:, 2] = np.linspace(1, 5, len(points))
+    assert np.median(seen_depths(CAMERA, np.eye(4), points)) == pytest.approx(3.0, abs=1e-3)

@@ -1,0 +1,146 @@
+"""The DAG follows what a scene's survey decides, and what is stale follows the decisions alone."""
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from egosplat.artifacts.reading import open_artifact
+from egosplat.artifacts.segments import SEGMENTS
+from egosplat.artifacts.survey import read_survey
+
+SCENE = "results/adt/scene1"
+SURVEY, METRICS, TRANSIENT = f"{SCENE}/survey.json", f"{SCENE}/metrics.json", f"{SCENE}/transient.png"
+AUTO = "splats: {masking: auto}\n"
+STATIC = AUTO + "survey: {min_view_change_deg: 0, max_moving_share: 1.0}\n"
+"""Whatever moves is little enough."""
+
+LEAVING_OUT = AUTO + "survey: {min_view_change_deg: 90}\n"
+SPLATS_ON = {"splats", "language", "metrics"}
+
+
+def made(workdir, config: str, *targets: str) -> set[str]:
+    """Make targets with some more configuration; the names of the rules that ran."""
+    (workdir.folder / "more.yaml").write_text(config)
+    done = workdir.snakemake("more.yaml", "--", *targets)
+    said = done.stdout + done.stderr
+    assert done.returncode == 0, said
+    return set(re.findall(r"^(?:local)?(?:rule|checkpoint) (\w+):", said, re.MULTILINE))
+
+
+def edges(workdir, config: str, *targets: str) -> set[tuple[str, str]]:
+    """Pairs (rule, rule that depends on it) of the DAG."""
+    (workdir.folder / "more.yaml").write_text(config)
+    done = workdir.snakemake("more.yaml", "--rulegraph", "--", *targets)
+    assert done.returncode == 0, done.stderr
+    names = dict(re.findall(r'(\d+)\[label = "([^"\\]+)', done.stdout))
+    return {(names[a], names[b]) for a, b in re.findall(r"(\d+) -> (\d+)", done.stdout)}
+
+
+@pytest.fixture(scope="module")
+def surveyed(finished, tmp_path_factory):
+    """A finished run with masks, surveyed afterwards, with its keys on auto. Not to be changed."""
+    folder = tmp_path_factory.mktemp("surveyed") / "copy"
+    copy = type(finished)(Path(shutil.copytree(finished.folder, folder, symlinks=True)))
+    assert made(copy, AUTO, SURVEY) == {"survey"}
+    return copy
+
+
+@pytest.fixture
+def work(surveyed, tmp_path):
+    """A private copy."""
+    return type(surveyed)(Path(shutil.copytree(surveyed.folder, tmp_path / "copy", symlinks=True)))
+
+
+def test_before_the_survey_a_plan_shows_it_and_not_what_it_may_ask_for(workdir):
+    shutil.rmtree(workdir.folder / SCENE / "masks.zarr")
+    planned = workdir.stale(METRICS, config=AUTO)
+    assert "survey" in planned and planned.isdisjoint({"transient", "masks"})
+
+
+def test_nothing_reruns_where_it_decides_as_was_configured(surveyed):
+    assert read_survey(surveyed.folder / SURVEY)["motion"]["masking"] == "refined"
+    assert surveyed.stale(METRICS, TRANSIENT, config=AUTO) == set()
+
+
+def test_the_survey_sees_frames_and_poses_alone(surveyed):
+    pairs = edges(surveyed, AUTO, METRICS)
+    assert {before for before, after in pairs if after == "survey"} == {"frames", "poses"}
+    assert ("masks", "splats") in pairs and ("transient", "masks") in pairs
+
+
+def test_a_static_scene_has_neither_network_nor_masks(work):
+    assert made(work, STATIC, SURVEY) == {"survey"}
+    assert work.stale(METRICS, config=STATIC) == SPLATS_ON
+    pairs = edges(work, STATIC, METRICS)
+    assert {"transient", "masks"}.isdisjoint({rule for pair in pairs for rule in pair})
+    assert ("frames", "splats") in pairs
+
+
+def test_an_explicit_value_stands_over_the_survey(work):
+    made(work, STATIC, SURVEY)
+    explicit = STATIC.replace("auto", "refined")
+    assert work.stale(METRICS, config=explicit) == set()
+    pairs = edges(work, explicit, METRICS)
+    assert ("masks", "splats") in pairs and "survey" not in {rule for pair in pairs for rule in pair}
+
+
+def test_a_survey_that_decides_the_same_again_reruns_nothing_else(work):
+    again = AUTO + "survey: {min_view_change_deg: 0, max_moving_share: 0.0006}\n"
+    assert "survey" in work.stale(METRICS, config=again)
+    assert made(work, again, SURVEY) == {"survey"}
+    assert work.stale(METRICS, config=again) == set()
+
+
+def test_frames_that_add_no_view_are_left_out_of_what_learns(work):
+    made(work, LEAVING_OUT, SURVEY)
+    views = read_survey(work.folder / SURVEY)["views"]
+    assert views["left_out"]
+    planned = work.stale(METRICS, config=LEAVING_OUT)
+    assert planned == {"segments", "view_features", "features", "transient", "masks", *SPLATS_ON}
+    assert made(work, LEAVING_OUT, f"{SCENE}/segments.zarr") == {"segments"}
+    found = open_artifact(work.folder / SCENE / "segments.zarr", SEGMENTS)
+    assert found.provenance["options"]["kept_frames"] == views["digest"]
+    assert all((found.row("labels", frame) == -1).all() for frame in views["left_out"])
+    assert work.stale(f"{SCENE}/segments.zarr", config=LEAVING_OUT) == set()
+
+
+@pytest.mark.parametrize(
+    "config, rules",
+    [
+        ("poses: {max_gap_ms: 40.0}\n", {"poses", "survey"}),
+        ("survey: {min_view_change_deg: 0, max_moving_share: 0.1}\n", {"survey"}),
+        ("features: {mad_k: 2.5}\n", set()),
+    ],
+)
+def test_a_changed_key_reruns_the_survey_where_it_reaches_it(surveyed, config, rules):
+    assert surveyed.stale(SURVEY, config=AUTO + config) == rules
+
+
+def test_edited_code_reruns_the_survey_where_it_executes_it(work):
+    work.edit("survey/motion.py", "_PATCH = 7", "_PATCH = 9")
+    assert work.stale(SURVEY, config=AUTO) == {"survey"}
+    work.edit("segments/nms.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ")
+    assert made(work, AUTO, SURVEY) == {"survey"}
+    assert work.stale(SURVEY, config=AUTO) == set()
+
+
+def test_a_variant_whose_keys_reach_the_survey_has_its_own(work):
+    variant = AUTO + "variants: {calm: {survey: {max_moving_share: 1.0}}}\n"
+    own = f"{SCENE}/variants/calm"
+    assert made(work, variant, f"{own}/survey.json") == {"survey"}
+    assert read_survey(work.folder / own / "survey.json")["motion"]["static"]
+    assert work.stale(f"{own}/metrics.json", config=variant) == SPLATS_ON
+    assert work.stale(METRICS, config=variant) == set()
+
+
+def test_the_survey_alone_makes_what_it_made(work):
+    before = read_survey(work.folder / SURVEY)
+    (work.folder / SURVEY).unlink()
+    (work.folder / "more.yaml").write_text(AUTO)
+    done = work.snakemake("more.yaml", "--allowed-rules", "survey", "--", SURVEY)
+    assert done.returncode == 0, done.stdout + done.stderr
+    after = json.loads((work.folder / SURVEY).read_text())
+    assert all(after[part] == before[part] for part in ("motion", "views", "poses"))
