@@ -1,0 +1,58 @@
+"""What a process has taken so far: time on the processor, memory, and of which machine."""
+
+import functools
+import os
+import platform
+import resource
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+_KIB, _MIB = 2**10, 2**20
+
+
+def cpu_seconds() -> float:
+    """Time on processors [s], of all threads of this process and of the processes it has waited for."""
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + children.ru_utime + children.ru_stime
+
+
+def peak_memory_mb(status: Path = Path("/proc/self/status")) -> float:
+    """The most main memory that this process has had at a time [MiB].
+
+    Linux tells it of the program alone; what ``getrusage`` tells begins with that of the process which started it.
+    """
+    lines = status.read_text().splitlines() if status.is_file() else []
+    peaks = (int(line.split()[1]) for line in lines if line.startswith("VmHWM:"))
+    return next(peaks, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) / _KIB
+
+
+def peak_gpu_memory_mb() -> float | None:
+    """The most memory that PyTorch has had on its GPUs [MiB]; None where it has used none."""
+    cuda = _used_cuda()
+    if cuda is None:
+        return None
+    return sum(cuda.max_memory_allocated(index) for index in range(cuda.device_count())) / _MIB
+
+
+def machine() -> str:
+    """The processor, the cores that this process may use, and the GPU that PyTorch has used, in words."""
+    cores = len(os.sched_getaffinity(0))
+    cuda = _used_cuda()
+    gpu = "" if cuda is None else f", {cuda.get_device_name()}"
+    return f"{_processor()}, {cores} core{'s' if cores > 1 else ''}{gpu}"
+
+
+def _used_cuda() -> Any:
+    """``torch.cuda``, where this process has computed with it."""
+    torch = sys.modules.get("torch")
+    return torch.cuda if torch is not None and torch.cuda.is_initialized() else None
+
+
+@functools.cache
+def _processor(cpuinfo: Path = Path("/proc/cpuinfo")) -> str:
+    """The processor's name; of a machine that does not tell it, its kind."""
+    lines = cpuinfo.read_text().splitlines() if cpuinfo.is_file() else []
+    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(names, platform.machine())

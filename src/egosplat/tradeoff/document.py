@@ -1,0 +1,89 @@
+"""``tradeoff.json``: every point with its numbers, and the sentences about them."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from egosplat import config as configuration
+from egosplat.atomic import whole_file
+from egosplat.tradeoff.estimates import front, mean
+from egosplat.tradeoff.measured import MeasuredPoint
+from egosplat.tradeoff.measures import ACCURACY, MEASURES, WALL
+from egosplat.tradeoff.points import PRESET
+from egosplat.tradeoff.sentences import knob_sentences, presets_sentence
+
+FORMAT_VERSION = 1
+
+
+def tradeoff_document(points: Sequence[MeasuredPoint]) -> dict[str, Any]:
+    """All that was measured and found, as plain values; see ``tradeoff.schema.yaml``.
+
+    Args:
+        points: the scene itself first.
+    """
+    first = points[0].runs[0].scored
+    confidence = first.protocol["confidence"]
+    knobs = dict.fromkeys(one.knob for point in points for one in point.settings)
+    knobs.pop(PRESET, None)
+    best = front_of(points, WALL.name, ACCURACY.name)
+    return {
+        "format_version": FORMAT_VERSION,
+        "scene": f"{first.dataset}/{first.scene}",
+        "origin": first.origin,
+        "about": points[0].about,
+        "machines": sorted({name for point in points for name in _machines(point)}),
+        "confidence": confidence,
+        "seeds": len(points[0].runs),
+        "points": [_entry(point, confidence, point in best) for point in points],
+        "presets": presets_sentence(points, confidence),
+        "knobs": {knob: knob_sentences(points, knob, confidence) for knob in knobs},
+    }
+
+
+def front_of(points: Sequence[MeasuredPoint], cost: str, gain: str) -> list[MeasuredPoint]:
+    """The points of the Pareto front of the means of two measures, of those that have both; by cost."""
+    measures = {measure.name: measure for measure in MEASURES}
+    known = [(point, point.sample(measures[cost]), point.sample(measures[gain])) for point in points]
+    known = [(point, left.mean, right.mean) for point, left, right in known if left and right]
+    return [known[index][0] for index in front([(left, right) for _, left, right in known])]
+
+
+def write_document(path: Path, document: dict[str, Any], schema: str) -> None:
+    """Check a document against the schema of that name and write it, with sorted keys, whole or not at all."""
+    configuration.check(document, str(path), against=schema)
+    with whole_file(path) as scratch:
+        scratch.write_text(
+            json.dumps(document, indent=1, sort_keys=True, allow_nan=False) + "\n", encoding="utf-8"
+        )
+
+
+def _entry(point: MeasuredPoint, confidence: float, on_front: bool) -> dict[str, Any]:
+    samples = {measure.name: point.sample(measure) for measure in MEASURES}
+    return {
+        "label": point.label,
+        "variant": point.variant,
+        "settings": [asdict(one) for one in point.settings],
+        "about": point.about,
+        "front": on_front,
+        "queries": point.queries,
+        "gaussians": [run.scored.document["counts"]["gaussians"] for run in point.runs],
+        "measures": {
+            name: {"runs": list(one.values), **_named(mean(one, confidence))} if one else None
+            for name, one in samples.items()
+        },
+        "stages": point.stage_costs(),
+        "keys": point.keys,
+    }
+
+
+def _named(estimate: Any) -> dict[str, float | None]:
+    return {"mean": estimate.value, "low": estimate.low, "high": estimate.high}
+
+
+def _machines(point: MeasuredPoint) -> list[str]:
+    """The machines that made it; none of artifacts that do not tell."""
+    documents = (run.scored.document for run in point.runs)
+    records = (entry for document in documents for entry in document["artifacts"].values())
+    return [entry["machine"] for entry in records if "machine" in entry]

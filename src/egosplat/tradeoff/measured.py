@@ -1,0 +1,157 @@
+"""Points as they were measured: read from ``metrics.json``, one file a seed."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from egosplat import config as configuration
+from egosplat.benchmark.scored_scenes import ScoredScene, check_protocol, read_scored_scene
+from egosplat.benchmark.series import find_series
+from egosplat.errors import UserError
+from egosplat.tradeoff.estimates import Sample
+from egosplat.tradeoff.measures import ACCURACY, COSTS, MEAN_IOU, PSNR, WALL, Measure
+from egosplat.tradeoff.points import PRESET, Setting, shown
+
+EVALUATION = ("annotations", "metrics")
+"""Stages that score a scene and do not make it: not in its costs."""
+
+Costs = Mapping[str, float | None]
+"""Of a stage, by the names of ``COSTS``; None of what was not measured."""
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A point made with one seed.
+
+    Attributes:
+        scored: its scores.
+        stages: what each stage cost, by name.
+    """
+
+    scored: ScoredScene
+    stages: Mapping[str, Costs]
+
+    def value(self, measure: Measure) -> float | None:
+        """A measure; costs are those of all stages but ``EVALUATION``, as if none were shared."""
+        document = self.scored.document
+        if measure is PSNR:
+            return document["rendering"]["static"]["psnr"]
+        if measure in (ACCURACY, MEAN_IOU):
+            return document["scores"]["all"][measure.name]
+        values = [costs[measure.name] for stage, costs in self.stages.items() if stage not in EVALUATION]
+        if None in values:
+            return None
+        return max(values) if measure.name.startswith("peak") else sum(values)
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredPoint:
+    """A point with its runs.
+
+    Attributes:
+        settings: that come to it.
+        runs: one a seed.
+        about: data and checkpoints.
+        keys: of the configuration, that other scenes can take.
+    """
+
+    settings: tuple[Setting, ...]
+    runs: tuple[Run, ...]
+    about: str
+    keys: configuration.Config
+
+    @property
+    def label(self) -> str:
+        """What it is called: of the scene itself the name of its preset."""
+        presets = [setting.value for setting in self.settings if setting.knob == PRESET]
+        if self.variant is None:
+            return f"the scene ({', '.join(presets)})" if presets else "the scene"
+        return presets[0] if presets else "; ".join(f"{one.knob}={shown(one.value)}" for one in self.settings)
+
+    @property
+    def variant(self) -> str | None:
+        """The variant of its first run; None of the scene itself."""
+        first = self.runs[0].scored.path.parent
+        return first.name if first.parent.name == "variants" else None
+
+    @property
+    def queries(self) -> int:
+        return self.runs[0].scored.document["scores"]["all"]["count"]
+
+    def setting(self, knob: str) -> Setting | None:
+        """The first setting of a knob that comes to it."""
+        return next((one for one in self.settings if one.knob == knob), None)
+
+    def sample(self, measure: Measure) -> Sample | None:
+        """A measure in all runs; None where one does not tell it."""
+        values = [run.value(measure) for run in self.runs]
+        if None in values:
+            return None
+        return Sample(tuple(values), step=1 / self.queries if measure is ACCURACY else 0.0)
+
+    def stage_costs(self) -> dict[str, dict[str, float | None]]:
+        """The mean over the runs of what each stage cost, by stage and measure."""
+        names = dict.fromkeys(stage for run in self.runs for stage in run.stages)
+        return {
+            stage: {
+                cost.name: _mean(run.stages[stage][cost.name] for run in self.runs if stage in run.stages)
+                for cost in COSTS
+            }
+            for stage in names
+        }
+
+
+def read_points(points: Sequence[Mapping[str, Any]]) -> list[MeasuredPoint]:
+    """Read the scores of points.
+
+    Args:
+        points: each with its ``settings``, pairs of knob and value, the paths of its ``metrics``, and its ``keys``;
+            of the first point all keys, of others those in which they differ from it.
+
+    Raises:
+        UserError: a file cannot be read or has lost an artifact, or the scores cannot be compared.
+    """
+    read = [[_run(Path(path)) for path in point["metrics"]] for point in points]
+    scenes = [run.scored for runs in read for run in runs]
+    check_protocol(scenes)
+    if others := [one for one in scenes if (one.dataset, one.scene) != (scenes[0].dataset, scenes[0].scene)]:
+        raise UserError(
+            f"{others[0].path}: is of another scene than {scenes[0].path}; compare one scene alone"
+        )
+    about = {scene.path: series.about for series in find_series(scenes) for scene in series.scenes.values()}
+    return [
+        MeasuredPoint(
+            settings=tuple(Setting(*pair) for pair in point["settings"]),
+            runs=tuple(runs),
+            about=about[runs[0].scored.path],
+            keys=configuration.merge(points[0]["keys"], point["keys"]),
+        )
+        for point, runs in zip(points, read, strict=True)
+    ]
+
+
+def _run(path: Path) -> Run:
+    scored = read_scored_scene(path)
+    if scored.method is not None:
+        raise UserError(
+            f"{path}: holds the scores of another method, {scored.method}, which has no stages to compare"
+        )
+    artifacts = scored.document["artifacts"]
+    if lost := [name for name, entry in artifacts.items() if entry is None]:
+        raise UserError(
+            f"{path}: does not know what {lost[0]} cost, which was lost.\nMake it anew: rm {path}"
+        )
+    records = [*artifacts.values(), scored.document["provenance"]]
+    return Run(scored, {record["stage"]: _costs(record) for record in records})
+
+
+def _costs(record: Mapping[str, Any]) -> Costs:
+    """Of a stage that was interrupted, at least the time that its training took in all runs."""
+    wall = max(record["wall_s"], record.get("training_s", 0.0))
+    return {cost.name: record.get(cost.name) for cost in COSTS} | {WALL.name: wall}
+
+
+def _mean(values: Iterable[float | None]) -> float | None:
+    known = list(values)
+    return None if None in known else sum(known) / len(known)

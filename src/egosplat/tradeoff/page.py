@@ -1,0 +1,40 @@
+"""A trade-off on one HTML page that needs nothing beside itself."""
+
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, StrictUndefined
+
+from egosplat.benchmark.tables_page import read_picture
+from egosplat.tradeoff.measured import EVALUATION
+from egosplat.tradeoff.measures import MEASURES, WALL
+
+
+def to_html(document: Mapping[str, Any], picture: Path) -> str:
+    """The page of ``tradeoff.json``, with the picture of it.
+
+    Raises:
+        UserError: the picture cannot be read.
+    """
+    template = (resources.files("egosplat") / "tradeoff" / "tradeoff.html.j2").read_text(encoding="utf-8")
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    points = document["points"]
+    stages = dict.fromkeys(stage for point in points for stage in point["stages"])
+    return environment.from_string(template).render(
+        document=document,
+        points=points,
+        measures=MEASURES,
+        wall=WALL,
+        stages=[
+            *(one for one in stages if one not in EVALUATION),
+            *(one for one in EVALUATION if one in stages),
+        ],
+        evaluation=EVALUATION,
+        confidence=f"{100 * document['confidence']:g} %",
+        picture=read_picture(picture),
+        asked_otherwise=[one["label"] for one in points if one["queries"] != points[0]["queries"]],
+    )

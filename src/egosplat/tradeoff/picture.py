@@ -1,0 +1,87 @@
+"""The trade-off as a picture: each point, and the Pareto fronts."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+matplotlib.rcParams["text.parse_math"] = False  # a name may hold dollars
+
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+from egosplat.atomic import whole_file
+from egosplat.tradeoff.estimates import front
+from egosplat.tradeoff.measures import ACCURACY, MEAN_IOU, MEMORY, WALL, Measure
+from egosplat.tradeoff.points import PRESET
+
+PANELS = ((WALL, ACCURACY), (WALL, MEAN_IOU), (MEMORY, ACCURACY))
+"""Cost and gain of each panel."""
+
+_BLUE = "tab:blue"
+
+
+def draw(document: Mapping[str, Any], output: Path) -> None:
+    """Draw ``tradeoff.json`` as PNG; the file appears when it is complete.
+
+    A mark is a point's mean, with its interval where there is one. Those of the front are joined and named; presets are
+    named, too.
+    """
+    figure = plt.figure(figsize=(6.2 * len(PANELS), 5.6), layout="constrained")
+    figure.suptitle(f"{document['scene']}: speed against accuracy, {document['about']}", fontsize=13)
+    for axes, (cost, gain) in zip(figure.subplots(1, len(PANELS)), PANELS, strict=True):
+        _draw_panel(axes, document["points"], cost, gain)
+    with whole_file(output) as scratch:
+        figure.savefig(scratch, dpi=90, format="png")
+    plt.close(figure)
+
+
+def _draw_panel(axes: Axes, points: Sequence[Mapping[str, Any]], cost: Measure, gain: Measure) -> None:
+    known = [one for one in points if one["measures"][cost.name] and one["measures"][gain.name]]
+    places = [(_mean(one, cost), _mean(one, gain)) for one in known]
+    for point, place in zip(known, places, strict=True):
+        around = {"xerr": _around(point, cost), "yerr": _around(point, gain)}
+        axes.errorbar(*place, **around, fmt="o", color="0.6", elinewidth=0.8)
+    best = front(places)
+    columns, rows = ([places[index][axis] for index in best] for axis in (0, 1))
+    axes.step(columns, rows, where="post", color=_BLUE, zorder=3)
+    axes.plot(columns, rows, "o", color=_BLUE, zorder=4)
+    presets = [index for index, one in enumerate(known) if index not in best and _is_preset(one)]
+    # Above a front and left of it there is no point.
+    words = {"textcoords": "offset points", "ha": "right", "fontsize": 8, "zorder": 5}
+    for index in (*best, *presets):
+        offset = (-6, 2) if index in best else (-6, -9)
+        axes.annotate(known[index]["label"], places[index], offset, **words)
+    axes.set(xlabel=f"{cost.heading} [{cost.unit}]", ylabel=f"{gain.heading} [{gain.unit}]")
+    if places:
+        _count_in_tens(axes)
+    axes.grid(alpha=0.3, which="both")
+    axes.margins(x=0.3)
+
+
+def _count_in_tens(axes: Axes) -> None:
+    """A logarithmic scale of costs, with plain numbers."""
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+
+
+def _is_preset(point: Mapping[str, Any]) -> bool:
+    return any(setting["knob"] == PRESET for setting in point["settings"])
+
+
+def _mean(point: Mapping[str, Any], measure: Measure) -> float:
+    return point["measures"][measure.name]["mean"] * measure.scale
+
+
+def _around(point: Mapping[str, Any], measure: Measure) -> list[list[float]] | None:
+    """Lengths of the bars below and above, which end at 0; None without an interval."""
+    found = point["measures"][measure.name]
+    if found["low"] is None:
+        return None
+    below = found["mean"] - max(found["low"], 0.0)
+    return [[below * measure.scale], [(found["high"] - found["mean"]) * measure.scale]]

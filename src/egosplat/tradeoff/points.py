@@ -1,0 +1,171 @@
+"""The points of a scene's trade of speed against accuracy: presets, and one knob changed at a time, each a variant.
+
+A point that changes nothing of the scene is the scene itself. Each point is made with several seeds: the variants
+``seed-1``, ... of the scene, over which those of the points stand, so that seeds share what points have in common.
+"""
+
+import difflib
+import hashlib
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from egosplat.config import Config, section_keys
+from egosplat.errors import UserError
+from egosplat.tradeoff.presets import QUESTIONS, preset_keys
+from egosplat.tradeoff.settings import differing, settings_of
+from egosplat.variants import OVER, reaches, variant_config
+
+PRESET = "preset"
+"""The knob whose values are presets."""
+
+SEEDED = ("features", "transient", "splats", "language")
+"""Sections whose seeds are changed together."""
+
+_LONGEST = 60
+"""Of a value in a variant's name, in characters."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A knob, ``preset`` or a key as ``features.dims``, with a value."""
+
+    knob: str
+    value: Any
+
+
+@dataclass
+class Point:
+    """One point.
+
+    Attributes:
+        settings: all that come to this point; of the scene itself each knob's own value.
+        variants: one a seed, the scene's own seed first; None is the scene itself.
+        keys: that other scenes can take; of the scene all, of others those in which they differ from it.
+    """
+
+    settings: list[Setting] = field(default_factory=list)
+    variants: list[str | None] = field(default_factory=list)
+    keys: Config = field(default_factory=dict)
+
+
+def with_points(config: Config, presets: Path) -> Config:
+    """A scene's configuration with the variants of its points beside its own.
+
+    Args:
+        config: the scene's.
+        presets: the folder of the preset files.
+
+    Raises:
+        UserError: a knob is none, or a variant of the configuration has the name of a point.
+    """
+    settings: Config = {}
+    for setting in _settings(config):
+        name = variant_name(setting)
+        if name in settings:
+            raise UserError(
+                f"tradeoff.knobs: {setting.knob} has two values of the name {name}; take one of them"
+            )
+        settings[name] = _keys(setting, presets)
+    found = dict(settings)
+    for seed in config["tradeoff"]["seeds"]:
+        over = _seed_name(seed)
+        found[over] = {section: {"seed": seed} for section in SEEDED}
+        found |= {_with_seed(name, seed): {OVER: over, **keys} for name, keys in settings.items()}
+    if taken := sorted(set(found) & set(config["variants"])):
+        raise UserError(
+            f"variants: {taken[0]} is the name of a point of the section tradeoff; give it another name"
+        )
+    return config | {"variants": config["variants"] | found}
+
+
+def points_of(config: Config, where: str) -> list[Point]:
+    """The points of a scene, itself first, then in the order of the configuration.
+
+    Args:
+        config: the scene's, of ``with_points``.
+        where: the scene, for messages.
+
+    Raises:
+        UserError: a value is not allowed, or a seed is the scene's own.
+    """
+    seeds = config["tradeoff"]["seeds"]
+    for seed in seeds:
+        if not reaches("metrics", config, variant_config(config, _seed_name(seed), where)):
+            raise UserError(f"{where}: tradeoff.seeds: {seed} is the scene's own; give others, or none")
+    scene = Point(list(_own_settings(config)), [None, *map(_seed_name, seeds)], settings_of(config))
+    points = [scene]
+    for setting in _settings(config):
+        name = variant_name(setting)
+        own = variant_config(config, name, where)
+        if reaches("metrics", config, own):
+            variants = [name, *(_with_seed(name, seed) for seed in seeds)]
+            points.append(Point([setting], variants, differing(settings_of(own), scene.keys)))
+        elif setting not in scene.settings:
+            scene.settings.append(setting)
+    return points
+
+
+def variant_name(setting: Setting) -> str:
+    """The name of a setting's variant: ``features-dims-8``; of a preset, the preset's.
+
+    Letters, digits, ``-`` and ``_`` stand for themselves; other characters become ``_``, and a few digits that tell
+    the text apart from others follow, so that ``masks-threshold-0_5-d2cbad`` is 0.5 and nothing else.
+    """
+    text = shown(setting.value)
+    safe = re.sub("[^A-Za-z0-9_-]", "_", text)[:_LONGEST]
+    if safe != text:
+        safe += f"-{hashlib.sha256(text.encode()).hexdigest()[:6]}"
+    return safe if setting.knob == PRESET else f"{setting.knob.replace('.', '-')}-{safe}"
+
+
+def shown(value: Any) -> str:
+    """A value in words."""
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _settings(config: Config) -> Iterator[Setting]:
+    about = config["tradeoff"]
+    yield from (Setting(PRESET, name) for name in about["presets"])
+    for knob, values in about["knobs"].items():
+        _check_knob(knob)
+        yield from (Setting(knob, value) for value in values)
+
+
+def _own_settings(config: Config) -> Iterator[Setting]:
+    for knob in config["tradeoff"]["knobs"]:
+        section, _, key = knob.partition(".")
+        yield Setting(knob, config[section][key])
+
+
+def _check_knob(knob: str) -> None:
+    section, _, key = knob.partition(".")
+    known = section_keys(section)
+    if key not in known:
+        near = difflib.get_close_matches(key, known, n=1)
+        advice = f"did you mean {section}.{near[0]}?" if near else "egosplat keys tells all"
+        raise UserError(f"tradeoff.knobs: no key {knob}; {advice}")
+    if section in QUESTIONS or knob in QUESTIONS:
+        raise UserError(
+            f"tradeoff.knobs: with other values of {knob} scores cannot be compared; leave it out"
+        )
+    if key == "seed" or section in ("tradeoff", "budget"):
+        raise UserError(f"tradeoff.knobs: {knob} is no knob; leave it out (seeds stand in tradeoff.seeds)")
+
+
+def _keys(setting: Setting, presets: Path) -> Config:
+    if setting.knob == PRESET:
+        return preset_keys(setting.value, presets)
+    section, _, key = setting.knob.partition(".")
+    return {section: {key: setting.value}}
+
+
+def _seed_name(seed: int) -> str:
+    return f"seed-{seed}"
+
+
+def _with_seed(name: str, seed: int) -> str:
+    return f"{name}-{_seed_name(seed)}"

@@ -1,0 +1,106 @@
+"""From the scores of points to files."""
+
+import json
+
+import pandas as pd
+import pytest
+from PIL import Image
+
+from egosplat import cli
+from egosplat.config import resolve
+from egosplat.errors import UserError
+from egosplat.tradeoff import front
+from egosplat.tradeoff.stage import run
+
+
+@pytest.fixture
+def page(three_points, tmp_path):
+    """The files of three points."""
+    run(three_points, tmp_path / "out")
+    return tmp_path / "out"
+
+
+def test_all_files_are_there_and_say_what_they_are_of(page):
+    document = json.loads((page / "tradeoff.json").read_text())
+    assert [one["label"] for one in document["points"] if one["front"]] == [
+        "the scene (balanced)",
+        "splats.iterations=1500",
+    ]
+    assert (document["seeds"], document["origin"], document["confidence"]) == (3, "synthetic", 0.95)
+    text = (page / "tradeoff.html").read_text()
+    assert (
+        "<title>Speed against accuracy: adt/scene1, synthetic apartments, small checkpoints</title>" in text
+    )
+    assert document["presets"] in text and "a processor, 2 cores" in text
+    assert "splats.iterations=1500 ◆" in text and "paper_scaled ◆" not in text
+    assert all(sentence in text for sentence in document["knobs"]["splats.iterations"])
+    assert "data:image/png;base64," in text and "several machines" not in text
+    with Image.open(page / "tradeoff.png") as picture:
+        assert picture.width > 1000
+
+
+def test_the_table_holds_every_number(page):
+    table = pd.read_csv(page / "tradeoff.csv")
+    whole = table[table.stage.isna()].set_index(["point", "measure"])
+    assert whole.loc[("splats.iterations=1500", "accuracy"), "mean"] == pytest.approx(0.4)
+    assert whole.loc[("the scene (balanced)", "wall_s"), "mean"] == pytest.approx(601)
+    assert (whole.low < whole["mean"]).sum() > 0 and (whole.runs == 3).all()
+    stages = table[table.stage == "splats"].set_index(["point", "measure"])
+    assert stages.loc[("paper_scaled", "wall_s"), "mean"] == pytest.approx(6000)
+    assert set(table.about) == {"synthetic apartments, small checkpoints"}
+
+
+def test_the_same_inputs_make_the_same_bytes(page, three_points, tmp_path):
+    run(three_points, tmp_path / "again")
+    for file in page.iterdir():
+        again = (tmp_path / "again" / file.name).read_bytes()
+        if file.suffix == ".html":
+            again = again.replace(b"/again/", b"/out/")
+        assert again == file.read_bytes(), file.name
+
+
+def test_the_scene_alone_and_one_run_are_a_page(point, tmp_path):
+    run([point([("preset", "balanced")], [0.5], [10.0], scene=True)], tmp_path)
+    text = (tmp_path / "tradeoff.html").read_text()
+    assert "Each point was run once" in text and "times as fast" not in text
+
+
+def test_nothing_asked_is_a_page_without_a_front(point, tmp_path):
+    nothing = {"count": 0, "accuracy": None, "accuracy_interval": [None, None]}
+    nothing |= {"mean_iou": None, "mean_iou_interval": [None, None]}
+    one = point([], [0.5], [10.0], scene=True, scores=dict.fromkeys(("static", "dynamic", "all"), nothing))
+    run([one], tmp_path)
+    with pytest.raises(UserError, match="has no front"):
+        front.run(tmp_path / "tradeoff.json", tmp_path / "front.json")
+
+
+def test_machines_are_not_mixed(page, tmp_path):
+    path = page / "tradeoff.json"
+    path.write_text(path.read_text().replace('"a processor, 2 cores"', '"a processor", "another"'))
+    with pytest.raises(UserError, match="was measured on several machines .a processor; another."):
+        front.run(path, tmp_path / "front.json")
+    assert not (tmp_path / "front.json").exists()
+
+
+def test_a_budget_takes_a_point_of_the_front(page, tmp_path, monkeypatch):
+    (tmp_path / "config/presets").mkdir(parents=True)
+    (tmp_path / "config/presets/balanced.yaml").write_text("splats: {iterations: 77}")
+    path = tmp_path / "config/front.json"
+    monkeypatch.setattr("sys.argv", ["egosplat", "front", str(page / "tradeoff.json"), "--output", str(path)])
+    cli.main()
+    found = json.loads(path.read_text())
+    assert [(one["label"], one["minutes"], one["accuracy"]) for one in found["points"]] == [
+        ("splats.iterations=1500", 2.52, 0.4),
+        ("the scene (balanced)", 10.02, 0.5),
+    ]
+    assert found["measured"]["machines"] == ["a processor, 2 cores"]
+    for minutes, iterations in ((3, 1500), (30, 7000)):
+        chosen = resolve({"budget": {"minutes": minutes}}, path.parent / "presets")
+        assert chosen["splats"]["iterations"] == iterations
+
+
+def test_points_have_to_be_json(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["egosplat", "tradeoff", "--points", "{", "--output", "x"])
+    with pytest.raises(SystemExit) as stop:
+        cli.main()
+    assert stop.value.code == 2 and "is no JSON" in capsys.readouterr().err

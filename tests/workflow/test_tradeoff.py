@@ -1,0 +1,115 @@
+"""The page of speed against accuracy plans exactly what its points do not share."""
+
+import json
+import re
+from collections import Counter
+
+import pytest
+
+from egosplat.config import defaults
+
+SCENE = "results/adt/scene1"
+DIMS = defaults()["features"]["dims"]
+PAGE = f"{SCENE}/tradeoff/tradeoff.html"
+
+
+def points(seeds=(), presets=(), **knobs) -> str:
+    """Configuration; knobs as ``features__dims=[8]``."""
+    named = {name.replace("__", "."): values for name, values in knobs.items()}
+    return json.dumps({"tradeoff": {"seeds": list(seeds), "presets": list(presets), "knobs": named}})
+
+
+def planned(workdir, config: str) -> Counter[str]:
+    """How many jobs of each rule the page would run."""
+    (workdir.folder / "more.yaml").write_text(config)
+    done = workdir.snakemake("more.yaml", "--dry-run", "--quiet", "host", "--", PAGE)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return Counter(re.findall(r"^(?:local)?rule (\w+):", done.stdout + done.stderr, re.MULTILINE))
+
+
+@pytest.mark.parametrize(
+    "config, expected",
+    [
+        (points(), {"tradeoff": 1}),
+        (
+            points(features__dims=[4], splats__iterations=[30]),
+            {"features": 1, "splats": 1, "language": 2, "metrics": 2, "tradeoff": 1},
+        ),
+        # Of the seed: its features, transient, masks, splats, language; of each point with it, what the point reaches.
+        (
+            points(seeds=[1], features__dims=[4], segments__points_per_side=[4]),
+            {
+                "segments": 2,
+                "view_features": 2,
+                "features": 5,
+                "transient": 1,
+                "masks": 3,
+                "splats": 3,
+                "language": 5,
+                "metrics": 5,
+                "tradeoff": 1,
+            },
+        ),
+    ],
+)
+def test_points_share_what_they_have_in_common(workdir, config, expected):
+    assert planned(workdir, config) == expected
+
+
+def test_the_paper_scaled_shares_pictures_and_poses(workdir):
+    found = planned(workdir, points(presets=["paper_scaled"]))
+    assert set(found).isdisjoint({"frames", "annotations", "poses"})
+    assert found["segments"] == found["splats"] == found["metrics"] == 1
+
+
+def test_a_page_of_one_knob_is_made_and_then_up_to_date(workdir):
+    narrow = points(features__dims=[4])
+    (workdir.folder / "mine.yaml").write_text(narrow)
+    done = workdir.snakemake("mine.yaml", "--", PAGE)
+    assert done.returncode == 0, done.stdout + done.stderr
+    document = json.loads((workdir.folder / PAGE).with_suffix(".json").read_text())
+    assert [one["label"] for one in document["points"]] == ["the scene", "features.dims=4"]
+    own, small = document["points"]
+    assert own["measures"]["psnr"] == small["measures"]["psnr"]  # the same Gaussians
+    assert (own["keys"]["features"]["dims"], small["keys"]["features"]["dims"]) == (DIMS, 4)
+    stages = {
+        "frames",
+        "poses",
+        "segments",
+        "view_features",
+        "features",
+        "transient",
+        "masks",
+        "splats",
+        "language",
+    }
+    assert set(small["stages"]) == stages | {"annotations", "metrics"}
+    assert small["stages"]["splats"] == own["stages"]["splats"] != small["stages"]["features"]
+    assert all(
+        one > 0 for costs in small["stages"].values() for name, one in costs.items() if name != "disk_mb"
+    )
+    assert planned(workdir, narrow) == {}
+    # Another value is another point; what the knob does not reach stays.
+    assert planned(workdir, points(features__dims=[5])) == {
+        "features": 1,
+        "language": 1,
+        "metrics": 1,
+        "tradeoff": 1,
+    }
+    workdir.edit("tradeoff/sentences.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ")
+    assert planned(workdir, narrow) == {"tradeoff": 1}
+
+
+@pytest.mark.parametrize(
+    "config, message",
+    [
+        (points(features__dim=[4]), "tradeoff.knobs: no key features.dim; did you mean features.dims"),
+        (points(features__dims=[0]), "variant features-dims-0: features.dims = 0 is not allowed"),
+        (json.dumps({"budget": {"minutes": 3}}), "front.json does not exist"),
+    ],
+)
+def test_what_cannot_be_compared_is_told_without_a_traceback(workdir, config, message):
+    (workdir.folder / "more.yaml").write_text(config)
+    done = workdir.snakemake("more.yaml", "--dry-run", "--", PAGE)
+    said = done.stdout + done.stderr
+    assert done.returncode != 0 and message in said and "Traceback" not in said
