@@ -1,0 +1,132 @@
+"""The main job through the cluster profile, on a SLURM of our own: the same scores, every job where it belongs."""
+
+import json
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PIL import Image
+
+from egosplat.checking import check_tree
+
+METRICS = "results/adt/scene1/metrics.json"
+FRAMES = "results/mine/scene/frames.zarr"
+ROOT = Path(__file__).parents[2]
+PROFILE = ROOT / "workflow/profiles/slurm"
+COSTS = {"created", "wall_s", "cpu_s", "peak_memory_mb", "training_s", "disk_mb"}
+"""What differs between equal runs."""
+
+HERE = (
+    *("--slurm-no-account", "--slurm-status-command", "squeue"),
+    *("--slurm-init-seconds-before-status-checks", "2", "--slurm-keep-successful-logs"),
+    *("--latency-wait", "5", "--max-threads", "1"),
+)
+"""What this SLURM lacks: accounting; and less patience, and one thread, by which training is the same to the last bit."""
+
+
+@pytest.fixture
+def on_cluster(slurm, monkeypatch):
+    """Runs Snakemake in a working directory so that it submits to SLURM: what it said, and SLURM's jobs."""
+    for name, value in slurm.environment.items():
+        monkeypatch.setenv(name, value)
+    before = set(slurm.states())
+
+    def submit(workdir, *arguments: str):
+        done = workdir.snakemake("--profile", PROFILE, *HERE, *arguments, timeout=1800)
+        return done, sorted(set(slurm.states()) - before, key=int)
+
+    return submit
+
+
+def without_costs(values: Any) -> Any:
+    if isinstance(values, dict):
+        return {key: without_costs(value) for key, value in values.items() if key not in COSTS}
+    return [without_costs(value) for value in values] if isinstance(values, list) else values
+
+
+def scores(folder: Path) -> Any:
+    """All that the benchmark says, beside what it took."""
+    found = json.loads((folder / METRICS).read_text())
+    return without_costs(
+        {name: found[name] for name in ("scores", "queries", "frames", "rendering", "counts")}
+    )
+
+
+def trained_by_one_thread(finished: Any, tmp_path: Path) -> Path:
+    """A local run whose trainings, and what follows from them, were made by one thread."""
+    local = type(finished)(Path(shutil.copytree(finished.folder, tmp_path / "local", symlinks=True)))
+    again = ("transient", "masks", "splats", "language", "metrics")
+    done = local.snakemake("--max-threads", "1", "--forcerun", *again, "--", METRICS)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return local.folder
+
+
+def rules_of(slurm, jobs: list[str]) -> list[str]:
+    """The rule, or the group of rules, that each job of SLURM was submitted for."""
+    comments = dict(
+        line.split()
+        for line in slurm.ask("squeue", "--states=all", "--noheader", "--format=%i %k").splitlines()
+    )
+    return [re.sub("^(rule|group)_|_wildcards_.*", "", comments[job]) for job in jobs]
+
+
+def test_the_main_job_runs_on_the_cluster_to_the_same_scores(slurm, on_cluster, finished, workdir, tmp_path):
+    folder = workdir.folder
+    for made in ("results", "logs", ".snakemake"):
+        shutil.rmtree(folder / made)
+    done, jobs = on_cluster(workdir, "--", METRICS)
+    told = done.stdout + done.stderr
+    assert done.returncode == 0, told
+
+    assert "localrule" not in told
+    assert {slurm.states()[job] for job in jobs} == {"COMPLETED"}
+    submitted = rules_of(slurm, jobs)
+    assert len(jobs) == len(set(submitted)) == told.count("has been submitted with SLURM jobid")
+    ran = {path.stem for path in (folder / "logs").rglob("*.log")}
+    group = next(name for name in submitted if name.startswith("reading_"))
+    assert ran == {*submitted, "frames", "annotations"} - {group}
+    assert {"segments", "transient", "splats", "language", "metrics"} < ran
+    by_rule = dict(zip(rules_of(slurm, jobs), map(slurm.asked_of, jobs), strict=True))
+    assert by_rule["splats"]["TresPerJob"] == "gres:gpu:1" and "TresPerJob" not in by_rule["poses"]
+    assert scores(folder) == scores(trained_by_one_thread(finished, tmp_path))
+    assert all(report.sound for report in check_tree(folder / "results", lambda _: None))
+
+
+@pytest.fixture
+def greedy(one_scene, tmp_path):
+    """A working directory whose stage ``frames`` takes 1.5 GB more than it should, for long enough to be seen."""
+    pictures = tmp_path / "pictures"
+    pictures.mkdir()
+    for number in range(4):
+        Image.new("RGB", (64, 48), (number, 0, 0)).save(pictures / f"{number}.png")
+    workdir = one_scene("plain", pictures, "frames.resolution=64 frames.evaluation_frames=1")
+    workdir.code = workdir.folder / "src"
+    shutil.copytree(ROOT / "src/egosplat", workdir.code / "egosplat")
+    taking = "    import time\n    taken = b'1' * 1_500_000_000\n    time.sleep(5)\n    del taken\n"
+    line = "    capture = reader.capture\n"
+    workdir.edit("frames/stage.py", line, taking + line)
+    return workdir
+
+
+def memory_of(slurm, jobs: list[str]) -> list[int]:
+    """What each job asked for [MB]."""
+    return [int(slurm.asked_of(job)["MinMemoryNode"].rstrip("M")) for job in jobs]
+
+
+def test_a_job_that_is_killed_for_memory_is_submitted_again_with_more(slurm, on_cluster, greedy):
+    done, jobs = on_cluster(greedy, "--", FRAMES)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert [slurm.states()[job] for job in jobs] == ["FAILED", "COMPLETED"]
+    first, second = memory_of(slurm, jobs)
+    assert second == 2 * first
+
+
+def test_a_job_that_never_has_enough_memory_says_so_and_leaves_nothing(slurm, on_cluster, greedy):
+    done, jobs = on_cluster(greedy, "--retries", "0", "--", FRAMES)
+    told = done.stdout + done.stderr
+    assert done.returncode == 1, told
+    assert [slurm.states()[job] for job in jobs] == ["FAILED"], told
+    assert "exceeded memory limit" in told, told
+    assert not (greedy.folder / FRAMES).exists()
