@@ -1,6 +1,7 @@
 """What all tests share: real recordings where they are, a tiny artifact, and the workflow."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -33,7 +34,8 @@ synthetic: {size: 176, fps: 2.0, seconds: 6.0, objects: 16}
 frames: {resolution: 96, evaluation_frames: 3}
 segments: {segmenter: classical}
 transient: {iterations: 20, resolution: 48, input_size: 64}
-splats: {iterations: 40, max_points: 1000, max_gaussians: 2000, evaluate_every: 20}
+splats: {masking: refined, iterations: 40, max_points: 1000, max_gaussians: 2000, evaluate_every: 20}
+survey: {min_view_change_deg: 0}
 """
 
 
@@ -78,7 +80,7 @@ class Workdir:
         found = {
             line.split()[1].rstrip(":")
             for line in output.splitlines()
-            if line.startswith(("rule ", "localrule "))
+            if re.match(r"(local)?(rule|checkpoint) ", line)
         }
         assert found or "Nothing to be done" in output, output
         return found

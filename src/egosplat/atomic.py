@@ -12,6 +12,8 @@ import uuid
 from collections.abc import Iterator
 from pathlib import Path
 
+from egosplat.errors import UserError
+
 
 @contextlib.contextmanager
 def whole_folder(path: Path) -> Iterator[Path]:
@@ -45,6 +47,8 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def _begin(path: Path) -> Path:
+    if path.name in ("", ".."):
+        raise UserError(f"{path}: is no name for something new; give --output a name of its own")
     path.parent.mkdir(parents=True, exist_ok=True)
     _sweep(path)
     return _beside(path)
@@ -88,11 +92,14 @@ def _sync_one(path: str | Path) -> None:
 
 
 def _publish(scratch: Path, path: Path) -> None:
-    """Rename into place; what stood there is moved aside first, so ``path`` is whole or absent throughout."""
-    if not path.exists():
+    """Rename into place; what stood there is moved aside first, so ``path`` is whole or absent throughout.
+
+    Of a link the link is replaced, and what it points to stays.
+    """
+    if not os.path.lexists(path):
         os.rename(scratch, path)
         return
     aside = _beside(path)
     os.rename(path, aside)
     os.rename(scratch, path)
-    shutil.rmtree(aside)
+    shutil.rmtree(aside) if aside.is_dir() and not aside.is_symlink() else aside.unlink()

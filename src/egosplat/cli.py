@@ -1,5 +1,7 @@
 """The command line: one sub-command a stage, whose flags are the stage's keys of the configuration schema."""
 
+import json
+import math
 import os
 import sys
 from collections.abc import Callable
@@ -10,9 +12,14 @@ import click
 import yaml
 
 import egosplat
-from egosplat.config import keys_table, schema, section_keys, stage_keys
+from egosplat.config import NO_YAML, keys_table, schema, section_keys, stage_keys
 from egosplat.errors import UserError
+from egosplat.orphans import end_with_snakemake
 from egosplat.stages import STAGES, stage_function
+from egosplat.strictness import LARGEST_INTEGER
+
+_LONGEST = 500
+"""Half of the longest message about a flag [letters]."""
 
 ARTIFACT = click.Path(path_type=Path)
 
@@ -29,7 +36,16 @@ PATHS: dict[str, dict[str, str]] = {
         "frames": "its frames artifact",
         "output": "the poses artifact to make",
     },
-    "segments": {"frames": "the frames artifact", "output": "the segments artifact to make"},
+    "survey": {
+        "frames": "the frames artifact",
+        "poses": "its poses artifact",
+        "output": "the JSON file to make",
+    },
+    "segments": {
+        "frames": "the frames artifact",
+        "survey": "its survey, to learn only from frames that add views (optional)",
+        "output": "the segments artifact to make",
+    },
     "view_features": {
         "frames": "the frames artifact",
         "segments": "its segments artifact",
@@ -42,6 +58,7 @@ PATHS: dict[str, dict[str, str]] = {
     "transient": {
         "frames": "the frames artifact",
         "poses": "its poses artifact",
+        "survey": "its survey, to learn only from frames that add views (optional)",
         "output": "the transient artifact to make",
     },
     "masks": {
@@ -52,6 +69,7 @@ PATHS: dict[str, dict[str, str]] = {
     "splats": {
         "frames": "the frames artifact",
         "poses": "its poses artifact",
+        "survey": "its survey, to learn only from frames that add views (optional)",
         "transient": "its transient artifact, for masking by the network alone (optional)",
         "masks": "its masks artifact, for refined masking (optional)",
         "segments": "its segments artifact, for codes trained jointly (optional)",
@@ -64,6 +82,7 @@ PATHS: dict[str, dict[str, str]] = {
         "segments": "its segments artifact",
         "features": "its features artifact",
         "splats": "its splats artifact",
+        "survey": "its survey, to learn only from frames that add views (optional)",
         "transient": "its transient artifact, where the splats were masked by the network alone (optional)",
         "masks": "its masks artifact, where the splats were masked by it (optional)",
         "output": "the language artifact to make",
@@ -126,8 +145,10 @@ PATHS: dict[str, dict[str, str]] = {
 """What each stage reads and writes, in the order of its function's arguments."""
 
 OPTIONAL = {
-    "splats": {"transient", "masks", "segments", "features"},
-    "language": {"transient", "masks"},
+    "segments": {"survey"},
+    "transient": {"survey"},
+    "splats": {"survey", "transient", "masks", "segments", "features"},
+    "language": {"survey", "transient", "masks"},
 }
 """Which of these a stage can do without; it says when it cannot."""
 
@@ -167,13 +188,42 @@ class TextList(click.ParamType):
         """The texts; a list that is one already is taken as it is."""
         try:
             texts = yaml.safe_load(value) if isinstance(value, str) else value
-        except yaml.YAMLError:
+        except NO_YAML:
             texts = None
         if not isinstance(texts, list | tuple) or not all(isinstance(text, str) for text in texts):
             self.fail(f"{value!r} is no list of texts, as in [object, things]", parameter, context)
         if len(texts) < self.least:
             self.fail(f"needs at least {self.least} text", parameter, context)
         return tuple(texts)
+
+
+class Json(click.ParamType):
+    """A value written in JSON."""
+
+    name = "json"
+
+    def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> Any:
+        """The value."""
+        try:
+            return json.loads(value)
+        except (ValueError, RecursionError) as error:
+            self.fail(f"is no JSON ({error})", parameter, context)
+
+
+JSON = Json()
+
+
+class OrWord(click.ParamType):
+    """A number, or one word in its place."""
+
+    def __init__(self, number: click.ParamType, word: str) -> None:
+        self.number, self.word, self.name = number, word, f"{number.name} or {word}"
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> int | float | str:
+        """The number, or the word as it is."""
+        return value if value == self.word else self.number.convert(value, parameter, context)
 
 
 class Commands(click.Group):
@@ -235,6 +285,35 @@ def tables(metrics: tuple[Path, ...], output: Path, pictures: tuple[Path, ...]) 
     from egosplat.benchmark.tables_stage import run
 
     run(metrics, output, pictures=pictures)
+
+
+@cli.command()
+@click.option(
+    "--points",
+    type=JSON,
+    required=True,
+    help="Settings and metrics.json files of each; the scene itself first.",
+)
+@click.option(
+    "--output", type=ARTIFACT, required=True, help="Folder of the page, made where it is not there."
+)
+def tradeoff(points: list[dict[str, Any]], output: Path) -> None:
+    """Compare what points cost and how accurate they are; the workflow tells which there are."""
+    from egosplat.tradeoff.stage import run
+
+    run(points, output)
+
+
+@cli.command()
+@click.argument("tradeoff", type=ARTIFACT)
+@click.option(
+    "--output", type=ARTIFACT, default=Path("config/front.json"), show_default=True, help="The file to make."
+)
+def front(tradeoff: Path, output: Path) -> None:
+    """Take the Pareto front of TRADEOFF, a scene's tradeoff.json, for the configuration's section budget."""
+    from egosplat.tradeoff.front import run
+
+    run(tradeoff, output)
 
 
 @cli.command()
@@ -339,13 +418,26 @@ def _flag(name: str, key: dict[str, Any]) -> click.Option:
         return click.Option([flag, name], type=TextList(key.get("minItems", 0)), **common)
     if kind == "string":
         return click.Option([flag, name], **common)
-    return click.Option([flag, name], type=_range(kind, key), **common)
+    number = _range(kind, key)
+    word = key.get("pattern", "").strip("^$")
+    return click.Option([flag, name], type=OrWord(number, word) if word else number, **common)
+
+
+class Finite(click.FloatRange):
+    """A number in a range; NaN, which passes every bound, and infinity are none."""
+
+    def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> float:
+        """The number."""
+        number = super().convert(value, parameter, context)
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is no finite number", parameter, context)
+        return number
 
 
 def _range(kind: str, key: dict[str, Any]) -> click.ParamType:
-    make: Callable[..., click.ParamType] = {"integer": click.IntRange, "number": click.FloatRange}[kind]
+    make: Callable[..., click.ParamType] = {"integer": click.IntRange, "number": Finite}[kind]
     lower = key.get("exclusiveMinimum", key.get("minimum"))
-    upper = key.get("exclusiveMaximum", key.get("maximum"))
+    upper = key.get("exclusiveMaximum", key.get("maximum", LARGEST_INTEGER if kind == "integer" else None))
     return make(min=lower, max=upper, min_open="exclusiveMinimum" in key, max_open="exclusiveMaximum" in key)
 
 
@@ -363,11 +455,13 @@ def main() -> None:
     # Read when torch is loaded. A thread that spins while it waits takes the core from the one it waits for: on
     # two cores that others use too, training was 3 to 7 times slower.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    end_with_snakemake()
     try:
         cli.main(standalone_mode=False)
     except UserError as error:
         sys.exit(_say(str(error)))
     except click.ClickException as error:
+        error.message = _shortened(error.message)
         error.show()
         sys.exit(2)
     except click.Abort:
@@ -378,6 +472,11 @@ def main() -> None:
         sys.exit(
             _say(f"{error.filename}: {error.strerror}. Check the path, its rights and the free disk space")
         )
+
+
+def _shortened(message: str) -> str:
+    """A message without the middle of a value that goes on for ever."""
+    return message if len(message) <= 2 * _LONGEST else f"{message[:_LONGEST]} ... {message[-_LONGEST:]}"
 
 
 def _say(message: str, status: int = 2) -> int:

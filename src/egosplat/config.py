@@ -1,4 +1,4 @@
-"""The configuration: defaults, preset, the user's keys and a scene's own, checked against one schema."""
+"""The configuration: defaults, preset, budget, the user's keys and a scene's own, checked against one schema."""
 
 import copy
 import difflib
@@ -12,15 +12,28 @@ import yaml
 from jsonschema import Draft202012Validator
 from jsonschema.exceptions import ValidationError
 
+from egosplat import budget
 from egosplat.errors import UserError
+from egosplat.json_files import read_json_file
 from egosplat.stages import STAGES
+from egosplat.strictness import LARGEST_INTEGER, StrictValidator
 
 Config = dict[str, Any]
+
+NO_YAML = (yaml.YAMLError, ValueError, RecursionError)
+"""What PyYAML raises on any text: ValueError on dates that there are not, on numbers of too many digits."""
+
+_LONGEST = 80
+"""Of a value in a message [letters]."""
+
+
+_VALIDATORS = {"config": StrictValidator, "scenes": StrictValidator}
+"""Of what people write; JSON files follow JSON's own rules."""
 
 
 @functools.cache
 def schema(name: str) -> dict[str, Any]:
-    """The schema ``config`` or ``scenes``."""
+    """The schema of that name: ``config``, ``scenes``, or that of a JSON file."""
     return yaml.safe_load((resources.files("egosplat") / "schemas" / f"{name}.schema.yaml").read_text())
 
 
@@ -53,22 +66,39 @@ def defaults() -> Config:
 
 
 def resolve(user: Mapping[str, Any], presets: Path) -> Config:
-    """The whole configuration: the user's keys over those of the preset over the defaults.
+    """The whole configuration: the user's keys over those of the budget, of the preset, and the defaults.
 
     Args:
         user: what the configuration files and the command line set.
-        presets: the folder of ``fast.yaml``, ``balanced.yaml`` and ``paper.yaml``.
+        presets: the folder of ``fast.yaml``, ``balanced.yaml`` and ``paper.yaml``; ``front.json`` is beside it.
 
     Raises:
-        UserError: names the first key that is unknown or has a value that is not allowed.
+        UserError: names the first key that is unknown or has a value that is not allowed; no front was measured for
+            the budget, or none of its points fits.
     """
-    check(_filled(user, schema("config")))
-    preset = user.get("preset", schema("config")["properties"]["preset"]["default"])
-    path = presets / f"{preset}.yaml"
-    merged = merge(read_yaml(path), user)
-    resolved = _filled(merged, schema("config"))
+    asked = _filled(user, schema("config"))
+    check(asked)
+    path = presets / f"{asked['preset']}.yaml"
+    point = budget_point(asked["budget"], presets.parent / "front.json")
+    settings = merge(read_yaml(path), point["keys"] if point else {})
+    resolved = _filled(merge(settings, user), schema("config"))
     check(resolved, f"preset {path.name}")
     return resolved
+
+
+def budget_point(wanted: Mapping[str, Any], path: Path) -> Config | None:
+    """The point of ``front.json`` that a budget chooses, with its keys; None without a budget.
+
+    Raises:
+        UserError: see ``resolve``.
+    """
+    if not budget.is_set(wanted):
+        return None
+    if not path.exists():
+        raise budget.not_measured(path)
+    point = budget.choose(wanted, read_json(path, "front"), path)
+    check(_filled(point["keys"], schema("config")), f"{path}, {point['label']}")
+    return point
 
 
 def check(values: Mapping[str, Any], where: str = "configuration", against: str = "config") -> None:
@@ -77,7 +107,8 @@ def check(values: Mapping[str, Any], where: str = "configuration", against: str 
     Raises:
         UserError: names the first key that is wrong, its value and what is allowed.
     """
-    for error in Draft202012Validator(schema(against)).iter_errors(values):
+    validator = _VALIDATORS.get(against, Draft202012Validator)
+    for error in validator(schema(against)).iter_errors(values):
         raise UserError(f"{where}: {_explain(error)}")
 
 
@@ -102,10 +133,17 @@ def parse_options(text: str, where: str) -> Config:
         section, dot, name = key.partition(".")
         if not (equals and dot and section and name):
             raise UserError(
-                f"{where}: option {word!r} is not of the form section.key=value, as in frames.stride=2"
+                f"{where}: option {_short(word)} is not of the form section.key=value, as in frames.stride=2"
             )
-        options.setdefault(section, {})[name] = yaml.safe_load(value)
+        options.setdefault(section, {})[name] = _parsed(value, f"{where}: option {_short(word)}")
     return options
+
+
+def _parsed(text: str, where: str) -> Any:
+    try:
+        return yaml.safe_load(text)
+    except NO_YAML as error:
+        raise UserError(f"{where}: its value cannot be read ({str(error).splitlines()[0]})") from None
 
 
 def read_yaml(path: Path) -> Config:
@@ -115,13 +153,29 @@ def read_yaml(path: Path) -> Config:
         UserError: it is absent, unreadable, or no mapping.
     """
     try:
-        content = yaml.safe_load(path.read_text()) or {}
+        content = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
     except FileNotFoundError:
         raise UserError(f"{path}: does not exist") from None
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except (OSError, *NO_YAML) as error:
         raise UserError(f"{path}: cannot be read as YAML ({str(error).splitlines()[0]})") from None
     if not isinstance(content, dict):
         raise UserError(f"{path}: holds {type(content).__name__}, not keys with values")
+    return content
+
+
+def read_json(path: Path, against: str) -> Config:
+    """Read a JSON file that the schema of that name describes.
+
+    Raises:
+        UserError: it is absent, unreadable, or something else.
+    """
+    try:
+        content = read_json_file(path)
+    except FileNotFoundError:
+        raise UserError(f"{path}: does not exist") from None
+    except (OSError, ValueError) as error:
+        raise UserError(f"{path}: cannot be read as JSON ({str(error).splitlines()[0]})") from None
+    check(content, str(path), against)
     return content
 
 
@@ -165,13 +219,20 @@ def _filled(config: Mapping[str, Any], part: Mapping[str, Any]) -> Config:
 
 def _explain(error: ValidationError) -> str:
     key = ".".join(str(part) for part in error.absolute_path)
+    key = key if key.isprintable() and len(key) <= _LONGEST else _short(key)
     if error.validator == "additionalProperties":
         known = list(error.schema["properties"])
         unknown = min(set(error.instance) - set(known), key=str)
         near = difflib.get_close_matches(str(unknown), known, n=1)
         advice = f"did you mean {near[0]!r}?" if near else f"known keys: {', '.join(known)}"
-        return f"unknown key {f'{key}.{unknown}' if key else unknown!r}; {advice}"
-    return f"{key or 'value'} = {error.instance!r} is not allowed: {_allowed(error)}"
+        return f"unknown key {_short(f'{key}.{unknown}' if key else unknown)}; {advice}"
+    return f"{key or 'value'} = {_short(error.instance)} is not allowed: {_allowed(error)}"
+
+
+def _short(value: object) -> str:
+    """A value as Python writes it, on one line and not for ever."""
+    text = repr(value)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
 
 def _allowed(error: ValidationError) -> str:
@@ -180,6 +241,8 @@ def _allowed(error: ValidationError) -> str:
         case "enum":
             near = difflib.get_close_matches(str(error.instance), map(str, limit), n=1)
             return f"one of {', '.join(map(str, limit))}" + (f" (did you mean {near[0]!r}?)" if near else "")
+        case "type" if isinstance(error.instance, int) and abs(error.instance) > LARGEST_INTEGER:
+            return f"at most {LARGEST_INTEGER}"
         case "type":
             return "must be " + " or ".join([limit] if isinstance(limit, str) else limit)
         case "minimum":
@@ -192,7 +255,9 @@ def _allowed(error: ValidationError) -> str:
             return f"less than {limit}"
         case "minItems":
             return f"at least {limit} of them"
+        case "pattern":
+            return f"no other word than {limit.strip('^$')}"
         case "minLength":
             return "must not be empty"
         case _:
-            return error.message
+            return error.message if len(error.message) <= 2 * _LONGEST else f"see {error.validator}"

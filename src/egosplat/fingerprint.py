@@ -21,6 +21,7 @@ from egosplat.cpp_hash import cpp_hash
 NEUTRAL = {
     "egosplat",  # holds the version alone
     "egosplat.atomic",
+    "egosplat.costs",
     "egosplat.cpp_hash",
     "egosplat.errors",
     "egosplat.fingerprint",

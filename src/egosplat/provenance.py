@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import resource
 import sys
 import time
 from collections.abc import Mapping
@@ -12,6 +11,7 @@ from importlib import metadata
 from typing import Any
 
 import egosplat
+from egosplat import costs
 from egosplat.stages import STAGES, code_of
 
 
@@ -29,6 +29,7 @@ class Provenance:
         versions: of egosplat, Python and the libraries that do the work.
         created: UTC time at which the stage began.
         started: the same on the process's monotonic clock [s].
+        started_cpu: time on processors that the process had taken then [s].
     """
 
     stage: str
@@ -40,13 +41,19 @@ class Provenance:
     versions: Mapping[str, str]
     created: str
     started: float
+    started_cpu: float
 
     def record(self) -> dict[str, Any]:
-        """Plain JSON values, with wall time and peak memory as of now."""
-        values = {key: value for key, value in asdict(self).items() if key != "started"}
-        peak_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        cost = {"wall_s": time.perf_counter() - self.started, "peak_memory_mb": peak_kb / 1024}
-        return values | {key: round(value, 3) for key, value in cost.items()}
+        """Plain JSON values, with the machine, times and peak memory as of now."""
+        values = {key: value for key, value in asdict(self).items() if not key.startswith("started")}
+        cost = {
+            "wall_s": time.perf_counter() - self.started,
+            "cpu_s": costs.cpu_seconds() - self.started_cpu,
+            "peak_memory_mb": costs.peak_memory_mb(),
+            "peak_gpu_memory_mb": costs.peak_gpu_memory_mb(),
+        }
+        told = {key: None if value is None else round(value, 3) for key, value in cost.items()}
+        return values | {"machine": costs.machine()} | told
 
 
 def key_of(made: Provenance, more: Mapping[str, Any] | None = None) -> str:
@@ -81,4 +88,5 @@ def begin(
         versions=versions,
         created=datetime.now(UTC).isoformat(timespec="seconds"),
         started=time.perf_counter(),
+        started_cpu=costs.cpu_seconds(),
     )

@@ -1,11 +1,11 @@
 """The table of scenes: which recording each scene is, and what its keys are."""
 
+import csv
+import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-import pandas as pd
 
 from egosplat import config as configuration
 from egosplat.errors import UserError
@@ -42,9 +42,10 @@ def read_scenes(config: configuration.Config) -> dict[tuple[str, str], Scene]:
         UserError: the table is absent or unreadable, a column or value is wrong, or a scene stands twice.
     """
     path = Path(config["scenes"])
-    _check_roots(config, rows := _rows(path), path)
+    rows = _rows(path)
+    _check_roots(config, [row for _, row in rows], path)
     scenes: dict[tuple[str, str], Scene] = {}
-    for number, row in enumerate(rows, start=2):
+    for number, row in rows:
         where = f"{path}, line {number}"
         configuration.check(row, where, against="scenes")
         key = (row["dataset"], row["scene"])
@@ -81,6 +82,13 @@ def check_recording(scene: Scene) -> None:
         )
 
 
+_LONGEST_NAME = 255
+"""Bytes of a file's name, on Linux."""
+
+_LONGEST_HEADER = 200
+"""Letters of it in a message."""
+
+
 @dataclass(frozen=True)
 class Target:
     """A path below results: dataset, scene, variant (None for the scene's own), and the rest of it."""
@@ -103,19 +111,32 @@ def requested_targets(words: list[str]) -> list[Target]:
     return [Target(*match.groups()) for match in found if match and match[1] != "benchmark"]
 
 
-def _rows(path: Path) -> list[dict[str, Any]]:
+def _rows(path: Path) -> list[tuple[int, dict[str, Any]]]:
+    """Each row with the number of its line; lines that are blank or begin with # are none."""
     try:
-        table = pd.read_csv(path, sep="\t", dtype=str, keep_default_na=False, comment="#")
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            reader = csv.reader(file, delimiter="\t", strict=True)
+            lines = [(reader.line_num, cells) for cells in reader if _says_something(cells)]
     except FileNotFoundError:
         raise UserError(f"{path}: does not exist; the configuration key 'scenes' names it") from None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, csv.Error) as error:
         raise UserError(f"{path}: cannot be read as a tab-separated table ({error})") from None
     expected = list(configuration.schema("scenes")["properties"])
-    if list(table.columns) != expected:
-        raise UserError(
-            f"{path}: has columns {', '.join(table.columns)}; needs {', '.join(expected)}, tab-separated"
-        )
-    return table.to_dict("records")
+    header = lines[0][1] if lines else []
+    if header != expected:
+        found = ", ".join(header)[:_LONGEST_HEADER].encode("unicode_escape").decode()
+        raise UserError(f"{path}: has columns {found}; needs {', '.join(expected)}, tab-separated")
+    for number, cells in lines[1:]:
+        if len(cells) != len(expected):
+            raise UserError(
+                f"{path}, line {number}: has {len(cells)} of the {len(expected)} columns {', '.join(expected)}; "
+                "put a tab between them, for an empty one too"
+            )
+    return [(number, dict(zip(expected, cells, strict=True))) for number, cells in lines[1:]]
+
+
+def _says_something(cells: list[str]) -> bool:
+    return any(cells) and not cells[0].startswith("#")
 
 
 def _check_roots(config: configuration.Config, rows: list[dict[str, Any]], path: Path) -> None:
@@ -128,10 +149,20 @@ def _check_roots(config: configuration.Config, rows: list[dict[str, Any]], path:
 
 def _scene(row: dict[str, Any], config: configuration.Config, where: str) -> Scene:
     options = configuration.parse_options(row["options"], where)
+    if "budget" in options:
+        raise UserError(f"{where}: a budget is chosen for all scenes; set it in the configuration")
     own = configuration.merge(config, options)
     configuration.check(own, where)
     root = config["data_root"].get(row["dataset"])
     synthetic = row["format"] == "adt" and root is None and "seed" in options.get("synthetic", {})
     home = Path("results") / row["dataset"] / row["scene"]
     recording = home / "recording" if synthetic else Path(root or ".") / row["recording"]
+    if set("{}") & set(str(recording)):
+        raise UserError(
+            f"{where}: recording {recording}: Snakemake takes braces for its own; rename it, or give a link to it"
+        )
+    if too_long := [part for part in recording.parts if len(os.fsencode(part)) > _LONGEST_NAME]:
+        raise UserError(
+            f"{where}: recording: a name of more than {_LONGEST_NAME} bytes, {too_long[0][:40]}..."
+        )
     return Scene(row["dataset"], row["scene"], row["format"], recording, synthetic, own)

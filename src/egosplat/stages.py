@@ -47,6 +47,11 @@ STAGES = {
         ("numpy", "scipy", "pycolmap", "projectaria-tools", "zarr"),
         "Camera poses and points: the device's trajectory, or COLMAP.",
     ),
+    "survey": Stage(
+        "egosplat.survey.stage",
+        ("jsonschema", "numpy", "opencv-contrib-python-headless", "scipy", "zarr"),
+        "Find what a scene requires: does anything move, which frames add views.",
+    ),
     "segments": Stage(
         "egosplat.segments.stage",
         ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "torchvision", "sam2", "zarr"),

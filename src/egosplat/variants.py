@@ -1,17 +1,32 @@
 """Variants of a scene: named sets of keys over its own, and which artifacts they make anew.
 
 An artifact of a variant is one of its own only where one of the variant's keys reaches its stage or a stage before it;
-else it is the scene's. So variants share all that they have in common.
+else it is the scene's, or that of the variant which it stands over. So variants share all that they have in common.
 """
+
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 from egosplat import config as configuration
 from egosplat.cli import OPTIONAL, PATHS
 from egosplat.config import Config
+from egosplat.decisions import AUTO, leaves_frames_out, masks_by_survey
 from egosplat.errors import UserError
 from egosplat.stages import STAGES
 
-_MASKS: dict[str, tuple[str, ...]] = {"none": (), "initial": ("transient",), "refined": ("masks",)}
-"""By splats.masking: the artifacts that say what moves."""
+OVER = "over"
+"""Key of a variant that names another, whose keys its own stand over."""
+
+NAMED = 8
+"""So many variants are named in a message."""
+
+_MASKS: dict[str, tuple[str, ...]] = {
+    "none": (),
+    "initial": ("transient",),
+    "refined": ("masks",),
+    AUTO: ("masks",),
+}
+"""By splats.masking: the artifacts that say what moves. Where a survey decides, it may be any of them."""
 
 _CODES: dict[str, tuple[str, ...]] = {"after": (), "joint": ("segments", "features")}
 """By splats.language: the artifacts from which codes are trained with the geometry."""
@@ -20,12 +35,16 @@ _CODES: dict[str, tuple[str, ...]] = {"after": (), "joint": ("segments", "featur
 def inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     """The stages whose artifacts a stage reads, with a configuration."""
     always = tuple(name for name in PATHS[stage] if name in STAGES and name not in OPTIONAL.get(stage, ()))
-    return always + optional_inputs_of(stage, config)
+    found = always + optional_inputs_of(stage, config)
+    masked = "masks" in OPTIONAL.get(stage, ())
+    by_survey = masked and masks_by_survey(config) and "survey" not in found
+    return (*found, "survey") if by_survey else found
 
 
 def optional_inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     """Those of them that other configurations do without."""
-    wanted = _MASKS[config["splats"]["masking"]] + _CODES[config["splats"]["language"]]
+    views = ("survey",) if leaves_frames_out(config) else ()
+    wanted = views + _MASKS[config["splats"]["masking"]] + _CODES[config["splats"]["language"]]
     return tuple(name for name in wanted if name in OPTIONAL.get(stage, ()))
 
 
@@ -33,7 +52,30 @@ def reaches(stage: str, base: Config, variant: Config) -> bool:
     """Whether a variant's artifact of a stage is another than the scene's."""
     if configuration.stage_values(stage, base) != configuration.stage_values(stage, variant):
         return True
-    return any(reaches(name, base, variant) for name in inputs_of(stage, variant))
+    inputs = inputs_of(stage, variant)
+    return inputs != inputs_of(stage, base) or any(reaches(name, base, variant) for name in inputs)
+
+
+def owner(stage: str, base: Config, name: str, where: str) -> str | None:
+    """The variant in whose folder a variant's artifact of a stage lies: itself, one that it stands over, or None for
+    the scene.
+
+    Args:
+        stage: of the artifact.
+        base: the scene's configuration.
+        name: of the variant.
+        where: the scene, for messages.
+
+    Raises:
+        UserError: as ``variant_config``.
+    """
+    own = variant_config(base, name, where)
+    if not reaches(stage, base, own):
+        return None
+    below = base["variants"][name].get(OVER)
+    if below is None or reaches(stage, variant_config(base, below, where), own):
+        return name
+    return owner(stage, base, below, where)
 
 
 def variant_config(base: Config, name: str, where: str) -> Config:
@@ -47,14 +89,42 @@ def variant_config(base: Config, name: str, where: str) -> Config:
     Raises:
         UserError: there is no such variant, or a key of it is not allowed.
     """
-    variants = base["variants"]
-    if name not in variants:
-        known = ", ".join(variants) or "none"
-        raise UserError(
-            f"{where}: no variant {name!r}. Add it to the configuration key 'variants', or take one of: {known}"
-        )
-    merged = configuration.merge(base, variants[name])
+    merged = base
+    for one in _ancestry(base["variants"], name, where):
+        keys = {key: value for key, value in base["variants"][one].items() if key != OVER}
+        merged = configuration.merge(merged, keys)
     configuration.check(merged, f"variant {name}")
     if merged["synthetic"] != base["synthetic"]:
         raise UserError(f"variant {name}: recordings are a scene's own; leave out the section synthetic")
+    for key in ("preset", "budget"):
+        if merged[key] != base[key]:
+            raise UserError(
+                f"variant {name}: {key} is chosen for all; leave it out, and give the keys themselves"
+            )
     return merged
+
+
+def _ancestry(variants: Mapping[str, Mapping[str, Any]], name: str, where: str) -> list[str]:
+    """The variants that a variant stands over, the lowest first, and itself."""
+    found: list[str] = []
+    below: str | None = name
+    while below is not None:
+        if below in found:
+            raise UserError(
+                f"variant {name}: stands over itself ({', '.join(found)}); change its key {OVER!r}"
+            )
+        if below not in variants:
+            raise UserError(
+                f"{where}: no variant {below!r}. Add it to the configuration key 'variants', "
+                f"or take one of: {_some(variants)}"
+            )
+        found.append(below)
+        below = variants[below].get(OVER)
+    return found[::-1]
+
+
+def _some(names: Iterable[str]) -> str:
+    """At most ``NAMED`` of them."""
+    every = list(names)
+    more = [f"{len(every) - NAMED} more"] if len(every) > NAMED else []
+    return ", ".join([*every[:NAMED], *more]) or "none"

@@ -12,7 +12,7 @@ from egosplat.artifacts.reading import verify
 from egosplat.checking import SCHEMAS
 
 SCENE = "results/adt/scene1"
-COSTS = {"created", "wall_s", "peak_memory_mb"}
+COSTS = {"created", "wall_s", "cpu_s", "peak_memory_mb", "peak_gpu_memory_mb", "training_s", "disk_mb"}
 """What differs between equal runs."""
 
 OUTPUTS = {

@@ -17,6 +17,7 @@ from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reading import recorded_digest
 from egosplat.artifacts.schema import Schema
 from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.survey import digest_of_frames, write_survey
 from egosplat.artifacts.writing import create
 from egosplat.geometry import Camera
 from egosplat.models.checkpoints import CLIP, model_hash
@@ -33,6 +34,38 @@ RENDERING = {"near_plane": 0.1, "antialiased": False}
 SMALL = {"clip_model": "small", "clip_checkpoint": "small"}
 LIGHTER = 20
 """By so much the photograph of the right half, a cup that moves, is lighter than its render."""
+
+
+@pytest.fixture(scope="session")
+def survey_that_keeps() -> Callable[..., Path]:
+    """``survey_that_keeps(folder, frames)``: a survey of the folder's frames that leaves out all others."""
+
+    def make(folder: Path, kept: list[int]) -> Path:
+        document = {
+            "format_version": 1,
+            "origin": "synthetic",
+            "motion": {
+                "static": True,
+                "masking": "none",
+                "share": 0.0,
+                "threshold": 0.0005,
+                "measured": 0.7,
+                "pairs": [],
+            },
+            "views": {
+                "kept": kept,
+                "left_out": [],
+                "min_view_change_deg": 3.0,
+                "median_depth_m": 2.0,
+                "digest": digest_of_frames(kept),
+            },
+            "poses": {"source": "device", "registered": 1, "frames": 1, "points": 1},
+            "provenance": begin("survey", {}, "synthetic", _digests(folder, "frames")).record(),
+        }
+        write_survey(folder / "survey.json", document)
+        return folder / "survey.json"
+
+    return make
 
 
 @pytest.fixture(scope="session")

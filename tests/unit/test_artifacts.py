@@ -43,7 +43,7 @@ def known(monkeypatch):
 
 def made(inputs=None) -> Provenance:
     return Provenance(
-        "tiny", {"k": 3}, "real", inputs or {}, {}, "c0de", {}, "2020-01-01", time.perf_counter()
+        "tiny", {"k": 3}, "real", inputs or {}, {}, "c0de", {}, "2020-01-01", time.perf_counter(), 0.0
     )
 
 
@@ -84,6 +84,8 @@ def test_what_is_written_is_read(tmp_path, points):
     assert artifact.facts == {"answer": 42}
     assert artifact.provenance["options"] == {"k": 3}
     assert artifact.provenance["wall_s"] >= 0 and artifact.provenance["peak_memory_mb"] > 0
+    assert artifact.provenance["cpu_s"] >= 0 and "core" in artifact.provenance["machine"]
+    assert "peak_gpu_memory_mb" in artifact.provenance and "started_cpu" not in artifact.provenance
     assert leftovers(tmp_path) == ["a.zarr"]
 
 

@@ -4,10 +4,11 @@ import shutil
 
 import pytest
 
+from egosplat.artifacts.kinds import SCHEMAS
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.lineage import lineage
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reading import open_artifact
+from egosplat.artifacts.reading import open_any, open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.errors import UserError
 
@@ -47,3 +48,15 @@ def test_an_artifact_made_from_another_is_named(word_scene, tmp_path):
     assert lineage([language]).lost == ("splats.zarr",)
     with pytest.raises(UserError, match=r"language.zarr: was made from another splats.zarr .*make it anew"):
         lineage([language, open_artifact(folder / "splats.zarr", SPLATS)])
+
+
+def test_inputs_are_looked_for_in_other_variants_of_the_scene(word_scene, tmp_path):
+    folder = word_scene()
+    own, other = (tmp_path / "scene" / "variants" / name for name in ("own", "other"))
+    for name, place in (("language", own), ("splats", other)):
+        place.mkdir(parents=True)
+        shutil.move(folder / f"{name}.zarr", place / f"{name}.zarr")
+    language = open_artifact(own / "language.zarr", LANGUAGE)
+    frames = open_any(folder / "frames.zarr", SCHEMAS)
+    found = lineage([language, frames])
+    assert found.found["splats.zarr"].path.parent == other and found.lost == ()

@@ -5,7 +5,7 @@ import pytest
 from egosplat.config import defaults, merge
 from egosplat.errors import UserError
 from egosplat.stages import STAGES
-from egosplat.variants import inputs_of, optional_inputs_of, reaches, variant_config
+from egosplat.variants import inputs_of, optional_inputs_of, owner, reaches, variant_config
 
 BASE = defaults()
 
@@ -50,16 +50,73 @@ def test_the_same_values_reach_nothing():
     ],
 )
 def test_what_the_splats_need_depends_on_their_keys(masking, language, expected):
-    config = merge(BASE, {"splats": {"masking": masking, "language": language}})
+    keys = {"splats": {"masking": masking, "language": language}, "survey": {"min_view_change_deg": 0}}
+    config = merge(BASE, keys)
     assert optional_inputs_of("splats", config) == expected
     assert inputs_of("splats", config) == ("frames", "poses", *expected)
     assert optional_inputs_of("language", config) == tuple(n for n in expected if n in ("transient", "masks"))
+
+
+ALL_FRAMES = merge(BASE, {"survey": {"min_view_change_deg": 0}})
+
+
+@pytest.mark.parametrize("stage", ["segments", "transient", "splats", "language"])
+def test_what_learns_follows_the_survey_where_frames_may_be_left_out(stage):
+    assert "survey" in optional_inputs_of(stage, BASE)
+    assert "survey" not in optional_inputs_of(stage, ALL_FRAMES)
+    assert reaches(stage, BASE, merge(BASE, {"survey": {"min_view_change_deg": 9.0}}))
+    assert reaches(stage, BASE, ALL_FRAMES)
+
+
+def test_a_survey_reaches_the_splats_where_it_decides_their_masking():
+    careful = {"survey": {"max_moving_share": 0.1}}
+    assert reaches("splats", ALL_FRAMES, merge(ALL_FRAMES, careful))
+    assert reaches("language", ALL_FRAMES, merge(ALL_FRAMES, careful))
+    assert not reaches("segments", ALL_FRAMES, merge(ALL_FRAMES, careful))
+    explicit = merge(ALL_FRAMES, {"splats": {"masking": "refined"}})
+    assert not reaches("splats", explicit, merge(explicit, careful))
+
+
+def test_keys_of_what_moves_reach_splats_whose_survey_decides():
+    changed = merge(ALL_FRAMES, {"transient": {"lambda2": 0.1}})
+    assert reaches("splats", ALL_FRAMES, changed) and not reaches("survey", ALL_FRAMES, changed)
 
 
 def test_a_variant_is_its_keys_over_the_scenes():
     scene = merge(BASE, {"splats": {"iterations": 5}, "variants": {"mine": {"splats": {"masking": "none"}}}})
     found = variant_config(scene, "mine", "adt/scene1")
     assert (found["splats"]["masking"], found["splats"]["iterations"]) == ("none", 5)
+
+
+OVER = merge(
+    BASE,
+    {
+        "splats": {"masking": "refined"},
+        "variants": {
+            "short": {"splats": {"iterations": 5}},
+            "narrow": {"over": "short", "features": {"dims": 4}},
+            "back": {"over": "narrow", "features": {"dims": BASE["features"]["dims"]}},
+        },
+    },
+)
+
+
+def test_a_variant_over_another_has_the_keys_of_both():
+    found = variant_config(OVER, "narrow", "adt/scene1")
+    assert (found["splats"]["iterations"], found["features"]["dims"]) == (5, 4)
+    assert "over" not in found
+
+
+@pytest.mark.parametrize(
+    "name, expected",
+    [
+        ("short", {"frames": None, "masks": None, "features": None, "splats": "short", "language": "short"}),
+        ("narrow", {"frames": None, "features": "narrow", "splats": "short", "language": "narrow"}),
+        ("back", {"features": None, "splats": "short", "language": "back"}),
+    ],
+)
+def test_a_variant_shares_with_what_it_stands_over(name, expected):
+    assert {stage: owner(stage, OVER, name, "adt/scene1") for stage in expected} == expected
 
 
 @pytest.mark.parametrize(
@@ -69,6 +126,11 @@ def test_a_variant_is_its_keys_over_the_scenes():
         ({"mine": {"splats": {"masking": "all"}}}, "mine", r"variant mine: splats\.masking = 'all'"),
         ({"mine": {"splat": {"masking": "none"}}}, "mine", "did you mean 'splats'"),
         ({"mine": {"synthetic": {"seed": 9}}}, "mine", "leave out the section synthetic"),
+        ({"mine": {"preset": "fast"}}, "mine", "preset is chosen for all; leave it out"),
+        ({"mine": {"budget": {"minutes": 3}}}, "mine", "budget is chosen for all; leave it out"),
+        ({"mine": {"over": "nope"}}, "mine", "no variant 'nope'.*take one of: baseline"),
+        ({"a": {"over": "b"}, "b": {"over": "a"}}, "a", "variant a: stands over itself .a, b."),
+        ({f"v{i}": {} for i in range(20)}, "mine", r"v3, v4, 15 more$"),
     ],
 )
 def test_a_variant_that_cannot_be_is_refused(variants, name, message):

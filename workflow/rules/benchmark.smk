@@ -66,9 +66,11 @@ rule metrics:
         "logs/{dataset}/{scene}/{variant}metrics.tsv"
     threads: 8
     resources:
-        mem_mb=8000,
-        runtime="2h",
+        mem_mb=memory("metrics"),
+        runtime=runtime("metrics"),
+        gpu=gpus("metrics"),
     params:
+        title=title,
         flags=flags("metrics"),
         models=models("metrics"),
         code=code_of("metrics"),
@@ -80,7 +82,7 @@ rule metrics:
         " --features {input.features:q}"
         " --splats {input.splats:q}"
         " --language {input.language:q}"
-        " --title {wildcards.dataset}/{wildcards.scene}"
+        " --title {params.title:q}"
         " --output {output:q}"
         " {params.flags}"
         " 2>&1 | tee {log:q}"

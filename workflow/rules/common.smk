@@ -9,35 +9,64 @@ import json
 import os
 import shlex
 import sys
-from glob import glob
+from dataclasses import replace
+from functools import cache
+from glob import escape, glob
 from pathlib import Path
 
 from egosplat import config as configuration
+from egosplat.artifacts.survey import read_survey
+from egosplat.decisions import decided, leaves_frames_out, masks_by_survey
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import model_hashes
+from egosplat.orphans import STARTED_BY
 from egosplat.scenes import check_recording, find_scene, read_scenes, requested_targets
 from egosplat.stages import STAGES, code_of
-from egosplat.variants import optional_inputs_of, reaches, variant_config
+from egosplat.stale_locks import clear_stale_locks
+from egosplat.tradeoff.points import points_of, with_points
+from egosplat.variants import optional_inputs_of, owner, variant_config
 
 
 def check_target(target):
     """Check that what the command line asks for can be made, before Snakemake looks for a rule."""
     scene = find_scene(scenes, target.dataset, target.scene)
     check_recording(scene)
+    where = f"{scene.dataset}/{scene.scene}"
     if target.variant is None:
+        if target.name.startswith("tradeoff/"):
+            points_of(scene.config, where)
         return
-    own = variant_config(scene.config, target.variant, f"{scene.dataset}/{scene.scene}")
+    variant_config(scene.config, target.variant, where)
     stage, _, suffix = target.name.partition(".")
-    named = stage in STAGES and suffix in ("zarr", "json")
-    if named and not reaches(stage, scene.config, own):
+    if stage not in STAGES or suffix not in ("zarr", "json"):
+        return
+    home = folder_of(stage, scene, target.variant)
+    if home != folder_of_variant(target.variant):
         raise UserError(
-            f"variant {target.variant} changes nothing of {target.name}; take {scene.results / target.name}"
+            f"variant {target.variant} changes nothing of {target.name}; take {scene.results}/{home}{target.name}"
         )
+
+
+def folder_of(stage, scene, variant):
+    """Where a variant's artifact of a stage lies, below the scene's own folder."""
+    where = f"{scene.dataset}/{scene.scene}"
+    return folder_of_variant(owner(stage, scene.config, variant, where))
+
+
+def folder_of_variant(variant):
+    """The folder of a variant, below the scene's; none of the scene itself."""
+    return f"variants/{variant}/" if variant else ""
+
+
+def scene_with_points(scene):
+    """A scene with the variants that its trade of speed against accuracy is made of."""
+    return replace(scene, config=with_points(scene.config, presets))
 
 
 try:
     presets = Path(workflow.basedir).parent / "config" / "presets"
     scenes = read_scenes(configuration.resolve(config, presets))
+    scenes = {key: scene_with_points(scene) for key, scene in scenes.items()}
     for target in requested_targets(sys.argv):
         check_target(target)
 except UserError as error:
@@ -50,7 +79,13 @@ except UserError as error:
 shell.prefix(
     "set -euo pipefail; "
     f"export PATH={shlex.quote(os.path.dirname(sys.executable))}:$PATH; "
+    f"export {STARTED_BY}=$PPID; "
 )
+
+# A Snakemake that was killed leaves its locks: the same command is to go on without --unlock.
+if workflow.is_main_process and not workflow.dryrun:
+    if clear_stale_locks(Path(".snakemake")):
+        print("The last Snakemake here was killed: going on.", file=sys.stderr)
 
 
 LABELS = {"dataset": "{dataset}", "scene": "{scene}", "variant": "{variant}"}
@@ -70,25 +105,43 @@ def scene_of(wildcards):
 
 def config_of(wildcards):
     """The scene's configuration, with the variant's keys over it."""
-    base = scene_of(wildcards).config
-    if not wildcards.get("variant"):
-        return base
-    name = wildcards.variant.split("/")[1]
-    return variant_config(base, name, f"{wildcards.dataset}/{wildcards.scene}")
+    return config_of_variant(wildcards.dataset, wildcards.scene, variant_of(wildcards))
+
+
+@cache
+def config_of_variant(dataset, scene, variant):
+    """The same by names; every rule of a variant asks for it many times."""
+    base = find_scene(scenes, dataset, scene).config
+    return variant_config(base, variant, f"{dataset}/{scene}") if variant else base
+
+
+def variant_of(wildcards):
+    """The variant's name; None of the scene itself."""
+    folder = wildcards.get("variant")
+    return folder.split("/")[1] if folder else None
 
 
 def title(wildcards):
     """What the scene is called in pictures and tables."""
     name = f"{wildcards.dataset}/{wildcards.scene}"
-    variant = wildcards.get("variant")
-    return f"{name}, {variant.split('/')[1]}" if variant else name
+    variant = variant_of(wildcards)
+    return f"{name}, {variant}" if variant else name
 
 
 def path_of(stage, wildcards):
-    """The artifact of a stage: the variant's own where one of its keys reaches the stage, else the scene's."""
-    own = reaches(stage, scene_of(wildcards).config, config_of(wildcards))
-    variant = wildcards.get("variant", "") if own else ""
-    return f"results/{wildcards.dataset}/{wildcards.scene}/{variant}{stage}.zarr"
+    """The artifact of a stage: the variant's own where one of its keys reaches the stage, else what it shares."""
+    return path_of_variant(
+        stage, wildcards.dataset, wildcards.scene, variant_of(wildcards)
+    )
+
+
+@cache
+def path_of_variant(stage, dataset, scene, variant):
+    """The same by names."""
+    found = find_scene(scenes, dataset, scene)
+    folder = folder_of(stage, found, variant) if variant else ""
+    suffix = "json" if stage == "survey" else "zarr"
+    return f"{found.results}/{folder}{stage}.{suffix}"
 
 
 def artifact(stage):
@@ -96,21 +149,57 @@ def artifact(stage):
     return lambda wildcards: path_of(stage, wildcards)
 
 
+def survey_of(wildcards):
+    """What the scene's survey found, or the variant's own; Snakemake makes it first where it is not there."""
+    return survey_of_variant(wildcards.dataset, wildcards.scene, variant_of(wildcards))
+
+
+def survey_of_variant(dataset, scene, variant):
+    """The same by names."""
+    path = path_of_variant("survey", dataset, scene, variant)
+    folder = path.removeprefix(f"results/{dataset}/{scene}/").removesuffix(
+        "survey.json"
+    )
+    checkpoints.survey.get(dataset=dataset, scene=scene, variant=folder)
+    return read_survey(Path(path))
+
+
+def decided_config(wildcards):
+    """The same as ``config_of`` with what the survey decides in place of auto."""
+    config = config_of(wildcards)
+    return decided(config, survey_of(wildcards)) if masks_by_survey(config) else config
+
+
+def decided_frames(wildcards):
+    """Digest of the frames that learn, so that a survey that keeps others is seen, and no other."""
+    if not leaves_frames_out(config_of(wildcards)):
+        return "all"
+    return survey_of(wildcards)["views"]["digest"]
+
+
 def optional_artifacts(stage):
-    """A function of the wildcards: the artifacts that a stage reads as its keys ask for it."""
+    """A function of the wildcards: the artifacts that a stage reads as its keys, and the survey, ask for it."""
 
     def paths(wildcards):
-        names = optional_inputs_of(stage, config_of(wildcards))
-        return [path_of(name, wildcards) for name in names]
+        names = optional_inputs_of(stage, decided_config(wildcards))
+        if "survey" in names:
+            decided_frames(wildcards)
+        return [followed(name, wildcards) for name in names]
 
     return paths
+
+
+def followed(name, wildcards):
+    """The path of an artifact. A survey that was made again reruns nothing by itself: its decisions are parameters."""
+    path = path_of(name, wildcards)
+    return ancient(path) if name == "survey" else path
 
 
 def optional_flags(stage):
     """A function of the wildcards: the same as command line flags."""
 
     def flags_of_scene(wildcards):
-        names = optional_inputs_of(stage, config_of(wildcards))
+        names = optional_inputs_of(stage, decided_config(wildcards))
         return " ".join(
             f"--{name.replace('_', '-')} {shlex.quote(path_of(name, wildcards))}"
             for name in names
@@ -123,7 +212,10 @@ def flags(stage):
     """A function of the wildcards: the stage's keys as command line flags, in order of their names."""
 
     def flags_of_scene(wildcards):
-        keys = configuration.stage_values(stage, config_of(wildcards))
+        config = (
+            decided_config(wildcards) if stage == "splats" else config_of(wildcards)
+        )
+        keys = configuration.stage_values(stage, config)
         return " ".join(
             flag(name, value)
             for name, value in sorted(keys.items())
@@ -179,10 +271,11 @@ def recording_files(stage):
         if not scene.recording.is_dir():
             return [str(scene.recording)]
         patterns = WATCHED[scene.format][stage]
+        # The folder itself not as "folder/.", which Snakemake takes for missing.
         return sorted(
-            path
+            os.path.normpath(path)
             for pattern in patterns
-            for path in glob(os.path.join(scene.recording, pattern))
+            for path in glob(os.path.join(escape(str(scene.recording)), pattern))
         )
 
     return files_of_scene
@@ -214,6 +307,21 @@ def results_of_scenes(_):
     return [
         str(scene.results / name) for scene in available() for name in results_of(scene)
     ]
+
+
+def surveyed_results(_):
+    """Of the scenes whose survey decides what is masked: the picture of what moves, where something does."""
+    asked = [scene for scene in available() if masks_by_survey(scene.config)]
+    return [
+        str(scene.results / "transient.png")
+        for scene in asked
+        if survey_masks(scene) == "refined"
+    ]
+
+
+def survey_masks(scene):
+    """What a scene's survey says of masking."""
+    return survey_of_variant(scene.dataset, scene.scene, None)["motion"]["masking"]
 
 
 def available():

@@ -21,8 +21,9 @@ rule view_features:
         "logs/{dataset}/{scene}/{variant}view_features.tsv"
     threads: 8
     resources:
-        mem_mb=8000,
-        runtime="12h",
+        mem_mb=memory("view_features"),
+        runtime=runtime("view_features"),
+        gpu=gpus("view_features"),
     params:
         flags=flags("view_features"),
         models=models("view_features"),
@@ -48,8 +49,8 @@ rule features:
         "logs/{dataset}/{scene}/{variant}features.tsv"
     threads: 2
     resources:
-        mem_mb=8000,
-        runtime="2h",
+        mem_mb=memory("features"),
+        runtime=runtime("features"),
     params:
         flags=flags("features"),
         code=code_of("features"),

@@ -16,8 +16,8 @@ rule synthetic:
     benchmark:
         "logs/{dataset}/{scene}/synthetic.tsv"
     resources:
-        mem_mb=4000,
-        runtime="4h",
+        mem_mb=memory("synthetic"),
+        runtime=runtime("synthetic"),
     params:
         flags=flags("synthetic"),
         code=code_of("synthetic"),
@@ -39,8 +39,8 @@ rule frames:
     benchmark:
         "logs/{dataset}/{scene}/{variant}frames.tsv"
     resources:
-        mem_mb=4000,
-        runtime="2h",
+        mem_mb=memory("frames"),
+        runtime=runtime("frames"),
     params:
         recording=recording,
         format=recording_format,
@@ -67,8 +67,8 @@ rule annotations:
     benchmark:
         "logs/{dataset}/{scene}/{variant}annotations.tsv"
     resources:
-        mem_mb=4000,
-        runtime="1h",
+        mem_mb=memory("annotations"),
+        runtime=runtime("annotations"),
     params:
         recording=recording,
         flags=flags("annotations"),

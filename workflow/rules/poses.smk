@@ -20,8 +20,8 @@ rule poses:
         "logs/{dataset}/{scene}/{variant}poses.tsv"
     threads: 8
     resources:
-        mem_mb=8000,
-        runtime="12h",
+        mem_mb=memory("poses"),
+        runtime=runtime("poses"),
     params:
         recording=recording,
         flags=flags("poses"),

@@ -24,8 +24,8 @@ rule contact_sheet:
     log:
         "logs/{dataset}/{scene}/{variant}contact_sheet.log",
     resources:
-        mem_mb=2000,
-        runtime="10m",
+        mem_mb=memory("contact_sheet"),
+        runtime=runtime("contact_sheet"),
     params:
         title=title,
         code=code_of("contact_sheet"),
@@ -54,8 +54,8 @@ rule segments_sheet:
     log:
         "logs/{dataset}/{scene}/{variant}segments_sheet.log",
     resources:
-        mem_mb=2000,
-        runtime="10m",
+        mem_mb=memory("segments_sheet"),
+        runtime=runtime("segments_sheet"),
     params:
         title=title,
         code=code_of("segments_sheet"),
@@ -85,8 +85,8 @@ rule crops_sheet:
     log:
         "logs/{dataset}/{scene}/{variant}crops_sheet.log",
     resources:
-        mem_mb=2000,
-        runtime="10m",
+        mem_mb=memory("crops_sheet"),
+        runtime=runtime("crops_sheet"),
     params:
         title=title,
         code=code_of("crops_sheet"),
@@ -116,8 +116,8 @@ rule splats_sheet:
     log:
         "logs/{dataset}/{scene}/{variant}splats_sheet.log",
     resources:
-        mem_mb=2000,
-        runtime="10m",
+        mem_mb=memory("splats_sheet"),
+        runtime=runtime("splats_sheet"),
     params:
         title=title,
         code=code_of("splats_sheet"),
@@ -149,8 +149,8 @@ rule transient_sheet:
     log:
         "logs/{dataset}/{scene}/{variant}transient_sheet.log",
     resources:
-        mem_mb=4000,
-        runtime="20m",
+        mem_mb=memory("transient_sheet"),
+        runtime=runtime("transient_sheet"),
     params:
         title=title,
         code=code_of("transient_sheet"),
@@ -183,8 +183,8 @@ rule language_sheet:
     log:
         "logs/{dataset}/{scene}/{variant}language_sheet.log",
     resources:
-        mem_mb=4000,
-        runtime="20m",
+        mem_mb=memory("language_sheet"),
+        runtime=runtime("language_sheet"),
     params:
         title=title,
         code=code_of("language_sheet"),

@@ -1,7 +1,7 @@
 """
 Instances: what is in the pictures, at three levels, followed through the video.
 
-REQUIRED INPUTS: frames.zarr. Never annotations.zarr.
+REQUIRED INPUTS: frames.zarr; survey.json, where frames may be left out. Never annotations.zarr.
 OUTPUTS: segments.zarr.
 TOOLS: SAM2, or OpenCV's graph segmentation and optical flow.
 """
@@ -11,6 +11,7 @@ rule segments:
     """Find instances by a grid of point prompts and follow them both ways."""
     input:
         frames=artifact("frames"),
+        others=optional_artifacts("segments"),
     output:
         directory("results/{dataset}/{scene}/{variant}segments.zarr"),
     log:
@@ -19,15 +20,19 @@ rule segments:
         "logs/{dataset}/{scene}/{variant}segments.tsv"
     threads: 8
     resources:
-        mem_mb=24000,
-        runtime="24h",
+        mem_mb=memory("segments"),
+        runtime=runtime("segments"),
+        gpu=gpus("segments"),
     params:
+        others=optional_flags("segments"),
+        kept=decided_frames,
         flags=flags("segments"),
         code=code_of("segments"),
         models=models("segments"),
     shell:
         "egosplat segments"
         " --frames {input.frames:q}"
+        " {params.others}"
         " --output {output:q}"
         " {params.flags}"
         " 2>&1 | tee {log:q}"

@@ -1,8 +1,8 @@
 """
 The scene as 3D Gaussians.
 
-REQUIRED INPUTS: frames.zarr, poses.zarr; as configured, masks.zarr or transient.zarr, and segments.zarr and
-features.zarr. Never annotations.zarr.
+REQUIRED INPUTS: frames.zarr, poses.zarr; as configured or surveyed, masks.zarr or transient.zarr, segments.zarr and
+features.zarr, survey.json. Never annotations.zarr.
 OUTPUTS: splats.zarr, language.zarr; beside each, while it is made, .{name}.checkpoint, from which a killed run goes on.
 TOOLS: PyTorch, egosplat's kernels or gsplat, torchmetrics.
 """
@@ -22,10 +22,12 @@ rule splats:
         "logs/{dataset}/{scene}/{variant}splats.tsv"
     threads: 8
     resources:
-        mem_mb=16000,
-        runtime="24h",
+        mem_mb=memory("splats"),
+        runtime=runtime("splats"),
+        gpu=gpus("splats"),
     params:
         others=optional_flags("splats"),
+        kept=decided_frames,
         flags=flags("splats"),
         code=code_of("splats"),
     shell:
@@ -55,10 +57,12 @@ rule language:
         "logs/{dataset}/{scene}/{variant}language.tsv"
     threads: 8
     resources:
-        mem_mb=16000,
-        runtime="12h",
+        mem_mb=memory("language"),
+        runtime=runtime("language"),
+        gpu=gpus("language"),
     params:
         others=optional_flags("language"),
+        kept=decided_frames,
         flags=flags("language"),
         code=code_of("language"),
     shell:

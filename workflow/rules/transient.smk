@@ -1,7 +1,7 @@
 """
 What moves: a network that finds it by what static Gaussians cannot explain, and the instances that it belongs to.
 
-REQUIRED INPUTS: frames.zarr, poses.zarr, segments.zarr. Never annotations.zarr.
+REQUIRED INPUTS: frames.zarr, poses.zarr, segments.zarr; survey.json, where frames may be left out. Never annotations.zarr.
 OUTPUTS: transient.zarr, masks.zarr; beside the first, while it is made, .transient.zarr.checkpoint, from which a killed
 run goes on.
 TOOLS: PyTorch, timm, egosplat's kernels or gsplat.
@@ -22,6 +22,7 @@ rule transient:
     input:
         frames=artifact("frames"),
         poses=artifact("poses"),
+        others=optional_artifacts("transient"),
     output:
         directory("results/{dataset}/{scene}/{variant}transient.zarr"),
     log:
@@ -30,9 +31,12 @@ rule transient:
         "logs/{dataset}/{scene}/{variant}transient.tsv"
     threads: 8
     resources:
-        mem_mb=16000,
-        runtime="12h",
+        mem_mb=memory("transient"),
+        runtime=runtime("transient"),
+        gpu=gpus("transient"),
     params:
+        others=optional_flags("transient"),
+        kept=decided_frames,
         flags=flags("transient"),
         weights=encoder_weights,
         code=code_of("transient"),
@@ -40,6 +44,7 @@ rule transient:
         "egosplat transient"
         " --frames {input.frames:q}"
         " --poses {input.poses:q}"
+        " {params.others}"
         " --output {output:q}"
         " {params.flags}"
         " 2>&1 | tee {log:q}"
@@ -58,8 +63,8 @@ rule masks:
         "logs/{dataset}/{scene}/{variant}masks.tsv"
     threads: 1
     resources:
-        mem_mb=4000,
-        runtime="1h",
+        mem_mb=memory("masks"),
+        runtime=runtime("masks"),
     params:
         flags=flags("masks"),
         code=code_of("masks"),

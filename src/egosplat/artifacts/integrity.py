@@ -2,9 +2,11 @@
 
 import hashlib
 import json
+import re
 from pathlib import Path
 from typing import Any
 
+from egosplat.artifacts.schema import Schema
 from egosplat.errors import UserError
 
 
@@ -28,6 +30,31 @@ def digest_of(root: Path) -> str:
             with file.open("rb") as stream:
                 digest.update(f"{name}\0{hashlib.file_digest(stream, 'sha256').hexdigest()}\n".encode())
     return digest.hexdigest()
+
+
+def check_replaceable(path: Path, schema: Schema) -> None:
+    """Check that nothing is lost when an artifact takes a path: a mistyped output must not cost a folder of pictures.
+
+    Raises:
+        ArtifactError: something else stands there than an artifact of that kind, damaged or not, or an empty folder.
+    """
+    if path.is_symlink() or not path.exists() or (path.is_dir() and not any(path.iterdir())):
+        return
+    kind = _kind(path / "zarr.json")
+    if kind != schema.name:
+        held = f"holds {kind!r}" if kind else "is no artifact"
+        raise ArtifactError(
+            f"{path}: stands there already and {held}; give another --output, or remove it first: rm -r {path}"
+        )
+
+
+def _kind(metadata: Path) -> str | None:
+    """What an artifact's metadata calls it, if they can be read no further than that; None of anything else."""
+    try:
+        found = re.search(rb'"egosplat".*?"schema":\s*"(\w+)"', metadata.read_bytes(), re.DOTALL)
+    except OSError:
+        return None
+    return found[1].decode() if found else None
 
 
 def damaged(path: Path, what: str) -> ArtifactError:

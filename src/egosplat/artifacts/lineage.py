@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from egosplat.artifacts.kinds import SCHEMAS
 from egosplat.artifacts.reading import Artifact, open_any, recorded_digest
@@ -22,12 +23,13 @@ class Lineage:
 
 
 def lineage(artifacts: Sequence[Artifact]) -> Lineage:
-    """Follow the digests that artifacts record of their inputs; these are looked for beside any of the artifacts.
+    """Follow the digests that artifacts record of their inputs; these are looked for beside any of the artifacts, and
+    in all variants of the same scene.
 
     Raises:
         UserError: two of them were made from different artifacts of one name, or one is damaged.
     """
-    folders = dict.fromkeys(artifact.path.parent for artifact in artifacts)
+    folders = _folders([artifact.path.parent for artifact in artifacts])
     found = {artifact.path.name: artifact for artifact in artifacts}
     lost: set[str] = set()
     todo = list(artifacts)
@@ -45,6 +47,12 @@ def lineage(artifacts: Sequence[Artifact]) -> Lineage:
                 found[name] = open_any(path, SCHEMAS)
                 todo.append(found[name])
     return Lineage(dict(sorted(found.items())), tuple(sorted(lost)))
+
+
+def _folders(own: Sequence[Path]) -> list[Path]:
+    """Where to look, in order: a variant may have inputs from another that it stands over."""
+    variants = (sorted(folder.parent.iterdir()) for folder in own if folder.parent.name == "variants")
+    return list(dict.fromkeys([*own, *(folder for folders in variants for folder in folders)]))
 
 
 def _check_same(artifact: Artifact, source: Artifact, digest: str) -> None:

@@ -94,7 +94,7 @@ def open_relevancy(path: Path) -> Relevancy:
     categories = _texts(path, attributes, "category", sizes["query"])
     if len(set(levels)) < len(levels):
         raise UserError(f"{path}: attribute levels names a level twice")
-    frames = np.asarray(group["frame"][...]).tolist()
+    frames = _read_frames(path, group)
     rows = {pair: row for row, pair in enumerate(zip(frames, categories, strict=True))}
     if len(rows) < len(categories):
         raise UserError(f"{path}: holds a category twice in one frame")
@@ -120,8 +120,20 @@ def _open(path: Path) -> tuple[zarr.Group, dict[str, Any]]:
     return group, attributes
 
 
+def _read_frames(path: Path, group: zarr.Group) -> list[int]:
+    try:
+        return np.asarray(group["frame"][...]).tolist()
+    except Exception as error:  # zarr raises many kinds for what is damaged
+        raise UserError(
+            f"{path}: array 'frame' cannot be read ({type(error).__name__}); write it anew"
+        ) from error
+
+
 def _check_array(path: Path, group: zarr.Group, name: str, declared: Field, sizes: dict[str, int]) -> None:
-    array = group.get(name)
+    try:
+        array = group.get(name)
+    except Exception as error:  # zarr raises many kinds for what is damaged
+        raise UserError(f"{path}: array {name!r} is unreadable ({type(error).__name__})") from error
     if not isinstance(array, zarr.Array):
         raise UserError(f"{path}: lacks the array {name!r}; see docs/other_methods.md")
     fits = array.dtype.kind in "iu" if name == "frame" else array.dtype in FLOATS

@@ -11,7 +11,7 @@ import zarr
 from numpy.typing import NDArray
 from zarr.codecs import Crc32cCodec, ZstdCodec
 
-from egosplat.artifacts.integrity import digest_of, seal
+from egosplat.artifacts.integrity import check_replaceable, digest_of, seal
 from egosplat.artifacts.schema import Field, Schema, check_shape
 from egosplat.atomic import whole_folder
 from egosplat.provenance import Provenance
@@ -95,10 +95,11 @@ def create(path: Path, schema: Schema, provenance: Provenance) -> Iterator[Write
     An artifact that stands at ``path`` already is replaced at that moment.
 
     Args:
-        path: the folder to make.
+        path: the folder to make. What stands there is replaced only if it is an artifact of the same kind.
         schema: what it will hold.
         provenance: how it is made; its clock is stopped at the end of the block.
     """
+    check_replaceable(path, schema)
     with whole_folder(path) as scratch:
         # Mode "w" would make the folder anew, without its lock.
         writer = Writer(zarr.open_group(scratch, mode="a"), schema)

@@ -3,14 +3,16 @@
 from typing import Any
 
 from egosplat.artifacts.lineage import Lineage
+from egosplat.artifacts.reading import Artifact
 from egosplat.models.configs import SMALL
+
+_MIB = 2**20
 
 
 def artifact_entries(made_from: Lineage) -> dict[str, dict[str, Any] | None]:
-    """Provenance and digest of each artifact by file name, wall time and peak memory among it; None of a lost one."""
-    known = {
-        name: artifact.provenance | {"digest": artifact.digest} for name, artifact in made_from.found.items()
-    }
+    """Provenance, digest and size on disk [MiB] of each artifact by file name, what it cost among it; of one that was
+    trained, the time that this took altogether [s], interruptions left out. None of a lost one."""
+    known = {name: artifact.provenance | _measured(artifact) for name, artifact in made_from.found.items()}
     return known | dict.fromkeys(made_from.lost)
 
 
@@ -41,3 +43,11 @@ def models_used(made_from: Lineage) -> dict[str, dict[str, Any]]:
         for artifact in made_from.found.values()
         for key, content in sorted(artifact.provenance["models"].items())
     }
+
+
+def _measured(artifact: Artifact) -> dict[str, Any]:
+    size = sum(file.stat().st_size for file in artifact.path.rglob("*") if file.is_file())
+    measured = {"digest": artifact.digest, "disk_mb": round(size / _MIB, 3)}
+    if "training_s" in artifact.facts:
+        measured["training_s"] = artifact.facts["training_s"]
+    return measured

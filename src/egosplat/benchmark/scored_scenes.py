@@ -1,6 +1,5 @@
 """The scores of scenes as ``metrics.json`` files tell them."""
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,6 +9,7 @@ from typing import Any
 from egosplat import config as configuration
 from egosplat.benchmark.tables import Cell
 from egosplat.errors import UserError
+from egosplat.json_files import read_json_file
 
 FULL = "full"
 """The variant of a scene's own folder."""
@@ -126,7 +126,7 @@ def one_line(text: str) -> str:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        return json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)
+        return read_json_file(path, parse_constant=_refuse)
     except FileNotFoundError:
         raise UserError(f"{path}: does not exist. Make it: snakemake --cores 2 {path}") from None
     except (OSError, ValueError) as error:

@@ -39,7 +39,7 @@ class Series:
     @property
     def data(self) -> str:
         """What it was measured on."""
-        return APARTMENTS if self.origin == "synthetic" else NAMES[self.dataset]
+        return APARTMENTS if self.origin == "synthetic" else NAMES.get(self.dataset, self.dataset)
 
     @property
     def about(self) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 import yaml
 
 import egosplat
-from egosplat.config import Config, merge, read_yaml, resolve
+from egosplat.config import NO_YAML, Config, budget_point, merge, read_yaml, resolve
 from egosplat.errors import UserError
 
 SHIPPED = Path("config/config.yaml")
@@ -34,14 +34,19 @@ def read_configuration(files: Sequence[Path], options: Sequence[str]) -> tuple[C
     return resolve(config, _presets()), [*map(str, read), *options]
 
 
+def chosen_point(config: Config) -> Config | None:
+    """The point of the measured front that the configuration's budget chooses; None without a budget."""
+    return budget_point(config["budget"], _presets().parent / "front.json")
+
+
 def _parsed(option: str) -> Config:
     key, equals, value = option.partition("=")
     try:
         content = yaml.safe_load(value)
-    except yaml.YAMLError:
+    except NO_YAML:
         content = None
     if not (equals and key) or content is None:
-        raise UserError(f"--config {option}: is not of the form KEY=VALUE, as in preset=fast")
+        raise UserError(f"--config {option[:80]}: is not of the form KEY=VALUE, as in preset=fast")
     return {key: content}
 
 

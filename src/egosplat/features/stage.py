@@ -16,6 +16,7 @@ from egosplat.artifacts.writing import create
 from egosplat.features.aggregation import Aggregate, aggregate
 from egosplat.features.compression import Compression, fit
 from egosplat.features.decoding import about, decode
+from egosplat.features.dimensions import SHARE, Need
 from egosplat.features.quality import reconstruction, spread, summary
 from egosplat.features.supervision import consistent_directions, supervise, vanishing
 from egosplat.features.vectors import unit, usable
@@ -57,7 +58,8 @@ def run(
     target: str,
     outliers: str,
     compression: str,
-    dims: int,
+    dims: int | str,
+    min_cosine: float,
     epochs: int,
     seed: int,
 ) -> None:
@@ -73,7 +75,7 @@ def run(
     known = views.good.nonzero()[0]
     found = aggregate(views.feature[known], views.instance[known], len(level), mad_norm, mad_k)
     result = _aggregated(views, found, renormalise, target, outliers)
-    compressed = fit(result.supervision[known], compression, dims, epochs, seed)
+    compressed = fit(result.supervision[known], compression, dims, epochs, seed, min_cosine)
     codes, consistent_codes = (compressed.encode(part) for part in (result.supervision, result.consistent))
     seen = found.views > 0
     codes[~seen[views.instance]] = 0.0
@@ -154,12 +156,20 @@ def _facts(
         "levels": names,
         "clip": source.facts["clip"],
         "decoder": about(compressed.decoder),
+        "need": _need(compressed.need),
         "instances_without_views": int((~seen).sum()),
         "views_without_feature": int((~known).sum()),
         "outliers": int((known & ~result.inlier).sum()),
         "reconstruction": summary(cosines, level[views.instance[known]], names),
         "spread": {"features": spread(result.consistent[seen]), "decoded": spread(decoded)},
     }
+
+
+def _need(need: Need | None) -> dict[str, Any] | None:
+    """Why codes have their length, where that was left to the features; share of the views by length of the code."""
+    if need is None:
+        return None
+    return {"dims": need.dims, "share_wanted": SHARE, "share": [round(one, 6) for one in need.share.tolist()]}
 
 
 def _told(facts: dict[str, Any], result: _Aggregated) -> str:

@@ -1,7 +1,7 @@
 """Aria Digital Twin recordings: the pictures of ``video.vrs``, rectified. Nothing else of a sequence is read
 but ``metadata.json``, for the recording's origin (method_spec M3.3, M5.1)."""
 
-import json
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from egosplat.frames.recording import Capture, Origin
 from egosplat.frames.rectify import Rectification, pinhole
 from egosplat.frames.selection import select_frames
 from egosplat.frames.vrs import check_complete, check_log
+from egosplat.json_files import read_json_file
 
 RGB_LABEL = "camera-rgb"
 RGB_STREAM = StreamId("214-1")
@@ -153,10 +154,10 @@ def rgb_calibration(provider: VrsDataProvider, path: Path) -> CameraCalibration:
 def _origin(folder: Path) -> Origin:
     """``synthetic`` where ``metadata.json`` says so, as this package's synthetic recordings do."""
     path = folder / "metadata.json"
-    if not path.is_file():
+    if not os.path.lexists(path):
         return "real"
     try:
-        metadata = json.loads(path.read_text())
+        metadata = read_json_file(path)
     except (OSError, ValueError) as error:
         raise UserError(f"{path}: not readable as JSON ({error}). Download it again.") from error
     return "synthetic" if isinstance(metadata, dict) and metadata.get("origin") == "synthetic" else "real"

@@ -1,7 +1,7 @@
 """Aria Digital Twin annotations: the instance of each pixel. For evaluation only (method_spec M5.1)."""
 
 import itertools
-import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from egosplat.frames.recording import Instance
 from egosplat.frames.rectify import Rectification
 from egosplat.frames.vrs import check_complete, check_log
 from egosplat.geometry import Camera
+from egosplat.json_files import read_json_file
 from egosplat.progress import log
 
 WITH_PEOPLE = "segmentations_with_skeleton.vrs"
@@ -96,7 +97,7 @@ class AdtAnnotations:
 def find_segmentation(folder: Path) -> Path | None:
     """The segmentation of a sequence folder, preferably the one with people; None where there is none."""
     candidates = [folder / name for name in (WITH_PEOPLE, WITHOUT_PEOPLE)]
-    return next((path for path in candidates if path.exists()), None)
+    return next((path for path in candidates if os.path.lexists(path)), None)
 
 
 def read_instances(path: Path) -> list[Instance]:
@@ -106,7 +107,7 @@ def read_instances(path: Path) -> list[Instance]:
         UserError: the file is missing, is no JSON, or an entry lacks a field or has an unknown value.
     """
     try:
-        entries = json.loads(path.read_text())
+        entries = read_json_file(path)
     except FileNotFoundError as error:
         raise UserError(f"{path}: not found. Download this file of the recording.") from error
     except (OSError, ValueError) as error:
@@ -130,8 +131,8 @@ def _instance(path: Path, key: str, entry: object) -> Instance:
             raise UserError(
                 f"{path}: instance {key}: {field} is {entry[field]!r}, not {' or '.join(allowed)}."
             )
-    if not isinstance(entry["instance_id"], int) or entry["instance_id"] <= 0:
-        raise UserError(f"{path}: instance {key}: instance_id is not a positive whole number.")
+    if not isinstance(entry["instance_id"], int) or not 0 < entry["instance_id"] < 2**64:
+        raise UserError(f"{path}: instance {key}: instance_id is not a positive whole number of 64 bits.")
     identity, name, category, motion_type, instance_type = (entry[field] for field in _FIELDS)
     return Instance(identity, str(name), str(category), motion_type, instance_type)
 

@@ -1,5 +1,6 @@
 """Opening a recording's annotations by the name of its format. For evaluation only."""
 
+import os
 from pathlib import Path
 
 from egosplat.errors import UserError
@@ -39,7 +40,7 @@ def open_annotations(
         case "plain":
             if not path.exists():
                 raise UserError(f"{path}: not found. Give a video file or an image folder.")
-            if not companion(path, plain_annotations.FOLDER).is_dir():
+            if not os.path.lexists(companion(path, plain_annotations.FOLDER)):
                 return None
             return plain_annotations.PlainAnnotations(path, camera=camera)
     raise UserError(f"format: {format!r} is unknown; choose from {', '.join(FORMATS)}.")

@@ -126,8 +126,9 @@ def read_intrinsics(path: Path, width: int, height: int) -> Camera:
         UserError: the file is no such matrix.
     """
     try:
-        matrix = np.asarray(np.load(path, allow_pickle=False), dtype=np.float64)
-    except (OSError, ValueError, TypeError, EOFError) as error:
+        with path.open("rb") as file:
+            matrix = np.asarray(np.lib.format.read_array(file, allow_pickle=False), dtype=np.float64)
+    except (OSError, ValueError, TypeError, EOFError, MemoryError) as error:
         raise UserError(
             f"{path}: not a NumPy array that can be read ({error}). Download it again."
         ) from error

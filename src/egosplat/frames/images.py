@@ -1,5 +1,6 @@
 """A folder of images as a source of pictures."""
 
+import os
 import re
 from collections import Counter
 from collections.abc import Iterator
@@ -87,12 +88,12 @@ def read_rgb(path: Path) -> NDArray[np.uint8]:
 def read_valid(path: Path, width: int, height: int) -> NDArray[np.bool_]:
     """Read the mask of pixels that show the scene: (height, width) bool, true where the image is not black.
 
-    A missing file means all pixels.
+    A missing file means all pixels; a link that leads nowhere is not missing.
 
     Raises:
         UserError: it is unreadable, of another size, or leaves no pixel.
     """
-    if not path.exists():
+    if not os.path.lexists(path):
         return np.ones((height, width), dtype=bool)
     mask = read_rgb(path).any(axis=2)
     if mask.shape != (height, width):

@@ -15,8 +15,8 @@ image folder        video                    what
 ==================  =======================  ==================================================
 """
 
-import json
 import math
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -30,6 +30,7 @@ from egosplat.frames.resize import resize_mask, resize_picture
 from egosplat.frames.selection import select_frames
 from egosplat.frames.video import Video
 from egosplat.geometry import Camera
+from egosplat.json_files import read_json_file
 
 FOCAL_PRIOR = 1.2
 """Focal length of an unknown camera in units of the longer side, COLMAP's default: a field of view of 45°."""
@@ -112,15 +113,15 @@ def _guess(width: int, height: int) -> tuple[float, float, float, float]:
 
 
 def _read_camera(path: Path, full: Camera) -> Camera | None:
-    """The calibration file, or None where there is none."""
-    if not path.exists():
+    """The calibration file, or None where there is none. A link that leads nowhere is not none."""
+    if not os.path.lexists(path):
         return None
     try:
-        entries = json.loads(path.read_text())
+        entries = read_json_file(path)
         numbers = [float(entries[key]) for key in _CAMERA_KEYS]
-    except (OSError, ValueError, TypeError, KeyError) as error:
+    except (OSError, ValueError, TypeError, KeyError, OverflowError) as error:
         raise UserError(
-            f"{path}: not an object with the numbers {', '.join(_CAMERA_KEYS)} ({error!r})."
+            f"{path}: not an object with the numbers {', '.join(_CAMERA_KEYS)} ({repr(error)[:200]})."
         ) from error
     width, height, fx, fy, cx, cy = numbers
     if (width, height) != (full.width, full.height):

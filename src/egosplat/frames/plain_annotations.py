@@ -113,9 +113,11 @@ def _instance(path: Path, number: int, line: dict[str, str | None]) -> Instance:
         return value
 
     identity = field("id")
-    if not (identity.isascii() and identity.isdigit() and 1 <= int(identity) <= _LARGEST_ID):
+    if not (
+        identity.isascii() and identity.isdigit() and len(identity) < 10 and 1 <= int(identity) <= _LARGEST_ID
+    ):
         raise UserError(
-            f"{path}: line {number}: id is {identity!r}, not a whole number from 1 to {_LARGEST_ID}."
+            f"{path}: line {number}: id is {identity[:40]!r}, not a whole number from 1 to {_LARGEST_ID}."
         )
     return Instance(
         id=int(identity),

@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 
 from egosplat.errors import UserError
 
+_LONGEST_S = 9e9
+"""Of which the nanoseconds are still whole numbers of 64 bits."""
+
 
 def select_frames(
     timestamp_ns: NDArray[np.int64], *, stride: int, start_s: float, end_s: float | None, source: Path
@@ -37,8 +40,8 @@ def select_frames(
             f"{source}: its frames are not in order of time. Is the recording damaged? Copy it again."
         )
     elapsed_ns = timestamp_ns - timestamp_ns[0]
-    inside = elapsed_ns >= round(start_s * 1e9)
-    if end_s is not None and math.isfinite(end_s):
+    inside = elapsed_ns >= round(min(start_s, _LONGEST_S) * 1e9)
+    if end_s is not None and end_s < _LONGEST_S:
         inside &= elapsed_ns < round(end_s * 1e9)
     chosen = np.flatnonzero(inside)[::stride].astype(np.int64)
     if not len(chosen):

@@ -10,12 +10,14 @@ from torch import Tensor
 from egosplat import provenance
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.kept_frames import kept_frames
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.writing import create
+from egosplat.checkpoint import Checkpoint
 from egosplat.errors import UserError
 from egosplat.language.lifting import Lifted, lift
 from egosplat.language.rendering import Lens, lens_of
@@ -23,7 +25,6 @@ from egosplat.language.training import CodeOptions, CodeTraining, Curve, shown_c
 from egosplat.language.views import TaughtViews, taught_views
 from egosplat.progress import log
 from egosplat.provenance import Provenance
-from egosplat.checkpoint import Checkpoint
 from egosplat.splats.device import training_device
 from egosplat.splats.gaussians import Gaussians
 from egosplat.splats.masking import Masking, open_masking
@@ -31,7 +32,7 @@ from egosplat.splats.saved import read_gaussians
 from egosplat.splats.targets import CodeTargets
 from egosplat.splats.views import check_belong_together
 
-_PATHS = ("frames", "poses", "segments", "features", "splats", "output", "transient", "masks")
+_PATHS = ("frames", "poses", "segments", "features", "splats", "output", "survey", "transient", "masks")
 
 
 def run(
@@ -42,6 +43,7 @@ def run(
     splats: Path,
     output: Path,
     *,
+    survey: Path | None = None,
     transient: Path | None,
     masks: Path | None,
     method: str,
@@ -59,6 +61,7 @@ def run(
 
     Args:
         frames, poses, segments, features, splats, output: paths.
+        survey: of the frames that it leaves out nothing is learned.
         transient: needed where the splats' masking is ``initial``; masks: where it is ``refined``.
 
     Raises:
@@ -70,10 +73,11 @@ def run(
     scene = open_artifact(splats, SPLATS)
     check_belong_together(pictures, walk)
     moving = open_masking(scene.provenance["options"]["masking"], pictures, transient=transient, masks=masks)
-    made = _begin(keys, [pictures, walk, instances, words, scene], moving)
+    kept, by_survey = kept_frames(pictures, survey)
+    made = _begin(keys | by_survey, [pictures, walk, instances, words, scene], moving)
     device = training_device(backend)
     targets = CodeTargets(instances, words, device)
-    views = taught_views(pictures, walk, targets.of, moving, device)
+    views = taught_views(pictures, walk, targets.of, moving, device, kept)
     gaussians = read_gaussians(scene).to(device)
     lens = lens_of(scene, backend)
     lifted = lift(gaussians, views, lens)

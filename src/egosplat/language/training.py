@@ -7,11 +7,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from egosplat.checkpoint import Checkpoint
 from egosplat.errors import UserError
 from egosplat.language.rendering import Lens, render_values
 from egosplat.language.views import TaughtViews
 from egosplat.progress import track
-from egosplat.checkpoint import Checkpoint
 from egosplat.splats.gaussians import Gaussians
 from egosplat.splats.language_objective import code_l1
 

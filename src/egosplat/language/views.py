@@ -52,13 +52,15 @@ def taught_views(
     targets: Callable[[int], Targets],
     masking: Masking,
     device: torch.device,
+    kept: NDArray[np.bool_] | None = None,
 ) -> TaughtViews:
-    """All training frames with a pose.
+    """All training frames with a pose, of those that are ``kept``, (F,) bool.
 
     Raises:
         UserError: there is none.
     """
-    flags = frames.read("train"), frames.read("evaluation"), poses.read("registered")
+    train = frames.read("train") if kept is None else frames.read("train") & kept
+    flags = train, frames.read("evaluation"), poses.read("registered")
     rows = np.flatnonzero(split_views(*flags, validate=False).training)
     _, height, width, _ = frames.shape("rgb")
     return TaughtViews(

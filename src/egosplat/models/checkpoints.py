@@ -2,6 +2,7 @@
 
 import functools
 import hashlib
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -74,7 +75,7 @@ def find_checkpoint(model: Model, checkpoint: str) -> Path:
             )
         return model.small
     path = Path(checkpoint).expanduser()
-    if not path.is_file():
+    if not os.path.isfile(path):  # unlike the method, of any text
         raise UserError(
             f"models.{model.checkpoint_key}: there is no file {path}.\nPut {model.published} there ({model.address}), "
             f"or set in config/config.yaml  models: {{{model.checkpoint_key}: PATH}}"

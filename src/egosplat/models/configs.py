@@ -2,6 +2,7 @@
 
 import difflib
 import importlib.util
+import os
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -38,7 +39,7 @@ def sam2_config_file(config: str) -> Path:
     if name in published and config in _spellings(published[name]):
         return published[name]
     path = Path(config).expanduser()
-    if path.is_file():
+    if os.path.isfile(path):  # unlike the method, of any text
         return path
     raise UserError(f"models.sam2_config = {config!r} is neither a file nor {_one_of(name, published)}")
 
@@ -69,7 +70,7 @@ def clip_folder(model: str) -> Path | None:
             f"{CLIP_CONFIG} and checkpoint, and name their folder"
         )
     folder = Path(model.removeprefix(LOCAL_FOLDER)).expanduser()
-    if folder.is_dir():
+    if os.path.isdir(folder):  # unlike the method, of any text
         return _existing(folder / CLIP_CONFIG, "models.clip_model").parent
     raise UserError(f"models.clip_model = {model!r} is neither a folder nor {_one_of(model, names)}")
 

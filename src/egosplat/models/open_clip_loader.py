@@ -1,6 +1,7 @@
 """OpenCLIP from a configuration and a checkpoint, with its tokenizer and what it wants of a picture."""
 
-import json
+import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -8,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from torch import nn
 
 from egosplat.errors import UserError
+from egosplat.json_files import read_json_file
 from egosplat.models.checkpoints import CLIP, find_checkpoint
 from egosplat.models.configs import CLIP_CONFIG, CLIP_VOCABULARY, clip_folder
 from egosplat.models.devices import Compute, choose_compute
@@ -16,8 +18,26 @@ from egosplat.models.weights import load_weights, read_tensors
 if TYPE_CHECKING:
     from open_clip import SimpleTokenizer
 
+_NO_MODEL = (
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    LookupError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+)
+"""What OpenCLIP raises on settings that make no model."""
+
 HUB_KEYS = ("hf_model_name", "hf_tokenizer_name")
 """Keys of a text model that is fetched from the Hugging Face hub."""
+
+
+_PREPROCESSING = {
+    "interpolation": ("bicubic", "bilinear"),
+    "resize_mode": ("shortest", "longest", "squash"),
+}
+"""What these may be."""
 
 
 @dataclass(frozen=True)
@@ -93,11 +113,16 @@ def read_description(model: str, folder: Path | None) -> dict[str, Any]:
         description = {"model_cfg": get_model_config(model)}
     else:
         description = _read_json(folder / CLIP_CONFIG)
-    text = description["model_cfg"]["text_cfg"]
+    vision, text = (description["model_cfg"][part] for part in ("vision_cfg", "text_cfg"))
     if any(text.get(key) for key in HUB_KEYS) or (folder is None and "siglip" in model.lower()):
         raise UserError(
             f"models.clip_model = {model!r}: its text model or tokenizer comes from the Hugging Face hub, and "
             "egosplat downloads nothing. Take a model with OpenCLIP's own tokenizer, such as ViT-B-16"
+        )
+    if vision.get("timm_model_pretrained") or ":" in str(vision.get("timm_model_name") or ""):
+        raise UserError(
+            f"models.clip_model = {model!r}: its vision model comes with weights of its own from the network, and "
+            "egosplat downloads nothing. Take the name of a timm model, and timm_model_pretrained false"
         )
     return description
 
@@ -117,8 +142,8 @@ def build_model(model: str, description: dict[str, Any]) -> nn.Module:
         kind = CoCa if "multimodal_cfg" in description else CustomTextCLIP
     try:
         return kind(**arguments)
-    except (TypeError, ValueError, RuntimeError, AssertionError, KeyError) as error:
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
+    except _NO_MODEL as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
         raise UserError(
             f"models.clip_model = {model!r}: model_cfg describes no OpenCLIP model ({reason})"
         ) from None
@@ -126,11 +151,12 @@ def build_model(model: str, description: dict[str, Any]) -> nn.Module:
 
 def _read_json(path: Path) -> dict[str, Any]:
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        content = read_json_file(path)
+    except ValueError as error:
         raise UserError(f"{path}: cannot be read as JSON ({error})") from None
     parts = content.get("model_cfg") if isinstance(content, dict) else None
-    if not isinstance(parts, dict) or not {"embed_dim", "vision_cfg", "text_cfg"} <= set(parts):
+    told = isinstance(parts, dict) and "embed_dim" in parts
+    if not told or not all(isinstance(parts.get(name), dict) for name in ("vision_cfg", "text_cfg")):
         raise UserError(f"{path}: lacks model_cfg with embed_dim, vision_cfg and text_cfg")
     return content
 
@@ -138,29 +164,44 @@ def _read_json(path: Path) -> dict[str, Any]:
 def _preprocessing(module: nn.Module, given: dict[str, Any]) -> Preprocessing:
     from open_clip.transform import PreprocessCfg, merge_preprocess_dict
 
-    values = merge_preprocess_dict(PreprocessCfg(), given)
     size = module.visual.image_size
+    try:
+        values = merge_preprocess_dict(PreprocessCfg(), given)
+        mean, std = (_three(values[name]) for name in ("mean", "std"))
+    except _NO_MODEL as error:
+        raise UserError(f"{CLIP_CONFIG}: preprocess_cfg is not what OpenCLIP writes ({error})") from None
+    for name, known in _PREPROCESSING.items():
+        if values[name] not in known:
+            raise UserError(
+                f"{CLIP_CONFIG}: preprocess_cfg.{name} = {values[name]!r}; take one of {', '.join(known)}"
+            )
     return Preprocessing(
         image_size=(size, size) if isinstance(size, int) else tuple(size),
-        mean=tuple(values["mean"]),
-        std=tuple(values["std"]),
+        mean=mean,
+        std=std,
         interpolation=values["interpolation"],
         resize_mode=values["resize_mode"],
     )
+
+
+def _three(values: Sequence[float]) -> tuple[float, float, float]:
+    red, green, blue = map(float, values)
+    return red, green, blue
 
 
 def _tokenizer(model: str, folder: Path | None, text: dict[str, Any]) -> "SimpleTokenizer":
     from open_clip import SimpleTokenizer
     from open_clip.tokenizer import DEFAULT_CONTEXT_LENGTH
 
-    arguments = dict(text.get("tokenizer_kwargs", {}))
+    arguments = text.get("tokenizer_kwargs", {})
+    arguments = dict(arguments) if isinstance(arguments, dict) else {"tokenizer_kwargs": arguments}
     if folder is not None and (vocabulary := folder / CLIP_VOCABULARY).is_file():
         arguments["bpe_path"] = str(vocabulary)
     try:
         tokenizer = SimpleTokenizer(
             context_length=text.get("context_length", DEFAULT_CONTEXT_LENGTH), **arguments
         )
-    except (EOFError, OSError, UnicodeDecodeError, ValueError) as error:
+    except (EOFError, OSError, zlib.error, *_NO_MODEL) as error:
         raise UserError(
             f"{arguments.get('bpe_path', model)}: is no byte-pair vocabulary ({error}); copy it again"
         ) from None

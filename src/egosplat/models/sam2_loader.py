@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import yaml
+from torch import nn
 
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import SAM2, find_checkpoint
@@ -31,6 +32,9 @@ AS_PREDICTOR = {
     "fill_hole_area": 8,
 }
 """What SAM2 sets over a configuration to predict with it (``sam2.build_sam``; method_spec M4)."""
+
+_NO_DESCRIPTION = (AttributeError, KeyError, OSError, RecursionError, TypeError, ValueError)
+"""What the readers raise on a file that is YAML, but of something else, or nested without end."""
 
 STRIDES = (4, 8, 16)
 """Of the image encoder's three feature maps, finest first [px of the model's picture]."""
@@ -119,18 +123,35 @@ def build_predictor(file: Path) -> "VideoPredictor":
         OmegaConf.resolve(tree)
         _check_targets(OmegaConf.to_container(tree), file)
         return instantiate(OmegaConf.merge(tree.model, AS_PREDICTOR), _recursive_=True)
-    except (yaml.YAMLError, UnicodeDecodeError, OmegaConfBaseException, HydraException) as error:
-        reason = str(error).splitlines()[0]
+    except FileNotFoundError:
+        raise
+    except (yaml.YAMLError, OmegaConfBaseException, HydraException, *_NO_DESCRIPTION) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
         raise UserError(f"{file}: describes no SAM2 ({reason}). Take one of sam2's own as example") from None
 
 
 def _check_targets(tree: Any, file: Path) -> None:
-    """A configuration names classes to call: those of SAM2 alone are called."""
+    """A configuration names what is called: modules of SAM2's networks alone are.
+
+    A name below ``sam2.`` is not enough: its modules import others, as ``sam2.build_sam.os.system``.
+    """
     targets = list(_targets(tree))
-    if foreign := [name for name in targets if not str(name).startswith("sam2.")]:
-        raise UserError(f"{file}: _target_ {foreign[0]} is no class of the package sam2")
+    if foreign := [name for name in targets if not _is_network(name)]:
+        raise UserError(f"{file}: _target_ {str(foreign[0])[:200]!r} is no network of the package sam2")
     if not targets or not isinstance(tree, dict) or "model" not in tree:
         raise UserError(f"{file}: describes no SAM2: it has no key 'model' with a _target_")
+
+
+def _is_network(name: object) -> bool:
+    from hydra.utils import get_object
+
+    if not isinstance(name, str) or not name.startswith("sam2."):
+        return False
+    try:
+        found = get_object(name)
+    except (ImportError, AttributeError, ValueError):
+        return False
+    return isinstance(found, type) and issubclass(found, nn.Module) and found.__module__.startswith("sam2.")
 
 
 def _targets(tree: Any) -> Iterator[Any]:

@@ -84,7 +84,7 @@ def _read_safetensors(path: Path) -> dict[str, Tensor]:
 
     try:
         return load_file(path)
-    except SafetensorError:
+    except (SafetensorError, *RUBBISH):
         raise _damaged(path) from None
 
 
@@ -121,7 +121,8 @@ def _state(content: Any, path: Path) -> dict[str, Tensor]:
         if isinstance(content, Mapping) and isinstance(content.get(wrapper), Mapping):
             content = content[wrapper]
     tensors = content if isinstance(content, Mapping) else {}
-    if not tensors or not all(isinstance(value, Tensor) for value in tensors.values()):
+    named = all(isinstance(name, str) and isinstance(value, Tensor) for name, value in tensors.items())
+    if not tensors or not named:
         raise UserError(f"{path}: holds no tensors by name, as a checkpoint does; take another file")
     parallel = all(name.startswith(PARALLEL) for name in tensors)
     return {name.removeprefix(PARALLEL) if parallel else name: value for name, value in tensors.items()}

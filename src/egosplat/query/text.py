@@ -1,5 +1,6 @@
 """OpenCLIP's features of phrases."""
 
+import unicodedata
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -12,6 +13,10 @@ from egosplat.models.open_clip_loader import OpenClip
 
 _SPECIAL_TOKENS = 2
 """Start and end, which stand around every text."""
+
+
+_NO_TEXT = ("Cc", "Cs")
+"""Unicode's categories of control characters, and of what stands for bytes that are no UTF-8."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +66,7 @@ def encode_phrases(clip: OpenClip, phrases: Sequence[str]) -> Tensor:
         (P, D) float32 of unit norm, on the CPU; (0, 0) of no phrase.
 
     Raises:
-        UserError: a phrase is blank or longer than the model reads, or the model makes no direction of it.
+        UserError: a phrase is blank, no text, or longer than the model reads, or the model makes no direction of it.
     """
     if not phrases:
         return torch.zeros(0, 0)
@@ -79,6 +84,10 @@ def encode_phrases(clip: OpenClip, phrases: Sequence[str]) -> Tensor:
 def _check(clip: OpenClip, phrase: str) -> None:
     if not phrase.strip():
         raise UserError("query: is blank; say in a few words what to look for")
+    if any(unicodedata.category(letter) in _NO_TEXT for letter in phrase):
+        raise UserError(
+            f"query {phrase[:80]!r}: holds control characters, or is not in UTF-8; say it in words"
+        )
     tokens, limit = len(clip.tokenizer.encode(phrase)), clip.tokenizer.context_length - _SPECIAL_TOKENS
     if tokens > limit:
-        raise UserError(f"query {phrase!r}: has {tokens} tokens, the model reads {limit}; shorten it")
+        raise UserError(f"query {phrase[:80]!r}: has {tokens} tokens, the model reads {limit}; shorten it")

@@ -1,6 +1,5 @@
 """Where a question is asked from: a frame of the recording, or any place."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,6 +8,7 @@ import numpy as np
 from egosplat.artifacts.reading import Artifact
 from egosplat.errors import UserError
 from egosplat.geometry import Array, is_rigid
+from egosplat.json_files import read_json_file
 from egosplat.query.smoothing import Mask
 
 
@@ -53,11 +53,11 @@ def file_viewpoint(path: Path) -> Viewpoint:
         UserError: the file cannot be read, or holds no rigid motion.
     """
     try:
-        pose = np.array(json.loads(path.read_text(encoding="utf-8"))["camera_to_world"], np.float64)
+        pose = np.array(read_json_file(path)["camera_to_world"], np.float64)
     except FileNotFoundError:
         raise UserError(f"--pose {path}: does not exist") from None
-    except (OSError, ValueError, TypeError, KeyError) as error:
-        reason = str(error).splitlines()[0]
+    except (OSError, ValueError, TypeError, KeyError, OverflowError) as error:
+        reason = str(error).partition("\n")[0]
         raise UserError(f"--pose {path}: is no JSON with 4x4 numbers camera_to_world ({reason})") from None
     if pose.shape != (4, 4) or not is_rigid(pose):
         raise UserError(

@@ -6,6 +6,7 @@ from pathlib import Path
 import matplotlib
 
 matplotlib.use("Agg")
+matplotlib.rcParams["text.parse_math"] = False  # a name may hold dollars
 
 import numpy as np
 from matplotlib import pyplot as plt

@@ -1,11 +1,15 @@
 """Stage ``segments``: instances at three levels, followed through the video."""
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from egosplat import provenance
 from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.kept_frames import kept_frames
 from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.writing import Writer, create
@@ -25,6 +29,7 @@ def run(
     frames: Path,
     output: Path,
     *,
+    survey: Path | None = None,
     segmenter: str,
     image_size: int | None,
     points_per_side: int,
@@ -55,15 +60,20 @@ def run(
 
     A run with SAM2 that was killed goes on from its last checkpoint, to the same segments as without the kill.
 
+    Args:
+        frames, output: paths.
+        survey: the frames that it leaves out are passed over, as if they had not been filmed: their labels are all -1.
+
     Raises:
-        UserError: the model cannot be loaded, or nothing at all is found.
+        UserError: the model cannot be loaded, the survey is of other frames, or nothing at all is found.
     """
-    keys = {key: value for key, value in locals().items() if key not in ("frames", "output")}
+    keys = {key: value for key, value in locals().items() if key not in ("frames", "output", "survey")}
     pictures = open_artifact(frames, FRAMES)
+    kept, by_survey = kept_frames(pictures, survey)
     used = {"sam2_config": sam2_config, "sam2_checkpoint": sam2_checkpoint}
     models = {"sam2_checkpoint": model_hash(SAM2, used)} if segmenter == "sam2" else {}
     inputs = {pictures.path.name: pictures.digest}
-    made = provenance.begin("segments", keys, pictures.origin, inputs, models)
+    made = provenance.begin("segments", keys | by_survey, pictures.origin, inputs, models)
     masks = MaskOptions(
         points_per_side,
         pred_iou_thresh,
@@ -87,16 +97,16 @@ def run(
         absent_stride,
         batch,
     )
+    video = _Video(pictures, np.flatnonzero(kept))
     checkpoint = Checkpoint(output, provenance.key_of(made), CHECKPOINT_S)
     if segmenter == "classical":
-        count = pictures.shape("rgb")[0]
-        segmented = segment_video(lambda frame: pictures.row("rgb", frame), count, pictures.read("valid"))
+        segmented = segment_video(video.picture, len(video.frame), pictures.read("valid"))
     else:
         model = (sam2_config, sam2_checkpoint, device, precision, image_size)
-        segmented = _by_sam2(pictures, model, masks, tracks, checkpoint)
+        segmented = _by_sam2(video, model, masks, tracks, checkpoint)
     try:
         with create(output, SEGMENTS, made) as artifact:
-            _write(artifact, segmented, tracks.min_frames)
+            _write(artifact, segmented, video, tracks.min_frames)
             artifact.facts |= {"segmenter": segmenter}
     except UserError:
         checkpoint.remove()  # going on would lead to the same end
@@ -104,8 +114,20 @@ def run(
     checkpoint.remove()
 
 
+@dataclass(frozen=True)
+class _Video:
+    """The frames that are worked through; ``frame``: index of each in frames.zarr."""
+
+    source: Artifact
+    frame: NDArray[np.intp]
+
+    def picture(self, place: int) -> NDArray[np.uint8]:
+        """(H, W, 3) uint8 RGB of the frame at a place of the video."""
+        return self.source.row("rgb", self.frame[place])
+
+
 def _by_sam2(
-    pictures: Artifact,
+    video: _Video,
     model: tuple[str, str, str, str, int | None],
     masks: MaskOptions,
     tracks: TrackOptions,
@@ -115,16 +137,14 @@ def _by_sam2(
     from egosplat.models.sam2_loader import load_sam2
     from egosplat.segments.tracking import Tracker
 
-    sam2, count = load_sam2(*model), pictures.shape("rgb")[0]
-    read = Tracker(
-        sam2, lambda frame: pictures.row("rgb", frame), count, pictures.read("valid"), masks, tracks
-    )
-    return read.run(checkpoint)
+    sam2, valid = load_sam2(*model), video.source.read("valid")
+    return Tracker(sam2, video.picture, len(video.frame), valid, masks, tracks).run(checkpoint)
 
 
-def _write(artifact: Writer, segmented: Segmented, min_frames: int) -> None:
+def _write(artifact: Writer, segmented: Segmented, video: _Video, min_frames: int) -> None:
     """Merge what is one thing, drop what is seen too briefly, and write the rest frame by frame."""
-    labels, count = segmented.labels, len(segmented.labels)
+    labels, count = segmented.labels, video.source.shape("rgb")[0]
+    place_of = {int(frame): place for place, frame in enumerate(video.frame)}
     settled = settle(segmented, min_frames)
     if len(settled.staying) == 0:
         raise UserError(
@@ -134,12 +154,15 @@ def _write(artifact: Writer, segmented: Segmented, min_frames: int) -> None:
     first = labels[0]
     artifact.allocate("labels", (count, *first.shape))
     for frame in track(range(count), "writing labels"):
-        artifact.put_row("labels", frame, settled.table[labels[frame]])
+        place = place_of.get(frame)
+        none = np.full_like(first, -1)
+        artifact.put_row("labels", frame, none if place is None else settled.table[labels[place]])
     chosen = [segmented.instances[number] for number in settled.staying]
     artifact.put("instances/level", np.array([one.level for one in chosen], dtype=np.int8))
     artifact.put("instances/predicted_iou", np.array([one.predicted_iou for one in chosen], dtype=np.float32))
     artifact.put("instances/stability", np.array([one.stability for one in chosen], dtype=np.float32))
-    artifact.put("instances/first_frame", np.array([one.first_frame for one in chosen], dtype=np.int64))
+    begun = video.frame[[one.first_frame for one in chosen]]
+    artifact.put("instances/first_frame", begun.astype(np.int64))
     by_level = {name: sum(one.level == number for one in chosen) for number, name in enumerate(LEVELS)}
     dropped = len(segmented.instances) - len(settled.staying)
     log(f"{len(settled.staying)} instances ({by_level}); {dropped} merged with others or seen too briefly")
@@ -148,5 +171,12 @@ def _write(artifact: Writer, segmented: Segmented, min_frames: int) -> None:
         "instances": by_level,
         "found": len(segmented.instances),
         "merged": settled.merged,
-        **segmented.notes,
+        **_renamed(segmented.notes, video),
     }
+
+
+def _renamed(notes: dict[str, Any], video: _Video) -> dict[str, Any]:
+    """The notes with frames in place of places in the video."""
+    if "key_frames" not in notes:
+        return notes
+    return notes | {"key_frames": [int(video.frame[place]) for place in notes["key_frames"]]}

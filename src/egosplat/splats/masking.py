@@ -50,10 +50,15 @@ def open_masking(kind: str, frames: Artifact, *, transient: Path | None, masks: 
         transient, masks: paths of these artifacts; only the one that the kind is made from is opened.
 
     Raises:
-        UserError: the artifact is not given, cannot be read, or is of other frames.
+        UserError: the kind is ``auto``, which the workflow decides, or the artifact is not given, cannot be read, or is of other frames.
     """
     if kind == "none":
         return Masking(None, "")
+    if kind == "auto":
+        raise UserError(
+            "splats.masking = auto: the workflow takes it from survey.json; "
+            "here give --masking none or refined, as that says"
+        )
     name, schema, array = _SOURCES[kind]
     path = {"transient": transient, "masks": masks}[name]
     if path is None:

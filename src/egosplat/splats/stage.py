@@ -9,15 +9,16 @@ import numpy as np
 from egosplat import provenance
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.kept_frames import kept_frames
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.writing import create
+from egosplat.checkpoint import Checkpoint
 from egosplat.errors import UserError
 from egosplat.progress import log
 from egosplat.provenance import Provenance
-from egosplat.checkpoint import Checkpoint
 from egosplat.splats.device import rasterizer_used, training_device
 from egosplat.splats.evaluate import evaluate
 from egosplat.splats.gaussians import Gaussians
@@ -31,9 +32,9 @@ from egosplat.splats.starting import starting_gaussians
 from egosplat.splats.state import TrainingState
 from egosplat.splats.targets import CodeTargets
 from egosplat.splats.train import Photographs, resume_and_train
-from egosplat.splats.views import Views, check_belong_together, read_views, split_views
+from egosplat.splats.views import Mask, Views, check_belong_together, read_views, split_views
 
-_PATHS = ("frames", "poses", "output", "transient", "masks", "segments", "features")
+_PATHS = ("frames", "poses", "output", "survey", "transient", "masks", "segments", "features")
 
 
 def run(
@@ -41,6 +42,7 @@ def run(
     poses: Path,
     output: Path,
     *,
+    survey: Path | None = None,
     transient: Path | None,
     masks: Path | None,
     segments: Path | None,
@@ -72,6 +74,7 @@ def run(
 
     Args:
         frames, poses, output: paths.
+        survey: the frames that it leaves out are not trained on.
         transient: needed where ``masking`` is ``initial``; masks: where it is ``refined``.
         segments, features: needed where ``language`` is ``joint``.
 
@@ -81,9 +84,10 @@ def run(
     """
     keys = {key: value for key, value in locals().items() if key not in _PATHS}
     pictures, walk = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
+    kept, by_survey = kept_frames(pictures, survey)
     moving = open_masking(masking, pictures, transient=transient, masks=masks)
     words = _words(segments, features) if language == "joint" else ()
-    made = _begin(keys, pictures, walk, moving, words)
+    made = _begin(keys | by_survey, pictures, walk, moving, words)
     options = TrainingOptions(
         render=RenderOptions(near_plane, background, antialiased, backend),
         iterations=iterations,
@@ -96,7 +100,7 @@ def run(
         min_improvement=min_improvement,
         seed=seed,
     )
-    photographs = _photographs(pictures, walk, moving, options)
+    photographs = _photographs(pictures, walk, kept, moving, options)
     start = starting_gaussians(
         walk,
         photographs.training.camera,
@@ -140,10 +144,10 @@ def _begin(
 
 
 def _photographs(
-    pictures: Artifact, walk: Artifact, moving: Masking, options: TrainingOptions
+    pictures: Artifact, walk: Artifact, kept: Mask, moving: Masking, options: TrainingOptions
 ) -> Photographs:
     """What moves is left out of training and of what decides its end; held-out pictures are measured whole."""
-    flags = pictures.read("train"), pictures.read("evaluation"), walk.read("registered")
+    flags = pictures.read("train") & kept, pictures.read("evaluation"), walk.read("registered")
     split = split_views(*flags, validate=options.patience > 0)
     device = training_device(options.render.backend)
     photographs = Photographs(

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from egosplat.checkpoint import Checkpoint
 from egosplat.errors import UserError
 from egosplat.progress import log, track
-from egosplat.checkpoint import Checkpoint
 from egosplat.splats.evaluate import evaluate
 from egosplat.splats.gaussians import Gaussians
 from egosplat.splats.options import TrainingOptions

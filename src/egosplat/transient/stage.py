@@ -8,24 +8,27 @@ import torch
 
 from egosplat import provenance
 from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.kept_frames import kept_frames
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.artifacts.writing import Writer, create
+from egosplat.checkpoint import Checkpoint
 from egosplat.models.checkpoints import content_hash
 from egosplat.progress import log, track
 from egosplat.provenance import Provenance
-from egosplat.checkpoint import Checkpoint
 from egosplat.splats.device import rasterizer_used, training_device
 from egosplat.splats.initialise import scene_extent
 from egosplat.splats.options import RenderOptions, TrainingOptions
 from egosplat.splats.starting import starting_gaussians
 from egosplat.splats.state import TrainingState
 from egosplat.splats.train import Photographs, resume_and_train
-from egosplat.splats.views import check_belong_together, split_views
+from egosplat.splats.views import Mask, check_belong_together, split_views
 from egosplat.transient.network import TransientNet, make_network
 from egosplat.transient.objective import InitialObjective, InitialOptions
 from egosplat.transient.pictures import read_reduced_views, reduced, working_size
+
+_PATHS = ("frames", "poses", "output", "survey")
 
 POSITION_LR = 1.6e-4
 """The temporary Gaussians' learning rate of the means: stock 3DGS's (M3.2)."""
@@ -36,6 +39,7 @@ def run(
     poses: Path,
     output: Path,
     *,
+    survey: Path | None = None,
     iterations: int,
     warmup: float,
     resolution: int,
@@ -60,16 +64,21 @@ def run(
 
     A run that was killed goes on from its last checkpoint, to the same result as without the kill.
 
+    Args:
+        frames, poses, output: paths.
+        survey: the frames that it leaves out are not trained on.
+
     Raises:
         UserError: no training frame has a pose, the inputs do not belong together, the weights cannot be read,
             the backend cannot run, training diverges.
     """
-    keys = {key: value for key, value in locals().items() if key not in ("frames", "poses", "output")}
+    keys = {key: value for key, value in locals().items() if key not in _PATHS}
     pictures, walk = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
     check_belong_together(pictures, walk)
+    kept, by_survey = kept_frames(pictures, survey)
     weights = None if encoder_weights is None else Path(encoder_weights).expanduser()
     net = make_network(input_size, _sideways(pictures), weights, seed)
-    made = _begin(keys, pictures, walk, weights)
+    made = _begin(keys | by_survey, pictures, walk, weights)
     options = TrainingOptions(
         render=RenderOptions(near_plane, background, antialiased=False, backend=backend),
         iterations=iterations,
@@ -82,7 +91,7 @@ def run(
         min_improvement=0.0,
         seed=seed,
     )
-    photographs = _photographs(pictures, walk, resolution, training_device(backend))
+    photographs = _photographs(pictures, walk, kept, resolution, training_device(backend))
     views = photographs.training
     start = starting_gaussians(
         walk,
@@ -126,9 +135,11 @@ def _begin(keys: dict[str, Any], pictures: Artifact, walk: Artifact, weights: Pa
     return provenance.begin("transient", keys, origin, inputs, models)
 
 
-def _photographs(pictures: Artifact, walk: Artifact, resolution: int, device: torch.device) -> Photographs:
+def _photographs(
+    pictures: Artifact, walk: Artifact, kept: Mask, resolution: int, device: torch.device
+) -> Photographs:
     """The training views alone: nothing is decided or measured by others here."""
-    flags = pictures.read("train"), pictures.read("evaluation"), walk.read("registered")
+    flags = pictures.read("train") & kept, pictures.read("evaluation"), walk.read("registered")
     training = split_views(*flags, validate=False).training
     views, none = (
         read_reduced_views(pictures, walk, chosen, resolution, device)

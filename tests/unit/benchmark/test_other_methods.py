@@ -293,6 +293,13 @@ def test_damage_is_named_when_it_is_read(tmp_path, perfect):
     assert maps.maps(1, "dining chair").shape == (1, HEIGHT, WIDTH)
     with pytest.raises(UserError, match=r"relevancy\[1\], 'book' in frame 1, cannot be read"):
         maps.maps(1, "book")
+    frames = path / "frame" / "c" / "0"
+    frames.write_bytes(frames.read_bytes()[:5])
+    with pytest.raises(UserError, match="array 'frame' cannot be read"):
+        open_relevancy(path)
+    (path / "frame" / "zarr.json").write_text("")
+    with pytest.raises(UserError, match="array 'frame' is unreadable"):
+        open_relevancy(path)
 
 
 @pytest.fixture

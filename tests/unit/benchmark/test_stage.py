@@ -98,6 +98,7 @@ def test_how_it_came_about(word_scene, scored):
     assert own["options"]["temperature"] == 10.0 and own["options"]["target"] == "box"
     assert found["total"]["wall_s"] == pytest.approx(own["wall_s"] + sum(one["wall_s"] for one in parts))
     assert found["total"]["peak_memory_mb"] >= own["peak_memory_mb"]
+    assert all(one["disk_mb"] > 0 and one["cpu_s"] >= 0 for one in parts)
 
 
 def test_a_lost_artifact_is_told(word_scene, scored):

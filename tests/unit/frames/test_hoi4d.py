@@ -136,7 +136,7 @@ def test_bad_intrinsics_are_named(root, matrix):
         Hoi4dRecording(root / FOLDER, **OPTIONS)
 
 
-@pytest.mark.parametrize("content", [b"", b"garbage", b"\x93NUMPY\x01\x00"])
+@pytest.mark.parametrize("content", [b"", b"garbage", b"\x93NUMPY\x01\x00", b"PK\x03\x04half an archive"])
 def test_damaged_intrinsics_are_named(root, content):
     (root / "camera_params/ZY20210800001/intrin.npy").write_bytes(content)
     with pytest.raises(UserError, match="intrin.npy: not a NumPy array"):

@@ -68,7 +68,7 @@ def test_a_calibration_beside_the_source_is_used(images, video, kind):
     "content",
     ["", "[1]", "null", json.dumps(CALIBRATION | {"fx": "wide"}), json.dumps(CALIBRATION | {"fx": -1}),
      json.dumps(CALIBRATION | {"width": 65}), json.dumps(CALIBRATION | {"cx": float("nan")}),
-     json.dumps({"fx": 1})],
+     json.dumps({"fx": 1}), json.dumps(CALIBRATION | {"fx": 10**400}), "[" * 5000],
 )  # fmt: skip
 def test_a_bad_calibration_is_named(images, content):
     (images / "camera.json").write_text(content)
@@ -208,3 +208,10 @@ def test_a_truncated_video_is_told(video, capfd):
     recording = PlainRecording(streamed, **OPTIONS)
     assert 1 <= len(recording.capture.timestamp_ns) < 40
     assert "of 40 declared frames" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["camera.json", "valid.png"])
+def test_a_link_that_leads_nowhere_is_not_a_missing_file(images, name):
+    (images / name).symlink_to("nowhere")
+    with pytest.raises(UserError, match=name):
+        PlainRecording(images, **OPTIONS)

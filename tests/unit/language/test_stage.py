@@ -54,6 +54,14 @@ def test_what_the_artifact_says(scene):
     assert not found.read("code")[found.read("share") == 0].any()
 
 
+def test_of_frames_that_a_survey_leaves_out_nothing_is_learned(scene, survey_that_keeps):
+    folder = scene()
+    train(folder)
+    found = run(folder, survey=survey_that_keeps(folder, [0, 1]))
+    assert found.facts["views"] < run(folder, "all.zarr").facts["views"] == 4
+    assert "kept_frames" in found.provenance["options"]
+
+
 @pytest.mark.parametrize("method", ["lifted", "trained"])
 def test_equal_runs_are_equal_and_nothing_else_is_left(scene, method):
     folder = scene()

@@ -3,10 +3,10 @@
 import pytest
 import torch
 
+from egosplat.checkpoint import Checkpoint
 from egosplat.errors import UserError
 from egosplat.language.training import CodeOptions, CodeTraining, shown_codes
 from egosplat.language.views import taught_views
-from egosplat.checkpoint import Checkpoint
 from egosplat.splats.language_objective import code_l1
 from egosplat.splats.masking import Masking
 from egosplat.splats.targets import CodeTargets, Targets

@@ -102,7 +102,11 @@ def test_another_vocabulary_than_the_text_model_s_is_told(folder):
         load(folder)
 
 
-@pytest.mark.parametrize("content", [b"rubbish", gzip.compress(b"a b" * 100)[:-12]])
+BITS = bytearray(gzip.compress(bytes(range(256)) * 9))
+BITS[12:40] = b"\xff" * 28
+
+
+@pytest.mark.parametrize("content", [b"rubbish", gzip.compress(b"a b" * 100)[:-12], bytes(BITS)])
 def test_a_damaged_vocabulary_is_told(folder, content):
     (folder / "bpe.txt.gz").write_bytes(content)
     with pytest.raises(UserError, match="bpe.txt.gz: is no byte-pair vocabulary"):
@@ -119,6 +123,15 @@ def test_a_damaged_vocabulary_is_told(folder, content):
             '{"model_cfg": {"embed_dim": 3, "vision_cfg": {"x": 1}, "text_cfg": {}}}',
             "describes no OpenCLIP model",
         ),
+        ("[" * 5000, "open_clip_config.json: cannot be read as JSON .nested too deeply"),
+        (
+            '{"model_cfg": {"embed_dim": 3, "vision_cfg": "large", "text_cfg": {}}}',
+            "lacks model_cfg with embed",
+        ),
+        (
+            '{"model_cfg": {"embed_dim": 3, "vision_cfg": {}, "text_cfg": []}}',
+            "lacks model_cfg with embed_dim",
+        ),
     ],
 )
 def test_a_damaged_description_is_told(folder, text, message):
@@ -126,3 +139,29 @@ def test_a_damaged_description_is_told(folder, text, message):
     with pytest.raises(UserError, match=message) as caught:
         load(folder)
     assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{"timm_model_name": "hf-hub:a/b"}, {"timm_model_name": "resnet18", "timm_model_pretrained": True}],
+)
+def test_a_vision_model_of_the_network_is_refused(folder, description, settings):
+    description["model_cfg"]["vision_cfg"] |= settings
+    (folder / "open_clip_config.json").write_text(json.dumps(description))
+    with pytest.raises(UserError, match="egosplat downloads nothing"):
+        load(folder)
+
+
+@pytest.mark.parametrize(
+    "settings, message",
+    [
+        ({"mean": 3}, "preprocess_cfg is not what OpenCLIP writes"),
+        ({"std": ["a", "b", "c"]}, "preprocess_cfg is not what OpenCLIP writes"),
+        ({"interpolation": "magic"}, "preprocess_cfg.interpolation = 'magic'; take one of bicubic, bilinear"),
+    ],
+)
+def test_preprocessing_that_is_none_is_told(folder, description, settings, message):
+    description["preprocess_cfg"] |= settings
+    (folder / "open_clip_config.json").write_text(json.dumps(description))
+    with pytest.raises(UserError, match=message):
+        load(folder)

@@ -143,8 +143,25 @@ def test_a_missing_checkpoint_is_told_before_anything_is_built(tiny_sam2):
         ("other: {_target_: sam2.modeling.sam2_base.SAM2Base}", "has no key 'model' with a _target_"),
         (
             "model: {_target_: os.system, command: 'touch ran'}",
-            "_target_ os.system is no class of the package sam2",
+            "_target_ 'os.system' is no network of the package sam2",
         ),
+        (
+            "model: {_target_: sam2.build_sam.os.system, command: 'touch ran'}",
+            "_target_ 'sam2.build_sam.os.system' is no network",
+        ),
+        (
+            "model: {_target_: sam2.modeling.sam2_base.SAM2Base, x: [{_target_: sam2.build_sam.os.system}]}",
+            "'sam2.build_sam.os.system' is no network",
+        ),
+        (
+            "model: {_target_: sam2.build_sam.build_sam2_hf, model_id: a/b}",
+            "'sam2.build_sam.build_sam2_hf' is no network",
+        ),
+        ("model: {_target_: sam2.nothing.Here}", "'sam2.nothing.Here' is no network"),
+        ("model: {_target_: 3}", "'3' is no network"),
+        ("3", "describes no SAM2"),
+        ("model: 3", "has no key 'model' with a _target_"),
+        ("[" * 5000, "describes no SAM2"),
         ("model: {_target_: sam2.modeling.sam2_base.SAM2Base}", "describes no SAM2"),
         (
             "model: {_target_: sam2.modeling.sam2_base.SAM2Base, image_size: '${nothing}'}",

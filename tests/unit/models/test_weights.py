@@ -98,7 +98,8 @@ def test_a_truncated_checkpoint_is_told(tmp_path, name, share):
 
 
 @pytest.mark.parametrize(
-    "content", [[1, 2], {}, {"a": 3}, {"model": {"a": {"b": torch.ones(1)}}}, torch.ones(3)]
+    "content",
+    [[1, 2], {}, {"a": 3}, {"model": {"a": {"b": torch.ones(1)}}}, {1: torch.ones(1)}, torch.ones(3)],
 )
 def test_what_is_no_state_is_told(tmp_path, content):
     torch.save(content, tmp_path / "m.pt")

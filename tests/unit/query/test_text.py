@@ -35,7 +35,10 @@ def test_queries_with_their_canonical_phrases(clip):
     assert encode_texts(clip, [], CANONICAL).phrases == ()
 
 
-@pytest.mark.parametrize("phrase, reason", [(" ", "blank"), ("cup " * 200, "shorten it")])
+@pytest.mark.parametrize(
+    "phrase, reason",
+    [(" ", "blank"), ("cup " * 200, "shorten it"), ("a\x1b[2J", "control"), ("\udcff", "UTF-8")],
+)
 def test_what_cannot_be_asked_is_said(clip, phrase, reason):
     with pytest.raises(UserError, match=reason):
         encode_phrases(clip, ["cup", phrase])

@@ -52,6 +52,8 @@ def test_a_file_may_be_anywhere(tmp_path):
         (None, "does not exist"),
         ("{", "is no JSON"),
         ("[]", "is no JSON with 4x4"),
+        ("[" * 5000, "nested too deeply"),
+        (json.dumps({"camera_to_world": [[10**400]]}), "is no JSON with 4x4"),
         ('{"pose": 1}', "camera_to_world"),
         ('{"camera_to_world": [[1, 2], [3]]}', "is no JSON with 4x4"),
         ('{"camera_to_world": [[1, 2], [3, 4]]}', "no rigid motion"),

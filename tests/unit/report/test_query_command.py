@@ -61,6 +61,11 @@ def test_from_a_place_where_nothing_is_there_is_no_answer(word_scene, query, tmp
     assert Image.open(output).size[0] > 400
 
 
+def test_words_with_dollars_are_drawn_as_they_are(word_scene, query):
+    status, said, _ = query(word_scene(), "$\\frac{1}{$ cup", "couch")
+    assert status == 0 and "$\\frac{1}{$ cup" in said
+
+
 def test_keys_of_the_section_are_flags(word_scene, query):
     scores = []
     for temperature in ("10", "1"):

@@ -67,6 +67,30 @@ def test_classical_segments_of_moving_squares(frames, tmp_path, keys):
     assert sum(segments.facts["instances"].values()) == len(levels)
 
 
+def test_frames_that_a_survey_leaves_out_are_passed_over(frames, tmp_path, keys, survey_that_keeps):
+    """The others are found as if they alone had been filmed; those that are left out have no label."""
+    survey, output = survey_that_keeps(tmp_path, [1, 2, 5]), tmp_path / "segments.zarr"
+    seen = []
+
+    def look(pictures, count, valid):
+        seen.extend(int(pictures(place)[20, :, 0].argmax()) for place in range(count))
+        labels = LabelMaps((3, SIDE, SIDE))
+        for place in range(count):
+            labels[place] = np.full((3, SIDE, SIDE), 0, np.int32)
+        return Segmented(labels, [Instance(0, 1, 1.0, 1.0)], [], {"key_frames": [0, 2]})
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stage, "segment_video", look)
+        stage.run(frames, output, survey=survey, **keys | {"segmenter": "classical"})
+    segments = open_artifact(output, SEGMENTS)
+    assert seen == [4 + 3 * frame for frame in (1, 2, 5)]
+    labels = segments.read("labels")
+    assert (labels[[0, 3, 4]] == -1).all() and (labels[[1, 2, 5]] == 0).all()
+    assert segments.read("instances/first_frame").tolist() == [2]
+    assert segments.facts["key_frames"] == [1, 5]
+    assert "kept_frames" in segments.provenance["options"]
+
+
 def test_duplicates_are_merged_and_fragments_dropped(frames, tmp_path, keys, monkeypatch):
     labels = LabelMaps((3, SIDE, SIDE))
     for frame in range(COUNT):

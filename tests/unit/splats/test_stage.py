@@ -1,5 +1,6 @@
 """The stage from artifacts to the artifact, also when it is killed."""
 
+import json
 import os
 import signal
 import subprocess
@@ -46,6 +47,27 @@ def test_what_the_artifact_says(scene, pictures):
     assert splats.read("curve/gaussians")[-1] == splats.shape("means")[0]
     error = np.abs(splats.row("held_out/render", 0).astype(float) - pictures[4]) / 255
     assert -10 * np.log10((error**2).mean()) == pytest.approx(splats.read("held_out/psnr")[0], abs=0.1)
+
+
+def test_frames_that_a_survey_leaves_out_teach_nothing(scene, pictures, survey_that_keeps):
+    folder = scene()
+    survey = survey_that_keeps(folder, [0, 2, 4, 6, 8])
+    splats = run(folder, survey=survey)
+    assert splats.facts["views"] == {"training": 4, "validation": 0, "held out": 1}
+    assert splats.provenance["options"]["kept_frames"] == json.loads(survey.read_text())["views"]["digest"]
+    blank = pictures.copy()
+    blank[[1, 3, 5, 7]] = 0
+    other = scene(rgb=blank)
+    survey_that_keeps(other, [0, 2, 4, 6, 8])
+    assert run(other, "other.zarr", survey=survey).digest == splats.digest
+    assert "kept_frames" not in run(other, "all.zarr").provenance["options"]
+
+
+def test_masking_that_is_the_surveys_to_decide_is_told(scene):
+    folder = scene()
+    with pytest.raises(UserError, match="splats.masking = auto.*give --masking none or refined"):
+        run(folder, masking="auto")
+    assert not (folder / "splats.zarr").exists()
 
 
 def test_the_gaussians_come_back(scene):

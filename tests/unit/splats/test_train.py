@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import torch
 
+from egosplat.checkpoint import Checkpoint
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
 from egosplat.splats import objective
-from egosplat.checkpoint import Checkpoint
 from egosplat.splats.gaussians import PARAMETERS, Gaussians
 from egosplat.splats.initialise import from_points
 from egosplat.splats.objective import L1Ssim

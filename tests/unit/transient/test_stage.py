@@ -8,9 +8,9 @@ import torch
 
 from egosplat.artifacts.reading import verify
 from egosplat.checking import SCHEMAS
+from egosplat.checkpoint import Checkpoint
 from egosplat.config import defaults
 from egosplat.errors import UserError
-from egosplat.checkpoint import Checkpoint
 from egosplat.transient import stage
 from egosplat.transient.network import make_network
 
@@ -36,6 +36,21 @@ def test_what_the_artifact_says(scene):
     assert probability.shape == (6, 32, 32) and ((probability >= 0) & (probability <= 1)).all()
     # The frame without a pose too.
     assert probability[5].std() > 0
+
+
+def test_frames_that_a_survey_leaves_out_teach_nothing_but_are_predicted(scene, pictures, survey_that_keeps):
+    folder = scene()
+    survey = survey_that_keeps(folder, [0, 2, 4])
+    transient = run(folder, survey=survey)
+    assert transient.facts["views"] == 3 and transient.shape("probability")[0] == 6
+    assert "kept_frames" in transient.provenance["options"]
+    blank = pictures.copy()
+    blank[[1, 3, 5]] = 0
+    other = scene(rgb=blank)
+    survey_that_keeps(other, [0, 2, 4])
+    again = run(other, "other.zarr", survey=survey)
+    assert np.array_equal(again.read("weights"), transient.read("weights"))
+    assert not np.array_equal(run(other, "all.zarr").read("weights"), transient.read("weights"))
 
 
 def test_the_network_comes_back(scene):
