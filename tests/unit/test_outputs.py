@@ -1,0 +1,79 @@
+"""What an output may take the place of: nothing of anyone else is lost, through a link or a mistyped path."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from egosplat.artifacts.integrity import ArtifactError
+from egosplat.artifacts.schema import Field, Schema
+from egosplat.artifacts.writing import create
+from egosplat.atomic import whole_file, whole_folder
+from egosplat.errors import UserError
+from egosplat.provenance import begin
+
+TINY = Schema("tiny", 1, {})
+OTHER = Schema("other", 1, {"a": Field(("n",), "int64", "-", "numbers")})
+
+
+def write(path: Path, schema: Schema = TINY) -> None:
+    import numpy as np
+
+    with create(path, schema, begin("frames", {}, "real")) as artifact:
+        for name in schema.fields:
+            artifact.put(name, np.arange(3))
+
+
+@pytest.fixture
+def photos(tmp_path) -> Path:
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    (folder / "1.jpg").write_bytes(b"a photograph")
+    return folder
+
+
+def test_a_folder_of_something_else_is_not_replaced(photos):
+    with pytest.raises(ArtifactError, match=r"photos: stands there already and is no artifact; .* rm -r "):
+        write(photos)
+    assert (photos / "1.jpg").read_bytes() == b"a photograph"
+
+
+def test_a_file_is_not_replaced_by_an_artifact(photos):
+    with pytest.raises(ArtifactError, match=r"1.jpg: stands there already"):
+        write(photos / "1.jpg")
+
+
+def test_an_artifact_of_another_kind_is_not_replaced(tmp_path):
+    write(tmp_path / "a.zarr", OTHER)
+    with pytest.raises(ArtifactError, match="a.zarr: stands there already and holds 'other'"):
+        write(tmp_path / "a.zarr")
+    write(tmp_path / "a.zarr", OTHER)
+
+
+def test_a_damaged_artifact_and_an_empty_folder_are_replaced(tmp_path):
+    write(tmp_path / "a.zarr")
+    metadata = tmp_path / "a.zarr/zarr.json"
+    metadata.write_text(metadata.read_text()[:-20])
+    write(tmp_path / "a.zarr")
+    (tmp_path / "b.zarr").mkdir()
+    write(tmp_path / "b.zarr")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.zarr", "b.zarr"]
+
+
+@pytest.mark.parametrize("target", ["photos", "photos/1.jpg", "nowhere"])
+def test_a_link_is_replaced_and_what_it_points_to_stays(tmp_path, photos, target):
+    link = tmp_path / "new.zarr"
+    link.symlink_to(tmp_path / target)
+    write(link)
+    assert link.is_dir() and not link.is_symlink()
+    assert (photos / "1.jpg").read_bytes() == b"a photograph"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["new.zarr", "photos"]
+
+
+@pytest.mark.parametrize("path", ["", ".", "..", "/", "photos/.."])
+@pytest.mark.parametrize("made", [whole_folder, whole_file])
+def test_a_path_without_a_name_is_refused(monkeypatch, tmp_path, made, path):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UserError, match=f"{re.escape(str(Path(path)))}: is no name"), made(Path(path)):
+        pytest.fail("it began")
+    assert not list(tmp_path.iterdir())
