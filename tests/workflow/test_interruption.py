@@ -70,3 +70,30 @@ def test_nothing_half_written_is_left_to_look_whole(workdir, how):
     assert (workdir.folder / target / "video.vrs").exists()
     assert not [path for path in (workdir.folder / SCENE).iterdir() if path.name.endswith(".tmp")]
     assert all(report.sound for report in check_tree(workdir.folder / "results", lambda _: None))
+
+
+def test_after_a_killed_snakemake_the_same_command_goes_on(workdir):
+    """Its stage ends with it, and nobody has to unlock."""
+    target = SCENE / "recording"
+    shutil.rmtree(workdir.folder / target)
+    workflow = Path(__file__).parents[2] / "workflow/Snakefile"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "snakemake", "--snakefile", workflow, "--cores", "2"]
+        + ["--configfile", "tiny.yaml", "--", str(target)],
+        cwd=workdir.folder,
+        env=workdir.environment,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    wait_for(lambda: half_written(workdir))
+    assert writers(workdir)
+    process.kill()
+    process.wait()
+    assert any((workdir.folder / ".snakemake/locks").iterdir()), "a killed Snakemake leaves its locks"
+    wait_for(lambda: not writers(workdir))
+    assert not (workdir.folder / target).exists()
+
+    assert "was killed: going on" in workdir.run(str(target))
+    assert (workdir.folder / target / "video.vrs").exists()
+    assert not [path for path in (workdir.folder / SCENE).iterdir() if path.name.endswith(".tmp")]

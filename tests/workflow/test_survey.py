@@ -55,7 +55,8 @@ def work(surveyed, tmp_path):
 
 
 def test_before_the_survey_a_plan_shows_it_and_not_what_it_may_ask_for(workdir):
-    shutil.rmtree(workdir.folder / SCENE / "masks.zarr")
+    for name in ("masks.zarr", "splats.zarr"):
+        shutil.rmtree(workdir.folder / SCENE / name)
     planned = workdir.stale(METRICS, config=AUTO)
     assert "survey" in planned and planned.isdisjoint({"transient", "masks"})
 
@@ -66,7 +67,7 @@ def test_nothing_reruns_where_it_decides_as_was_configured(surveyed):
 
 
 def test_the_survey_sees_frames_and_poses_alone(surveyed):
-    pairs = edges(surveyed, AUTO, METRICS)
+    pairs = edges(surveyed, AUTO, METRICS, SURVEY)
     assert {before for before, after in pairs if after == "survey"} == {"frames", "poses"}
     assert ("masks", "splats") in pairs and ("transient", "masks") in pairs
 

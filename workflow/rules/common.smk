@@ -82,8 +82,9 @@ shell.prefix(
     f"export {STARTED_BY}=$PPID; "
 )
 
-# A Snakemake that was killed leaves its locks: the same command is to go on without --unlock.
-if workflow.is_main_process and not workflow.dryrun:
+# A Snakemake that was killed leaves its locks: the same command is to go on without --unlock. Not on a cluster,
+# where what it submitted runs on.
+if workflow.is_main_process and workflow.local_exec and not workflow.dryrun:
     if clear_stale_locks(Path(".snakemake")):
         print("The last Snakemake here was killed: going on.", file=sys.stderr)
 

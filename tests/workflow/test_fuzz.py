@@ -1,0 +1,196 @@
+"""Any configuration and any table of scenes is either read, or refused in a line or two; nothing else happens."""
+
+import math
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from egosplat import config
+from egosplat.config import schema
+from egosplat.doctor.configured import read_configuration
+from egosplat.errors import UserError
+from egosplat.scenes import check_recording, read_scenes
+from egosplat.strictness import LARGEST_INTEGER
+
+ROOT = Path(__file__).resolve().parents[2]
+PRESETS = ROOT / "config" / "presets"
+HEADER = "dataset\tscene\tformat\trecording\toptions\n"
+SECTIONS = schema("config")["properties"]
+KEYS = [(section, name) for section, part in SECTIONS.items() for name in part.get("properties", {})]
+
+ANY = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=200),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text() | st.integers(), inner, max_size=3),
+    max_leaves=8,
+)
+few = settings(
+    max_examples=60,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+
+
+def refusal(error: UserError) -> str:
+    text = str(error)
+    assert text.count("\n") <= 1 and len(text) < 1500, text[:3000]
+    return text
+
+
+@few
+@given(key=st.sampled_from(KEYS), value=ANY)
+def test_any_value_of_any_key_is_allowed_or_named(key, value):
+    section, name = key
+    try:
+        resolved = config.resolve({section: {name: value}}, PRESETS)
+    except UserError as error:
+        assert section in refusal(error)
+    else:
+        assert resolved[section][name] == value
+        assert not isinstance(value, float) or math.isfinite(value)
+        assert not isinstance(value, int) or abs(value) <= LARGEST_INTEGER
+
+
+@few
+@given(tree=st.dictionaries(st.sampled_from([*SECTIONS, "nothing", ""]), ANY, max_size=2))
+def test_any_tree_of_keys_is_resolved_or_refused(tree):
+    try:
+        config.resolve(tree, PRESETS)
+    except UserError as error:
+        refusal(error)
+
+
+@few
+@given(
+    content=st.binary(max_size=300) | st.text(max_size=300).map(lambda text: text.encode("utf-8", "replace"))
+)
+def test_any_file_is_read_or_named(tmp_path, content):
+    (tmp_path / "mine.yaml").write_bytes(content)
+    try:
+        read_configuration([tmp_path / "mine.yaml"], [])
+    except UserError as error:
+        refusal(error)
+
+
+CELL = st.text(max_size=30) | st.sampled_from(
+    ["", "adt", "plain", "a/b", "..", "$(x)", '"', "a\0b", "#", "\n"]
+)
+
+
+@few
+@given(rows=st.lists(st.lists(CELL, min_size=4, max_size=6), max_size=3))
+def test_any_table_of_scenes_is_read_or_named(tmp_path, rows):
+    path = tmp_path / "scenes.tsv"
+    text = HEADER + "".join("\t".join(row) + "\n" for row in rows)
+    path.write_text(text, encoding="utf-8", errors="replace", newline="")
+    try:
+        scenes = read_scenes(config.defaults() | {"scenes": str(path)})
+    except UserError as error:
+        assert "scenes.tsv" in refusal(error)
+        return
+    for dataset, scene in scenes:
+        assert not set(f"{dataset}{scene}") & set("/.$;`'\" \n\t\0")
+
+
+@few
+@given(
+    options=st.text(max_size=40)
+    | st.tuples(st.sampled_from(KEYS), st.text(max_size=20)).map(
+        lambda one: f"{one[0][0]}.{one[0][1]}={one[1]}"
+    )
+)
+def test_any_options_are_parsed_or_named(options):
+    try:
+        parsed = config.parse_options(options, "scenes.tsv, line 2")
+    except UserError as error:
+        assert "scenes.tsv, line 2" in refusal(error)
+    else:
+        assert all(isinstance(keys, dict) for keys in parsed.values())
+
+
+@pytest.mark.parametrize("content", ["[" * 5000, "{a: " * 5000, "a: 2020-99-99", "a: *b", "\0", "{[1]: 2}"])
+def test_yaml_that_nobody_means_is_named(tmp_path, content):
+    (tmp_path / "mine.yaml").write_text(content)
+    with pytest.raises(UserError, match="mine.yaml: cannot be read as YAML"):
+        config.read_yaml(tmp_path / "mine.yaml")
+    with pytest.raises(UserError, match="line 2"):
+        config.parse_options(f"frames.stride={content.replace(' ', '')}\0", "line 2")
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 10**40, 3.0, True, "3"])
+def test_a_number_is_finite_and_a_count_is_whole(value):
+    key = {"frames": {"stride": value}}
+    with pytest.raises(UserError, match=r"frames\.stride = .* is not allowed"):
+        config.resolve(key, PRESETS)
+    if not isinstance(value, float) or not value.is_integer():
+        with pytest.raises(UserError, match=r"frames\.focal = .* is not allowed"):
+            config.resolve({"frames": {"focal": value}}, PRESETS)
+
+
+@pytest.mark.parametrize("name", ["a\n", "a/b", "..", "", 1])
+def test_names_of_variants_are_names_of_folders(name):
+    with pytest.raises(UserError, match="variants = "):
+        config.resolve({"variants": {name: {}}}, PRESETS)
+
+
+def test_keys_of_several_kinds_are_named():
+    with pytest.raises(UserError, match="data_root = "):
+        config.resolve({"data_root": {1: "a", "b": "c"}}, PRESETS)
+
+
+def read(tmp_path, text):
+    (tmp_path / "scenes.tsv").write_text(text, encoding="utf-8")
+    return read_scenes(config.defaults() | {"scenes": str(tmp_path / "scenes.tsv")})
+
+
+def test_a_recording_may_hold_what_a_comment_begins_with(tmp_path):
+    text = f"{HEADER}# all mine\n\nmine\ts1\tplain\twalk #1.mp4\tframes.stride=2\n"
+    scene = read(tmp_path, text)["mine", "s1"]
+    assert scene.recording == Path("walk #1.mp4") and scene.config["frames"]["stride"] == 2
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        (f"{HEADER}# one\n\nmine\ts1\tplain\n", "line 4: has 3 of the 5 columns"),
+        (f"{HEADER}0\tmine\ts1\tplain\tx\t\n", "line 2: has 6 of the 5 columns"),
+        (f'{HEADER}mine\t"s1\n"\tplain\tx\t\n', r"line 3: scene = 's1\\n' is not allowed"),
+        (f"{HEADER}mine\ts1\tplain\ta\0b\t\n", "recording = .* is not allowed"),
+        (f"{HEADER}mine\ts1\tplain\t{'x' * 300}\t\n", "recording: a name of more than 255 bytes"),
+        (f"{HEADER}mine\ts1\tplain\t{{x}}.mp4\t\n", "line 2: recording {x}.mp4: Snakemake takes braces"),
+        (f"{HEADER}mine\ts1\tplain\tx\tframes.stride=[\n", "line 2: option .* its value cannot be read"),
+    ],
+)
+def test_a_row_that_is_none_is_named_with_its_line(tmp_path, text, message):
+    with pytest.raises(UserError, match=message):
+        read(tmp_path, text)
+
+
+def test_a_table_as_spreadsheets_write_it(tmp_path):
+    text = "\ufeff" + (HEADER + "mine\ts1\tplain\tx\t\n").replace("\n", "\r\n")
+    scenes = read(tmp_path, text)
+    with pytest.raises(UserError, match="no recording at x"):
+        check_recording(scenes["mine", "s1"])
+
+
+def test_yaml_is_read_without_running_what_it_holds(tmp_path):
+    canary = tmp_path / "canary"
+    command = f"!!python/object/apply:os.system ['touch {canary}']"
+    for text in (f"a: {command}", f"frames: {{stride: {command}}}"):
+        (tmp_path / "mine.yaml").write_text(text)
+        with pytest.raises(UserError, match="mine.yaml"):
+            read_configuration([tmp_path / "mine.yaml"], [])
+    assert not canary.exists()
+
+
+def test_the_files_of_a_recording_with_an_odd_name_are_watched(one_scene, tmp_path):
+    recording = tmp_path / "walk [1-3] $(touch canary); 'it'"
+    recording.mkdir()
+    for name in ("1.png", "camera.json"):
+        (recording / name).touch()
+    done = one_scene("plain", recording).snakemake("--dry-run", "--", "results/mine/scene/frames.zarr")
+    assert done.returncode == 0, done.stderr
+    assert f"{recording}/camera.json" in done.stdout + done.stderr
+    assert not list(tmp_path.rglob("canary"))
