@@ -57,6 +57,7 @@ def work(surveyed, tmp_path):
 def test_before_the_survey_a_plan_shows_it_and_not_what_it_may_ask_for(workdir):
     for name in ("masks.zarr", "splats.zarr"):
         shutil.rmtree(workdir.folder / SCENE / name)
+    (workdir.folder / METRICS).unlink()
     planned = workdir.stale(METRICS, config=AUTO)
     assert "survey" in planned and planned.isdisjoint({"transient", "masks"})
 
