@@ -39,12 +39,10 @@ def writers(workdir) -> list[psutil.Process]:
     return found
 
 
-@pytest.mark.parametrize("how", ["the stage is killed", "Snakemake is interrupted"])
-def test_nothing_half_written_is_left_to_look_whole(workdir, how):
-    target = SCENE / "recording"
-    shutil.rmtree(workdir.folder / target)
+def started(workdir, target: Path) -> "subprocess.Popen[bytes]":
+    """Snakemake at work on a target, in a group of its own, as a terminal has it."""
     workflow = Path(__file__).parents[2] / "workflow/Snakefile"
-    process = subprocess.Popen(
+    return subprocess.Popen(
         # What a shell starts in the background ignores interrupts, and so do its children; on a terminal none does.
         ["env", "--default-signal=INT", sys.executable, "-m", "snakemake"]
         + ["--snakefile", workflow, "--cores", "2"]
@@ -55,6 +53,13 @@ def test_nothing_half_written_is_left_to_look_whole(workdir, how):
         stderr=subprocess.DEVNULL,
         start_new_session=True,
     )
+
+
+@pytest.mark.parametrize("how", ["the stage is killed", "Snakemake is interrupted"])
+def test_nothing_half_written_is_left_to_look_whole(workdir, how):
+    target = SCENE / "recording"
+    shutil.rmtree(workdir.folder / target)
+    process = started(workdir, target)
     wait_for(lambda: half_written(workdir))
     if how == "the stage is killed":
         stages = writers(workdir)
@@ -76,16 +81,7 @@ def test_after_a_killed_snakemake_the_same_command_goes_on(workdir):
     """Its stage ends with it, and nobody has to unlock."""
     target = SCENE / "recording"
     shutil.rmtree(workdir.folder / target)
-    workflow = Path(__file__).parents[2] / "workflow/Snakefile"
-    process = subprocess.Popen(
-        [sys.executable, "-m", "snakemake", "--snakefile", workflow, "--cores", "2"]
-        + ["--configfile", "tiny.yaml", "--", str(target)],
-        cwd=workdir.folder,
-        env=workdir.environment,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )
+    process = started(workdir, target)
     wait_for(lambda: half_written(workdir))
     assert writers(workdir)
     process.kill()
