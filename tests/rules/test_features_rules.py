@@ -24,7 +24,7 @@ from egosplat.provenance import begin
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = "results/mine/scene"
 BOTH = {"view_features", "features"}
-SNAKEFILE = 'include: "rules/common.smk"\ninclude: "rules/features.smk"\n'
+SNAKEFILE = "".join(f'include: "rules/{name}.smk"\n' for name in ("common", "resources", "features"))
 SIZE, FRAME_COUNT = 32, 6
 DESCRIPTION = {
     "embed_dim": 8,
