@@ -1,0 +1,29 @@
+"""What the extrapolation takes for granted, because nothing here could measure it. All of it can be changed."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+
+def _assumed(default: float, about: str) -> Any:
+    return field(default=default, metadata={"about": about})
+
+
+@dataclass(frozen=True)
+class Assumptions:
+    """Of a sequence, and of a cluster; every ``about`` is the help of the option of that name."""
+
+    frames: int = _assumed(3600, "Frames of a sequence; two minutes at ADT's 30 a second.")
+    instances: int = _assumed(300, "Instances that are followed in a sequence, at all levels together.")
+    visible: float = _assumed(0.3, "Share of the frames in which an instance is seen, 0 to 1.")
+    gaussians: int = _assumed(1_000_000, "Gaussians of a scene, on average over its training.")
+    points: int = _assumed(1_000_000, "Points of a sequence's semi-dense cloud that are kept.")
+    evaluated: int = _assumed(12, "Frames that the benchmark asks about.")
+    queries: int = _assumed(150, "Pairs of a category and a frame that are asked for.")
+    network_speedup: float = _assumed(
+        200.0, "Times that a GPU is faster than one core at SAM2, OpenCLIP and the transient network."
+    )
+    rasterizer_speedup: float = _assumed(
+        50.0, "Times that a GPU is faster than one core at rendering and training Gaussians."
+    )
+    sequences: int = _assumed(236, "Sequences; ADT has 236.")
+    gpus: int = _assumed(64, "GPUs of the cluster, each with one core at least beside it.")

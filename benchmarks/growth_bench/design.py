@@ -1,0 +1,99 @@
+"""Which sizes are measured: a centre, and around it one factor at a time."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+CENTRE: Mapping[str, Mapping[str, Any]] = {
+    "synthetic": {"size": 512, "fps": 3.0, "seconds": 16.0},
+    "frames": {"resolution": 192, "end_s": 7.9, "evaluation_frames": 4},
+    "survey": {"min_view_change_deg": 0},
+    "segments": {"points_per_side": 8, "key_frame_stride": 8, "max_instances": 10},
+    "features": {"dims": 16},
+    "transient": {
+        "iterations": 80,
+        "resolution": 96,
+        "input_size": 96,
+        "max_points": 10_000,
+        "max_gaussians": 10_000,
+    },
+    "splats": {"masking": "none", "iterations": 150, "max_points": 10_000, "max_gaussians": 10_000},
+}
+"""So small that all stages take a minute or two. Nothing is masked, so that Gaussians do not wait for instances."""
+
+PICTURES = ("frames", "annotations", "poses", "survey")
+INSTANCES = ("segments", "view_features", "features")
+MOVING = ("transient", "masks")
+GAUSSIANS = ("splats", "language", "metrics")
+STAGES = PICTURES + INSTANCES + MOVING + GAUSSIANS
+"""The stages that are measured: those that a recorded sequence passes through."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """A size that is measured.
+
+    Attributes:
+        name: unique; in words of file names.
+        factor: what is another than in the centre, in words; value: how much of it, in words.
+        keys: over those of the centre, by section.
+        stages: that are made anew for it and depend on the factor.
+        scene: whose recording it is.
+    """
+
+    name: str
+    factor: str
+    value: str
+    keys: Mapping[str, Mapping[str, Any]]
+    stages: tuple[str, ...]
+    scene: str = field(default="apartment")
+
+
+def _gaussians(count: int) -> dict[str, dict[str, Any]]:
+    most = {"max_points": count, "max_gaussians": count}
+    return {"splats": most, "transient": most}
+
+
+def _joint(dims: int) -> dict[str, dict[str, Any]]:
+    return {"features": {"dims": dims}, "splats": {"language": "joint"}}
+
+
+def _autoencoder(epochs: int) -> dict[str, dict[str, Any]]:
+    return {"features": {"compression": "autoencoder", "epochs": epochs}}
+
+
+WITHOUT_SCORES = tuple(stage for stage in STAGES if stage != "metrics")
+MEANT = (*INSTANCES, "masks", "language")
+
+POINTS = (
+    Point("centre", "none", "the centre", {}, STAGES),
+    Point("frames-12", "frames", "12", {"frames": {"end_s": 3.9}}, WITHOUT_SCORES),
+    Point("frames-48", "frames", "48, of them 12 evaluated", {"frames": {"end_s": None, "evaluation_frames": 12}}, STAGES),
+    Point("side-128", "side of the pictures", "128 px", {"frames": {"resolution": 128}}, WITHOUT_SCORES),
+    Point("side-288", "side of the pictures", "288 px", {"frames": {"resolution": 288}}, STAGES),
+    Point("side-384", "side of the pictures", "384 px", {"frames": {"resolution": 384}}, STAGES),
+    Point("recorded-256", "side of the recording", "256 px", {}, ("frames", "annotations"), "small"),
+    Point("instances-4", "instances", "at most 4 a level", {"segments": {"max_instances": 4}}, MEANT),
+    Point("instances-30", "instances", "at most 30 a level", {"segments": {"max_instances": 30}}, MEANT),
+    Point("prompts-16", "prompts", "16 x 16", {"segments": {"points_per_side": 16}}, ("segments",)),
+    Point("gaussians-3000", "Gaussians", "3,000", _gaussians(3000), ("transient", *GAUSSIANS)),
+    Point("gaussians-20000", "Gaussians", "20,000", _gaussians(20000), ("transient", "splats", "language")),
+    Point("gaussians-35000", "Gaussians", "35,000", _gaussians(35000), ("transient", *GAUSSIANS)),
+    Point("splats-60", "iterations", "60", {"splats": {"iterations": 60}}, ("splats",)),
+    Point("splats-400", "iterations", "400", {"splats": {"iterations": 400}}, ("splats",)),
+    Point("transient-30", "iterations", "30", {"transient": {"iterations": 30}}, ("transient",)),
+    Point("transient-200", "iterations", "200", {"transient": {"iterations": 200}}, ("transient",)),
+    Point("compared-192", "side compared at", "192 px", {"transient": {"resolution": 192}}, ("transient",)),
+    Point("network-64", "side of the network", "64 px", {"transient": {"input_size": 64}}, ("transient",)),
+    Point("network-224", "side of the network", "224 px", {"transient": {"input_size": 224}}, ("transient",)),
+    Point("joint-3", "codes learned jointly", "3 dims", _joint(3), ("features", "splats", "language")),
+    Point("joint-16", "codes learned jointly", "16 dims", _joint(16), ("splats", "language")),
+    Point("autoencoder-20", "epochs", "20", _autoencoder(20), ("features",)),
+    Point("autoencoder-60", "epochs", "60", _autoencoder(60), ("features",)),
+)  # fmt: skip
+
+SCENES = {
+    "apartment": "synthetic.seed=1",
+    "small": "synthetic.seed=1 synthetic.size=256",
+}
+"""The options of each scene in the table of scenes."""

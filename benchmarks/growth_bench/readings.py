@@ -1,0 +1,144 @@
+"""What finished artifacts say: how large the scene is, and what each stage took."""
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from egosplat.artifacts.kinds import SCHEMAS
+from egosplat.artifacts.reading import Artifact, open_any
+from egosplat.artifacts.survey import read_survey
+from egosplat.survey.moving import SIDE
+
+Sizes = dict[str, float]
+
+_MIB = 2**20
+_LEVELS = 3
+
+
+@dataclass(frozen=True)
+class Run:
+    """A stage that was run once.
+
+    Attributes:
+        stage: its name.
+        point: the point of the design, or the scene, that it was run for.
+        sizes: of the scene, by name: see ``sizes_of``.
+        cpu_s: time on processors [s]; peak_memory_mb: of the process [MiB]; disk_mb: of what it wrote [MiB].
+    """
+
+    stage: str
+    point: str
+    sizes: Sizes
+    cpu_s: float
+    peak_memory_mb: float
+    disk_mb: float
+
+
+def read_runs(scene: Path, own: Path, point: str, recorded_side: int) -> list[Run]:
+    """The runs of all artifacts in a point's own folder.
+
+    Args:
+        scene: folder of the scene, which has what the point shares.
+        own: folder of what the point made anew; the scene's own for the centre.
+        recorded_side: of the recording's pictures [px], which no artifact tells.
+    """
+    artifacts = {path.stem: open_any(path, SCHEMAS) for path in sorted(scene.glob("*.zarr"))}
+    mine = {path.stem: open_any(path, SCHEMAS) for path in sorted(own.glob("*.zarr"))}
+    documents = {path.stem: path for folder in (scene, own) for path in sorted(folder.glob("*.json"))}
+    sizes = sizes_of(artifacts | mine, documents) | {"recorded_pixels": recorded_side**2}
+    runs = [_run(name, point, sizes, artifact.path, artifact.provenance) for name, artifact in mine.items()]
+    for name, path in documents.items():
+        if path.parent == own:
+            runs.append(_run(name, point, sizes, path, json.loads(path.read_text())["provenance"]))
+    return runs
+
+
+def sizes_of(artifacts: dict[str, Artifact], documents: dict[str, Path]) -> Sizes:
+    """Sizes of a scene, as far as it is made.
+
+    Args:
+        artifacts: by stage; documents: ``survey.json`` and ``metrics.json``, by stage.
+
+    Returns:
+        Numbers by name. ``kept`` are frames that the survey does not leave out, ``training`` those of them that learn;
+        ``pairs`` of frames are what the survey compares; ``prompts`` points that SAM2 was asked at; ``codes`` numbers of a code, of all levels together, and ``joint``
+        the same where Gaussians learned them with their geometry, else 0; ``mean_gaussians`` is over their training.
+    """
+    readers = {
+        "frames": _pictures,
+        "poses": lambda one: {"points": one.shape("points/xyz")[0]},
+        "segments": _segments,
+        "view_features": lambda one: dict(zip(("views", "channels"), one.shape("feature"), strict=True)),
+        "features": _codes,
+        "transient": _transient,
+        "splats": _splats,
+    }
+    sizes: Sizes = {}
+    for name, read in readers.items():
+        if name in artifacts:
+            sizes |= read(artifacts[name])
+    if "segments" in artifacts and "kept_frames" in artifacts["segments"].provenance["options"]:
+        kept = read_survey(documents["survey"])["views"]["kept"]
+        sizes |= {"kept": len(kept), "training": int(artifacts["frames"].read("train")[kept].sum())}
+    if "survey" in documents:
+        pairs = json.loads(documents["survey"].read_text())["motion"]["pairs"]
+        sizes |= {"pairs": len(pairs), "surveyed_pixels": min(sizes["pixels"], SIDE**2)}
+    if "metrics" in documents:
+        sizes["queries"] = len(json.loads(documents["metrics"].read_text())["queries"])
+    return sizes
+
+
+def _pictures(one: Artifact) -> Sizes:
+    frames, height, width, _ = one.shape("rgb")
+    return {
+        "frames": frames,
+        "kept": frames,
+        "pixels": height * width,
+        "training": int(one.read("train").sum()),
+        "evaluated": int(one.read("evaluation").sum()),
+    }
+
+
+def _segments(one: Artifact) -> Sizes:
+    looks = len(one.facts.get("key_frames", ()))
+    side = one.provenance["options"]["points_per_side"]
+    return {"instances": one.shape("instances/level")[0], "prompts": looks * side**2}
+
+
+def _codes(one: Artifact) -> Sizes:
+    options = one.provenance["options"]
+    trained = options["compression"] == "autoencoder"
+    return {
+        "codes": _LEVELS * one.shape("code")[1],
+        "epochs": options["epochs"] if trained else 0,
+    }
+
+
+def _transient(one: Artifact) -> Sizes:
+    options = one.provenance["options"]
+    iterations = options["iterations"]
+    return {
+        "initial_iterations": iterations,
+        "network_iterations": iterations - round(options["warmup"] * iterations),
+        "initial_pixels": math.prod(one.facts["working_size"]),
+        "network_pixels": options["input_size"] ** 2,
+        "initial_gaussians": one.facts["gaussians"],
+    }
+
+
+def _splats(one: Artifact) -> Sizes:
+    gaussians, joint = one.shape("features")
+    return {
+        "iterations": one.facts["iterations_done"],
+        "gaussians": gaussians,
+        "mean_gaussians": float(one.read("curve/gaussians").mean()),
+        "joint": joint,
+    }
+
+
+def _run(stage: str, point: str, sizes: Sizes, path: Path, made: dict[str, Any]) -> Run:
+    files = [path] if path.is_file() else [file for file in path.rglob("*") if file.is_file()]
+    disk = sum(file.stat().st_size for file in files) / _MIB
+    return Run(stage, point, sizes, made["cpu_s"], made["peak_memory_mb"], round(disk, 4))

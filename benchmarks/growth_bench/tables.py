@@ -1,0 +1,174 @@
+"""The tables of the page, in Markdown."""
+
+from collections.abc import Mapping, Sequence
+
+from egosplat.cluster.memory import MB
+from growth_bench.extrapolation import ON_GPU, Cost
+from growth_bench.fitting import Fit, Term, median_and_worst
+from growth_bench.laws import CPU, DISK, LAWS, MEMORY
+from growth_bench.readings import Run, Sizes
+
+Fits = Mapping[str, Mapping[str, Fit]]
+
+UNITS = {CPU: "s", MEMORY: "MiB", DISK: "MiB"}
+
+_GIB = 1024
+"""MiB in a GiB."""
+
+_THOUSANDS = ("pixels", "gaussians", "points")
+"""Sizes whose coefficients are told for a thousand of them."""
+
+
+def table(columns: Sequence[str], rows: Sequence[Sequence[str]], words: int = 1) -> str:
+    """A table whose first ``words`` columns are words, and the others numbers."""
+    marks = ["---"] * words + ["---:"] * (len(columns) - words)
+    return "\n".join(f"| {' | '.join(row)} |" for row in [columns, marks, *rows])
+
+
+def laws(fits: Fits, measure: str) -> str:
+    """Of each stage its law of a measure, and how wrong that is."""
+    columns = (
+        "stage",
+        f"law [{UNITS[measure]}]",
+        "points",
+        "median error",
+        "worst",
+        "left out: median",
+        "left out: worst",
+    )
+    return table(columns, [_law_row(stage, own[measure]) for stage, own in fits.items()], words=2)
+
+
+def _law_row(stage: str, law: Fit) -> list[str]:
+    errors = (*median_and_worst(law.errors), *median_and_worst(law.left_out))
+    return [stage, in_words(law.coefficients), str(len(law.errors)), *map(percent, errors)]
+
+
+def in_words(coefficients: Mapping[Term, float]) -> str:
+    """A law as a formula, without the terms that count nothing."""
+    parts = [_term(term, factor) for term, factor in coefficients.items() if factor > 0]
+    return " + ".join(parts) or "0"
+
+
+def _term(term: Term, factor: float) -> str:
+    for name in term:
+        factor *= 1000.0 if is_in_thousands(name) else 1.0
+    return " · ".join([f"{factor:.3g}", *map(spoken, term)])
+
+
+def is_in_thousands(name: str) -> bool:
+    """Whether a size's coefficients are told for a thousand of it."""
+    return name.endswith(_THOUSANDS)
+
+
+def spoken(name: str) -> str:
+    """A size as it is called in a formula."""
+    return ("k " if is_in_thousands(name) else "") + name.replace("_", " ")
+
+
+def held_against(fits: Fits, runs: Sequence[Run]) -> str:
+    """What the laws say of a scene that none was fitted to, beside what it took."""
+    measures = {CPU: "CPU [s]", MEMORY: "memory [MiB]", DISK: "disk [MiB]"}
+    columns = ["stage"]
+    for title in measures.values():
+        columns += [f"{title}: law", "measured", "ratio"]
+    rows, sums = [], dict.fromkeys(measures, (0.0, 0.0))
+    for run in sorted(runs, key=lambda one: list(LAWS).index(one.stage)):
+        row = [run.stage]
+        for measure in measures:
+            law, found = fits[run.stage][measure].at(run.sizes), getattr(run, measure)
+            row += [number(law), number(found), f"{law / found:.2f}"]
+            join = max if measure == MEMORY else float.__add__
+            sums[measure] = join(sums[measure][0], law), join(sums[measure][1], found)
+        rows.append(row)
+    last = ["together (memory: the most)"]
+    for law, found in sums.values():
+        last += [number(law), number(found), f"{law / found:.2f}"]
+    return table(columns, [*rows, last])
+
+
+def sequence(costs: Mapping[str, Cost], expected: Mapping[str, float]) -> str:
+    """What each stage takes of one sequence.
+
+    Args:
+        expected: memory by stage that ``egosplat.cluster.memory`` expects [MB].
+    """
+    columns = (
+        "stage",
+        "CPU-hours",
+        "least to most",
+        "memory [GiB]",
+        "least to most",
+        "scheduler's law [GiB]",
+        "disk [GiB]",
+        "GPU-hours, as assumed",
+    )
+    rows = [_sequence_row(stage, cost, expected[stage]) for stage, cost in costs.items()]
+    everything = list(costs.values())
+    total = [
+        "together (memory: the most)",
+        hours(sum(cost.cpu_s.value for cost in everything)),
+        f"{hours(sum(cost.cpu_s.low for cost in everything))} to {hours(sum(cost.cpu_s.high for cost in everything))}",
+        number(max(cost.memory_mb.value for cost in everything) / _GIB),
+        "",
+        number(max(expected.values()) * MB / 2**30),
+        number(sum(cost.disk_mb.value for cost in everything) / _GIB),
+        hours(sum(cost.gpu_s or 0.0 for cost in everything)),
+    ]
+    return table(columns, [*rows, total])
+
+
+def _sequence_row(stage: str, cost: Cost, expected: float) -> list[str]:
+    memory = cost.memory_mb
+    return [
+        stage,
+        hours(cost.cpu_s.value),
+        f"{hours(cost.cpu_s.low)} to {hours(cost.cpu_s.high)}",
+        number(memory.value / _GIB),
+        f"{number(memory.low / _GIB)} to {number(memory.high / _GIB)}",
+        number(expected * MB / 2**30),
+        number(cost.disk_mb.value / _GIB),
+        "none" if cost.gpu_s is None else f"{hours(cost.gpu_s)} ({ON_GPU[stage].replace('_', ' ')})",
+    ]
+
+
+def reach(runs: Sequence[Run], checked: Mapping[str, Sizes], paper: Sizes) -> str:
+    """How far each size goes beyond what was measured."""
+    columns = ["size", "measured: least", "most"]
+    for name in [*checked, "paper's settings"]:
+        columns += [name, "times the most"]
+    rows = []
+    for size in paper:
+        found = [run.sizes[size] for run in runs if size in run.sizes and uses(run.stage, size)]
+        row = [size.replace("_", " "), number(min(found)), number(max(found))]
+        for target in [*checked.values(), paper]:
+            row += _reached(target.get(size), max(found))
+        rows.append(row)
+    return table(columns, rows)
+
+
+def uses(stage: str, size: str) -> bool:
+    """Whether a law of the stage has the size in it."""
+    return any(size in term for terms in LAWS[stage].values() for term in terms)
+
+
+def _reached(value: float | None, most: float) -> list[str]:
+    if value is None:
+        return ["", ""]
+    return [number(value), f"{value / most:.1f}" if value and most else ""]
+
+
+def number(value: float) -> str:
+    """Three digits that count, with commas."""
+    if value >= 100:
+        return f"{value:,.0f}"
+    return f"{value:.3g}"
+
+
+def hours(seconds: float) -> str:
+    """Hours, with three digits that count."""
+    return number(seconds / 3600)
+
+
+def percent(share: float) -> str:
+    return f"{share:.0%}"
