@@ -1,4 +1,4 @@
-"""Which sizes are measured: a centre, and around it one factor at a time."""
+"""Which sizes are measured: a centre, around it one factor at a time, and a corner where all are large."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -62,6 +62,14 @@ def _autoencoder(epochs: int) -> dict[str, dict[str, Any]]:
     return {"features": {"compression": "autoencoder", "epochs": epochs}}
 
 
+CORNER = {
+    "frames": {"resolution": 512, "end_s": None, "evaluation_frames": 12},
+    "segments": {"max_instances": 30},
+    "transient": {"resolution": 512, "max_points": 35_000, "max_gaussians": 35_000},
+    "splats": {"max_points": 35_000, "max_gaussians": 35_000},
+}
+"""Where terms that are products show."""
+
 WITHOUT_SCORES = tuple(stage for stage in STAGES if stage != "metrics")
 MEANT = (*INSTANCES, "masks", "language")
 
@@ -89,7 +97,8 @@ POINTS = (
     Point("joint-3", "codes learned jointly", "3 dims", _joint(3), ("features", "splats", "language")),
     Point("joint-16", "codes learned jointly", "16 dims", _joint(16), ("splats", "language")),
     Point("autoencoder-20", "epochs", "20", _autoencoder(20), ("features",)),
-    Point("autoencoder-60", "epochs", "60", _autoencoder(60), ("features",)),
+    Point("autoencoder-400", "epochs", "400", _autoencoder(400), ("features",)),
+    Point("corner", "all of them", "at their most, 512 px", CORNER, STAGES),
 )  # fmt: skip
 
 SCENES = {

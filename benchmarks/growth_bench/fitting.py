@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+Values = NDArray[np.float64]
+
 Term = tuple[str, ...]
 """Names of the sizes that it is the product of; () is a constant."""
 
@@ -45,11 +47,17 @@ def evaluate(law: Mapping[Term, float], sizes: Mapping[str, float]) -> float:
     )
 
 
-def fit(terms: Sequence[Term], sizes: Sequence[Mapping[str, float]], measured: Sequence[float]) -> Fit:
+def fit(
+    terms: Sequence[Term],
+    sizes: Sequence[Mapping[str, float]],
+    measured: Sequence[float],
+    least: Mapping[Term, float] | None = None,
+) -> Fit:
     """Fit a law to points.
 
     Args:
         terms: of the law; sizes: of each point; measured: what was, positive.
+        least: what coefficients are at least; 0 of those that it does not have.
 
     Raises:
         ValueError: there are fewer points than two, or one is not positive.
@@ -58,9 +66,10 @@ def fit(terms: Sequence[Term], sizes: Sequence[Mapping[str, float]], measured: S
     if len(values) < 2 or not (values > 0).all():
         raise ValueError("a law needs two points or more, all positive")
     design = np.array([[math.prod(own[name] for name in term) for term in terms] for own in sizes], float)
-    weights = _solve(design, values)
+    floor = np.array([(least or {}).get(term, 0.0) for term in terms])
+    weights = _solve(design, values, floor)
     others = [np.arange(len(values)) != index for index in range(len(values))]
-    without = [_solve(design[rest], values[rest]) for rest in others]
+    without = [_solve(design[rest], values[rest], floor) for rest in others]
     left_out = [float(row @ law / value - 1) for row, law, value in zip(design, without, values, strict=True)]
     return Fit(
         dict(zip(terms, weights.tolist(), strict=True)),
@@ -70,12 +79,12 @@ def fit(terms: Sequence[Term], sizes: Sequence[Mapping[str, float]], measured: S
     )
 
 
-def _solve(design: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Least squares of relative residuals, no coefficient below 0; of a term that no point has, 0."""
+def _solve(design: Values, values: Values, floor: Values) -> Values:
+    """Least squares of relative residuals, no coefficient below its floor; of a term that no point has, that."""
     relative = design / values[:, None]
     scale = relative.max(axis=0)
     scale[scale == 0] = 1.0
-    return nnls(relative / scale, np.ones(len(values)))[0] / scale
+    return floor + nnls(relative / scale, 1.0 - relative @ floor)[0] / scale
 
 
 def median_and_worst(errors: Sequence[float]) -> tuple[float, float]:

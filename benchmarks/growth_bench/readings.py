@@ -63,7 +63,8 @@ def sizes_of(artifacts: dict[str, Artifact], documents: dict[str, Path]) -> Size
 
     Returns:
         Numbers by name. ``kept`` are frames that the survey does not leave out, ``training`` those of them that learn;
-        ``pairs`` of frames are what the survey compares; ``prompts`` points that SAM2 was asked at; ``codes`` numbers of a code, of all levels together, and ``joint``
+        ``pairs`` of frames are what the survey compares; ``prompts`` points that SAM2 was asked at; ``followed`` are
+        instances before those are left out that are seen too briefly; ``codes`` numbers of a code, of all levels together, and ``joint``
         the same where Gaussians learned them with their geometry, else 0; ``mean_gaussians`` is over their training.
     """
     readers = {
@@ -104,7 +105,8 @@ def _pictures(one: Artifact) -> Sizes:
 def _segments(one: Artifact) -> Sizes:
     looks = len(one.facts.get("key_frames", ()))
     side = one.provenance["options"]["points_per_side"]
-    return {"instances": one.shape("instances/level")[0], "prompts": looks * side**2}
+    found = one.facts["found"]
+    return {"instances": one.shape("instances/level")[0], "followed": found, "prompts": looks * side**2}
 
 
 def _codes(one: Artifact) -> Sizes:
@@ -112,6 +114,7 @@ def _codes(one: Artifact) -> Sizes:
     trained = options["compression"] == "autoencoder"
     return {
         "codes": _LEVELS * one.shape("code")[1],
+        "autoencoder": int(trained),
         "epochs": options["epochs"] if trained else 0,
     }
 

@@ -1,6 +1,6 @@
 """The tables of the page, in Markdown."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from egosplat.cluster.memory import MB
 from growth_bench.extrapolation import ON_GPU, Cost
@@ -11,9 +11,6 @@ from growth_bench.readings import Run, Sizes
 Fits = Mapping[str, Mapping[str, Fit]]
 
 UNITS = {CPU: "s", MEMORY: "MiB", DISK: "MiB"}
-
-_GIB = 1024
-"""MiB in a GiB."""
 
 _THOUSANDS = ("pixels", "gaussians", "points")
 """Sizes whose coefficients are told for a thousand of them."""
@@ -108,11 +105,11 @@ def sequence(costs: Mapping[str, Cost], expected: Mapping[str, float]) -> str:
     total = [
         "together (memory: the most)",
         hours(sum(cost.cpu_s.value for cost in everything)),
-        f"{hours(sum(cost.cpu_s.low for cost in everything))} to {hours(sum(cost.cpu_s.high for cost in everything))}",
-        number(max(cost.memory_mb.value for cost in everything) / _GIB),
+        span(hours, sum(cost.cpu_s.low for cost in everything), sum(cost.cpu_s.high for cost in everything)),
+        gib(max(cost.memory_mb.value for cost in everything)),
         "",
-        number(max(expected.values()) * MB / 2**30),
-        number(sum(cost.disk_mb.value for cost in everything) / _GIB),
+        gib(max(expected.values()) * MB / 2**20),
+        gib(sum(cost.disk_mb.value for cost in everything)),
         hours(sum(cost.gpu_s or 0.0 for cost in everything)),
     ]
     return table(columns, [*rows, total])
@@ -123,11 +120,11 @@ def _sequence_row(stage: str, cost: Cost, expected: float) -> list[str]:
     return [
         stage,
         hours(cost.cpu_s.value),
-        f"{hours(cost.cpu_s.low)} to {hours(cost.cpu_s.high)}",
-        number(memory.value / _GIB),
-        f"{number(memory.low / _GIB)} to {number(memory.high / _GIB)}",
-        number(expected * MB / 2**30),
-        number(cost.disk_mb.value / _GIB),
+        span(hours, cost.cpu_s.low, cost.cpu_s.high),
+        gib(memory.value),
+        span(gib, memory.low, memory.high),
+        gib(expected * MB / 2**20),
+        gib(cost.disk_mb.value),
         "none" if cost.gpu_s is None else f"{hours(cost.gpu_s)} ({ON_GPU[stage].replace('_', ' ')})",
     ]
 
@@ -165,9 +162,24 @@ def number(value: float) -> str:
     return f"{value:.3g}"
 
 
+def span(told: Callable[[float], str], low: float, high: float) -> str:
+    """From one value to another; one alone where they are told alike."""
+    ends = dict.fromkeys((told(low), told(high)))
+    return " to ".join(ends)
+
+
 def hours(seconds: float) -> str:
-    """Hours, with three digits that count."""
-    return number(seconds / 3600)
+    """Hours, with three digits that count; the smallest by a bound."""
+    return _from_a_hundredth(seconds / 3600)
+
+
+def gib(mebibytes: float) -> str:
+    """The same of GiB."""
+    return _from_a_hundredth(mebibytes / 1024)
+
+
+def _from_a_hundredth(value: float) -> str:
+    return number(value) if value >= 0.01 else "< 0.01"
 
 
 def percent(share: float) -> str:

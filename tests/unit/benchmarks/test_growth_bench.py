@@ -48,6 +48,18 @@ def test_no_coefficient_is_negative(bench):
     assert all(min(law.values()) >= 0 for law in found.without)
 
 
+def test_no_coefficient_is_below_what_is_known(bench):
+    points = scenes()
+    measured = [truth(own) for own in points]
+    least = {("frames",): 0.7, ("frames", "pixels"): 1e-4}
+    found = bench("fitting").fit(list(TRUE), points, measured, least)
+    assert found.coefficients[("frames",)] == 0.7
+    assert found.coefficients[("frames", "pixels")] >= 1e-4
+    assert all(law[("frames",)] == 0.7 for law in found.without)
+    true = bench("fitting").fit(list(TRUE), points, measured, {("frames",): 0.4})
+    assert true.coefficients == pytest.approx(TRUE, rel=1e-6)
+
+
 def test_residuals_count_relative_to_what_was_measured(bench):
     # Equal shares of error above and below: a constant lies between, nearer to the small values.
     found = bench("fitting").fit([()], [{}, {}], [1.0, 3.0])
@@ -136,6 +148,14 @@ def test_the_page_says_how_far_it_extrapolates(bench, measured):
     assert "assumed" in text and "CPU-hours" in text and "No GPU was there to be measured" in text
 
 
+def test_small_numbers_are_told_by_a_bound(bench):
+    tables = bench("tables")
+    assert [tables.hours(value) for value in (1.0, 90.0, 7200.0, 3.6e6)] == ["< 0.01", "0.025", "2", "1,000"]
+    assert tables.span(tables.hours, 1.0, 2.0) == "< 0.01"
+    assert tables.span(tables.hours, 1.0, 7200.0) == "< 0.01 to 2"
+    assert tables.in_words({(): 0.0, ("frames", "mean_gaussians"): 0.002}) == "2 · frames · k mean gaussians"
+
+
 def test_the_papers_models_take_the_place_of_the_small_ones(bench, measured):
     extrapolation, laws = bench("extrapolation"), bench("laws")
     assumed = bench("assumptions").Assumptions(frames=100, instances=10, visible=0.25, evaluated=0)
@@ -188,3 +208,24 @@ def test_the_report_takes_each_assumption_as_an_option(bench, measured, tmp_path
     done = CliRunner().invoke(growth.main, ["report", str(tmp_path / "growth.json"), "--frames", "7200"])
     assert done.exit_code == 0, done.output
     assert "7,200 frames of 1408" in done.output
+
+
+def test_what_was_measured_is_not_measured_again(bench, measured, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    growth, store, path = importlib.import_module("growth"), bench("store"), tmp_path / "growth.json"
+    lost = {name: measured.points.pop(name) for name in ("frames-12", "joint-3")}
+    store.save(path, measured)
+    asked = []
+
+    def stopped(_, point):
+        asked.append(point.name)
+        if point.name == "joint-3" and len(asked) < 3:
+            raise KeyboardInterrupt
+        return lost[point.name]
+
+    monkeypatch.setattr(growth, "_measured", stopped)
+    assert CliRunner().invoke(growth.main, ["measure", str(path)]).exit_code == 1
+    done = CliRunner().invoke(growth.main, ["measure", str(path)])
+    assert done.exit_code == 0, done.output
+    assert asked == ["frames-12", "joint-3", "joint-3"]
+    assert store.load(path).points == measured.points | lost
