@@ -9,7 +9,7 @@ BIN := .venv/bin
 INSTALLED := .venv/.installed
 KERNELS := src/egosplat/kernels
 COMPILED := $(KERNELS)/libegosplat_generic.so
-PAGES := contact_sheet.png segments.png crops.png transient.png splats.png language.png
+PAGES := contact_sheet.png segments.png crops.png transient.png splats.png language.png queries.png
 
 # Some distributions leave ensurepip out of Python: then the pip at hand fills the environment.
 WITHOUT_ENSUREPIP = { $(PYTHON) -m venv --clear --without-pip .venv && $(PYTHON) -m pip --python $(BIN)/python install --quiet pip; }

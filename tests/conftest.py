@@ -117,6 +117,7 @@ MAIN = tuple(
         "splats.png",
         "language.png",
         "metrics.json",
+        "queries.png",
     )
 )
 

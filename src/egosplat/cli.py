@@ -141,6 +141,16 @@ PATHS: dict[str, dict[str, str]] = {
         "splats": "the splats artifact",
         "output": "the picture to make",
     },
+    "queries_sheet": {
+        "frames": "the frames artifact",
+        "poses": "its poses artifact",
+        "annotations": "its annotations artifact",
+        "features": "its features artifact",
+        "splats": "its splats artifact",
+        "language": "its language artifact",
+        "metrics": "the scores of all these",
+        "output": "the picture to make",
+    },
 }
 """What each stage reads and writes, in the order of its function's arguments."""
 
@@ -170,6 +180,7 @@ EXTRAS: dict[str, list[click.Option]] = {
     "transient_sheet": [TITLE],
     "segments_sheet": [TITLE],
     "splats_sheet": [TITLE],
+    "queries_sheet": [TITLE],
 }
 """Flags that come from the table of scenes."""
 

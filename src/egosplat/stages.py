@@ -157,6 +157,11 @@ STAGES = {
         ("matplotlib",),
         "Draw how well held-out frames are rendered, and how training went.",
     ),
+    "queries_sheet": Stage(
+        "egosplat.report.queries_sheet",
+        ("matplotlib", "open_clip_torch", "opencv-contrib-python-headless", "torch"),
+        "Draw the queries that were answered best, and those that were answered worst.",
+    ),
 }
 
 

@@ -34,6 +34,7 @@ OUTPUTS = {
     "transient_sheet": "transient.png",
     "splats_sheet": "splats.png",
     "language_sheet": "language.png",
+    "queries_sheet": "queries.png",
 }
 
 

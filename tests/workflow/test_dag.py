@@ -2,7 +2,7 @@
 
 import re
 
-EVALUATION = {"all", "contact_sheet", "metrics", "tables", "tradeoff"}
+EVALUATION = {"all", "contact_sheet", "metrics", "queries_sheet", "tables", "tradeoff"}
 """Rules that may see annotations. Any other rule is taken for one that trains."""
 
 

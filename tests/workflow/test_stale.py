@@ -16,9 +16,11 @@ MAIN = tuple(
         "splats.png",
         "language.png",
         "metrics.json",
+        "queries.png",
     )
 )
-AFTER_LANGUAGE = {"language", "language_sheet", "metrics"}
+AFTER_QUERIES = {"metrics", "queries_sheet"}
+AFTER_LANGUAGE = {"language", "language_sheet", *AFTER_QUERIES}
 AFTER_SPLATS = {"splats", "splats_sheet", "transient_sheet", *AFTER_LANGUAGE}
 AFTER_MASKS = {"masks", *AFTER_SPLATS}
 AFTER_TRANSIENT = {"transient", *AFTER_MASKS}
@@ -47,9 +49,9 @@ def test_a_finished_run_has_nothing_to_do(workdir):
         ("splats: {iterations: 41}", AFTER_SPLATS),
         ("splats: {masking: none}", AFTER_SPLATS),
         ("language: {method: trained, iterations: 10}", AFTER_LANGUAGE),
-        ("query: {canonical: [object, thing]}", {"metrics"}),
-        ("metrics: {target: mask}", {"metrics"}),
-        ("annotations: {max_age_ms: 2.0}", {"annotations", "contact_sheet", "metrics"}),
+        ("query: {canonical: [object, thing]}", AFTER_QUERIES),
+        ("metrics: {target: mask}", AFTER_QUERIES),
+        ("annotations: {max_age_ms: 2.0}", {"annotations", "contact_sheet", *AFTER_QUERIES}),
         ("frames: {stride: 2}", AFTER_FRAMES),
         ("synthetic: {objects: 17}", {"synthetic", *AFTER_FRAMES}),
         ("poses: {max_gap_ms: 50.0}", set()),  # the default, written out
@@ -78,14 +80,15 @@ def test_a_changed_key_reruns_its_stage_and_what_follows(workdir, config, expect
         ("splats/stage.py", "\ndef run", "\nCHANGED = 1\n\n\ndef run", AFTER_SPLATS),
         ("transient/refinement.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_MASKS),
         ("language/lifting.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_LANGUAGE),
-        ("query/localization.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", {"metrics"}),
-        ("benchmark/scores.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", {"metrics"}),
+        ("query/localization.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_QUERIES),
+        ("benchmark/scores.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_QUERIES),
+        ("report/queries_choice.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", {"queries_sheet"}),
         ("report/splats_sheet.py", "PICTURES = 4", "PICTURES = 3", {"splats_sheet"}),
         (
             "frames/adt_annotations.py",
             "\nclass ",
             "\nCHANGED = 1\n\n\nclass ",
-            {"annotations", "contact_sheet", "metrics"},
+            {"annotations", "contact_sheet", *AFTER_QUERIES},
         ),
         ("report/contact_sheet.py", "PICTURES = 8", "PICTURES = 6", {"contact_sheet"}),
         ("poses/colmap.py", "\ndef colmap_poses", "\n# why\ndef colmap_poses", set()),

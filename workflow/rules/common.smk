@@ -141,7 +141,7 @@ def path_of_variant(stage, dataset, scene, variant):
     """The same by names."""
     found = find_scene(scenes, dataset, scene)
     folder = folder_of(stage, found, variant) if variant else ""
-    suffix = "json" if stage == "survey" else "zarr"
+    suffix = "json" if stage in ("survey", "metrics") else "zarr"
     return f"{found.results}/{folder}{stage}.{suffix}"
 
 
@@ -339,4 +339,4 @@ def results_of(scene):
     names = ["contact_sheet.png", "segments.png", "crops.png"]
     if scene.config["splats"]["masking"] == "refined":
         names.append("transient.png")
-    return [*names, "splats.png", "language.png", "metrics.json"]
+    return [*names, "splats.png", "language.png", "metrics.json", "queries.png"]

@@ -2,9 +2,9 @@
 Pictures for people.
 
 REQUIRED INPUTS: frames.zarr, annotations.zarr, poses.zarr, segments.zarr, view_features.zarr, features.zarr,
-transient.zarr, masks.zarr, splats.zarr, language.zarr.
-OUTPUTS: contact_sheet.png, segments.png, crops.png, splats.png, transient.png, language.png.
-TOOLS: matplotlib; egosplat's kernels or gsplat.
+transient.zarr, masks.zarr, splats.zarr, language.zarr, metrics.json.
+OUTPUTS: contact_sheet.png, segments.png, crops.png, splats.png, transient.png, language.png, queries.png.
+TOOLS: matplotlib; egosplat's kernels or gsplat; OpenCLIP.
 """
 
 
@@ -193,6 +193,45 @@ rule language_sheet:
         " --poses {input.poses:q}"
         " --splats {input.splats:q}"
         " --language {input.language:q}"
+        " --title {params.title:q}"
+        " --output {output:q}"
+        " 2>&1 | tee {log:q}"
+
+
+rule queries_sheet:
+    """Draw the queries that were answered best, and those that were answered worst."""
+    input:
+        frames=artifact("frames"),
+        poses=artifact("poses"),
+        annotations=artifact("annotations"),
+        features=artifact("features"),
+        splats=artifact("splats"),
+        language=artifact("language"),
+        metrics=artifact("metrics"),
+    output:
+        report(
+            "results/{dataset}/{scene}/{variant}queries.png",
+            caption="../report/queries.rst",
+            category="Scenes",
+            labels=LABELS,
+        ),
+    log:
+        "logs/{dataset}/{scene}/{variant}queries_sheet.log",
+    resources:
+        mem_mb=memory("queries_sheet"),
+        runtime=runtime("queries_sheet"),
+    params:
+        title=title,
+        code=code_of("queries_sheet"),
+    shell:
+        "egosplat queries-sheet"
+        " --frames {input.frames:q}"
+        " --poses {input.poses:q}"
+        " --annotations {input.annotations:q}"
+        " --features {input.features:q}"
+        " --splats {input.splats:q}"
+        " --language {input.language:q}"
+        " --metrics {input.metrics:q}"
         " --title {params.title:q}"
         " --output {output:q}"
         " 2>&1 | tee {log:q}"

@@ -181,4 +181,5 @@ _LAWS: dict[str, Callable[[Config, Shapes], float]] = {
     "splats_sheet": _sheet,
     "transient_sheet": _pictures_of_gaussians,
     "language_sheet": _pictures_of_gaussians,
+    "queries_sheet": _metrics,
 }

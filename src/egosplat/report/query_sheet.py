@@ -15,15 +15,10 @@ from numpy.typing import NDArray
 
 from egosplat.atomic import whole_file
 from egosplat.query.answer import Answer
+from egosplat.report.answer_drawing import draw_heat, draw_mask
 
 CELL = 4.0
 """Height of a picture, in inches."""
-
-DIMMED = 0.35
-"""Brightness that is left of what is not in the mask."""
-
-HEAT = 0.65
-"""Share of the heat map's colours over the picture."""
 
 
 def draw_answers(
@@ -62,12 +57,10 @@ def _draw(
         heat.set_title("nothing is seen here", fontsize=10)
         return
     _mark(place, answer)
-    grey = picture.mean(axis=-1)
-    heat.imshow(grey, cmap="gray", vmin=0.0, vmax=1.0)
-    heat.imshow(answer.relevancy, cmap="turbo", vmin=0.0, vmax=1.0, alpha=HEAT)
+    draw_heat(heat, picture, answer)
     _mark(heat, answer)
     heat.set_title(f"relevancy 0 to 1, {levels[answer.level]}", fontsize=10)
-    mask.imshow(np.where(answer.mask[..., None], picture, DIMMED * picture))
+    draw_mask(mask, picture, answer)
     mask.set_title(f"mask, {levels[answer.mask_level]}", fontsize=10)
 
 

@@ -40,6 +40,7 @@ LARGER = {
     "splats_sheet": ("pixels",),
     "transient_sheet": ("gaussians",),
     "language_sheet": ("gaussians",),
+    "queries_sheet": ("pixels", "gaussians"),
 }
 """Of each stage's memory, the sizes that it grows with."""
 

@@ -1,0 +1,140 @@
+"""A scene's scored queries asked once more, for the maps that their scores were computed from."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.artifacts.annotations import ANNOTATIONS
+from egosplat.artifacts.features import FEATURES
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.language import LANGUAGE
+from egosplat.artifacts.lineage import lineage
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.splats import SPLATS
+from egosplat.benchmark.evaluation import Evaluation, read_evaluation
+from egosplat.benchmark.localization import bounding_boxes
+from egosplat.benchmark.queries import BenchmarkQueries, Query, find_queries
+from egosplat.benchmark.scored_scenes import ScoredScene
+from egosplat.errors import UserError
+from egosplat.query.answer import Answer
+from egosplat.query.asking import ask
+from egosplat.query.clip import load_clip_of
+from egosplat.query.options import QueryOptions
+from egosplat.query.scene import read_scene
+from egosplat.query.text import encode_texts
+from egosplat.report.queries_choice import ScoredQuery
+from egosplat.report.trained_scene import open_trained_scene
+
+_SCHEMAS = (FRAMES, POSES, ANNOTATIONS, FEATURES, SPLATS, LANGUAGE)
+
+
+@dataclass(frozen=True, eq=False)
+class Sources:
+    """The artifacts that a scene was scored with."""
+
+    frames: Artifact
+    poses: Artifact
+    annotations: Artifact
+    features: Artifact
+    splats: Artifact
+    language: Artifact
+
+
+@dataclass(frozen=True, eq=False)
+class ShownQuery:
+    """A query with all that is drawn of it, (H, W) pixels.
+
+    Attributes:
+        scored: the query and its score.
+        photograph: (H, W, 3) uint8.
+        view: (H, W, 3) float32 in [0, 1], rendered.
+        truth: (H, W) bool what was asked for, as annotated.
+        boxes: (B, 4) int64 of its instances, see ``bounding_boxes``.
+        answer: with its maps.
+    """
+
+    scored: ScoredQuery
+    photograph: NDArray[np.uint8]
+    view: NDArray[np.float32]
+    truth: NDArray[np.bool_]
+    boxes: NDArray[np.int64]
+    answer: Answer
+
+
+def open_sources(paths: Sequence[Path], scored: ScoredScene) -> Sources:
+    """Open frames, poses, annotations, features, splats and language, in this order.
+
+    Raises:
+        UserError: they do not belong together, or were not what the scene was scored with.
+    """
+    opened = [open_artifact(path, schema) for path, schema in zip(paths, _SCHEMAS, strict=True)]
+    lineage(opened)
+    if scored.method is not None:
+        raise UserError(
+            f"{scored.path}: holds the scores of {scored.method}, and only egosplat's own queries can be asked again; "
+            "give the scene's metrics.json"
+        )
+    scored_with = scored.document["provenance"]["inputs"]
+    for artifact in opened:
+        if scored_with.get(artifact.path.name) != artifact.digest:
+            raise UserError(
+                f"{scored.path}: was made from another {artifact.path.name} than {artifact.path}; "
+                f"make it anew: snakemake --cores 2 {scored.path}"
+            )
+    return Sources(*opened)
+
+
+def ask_again(
+    chosen: Sequence[ScoredQuery], sources: Sources, options: Mapping[str, Any]
+) -> Iterator[ShownQuery]:
+    """Ask queries as the stage ``metrics`` asked them, on whatever device there is now; frame by frame.
+
+    Args:
+        chosen: some of the scene's.
+        sources: what it was scored with.
+        options: the keys that it was scored with, as ``metrics.json`` tells them.
+
+    Raises:
+        UserError: the OpenCLIP that the features were made with is not there any more.
+    """
+    if not chosen:
+        return
+    evaluation = read_evaluation(sources.frames, sources.poses, sources.annotations, sources.splats)
+    asked = {(one.frame, one.category): one for one in _asked(evaluation, options)}
+    reading = query_options(options)
+    model, checkpoint, precision = (options[key] for key in ("clip_model", "clip_checkpoint", "precision"))
+    clip = load_clip_of(sources.features, model, checkpoint, "auto", precision)
+    texts = encode_texts(clip, sorted({one.category for one in chosen}), reading.canonical)
+    scene = read_scene(sources.splats, sources.language, sources.features, "auto")
+    drawn = open_trained_scene(sources.poses.path, sources.splats.path)
+    for frame in sorted({one.frame for one in chosen}):
+        own = [one for one in chosen if one.frame == frame]
+        pose, words = evaluation.camera_to_world[frame], texts.of([one.category for one in own])
+        photograph, view = sources.frames.row("rgb", frame), drawn.picture(evaluation.camera, pose)
+        answers = ask(scene, words, evaluation.camera, pose, evaluation.valid, reading)
+        for one, answer in zip(own, answers, strict=True):
+            truth, boxes = _target(evaluation, asked[frame, one.category])
+            yield ShownQuery(one, photograph, view, truth, boxes, answer)
+
+
+def query_options(options: Mapping[str, Any]) -> QueryOptions:
+    """How the queries were answered, of the keys that a scene was scored with."""
+    named = {field.name: options[field.name] for field in fields(QueryOptions)}
+    return QueryOptions(**named | {"canonical": tuple(named["canonical"])})
+
+
+def _asked(evaluation: Evaluation, options: Mapping[str, Any]) -> list[Query]:
+    which = BenchmarkQueries(options["min_area"], tuple(options["excluded"]), options["people"])
+    return find_queries(evaluation.annotations, evaluation.valid, which)
+
+
+def _target(evaluation: Evaluation, query: Query) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+    """The pixels and the boxes of all instances of what was asked for."""
+    frame = next(one for one in evaluation.frames if one.row == query.row)
+    instance_map, instances = evaluation.map_of(frame), query.instances["all"]
+    return np.isin(instance_map, instances), bounding_boxes(instance_map, instances)

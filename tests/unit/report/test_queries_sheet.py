@@ -1,0 +1,182 @@
+"""The page of a scene's queries shows what was scored, the best and the worst of it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from egosplat.benchmark import stage
+from egosplat.benchmark.scored_scenes import read_scored_scene
+from egosplat.benchmark.segmentation import iou
+from egosplat.config import stage_keys
+from egosplat.errors import UserError
+from egosplat.report import queries_asking
+from egosplat.report.queries_asking import ask_again, open_sources
+from egosplat.report.queries_choice import ScoredQuery, best_and_worst, scored_queries
+from egosplat.report.queries_sheet import run, summary
+
+NAMES = ("frames", "poses", "annotations", "features", "splats", "language")
+GREEN, RED = (34, 139, 34), (255, 0, 0)
+
+
+def score(folder: Path, **keys) -> Path:
+    """metrics.json of a folder of artifacts; couch and cup are found in frames 1 and 2."""
+    defaults = {name: key["default"] for name, key in stage_keys("metrics").items()} | {"resamples": 50}
+    output = folder / "metrics.json"
+    paths = {name: folder / f"{name}.zarr" for name in NAMES}
+    stage.run(**paths, output=output, title="a/scene", **defaults | keys)
+    return output
+
+
+def draw(folder: Path) -> np.ndarray:
+    """(H, W, 3) the page of a scored folder."""
+    output = folder / "queries.png"
+    run(*(folder / f"{name}.zarr" for name in NAMES), folder / "metrics.json", output, title="a/scene")
+    assert [path.name for path in folder.iterdir() if path.suffix == ".png"] == [output.name]
+    return np.asarray(Image.open(output).convert("RGB"))
+
+
+def change(metrics: Path, **values) -> None:
+    metrics.write_text(json.dumps(json.loads(metrics.read_text()) | values))
+
+
+def miss(metrics: Path, category: str) -> None:
+    """Tell that a category was missed."""
+    queries = json.loads(metrics.read_text())["queries"]
+    for one in queries:
+        if one["category"] == category:
+            one["groups"]["all"] |= {"hit": False, "iou": 0.0}
+    change(metrics, queries=queries)
+
+
+def marks(page: np.ndarray) -> list[tuple[bool, bool]]:
+    """Of each of the two blocks, whether something of it is marked as found, and as missed."""
+    middle = page.shape[1] // 2
+    return [
+        tuple(int((block == colour).all(axis=-1).sum()) > 20 for colour in (GREEN, RED))
+        for block in (page[:, :middle], page[:, middle:])
+    ]
+
+
+def test_what_was_found_is_on_the_left_and_what_was_missed_on_the_right(word_scene):
+    folder = word_scene()
+    score(folder)
+    found = draw(folder)
+    height, width, _ = found.shape
+    assert width > 1500 and height > 500  # couch and cup, one below the other
+    assert marks(found) == [(True, False), (False, False)]
+    miss(folder / "metrics.json", "cup")
+    both = draw(folder)
+    assert both.shape[0] < height  # a row each, beside each other
+    assert marks(both) == [(True, False), (False, True)]
+    miss(folder / "metrics.json", "couch")
+    assert marks(draw(folder)) == [(False, False), (False, True)]
+
+
+def test_the_maps_are_those_that_were_scored(word_scene):
+    folder = word_scene()
+    scored = read_scored_scene(score(folder, resolution=40, canonical=["thing"], smoothing=0.1))
+    sources = open_sources([folder / f"{name}.zarr" for name in NAMES], scored)
+    queries = scored_queries(scored.document)
+    shown = {one.scored: one for one in ask_again(queries, sources, scored.document["provenance"]["options"])}
+    assert len(shown) == len(queries) == 4
+    valid = sources.frames.read("valid")
+    for query, told in zip(queries, scored.document["queries"], strict=True):
+        one = shown[query]
+        assert list(one.answer.pixel) == told["pixel"] and one.answer.score == told["relevancy"]
+        assert iou(one.answer.mask, one.truth, valid) == query.iou == told["groups"]["all"]["iou"]
+        # The annotated left half is the couch, the right one the cup, and the two uppermost rows are not valid.
+        left = [0, 2, 23, 47]
+        assert one.boxes.tolist() == [left if query.category == "couch" else [24, 2, 47, 47]]
+        assert one.truth.sum() == 46 * 24
+
+
+def test_without_a_query_the_page_says_so(word_scene, monkeypatch):
+    folder = word_scene()
+    score(folder, excluded=["couch", "cup"])
+    monkeypatch.setattr(queries_asking, "load_clip_of", None)  # nothing is asked
+    picture = draw(folder)
+    assert picture.shape[0] < 400 and picture.min() < 50
+    assert summary(read_scored_scene(folder / "metrics.json")) == (
+        "no queries; origin synthetic, small checkpoints"
+    )
+
+
+def test_the_heading_tells_the_scores_and_where_they_come_from(word_scene):
+    metrics = score(word_scene())
+    told, how_to_read = summary(read_scored_scene(metrics)).split("\n")
+    assert "dashed its box" in how_to_read
+    assert "dashed" not in summary(read_scored_scene(score(metrics.parent, target="mask")))
+    assert told.startswith("4 queries; accuracy 100.0 % (51.0 to 100.0), mIoU 89.")
+    assert told.endswith("); origin synthetic, small checkpoints")
+    scores = json.loads(metrics.read_text())["scores"]
+    scores["all"] |= {"count": 1, "mean_iou": 0.5, "mean_iou_interval": [None, None]}
+    change(metrics, scores=scores)
+    assert ", mIoU 50.0 %; origin" in summary(read_scored_scene(metrics))
+
+
+def test_scores_of_other_artifacts_are_refused(word_scene):
+    folder = word_scene()
+    kept = score(folder).read_bytes()
+    word_scene(nudge=0.001)
+    (folder / "metrics.json").write_bytes(kept)
+    with pytest.raises(
+        UserError, match=r"metrics.json: was made from another splats.zarr than .*make it anew"
+    ):
+        draw(folder)
+    assert not (folder / "queries.png").exists()
+
+
+def test_scores_of_another_method_are_refused(word_scene):
+    folder = word_scene()
+    change(score(folder), method="another")
+    with pytest.raises(UserError, match="metrics.json: holds the scores of another"):
+        draw(folder)
+
+
+def query(category: str, iou: float, hit: bool, frame: int = 0, relevancy: float = 0.5) -> ScoredQuery:
+    return ScoredQuery(frame, category, relevancy, hit, iou)
+
+
+def test_the_best_were_found_and_the_worst_missed():
+    queries = [
+        query("sofa", 0.3, True),
+        query("rug", 0.9, False),
+        query("lamp", 0.8, True),
+        query("cup", 0.1, False),
+    ]
+    best, worst = best_and_worst(queries, 3)
+    assert [one.category for one in best] == ["lamp", "sofa"]
+    assert [one.category for one in worst] == ["cup", "rug"]
+    assert [[one.category for one in block] for block in best_and_worst(queries, 1)] == [["lamp"], ["cup"]]
+    assert best_and_worst([], 3) == ([], [])
+
+
+def test_a_category_is_shown_once():
+    queries = [
+        query("sofa", 0.5, True, frame=1),
+        query("sofa", 0.7, True, frame=2),
+        query("sofa", 0.0, False, frame=3),
+        query("cup", 0.0, False, frame=4),
+        query("cup", 0.2, False, frame=5),
+    ]
+    best, worst = best_and_worst(queries, 4)
+    assert [one.frame for one in best] == [2] and [one.frame for one in worst] == [4]
+    # The second best category has no room among the best: what was missed of it may be among the worst.
+    best, worst = best_and_worst([query("rug", 0.9, True), *queries], 1)
+    assert [one.category for one in best] == ["rug"] and [one.frame for one in worst] == [3]
+
+
+def test_of_equal_ones_the_order_does_not_hang_on_that_of_the_file():
+    found = [query(name, 0.5, True, frame) for frame, name in ((1, "b"), (1, "c"), (2, "a"))]
+    missed = [
+        query("e", 0.0, False, 1, 0.9),
+        query("f", 0.0, False, 1, 0.8),
+        query("g", 0.0, False, 1, 0.8),
+        query("d", 0.0, False, 2, 0.8),
+    ]
+    for order in (1, -1):
+        best, worst = best_and_worst([*found, *missed][::order], 4)
+        assert best == found and worst == missed
