@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from textwrap import fill
 
 import matplotlib
 
@@ -28,6 +29,9 @@ ROWS = 4
 
 CELL = 2.9
 """Width of a picture on the page, in inches."""
+
+LINE = 170
+"""Letters of the heading that fit on a line."""
 
 HIT, MISS = ("found", "o", "forestgreen"), ("missed", "X", "red")
 """Word, mark and colour of what was found at its place, and of what was not."""
@@ -62,7 +66,8 @@ def run(
     options = scored.document["provenance"]["options"]
     shown = {one.scored: one for one in ask_again([*best, *worst], sources, options)}
     figure = plt.figure(layout="constrained")
-    figure.suptitle(f"{title}: {summary(scored)}", fontsize=12)
+    heading = f"{title}: {summary(scored)}".split("\n")
+    figure.suptitle("\n".join(fill(line, LINE) for line in heading), fontsize=12)
     if shown:
         blocks = ([shown[one] for one in queries] for queries in (best, worst))
         _draw(figure, *blocks, _hits_boxes(scored))
@@ -83,7 +88,7 @@ def summary(scored: ScoredScene) -> str:
     return (
         f"{accuracy.queries} queries; accuracy {_told(accuracy)}, mIoU {_told(mean_iou)}; {about}\n"
         f"white: what was asked for, as annotated{', dashed its box' if _hits_boxes(scored) else ''}; "
-        "the mark is at the most relevant pixel, a green disc where that hits, a red cross where it misses"
+        "colours: relevancy, from 0 (blue) to 1 (red); mark: the most relevant pixel, green where it hits, red where not"
     )
 
 
@@ -102,7 +107,7 @@ def _draw(figure: Figure, best: Sequence[ShownQuery], worst: Sequence[ShownQuery
     """The two blocks beside each other."""
     height, width = (*best, *worst)[0].truth.shape
     rows = max(len(best), len(worst))
-    figure.set_size_inches(6 * CELL, (CELL * height / width + 0.25) * rows + 1.0)
+    figure.set_size_inches(6 * CELL, (CELL * height / width + 0.12) * rows + 0.9)
     left, right = figure.subfigures(1, 2, wspace=0.02)
     for page, name, queries in ((left, BEST, best), (right, WORST, worst)):
         page.suptitle(name if queries else f"{name.partition(':')[0]}: none", fontsize=11, fontweight="bold")
@@ -140,8 +145,8 @@ def _draw_query(cells: NDArray[np.object_], query: ShownQuery, boxes: bool) -> N
 def _outline(axes: Axes, mask: NDArray[np.bool_]) -> None:
     """Of a mask, in white on black."""
     if mask.any() and not mask.all():
-        axes.contour(mask, levels=[0.5], colors="black", linewidths=2.4)
-        axes.contour(mask, levels=[0.5], colors="white", linewidths=1.2)
+        axes.contour(mask, levels=[0.5], colors="black", linewidths=1.8)
+        axes.contour(mask, levels=[0.5], colors="white", linewidths=0.9)
 
 
 def _draw_boxes(axes: Axes, boxes: NDArray[np.int64]) -> None:
