@@ -1,0 +1,99 @@
+"""The hand-drawn instances of a real desk: each where it was drawn, in the pictures that are evaluated."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from PIL import Image
+
+ROOT = Path(__file__).resolve().parents[3]
+sys.path.insert(0, str(ROOT / "benchmarks"))
+
+from tum_office import HERE, Drawing, Outline, parse_drawing, rasterize, write_recording
+
+from egosplat.errors import UserError
+from egosplat.frames.plain import PlainRecording
+from egosplat.frames.plain_annotations import PlainAnnotations, read_instances
+from egosplat.frames.split import split_frames
+
+DRAWING = parse_drawing(json.loads((HERE / "polygons.json").read_text()))
+CONFIG = yaml.safe_load((HERE / "config.yaml").read_text())
+
+
+def square(id: int, left: int, top: int, right: int, bottom: int) -> Outline:
+    return Outline(id, np.array([[left, top], [right, top], [right, bottom], [left, bottom]], np.int32))
+
+
+@pytest.fixture
+def pictures(tmp_path):
+    """Grey pictures of the names and the size of the recording's."""
+    folder = tmp_path / "rgb"
+    folder.mkdir()
+    for name in [*DRAWING.pictures, "1341847999.000000.png"]:
+        Image.new("RGB", (DRAWING.width, DRAWING.height), "grey").save(folder / name)
+    return folder
+
+
+def test_the_pixels_of_an_outline_belong_to_it_and_later_outlines_lie_on_top():
+    ids = rasterize([square(7, 1, 1, 5, 4), square(3, 4, 3, 8, 6)], width=10, height=8)
+    expected = np.zeros((8, 10))
+    expected[1:5, 1:6] = 7
+    expected[3:7, 4:9] = 3
+    assert ids.shape == (8, 10) and (ids == expected).all()
+
+
+def test_every_polygon_has_an_instance_and_lies_in_the_picture():
+    known = {instance.id for instance in read_instances(HERE / "instances.tsv")}
+    drawn = [outline for outlines in DRAWING.outlines.values() for outline in outlines]
+    assert {outline.id for outline in drawn} == known
+    for outline in drawn:
+        assert len(outline.points) >= 3
+        assert (outline.points >= 0).all() and (outline.points < [DRAWING.width, DRAWING.height]).all()
+
+
+@pytest.mark.parametrize("name", DRAWING.outlines)
+def test_nothing_that_is_drawn_is_hidden_wholly(name):
+    outlines = DRAWING.outlines[name]
+    seen = rasterize(outlines, DRAWING.width, DRAWING.height)
+    assert set(np.unique(seen)) - {0} == {outline.id for outline in outlines}
+
+
+def test_the_drawn_pictures_are_the_evaluated_ones():
+    _, evaluation = split_frames(len(DRAWING.pictures), CONFIG["frames"]["evaluation_frames"], holdout=True)
+    assert [DRAWING.pictures[index] for index in np.flatnonzero(evaluation)] == sorted(DRAWING.outlines)
+
+
+def test_the_recording_is_read_as_a_plain_one(pictures, tmp_path):
+    output = tmp_path / "recording"
+    write_recording(pictures, output, DRAWING)
+    recording = PlainRecording(
+        output, resolution=CONFIG["frames"]["resolution"], stride=1, start_s=0.0, end_s=None
+    )
+    capture = recording.capture
+    assert capture.camera_known and len(capture.timestamp_ns) == len(DRAWING.pictures)
+    # TUM states the centre for pixel centres at integers.
+    assert (capture.camera.cx, capture.camera.cy) == pytest.approx((320.6, 248.1))
+    annotations = PlainAnnotations(output, camera=capture.camera)
+    ids = np.array([0, *(instance.id for instance in annotations.instances)])
+    for name, time in zip(DRAWING.pictures, capture.timestamp_ns.tolist(), strict=True):
+        found = annotations.instance_map(time)
+        if name not in DRAWING.outlines:
+            assert found is None
+        else:
+            assert (ids[found + 1] == rasterize(DRAWING.outlines[name], 640, 480)).all()
+
+
+def test_missing_and_other_pictures_are_named(pictures, tmp_path):
+    first = DRAWING.pictures[0]
+    small = Drawing(320, 240, [first], {})
+    with pytest.raises(UserError, match=f"{first}.*640x480 px, but 320x240"):
+        write_recording(pictures, tmp_path / "recording", small)
+    (pictures / first).unlink()
+    with pytest.raises(UserError, match=f"{first}.*not found"):
+        write_recording(pictures, tmp_path / "recording", DRAWING)
+    assert not (tmp_path / "recording").exists()
+    with pytest.raises(UserError, match="exists already"):
+        write_recording(pictures, pictures, DRAWING)
