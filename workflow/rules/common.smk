@@ -269,14 +269,18 @@ def recording_files(stage):
         if scene.synthetic:
             return [str(scene.recording)]
         check_recording(scene)
+        # What belongs to a video lies beside it: clip.mp4.camera.json.
+        within = "/" if scene.recording.is_dir() else "."
+        found = [
+            path
+            for pattern in WATCHED[scene.format][stage]
+            for path in glob(escape(str(scene.recording)) + within + pattern)
+        ]
         if not scene.recording.is_dir():
-            return [str(scene.recording)]
-        patterns = WATCHED[scene.format][stage]
-        # The folder itself not as "folder/.", which Snakemake takes for missing.
+            found.append(str(scene.recording))
+        # The folder itself not as "folder/.", which Snakemake takes for missing. Braces it takes for its own.
         return sorted(
-            os.path.normpath(path)
-            for pattern in patterns
-            for path in glob(os.path.join(escape(str(scene.recording)), pattern))
+            os.path.normpath(path) for path in found if not set("{}") & set(path)
         )
 
     return files_of_scene
@@ -293,10 +297,10 @@ WATCHED = {
         "annotations": ["2Dseg/*mask"],
         "poses": [],
     },
-    # The folder's own time tells of pictures that come and go.
+    # A folder's own time tells of files that come and go, not of one that is written anew in its place.
     "plain": {
         "frames": [".", "camera.json", "valid.png"],
-        "annotations": ["annotations"],
+        "annotations": ["annotations", "annotations/*"],
         "poses": [],
     },
 }

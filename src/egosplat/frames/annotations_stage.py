@@ -4,6 +4,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from egosplat import provenance
 from egosplat.artifacts.annotations import ANNOTATIONS
@@ -48,4 +49,11 @@ def run(recording: Path, frames: Path, output: Path, *, max_age_ms: float) -> No
         artifact.put("frame", indices)
         artifact.put("annotated", annotated)
         artifact.facts = {"instances": [asdict(instance) for instance in reader.instances] if reader else []}
-    log(f"{annotated.sum()} of {len(indices)} evaluation frames are annotated")
+    log(_summary(indices, annotated))
+
+
+def _summary(frames: NDArray[np.int64], annotated: NDArray[np.bool_]) -> str:
+    """How many evaluation frames are annotated, and which are not, by their numbers."""
+    told = f"{annotated.sum()} of {len(frames)} evaluation frames are annotated"
+    missing = ", ".join(map(str, frames[~annotated]))
+    return f"{told}; without annotation, of the frames in use counted from 0: {missing}" if missing else told

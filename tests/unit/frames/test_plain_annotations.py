@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from egosplat.config import defaults
 from egosplat.errors import UserError
+from egosplat.frames import annotations_stage, stage
 from egosplat.frames.plain import PlainRecording
 from egosplat.frames.plain_annotations import PlainAnnotations
 from egosplat.frames.recording import Instance
@@ -43,6 +45,16 @@ def test_images_have_the_annotation_of_their_name(images):
     assert first is None
     assert second.dtype == np.int32 and (second == expected).all()
     assert (third == np.where(expected == 0, 0, -1)).all()
+
+
+@pytest.mark.parametrize(("evaluation", "told"), [(1, "1 of 1"), (3, "2 of 3")])
+def test_evaluation_frames_without_annotation_are_told(images, tmp_path, capsys, evaluation, told):
+    keys = defaults()["frames"] | {"resolution": 32, "evaluation_frames": evaluation, "holdout": False}
+    stage.run(images, tmp_path / "frames.zarr", format="plain", **keys)
+    annotations_stage.run(images, tmp_path / "frames.zarr", tmp_path / "annotations.zarr", max_age_ms=3.0)
+    last = capsys.readouterr().err.splitlines()[-1]
+    missing = "" if evaluation == 1 else "; without annotation, of the frames in use counted from 0: 0"
+    assert last == f"{told} evaluation frames are annotated{missing}"
 
 
 def test_instances_are_those_of_the_table(images):
