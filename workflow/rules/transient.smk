@@ -29,8 +29,7 @@ rule transient:
         "logs/{dataset}/{scene}/{variant}transient.log",
     benchmark:
         "logs/{dataset}/{scene}/{variant}transient.tsv"
-    # With more, the network's gradients are not summed in the same order each time.
-    threads: 1
+    threads: 1  # the stage takes no more, so that it repeats
     resources:
         mem_mb=memory("transient"),
         runtime=runtime("transient"),

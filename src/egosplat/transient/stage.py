@@ -24,6 +24,7 @@ from egosplat.splats.starting import starting_gaussians
 from egosplat.splats.state import TrainingState
 from egosplat.splats.train import Photographs, resume_and_train
 from egosplat.splats.views import Mask, check_belong_together, split_views
+from egosplat.threads import one_thread
 from egosplat.transient.network import TransientNet, make_network
 from egosplat.transient.objective import InitialObjective, InitialOptions
 from egosplat.transient.pictures import read_reduced_views, reduced, working_size
@@ -62,7 +63,8 @@ def run(
 ) -> None:
     """Write the transient artifact of ``frames`` with ``poses``; the keys are those of the schema's ``transient``.
 
-    A run that was killed goes on from its last checkpoint, to the same result as without the kill.
+    A run that was killed goes on from its last checkpoint, to the same result as without the kill. On a CPU it trains
+    on one thread, without which it would not repeat.
 
     Args:
         frames, poses, output: paths.
@@ -107,7 +109,8 @@ def run(
     objective = InitialObjective(net, initial, views.device)
     state = TrainingState(start, options, scene_extent(views.camera_to_world), objective)
     checkpoint = Checkpoint(output, provenance.key_of(made), checkpoint_s)
-    resume_and_train(state, photographs, options, checkpoint)
+    with one_thread():
+        resume_and_train(state, photographs, options, checkpoint)
     with create(output, TRANSIENT, made) as artifact:
         _put_curves(artifact, state, objective)
         tensors = _put_weights(artifact, net)
