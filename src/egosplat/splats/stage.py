@@ -53,6 +53,7 @@ def run(
     iterations: int,
     density: str,
     max_points: int,
+    cover: bool,
     max_gaussians: int,
     sh_degree: int,
     ssim_lambda: float,
@@ -103,13 +104,12 @@ def run(
     photographs = _photographs(pictures, walk, kept, moving, options)
     start = starting_gaussians(
         walk,
-        photographs.training.camera,
-        photographs.training.camera_to_world,
+        photographs.training,
         max_points=min(max_points, max_gaussians),
+        cover=cover,
         sh_degree=sh_degree,
         near_plane=near_plane,
         seed=seed,
-        device=photographs.training.device,
     )
     objective: Objective = L1Ssim(ssim_lambda)
     if words:

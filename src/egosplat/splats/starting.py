@@ -1,15 +1,18 @@
 """The Gaussians that a scene's training starts from."""
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from egosplat.artifacts.reading import Artifact
 from egosplat.errors import UserError
-from egosplat.geometry import Camera
 from egosplat.progress import log
+from egosplat.splats.covering import Colours, covered
 from egosplat.splats.gaussians import Gaussians
-from egosplat.splats.initialise import from_points, random_points, scene_extent, seen
+from egosplat.splats.initialise import Points, from_points, random_points, scene_extent, seen
+from egosplat.splats.views import Views
+
+_COVERED_VIEWS = 200
+"""Of more training views so many are looked at, evenly."""
 
 _COARSEST = 1e-3
 """Smallest difference of two float32 positions, as a share of the scene's extent: a quarter of a pixel 2 m away."""
@@ -17,43 +20,73 @@ _COARSEST = 1e-3
 
 def starting_gaussians(
     poses: Artifact,
-    camera: Camera,
-    camera_to_world: NDArray[np.float64],
+    views: Views,
     *,
     max_points: int,
+    cover: bool,
     sh_degree: int,
     near_plane: float,
     seed: int,
-    device: torch.device,
 ) -> Gaussians:
     """Gaussians at the points that some training camera sees; at random ones where there are none.
 
     Args:
         poses: the poses artifact, which has the points.
-        camera: of all pictures.
-        camera_to_world: (V, 4, 4) float64 poses of the training views.
+        views: the training views.
         max_points: of more points a random subset is kept; and so many random ones are made.
+        cover: add points where a view shows none; see ``egosplat.splats.covering``.
         sh_degree: degree that the colours get coefficients for.
         near_plane: least camera z at which a point is seen [m].
         seed: of everything random.
-        device: where they are to be trained.
 
     Returns:
-        Without features, not requiring gradients.
+        On the views' device, without features, not requiring gradients.
 
     Raises:
         UserError: the scene lies so far from the world's origin that float32 cannot hold it.
     """
-    _check_origin(poses, camera_to_world)
+    cameras = views.camera_to_world
+    _check_origin(poses, cameras)
     xyz, rgb = poses.read("points/xyz"), poses.read("points/rgb")
-    visible = seen(xyz, camera, camera_to_world, near_plane=near_plane)
+    visible = seen(xyz, views.camera, cameras, near_plane=near_plane)
     log(f"{visible.sum()} of {len(xyz)} points are seen from training views")
     xyz, rgb = xyz[visible], rgb[visible]
     if not len(xyz):
         log(f"no points to start from: {max_points} random ones are taken")
-        xyz, rgb = random_points(max_points, camera, camera_to_world, near_plane=near_plane, seed=seed)
+        xyz, rgb = random_points(max_points, views.camera, cameras, near_plane=near_plane, seed=seed)
+    elif cover:
+        xyz, rgb = _covered(*_some(xyz, rgb, max_points, seed), views, max_points, near_plane, seed)
     start = from_points(xyz, rgb, sh_degree=sh_degree, feature_channels=0, max_points=max_points, seed=seed)
-    return start.to(device)
+    return start.to(views.device)
+
+
+def _covered(
+    xyz: Points, rgb: Colours, views: Views, max_points: int, near_plane: float, seed: int
+) -> tuple[Points, Colours]:
+    """The points, thinned to half of ``max_points`` at least, and as many new ones as there is room for."""
+    chosen = np.unique(np.linspace(0, len(views) - 1, _COVERED_VIEWS).round().astype(int))
+    every, colours = covered(
+        xyz,
+        rgb,
+        views.camera,
+        views.camera_to_world[chosen],
+        views.pictures.numpy()[chosen],
+        np.ones(views.pictures.shape[1:3], bool) if views.valid is None else views.valid.cpu().numpy() > 0,
+        near_plane=near_plane,
+    )
+    given, added = len(xyz), len(every) - len(xyz)
+    log(f"{added} points are added where views show none")
+    kept = _some(xyz, rgb, max(max_points - added, max_points // 2), seed)
+    new = _some(every[given:], colours[given:], max_points - len(kept[0]), seed)
+    return np.concatenate([kept[0], new[0]]), np.concatenate([kept[1], new[1]])
+
+
+def _some(xyz: Points, rgb: Colours, most: int, seed: int) -> tuple[Points, Colours]:
+    """A random subset of at most so many, in their order."""
+    if len(xyz) <= most:
+        return xyz, rgb
+    chosen = np.sort(np.random.default_rng(seed).choice(len(xyz), most, replace=False))
+    return xyz[chosen], rgb[chosen]
 
 
 def _check_origin(poses: Artifact, camera_to_world: NDArray[np.float64]) -> None:

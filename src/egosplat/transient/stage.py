@@ -52,6 +52,7 @@ def run(
     batch_norm: str,
     density: str,
     max_points: int,
+    cover: bool,
     max_gaussians: int,
     grow_grad2d: float,
     sh_degree: int,
@@ -97,13 +98,12 @@ def run(
     views = photographs.training
     start = starting_gaussians(
         walk,
-        views.camera,
-        views.camera_to_world,
+        views,
         max_points=min(max_points, max_gaussians),
+        cover=cover,
         sh_degree=sh_degree,
         near_plane=near_plane,
         seed=seed,
-        device=views.device,
     )
     initial = InitialOptions(iterations, round(warmup * iterations), lambda2, residual, lr)
     objective = InitialObjective(net, initial, views.device)
