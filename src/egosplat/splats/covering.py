@@ -16,6 +16,9 @@ Colours = NDArray[np.uint8]
 CELLS = 48
 """Cells along the longer side of a photograph; each is to show a point."""
 
+_LEAST_CELL = 2.0
+"""Side of a cell [px], at least."""
+
 
 def covered(
     xyz: Points,
@@ -64,7 +67,7 @@ def covered(
 
 def _middles(camera: Camera) -> NDArray[np.float64]:
     """(R, C, 2) middle of each cell [px]: column, row."""
-    side = max(camera.width, camera.height) / CELLS
+    side = max(max(camera.width, camera.height) / CELLS, _LEAST_CELL)
     across, down = (max(round(length / side), 1) for length in (camera.width, camera.height))
     columns = (np.arange(across) + 0.5) * camera.width / across
     rows = (np.arange(down) + 0.5) * camera.height / down
