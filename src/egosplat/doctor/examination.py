@@ -49,14 +49,21 @@ def _time(config: Config, scenes: list[Scene]) -> Iterator[Finding]:
         yield Finding(Mark.NOTE, "expected time", "no scene of the table has a recording")
         return
     expected = estimate(scene.config, scene.synthetic, _rasterizer(config))
-    parts = {"filming": expected.synthetic, "reading": expected.reading, "training": expected.splats}
+    parts = {
+        "filming": expected.synthetic,
+        "reading": expected.reading,
+        "segments": expected.segments,
+        "what moves": expected.transient,
+        "training": expected.splats,
+        "asking": expected.asking,
+    }
     known = {name: seconds for name, seconds in parts.items() if seconds}
     told = ", ".join(f"{name} {spoken(seconds)}" for name, seconds in known.items())
     unknown = [name for name, seconds in parts.items() if seconds is None]
     value = f"{scene.dataset}/{scene.scene}: about {spoken(sum(known.values()))} ({told})" if known else ""
     advice = f"Scaled from figures measured on {MEASURED_ON}"
     if unknown:
-        advice += f"; none for {' and '.join(unknown)} of this kind"
+        advice += f"; none of this kind for {', '.join(unknown)}"
     yield Finding(Mark.NOTE, "expected time", value or f"{scene.dataset}/{scene.scene}: not known", advice)
 
 

@@ -1,15 +1,16 @@
 """How long the main job takes: measured figures, scaled to the configuration.
 
-Measured on two cores of an AMD EPYC (Zen 4, AVX-512) that other work shared, at the presets balanced (120
-pictures at 704 filmed, read at 512; 7,000 iterations, 100,000 Gaussians at most) and fast; see
-benchmarks/training.md and benchmarks/rasterizer.md.
+Measured on two cores with AVX-512 that other work shared, at the presets balanced (120 pictures at 704 filmed, read at
+512; 7,000 iterations, 100,000 Gaussians at most) and fast; see benchmarks/training.md, benchmarks/rasterizer.md and
+docs/scale.md.
 """
 
 from dataclasses import dataclass
 
 from egosplat.config import Config
+from egosplat.models.configs import SMALL
 
-MEASURED_ON = "two cores of an AMD EPYC (Zen 4)"
+MEASURED_ON = "two cores with AVX-512"
 
 SYNTHETIC_START_S, SYNTHETIC_PICTURE_S = 10.0, 0.6
 """Building an apartment, and filming one picture of 704x704; 82 s in all for 120 of them."""
@@ -24,20 +25,38 @@ are in the ratio of the rasterizer's benchmark."""
 PIXELS_SHARE = 0.3
 """Of an iteration's time, what grows with pixels; the rest grows with Gaussians."""
 
+SIDE = 320
+"""Of the picture that the small SAM2 looks at [px]."""
+
+SEGMENTS_PICTURE_S = 2.6
+"""The small SAM2 at 320x320, about 70 instances, each way."""
+
+TRANSIENT_ITERATION_S = 0.085
+"""At the default sizes, on one thread: a third each for the network, for Gaussians, and for what is always done."""
+
+ASKING_START_S, ASKING_PICTURE_S = 70.0, 0.6
+"""Lifting of codes, asking and scoring at 512x512, and the pages."""
+
 
 @dataclass(frozen=True)
 class Estimate:
-    """Seconds of each part of the main job; None where nothing was measured.
+    """Seconds of each part of the main job; 0 where it is not needed, None where nothing was measured.
 
     Attributes:
         synthetic: filming the apartment; 0 where the recording is real.
         reading: frames, annotations and poses.
+        segments: finding and following instances.
+        transient: the network; 0 where nothing is masked.
         splats: training the Gaussians.
+        asking: giving them their meaning, asking, scoring.
     """
 
     synthetic: float
     reading: float | None
+    segments: float | None
+    transient: float | None
     splats: float | None
+    asking: float | None
 
 
 def estimate(config: Config, synthetic: bool, rasterizer: str) -> Estimate:
@@ -49,14 +68,35 @@ def estimate(config: Config, synthetic: bool, rasterizer: str) -> Estimate:
         rasterizer: what renders: the kernels' variant, or anything else, of which no figure is known.
     """
     film, frames, splats = config["synthetic"], config["frames"], config["splats"]
-    pictures = film["seconds"] * film["fps"]
+    recorded = film["seconds"] * film["fps"]
+    pictures = recorded / frames["stride"]
     area = (frames["resolution"] / 512) ** 2
     iteration = PIXELS_SHARE * area + (1 - PIXELS_SHARE) * splats["max_gaussians"] / 100_000
+    known = rasterizer in ITERATION_S
     return Estimate(
-        SYNTHETIC_START_S + SYNTHETIC_PICTURE_S * pictures * (film["size"] / 704) ** 2 if synthetic else 0.0,
-        READING_START_S + READING_PICTURE_S * pictures / frames["stride"] * area if synthetic else None,
-        splats["iterations"] * ITERATION_S[rasterizer] * iteration if rasterizer in ITERATION_S else None,
+        SYNTHETIC_START_S + SYNTHETIC_PICTURE_S * recorded * (film["size"] / 704) ** 2 if synthetic else 0.0,
+        READING_START_S + READING_PICTURE_S * pictures * area if synthetic else None,
+        _segments(config, pictures) if synthetic else None,
+        _transient(config, ITERATION_S[rasterizer] / ITERATION_S["avx512"]) if known else None,
+        splats["iterations"] * ITERATION_S[rasterizer] * iteration if known else None,
+        ASKING_START_S + ASKING_PICTURE_S * pictures * area if synthetic and known else None,
     )
+
+
+def _segments(config: Config, pictures: float) -> float | None:
+    """Of the small SAM2 alone."""
+    keys = config["segments"]
+    if keys["segmenter"] != "sam2" or config["models"]["sam2_config"] != SMALL:
+        return None
+    return SEGMENTS_PICTURE_S * pictures * ((keys["image_size"] or SIDE) / SIDE) ** 2
+
+
+def _transient(config: Config, slower: float) -> float:
+    keys = config["transient"]
+    if config["splats"]["masking"] == "none":
+        return 0.0
+    share = 1 + (keys["input_size"] / 96) ** 2 + keys["max_gaussians"] / 60_000
+    return keys["iterations"] * TRANSIENT_ITERATION_S * slower * share / 3
 
 
 def spoken(seconds: float) -> str:
