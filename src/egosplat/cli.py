@@ -12,8 +12,9 @@ import click
 import yaml
 
 import egosplat
-from egosplat.config import NO_YAML, keys_table, schema, section_keys, stage_keys
+from egosplat.config import NO_YAML, schema, section_keys, stage_keys
 from egosplat.errors import UserError
+from egosplat.keys_table import keys_table
 from egosplat.orphans import end_with_snakemake
 from egosplat.stages import STAGES, stage_function
 from egosplat.strictness import LARGEST_INTEGER

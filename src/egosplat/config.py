@@ -1,7 +1,6 @@
 """The configuration: defaults, preset, budget, the user's keys and a scene's own, checked against one schema."""
 
 import copy
-import difflib
 import functools
 from collections.abc import Mapping
 from importlib import resources
@@ -10,22 +9,18 @@ from typing import Any
 
 import yaml
 from jsonschema import Draft202012Validator
-from jsonschema.exceptions import ValidationError
 
 from egosplat import budget
 from egosplat.errors import UserError
+from egosplat.explanations import explained, shortened
 from egosplat.json_files import read_json_file
 from egosplat.stages import STAGES
-from egosplat.strictness import LARGEST_INTEGER, StrictValidator
+from egosplat.strictness import StrictValidator
 
 Config = dict[str, Any]
 
 NO_YAML = (yaml.YAMLError, ValueError, RecursionError)
 """What PyYAML raises on any text: ValueError on dates that there are not, on numbers of too many digits."""
-
-_LONGEST = 80
-"""Of a value in a message [letters]."""
-
 
 _VALIDATORS = {"config": StrictValidator, "scenes": StrictValidator}
 """Of what people write; JSON files follow JSON's own rules."""
@@ -109,7 +104,7 @@ def check(values: Mapping[str, Any], where: str = "configuration", against: str 
     """
     validator = _VALIDATORS.get(against, Draft202012Validator)
     for error in validator(schema(against)).iter_errors(values):
-        raise UserError(f"{where}: {_explain(error)}")
+        raise UserError(f"{where}: {explained(error)}")
 
 
 def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> Config:
@@ -133,9 +128,9 @@ def parse_options(text: str, where: str) -> Config:
         section, dot, name = key.partition(".")
         if not (equals and dot and section and name):
             raise UserError(
-                f"{where}: option {_short(word)} is not of the form section.key=value, as in frames.stride=2"
+                f"{where}: option {shortened(word)} is not of the form section.key=value, as in frames.stride=2"
             )
-        options.setdefault(section, {})[name] = _parsed(value, f"{where}: option {_short(word)}")
+        options.setdefault(section, {})[name] = _parsed(value, f"{where}: option {shortened(word)}")
     return options
 
 
@@ -179,34 +174,6 @@ def read_json(path: Path, against: str) -> Config:
     return content
 
 
-def keys_table() -> str:
-    """Every key with its default and description, as a Markdown table; config/README.md holds it."""
-    rows = ["| key | default | what it is |", "| --- | --- | --- |"]
-    for section, part in schema("config")["properties"].items():
-        keys = part.get("properties") or {"": part}
-        for name, key in keys.items():
-            path = f"{section}.{name}" if name else section
-            rows.append(
-                f"| `{path}` | {_default(key)} | {' '.join(key['description'].split())}{_choices(key)} |"
-            )
-    return "\n".join(rows)
-
-
-def _default(key: Mapping[str, Any]) -> str:
-    """As it is written in a file; of several named things, the names."""
-    value = key["default"]
-    return ", ".join(f"`{one}`" for one in (value if isinstance(value, Mapping) else [_shown(value)]))
-
-
-def _shown(value: Any) -> str:
-    """A value as it is written in YAML, on one line."""
-    return yaml.safe_dump(value, default_flow_style=True, width=1000).splitlines()[0]
-
-
-def _choices(key: Mapping[str, Any]) -> str:
-    return f" One of {', '.join(f'`{choice}`' for choice in key['enum'])}." if "enum" in key else ""
-
-
 def _filled(config: Mapping[str, Any], part: Mapping[str, Any]) -> Config:
     filled = copy.deepcopy(dict(config))
     for key, sub in part.get("properties", {}).items():
@@ -215,49 +182,3 @@ def _filled(config: Mapping[str, Any], part: Mapping[str, Any]) -> Config:
         if isinstance(filled.get(key), Mapping):
             filled[key] = _filled(filled[key], sub)
     return filled
-
-
-def _explain(error: ValidationError) -> str:
-    key = ".".join(str(part) for part in error.absolute_path)
-    key = key if key.isprintable() and len(key) <= _LONGEST else _short(key)
-    if error.validator == "additionalProperties":
-        known = list(error.schema["properties"])
-        unknown = min(set(error.instance) - set(known), key=str)
-        near = difflib.get_close_matches(str(unknown), known, n=1)
-        advice = f"did you mean {near[0]!r}?" if near else f"known keys: {', '.join(known)}"
-        return f"unknown key {_short(f'{key}.{unknown}' if key else unknown)}; {advice}"
-    return f"{key or 'value'} = {_short(error.instance)} is not allowed: {_allowed(error)}"
-
-
-def _short(value: object) -> str:
-    """A value as Python writes it, on one line and not for ever."""
-    text = repr(value)
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
-
-
-def _allowed(error: ValidationError) -> str:
-    limit = error.validator_value
-    match error.validator:
-        case "enum":
-            near = difflib.get_close_matches(str(error.instance), map(str, limit), n=1)
-            return f"one of {', '.join(map(str, limit))}" + (f" (did you mean {near[0]!r}?)" if near else "")
-        case "type" if isinstance(error.instance, int) and abs(error.instance) > LARGEST_INTEGER:
-            return f"at most {LARGEST_INTEGER}"
-        case "type":
-            return "must be " + " or ".join([limit] if isinstance(limit, str) else limit)
-        case "minimum":
-            return f"at least {limit}"
-        case "maximum":
-            return f"at most {limit}"
-        case "exclusiveMinimum":
-            return f"more than {limit}"
-        case "exclusiveMaximum":
-            return f"less than {limit}"
-        case "minItems":
-            return f"at least {limit} of them"
-        case "pattern":
-            return f"no other word than {limit.strip('^$')}"
-        case "minLength":
-            return "must not be empty"
-        case _:
-            return error.message if len(error.message) <= 2 * _LONGEST else f"see {error.validator}"
