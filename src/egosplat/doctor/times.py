@@ -1,8 +1,7 @@
 """How long the main job takes: measured figures, scaled to the configuration.
 
-Measured on two cores with AVX-512 that other work shared, at the presets balanced (120 pictures at 704 filmed, read at
-512; 7,000 iterations, 100,000 Gaussians at most) and fast; see benchmarks/training.md, benchmarks/rasterizer.md and
-docs/scale.md.
+Measured on two cores with AVX-512 that other work shared, at the preset balanced (120 pictures at 704 filmed, read at
+512; 100,000 Gaussians at most); see benchmarks/training.md, benchmarks/rasterizer.md and docs/scale.md.
 """
 
 from dataclasses import dataclass

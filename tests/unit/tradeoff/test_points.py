@@ -162,7 +162,7 @@ def test_a_points_keys_make_the_same_of_another_scene():
         presets=["fast"], features__dims=[3], models__precision=["bfloat16"], splats__sh_degree=[0]
     )
     own, *others = points_of(config, "adt/scene1")
-    assert own.keys["models"] == {"precision": "auto"} and own.keys["splats"]["iterations"] == 7000
+    assert own.keys["models"] == {"precision": "auto"} and own.keys["splats"]["iterations"] == 3000
     for section, key in (("splats", "seed"), ("splats", "backend"), ("frames", "evaluation_frames")):
         assert key not in own.keys[section]
     assert {"synthetic", "metrics", "annotations", "tradeoff", "budget"}.isdisjoint(own.keys)
