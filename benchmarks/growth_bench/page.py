@@ -103,7 +103,7 @@ def _checks(fits: tables.Fits, checks: dict[str, list[Run]]) -> list[str]:
     if not checks:
         return []
     text = (
-        "A finished scene that no law was fitted to, at the default preset, on two threads: what the laws say of its sizes, "
+        "A finished scene that no law was fitted to, on two threads: what the laws say of its sizes, "
         "beside what its artifacts say they took. Together they come closer than each by itself, because errors cancel. No "
         "coefficient was fitted to it, but it is no blind test: some terms of `survey`, `segments`, `view_features` "
         "and `features`, and the point where all factors are large, were added after laws had been held against it."
