@@ -24,7 +24,9 @@ from egosplat.provenance import begin
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = "results/mine/scene"
 BOTH = {"view_features", "features"}
-SNAKEFILE = "".join(f'include: "rules/{name}.smk"\n' for name in ("common", "resources", "features"))
+SNAKEFILE = "".join(
+    f'include: "rules/{name}.smk"\n' for name in ("common", "parameters", "resources", "features")
+)
 SIZE, FRAME_COUNT = 32, 6
 DESCRIPTION = {
     "embed_dim": 8,
