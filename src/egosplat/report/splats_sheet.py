@@ -16,6 +16,7 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.atomic import whole_file
+from egosplat.log_axis import plain_numbers
 
 PICTURES = 4
 """At most so many held-out frames are shown."""
@@ -74,6 +75,7 @@ def _draw_curves(axes: NDArray[np.object_], trained: Artifact) -> None:
     above.semilogy(iteration, trained.read("curve/loss"), color="0.75", linewidth=0.8)
     above.semilogy(iteration, _smoothed(trained.read("curve/loss")), color="tab:blue")
     above.set(ylabel="loss")
+    plain_numbers(above.yaxis)
     _draw_psnr(middle, trained)
     below.plot(iteration, trained.read("curve/gaussians"), color="tab:green")
     below.set(ylabel="Gaussians", xlabel="iteration", ylim=(0, None))

@@ -11,9 +11,9 @@ matplotlib.rcParams["text.parse_math"] = False  # a name may hold dollars
 
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from egosplat.atomic import whole_file
+from egosplat.log_axis import plain_numbers
 from egosplat.tradeoff.estimates import front
 from egosplat.tradeoff.measures import ACCURACY, MEAN_IOU, MEMORY, WALL, Measure
 from egosplat.tradeoff.points import PRESET
@@ -57,17 +57,10 @@ def _draw_panel(axes: Axes, points: Sequence[Mapping[str, Any]], cost: Measure, 
         axes.annotate(known[index]["label"], places[index], offset, **words)
     axes.set(xlabel=f"{cost.heading} [{cost.unit}]", ylabel=f"{gain.heading} [{gain.unit}]")
     if places:
-        _count_in_tens(axes)
+        axes.set_xscale("log")
+        plain_numbers(axes.xaxis)
     axes.grid(alpha=0.3, which="both")
     axes.margins(x=0.3)
-
-
-def _count_in_tens(axes: Axes) -> None:
-    """A logarithmic scale of costs, with plain numbers."""
-    axes.set_xscale("log")
-    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axes.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _is_preset(point: Mapping[str, Any]) -> bool:
