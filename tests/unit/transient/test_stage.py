@@ -94,6 +94,23 @@ def test_a_killed_run_goes_on_to_the_same_result(scene, monkeypatch, capsys):
     assert not (folder / ".transient.zarr.checkpoint").exists()
 
 
+def test_it_trains_on_one_thread_so_that_it_repeats(scene, monkeypatch):
+    train, threads = stage.resume_and_train, []
+
+    def noted(*arguments):
+        threads.append(torch.get_num_threads())
+        train(*arguments)
+
+    monkeypatch.setattr(stage, "resume_and_train", noted)
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        run(scene(), iterations=1)
+        assert threads == [1] and torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(before)
+
+
 def test_batch_norm_of_the_picture_or_of_the_run(scene):
     folder = scene()
     of_picture, of_run = (run(folder, f"{kind}.zarr", batch_norm=kind) for kind in ("train", "eval"))
