@@ -5,33 +5,24 @@ place of the small models' in what is extrapolated to the paper's settings.
 """
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 import torch
 from published_models import CLIP, SAM2, save_clip, save_sam2, timed
+from segments_growth import KEEP_ALL
 
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.models.sam2_loader import Sam2, load_sam2
 from egosplat.segments.candidates import prompt
 from egosplat.segments.encoding import Encoded, encode
 from egosplat.segments.following import Follower
-from egosplat.segments.options import MaskOptions
 
 OBJECTS, PROMPTS, CROPS = 2, 4, 4
 
-_ANY = MaskOptions(
-    points_per_side=2,
-    pred_iou_thresh=-1.0,
-    stability_score_thresh=-1.0,
-    stability_score_offset=1.0,
-    box_nms_thresh=1.0,
-    nms_iou_thresh=1.0,
-    nms_score_thresh=-1.0,
-    nms_inner_thresh=1.0,
-    min_area=0.0,
-)
+_ANY = replace(KEEP_ALL, points_per_side=2)
 
 
 def measure() -> dict[str, float]:

@@ -4,6 +4,8 @@ Trackers find points at corners alone. Where none are, Gaussians grow slowly, an
 moved.
 """
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
@@ -25,7 +27,7 @@ def covered(
     rgb: Colours,
     camera: Camera,
     camera_to_world: Points,
-    pictures: NDArray[np.uint8],
+    pictures: Iterable[NDArray[np.uint8]],
     valid: NDArray[np.bool_],
     *,
     near_plane: float,
@@ -41,7 +43,7 @@ def covered(
         rgb: (P, 3) uint8.
         camera: of all photographs.
         camera_to_world: (V, 4, 4) float64.
-        pictures: (V, H, W, 3) uint8.
+        pictures: V of (H, W, 3) uint8, looked at one by one.
         valid: (H, W) bool; other pixels show nothing.
         near_plane: least camera z [m].
 

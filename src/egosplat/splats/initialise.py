@@ -87,8 +87,7 @@ def from_points(
     kept = np.flatnonzero((np.abs(xyz) <= np.finfo(np.float32).max).all(axis=1))
     if not len(kept):
         raise UserError("splats: no finite point to start from; start from random points instead")
-    if len(kept) > max_points:
-        kept = np.sort(np.random.default_rng(seed).choice(kept, max_points, replace=False))
+    kept = kept[random_subset(len(kept), max_points, seed)]
     points, count = xyz[kept], len(kept)
     sh = torch.zeros(count, (sh_degree + 1) ** 2, 3)
     sh[:, 0] = torch.from_numpy((rgb[kept] / 255.0 - 0.5) / SH_C0)
@@ -100,6 +99,13 @@ def from_points(
         sh=sh,
         features=torch.zeros(count, feature_channels),
     )
+
+
+def random_subset(count: int, most: int, seed: int) -> NDArray[np.int64]:
+    """Which of ``count`` things to keep, in their order, where at most so many may be: all, or a random subset."""
+    if count <= most:
+        return np.arange(count)
+    return np.sort(np.random.default_rng(seed).choice(count, most, replace=False))
 
 
 def neighbour_distance(points: Points) -> NDArray[np.float64]:

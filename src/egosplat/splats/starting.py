@@ -8,7 +8,7 @@ from egosplat.errors import UserError
 from egosplat.progress import log
 from egosplat.splats.covering import Colours, covered
 from egosplat.splats.gaussians import Gaussians
-from egosplat.splats.initialise import Points, from_points, random_points, scene_extent, seen
+from egosplat.splats.initialise import Points, from_points, random_points, random_subset, scene_extent, seen
 from egosplat.splats.views import Views
 
 _COVERED_VIEWS = 200
@@ -70,7 +70,7 @@ def _covered(
         rgb,
         views.camera,
         views.camera_to_world[chosen],
-        views.pictures.numpy()[chosen],
+        (views.pictures[view].numpy() for view in chosen),
         np.ones(views.pictures.shape[1:3], bool) if views.valid is None else views.valid.cpu().numpy() > 0,
         near_plane=near_plane,
     )
@@ -82,10 +82,7 @@ def _covered(
 
 
 def _some(xyz: Points, rgb: Colours, most: int, seed: int) -> tuple[Points, Colours]:
-    """A random subset of at most so many, in their order."""
-    if len(xyz) <= most:
-        return xyz, rgb
-    chosen = np.sort(np.random.default_rng(seed).choice(len(xyz), most, replace=False))
+    chosen = random_subset(len(xyz), most, seed)
     return xyz[chosen], rgb[chosen]
 
 
