@@ -1,9 +1,7 @@
 """The configuration: defaults, preset, budget, the user's keys and a scene's own, checked against one schema."""
 
 import copy
-import functools
 from collections.abc import Mapping
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +12,7 @@ from egosplat import budget
 from egosplat.errors import UserError
 from egosplat.explanations import explained, shortened
 from egosplat.json_files import read_json_file
+from egosplat.schema_files import schema
 from egosplat.stages import STAGES
 from egosplat.strictness import StrictValidator
 
@@ -24,12 +23,6 @@ NO_YAML = (yaml.YAMLError, ValueError, RecursionError)
 
 _VALIDATORS = {"config": StrictValidator, "scenes": StrictValidator}
 """Of what people write; JSON files follow JSON's own rules."""
-
-
-@functools.cache
-def schema(name: str) -> dict[str, Any]:
-    """The schema of that name: ``config``, ``scenes``, or that of a JSON file."""
-    return yaml.safe_load((resources.files("egosplat") / "schemas" / f"{name}.schema.yaml").read_text())
 
 
 def section_keys(section: str) -> dict[str, dict[str, Any]]:

@@ -1,29 +1,21 @@
 """What ``survey.json`` says: the decisions that other stages follow."""
 
-import functools
 import hashlib
 import json
 from collections.abc import Iterable, Mapping
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import yaml
 from jsonschema import Draft202012Validator
 
 from egosplat.atomic import whole_file
 from egosplat.errors import UserError
 from egosplat.json_files import read_json_file
+from egosplat.schema_files import schema
 
 FORMAT_VERSION = 1
 
 Survey = Mapping[str, Any]
-
-
-@functools.cache
-def survey_schema() -> dict[str, Any]:
-    """The JSON schema of ``survey.json``."""
-    return yaml.safe_load((resources.files("egosplat") / "schemas" / "survey.schema.yaml").read_text())
 
 
 def write_survey(output: Path, document: Survey) -> None:
@@ -32,7 +24,7 @@ def write_survey(output: Path, document: Survey) -> None:
     Raises:
         jsonschema.ValidationError: it is not what the schema describes.
     """
-    Draft202012Validator(survey_schema()).validate(document)
+    Draft202012Validator(schema("survey")).validate(document)
     with whole_file(output) as scratch:
         scratch.write_text(json.dumps(document, indent=1, sort_keys=True, allow_nan=False) + "\n")
 
@@ -49,7 +41,7 @@ def read_survey(path: Path) -> Survey:
         raise UserError(f"{path}: does not exist. Make it: snakemake --cores 2 {path}") from None
     except (OSError, ValueError) as error:
         raise UserError(f"{path}: cannot be read as JSON ({error}). {made_anew(path)}") from None
-    for error in Draft202012Validator(survey_schema()).iter_errors(document):
+    for error in Draft202012Validator(schema("survey")).iter_errors(document):
         key = ".".join(str(part) for part in error.absolute_path) or "it"
         raise UserError(
             f"{path}: is no survey of this egosplat: {key}: {error.message[:200]}. {made_anew(path)}"

@@ -1,15 +1,12 @@
 """``metrics.json``: its parts as plain values, its schema, and how it is written."""
 
-import functools
 import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import yaml
 from jsonschema import Draft202012Validator
 
 from egosplat.atomic import whole_file
@@ -19,14 +16,9 @@ from egosplat.benchmark.intervals import Interval
 from egosplat.benchmark.rendering import RegionScore
 from egosplat.benchmark.scores import GroupScore
 from egosplat.frames.recording import Instance
+from egosplat.schema_files import schema
 
 FORMAT_VERSION = 1
-
-
-@functools.cache
-def metrics_schema() -> dict[str, Any]:
-    """The JSON schema of ``metrics.json``."""
-    return yaml.safe_load((resources.files("egosplat") / "schemas" / "metrics.schema.yaml").read_text())
 
 
 def write_metrics(output: Path, document: Mapping[str, Any]) -> None:
@@ -38,7 +30,7 @@ def write_metrics(output: Path, document: Mapping[str, Any]) -> None:
         jsonschema.ValidationError: it is not what the schema describes.
     """
     values = finite(document)
-    Draft202012Validator(metrics_schema()).validate(values)
+    Draft202012Validator(schema("metrics")).validate(values)
     with whole_file(output) as scratch:
         scratch.write_text(json.dumps(values, indent=1, sort_keys=True, allow_nan=False) + "\n")
 

@@ -3,15 +3,10 @@
 import math
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-matplotlib.rcParams["text.parse_math"] = False  # a name may hold dollars
-
 import numpy as np
-from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.colors import hsv_to_rgb
 from numpy.typing import NDArray
 
 from egosplat.artifacts.annotations import ANNOTATIONS
@@ -19,6 +14,7 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.atomic import whole_file
+from egosplat.plotting import plt
 
 PICTURES = 8
 """At most so many pictures, and as many annotated evaluation frames."""
@@ -226,10 +222,7 @@ def overlay(picture: NDArray[np.uint8], instance_map: NDArray[np.int32]) -> NDAr
     """
     # Golden-angle hues: neighbouring indices get colours far apart.
     hue = (np.arange(instance_map.max() + 2) * 0.618034) % 1.0
-    colours = (
-        matplotlib.colors.hsv_to_rgb(np.stack([hue, np.full_like(hue, 0.75), np.ones_like(hue)], axis=-1))
-        * 255
-    )
+    colours = hsv_to_rgb(np.stack([hue, np.full_like(hue, 0.75), np.ones_like(hue)], axis=-1)) * 255
     tinted = 0.6 * picture + 0.4 * colours[instance_map]
     return np.where((instance_map >= 0)[..., None], tinted, picture).astype(np.uint8)
 

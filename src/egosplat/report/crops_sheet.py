@@ -3,13 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-matplotlib.rcParams["text.parse_math"] = False  # a name may hold dollars
-
 import numpy as np
-from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
@@ -21,6 +15,7 @@ from egosplat.artifacts.view_features import VIEW_FEATURES
 from egosplat.atomic import whole_file
 from egosplat.errors import UserError
 from egosplat.features.crops import cut_crop
+from egosplat.plotting import plt
 
 COLUMNS = 12
 """At most so many views of an instance are shown."""

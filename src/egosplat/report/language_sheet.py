@@ -3,14 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-matplotlib.rcParams["text.parse_math"] = False  # a name may hold dollars
-
 import numpy as np
 import torch
-from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -20,6 +14,7 @@ from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.atomic import whole_file
 from egosplat.geometry import Camera, make_pose
 from egosplat.language.rendering import render_codes
+from egosplat.plotting import plt
 from egosplat.report.trained_scene import TrainedScene, check_made_from, open_trained_scene
 
 TURNS = 6

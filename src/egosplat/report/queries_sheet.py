@@ -4,13 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from textwrap import fill
 
-import matplotlib
-
-matplotlib.use("Agg")
-matplotlib.rcParams["text.parse_math"] = False  # a name may hold dollars
-
 import numpy as np
-from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Rectangle
@@ -20,6 +14,7 @@ from egosplat.atomic import whole_file
 from egosplat.benchmark.scored_scenes import ScoredScene, read_scored_scene
 from egosplat.benchmark.series import find_series
 from egosplat.benchmark.tables import Cell
+from egosplat.plotting import plt
 from egosplat.report.answer_drawing import draw_heat, draw_mask
 from egosplat.report.queries_asking import ShownQuery, ask_again, open_sources
 from egosplat.report.queries_choice import best_and_worst, scored_queries

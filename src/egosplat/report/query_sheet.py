@@ -3,17 +3,12 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-matplotlib.rcParams["text.parse_math"] = False  # a name may hold dollars
-
 import numpy as np
-from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from egosplat.atomic import whole_file
+from egosplat.plotting import plt
 from egosplat.query.answer import Answer
 from egosplat.report.answer_drawing import draw_heat, draw_mask
 

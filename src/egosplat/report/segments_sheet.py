@@ -2,14 +2,9 @@
 
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-matplotlib.rcParams["text.parse_math"] = False  # a name may hold dollars
-
 import numpy as np
-from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
+from matplotlib.colors import hsv_to_rgb
 from numpy.typing import NDArray
 
 from egosplat.artifacts.frames import FRAMES
@@ -17,6 +12,7 @@ from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.atomic import whole_file
 from egosplat.errors import UserError
+from egosplat.plotting import plt
 
 PICTURES = 6
 """Frames shown, evenly spread."""
@@ -72,7 +68,7 @@ def palette(count: int) -> NDArray[np.float64]:
     hues = (np.arange(count) * 0.61803398875) % 1.0
     value = 0.75 + 0.25 * ((np.arange(count) // 7) % 2)
     hsv = np.stack([hues, np.full(count, 0.85), value], axis=1)
-    return matplotlib.colors.hsv_to_rgb(hsv).reshape(count, 3)
+    return hsv_to_rgb(hsv).reshape(count, 3)
 
 
 def tinted(

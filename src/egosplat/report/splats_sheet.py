@@ -2,13 +2,7 @@
 
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-matplotlib.rcParams["text.parse_math"] = False  # a name may hold dollars
-
 import numpy as np
-from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
@@ -17,6 +11,7 @@ from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.atomic import whole_file
 from egosplat.log_axis import plain_numbers
+from egosplat.plotting import plt
 
 PICTURES = 4
 """At most so many held-out frames are shown."""

@@ -3,14 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-matplotlib.rcParams["text.parse_math"] = False  # a name may hold dollars
-
 import numpy as np
-from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 from matplotlib.figure import SubFigure
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
@@ -21,6 +16,7 @@ from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.atomic import whole_file
+from egosplat.plotting import plt
 from egosplat.report.trained_scene import TrainedScene, check_made_from, open_trained_scene
 
 PICTURES = 5
@@ -168,7 +164,7 @@ def _draw_probability(
 def _draw_mask(cell: Axes, photograph: NDArray[np.uint8], sources: _Sources, frame: int) -> None:
     """Tint and outline what is masked, and name its largest instances."""
     mask = sources.masks.row("refined", frame)
-    tint = 255.0 * np.array(matplotlib.colors.to_rgb(MASKED))
+    tint = 255.0 * np.array(to_rgb(MASKED))
     shown = np.where(mask[..., None], (1 - TINT) * photograph + TINT * tint, photograph)
     heading = f"masked: {mask.mean():.1%}, instance: score" if mask.any() else "nothing masked"
     _show(cell, shown.astype(np.uint8), heading)

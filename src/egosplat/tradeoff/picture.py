@@ -4,16 +4,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib
-
-matplotlib.use("Agg")
-matplotlib.rcParams["text.parse_math"] = False  # a name may hold dollars
-
-from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
 from egosplat.atomic import whole_file
 from egosplat.log_axis import plain_numbers
+from egosplat.plotting import plt
 from egosplat.tradeoff.estimates import front
 from egosplat.tradeoff.measures import ACCURACY, MEAN_IOU, MEMORY, WALL, Measure
 from egosplat.tradeoff.points import PRESET

@@ -17,12 +17,13 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.relevancy import open_relevancy
 from egosplat.artifacts.writing import create
-from egosplat.benchmark import document, other_methods
+from egosplat.benchmark import other_methods
 from egosplat.benchmark.scored_scenes import PROTOCOL
 from egosplat.config import section_keys
 from egosplat.errors import UserError
 from egosplat.frames.recording import Instance
 from egosplat.provenance import begin
+from egosplat.schema_files import schema
 from egosplat.stages import STAGES, Stage
 
 HEIGHT, WIDTH, FRAMES_TOTAL = 30, 40, 4
@@ -140,7 +141,7 @@ def scored(tmp_path, scene):
 
 def test_perfect_maps_have_perfect_scores(tmp_path, scored, perfect):
     found = scored(write(tmp_path / "mine.zarr", perfect, QUERIES))
-    Draft202012Validator(document.metrics_schema()).validate(found)
+    Draft202012Validator(schema("metrics")).validate(found)
     assert (found["method"], found["scene"], found["origin"]) == ("Mine", "adt/scene1", "synthetic")
     assert found["scores"]["all"]["count"] == 2
     for group in ("static", "dynamic", "all"):

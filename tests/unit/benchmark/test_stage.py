@@ -8,9 +8,10 @@ import pytest
 from jsonschema import Draft202012Validator, ValidationError
 
 from egosplat.benchmark import stage
-from egosplat.benchmark.document import finite, metrics_schema, write_metrics
+from egosplat.benchmark.document import finite, write_metrics
 from egosplat.config import stage_keys
 from egosplat.errors import UserError
+from egosplat.schema_files import schema
 
 NAMES = ("frames", "poses", "annotations", "features", "splats", "language")
 
@@ -31,7 +32,7 @@ def scored(tmp_path):
 
 def test_everything_is_found(word_scene, scored):
     found = scored(word_scene())
-    Draft202012Validator(metrics_schema()).validate(found)
+    Draft202012Validator(schema("metrics")).validate(found)
     # Couch and cup, in the held-out frame and in the one that was trained on.
     assert [(one["frame"], one["category"]) for one in found["queries"]] == [
         (frame, name) for frame in (1, 2) for name in ("couch", "cup")
@@ -82,7 +83,7 @@ def test_counts(word_scene, scored):
 
 
 def test_only_another_method_may_count_less(word_scene, scored):
-    found, validator = scored(word_scene()), Draft202012Validator(metrics_schema())
+    found, validator = scored(word_scene()), Draft202012Validator(schema("metrics"))
     del found["counts"]["gaussians"]
     assert not validator.is_valid(found)
     assert validator.is_valid(found | {"method": "another"})
