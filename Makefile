@@ -39,9 +39,9 @@ demo: install
 	$(BIN)/egosplat query results/adt/scene1 "couch" "coffee table" "carpet" --frame 24
 	@echo "Look at results/adt/scene1: $(PAGES) query.png"
 
-# One process a core, and one thread each: more would wait for one another.
+# One process a core, and one thread each: more would wait for one another. The longest files come first.
 test: install
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses $(CORES) --dist loadfile
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses $(CORES) --dist loadfile --no-loadscope-reorder
 
 numerics: install
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests/numerics --numerics-table docs/numerics.md

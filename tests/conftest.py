@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 
 ROOT = Path(__file__).resolve().parent.parent
 REAL_DATA = Path(os.environ.get("EGOSPLAT_REAL_DATA", ROOT.parent / "shared" / "data"))
@@ -94,17 +95,29 @@ class Workdir:
 
 
 @pytest.fixture(scope="session")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> Workdir:
-    """A working directory in which the tiny main job has run once. Not to be changed: see ``workdir``."""
-    folder = tmp_path_factory.mktemp("workflow")
+def finished(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Workdir:
+    """A working directory in which the tiny main job has run once. Not to be changed: see ``workdir``.
+
+    One for all processes of a test run.
+    """
+    temporary = tmp_path_factory.getbasetemp()
+    shared = temporary if worker_id == "master" else temporary.parent
+    folder = shared / "workflow"
+    with FileLock(shared / "workflow.lock"):
+        if not (folder / "finished").exists():
+            shutil.rmtree(folder, ignore_errors=True)
+            _run_main_job(folder)
+            (folder / "finished").touch()
+    return Workdir(folder)
+
+
+def _run_main_job(folder: Path) -> None:
     shutil.copytree(ROOT / "config", folder / "config")
     shutil.copytree(
         ROOT / "src" / "egosplat", folder / "src" / "egosplat", ignore=shutil.ignore_patterns("__pycache__")
     )
     (folder / "tiny.yaml").write_text(TINY)
-    workdir = Workdir(folder)
-    workdir.run(*MAIN)
-    return workdir
+    Workdir(folder).run(*MAIN)
 
 
 MAIN = tuple(

@@ -6,13 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from jsonschema import Draft202012Validator
 
 from egosplat import budget
 from egosplat.errors import UserError
 from egosplat.explanations import explained, shortened
 from egosplat.json_files import read_json_file
-from egosplat.schema_files import schema
+from egosplat.schema_files import Draft202012Validator, schema
 from egosplat.stages import STAGES
 from egosplat.strictness import StrictValidator
 

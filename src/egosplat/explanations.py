@@ -2,8 +2,7 @@
 
 import difflib
 
-from jsonschema.exceptions import ValidationError
-
+from egosplat.schema_files import ValidationError
 from egosplat.strictness import LARGEST_INTEGER
 
 _LONGEST = 80

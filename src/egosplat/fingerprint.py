@@ -31,6 +31,9 @@ NEUTRAL = {
 }
 """Modules that show or record, but cannot change an array: a better message makes nothing stale."""
 
+DOCUMENTED = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+"""What has a docstring."""
+
 
 def code_hash(module: str, libraries: tuple[str, ...] = ()) -> str:
     """Hash of ``module``, of what it reaches in its package, C++ sources too, and of libraries' versions.
@@ -67,6 +70,7 @@ def modules_of(module: str) -> dict[str, Path]:
     return dict(sorted(found.items()))
 
 
+@functools.cache
 def _find(name: str) -> Path | None:
     """File of a module, by its place below the root package; None for a name that is no module.
 
@@ -74,17 +78,28 @@ def _find(name: str) -> Path | None:
     with it all that the stage needs.
     """
     root, *parts = name.split(".")
-    spec = importlib.util.find_spec(root)
-    if spec is None or spec.origin is None:
+    if (folder := _folder(root)) is None:
         return None
-    base = Path(spec.origin).parent.joinpath(*parts)
+    base = folder.joinpath(*parts)
     candidates = (base / "__init__.py", base.with_suffix(".py"))
     return next((path for path in candidates if path.is_file()), None)
 
 
-def _imports(name: str, path: Path) -> Iterator[str]:
+@functools.cache
+def _folder(root: str) -> Path | None:
+    spec = importlib.util.find_spec(root)
+    return None if spec is None or spec.origin is None else Path(spec.origin).parent
+
+
+@functools.cache
+def _imports(name: str, path: Path) -> tuple[str, ...]:
+    """Names that a module imports, and those that it imports from modules."""
+    return tuple(_imported(name, path))
+
+
+def _imported(name: str, path: Path) -> Iterator[str]:
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
-    for node in ast.walk(_parse(path)):
+    for node in _statements(_parse(path)):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -95,6 +110,14 @@ def _imports(name: str, path: Path) -> Iterator[str]:
             yield from (f"{base}.{alias.name}" for alias in node.names)
 
 
+def _statements(tree: ast.AST) -> Iterator[ast.AST]:
+    """All statements, however deep; no expressions, which hold none."""
+    for block in ("body", "orelse", "finalbody", "handlers", "cases"):
+        for node in getattr(tree, block, ()):
+            yield node
+            yield from _statements(node)
+
+
 @functools.cache
 def _parse(path: Path) -> ast.Module:
     return ast.parse(path.read_bytes())
@@ -102,28 +125,36 @@ def _parse(path: Path) -> ast.Module:
 
 @functools.cache
 def _tree_hash(path: Path) -> str:
-    return hashlib.sha256(repr(_canonical(_parse(path))).encode()).hexdigest()
+    return hashlib.sha256("\0".join(_canonical(_parse(path))).encode()).hexdigest()
 
 
 _sources_hash = functools.cache(cpp_hash)
 
 
-def _canonical(node: Any) -> Any:
-    """Nested tuples of a tree's non-empty fields, docstrings left out; unlike ``ast.dump``, the same on
-    every Python version."""
+def _canonical(node: Any) -> list[str]:
+    """A tree's non-empty fields in order, without docstrings; unlike ``ast.dump``, the same on every Python version."""
+    parts: list[str] = []
+    _append(node, parts)
+    return parts
+
+
+def _append(node: Any, parts: list[str]) -> None:
     if isinstance(node, ast.AST):
-        fields = ((key, value) for key, value in _fields(node) if value is not None and value != [])
-        return (type(node).__name__, *((key, _canonical(value)) for key, value in fields))
-    return tuple(map(_canonical, node)) if isinstance(node, list) else repr(node)
-
-
-def _fields(node: ast.AST) -> Iterator[tuple[str, Any]]:
-    documented = isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)
-    for key, value in ast.iter_fields(node):
-        yield (
-            key,
-            [item for item in value if not _is_bare_text(item)] if documented and key == "body" else value,
-        )
+        parts.append(f"{type(node).__name__}(")
+        for key, value in ast.iter_fields(node):
+            if key == "body" and isinstance(node, DOCUMENTED):
+                value = [item for item in value if not _is_bare_text(item)]
+            if value is not None and value != []:
+                parts.append(key)
+                _append(value, parts)
+        parts.append(")")
+    elif isinstance(node, list):
+        parts.append("[")
+        for item in node:
+            _append(item, parts)
+        parts.append("]")
+    else:
+        parts.append(repr(node))
 
 
 def _is_bare_text(node: ast.AST) -> bool:

@@ -5,9 +5,7 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from jsonschema import Draft202012Validator, TypeChecker
-from jsonschema.exceptions import ValidationError
-from jsonschema.validators import extend
+from egosplat.schema_files import Draft202012Validator, TypeChecker, ValidationError, extend
 
 LARGEST_INTEGER = 2**31 - 1
 """That a key may have: libraries take no larger seeds, and nothing is counted further."""

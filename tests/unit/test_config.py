@@ -1,6 +1,8 @@
 """The configuration: one schema, no drift, and errors that say what to do."""
 
 import inspect
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -186,3 +188,9 @@ def test_scenes_are_found_on_a_command_line():
     ]
     found = [(target.dataset, target.scene, target.variant) for target in requested_targets(words)]
     assert found == [("adt", "scene1", None), ("hoi4d", "scene2", None)]
+
+
+def test_starting_builds_no_grammar_for_formats_that_no_schema_names():
+    told = "import sys, egosplat.config; print('rfc3987_syntax' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"

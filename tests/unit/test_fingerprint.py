@@ -18,6 +18,16 @@ FILES = {
 }
 
 
+CACHED = (
+    fingerprint._folder,
+    fingerprint._find,
+    fingerprint._imports,
+    fingerprint._parse,
+    fingerprint._tree_hash,
+    fingerprint._sources_hash,
+)
+
+
 @pytest.fixture
 def package(tmp_path, monkeypatch):
     folder = tmp_path / "pkg"
@@ -27,7 +37,7 @@ def package(tmp_path, monkeypatch):
     def write(**changes: str) -> str:
         for name, text in (FILES | changes).items():
             (folder / f"{name}.py").write_text(textwrap.dedent(text))
-        for cached in (fingerprint._parse, fingerprint._tree_hash, fingerprint._sources_hash):
+        for cached in CACHED:
             cached.cache_clear()
         return code_hash("pkg.stage")
 

@@ -6,12 +6,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from jsonschema import Draft202012Validator
-
 from egosplat.atomic import whole_file
 from egosplat.errors import UserError
 from egosplat.json_files import read_json_file
-from egosplat.schema_files import schema
+from egosplat.schema_files import Draft202012Validator, schema
 
 FORMAT_VERSION = 1
 

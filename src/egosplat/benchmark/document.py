@@ -7,8 +7,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from jsonschema import Draft202012Validator
-
 from egosplat.atomic import whole_file
 from egosplat.benchmark.asking import Asked
 from egosplat.benchmark.evaluation import Frame
@@ -16,7 +14,7 @@ from egosplat.benchmark.intervals import Interval
 from egosplat.benchmark.rendering import RegionScore
 from egosplat.benchmark.scores import GroupScore
 from egosplat.frames.recording import Instance
-from egosplat.schema_files import schema
+from egosplat.schema_files import Draft202012Validator, schema
 
 FORMAT_VERSION = 1
 
