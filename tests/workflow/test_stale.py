@@ -4,6 +4,9 @@ import re
 import shutil
 
 import pytest
+from safetensors.torch import save_file
+
+from egosplat.transient.network import make_network
 
 POSES = "results/adt/scene1/poses.zarr"
 MAIN = tuple(
@@ -95,11 +98,44 @@ def test_a_changed_key_reruns_its_stage_and_what_follows(workdir, config, expect
         ("poses/adt.py", '"""', '"""New words. ', set()),
         ("progress.py", "_SECONDS_BETWEEN_LINES = 10.0", "_SECONDS_BETWEEN_LINES = 5.0", set()),
         ("synthetic/textures.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", {"synthetic", *AFTER_FRAMES}),
+        ("frames/split.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_FRAMES),
+        ("features/crops.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_VIEWS),
+        ("transient/network.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_TRANSIENT),
     ],
 )
 def test_edited_code_reruns_the_stages_that_execute_it(workdir, module, old, new, expected):
     workdir.edit(module, old, new)
     assert workdir.stale(*MAIN) == expected
+
+
+@pytest.mark.parametrize(
+    "model, expected",
+    [
+        ("small_sam2/model.safetensors", AFTER_SEGMENTS),
+        ("small_open_clip/open_clip_model.safetensors", AFTER_VIEWS),
+        ("small_open_clip/open_clip_config.json", AFTER_VIEWS),
+    ],
+)
+def test_another_checkpoint_reruns_the_stages_that_load_it(workdir, model, expected):
+    with (workdir.code / "egosplat/models" / model).open("ab") as file:
+        file.write(b" ")
+    assert workdir.stale(*MAIN) == expected
+
+
+def test_other_weights_of_the_encoder_rerun_what_moves(workdir):
+    weights = workdir.folder / "encoder.safetensors"
+    encoder = make_network(64, False, None, 0).encoder
+    save_file({name: value.contiguous() for name, value in encoder.state_dict().items()}, weights)
+    (workdir.folder / "mine.yaml").write_text("transient: {encoder_weights: encoder.safetensors}")
+    done = workdir.snakemake("mine.yaml", "--", "results/adt/scene1/transient.zarr")
+    assert done.returncode == 0, done.stdout + done.stderr
+    config = (workdir.folder / "mine.yaml").read_text()
+    assert workdir.stale("results/adt/scene1/transient.zarr", config=config) == set()
+    assert workdir.stale(*MAIN, config=config) == AFTER_MASKS
+
+    with weights.open("ab") as file:
+        file.write(b" ")
+    assert workdir.stale(*MAIN, config=config) == AFTER_TRANSIENT
 
 
 def test_a_new_room_reruns_nothing(workdir):
