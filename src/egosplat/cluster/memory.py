@@ -11,7 +11,7 @@ from egosplat.cluster.shapes import Shapes
 from egosplat.config import Config
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import CLIP, SAM2, Model, find_checkpoint
-from egosplat.models.configs import SMALL
+from egosplat.models.configs import sam2_side
 
 MB = 1e6
 
@@ -85,7 +85,7 @@ def _segments(config: Config, shapes: Shapes) -> float:
     keys = config["segments"]
     if keys["segmenter"] == "classical":
         return TORCH + 200 * shapes.pixels / MB
-    side = keys["image_size"] or (256 if config["models"]["sam2_config"] == SMALL else 1024)
+    side = keys["image_size"] or sam2_side(config["models"]["sam2_config"])
     remembered = 1.2 * (side / 256) ** 2 * LEVELS * keys["max_instances"]
     labels = 0.05 * LEVELS * 4 * shapes.frames * shapes.pixels / MB
     return TORCH + _checkpoint(SAM2, config) + remembered + labels + 200 * shapes.pixels / MB

@@ -7,7 +7,7 @@ Measured on two cores with AVX-512 that other work shared, at the preset balance
 from dataclasses import dataclass
 
 from egosplat.config import Config
-from egosplat.models.configs import SMALL
+from egosplat.models.configs import SMALL, sam2_side
 
 MEASURED_ON = "two cores with AVX-512"
 
@@ -24,11 +24,8 @@ are in the ratio of the rasterizer's benchmark."""
 PIXELS_SHARE = 0.3
 """Of an iteration's time, what grows with pixels; the rest grows with Gaussians."""
 
-SIDE = 320
-"""Of the picture that the small SAM2 looks at [px]."""
-
-SEGMENTS_PICTURE_S = 2.6
-"""The small SAM2 at 320x320, about 70 instances, each way."""
+SEGMENTS_SIDE, SEGMENTS_PICTURE_S = 320, 2.6
+"""The small SAM2 at 320x320 [px], about 70 instances, each way."""
 
 TRANSIENT_ITERATION_S = 0.085
 """At the default sizes, on one thread: a third each for the network, for Gaussians, and for what is always done."""
@@ -87,7 +84,8 @@ def _segments(config: Config, pictures: float) -> float | None:
     keys = config["segments"]
     if keys["segmenter"] != "sam2" or config["models"]["sam2_config"] != SMALL:
         return None
-    return SEGMENTS_PICTURE_S * pictures * ((keys["image_size"] or SIDE) / SIDE) ** 2
+    side = keys["image_size"] or sam2_side(SMALL)
+    return SEGMENTS_PICTURE_S * pictures * (side / SEGMENTS_SIDE) ** 2
 
 
 def _transient(config: Config, slower: float) -> float:

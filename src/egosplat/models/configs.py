@@ -6,6 +6,8 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
+import yaml
+
 from egosplat.errors import UserError
 
 SMALL = "small"
@@ -42,6 +44,11 @@ def sam2_config_file(config: str) -> Path:
     if os.path.isfile(path):  # unlike the method, of any text
         return path
     raise UserError(f"models.sam2_config = {config!r} is neither a file nor {_one_of(name, published)}")
+
+
+def sam2_side(config: str) -> int:
+    """Side of the square to which a SAM2 architecture resizes pictures [px]. Raises as ``sam2_config_file`` does."""
+    return yaml.safe_load(sam2_config_file(config).read_text())["model"]["image_size"]
 
 
 def sam2_configs() -> dict[str, Path]:

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.models.configs import clip_config_files, clip_folder, sam2_config_file, sam2_configs
+from egosplat.models.configs import clip_config_files, clip_folder, sam2_config_file, sam2_configs, sam2_side
 
 
 @pytest.mark.parametrize(
@@ -83,3 +83,8 @@ def test_nothing_heavy_is_imported_to_find_a_model():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == ""
+
+
+@pytest.mark.parametrize(("config", "side"), [("small", 320), ("sam2.1_hiera_b+", 1024)])
+def test_the_side_of_the_pictures_that_sam2_looks_at(config, side):
+    assert sam2_side(config) == side
