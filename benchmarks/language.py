@@ -149,11 +149,11 @@ def measure(folder: Path, way: str, iterations: int) -> dict[str, object]:
     code, share = lifted(scene)
     if way == "trained, three levels at once":
         began = time.perf_counter()
-        code = trained(scene, scene.views, scene.targets.levels, iterations)
+        code = trained(scene, scene.views, len(scene.targets.levels), iterations)
     elif way == "trained, one level a model":
         began = time.perf_counter()
         parts = []
-        for level in range(scene.targets.levels):
+        for level in range(len(scene.targets.levels)):
             views = TaughtViews(**vars(scene.views) | {"targets": of_level(scene.targets.of, level)})
             parts.append(trained(scene, views, 1, iterations))
         code = torch.cat(parts, dim=1)

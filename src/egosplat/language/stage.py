@@ -88,7 +88,7 @@ def run(
     elif method == "trained":
         options = CodeOptions(iterations, lr, unit_codes, seed)
         code, curve = _trained(gaussians, views, lens, lifted, options, checkpoint)
-    facts = {"levels": words.facts["levels"], "method": method, "views": len(views)}
+    facts = {"levels": targets.levels, "method": method, "views": len(views)}
     _write(output, made, code, lifted.share, curve, facts)
     checkpoint.remove()
 

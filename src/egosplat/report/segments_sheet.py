@@ -33,7 +33,7 @@ def run(frames: Path, segments: Path, output: Path, *, title: str) -> None:
             f"{segments}: has {found.shape('labels')[0]} frames, {frames} has {count}; they do not belong together"
         )
     shown = np.unique(np.linspace(0, count - 1, min(count, PICTURES)).round().astype(int)).tolist()
-    levels = found.facts["levels"]
+    levels, repeats = found.facts["levels"], found.facts.get("repeats", {})
     size = (CELL * len(shown), (CELL * height / width + 0.25) * (1 + len(levels)) + 0.9)
     figure, grid = plt.subplots(
         1 + len(levels), len(shown), squeeze=False, figsize=size, layout="constrained"
@@ -45,9 +45,8 @@ def run(frames: Path, segments: Path, output: Path, *, title: str) -> None:
         _show(grid[0, column], picture, f"frame {frame}")
         for level, name in enumerate(levels):
             seen = len(np.unique(labels[level][labels[level] >= 0]))
-            _show(
-                grid[1 + level, column], tinted(picture, labels[level], colours), f"{name}: {seen} instances"
-            )
+            told = f"{name}: repeats {repeats[name]}" if name in repeats else f"{name}: {seen} instances"
+            _show(grid[1 + level, column], tinted(picture, labels[level], colours), told)
     with whole_file(output) as scratch:
         figure.savefig(scratch, dpi=90, format="png")
     plt.close(figure)

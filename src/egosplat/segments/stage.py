@@ -1,6 +1,6 @@
 """Stage ``segments``: instances at three levels, followed through the video."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +18,9 @@ from egosplat.errors import UserError
 from egosplat.models.checkpoints import SAM2, model_hash
 from egosplat.progress import log, track
 from egosplat.segments.classical_video import segment_video
-from egosplat.segments.instances import Segmented, settle
+from egosplat.segments.instances import Segmented, Settled, settle
 from egosplat.segments.options import LEVELS, MaskOptions, TrackOptions
+from egosplat.segments.repetition import repeated_levels, without
 
 CHECKPOINT_S = 60.0
 """Between two checkpoints [s]."""
@@ -50,6 +51,7 @@ def run(
     max_instances: int,
     share_iou: float,
     absent_stride: int,
+    levels: str,
     batch: int,
     sam2_config: str,
     sam2_checkpoint: str,
@@ -106,7 +108,7 @@ def run(
         segmented = _by_sam2(video, model, masks, tracks, checkpoint)
     try:
         with create(output, SEGMENTS, made) as artifact:
-            _write(artifact, segmented, video, tracks.min_frames)
+            _write(artifact, segmented, video, tracks.min_frames, levels)
             artifact.facts |= {"segmenter": segmenter}
     except UserError:
         checkpoint.remove()  # going on would lead to the same end
@@ -141,8 +143,8 @@ def _by_sam2(
     return Tracker(sam2, video.picture, len(video.frame), valid, masks, tracks).run(checkpoint)
 
 
-def _write(artifact: Writer, segmented: Segmented, video: _Video, min_frames: int) -> None:
-    """Merge what is one thing, drop what is seen too briefly, and write the rest frame by frame."""
+def _write(artifact: Writer, segmented: Segmented, video: _Video, min_frames: int, levels: str) -> None:
+    """Merge what is one thing, drop what is seen too briefly and levels that repeat, and write the rest by frame."""
     labels, count = segmented.labels, video.source.shape("rgb")[0]
     place_of = {int(frame): place for place, frame in enumerate(video.frame)}
     settled = settle(segmented, min_frames)
@@ -151,6 +153,7 @@ def _write(artifact: Writer, segmented: Segmented, video: _Video, min_frames: in
             "segments: nothing was found in any frame. Lower segments.pred_iou_thresh and stability_score_thresh, "
             "or take segmenter: classical"
         )
+    settled, repeated = _own_levels(segmented, settled) if levels == "auto" else (settled, {})
     first = labels[0]
     artifact.allocate("labels", (count, *first.shape))
     for frame in track(range(count), "writing labels"):
@@ -165,14 +168,27 @@ def _write(artifact: Writer, segmented: Segmented, video: _Video, min_frames: in
     artifact.put("instances/first_frame", begun.astype(np.int64))
     by_level = {name: sum(one.level == number for one in chosen) for number, name in enumerate(LEVELS)}
     dropped = len(segmented.instances) - len(settled.staying)
-    log(f"{len(settled.staying)} instances ({by_level}); {dropped} merged with others or seen too briefly")
+    log(
+        f"{len(settled.staying)} instances ({by_level}); {dropped} merged with others, repeated or seen too briefly"
+    )
     artifact.facts = {
         "levels": list(LEVELS),
         "instances": by_level,
         "found": len(segmented.instances),
         "merged": settled.merged,
+        "repeats": {LEVELS[one]: LEVELS[other] for one, other in repeated.items()},
         **_renamed(segmented.notes, video),
     }
+
+
+def _own_levels(segmented: Segmented, settled: Settled) -> tuple[Settled, dict[int, int]]:
+    """What stays without the levels that repeat another, and these."""
+    level = np.array([segmented.instances[number].level for number in settled.staying], dtype=np.int8)
+    repeated = repeated_levels(segmented.labels, settled.table, level, len(LEVELS))
+    for one, other in repeated.items():
+        log(f"level {LEVELS[one]} is left out: it repeats {LEVELS[other]}")
+    table = without(repeated, settled.table, level)
+    return replace(settled, table=table, staying=settled.staying[~np.isin(level, list(repeated))]), repeated
 
 
 def _renamed(notes: dict[str, Any], video: _Video) -> dict[str, Any]:

@@ -61,4 +61,4 @@ class JointLanguage:
 
 def with_codes(count: int, targets: CodeTargets, device: torch.device) -> Tensor:
     """(N, L * C) zeros: where the codes of ``count`` Gaussians start."""
-    return torch.zeros(count, targets.levels * targets.channels, device=device)
+    return torch.zeros(count, len(targets.levels) * targets.channels, device=device)

@@ -29,6 +29,9 @@ class CodeTargets:
 
     An instance has in each frame the code of its view there. Where it is too small to have been encoded it has the
     consistent code, unless supervision is by the views' own features alone.
+
+    Attributes:
+        levels: names of those that have instances; channels: C.
     """
 
     def __init__(self, segments: Artifact, features: Artifact, device: torch.device) -> None:
@@ -46,7 +49,9 @@ class CodeTargets:
         views_alone = features.provenance["options"]["target"] == "view"
         self._usable = np.zeros_like(seen) if views_alone else seen
         self._named = seen
-        self.levels = segments.shape("labels")[1]
+        self._levels = np.unique(segments.read("instances/level"))
+        names = segments.facts["levels"]
+        self.levels = [names[level] for level in self._levels]
         self.channels = self._code.shape[1]
 
     @staticmethod
@@ -60,7 +65,7 @@ class CodeTargets:
     def of(self, frame: int) -> Targets:
         """What the pixels of a frame, by its index in frames.zarr, shall show."""
         table, usable = self._table(frame)
-        labels = torch.from_numpy(self._segments.row("labels", frame)).to(self._device).long()
+        labels = torch.from_numpy(self._segments.row("labels", frame)[self._levels]).to(self._device).long()
         # The last entry of both is the one that -1 picks: nothing.
         known = usable[labels]
         codes = torch.stack([table[:, level] for level in labels])

@@ -29,7 +29,8 @@ def run(transient: Path, segments: Path, output: Path, *, threshold: float, leve
     inputs = {artifact.path.name: artifact.digest for artifact in (predicted, instances)}
     made = provenance.begin("masks", keys, origin, inputs)
     names = instances.facts["levels"]
-    levels = set(range(len(names))) if level == "all" else {names.index(level)}
+    shown_by = instances.facts.get("repeats", {}).get(level, level)
+    levels = set(range(len(names))) if level == "all" else {names.index(shown_by)}
     found = _scores(predicted, instances)
     scores = found.scores
     chosen = transient_instances(scores, found.pixels, instances.read("instances/level"), threshold, levels)

@@ -1,6 +1,6 @@
 """A wall of Gaussians, its left half one instance and its right half another, as artifacts and in memory."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -70,13 +70,16 @@ def labels(camera_to_world) -> np.ndarray:
 
 @pytest.fixture
 def scene(tmp_path, wall, camera_to_world, labels) -> Callable[..., Path]:
-    """``scene(target=..., rows=..., **changes)``: a folder with all that the stage reads but the splats.
+    """``scene(target=..., rows=..., levels=...)``: a folder with all that the stage reads but the splats.
 
     Args:
         target: as features.target; rows: (instance, frame) of the views that were encoded, by default all.
+        levels: of the instances.
     """
 
-    def make(target: str = "average", rows: list[tuple[int, int]] | None = None) -> Path:
+    def make(
+        target: str = "average", rows: list[tuple[int, int]] | None = None, levels: Sequence[int] = (1, 1, 0)
+    ) -> Path:
         options = {"sh_degree": 0, "background": None, "near_plane": 0.1, "antialiased": False}
         images = torch.stack(
             [render(wall, CAMERA, pose, backend="auto", **options)[0] for pose in camera_to_world]
@@ -101,7 +104,7 @@ def scene(tmp_path, wall, camera_to_world, labels) -> Callable[..., Path]:
         }
         segments = {
             "labels": labels,
-            "instances/level": np.array([1, 1, 0], np.int8),
+            "instances/level": np.array(levels, np.int8),
             "instances/predicted_iou": np.ones(3, np.float32),
             "instances/stability": np.ones(3, np.float32),
             "instances/first_frame": np.zeros(3, np.int64),

@@ -30,3 +30,13 @@ def test_without_aggregation_it_has_none(scene, opened, labels):
     found = targets(opened, scene(target="view", rows=[(0, 0)]), 0)
     assert torch.equal(found.known[1], torch.from_numpy(labels[0, 1] == 0))
     assert not found.known[0].any()
+
+
+def test_a_level_without_instances_is_no_target(scene, opened, labels):
+    folder = scene(levels=(1, 1, 1))
+    _, _, segments, features = opened(folder)
+    every = CodeTargets(segments, features, CPU)
+    found = every.of(0)
+    assert every.levels == segments.facts["levels"][1:2]
+    assert found.codes.shape == (1, 3, 24, 24)
+    assert torch.equal(found.known, torch.from_numpy(labels[0, 1:2] >= 0))

@@ -50,7 +50,7 @@ def frames(tmp_path):
 
 def test_classical_segments_of_moving_squares(frames, tmp_path, keys):
     output = tmp_path / "segments.zarr"
-    stage.run(frames, output, **keys | {"segmenter": "classical"})
+    stage.run(frames, output, **keys | {"segmenter": "classical", "levels": "all"})
     segments = open_artifact(output, SEGMENTS)
     labels, levels = segments.read("labels"), segments.read("instances/level")
     assert labels.shape == (COUNT, 3, SIDE, SIDE) and segments.origin == "synthetic"
@@ -65,6 +65,21 @@ def test_classical_segments_of_moving_squares(frames, tmp_path, keys):
     assert len(red) == len(blue) == 1 and red != blue and min(red | blue) >= 0
     assert segments.facts["levels"] == ["subpart", "part", "whole"]
     assert sum(segments.facts["instances"].values()) == len(levels)
+    assert segments.facts["repeats"] == {}
+
+
+def test_squares_without_parts_are_instances_of_one_level(frames, tmp_path, keys):
+    stage.run(frames, tmp_path / "all.zarr", **keys | {"segmenter": "classical", "levels": "all"})
+    stage.run(frames, tmp_path / "own.zarr", **keys | {"segmenter": "classical"})
+    every, own = (open_artifact(tmp_path / f"{name}.zarr", SEGMENTS) for name in ("all", "own"))
+    assert own.facts["repeats"] == {"subpart": "whole", "part": "whole"}
+    assert own.read("instances/level").tolist() == [2, 2, 2]
+    labels = own.read("labels")
+    assert (labels[:, :2] == -1).all()
+    # What the level shows is as before, but for its instances' numbers.
+    before = every.read("labels")[:, 2]
+    assert np.array_equal(np.where(before < 0, before, before - before[before >= 0].min()), labels[:, 2])
+    assert own.read("instances/predicted_iou").shape == own.read("instances/first_frame").shape == (3,)
 
 
 def test_frames_that_a_survey_leaves_out_are_passed_over(frames, tmp_path, keys, survey_that_keeps):

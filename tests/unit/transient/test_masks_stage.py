@@ -37,7 +37,11 @@ def predict(folder: Path, probability: np.ndarray, frames_digest: str = "") -> N
 @pytest.fixture
 def folder(scene) -> Path:
     """The square is half transient everywhere, the lower half a little in one frame."""
-    made = scene()
+    return predicted(scene())
+
+
+def predicted(made: Path) -> Path:
+    """The same, of a folder of the scene."""
     labels = open_artifact(made / "segments.zarr", SEGMENTS).read("labels")
     probability = np.where(labels[:, 2] == 0, 0.5, 0.0)
     probability[0][labels[0, 2] == 1] = 0.06
@@ -75,6 +79,13 @@ def test_a_lower_threshold_masks_more(folder):
 def test_an_empty_set_masks_nothing(folder, keys):
     masks = run(folder, **keys)
     assert not masks.read("refined").any() and masks.facts["masked_share"] == 0.0
+
+
+def test_a_level_that_was_left_out_is_shown_by_the_one_that_it_repeats(scene):
+    made = predicted(scene({"repeats": {"part": "whole"}}))
+    by_part, by_whole = run(made, level="part").read("refined"), run(made, level="whole").read("refined")
+    assert by_whole.any() and np.array_equal(by_part, by_whole)
+    assert not run(made, level="subpart").read("refined").any()
 
 
 def test_no_instance_at_all_masks_nothing(scene):

@@ -1,0 +1,74 @@
+"""Which levels repeat another."""
+
+import numpy as np
+import pytest
+
+from egosplat.segments.labels import LabelMaps
+from egosplat.segments.repetition import repeated_levels, without
+
+EACH = 25
+"""Instances of a level, one a row."""
+
+
+def film(*levels, frames=2):
+    """Labels in which each level has rows of 20 pixels, narrowed by so many in each row; and whose each instance is."""
+    labels = LabelMaps((len(levels), EACH, 20))
+    for frame in range(frames):
+        maps = np.full((len(levels), EACH, 20), -1, np.int32)
+        for level, narrowed in enumerate(levels):
+            for row in range(EACH):
+                if narrowed[row] is not None:
+                    maps[level, row, narrowed[row] :] = level * EACH + row
+        labels[frame] = maps
+    numbers = np.arange(len(levels) * EACH)
+    level = np.array([int(number // EACH) for number in numbers], np.int8)
+    return labels, np.append(numbers, -1).astype(np.int32), level
+
+
+SAME = [0] * EACH
+NARROW = [10] * EACH
+"""IoU 0.5 with the whole rows."""
+
+
+@pytest.mark.parametrize(
+    ("levels", "expected"),
+    [
+        ((SAME, SAME, SAME), {0: 2, 1: 2}),
+        ((NARROW, SAME, SAME), {1: 2}),
+        ((SAME, NARROW, SAME), {0: 2}),
+        ((SAME, SAME, NARROW), {0: 1}),
+        ((NARROW, SAME, [5] * EACH), {}),  # an IoU of 0.75 is another thing
+        (([0] * 24 + [10], SAME, NARROW), {0: 1}),  # 96 % repeat
+        (([0] * 23 + [10] * 2, SAME, NARROW), {}),  # 92 % do
+        ((SAME, [4] * EACH, NARROW), {}),  # 0.8 exactly is not above
+        # The first is like the second alone, and that like the third.
+        ((SAME, [3] * EACH, [5] * EACH), {0: 2, 1: 2}),
+    ],
+)
+def test_a_level_repeats_another_whose_instances_it_shows(levels, expected):
+    assert repeated_levels(*film(*levels), 3) == expected
+
+
+def test_a_level_that_shows_less_repeats_and_one_that_shows_more_does_not():
+    few = [0] * 5 + [None] * 20
+    labels, table, level = film(few, SAME)
+    shown = np.append(np.where((np.arange(2 * EACH) >= 5) & (np.arange(2 * EACH) < EACH), -1, 0), -1)
+    new = np.append(np.cumsum(shown[:-1] >= 0) - 1, -1)
+    table = np.where(shown >= 0, new, -1).astype(np.int32)
+    level = np.array([0] * 5 + [1] * EACH, np.int8)
+    assert repeated_levels(labels, table, level, 2) == {0: 1}
+    assert repeated_levels(labels, table, 1 - level, 2) == {1: 0}
+
+
+def test_a_level_without_instances_repeats_none():
+    labels, table, level = film([None] * EACH, SAME)
+    table[:EACH] = -1
+    table[EACH:-1] -= EACH
+    assert repeated_levels(labels, table, level[EACH:], 2) == {}
+
+
+def test_the_others_close_up():
+    table = np.array([0, 1, -1, 2, 3, -1], np.int32)
+    level = np.array([0, 1, 0, 1], np.int8)
+    assert without({0: 1}, table, level).tolist() == [-1, 0, -1, -1, 1, -1]
+    assert without({}, table, level).tolist() == table.tolist()
