@@ -87,14 +87,15 @@ def score(world: FilmedWorld, labels: list[np.ndarray]) -> list[VideoScores]:
 @click.argument("worlds", type=click.Path(path_type=Path))
 @click.option("--checkpoint", default="small", help="of the small SAM2: `small` or a file")
 @click.option("--limit", default=5, help="worlds, of those in the folder")
-def main(worlds: Path, checkpoint: str, limit: int) -> None:
+@click.option("--method", "methods", multiple=True, type=click.Choice(list(METHODS)), help="only these")
+def main(worlds: Path, checkpoint: str, limit: int, methods: tuple[str, ...]) -> None:
     """Measure and print the table."""
     try:
         read = read_worlds(worlds)[:limit]
     except UserError as error:
         raise SystemExit(str(error)) from error
     rows = []
-    for method in METHODS:
+    for method in methods or METHODS:
         scores, seconds = [], []
         for world in read:
             labels, taken = segment(world, method, checkpoint)

@@ -4,11 +4,12 @@ import hashlib
 import json
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib import metadata
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol
 
 import egosplat
 from egosplat import costs
@@ -56,6 +57,17 @@ class Provenance:
         return values | {"machine": costs.machine()} | told
 
 
+class Made(Protocol):
+    """An artifact that others are made from."""
+
+    @property
+    def path(self) -> Path: ...
+    @property
+    def digest(self) -> str: ...
+    @property
+    def origin(self) -> str: ...
+
+
 def key_of(made: Provenance, more: Mapping[str, Any] | None = None) -> str:
     """SHA-256 of all that decides the result: stage, options, inputs, models, code, versions, and what is given beside."""
     mappings = (made.options, made.inputs, made.models, made.versions, more or {})
@@ -90,3 +102,12 @@ def begin(
         started=time.perf_counter(),
         started_cpu=costs.cpu_seconds(),
     )
+
+
+def begin_from(
+    stage: str, options: Mapping[str, Any], used: Iterable[Made], models: Mapping[str, str] | None = None
+) -> Provenance:
+    """``begin`` for what is made from these artifacts alone."""
+    used = list(used)
+    origin = joint_origin(*(artifact.origin for artifact in used))
+    return begin(stage, options, origin, {artifact.path.name: artifact.digest for artifact in used}, models)

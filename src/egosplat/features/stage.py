@@ -70,7 +70,7 @@ def run(
     """
     keys = {key: value for key, value in locals().items() if key not in ("view_features", "output")}
     source = open_artifact(view_features, VIEW_FEATURES)
-    made = provenance.begin("features", keys, source.origin, {source.path.name: source.digest})
+    made = provenance.begin_from("features", keys, [source])
     views, level = _read(source), source.read("instances/level")
     known = views.good.nonzero()[0]
     found = aggregate(views.feature[known], views.instance[known], len(level), mad_norm, mad_k)

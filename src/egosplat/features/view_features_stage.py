@@ -86,9 +86,7 @@ def run(
 
 
 def _begin(keys: dict[str, Any], pictures: Artifact, tracks: Artifact, clip_hash: str) -> Provenance:
-    origin = provenance.joint_origin(pictures.origin, tracks.origin)
-    inputs = {artifact.path.name: artifact.digest for artifact in (pictures, tracks)}
-    return provenance.begin("view_features", keys, origin, inputs, {CLIP.checkpoint_key: clip_hash})
+    return provenance.begin_from("view_features", keys, (pictures, tracks), {CLIP.checkpoint_key: clip_hash})
 
 
 def _about(clip: OpenClip, model: str, checkpoint: str) -> dict[str, Any]:

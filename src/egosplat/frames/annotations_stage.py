@@ -35,9 +35,7 @@ def run(recording: Path, frames: Path, output: Path, *, max_age_ms: float) -> No
         upright=source.facts["upright"],
         max_age_ns=round(max_age_ms * 1e6),
     )
-    made = provenance.begin(
-        "annotations", {"max_age_ms": max_age_ms}, source.origin, {frames.name: source.digest}
-    )
+    made = provenance.begin_from("annotations", {"max_age_ms": max_age_ms}, [source])
     annotated = np.zeros(len(indices), bool)
     with create(output, ANNOTATIONS, made) as artifact:
         artifact.allocate("instance_map", (len(indices), camera.height, camera.width))

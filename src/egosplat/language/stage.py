@@ -96,10 +96,7 @@ def run(
 def _begin(keys: dict[str, Any], used: list[Artifact], moving: Masking) -> Provenance:
     if moving.artifact is not None:
         used = [*used, moving.artifact]
-    origin = provenance.joint_origin(*(artifact.origin for artifact in used))
-    return provenance.begin(
-        "language", keys, origin, {artifact.path.name: artifact.digest for artifact in used}
-    )
+    return provenance.begin_from("language", keys, used)
 
 
 def _is_joint(splats: Artifact) -> bool:

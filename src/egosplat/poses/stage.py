@@ -44,7 +44,7 @@ def run(
         raise UserError(
             f"poses.method = device: {recording.name} has no device trajectory; use colmap or auto"
         )
-    made = provenance.begin("poses", options, source.origin, {frames.name: source.digest})
+    made = provenance.begin_from("poses", options, [source])
     if has_device and method != "colmap":
         poses = _from_device(recording, source, trajectory, max_gap_ms, max_inv_dist_std, max_dist_std)
     else:

@@ -74,8 +74,7 @@ def run(
     kept, by_survey = kept_frames(pictures, survey)
     used = {"sam2_config": sam2_config, "sam2_checkpoint": sam2_checkpoint}
     models = {"sam2_checkpoint": model_hash(SAM2, used)} if segmenter == "sam2" else {}
-    inputs = {pictures.path.name: pictures.digest}
-    made = provenance.begin("segments", keys | by_survey, pictures.origin, inputs, models)
+    made = provenance.begin_from("segments", keys | by_survey, [pictures], models)
     masks = MaskOptions(
         points_per_side,
         pred_iou_thresh,

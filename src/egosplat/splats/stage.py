@@ -137,10 +137,7 @@ def _begin(
     used = [pictures, walk, *words]
     if moving.artifact is not None:
         used.append(moving.artifact)
-    origin = provenance.joint_origin(*(artifact.origin for artifact in used))
-    return provenance.begin(
-        "splats", keys, origin, {artifact.path.name: artifact.digest for artifact in used}
-    )
+    return provenance.begin_from("splats", keys, used)
 
 
 def _photographs(

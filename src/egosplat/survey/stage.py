@@ -29,12 +29,10 @@ def run(
     keys = {"max_moving_share": max_moving_share, "min_view_change_deg": min_view_change_deg}
     pictures, walk = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
     _check_belong_together(pictures, walk)
-    origin = provenance.joint_origin(pictures.origin, walk.origin)
-    inputs = {artifact.path.name: artifact.digest for artifact in (pictures, walk)}
-    made = provenance.begin("survey", keys, origin, inputs)
+    made = provenance.begin_from("survey", keys, (pictures, walk))
     document = {
         "format_version": FORMAT_VERSION,
-        "origin": origin,
+        "origin": made.origin,
         "motion": _motion(measure_motion(pictures, walk), max_moving_share),
         "views": _views(pictures, walk, min_view_change_deg),
         "poses": _poses(pictures, walk),

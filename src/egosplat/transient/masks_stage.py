@@ -25,9 +25,7 @@ def run(transient: Path, segments: Path, output: Path, *, threshold: float, leve
     keys: dict[str, Any] = {"threshold": threshold, "level": level}
     predicted, instances = open_artifact(transient, TRANSIENT), open_artifact(segments, SEGMENTS)
     _check_belong_together(predicted, instances)
-    origin = provenance.joint_origin(predicted.origin, instances.origin)
-    inputs = {artifact.path.name: artifact.digest for artifact in (predicted, instances)}
-    made = provenance.begin("masks", keys, origin, inputs)
+    made = provenance.begin_from("masks", keys, (predicted, instances))
     names = instances.facts["levels"]
     shown_by = instances.facts.get("repeats", {}).get(level, level)
     levels = set(range(len(names))) if level == "all" else {names.index(shown_by)}

@@ -132,10 +132,8 @@ def _sideways(pictures: Artifact) -> bool:
 
 
 def _begin(keys: dict[str, Any], pictures: Artifact, walk: Artifact, weights: Path | None) -> Provenance:
-    origin = provenance.joint_origin(pictures.origin, walk.origin)
-    inputs = {artifact.path.name: artifact.digest for artifact in (pictures, walk)}
     models = {} if weights is None else {"encoder_weights": content_hash(weights)[:16]}
-    return provenance.begin("transient", keys, origin, inputs, models)
+    return provenance.begin_from("transient", keys, (pictures, walk), models)
 
 
 def _photographs(
