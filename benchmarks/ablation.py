@@ -13,8 +13,10 @@ from pathlib import Path
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 
 from egosplat.benchmark.averages import average
+from egosplat.benchmark.intervals import IntervalOptions, bootstrap_interval
 from egosplat.benchmark.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 from egosplat.benchmark.tables import Cell
 from egosplat.errors import UserError
@@ -26,6 +28,16 @@ VARIANTS = {
     "full": "",
 }
 """Folder of each."""
+
+COMPARED = (
+    ("aggregation", "baseline"),
+    ("initial", "aggregation"),
+    ("full", "aggregation"),
+    ("full", "baseline"),
+)
+"""Variants whose answers to the same queries are compared."""
+
+RESAMPLING = IntervalOptions(confidence=0.95, resamples=10_000, seed=0)
 
 SCORES = (("accuracy", "all"), ("accuracy", "static"), ("accuracy", "dynamic"), ("mean_iou", "all"))
 HEADER = (
@@ -71,6 +83,39 @@ def table(scenes: Mapping[str, Mapping[str, ScoredScene]]) -> str:
     return "\n".join(lines)
 
 
+def answers(scene: ScoredScene) -> dict[tuple[int, str], tuple[bool, float]]:
+    """Whether each query was found, and the IoU of its mask."""
+    rows = scene.document["queries"]
+    return {
+        (row["frame"], row["category"]): (row["groups"]["all"]["hit"], row["groups"]["all"]["iou"])
+        for row in rows
+    }
+
+
+def paired(scenes: Mapping[str, Mapping[str, ScoredScene]]) -> str:
+    """Differences between variants over the queries of all scenes, with intervals."""
+    lines = [
+        "| one against the other | queries | found by one alone | by the other alone | accuracy | mIoU |",
+        "| --- | ---: | ---: | ---: | ---: | ---: |",
+    ]
+    for one, other in COMPARED:
+        pairs = []
+        for variants in scenes.values():
+            mine, theirs = answers(variants[one]), answers(variants[other])
+            pairs += [(*mine[query], *theirs[query]) for query in mine]
+        hit, iou, other_hit, other_iou = np.array(pairs, float).T
+        gained, lost = int((hit > other_hit).sum()), int((hit < other_hit).sum())
+        differences = " | ".join(map(difference, (hit - other_hit, iou - other_iou)))
+        lines.append(f"| {one} against {other} | {len(pairs)} | {gained} | {lost} | {differences} |")
+    return "\n".join(lines)
+
+
+def difference(values: NDArray[np.float64]) -> str:
+    """The mean in percentage points, with its interval."""
+    interval = bootstrap_interval(values, RESAMPLING)
+    return f"{100 * values.mean():+.1f} ({100 * interval.low:+.1f} to {100 * interval.high:+.1f})"
+
+
 @click.command(help=__doc__)
 @click.argument("folders", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
 def main(folders: tuple[Path, ...]) -> None:
@@ -90,6 +135,10 @@ def main(folders: tuple[Path, ...]) -> None:
         f"{'the small checkpoints' if small else 'checkpoints as metrics.json says'}; accuracy and mIoU in percent, PSNR in dB.\n"
     )
     click.echo(table(scenes))
+    click.echo(
+        "\nThe same queries, answered by two variants; differences in percentage points, 95 % intervals.\n"
+    )
+    click.echo(paired(scenes))
 
 
 if __name__ == "__main__":

@@ -1,14 +1,9 @@
 """Tests of the table of components."""
 
-import sys
 from pathlib import Path
 
 import pytest
-
-ROOT = Path(__file__).resolve().parents[3]
-sys.path.insert(0, str(ROOT / "benchmarks"))
-
-from ablation import VARIANTS, table, told
+from ablation import COMPARED, VARIANTS, paired, table, told
 
 from egosplat.benchmark.scored_scenes import ScoredScene
 from egosplat.benchmark.tables import Cell
@@ -50,3 +45,28 @@ def test_rows_of_each_variant_and_means_over_scenes():
 def test_one_scene_has_no_mean(count):
     scenes = {"adt/scene1": {variant: scored(0.2, 20.0) for variant in VARIANTS}} if count else {}
     assert "mean" not in table(scenes)
+
+
+def answered(*found: tuple[bool, float]) -> ScoredScene:
+    """Queries of one frame with whether they were found, and their IoU."""
+    rows = [
+        {"frame": 3, "category": f"thing {number}", "groups": {"all": {"hit": hit, "iou": iou}}}
+        for number, (hit, iou) in enumerate(found)
+    ]
+    return ScoredScene(Path("metrics.json"), "adt", "scene", "full", None, "synthetic", (), {"queries": rows})
+
+
+def test_variants_are_compared_query_by_query():
+    better = answered((True, 0.5), (True, 0.2), (False, 0.0))
+    worse = answered((True, 0.4), (False, 0.0), (True, 0.3))
+    scenes = {
+        "adt/scene1": {"baseline": worse, "aggregation": better, "initial": better, "full": better},
+        "adt/scene2": {"baseline": worse, "aggregation": worse, "initial": worse, "full": better},
+    }
+    rows = paired(scenes).splitlines()[2:]
+    assert len(rows) == len(COMPARED)
+    assert rows[0].startswith("| aggregation against baseline | 6 | 1 | 1 | +0.0 (")
+    assert (
+        rows[1] == "| initial against aggregation | 6 | 0 | 0 | +0.0 (+0.0 to +0.0) | +0.0 (+0.0 to +0.0) |"
+    )
+    assert rows[3].startswith("| full against baseline | 6 | 2 | 2 | +0.0 (") and "| +0.0 (" in rows[3]

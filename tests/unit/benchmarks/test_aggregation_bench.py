@@ -1,14 +1,7 @@
 """Tracks are made wrong as far, and in the way, that is said."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
-
-ROOT = Path(__file__).resolve().parents[3]
-sys.path[:0] = [str(ROOT / "benchmarks"), str(ROOT / "training")]
-
 from aggregation_bench.corruption import KINDS, corrupted
 from aggregation_bench.tracks import Tracks, slid
 

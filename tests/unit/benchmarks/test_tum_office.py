@@ -1,17 +1,11 @@
 """The hand-drawn instances of a real desk: each where it was drawn, in the pictures that are evaluated."""
 
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from PIL import Image
-
-ROOT = Path(__file__).resolve().parents[3]
-sys.path.insert(0, str(ROOT / "benchmarks"))
-
 from tum_office import HERE, Drawing, Outline, parse_drawing, rasterize, write_recording
 
 from egosplat.errors import UserError
