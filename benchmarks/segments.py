@@ -1,7 +1,10 @@
 """How well whole videos are segmented: SAM2 prompted once or on key frames, and the segmenter without weights.
 
 python training/render_worlds.py data/held_out --worlds 20 --held-out --size 512 --clips 1 --frames 48 --step 0.2
-python benchmarks/segments.py data/held_out --limit 5 > benchmarks/segments.md
+python benchmarks/segments.py data/held_out --limit 5 \
+    --method "SAM2, key frames" --method "SAM2, initial frame" --method classical
+
+What benchmarks/segments.md says of the table is written by hand.
 """
 
 import resource
