@@ -18,7 +18,7 @@ from egosplat.features.compression import Compression, fit
 from egosplat.features.decoding import about, decode
 from egosplat.features.dimensions import SHARE, Need
 from egosplat.features.quality import reconstruction, spread, summary
-from egosplat.features.supervision import consistent_directions, supervise, vanishing
+from egosplat.features.supervision import agreement_limit, consistent_directions, supervise, vanishing
 from egosplat.features.vectors import unit, usable
 from egosplat.progress import log
 from egosplat.provenance import Provenance
@@ -40,12 +40,13 @@ class _Views:
 
 @dataclass(frozen=True)
 class _Aggregated:
-    """``consistent`` (N, D) and ``supervision`` (R, D) float32; ``views`` (N,) and ``inlier`` (R,)."""
+    """``consistent`` (N, D) and ``supervision`` (R, D) float32; ``views`` (N,), ``inlier`` and ``slipped`` (R,)."""
 
     consistent: Features
     supervision: Features
     views: NDArray[np.int32]
     inlier: NDArray[np.bool_]
+    slipped: NDArray[np.bool_]
 
 
 def run(
@@ -57,6 +58,7 @@ def run(
     renormalise: bool,
     target: str,
     outliers: str,
+    slipped: str,
     compression: str,
     dims: int | str,
     min_cosine: float,
@@ -74,7 +76,7 @@ def run(
     views, level = _read(source), source.read("instances/level")
     known = views.good.nonzero()[0]
     found = aggregate(views.feature[known], views.instance[known], len(level), mad_norm, mad_k)
-    result = _aggregated(views, found, renormalise, target, outliers)
+    result = _aggregated(views, found, renormalise, target, outliers, slipped)
     compressed = fit(result.supervision[known], compression, dims, epochs, seed, min_cosine)
     codes, consistent_codes = (compressed.encode(part) for part in (result.supervision, result.consistent))
     seen = found.views > 0
@@ -119,7 +121,7 @@ def _read(source: Artifact) -> _Views:
 
 
 def _aggregated(
-    views: _Views, found: Aggregate, renormalise: bool, target: str, outliers: str
+    views: _Views, found: Aggregate, renormalise: bool, target: str, outliers: str, slipped: str
 ) -> _Aggregated:
     known = views.good.nonzero()[0]
     inlier = np.zeros(len(views.good), bool)
@@ -127,16 +129,19 @@ def _aggregated(
     consistent = found.feature
     if renormalise:
         consistent = consistent_directions(consistent, views.feature[known], views.instance[known])
+    limit = agreement_limit(spread(consistent[found.views > 0])) if slipped == "own" else -1.0
+    off = np.zeros(len(views.good), bool)
     supervision = np.empty_like(views.feature)
     for begin in range(0, len(supervision), _ROWS_AT_ONCE):
         part = slice(begin, begin + _ROWS_AT_ONCE)
         common = consistent[views.instance[part]]
         own = np.where(views.good[part, None], views.feature[part], common)
-        values = supervise(own, common, inlier[part], target, outliers)
+        off[part] = views.good[part] & ((unit(own) * unit(common)).sum(axis=1) < limit)
+        values = supervise(own, common, inlier[part], off[part], target, outliers)
         if renormalise:
             values = unit(np.where(vanishing(values)[:, None], common, values))
         supervision[part] = values
-    return _Aggregated(consistent.astype(np.float32), supervision, found.views, inlier)
+    return _Aggregated(consistent.astype(np.float32), supervision, found.views, inlier, off)
 
 
 def _facts(
@@ -160,6 +165,7 @@ def _facts(
         "instances_without_views": int((~seen).sum()),
         "views_without_feature": int((~known).sum()),
         "outliers": int((known & ~result.inlier).sum()),
+        "slipped": int(result.slipped.sum()),
         "reconstruction": summary(cosines, level[views.instance[known]], names),
         "spread": {"features": spread(result.consistent[seen]), "decoded": spread(decoded)},
     }
@@ -174,7 +180,8 @@ def _need(need: Need | None) -> dict[str, Any] | None:
 
 def _told(facts: dict[str, Any], result: _Aggregated) -> str:
     cosine, apart = facts["reconstruction"]["mean"], facts["spread"]
-    text = f"{int((result.views > 0).sum())} instances, {len(result.inlier)} views, {facts['outliers']} of them outliers"
+    text = f"{int((result.views > 0).sum())} instances, {len(result.inlier)} views, {facts['outliers']} of them outliers, "
+    text += f"{facts['slipped']} of something else"
     if cosine is None:
         return text
     text += f"; codes of {facts['decoder']['widths'][0]} dimensions, reconstruction cosine {cosine:.3f}"

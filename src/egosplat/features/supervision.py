@@ -11,13 +11,19 @@ Bools = NDArray[np.bool_]
 TARGETS = ("average", "consistent", "view")
 
 
-def supervise(own: Floats, consistent: Floats, inlier: Bools, target: str, outliers: str) -> Floats:
+SLIPPED = ("own", "average")
+
+
+def supervise(
+    own: Floats, consistent: Floats, inlier: Bools, slipped: Bools, target: str, outliers: str
+) -> Floats:
     """The supervision of R views, before it is brought to unit norm.
 
     Args:
         own: (R, D) features of the views.
         consistent: (R, D) those of their instances.
         inlier: (R,) views that agree with their instance.
+        slipped: (R,) views that take their own feature in place of an average.
         target: one of ``TARGETS``; ``average`` is the paper's.
         outliers: for an average, what an outlier takes (M7 no. 22): ``consistent``, that alone, or ``average``.
     """
@@ -26,7 +32,18 @@ def supervise(own: Floats, consistent: Floats, inlier: Bools, target: str, outli
     if target == "consistent":
         return consistent
     mixed = (own + consistent) / 2
-    return mixed if outliers == "average" else np.where(inlier[:, None], mixed, consistent)
+    averaged = mixed if outliers == "average" else np.where(inlier[:, None], mixed, consistent)
+    return np.where(slipped[:, None], own, averaged)
+
+
+def agreement_limit(apart: float | None) -> float:
+    """The cosine with its instance's consistent feature below which a view shows another thing: half way from that of
+    different instances to 1; -1, of none, where there are no two to compare.
+
+    Args:
+        apart: mean cosine between the consistent features of different instances.
+    """
+    return -1.0 if apart is None else (1 + apart) / 2
 
 
 def consistent_directions(consistent: Floats, own: Floats, instance: NDArray[np.integer]) -> Floats:

@@ -51,17 +51,35 @@ def test_the_wrong_view_is_left_out(run, feature, mad_norm):
 
 
 def test_supervision_is_the_average_and_of_unit_norm(run, feature):
-    features = run()
+    features = run(slipped="average")
     consistent, supervision = features.read("consistent"), features.read("supervision")
     np.testing.assert_allclose(np.linalg.norm(supervision, axis=1), 1.0, rtol=1e-6)
     np.testing.assert_allclose(supervision[8], unit(feature[8] + consistent[2]), atol=1e-6)
     np.testing.assert_allclose(supervision[6], consistent[0], atol=1e-6)  # an outlier
-    kept_half = run(outliers="average").read("supervision")
+    kept_half = run(slipped="average", outliers="average").read("supervision")
     np.testing.assert_allclose(kept_half[6], unit(feature[6] + consistent[0]), atol=1e-6)
 
 
+def test_a_view_of_another_thing_keeps_its_own_feature(run, feature):
+    features = run()
+    consistent, supervision = features.read("consistent"), features.read("supervision")
+    cosine = (unit(feature) * consistent[features.read("instance")]).sum(axis=1)
+    apart = features.facts["spread"]["features"]
+    slipped = cosine < (1 + apart) / 2
+    assert slipped[6] and 0 < slipped.sum() == features.facts["slipped"] < len(feature)
+    np.testing.assert_allclose(supervision[slipped], unit(feature[slipped]), atol=1e-6)
+    kept = ~slipped & features.read("inlier")
+    mixed = unit(unit(feature) + consistent[features.read("instance")])
+    np.testing.assert_allclose(supervision[kept], mixed[kept], atol=1e-6)
+
+
+def test_with_one_instance_none_is_of_another_thing(run):
+    features = run(np.eye(3, dtype=np.float32), [0] * 3, [0], compression="none")
+    assert features.facts["slipped"] == 0
+
+
 def test_without_renormalising_means_stay_as_they_are(run, feature):
-    features = run(renormalise=False, mad_norm="none")
+    features = run(renormalise=False, mad_norm="none", slipped="average")
     consistent = features.read("consistent")
     np.testing.assert_allclose(consistent[0], feature[:7].mean(axis=0), atol=1e-6)
     assert np.linalg.norm(consistent[0]) < 0.95
