@@ -1,7 +1,7 @@
 """What aggregation is worth where the tracks are right: scenes asked anew with true instances in SAM2's place.
 
-    snakemake --cores 2 results/adt/scene{2,4}/metrics.json
-    python benchmarks/true_instances.py results/adt/scene{2,4} > benchmarks/true_instances.md
+    snakemake --cores 2 results/adt/scene{2,4,5}/metrics.json
+    python benchmarks/true_instances.py results/adt/scene{2,4,5} > benchmarks/true_instances.md
 
 Every frame of a synthetic recording is annotated: these instances become segments.zarr, of one level, and view features,
 features, language and scores are made of them as ever, on the scene's own Gaussians. `view` supervises with each view's own
