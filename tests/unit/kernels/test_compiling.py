@@ -3,6 +3,8 @@
 import os
 import shutil
 import stat
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -35,11 +37,14 @@ def compiler():
     return path
 
 
-def inode(path: Path) -> int:
-    return path.stat().st_ino
+@pytest.fixture
+def inode() -> Iterator[Callable[[Path], int]]:
+    """Number of a file, which stays its own: a file that is held open gives its number to no other."""
+    with ExitStack() as held:
+        yield lambda path: os.fstat(held.enter_context(path.open("rb")).fileno()).st_ino
 
 
-def test_compiles_once_for_the_same_sources_and_command(folder, compiler, monkeypatch):
+def test_compiles_once_for_the_same_sources_and_command(folder, compiler, monkeypatch, inode):
     assert compile_kernels(folder, folder, GENERIC) == []
     library = folder / "libegosplat_generic.so"
     assert source_hash(folder).encode() in library.read_bytes()
