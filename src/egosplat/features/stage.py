@@ -1,5 +1,6 @@
 """Stage ``features``: each instance's consistent feature, what is supervised with, and codes of few channels."""
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -129,7 +130,7 @@ def _aggregated(
     consistent = found.feature
     if renormalise:
         consistent = consistent_directions(consistent, views.feature[known], views.instance[known])
-    limit = agreement_limit(spread(consistent[found.views > 0])) if slipped == "own" else -1.0
+    limit = agreement_limit(spread(consistent[found.views > 0])) if slipped == "own" else -math.inf
     off = np.zeros(len(views.good), bool)
     supervision = np.empty_like(views.feature)
     for begin in range(0, len(supervision), _ROWS_AT_ONCE):

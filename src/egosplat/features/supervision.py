@@ -1,5 +1,7 @@
 """What the Gaussians are supervised with: of each view its own feature, the consistent one, or their average."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,9 +11,6 @@ Floats = NDArray[np.floating]
 Bools = NDArray[np.bool_]
 
 TARGETS = ("average", "consistent", "view")
-
-
-SLIPPED = ("own", "average")
 
 
 def supervise(
@@ -38,12 +37,12 @@ def supervise(
 
 def agreement_limit(apart: float | None) -> float:
     """The cosine with its instance's consistent feature below which a view shows another thing: half way from that of
-    different instances to 1; -1, of none, where there are no two to compare.
+    different instances to 1; minus infinity where there are no two to compare.
 
     Args:
         apart: mean cosine between the consistent features of different instances.
     """
-    return -1.0 if apart is None else (1 + apart) / 2
+    return -math.inf if apart is None else (1 + apart) / 2
 
 
 def consistent_directions(consistent: Floats, own: Floats, instance: NDArray[np.integer]) -> Floats:

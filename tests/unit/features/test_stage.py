@@ -73,6 +73,12 @@ def test_a_view_of_another_thing_keeps_its_own_feature(run, feature):
     np.testing.assert_allclose(supervision[kept], mixed[kept], atol=1e-6)
 
 
+def test_opposite_views_are_no_other_thing_where_nobody_asks(run):
+    views = unit(np.array([[1, 1, 1], [1, 1, 1], [-1, -1, -1]], np.float32))
+    features = run(views, [0] * 3, [0], compression="none", slipped="average")
+    assert features.facts["slipped"] == 0
+
+
 def test_with_one_instance_none_is_of_another_thing(run):
     features = run(np.eye(3, dtype=np.float32), [0] * 3, [0], compression="none")
     assert features.facts["slipped"] == 0
