@@ -4,8 +4,8 @@ Takes the artifacts of scene folders, with Gaussians that were trained without c
 each way, each in a process of its own, and how near rendered and decoded codes are to the consistent features of the
 true instances' segments in held-out views.
 
-    snakemake --cores 2 results/adt/scene{1,2}/language.zarr
-    python benchmarks/language.py results/adt/scene{1,2} > benchmarks/language.md
+    snakemake --cores 2 results/adt/scene2/language.zarr
+    python benchmarks/language.py results/adt/scene2 --iterations 100 > benchmarks/language.md
 """
 
 import json
