@@ -33,6 +33,9 @@ CHECKPOINT = 4.0
 GAUSSIAN = 1500.0
 """Bytes a Gaussian in training: 1.43 MiB a thousand, with gradients, Adam's moments and density control."""
 
+PUBLISHED_SIDE = 1024
+"""Of the square to which the published SAM2 resize pictures [px]."""
+
 LEVELS = 3
 """Of instances; no stage has more."""
 
@@ -85,7 +88,7 @@ def _segments(config: Config, shapes: Shapes) -> float:
     keys = config["segments"]
     if keys["segmenter"] == "classical":
         return TORCH + 200 * shapes.pixels / MB
-    side = keys["image_size"] or sam2_side(config["models"]["sam2_config"])
+    side = keys["image_size"] or _side(config["models"]["sam2_config"])
     remembered = 1.2 * (side / 256) ** 2 * LEVELS * keys["max_instances"]
     labels = 0.05 * LEVELS * 4 * shapes.frames * shapes.pixels / MB
     return TORCH + _checkpoint(SAM2, config) + remembered + labels + 200 * shapes.pixels / MB
@@ -150,6 +153,14 @@ def _pictures_of_gaussians(_: Config, shapes: Shapes) -> float:
 def _sheet(_: Config, shapes: Shapes) -> float:
     """Some pictures beside each other."""
     return PLAIN + 300 * shapes.pixels / MB
+
+
+def _side(sam2_config: str) -> int:
+    """The side that SAM2 looks at; of one that cannot be told, the published ones': the stage says so best."""
+    try:
+        return sam2_side(sam2_config)
+    except UserError:
+        return PUBLISHED_SIDE
 
 
 def _checkpoint(model: Model, config: Config) -> float:

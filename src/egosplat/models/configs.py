@@ -47,8 +47,19 @@ def sam2_config_file(config: str) -> Path:
 
 
 def sam2_side(config: str) -> int:
-    """Side of the square to which a SAM2 architecture resizes pictures [px]. Raises as ``sam2_config_file`` does."""
-    return yaml.safe_load(sam2_config_file(config).read_text())["model"]["image_size"]
+    """Side of the square to which a SAM2 architecture resizes pictures [px].
+
+    Raises:
+        UserError: as ``sam2_config_file``; or the file tells no side.
+    """
+    file = sam2_config_file(config)
+    try:
+        side = yaml.safe_load(file.read_text())["model"]["image_size"]
+    except (yaml.YAMLError, KeyError, OSError, RecursionError, TypeError, ValueError):
+        side = None
+    if not isinstance(side, int):
+        raise UserError(f"{file}: tells no model.image_size. Take one of sam2's own as example")
+    return side
 
 
 def sam2_configs() -> dict[str, Path]:

@@ -157,3 +157,12 @@ def test_keys_that_keep_a_stage_on_processors_ask_for_no_gpu():
     assert gpus("metrics", with_keys("models", device="cpu")) == 1  # it renders as well
     without = memory_mb("splats", with_keys("splats", backend="cpu"), scene(), 1)
     assert memory_mb("splats", defaults(), scene(), 1) > without
+
+
+def test_a_sam2_that_cannot_be_read_asks_for_what_the_published_ones_take(tmp_path):
+    file = tmp_path / "mine.yaml"
+    file.write_text("[1, 2")
+    published = with_keys("models", sam2_config="sam2.1_hiera_b+")
+    assert peak_mb("segments", with_keys("models", sam2_config=str(file)), scene()) == peak_mb(
+        "segments", published, scene()
+    )

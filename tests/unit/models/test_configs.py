@@ -88,3 +88,11 @@ def test_nothing_heavy_is_imported_to_find_a_model():
 @pytest.mark.parametrize(("config", "side"), [("small", 320), ("sam2.1_hiera_b+", 1024)])
 def test_the_side_of_the_pictures_that_sam2_looks_at(config, side):
     assert sam2_side(config) == side
+
+
+@pytest.mark.parametrize("text", ["", "[1, 2", "- a", "model: 3", "model: {image_size: large}"])
+def test_a_file_that_tells_no_side_is_named(tmp_path, text):
+    file = tmp_path / "sam2.yaml"
+    file.write_text(text)
+    with pytest.raises(UserError, match=r"sam2.yaml: tells no model.image_size"):
+        sam2_side(str(file))
