@@ -25,12 +25,11 @@ def repeated_levels(
     iou = _overlaps(labels, table, len(level))
     found: dict[int, int] = {}
     for finer in range(count):
-        for other in range(count):
-            if other == finer or other in found or finer in found:
-                continue
+        for other in sorted({*range(count)} - {finer, *found}):
             of_both = iou[np.ix_(level == finer, level == other)]
             if of_both.size and (of_both.max(axis=1) > SAME_IOU).mean() >= REPEATED:
                 found[finer] = other
+                break
     return {one: _last(found, other) for one, other in found.items()}
 
 
@@ -52,7 +51,8 @@ def _overlaps(labels: LabelMaps, table: NDArray[np.int32], count: int) -> NDArra
     """(N, N) IoU of the instances' pixels, all frames together; 0 within a level, whose instances share none."""
     area, shared = np.zeros(count), np.zeros((count + 1, count + 1))
     for frame in range(len(labels)):
-        flat = table[labels[frame]].reshape(-1, labels[frame][0].size) + 1
+        maps = table[labels[frame]] + 1
+        flat = maps.reshape(len(maps), -1)
         for place, one in enumerate(flat):
             area += np.bincount(one, minlength=count + 1)[1:]
             for another in flat[place + 1 :]:
