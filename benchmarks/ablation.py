@@ -92,6 +92,12 @@ def answers(scene: ScoredScene) -> dict[tuple[int, str], tuple[bool, float]]:
     }
 
 
+def differences(one: ScoredScene, other: ScoredScene) -> NDArray[np.float64]:
+    """(Q, 2) by how much one found each query more than the other, and by how much its mask's IoU is larger."""
+    mine, theirs = answers(one), answers(other)
+    return np.array([np.subtract(mine[query], theirs[query], dtype=float) for query in mine])
+
+
 def paired(scenes: Mapping[str, Mapping[str, ScoredScene]]) -> str:
     """Differences between variants over the queries of all scenes, with intervals."""
     lines = [
@@ -99,14 +105,11 @@ def paired(scenes: Mapping[str, Mapping[str, ScoredScene]]) -> str:
         "| --- | ---: | ---: | ---: | ---: | ---: |",
     ]
     for one, other in COMPARED:
-        pairs = []
-        for variants in scenes.values():
-            mine, theirs = answers(variants[one]), answers(variants[other])
-            pairs += [(*mine[query], *theirs[query]) for query in mine]
-        hit, iou, other_hit, other_iou = np.array(pairs, float).T
-        gained, lost = int((hit > other_hit).sum()), int((hit < other_hit).sum())
-        differences = " | ".join(map(difference, (hit - other_hit, iou - other_iou)))
-        lines.append(f"| {one} against {other} | {len(pairs)} | {gained} | {lost} | {differences} |")
+        every = [differences(variants[one], variants[other]) for variants in scenes.values()]
+        hits, ious = np.concatenate(every).T
+        gained, lost = int((hits > 0).sum()), int((hits < 0).sum())
+        by_how_much = f"{difference(hits)} | {difference(ious)}"
+        lines.append(f"| {one} against {other} | {len(hits)} | {gained} | {lost} | {by_how_much} |")
     return "\n".join(lines)
 
 

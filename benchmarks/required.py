@@ -13,11 +13,10 @@ import sys
 from pathlib import Path
 
 import click
-import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from ablation import answers, difference, psnr
+from ablation import difference, differences, psnr
 
 from egosplat.artifacts.reading import open_artifact
 from egosplat.artifacts.segments import SEGMENTS
@@ -50,8 +49,7 @@ def row(folder: Path) -> str:
     survey = read_survey(folder / "survey.json")
     facts = open_artifact(folder / "segments.zarr", SEGMENTS).facts
     levels = [name for name in facts["levels"] if facts["instances"][name]]
-    mine, theirs = answers(own), answers(anyway)
-    hits, ious = np.array([np.subtract(mine[query], theirs[query], dtype=float) for query in mine]).T
+    hits, ious = differences(own, anyway).T
     took, would = seconds(own), seconds(anyway)
     cells = (
         f"{folder.parent.name}/{folder.name}",

@@ -17,7 +17,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from ablation import SCORES, answers, difference, told
+from ablation import SCORES, difference, differences, told
 from transient_bench.truth import read_truth
 
 from egosplat import config as configuration
@@ -102,7 +102,7 @@ def by_truth(folder: Path) -> dict[str, ScoredScene]:
 @click.argument("folders", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
 def main(folders: tuple[Path, ...]) -> None:
     """Print the table."""
-    rows, hits, ious = [], [], []
+    rows, every = [], []
     for folder in folders:
         log(f"{folder}")
         found = by_truth(folder)
@@ -110,17 +110,15 @@ def main(folders: tuple[Path, ...]) -> None:
             cells = [one.cell(*score) for score in SCORES]
             name = f"{folder.parent.name}/{folder.name}"
             rows.append(f"| {name} | true | {target} | {cells[0].queries} | {' | '.join(map(told, cells))} |")
-        view, average = (answers(found[target]) for target in TARGETS)
-        differences = np.array([np.subtract(average[query], view[query], dtype=float) for query in view])
-        hits.append(differences[:, 0])
-        ious.append(differences[:, 1])
+        every.append(differences(found["average"], found["view"]))
     click.echo(
         "# Aggregation of right tracks\n\nAccuracy and mIoU in percent, 95 % intervals over queries.\n"
     )
     click.echo("\n".join([HEADER, *rows]))
+    hits, ious = np.concatenate(every).T
     click.echo(
-        f"\n`average` against `view`, the same {sum(map(len, hits))} queries, in percentage points: accuracy "
-        f"{difference(np.concatenate(hits))}, mIoU {difference(np.concatenate(ious))}."
+        f"\n`average` against `view`, the same {len(hits)} queries, in percentage points: accuracy "
+        f"{difference(hits)}, mIoU {difference(ious)}."
     )
 
 
