@@ -1,16 +1,16 @@
 """``tradeoff.json``: every point with its numbers, and the sentences about them."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from egosplat import config as configuration
 from egosplat.atomic import whole_file
-from egosplat.tradeoff.estimates import front, mean
-from egosplat.tradeoff.measured import MeasuredPoint
-from egosplat.tradeoff.measures import ACCURACY, MEASURES, WALL
+from egosplat.tradeoff.estimates import Chance, Estimate, Sample, front, mean, positive_mean
+from egosplat.tradeoff.measured import MeasuredPoint, chances
+from egosplat.tradeoff.measures import ACCURACY, MEASURES, WALL, Measure
 from egosplat.tradeoff.points import PRESET
 from egosplat.tradeoff.sentences import knob_sentences, presets_sentence
 
@@ -27,7 +27,7 @@ def tradeoff_document(points: Sequence[MeasuredPoint]) -> dict[str, Any]:
     confidence = first.protocol["confidence"]
     knobs = dict.fromkeys(one.knob for point in points for one in point.settings)
     knobs.pop(PRESET, None)
-    best = front_of(points, WALL.name, ACCURACY.name)
+    best, chance = front_of(points, WALL.name, ACCURACY.name), chances(points)
     return {
         "format_version": FORMAT_VERSION,
         "scene": f"{first.dataset}/{first.scene}",
@@ -36,7 +36,7 @@ def tradeoff_document(points: Sequence[MeasuredPoint]) -> dict[str, Any]:
         "machines": sorted({name for point in points for name in _machines(point)}),
         "confidence": confidence,
         "seeds": len(points[0].runs),
-        "points": [_entry(point, confidence, point in best) for point in points],
+        "points": [_entry(point, chance, confidence, point in best) for point in points],
         "presets": presets_sentence(points, confidence),
         "knobs": {knob: knob_sentences(points, knob, confidence) for knob in knobs},
     }
@@ -59,8 +59,10 @@ def write_document(path: Path, document: dict[str, Any], schema: str) -> None:
         )
 
 
-def _entry(point: MeasuredPoint, confidence: float, on_front: bool) -> dict[str, Any]:
-    samples = {measure.name: point.sample(measure) for measure in MEASURES}
+def _entry(
+    point: MeasuredPoint, chance: Mapping[Measure, Chance], confidence: float, on_front: bool
+) -> dict[str, Any]:
+    samples = {measure: point.sample(measure) for measure in MEASURES}
     return {
         "label": point.label,
         "variant": point.variant,
@@ -70,16 +72,17 @@ def _entry(point: MeasuredPoint, confidence: float, on_front: bool) -> dict[str,
         "queries": point.queries,
         "gaussians": [run.scored.document["counts"]["gaussians"] for run in point.runs],
         "measures": {
-            name: {"runs": list(one.values), **_named(mean(one, confidence))} if one else None
-            for name, one in samples.items()
+            measure.name: _told(measure, sample, chance[measure], confidence) if sample else None
+            for measure, sample in samples.items()
         },
         "stages": point.stage_costs(),
         "keys": point.keys,
     }
 
 
-def _named(estimate: Any) -> dict[str, float | None]:
-    return {"mean": estimate.value, "low": estimate.low, "high": estimate.high}
+def _told(measure: Measure, sample: Sample, chance: Chance, confidence: float) -> dict[str, Any]:
+    found: Estimate = (mean if measure.more_is_better else positive_mean)(sample, chance, confidence)
+    return {"runs": list(sample.values), "mean": found.value, "low": found.low, "high": found.high}
 
 
 def _machines(point: MeasuredPoint) -> list[str]:

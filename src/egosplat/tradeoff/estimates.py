@@ -38,47 +38,73 @@ class Sample:
         return math.fsum(self.values) / len(self.values)
 
     @property
-    def variance(self) -> float:
-        """Of a single run, estimated without bias; at least that of rounding to steps. NaN of one value."""
-        if len(self.values) < 2:
-            return math.nan
+    def squares(self) -> float:
+        """Sum of the squared differences from the mean."""
         mean = self.mean
-        squares = math.fsum((value - mean) ** 2 for value in self.values)
-        return max(squares / (len(self.values) - 1), self.step**2 / 12)
+        return math.fsum((value - mean) ** 2 for value in self.values)
+
+    @property
+    def logarithms(self) -> "Sample":
+        """Of positive values."""
+        return Sample(tuple(math.log(value) for value in self.values))
 
 
-def mean(sample: Sample, confidence: float) -> Estimate:
-    """The mean, with Student's interval."""
-    count = len(sample.values)
-    return _estimate(sample.mean, sample.variance / count, count - 1, confidence)
+@dataclass(frozen=True)
+class Chance:
+    """How far runs of the same point differ.
+
+    Attributes:
+        variance: of a single run; NaN where no point was run twice.
+        freedom: degrees of freedom of that estimate.
+    """
+
+    variance: float
+    freedom: int
+
+    def interval(self, value: float, share: float, confidence: float) -> Estimate:
+        """A value whose variance is ``share`` of a single run's, with Student's interval."""
+        if self.freedom == 0:
+            return Estimate(value)
+        half = stats.t.ppf((1 + confidence) / 2, self.freedom) * math.sqrt(share * self.variance)
+        return Estimate(value, value - half, value + half)
 
 
-def difference(left: Sample, right: Sample, confidence: float) -> Estimate:
-    """Mean of ``left`` minus mean of ``right``, with Welch's interval (Welch 1947), of unequal variances."""
-    parts = [(one.variance / len(one.values), len(one.values) - 1) for one in (left, right)]
-    variance = sum(part for part, _ in parts)
-    value = left.mean - right.mean
-    if math.isnan(variance) or variance == 0:
-        return _estimate(value, variance, 1, confidence)
-    freedom = variance**2 / sum(part**2 / count for part, count in parts)
-    return _estimate(value, variance, freedom, confidence)
+def pooled(samples: Sequence[Sample]) -> Chance:
+    """One variance for all points, that within each of them (of analysis of variance).
+
+    Two runs of one point tell next to nothing of chance; two runs of each of ten points do, where chance is about as
+    large in all of them. It is at least that of rounding to the largest step.
+    """
+    freedom = sum(len(one.values) - 1 for one in samples)
+    if not freedom:
+        return Chance(math.nan, 0)
+    rounding = max(one.step for one in samples) ** 2 / 12
+    return Chance(max(math.fsum(one.squares for one in samples) / freedom, rounding), freedom)
 
 
-def ratio(left: Sample, right: Sample, confidence: float) -> Estimate:
-    """Geometric mean of ``left`` over that of ``right``, with Welch's interval of the logarithms; of positive values."""
-    found = difference(_logarithms(left), _logarithms(right), confidence)
+def mean(sample: Sample, chance: Chance, confidence: float) -> Estimate:
+    """The mean with its interval."""
+    return chance.interval(sample.mean, 1 / len(sample.values), confidence)
+
+
+def positive_mean(sample: Sample, chance: Chance, confidence: float) -> Estimate:
+    """The mean of positive values, with the bounds of a ratio to it; ``chance`` is that of logarithms."""
+    bounds = chance.interval(0.0, 1 / len(sample.values), confidence)
+    if bounds.low is None:
+        return Estimate(sample.mean)
+    return Estimate(sample.mean, sample.mean * math.exp(bounds.low), sample.mean * math.exp(bounds.high))
+
+
+def difference(left: Sample, right: Sample, chance: Chance, confidence: float) -> Estimate:
+    """Mean of ``left`` minus mean of ``right``."""
+    share = 1 / len(left.values) + 1 / len(right.values)
+    return chance.interval(left.mean - right.mean, share, confidence)
+
+
+def ratio(left: Sample, right: Sample, chance: Chance, confidence: float) -> Estimate:
+    """Geometric mean of ``left`` over that of ``right``, of positive values; ``chance`` is that of logarithms."""
+    found = difference(left.logarithms, right.logarithms, chance, confidence)
     return Estimate(*(None if one is None else math.exp(one) for one in (found.value, found.low, found.high)))
-
-
-def _logarithms(sample: Sample) -> Sample:
-    return Sample(tuple(math.log(value) for value in sample.values))
-
-
-def _estimate(value: float, variance: float, freedom: float, confidence: float) -> Estimate:
-    if math.isnan(variance):
-        return Estimate(value)
-    half = stats.t.ppf((1 + confidence) / 2, freedom) * math.sqrt(variance)
-    return Estimate(value, value - half, value + half)
 
 
 def front(points: Sequence[tuple[float, float]]) -> list[int]:

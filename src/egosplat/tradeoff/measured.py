@@ -9,8 +9,8 @@ from egosplat import config as configuration
 from egosplat.benchmark.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 from egosplat.benchmark.series import find_series
 from egosplat.errors import UserError
-from egosplat.tradeoff.estimates import Sample
-from egosplat.tradeoff.measures import ACCURACY, COSTS, MEAN_IOU, PSNR, WALL, Measure
+from egosplat.tradeoff.estimates import Chance, Sample, pooled
+from egosplat.tradeoff.measures import ACCURACY, COSTS, MEAN_IOU, MEASURES, PSNR, WALL, Measure
 from egosplat.tradeoff.points import PRESET, Setting, shown
 
 EVALUATION = ("annotations", "metrics")
@@ -129,6 +129,15 @@ def read_points(points: Sequence[Mapping[str, Any]]) -> list[MeasuredPoint]:
         )
         for point, runs in zip(points, read, strict=True)
     ]
+
+
+def chances(points: Sequence[MeasuredPoint]) -> dict[Measure, Chance]:
+    """How far runs of a point differ by chance, of all points together; of costs their logarithms."""
+    found = {}
+    for measure in MEASURES:
+        samples = [sample for point in points if (sample := point.sample(measure))]
+        found[measure] = pooled(samples if measure.more_is_better else [one.logarithms for one in samples])
+    return found
 
 
 def _run(path: Path) -> Run:

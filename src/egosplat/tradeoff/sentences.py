@@ -1,9 +1,9 @@
 """What the measurements say of each knob, in sentences made from the numbers alone."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from egosplat.tradeoff.estimates import Estimate, difference, ratio
-from egosplat.tradeoff.measured import MeasuredPoint
+from egosplat.tradeoff.estimates import Chance, Estimate, difference, ratio
+from egosplat.tradeoff.measured import MeasuredPoint, chances
 from egosplat.tradeoff.measures import COSTS, GAINS, PSNR, WALL, Measure
 from egosplat.tradeoff.points import PRESET, shown
 
@@ -21,10 +21,10 @@ def knob_sentences(points: Sequence[MeasuredPoint], knob: str, confidence: float
         knob: a key as ``features.dims``.
         confidence: of the intervals.
     """
-    scene, own = points[0], points[0].setting(knob)
+    scene, own, chance = points[0], points[0].setting(knob), chances(points)
     others = [(point, point.setting(knob)) for point in points[1:] if point.setting(knob)]
     sentences = [
-        f"{shown(other.value)} instead of {shown(own.value)} {trade(point, scene, confidence)}."
+        f"{shown(other.value)} instead of {shown(own.value)} {trade(point, scene, chance, confidence)}."
         for point, other in sorted(others, key=lambda pair: _order(pair[1].value))
     ]
     alike = [one.value for one in scene.settings if one.knob == knob and one.value != own.value]
@@ -36,18 +36,20 @@ def presets_sentence(points: Sequence[MeasuredPoint], confidence: float) -> str 
     by_name = {one.value: point for point in points for one in point.settings if one.knob == PRESET}
     if not {"balanced", "paper_scaled"} <= set(by_name):
         return None
-    fast, paper = by_name["balanced"], by_name["paper_scaled"]
-    faster = ratio(paper.sample(WALL), fast.sample(WALL), confidence)
+    fast, paper, chance = by_name["balanced"], by_name["paper_scaled"], chances(points)
+    faster = ratio(paper.sample(WALL), fast.sample(WALL), chance[WALL], confidence)
     bounds = "" if faster.low is None else f" ({faster.low:.3g} to {faster.high:.3g})"
     return (
         f"balanced takes {fast.sample(WALL).mean / 60:.1f} minutes, paper_scaled {paper.sample(WALL).mean / 60:.1f}: "
-        f"it is {faster.value:.3g} times as fast{bounds}. In its place it {trade(fast, paper, confidence)}."
+        f"it is {faster.value:.3g} times as fast{bounds}. In its place it {trade(fast, paper, chance, confidence)}."
     )
 
 
-def trade(point: MeasuredPoint, other: MeasuredPoint, confidence: float) -> str:
+def trade(
+    point: MeasuredPoint, other: MeasuredPoint, chance: Mapping[Measure, Chance], confidence: float
+) -> str:
     """What a point buys and costs against another, ``buys ... and costs ...; no difference seen in ...``."""
-    found = changes(point, other, confidence)
+    found = changes(point, other, chance, confidence)
     if any(estimate.low is None for _, estimate in found):
         told = ", ".join(measure.change(estimate) for measure, estimate in found)
         return f"was measured too few times to tell what is chance: {told}"
@@ -61,7 +63,9 @@ def trade(point: MeasuredPoint, other: MeasuredPoint, confidence: float) -> str:
     return f"buys {_listed(bought)} and costs {_listed(paid)}{nothing}"
 
 
-def changes(point: MeasuredPoint, other: MeasuredPoint, confidence: float) -> list[tuple[Measure, Estimate]]:
+def changes(
+    point: MeasuredPoint, other: MeasuredPoint, chance: Mapping[Measure, Chance], confidence: float
+) -> list[tuple[Measure, Estimate]]:
     """Ratios of costs and differences of gains, a point against another, of what was measured of both.
 
     PSNR is left out where the photographs are others, and with them what it is measured against.
@@ -72,7 +76,7 @@ def changes(point: MeasuredPoint, other: MeasuredPoint, confidence: float) -> li
         if left is None or right is None or (measure is PSNR and _photographs(point) != _photographs(other)):
             continue
         compare = difference if measure in GAINS else ratio
-        found.append((measure, compare(left, right, confidence)))
+        found.append((measure, compare(left, right, chance[measure], confidence)))
     return found
 
 

@@ -2,57 +2,90 @@
 
 import math
 
+import numpy as np
 import pytest
 from scipy import stats
 
-from egosplat.tradeoff.estimates import Estimate, Sample, difference, front, mean, ratio
+from egosplat.tradeoff.estimates import (
+    Chance,
+    Estimate,
+    Sample,
+    difference,
+    front,
+    mean,
+    pooled,
+    positive_mean,
+    ratio,
+)
 
 LEFT, RIGHT = Sample((3.0, 3.4, 3.1)), Sample((2.0, 2.6))
+BOTH = pooled([LEFT, RIGHT])
 
 
-def test_a_mean_has_students_interval():
-    found = mean(LEFT, 0.9)
+def test_a_mean_of_one_point_alone_has_students_interval():
+    found = mean(LEFT, pooled([LEFT]), 0.9)
     expected = stats.ttest_1samp(LEFT.values, 0.0).confidence_interval(0.9)
     assert found.value == pytest.approx(9.5 / 3)
     assert (found.low, found.high) == pytest.approx((expected.low, expected.high))
 
 
-def test_a_difference_has_welchs_interval():
-    found = difference(LEFT, RIGHT, 0.95)
-    expected = stats.ttest_ind(LEFT.values, RIGHT.values, equal_var=False).confidence_interval(0.95)
+def test_a_difference_of_two_points_alone_has_students_interval():
+    found = difference(LEFT, RIGHT, BOTH, 0.95)
+    expected = stats.ttest_ind(LEFT.values, RIGHT.values).confidence_interval(0.95)
     assert (found.low, found.high) == pytest.approx((expected.low, expected.high))
 
 
+def test_chance_is_that_within_points_whatever_lies_between_them():
+    far = Sample(tuple(value + 100.0 for value in RIGHT.values))
+    residuals = np.concatenate([np.subtract(one.values, one.mean) for one in (LEFT, far)])
+    assert pooled([LEFT, far]).freedom == 3
+    assert pooled([LEFT, far]).variance == pytest.approx((residuals**2).sum() / 3)
+    assert pooled([LEFT, far, Sample((7.0,))]).variance == pytest.approx(BOTH.variance)
+
+
 def test_a_ratio_is_a_difference_of_logarithms():
-    found = ratio(Sample((2.0, 8.0)), Sample((1.0, 1.0)), 0.95)
+    left, right = Sample((2.0, 8.0)), Sample((1.0, 1.0))
+    chance = pooled([left.logarithms, right.logarithms])
+    found = ratio(left, right, chance, 0.95)
     assert found.value == pytest.approx(4.0)
     assert found.low * found.high == pytest.approx(16.0)
-    assert ratio(LEFT, LEFT, 0.95).value == pytest.approx(1.0)
+    around = positive_mean(left, chance, 0.95)
+    assert around.value == 5.0 and around.low * around.high == pytest.approx(25.0)
 
 
-@pytest.mark.parametrize("compare", [difference, ratio])
-def test_one_run_tells_nothing_of_chance(compare):
-    found = compare(Sample((2.0,)), LEFT, 0.95)
-    assert found.low is None and found.high is None and not found.excludes(-100.0)
-    assert mean(Sample((2.0,)), 0.95) == Estimate(2.0)
+def test_points_that_were_run_once_tell_nothing_of_chance():
+    once = Sample((2.0,))
+    chance = pooled([once, once])
+    assert chance.freedom == 0
+    for found in (mean(once, chance, 0.95), positive_mean(once, chance, 0.95)):
+        assert found == Estimate(2.0)
+    for compare in (difference, ratio):
+        found = compare(once, Sample((1.0,)), chance, 0.95)
+        assert found.low is None and found.high is None and not found.excludes(-100.0)
+
+
+def test_a_point_that_was_run_once_is_judged_by_the_others():
+    found = difference(Sample((2.0,)), LEFT, BOTH, 0.95)
+    half = stats.t.ppf(0.975, 3) * math.sqrt(BOTH.variance * (1 + 1 / 3))
+    assert found.high - found.value == pytest.approx(half)
 
 
 def test_equal_runs_are_equal_up_to_a_step():
     exact, coarse = Sample((0.5, 0.5)), Sample((0.5, 0.5), step=0.0125)
-    assert mean(exact, 0.95) == Estimate(0.5, 0.5, 0.5)
-    assert mean(coarse, 0.95).low < 0.5 - 0.0125
-    near = Sample((0.5125, 0.5125), step=0.0125)
-    assert not difference(near, coarse, 0.95).excludes(0.0)
-    assert difference(Sample((0.8, 0.8), step=0.0125), coarse, 0.95).excludes(0.0)
-    assert difference(exact, exact, 0.95) == Estimate(0.0, 0.0, 0.0)
+    assert mean(exact, pooled([exact]), 0.95) == Estimate(0.5, 0.5, 0.5)
+    chance = pooled([coarse, coarse])
+    assert mean(coarse, chance, 0.95).low < 0.5 - 0.0125 / 2
+    near, far = (Sample((value, value), step=0.0125) for value in (0.5125, 0.8))
+    assert not difference(near, coarse, chance, 0.95).excludes(0.0)
+    assert difference(far, coarse, chance, 0.95).excludes(0.0)
+    assert difference(exact, exact, Chance(0.0, 2), 0.95) == Estimate(0.0, 0.0, 0.0)
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say():
-    import numpy as np
-
     rng = np.random.default_rng(0)
-    trials = [difference(Sample(tuple(a)), Sample(tuple(b)), 0.9) for a, b in rng.normal(size=(2000, 2, 3))]
-    assert 0.86 < sum(not one.excludes(0.0) for one in trials) / 2000 < 0.95
+    points = [[Sample(tuple(runs)) for runs in trial] for trial in rng.normal(size=(2000, 6, 2))]
+    found = [difference(trial[1], trial[0], pooled(trial), 0.9) for trial in points]
+    assert 0.88 < sum(not one.excludes(0.0) for one in found) / 2000 < 0.92
 
 
 @pytest.mark.parametrize(
