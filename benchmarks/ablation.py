@@ -93,9 +93,11 @@ def answers(scene: ScoredScene) -> dict[tuple[int, str], tuple[bool, float]]:
 
 
 def differences(one: ScoredScene, other: ScoredScene) -> NDArray[np.float64]:
-    """(Q, 2) by how much one found each query more than the other, and by how much its mask's IoU is larger."""
+    """(Q, 2) of each query that both were asked: by how much one found it more, by how much its mask's IoU is larger."""
     mine, theirs = answers(one), answers(other)
-    return np.array([np.subtract(mine[query], theirs[query], dtype=float) for query in mine])
+    return np.array(
+        [np.subtract(mine[query], theirs[query], dtype=float) for query in mine if query in theirs]
+    )
 
 
 def paired(scenes: Mapping[str, Mapping[str, ScoredScene]]) -> str:

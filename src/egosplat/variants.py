@@ -1,7 +1,7 @@
 """Variants of a scene: named sets of keys over its own, and which artifacts they make anew.
 
 An artifact of a variant is one of its own only where one of the variant's keys reaches its stage or a stage before it;
-else it is the scene's, or that of the variant which it stands over. So variants share all that they have in common.
+else it is the scene's, or that of a variant which it stands over. So variants share all that they have in common.
 """
 
 from collections.abc import Iterable, Mapping
@@ -15,7 +15,7 @@ from egosplat.errors import UserError
 from egosplat.stages import STAGES
 
 OVER = "over"
-"""Key of a variant that names another, whose keys its own stand over."""
+"""Key of a variant that names another, or a list of others, whose keys its own stand over; later ones over earlier."""
 
 NAMED = 8
 """So many variants are named in a message."""
@@ -72,10 +72,10 @@ def owner(stage: str, base: Config, name: str, where: str) -> str | None:
     own = variant_config(base, name, where)
     if not reaches(stage, base, own):
         return None
-    below = base["variants"][name].get(OVER)
-    if below is None or reaches(stage, variant_config(base, below, where), own):
-        return name
-    return owner(stage, base, below, where)
+    for below in _below(base["variants"], name):
+        if not reaches(stage, variant_config(base, below, where), own):
+            return owner(stage, base, below, where)
+    return name
 
 
 def variant_config(base: Config, name: str, where: str) -> Config:
@@ -105,22 +105,32 @@ def variant_config(base: Config, name: str, where: str) -> Config:
 
 
 def _ancestry(variants: Mapping[str, Mapping[str, Any]], name: str, where: str) -> list[str]:
-    """The variants that a variant stands over, the lowest first, and itself."""
+    """The variants that a variant stands over, each once, those whose keys stand over others' later, and itself."""
     found: list[str] = []
-    below: str | None = name
-    while below is not None:
-        if below in found:
+
+    def visit(one: str, above: tuple[str, ...]) -> None:
+        if one in above:
             raise UserError(
-                f"variant {name}: stands over itself ({', '.join(found)}); change its key {OVER!r}"
+                f"variant {name}: stands over itself ({', '.join(above)}); change its key {OVER!r}"
             )
-        if below not in variants:
+        if one not in variants:
             raise UserError(
-                f"{where}: no variant {below!r}. Add it to the configuration key 'variants', "
+                f"{where}: no variant {one!r}. Add it to the configuration key 'variants', "
                 f"or take one of: {_some(variants)}"
             )
-        found.append(below)
-        below = variants[below].get(OVER)
-    return found[::-1]
+        if one not in found:
+            for below in _below(variants, one):
+                visit(below, (*above, one))
+            found.append(one)
+
+    visit(name, ())
+    return found
+
+
+def _below(variants: Mapping[str, Mapping[str, Any]], name: str) -> list[str]:
+    """Those that a variant stands over itself."""
+    below = variants[name].get(OVER, [])
+    return [below] if isinstance(below, str) else below
 
 
 def _some(names: Iterable[str]) -> str:

@@ -96,6 +96,8 @@ OVER = merge(
             "short": {"splats": {"iterations": 5}},
             "narrow": {"over": "short", "features": {"dims": 4}},
             "back": {"over": "narrow", "features": {"dims": BASE["features"]["dims"]}},
+            "dense": {"segments": {"points_per_side": 4}, "splats": {"iterations": 7}},
+            "both": {"over": ["dense", "short"]},
         },
     },
 )
@@ -107,12 +109,21 @@ def test_a_variant_over_another_has_the_keys_of_both():
     assert "over" not in found
 
 
+def test_of_several_that_a_variant_stands_over_later_ones_count():
+    found = variant_config(OVER, "both", "adt/scene1")
+    assert (found["segments"]["points_per_side"], found["splats"]["iterations"]) == (4, 5)
+
+
 @pytest.mark.parametrize(
     "name, expected",
     [
         ("short", {"frames": None, "masks": None, "features": None, "splats": "short", "language": "short"}),
         ("narrow", {"frames": None, "features": "narrow", "splats": "short", "language": "narrow"}),
         ("back", {"features": None, "splats": "short", "language": "back"}),
+        (
+            "both",
+            {"frames": None, "segments": "dense", "masks": "dense", "splats": "both", "language": "both"},
+        ),
     ],
 )
 def test_a_variant_shares_with_what_it_stands_over(name, expected):
@@ -130,6 +141,12 @@ def test_a_variant_shares_with_what_it_stands_over(name, expected):
         ({"mine": {"budget": {"minutes": 3}}}, "mine", "budget is chosen for all; leave it out"),
         ({"mine": {"over": "nope"}}, "mine", "no variant 'nope'.*take one of: baseline"),
         ({"a": {"over": "b"}, "b": {"over": "a"}}, "a", "variant a: stands over itself .a, b."),
+        (
+            {"a": {"over": ["c", "b"]}, "b": {"over": "a"}, "c": {}},
+            "a",
+            "variant a: stands over itself .a, b.",
+        ),
+        ({"a": {"over": ["c", "d"]}, "c": {}}, "a", "no variant 'd'"),
         ({f"v{i}": {} for i in range(20)}, "mine", r"v3, v4, 15 more$"),
     ],
 )

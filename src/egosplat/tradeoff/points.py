@@ -1,7 +1,7 @@
 """The points of a scene's trade of speed against accuracy: presets, and one knob changed at a time, each a variant.
 
 A point that changes nothing of the scene is the scene itself. Each point is made with several seeds: the variants
-``seed-1``, ... of the scene, over which those of the points stand, so that seeds share what points have in common.
+``seed-1``, ... of the scene. Those of the points stand over both the point and the seed, and share what either has.
 """
 
 import difflib
@@ -74,7 +74,7 @@ def with_points(config: Config, presets: Path) -> Config:
     for seed in config["tradeoff"]["seeds"]:
         over = _seed_name(seed)
         found[over] = {section: {"seed": seed} for section in SEEDED}
-        found |= {_with_seed(name, seed): {OVER: over, **keys} for name, keys in settings.items()}
+        found |= {_with_seed(name, seed): {OVER: [name, over]} for name in settings}
     if taken := sorted(set(found) & set(config["variants"])):
         raise UserError(
             f"variants: {taken[0]} is the name of a point of the section tradeoff; give it another name"

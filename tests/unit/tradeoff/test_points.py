@@ -79,11 +79,13 @@ def test_points_of_another_seed_share_what_they_have_in_common():
         "language": both,
         "metrics": both,
     }
-    found = owners("segments-points_per_side-8-seed-1")
-    assert (
-        found["transient"] == one
-        and found["splats"] == found["segments"] == "segments-points_per_side-8-seed-1"
-    )
+    point = "segments-points_per_side-8"
+    assert owners(f"{point}-seed-1") | {"frames": None, "segments": point, "transient": one} == {
+        "frames": None,
+        "segments": point,
+        "transient": one,
+        **dict.fromkeys(("features", "masks", "splats", "language", "metrics"), f"{point}-seed-1"),
+    }
 
 
 def test_a_seed_changes_all_that_trains_and_nothing_else():
