@@ -73,13 +73,16 @@ def pooled(samples: Sequence[Sample]) -> Chance:
     """One variance for all points, that within each of them (of analysis of variance).
 
     Two runs of one point tell next to nothing of chance; two runs of each of ten points do, where chance is about as
-    large in all of them. It is at least that of rounding to the largest step.
+    large in all of them. It is at least that of rounding to the largest step. Equal runs of what is continuous, as PSNR
+    of points that share their Gaussians, are the same runs, and count once.
     """
-    freedom = sum(len(one.values) - 1 for one in samples)
+    shares = [one for one in samples if one.step]
+    known = shares + list(dict.fromkeys(one for one in samples if not one.step))
+    freedom = sum(len(one.values) - 1 for one in known)
     if not freedom:
         return Chance(math.nan, 0)
-    rounding = max(one.step for one in samples) ** 2 / 12
-    return Chance(max(math.fsum(one.squares for one in samples) / freedom, rounding), freedom)
+    rounding = max(one.step for one in known) ** 2 / 12
+    return Chance(max(math.fsum(one.squares for one in known) / freedom, rounding), freedom)
 
 
 def mean(sample: Sample, chance: Chance, confidence: float) -> Estimate:

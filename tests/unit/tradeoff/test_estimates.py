@@ -43,6 +43,12 @@ def test_chance_is_that_within_points_whatever_lies_between_them():
     assert pooled([LEFT, far, Sample((7.0,))]).variance == pytest.approx(BOTH.variance)
 
 
+def test_runs_that_points_share_count_once():
+    assert pooled([LEFT, LEFT, RIGHT]) == BOTH
+    coarse = Sample((0.5, 0.6), step=0.01)
+    assert pooled([coarse, coarse]).freedom == 2
+
+
 def test_a_ratio_is_a_difference_of_logarithms():
     left, right = Sample((2.0, 8.0)), Sample((1.0, 1.0))
     chance = pooled([left.logarithms, right.logarithms])
