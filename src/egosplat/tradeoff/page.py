@@ -8,6 +8,7 @@ from typing import Any
 from jinja2 import Environment, StrictUndefined
 
 from egosplat.benchmark.tables_page import read_picture
+from egosplat.stages import STAGES
 from egosplat.tradeoff.measured import EVALUATION
 from egosplat.tradeoff.measures import MEASURES, WALL
 
@@ -23,16 +24,14 @@ def to_html(document: Mapping[str, Any], picture: Path) -> str:
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     points = document["points"]
-    stages = dict.fromkeys(stage for point in points for stage in point["stages"])
+    measured = {stage for point in points for stage in point["stages"]}
+    making = [name for name in STAGES if name in measured and name not in EVALUATION]
     return environment.from_string(template).render(
         document=document,
         points=points,
         measures=MEASURES,
         wall=WALL,
-        stages=[
-            *(one for one in stages if one not in EVALUATION),
-            *(one for one in EVALUATION if one in stages),
-        ],
+        stages=making + [name for name in EVALUATION if name in measured],
         evaluation=EVALUATION,
         confidence=f"{100 * document['confidence']:g} %",
         picture=read_picture(picture),

@@ -12,6 +12,9 @@ _PHOTOGRAPH = ("resolution", "focal", "upright")
 
 _NO_DIFFERENCE = "no difference seen in"
 
+_SAME_COST = 0.005
+"""A ratio of costs so near to 1 is none that anyone chooses by, however surely it is known."""
+
 
 def knob_sentences(points: Sequence[MeasuredPoint], knob: str, confidence: float) -> list[str]:
     """One sentence for each value of a knob that is not the scene's: what it buys and what it costs.
@@ -53,10 +56,10 @@ def trade(
     if any(estimate.low is None for _, estimate in found):
         told = ", ".join(measure.change(estimate) for measure, estimate in found)
         return f"was measured too few times to tell what is chance: {told}"
-    seen = [(measure, one) for measure, one in found if one.excludes(_unchanged(measure))]
+    seen = [(measure, one) for measure, one in found if _is_seen(measure, one)]
     bought = [measure.change(one) for measure, one in seen if _is_better(measure, one)]
     paid = [measure.change(one) for measure, one in seen if not _is_better(measure, one)]
-    same = [measure.heading for measure, one in found if not one.excludes(_unchanged(measure))]
+    same = [measure.heading for measure, one in found if not _is_seen(measure, one)]
     nothing = f"; {_NO_DIFFERENCE} {_listed(same)}" if same else ""
     if not seen:
         return f"makes no difference that was seen, in {_listed(same)}"
@@ -82,6 +85,12 @@ def changes(
 
 def _unchanged(measure: Measure) -> float:
     return 0.0 if measure.more_is_better else 1.0
+
+
+def _is_seen(measure: Measure, found: Estimate) -> bool:
+    if not measure.more_is_better and abs(found.value - 1) < _SAME_COST:
+        return False
+    return found.excludes(_unchanged(measure))
 
 
 def _is_better(measure: Measure, found: Estimate) -> bool:

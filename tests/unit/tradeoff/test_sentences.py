@@ -26,6 +26,15 @@ def test_a_difference_within_chance_is_not_claimed(point):
     assert "buys" not in told and "costs" not in told
 
 
+def test_a_cost_that_is_nearly_the_same_is_not_told_as_one(point):
+    points = [
+        point([("features.dims", 16)], [0.50, 0.52], [10.0, 10.0], scene=True),
+        point([("features.dims", 8)], [0.51, 0.50], [10.03, 10.03]),
+    ]
+    (told,) = knob_sentences(read_points(points), "features.dims", 0.95)
+    assert told.startswith("8 instead of 16 makes no difference that was seen, in time, CPU time, memory")
+
+
 def test_one_run_is_told_as_one_run(point):
     points = [
         point([("features.dims", 16)], [0.5], [10.0], scene=True),
