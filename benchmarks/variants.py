@@ -1,0 +1,64 @@
+"""Variants against their scenes: what they cost, and their answers to the same queries.
+
+    snakemake --cores 2 --configfile benchmarks/tradeoff/codes.yaml -- \
+        results/adt/scene{2,3,4,5}/variants/{ae16,ae8,lin32}/metrics.json
+    python benchmarks/variants.py --variant ae16 --variant ae8 --variant lin32 results/adt/scene{2,3,4,5}
+"""
+
+import sys
+from pathlib import Path
+
+import click
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+from ablation import difference, differences
+
+from egosplat.benchmark.scored_scenes import ScoredScene, check_protocol, read_scored_scene
+from egosplat.errors import UserError
+
+HEADER = (
+    "| scene | variant | queries | CPU-s, the scene's | the variant's | accuracy, the scene's | the variant's | difference "
+    "| mIoU, the scene's | the variant's | difference |\n| --- | --- |" + " ---: |" * 9
+)
+
+
+def cpu_s(scene: ScoredScene) -> float:
+    """Of all stages that made it."""
+    return sum(one["cpu_s"] for one in scene.document["artifacts"].values())
+
+
+def percent(scene: ScoredScene, score: str) -> str:
+    """A score of all queries."""
+    return f"{100 * scene.document['scores']['all'][score]:.1f}"
+
+
+@click.command(help=__doc__)
+@click.argument("folders", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
+@click.option("--variant", "variants", multiple=True, required=True)
+def main(folders: tuple[Path, ...], variants: tuple[str, ...]) -> None:
+    """Print the table."""
+    click.echo(HEADER)
+    for variant in variants:
+        every = []
+        for folder in folders:
+            scene, own = (
+                read_scored_scene(folder / below / "metrics.json") for below in ("", f"variants/{variant}")
+            )
+            check_protocol([scene, own])
+            every.append(differences(own, scene))
+            cells = [f"{folder.parent.name}/{folder.name}", variant, str(len(every[-1]))]
+            cells += [f"{cpu_s(scene):.0f}", f"{cpu_s(own):.0f}"]
+            for score, values in zip(("accuracy", "mean_iou"), every[-1].T, strict=True):
+                cells += [percent(scene, score), percent(own, score), difference(values)]
+            click.echo(f"| {' | '.join(cells)} |")
+        hits, ious = np.concatenate(every).T
+        click.echo(f"| all | {variant} | {len(hits)} | | | | | {difference(hits)} | | | {difference(ious)} |")
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except UserError as error:
+        sys.exit(f"variants.py: {error}")
