@@ -14,6 +14,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from ablation import difference, differences
+from required import seconds
 
 from egosplat.benchmark.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 from egosplat.errors import UserError
@@ -22,11 +23,6 @@ HEADER = (
     "| scene | variant | queries | CPU-s, the scene's | the variant's | accuracy, the scene's | the variant's | difference "
     "| mIoU, the scene's | the variant's | difference |\n| --- | --- |" + " ---: |" * 9
 )
-
-
-def cpu_s(scene: ScoredScene) -> float:
-    """Of all stages that made it."""
-    return sum(one["cpu_s"] for one in scene.document["artifacts"].values())
 
 
 def percent(scene: ScoredScene, score: str) -> str:
@@ -49,7 +45,7 @@ def main(folders: tuple[Path, ...], variants: tuple[str, ...]) -> None:
             check_protocol([scene, own])
             every.append(differences(own, scene))
             cells = [f"{folder.parent.name}/{folder.name}", variant, str(len(every[-1]))]
-            cells += [f"{cpu_s(scene):.0f}", f"{cpu_s(own):.0f}"]
+            cells += [f"{seconds(scene):.0f}", f"{seconds(own):.0f}"]
             for score, values in zip(("accuracy", "mean_iou"), every[-1].T, strict=True):
                 cells += [percent(scene, score), percent(own, score), difference(values)]
             click.echo(f"| {' | '.join(cells)} |")
