@@ -37,8 +37,8 @@ def tradeoff_document(points: Sequence[MeasuredPoint]) -> dict[str, Any]:
         "confidence": confidence,
         "seeds": len(points[0].runs),
         "points": [_entry(point, chance, confidence, point in best) for point in points],
-        "presets": presets_sentence(points, confidence),
-        "knobs": {knob: knob_sentences(points, knob, confidence) for knob in knobs},
+        "presets": presets_sentence(points, chance, confidence),
+        "knobs": {knob: knob_sentences(points, knob, chance, confidence) for knob in knobs},
     }
 
 

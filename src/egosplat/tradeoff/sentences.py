@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from egosplat.tradeoff.estimates import Chance, Estimate, difference, ratio
-from egosplat.tradeoff.measured import MeasuredPoint, chances
+from egosplat.tradeoff.measured import MeasuredPoint
 from egosplat.tradeoff.measures import COSTS, GAINS, PSNR, WALL, Measure
 from egosplat.tradeoff.points import PRESET, shown
 
@@ -16,15 +16,18 @@ _SAME_COST = 0.005
 """A ratio of costs so near to 1 is none that anyone chooses by, however surely it is known."""
 
 
-def knob_sentences(points: Sequence[MeasuredPoint], knob: str, confidence: float) -> list[str]:
+def knob_sentences(
+    points: Sequence[MeasuredPoint], knob: str, chance: Mapping[Measure, Chance], confidence: float
+) -> list[str]:
     """One sentence for each value of a knob that is not the scene's: what it buys and what it costs.
 
     Args:
         points: all, the scene itself first.
         knob: a key as ``features.dims``.
+        chance: of all points, as ``chances`` finds it.
         confidence: of the intervals.
     """
-    scene, own, chance = points[0], points[0].setting(knob), chances(points)
+    scene, own = points[0], points[0].setting(knob)
     others = [(point, point.setting(knob)) for point in points[1:] if point.setting(knob)]
     sentences = [
         f"{shown(other.value)} instead of {shown(own.value)} {trade(point, scene, chance, confidence)}."
@@ -34,12 +37,14 @@ def knob_sentences(points: Sequence[MeasuredPoint], knob: str, confidence: float
     return sentences + [f"{shown(value)} changes nothing of this scene." for value in alike]
 
 
-def presets_sentence(points: Sequence[MeasuredPoint], confidence: float) -> str | None:
+def presets_sentence(
+    points: Sequence[MeasuredPoint], chance: Mapping[Measure, Chance], confidence: float
+) -> str | None:
     """How many times faster ``balanced`` is than the paper's settings, and at what loss; None without both."""
     by_name = {one.value: point for point in points for one in point.settings if one.knob == PRESET}
     if not {"balanced", "paper_scaled"} <= set(by_name):
         return None
-    fast, paper, chance = by_name["balanced"], by_name["paper_scaled"], chances(points)
+    fast, paper = by_name["balanced"], by_name["paper_scaled"]
     faster = ratio(paper.sample(WALL), fast.sample(WALL), chance[WALL], confidence)
     bounds = "" if faster.low is None else f" ({faster.low:.3g} to {faster.high:.3g})"
     return (
