@@ -9,7 +9,7 @@ CENTRE: Mapping[str, Mapping[str, Any]] = {
     "frames": {"resolution": 192, "end_s": 7.9, "evaluation_frames": 4},
     "survey": {"min_view_change_deg": 0},
     "segments": {"points_per_side": 8, "key_frame_stride": 8, "max_instances": 10},
-    "features": {"dims": 16},
+    "features": {"compression": "linear", "dims": 16},
     "transient": {
         "iterations": 80,
         "resolution": 96,
