@@ -38,16 +38,19 @@ LIGHTER = 20
 
 @pytest.fixture(scope="session")
 def survey_that_keeps() -> Callable[..., Path]:
-    """``survey_that_keeps(folder, frames)``: a survey of the folder's frames that leaves out all others."""
+    """``survey_that_keeps(folder, frames)``: a survey of the folder's frames that leaves out all others.
 
-    def make(folder: Path, kept: list[int]) -> Path:
+    Something moves, unless ``static``.
+    """
+
+    def make(folder: Path, kept: list[int], *, static: bool = False) -> Path:
         document = {
             "format_version": 1,
             "origin": "synthetic",
             "motion": {
-                "static": True,
-                "masking": "none",
-                "share": 0.0,
+                "static": static,
+                "masking": "none" if static else "refined",
+                "share": 0.0 if static else 0.1,
                 "threshold": 0.0005,
                 "measured": 0.7,
                 "pairs": [],

@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reading import open_artifact
 from egosplat.artifacts.segments import SEGMENTS
+from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.survey import read_survey
 
 SCENE = "results/adt/scene1"
@@ -18,6 +20,7 @@ STATIC = AUTO + "survey: {min_view_change_deg: 0, max_moving_share: 1.0}\n"
 """Whatever moves is little enough."""
 
 LEAVING_OUT = AUTO + "survey: {min_view_change_deg: 90}\n"
+STATIC_LEAVING_OUT = AUTO + "survey: {min_view_change_deg: %d, max_moving_share: 1.0}\n"
 SPLATS_ON = {"splats", "language", "metrics"}
 
 
@@ -107,6 +110,18 @@ def test_frames_that_add_no_view_are_left_out_of_what_learns(work):
     assert found.provenance["options"]["kept_frames"] == views["digest"]
     assert all((found.row("labels", frame) == -1).all() for frame in views["left_out"])
     assert work.stale(f"{SCENE}/segments.zarr", config=LEAVING_OUT) == set()
+
+
+def test_where_nothing_moves_gaussians_learn_from_all_frames_whichever_are_left_out(work):
+    splats, left_out = f"{SCENE}/splats.zarr", []
+    for change_deg, made_anew in ((90, {"splats"}), (20, set())):
+        config = STATIC_LEAVING_OUT % change_deg
+        assert made(work, config, SURVEY) == {"survey"}
+        left_out.append(read_survey(work.folder / SURVEY)["views"]["left_out"])
+        assert made(work, config, splats) == made_anew
+    assert left_out[0] and left_out[0] != left_out[1]
+    used = open_artifact(work.folder / splats, SPLATS).facts["views"]["training"]
+    assert used == open_artifact(work.folder / SCENE / "frames.zarr", FRAMES).read("train").sum()
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ it executes: Snakemake reruns it when one of them changes, and not when somethin
 
 import json
 
+from egosplat.artifacts.kept_frames import gaussians_learn_from_all
 from egosplat.artifacts.survey import read_survey
 from egosplat.decisions import decided, leaves_frames_out, masks_by_survey
 from egosplat.models.checkpoints import model_hashes
@@ -61,6 +62,16 @@ def decided_frames(wildcards):
     if not leaves_frames_out(config_of(wildcards)):
         return "all"
     return survey_of(wildcards)["views"]["digest"]
+
+
+def frames_for_gaussians(wildcards):
+    """The same of the frames that Gaussians are trained on."""
+    config = decided_config(wildcards)
+    if leaves_frames_out(config) and gaussians_learn_from_all(
+        survey_of(wildcards), config["splats"]["masking"]
+    ):
+        return "all"
+    return decided_frames(wildcards)
 
 
 def optional_artifacts(stage):

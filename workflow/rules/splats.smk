@@ -27,7 +27,7 @@ rule splats:
         gpu=gpus("splats"),
     params:
         others=optional_flags("splats"),
-        kept=decided_frames,
+        kept=frames_for_gaussians,
         flags=flags("splats"),
         code=code_of("splats"),
     shell:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.artifacts.reading import Artifact
-from egosplat.artifacts.survey import made_anew, read_survey
+from egosplat.artifacts.survey import Survey, made_anew, read_survey
 from egosplat.errors import UserError
 
 
@@ -32,3 +32,22 @@ def kept_frames(frames: Artifact, survey: Path | None) -> tuple[NDArray[np.bool_
     kept = np.zeros(count, bool)
     kept[found["views"]["kept"]] = True
     return kept, {"kept_frames": found["views"]["digest"]}
+
+
+def gaussians_learn_from_all(survey: Survey, masking: str) -> bool:
+    """Whether Gaussians are trained on what a survey leaves out, too: where nothing moves, and nothing is masked.
+
+    Their training has as many iterations of however many frames, so leaving some out saves nothing there. Where
+    something moves only frames that stay are segmented, and so masked; the others would teach what moves.
+    """
+    return masking == "none" and survey["motion"]["static"]
+
+
+def frames_for_gaussians(
+    frames: Artifact, survey: Path | None, masking: str
+) -> tuple[NDArray[np.bool_], dict[str, str]]:
+    """As ``kept_frames``, of the frames that Gaussians may be trained on where ``masking`` is masked."""
+    kept, said = kept_frames(frames, survey)
+    if survey is not None and gaussians_learn_from_all(read_survey(survey), masking):
+        return np.ones_like(kept), {}
+    return kept, said

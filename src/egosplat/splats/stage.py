@@ -9,7 +9,7 @@ import numpy as np
 from egosplat import provenance
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.kept_frames import kept_frames
+from egosplat.artifacts.kept_frames import frames_for_gaussians
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
@@ -75,7 +75,7 @@ def run(
 
     Args:
         frames, poses, output: paths.
-        survey: the frames that it leaves out are not trained on.
+        survey: the frames that it leaves out are not trained on, but where nothing moves and nothing is masked.
         transient: needed where ``masking`` is ``initial``; masks: where it is ``refined``.
         segments, features: needed where ``language`` is ``joint``.
 
@@ -85,7 +85,7 @@ def run(
     """
     keys = {key: value for key, value in locals().items() if key not in _PATHS}
     pictures, walk = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
-    kept, by_survey = kept_frames(pictures, survey)
+    kept, by_survey = frames_for_gaussians(pictures, survey, masking)
     moving = open_masking(masking, pictures, transient=transient, masks=masks)
     words = _words(segments, features) if language == "joint" else ()
     made = _begin(keys | by_survey, pictures, walk, moving, words)

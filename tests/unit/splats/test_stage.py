@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.artifacts.reading import verify
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.kept_frames import frames_for_gaussians
+from egosplat.artifacts.reading import open_artifact, verify
 from egosplat.checking import SCHEMAS
 from egosplat.config import defaults
 from egosplat.errors import UserError
@@ -61,6 +63,21 @@ def test_frames_that_a_survey_leaves_out_teach_nothing(scene, pictures, survey_t
     survey_that_keeps(other, [0, 2, 4, 6, 8])
     assert run(other, "other.zarr", survey=survey).digest == splats.digest
     assert "kept_frames" not in run(other, "all.zarr").provenance["options"]
+
+
+def test_where_nothing_moves_all_frames_teach_whatever_is_left_out(scene, survey_that_keeps):
+    folder = scene()
+    still = run(folder, survey=survey_that_keeps(folder, [0, 2, 4, 6, 8], static=True))
+    assert still.digest == run(folder, "all.zarr").digest
+    assert still.facts["views"]["training"] == 8 and "kept_frames" not in still.provenance["options"]
+
+
+def test_masked_gaussians_learn_from_what_stays_though_nothing_moves(scene, survey_that_keeps):
+    folder = scene()
+    survey = survey_that_keeps(folder, [0, 2, 4, 6, 8], static=True)
+    frames = open_artifact(folder / "frames.zarr", FRAMES)
+    for masking, number in (("none", 9), ("initial", 5), ("refined", 5)):
+        assert frames_for_gaussians(frames, survey, masking)[0].sum() == number
 
 
 def test_masking_that_is_the_surveys_to_decide_is_told(scene):
