@@ -61,7 +61,7 @@ class Training:
 
     def iterate(self) -> None:
         """One iteration."""
-        train.iterate(self.state, self.views, _OPTIONS, _NO_DENSITY_CONTROL)
+        train.iterate(self.state, self.views, range(len(self.views)), _OPTIONS, _NO_DENSITY_CONTROL)
 
 
 def sample_phases(scene: str, threads: int) -> dict[str, float]:

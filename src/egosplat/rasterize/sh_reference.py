@@ -21,11 +21,12 @@ def spherical_harmonics(degree: int, dirs: Tensor, coeffs: Tensor) -> Tensor:
     Returns:
         (N, 3).
     """
-    basis = _basis(degree, F.normalize(dirs, dim=-1))
+    basis = sh_basis(degree, F.normalize(dirs, dim=-1))
     return torch.einsum("nk,nkc->nc", basis, coeffs[:, : basis.shape[-1]])
 
 
-def _basis(degree: int, dirs: Tensor) -> Tensor:
+def sh_basis(degree: int, dirs: Tensor) -> Tensor:
+    """(N, (degree + 1)²) values of the functions in directions of unit length, (N, 3); ``degree`` from 0 to 3."""
     x, y, z = dirs.unbind(dim=-1)
     xx, yy, zz = x * x, y * y, z * z
     # Each factor makes the square of its function integrate to 1 over the sphere.

@@ -38,8 +38,9 @@ class TrainingOptions:
         grow_grad2d: gradient of the image position above which ``stock`` lets a Gaussian grow.
         evaluate_every: iterations between two evaluations.
         patience: evaluations without improvement that end the run; 0 for never.
-        min_improvement: of the validation PSNR, to count as one [dB].
+        min_improvement: of the validation PSNR, to count as one; with less an SH degree is not needed [dB].
         seed: of everything random.
+        searches_degree: whether SH degrees that photographs set aside do not justify are taken away.
     """
 
     render: RenderOptions
@@ -52,6 +53,7 @@ class TrainingOptions:
     patience: int
     min_improvement: float
     seed: int
+    searches_degree: bool = False
 
     @property
     def schedule(self) -> Schedule:

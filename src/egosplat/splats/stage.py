@@ -32,7 +32,16 @@ from egosplat.splats.starting import starting_gaussians
 from egosplat.splats.state import TrainingState
 from egosplat.splats.targets import CodeTargets
 from egosplat.splats.train import Photographs, resume_and_train
-from egosplat.splats.views import Mask, Views, check_belong_together, read_views, split_views
+from egosplat.splats.view_dependence import HIGHEST
+from egosplat.splats.views import (
+    Mask,
+    Split,
+    Views,
+    check_belong_together,
+    read_views,
+    set_aside,
+    split_views,
+)
 
 _PATHS = ("frames", "poses", "output", "survey", "transient", "masks", "segments", "features")
 
@@ -55,7 +64,7 @@ def run(
     max_points: int,
     cover: bool,
     max_gaussians: int,
-    sh_degree: int,
+    sh_degree: int | str,
     ssim_lambda: float,
     position_lr: float,
     grow_grad2d: float,
@@ -100,6 +109,7 @@ def run(
         patience=patience,
         min_improvement=min_improvement,
         seed=seed,
+        searches_degree=sh_degree == "auto",
     )
     photographs = _photographs(pictures, walk, kept, moving, options)
     start = starting_gaussians(
@@ -107,7 +117,7 @@ def run(
         photographs.training,
         max_points=min(max_points, max_gaussians),
         cover=cover,
-        sh_degree=sh_degree,
+        sh_degree=HIGHEST if isinstance(sh_degree, str) else sh_degree,
         near_plane=near_plane,
         seed=seed,
     )
@@ -151,11 +161,21 @@ def _photographs(
         read_views(pictures, walk, split.training, moving, device),
         read_views(pictures, walk, split.validation, moving, device),
         read_views(pictures, walk, split.held_out, Masking(None, ""), device),
+        read_views(pictures, walk, _judging(split, options), moving, device),
     )
     _check_left(photographs.training)
     counts = ", ".join(f"{len(views)} {name}" for name, views in _named(photographs).items())
     log(f"views: {counts}; on {rasterizer_used(options.render.backend, device)}")
     return photographs
+
+
+def _judging(split: Split, options: TrainingOptions) -> Mask:
+    """The frames that judge the SH degree: those that validate, or else some of those to train on."""
+    if not options.searches_degree:
+        return np.zeros_like(split.training)
+    if split.validation.any():
+        return split.validation
+    return set_aside(split.training, "splats.sh_degree = auto", "a number from 0 to 3")
 
 
 def _check_left(views: Views) -> None:
@@ -216,7 +236,7 @@ def _write(
         artifact.put("held_out/frame", held_out.frame)
         artifact.put("held_out/psnr", scores.psnr)
         artifact.put("held_out/ssim", scores.ssim)
-        artifact.facts = _facts(state, photographs, options, iteration)
+        artifact.facts = _facts(state, gaussians, photographs, options, iteration)
     log(
         f"{gaussians.count} Gaussians of iteration {iteration}; held out: {_summary(scores.psnr, scores.ssim)}"
     )
@@ -227,7 +247,11 @@ def _summary(psnr: np.ndarray, ssim: np.ndarray) -> str:
 
 
 def _facts(
-    state: TrainingState, photographs: Photographs, options: TrainingOptions, iteration: int
+    state: TrainingState,
+    gaussians: Gaussians,
+    photographs: Photographs,
+    options: TrainingOptions,
+    iteration: int,
 ) -> dict[str, Any]:
     views = photographs.training
     return {
@@ -238,7 +262,8 @@ def _facts(
         "iteration": iteration,
         "iterations_done": state.iteration,
         "stopped_early": state.iteration < options.iterations,
-        "sh_degree_in_use": options.schedule.sh_degree(iteration, state.gaussians.sh_degree),
+        "sh_degree_in_use": options.schedule.sh_degree(iteration, gaussians.sh_degree),
+        "sh_degree_psnr": state.degree_search.psnr,
         "skipped_rows": state.optimizer.skipped_rows,
         "training_s": round(state.seconds, 3),
         "history_s": state.curves.seconds,

@@ -1,5 +1,6 @@
 """All that changes while Gaussians are trained, so that a checkpoint of it loses nothing."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -11,6 +12,7 @@ from egosplat.splats.objective import Objective
 from egosplat.splats.optimizer import Adam, LearningRates
 from egosplat.splats.options import TrainingOptions
 from egosplat.splats.population import Population
+from egosplat.splats.view_dependence import DegreeSearch
 
 
 @dataclass
@@ -43,7 +45,7 @@ class TrainingState:
         optimizer, population, objective: see there.
         generator: of everything random in training, on the CPU.
         order: views still to come in this epoch, the next one last.
-        early_stop: see there.
+        early_stop, degree_search: see there.
         curves: see there.
         iteration: the last one done.
         seconds: of training so far.
@@ -62,6 +64,7 @@ class TrainingState:
         self.generator = torch.Generator().manual_seed(options.seed)
         self.order: list[int] = []
         self.early_stop = EarlyStop(options.patience, options.min_improvement)
+        self.degree_search = DegreeSearch(open=options.searches_degree)
         self.curves = Curves()
         self.iteration = 0
         self.seconds = 0.0
@@ -69,11 +72,18 @@ class TrainingState:
         self.bad_records = 0
         self.extent = extent
 
-    def next_view(self, count: int) -> int:
-        """The next of ``count`` views: a random permutation of all in each epoch."""
+    def next_view(self, views: Sequence[int]) -> int:
+        """The next of ``views``: a random permutation of all in each epoch."""
         if not self.order:
-            self.order = torch.randperm(count, generator=self.generator).tolist()
+            order = torch.randperm(len(views), generator=self.generator)
+            self.order = [int(views[position]) for position in order]
         return self.order.pop()
+
+    def replace_sh(self, gaussians: Gaussians) -> None:
+        """Go on with the same Gaussians but for their SH coefficients, of which there are fewer."""
+        self.gaussians = gaussians.requires_grad_()
+        self.optimizer.truncate_sh(gaussians.sh.shape[1])
+        self.optimizer.attach(self.gaussians)
 
     def state_dict(self) -> dict[str, Any]:
         """Tensors, numbers, and lists and dictionaries of them, for ``load_state_dict``."""
@@ -85,6 +95,7 @@ class TrainingState:
             "generator": self.generator.get_state(),
             "order": list(self.order),
             "early_stop": self.early_stop.state_dict(),
+            "degree_search": self.degree_search.state_dict(),
             "curves": {one.name: list(getattr(self.curves, one.name)) for one in fields(Curves)},
             "loss_sum": self.loss_sum,
             **{name: getattr(self, name) for name in _NUMBERS},
@@ -102,6 +113,7 @@ class TrainingState:
         self.generator.set_state(state["generator"].cpu())
         self.order = state["order"]
         self.early_stop.load_state_dict(state["early_stop"])
+        self.degree_search = DegreeSearch(**state["degree_search"])
         self.curves = Curves(**state["curves"])
         self.loss_sum = state["loss_sum"]
         for name in _NUMBERS:

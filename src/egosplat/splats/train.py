@@ -7,10 +7,12 @@ that have just been made.)
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.checkpoint import Checkpoint
@@ -22,6 +24,7 @@ from egosplat.splats.options import TrainingOptions
 from egosplat.splats.render import render
 from egosplat.splats.schedule import Schedule
 from egosplat.splats.state import TrainingState
+from egosplat.splats.view_dependence import settle_degree
 from egosplat.splats.views import Views
 
 RECORD_EVERY = 10
@@ -33,11 +36,22 @@ _BAD_RECORDS = 3
 
 @dataclass(frozen=True)
 class Photographs:
-    """The views by what they are for; see ``egosplat.splats.views.Split``."""
+    """The views by what they are for; see ``egosplat.splats.views.Split``.
+
+    Attributes:
+        training, validation, held_out: see there.
+        aside: those that judge the SH degree where it is searched: the validation views, or some of the training
+            views, which are not trained on until it is decided. Else none.
+    """
 
     training: Views
     validation: Views
     held_out: Views
+    aside: Views
+
+    def trained_on(self, *, all_views: bool) -> NDArray[np.intp]:
+        """Indices of the training views that are trained on, all of them or without those set aside."""
+        return np.flatnonzero(all_views | ~np.isin(self.training.frame, self.aside.frame))
 
 
 def resume_and_train(
@@ -70,7 +84,10 @@ def train(
     started = time.perf_counter() - state.seconds
     rest = range(state.iteration + 1, options.iterations + 1)
     for iteration in track(rest, "training", unit="iteration"):
-        iterate(state, photographs.training, options, schedule)
+        usable = photographs.trained_on(all_views=not state.degree_search.open)
+        iterate(state, photographs.training, usable, options, schedule)
+        if state.degree_search.open and iteration >= schedule.densify_until:
+            settle(state, photographs, options, schedule)
         last = iteration == options.iterations
         recorded = iteration % RECORD_EVERY == 0 or last
         if recorded:
@@ -85,10 +102,16 @@ def train(
             checkpoint.save_if_due(state.state_dict)
 
 
-def iterate(state: TrainingState, views: Views, options: TrainingOptions, schedule: Schedule) -> None:
-    """One iteration: changes ``state``, and adds its loss to ``state.loss_sum``."""
+def iterate(
+    state: TrainingState,
+    views: Views,
+    usable: Sequence[int],
+    options: TrainingOptions,
+    schedule: Schedule,
+) -> None:
+    """One iteration with one of the ``usable`` views: changes ``state``, and adds its loss to ``state.loss_sum``."""
     iteration = state.iteration + 1
-    index = state.next_view(len(views))
+    index = state.next_view(usable)
     state.optimizer.means_lr = schedule.position_lr(iteration, state.extent)
     state.optimizer.zero_grad()
     image, _, meta = render(
@@ -114,6 +137,24 @@ def iterate(state: TrainingState, views: Views, options: TrainingOptions, schedu
     state.gaussians = state.population.step(iteration, state.gaussians, state.optimizer, state.generator)
     state.loss_sum += total.detach()
     state.iteration = iteration
+
+
+def settle(
+    state: TrainingState, photographs: Photographs, options: TrainingOptions, schedule: Schedule
+) -> None:
+    """Let the views set aside say which SH degree is enough; from then on they are trained on, too."""
+    kept = settle_degree(
+        state.degree_search,
+        state.gaussians,
+        schedule.sh_degree(state.iteration, state.gaussians.sh_degree),
+        photographs.training,
+        photographs.aside,
+        options.render,
+        options.min_improvement,
+    )
+    if kept is not state.gaussians:
+        state.replace_sh(kept)
+    state.order.clear()
 
 
 def draw_background(kind: str, generator: torch.Generator) -> Tensor | None:

@@ -14,8 +14,8 @@ from egosplat.splats.masking import Masking
 
 Mask = NDArray[np.bool_]
 
-_VALIDATION_EVERY = 8
-"""The middle one of every eight training frames validates, where early stopping needs validation."""
+_ASIDE_EVERY = 8
+"""The middle one of every eight training frames is set aside, where something is decided by frames not trained on."""
 
 
 @dataclass(frozen=True)
@@ -101,11 +101,29 @@ def split_views(train: Mask, evaluation: Mask, registered: Mask, *, validate: bo
             f"none of {int(train.sum())} training frames has a pose; look at the log of the stage poses"
         )
     if validate:
-        if len(rows) < 2:
-            raise UserError("splats.patience: needs 2 training frames with a pose, there is 1; set it to 0")
-        aside = rows[_VALIDATION_EVERY // 2 :: _VALIDATION_EVERY]
-        validation[aside if len(aside) else rows[len(rows) // 2]] = True
+        validation = set_aside(training, "splats.patience", "0")
     return Split(training & ~validation, validation, evaluation & ~train & registered)
+
+
+def set_aside(training: Mask, key: str, instead: str) -> Mask:
+    """(F,) bool: every eighth of the training frames (F,), one at least.
+
+    Args:
+        training: the frames to choose from.
+        key: what asks for it, and ``instead`` what to set it to where it cannot be had, for messages.
+
+    Raises:
+        UserError: setting one aside would leave none.
+    """
+    rows = np.flatnonzero(training)
+    if len(rows) < 2:
+        raise UserError(
+            f"{key}: needs 2 training frames with a pose, there is {len(rows)}; set it to {instead}"
+        )
+    aside = rows[_ASIDE_EVERY // 2 :: _ASIDE_EVERY]
+    chosen = np.zeros_like(training)
+    chosen[aside if len(aside) else rows[len(rows) // 2]] = True
+    return chosen
 
 
 def check_belong_together(frames: Artifact, poses: Artifact) -> None:

@@ -148,7 +148,7 @@ def _photographs(
     )
     camera = views.camera
     log(f"{len(views)} training views of {camera.width} x {camera.height} pixels")
-    return Photographs(views, none, none)
+    return Photographs(views, validation=none, held_out=none, aside=none)
 
 
 def _put_curves(artifact: Writer, state: TrainingState, objective: InitialObjective) -> None:

@@ -43,7 +43,7 @@ def photographs(pictures, camera_to_world) -> Photographs:
         some = torch.from_numpy(pictures[frame])
         return Views(frame, some, camera_to_world[frame], None, None, camera, device)
 
-    return Photographs(training=views(0, 1, 3, 5, 7, 8), validation=views(), held_out=views(4))
+    return Photographs(training=views(0, 1, 3, 5, 7, 8), validation=views(), held_out=views(4), aside=views())
 
 
 @pytest.fixture
@@ -108,13 +108,20 @@ class StoppingCheckpoint(Checkpoint):
 
 @pytest.mark.parametrize(
     "changes",
-    [{}, {"density": "mcmc"}, {"patience": 5, "min_improvement": 0.0}],
-    ids=["stock", "mcmc", "early stopping"],
+    [
+        {},
+        {"density": "mcmc"},
+        {"patience": 5, "min_improvement": 0.0},
+        {"searches_degree": True, "min_improvement": 100.0},
+    ],
+    ids=["stock", "mcmc", "early stopping", "SH degree searched"],
 )
 def test_a_resumed_run_ends_as_an_unbroken_one(trained, start, photographs, tmp_path, changes):
     changes |= {"render": replace(OPTIONS.render, background="random")}
     if "patience" in changes:
         photographs = replace(photographs, validation=photographs.held_out)
+    if "searches_degree" in changes:
+        photographs = replace(photographs, aside=photographs.held_out)
     unbroken = trained(photographs, **changes)
     with pytest.raises(Stopped):
         trained(photographs, StoppingCheckpoint(tmp_path, at=40), **changes)
@@ -133,7 +140,7 @@ def test_a_resumed_run_ends_as_an_unbroken_one(trained, start, photographs, tmp_
 
 def test_every_view_comes_once_an_epoch(start):
     state = TrainingState(start, OPTIONS, EXTENT, L1Ssim(0.2))
-    epochs = [[state.next_view(6) for _ in range(6)] for _ in range(3)]
+    epochs = [[state.next_view(range(6)) for _ in range(6)] for _ in range(3)]
     assert all(sorted(epoch) == list(range(6)) for epoch in epochs)
     assert epochs[0] != epochs[1] or epochs[1] != epochs[2]
 
