@@ -1,7 +1,7 @@
 """Variants against their scenes: what they cost, and their answers to the same queries.
 
     snakemake --cores 2 --configfile benchmarks/tradeoff/codes.yaml -- \
-        results/adt/scene{2,3,4,5}/variants/{ae16,ae8,lin32}/metrics.json
+        results/adt/scene{2,3,4,5}/{,variants/{ae16,ae8,lin32}/}metrics.json
     python benchmarks/variants.py --variant ae16 --variant ae8 --variant lin32 results/adt/scene{2,3,4,5}
 """
 
