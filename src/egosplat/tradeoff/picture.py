@@ -45,11 +45,11 @@ def _draw_panel(axes: Axes, points: Sequence[Mapping[str, Any]], cost: Measure, 
     axes.step(columns, rows, where="post", color=_BLUE, zorder=3)
     axes.plot(columns, rows, "o", color=_BLUE, zorder=4)
     presets = [index for index, one in enumerate(known) if index not in best and _is_preset(one)]
-    # Above a front and left of it there is no point.
-    words = {"textcoords": "offset points", "ha": "right", "fontsize": 8, "zorder": 5}
+    # Above a front and left of it there is no point; what is not on it is named on the other side.
+    words = {"textcoords": "offset points", "fontsize": 8, "zorder": 5}
     for index in (*best, *presets):
-        offset = (-6, 2) if index in best else (-6, -9)
-        axes.annotate(known[index]["label"], places[index], offset, **words)
+        side = {"xytext": (-6, 2), "ha": "right"} if index in best else {"xytext": (6, -9), "ha": "left"}
+        axes.annotate(known[index]["label"], places[index], **side, **words)
     axes.set(xlabel=f"{cost.heading} [{cost.unit}]", ylabel=f"{gain.heading} [{gain.unit}]")
     if places:
         axes.set_xscale("log")
