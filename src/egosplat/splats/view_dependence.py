@@ -6,6 +6,7 @@ constant in its place. The least degree goes on by which photographs set aside a
 were trained beside the higher ones, and not in their place, speaks for the higher ones: what goes is not needed.
 """
 
+import math
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -32,11 +33,12 @@ class DegreeSearch:
 
     Attributes:
         open: whether it is still to be decided.
-        psnr: mean over the photographs set aside, with degree 0, 1, ... [dB]; empty until it is decided.
+        psnr: mean over the photographs set aside, with degree 0, 1, ... [dB]; None where it is not finite, and empty
+            until it is decided.
     """
 
     open: bool = False
-    psnr: list[float] = field(default_factory=list)
+    psnr: list[float | None] = field(default_factory=list)
 
     def state_dict(self) -> dict[str, Any]:
         """All that ``DegreeSearch(**state)`` needs."""
@@ -71,7 +73,7 @@ def settle_degree(
         candidates.insert(0, without_degree(candidates[0], dropped, means))
     psnr = [evaluate(some, aside, options, used).mean_psnr for used, some in enumerate(candidates)]
     enough = next((used for used in range(degree) if psnr[used] >= psnr[degree] - tolerance_db), degree)
-    search.open, search.psnr = False, psnr
+    search.open, search.psnr = False, [one if math.isfinite(one) else None for one in psnr]
     shown = ", ".join(f"{one:.2f}" for one in psnr)
     log(
         f"spherical harmonics of degree 0 to {degree}: {shown} dB on {len(aside)} photographs set aside; {enough} is enough"

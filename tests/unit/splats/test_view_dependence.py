@@ -13,8 +13,10 @@ from egosplat.errors import UserError
 from egosplat.geometry import Camera
 from egosplat.rasterize.sh_reference import spherical_harmonics
 from egosplat.splats import stage
+from egosplat.splats.options import RenderOptions
 from egosplat.splats.render import render
-from egosplat.splats.view_dependence import mean_basis, without_degree
+from egosplat.splats.view_dependence import DegreeSearch, mean_basis, settle_degree, without_degree
+from egosplat.splats.views import Views
 
 CAMERA = Camera(24, 24, 22.0, 22.0, 12.0, 12.0)
 KEYS = defaults()["splats"] | {
@@ -117,6 +119,18 @@ def test_without_a_degree_the_mean_of_what_the_cameras_see_is_left(truth, camera
         assert torch.equal(counted > 0, seen)
         assert (change[seen] / counted[seen, None]).abs().max() < 1e-5
         assert torch.equal(simpler.sh[~seen], sh[~seen, : degree**2])
+
+
+def test_where_nothing_set_aside_is_valid_nothing_goes(truth, pictures, camera_to_world):
+    gaussians = replace(truth, sh=torch.cat([truth.sh, torch.zeros(truth.count, 3, 3)], dim=1))
+    some, poses = torch.from_numpy(pictures[:2]), camera_to_world[:2]
+    moving = torch.ones(2, 24, 24, dtype=torch.bool)
+    views = Views(np.arange(2), some, poses, None, moving, CAMERA, torch.device("cpu"))
+    search, options = DegreeSearch(open=True), RenderOptions(0.1, "black", False, "auto")
+    assert settle_degree(search, gaussians, 1, views, views, options, tolerance_db=0.05) is gaussians
+    assert search == DegreeSearch(open=False, psnr=[None, None])
+    seen = replace(views, transient=None)
+    assert settle_degree(search, gaussians, 1, seen, seen, options, tolerance_db=0.05).sh_degree == 0
 
 
 def test_what_no_camera_sees_has_no_mean(truth, camera_to_world):
