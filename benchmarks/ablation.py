@@ -13,10 +13,9 @@ from pathlib import Path
 
 import click
 import numpy as np
-from numpy.typing import NDArray
+from scores_bench.comparing import SCORES, difference, differences, psnr, told
 
 from egosplat.benchmark.averages import average
-from egosplat.benchmark.intervals import IntervalOptions, bootstrap_interval
 from egosplat.benchmark.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 from egosplat.benchmark.tables import Cell
 from egosplat.errors import UserError
@@ -37,32 +36,16 @@ COMPARED = (
 )
 """Variants whose answers to the same queries are compared."""
 
-RESAMPLING = IntervalOptions(confidence=0.95, resamples=10_000, seed=0)
-
-SCORES = (("accuracy", "all"), ("accuracy", "static"), ("accuracy", "dynamic"), ("mean_iou", "all"))
 HEADER = (
     "| scene | variant | queries | accuracy | of what stays | of what can move | mIoU | PSNR, all | PSNR, static |\n"
     "| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |"
 )
 
 
-def psnr(scene: ScoredScene, pixels: str) -> float:
-    """Of held-out frames [dB]."""
-    return scene.document["rendering"][pixels]["psnr"]
-
-
 def row(name: str, variant: str, cells: Sequence[Cell], psnrs: Sequence[float]) -> str:
     """One line of the table; ``cells`` are of ``SCORES``, ``psnrs`` of all and of static pixels."""
     scores = " | ".join(map(told, cells))
     return f"| {name} | {variant} | {cells[0].queries} | {scores} | {psnrs[0]:.2f} | {psnrs[1]:.2f} |"
-
-
-def told(cell: Cell) -> str:
-    """With its interval, where it has one."""
-    if cell.percent is None:
-        return "-"
-    interval = f" ({cell.interval[0]:.1f} to {cell.interval[1]:.1f})" if cell.interval else ""
-    return f"{cell.percent:.1f}{interval}"
 
 
 def table(scenes: Mapping[str, Mapping[str, ScoredScene]]) -> str:
@@ -83,23 +66,6 @@ def table(scenes: Mapping[str, Mapping[str, ScoredScene]]) -> str:
     return "\n".join(lines)
 
 
-def answers(scene: ScoredScene) -> dict[tuple[int, str], tuple[bool, float]]:
-    """Whether each query was found, and the IoU of its mask."""
-    rows = scene.document["queries"]
-    return {
-        (row["frame"], row["category"]): (row["groups"]["all"]["hit"], row["groups"]["all"]["iou"])
-        for row in rows
-    }
-
-
-def differences(one: ScoredScene, other: ScoredScene) -> NDArray[np.float64]:
-    """(Q, 2) of each query that both were asked: by how much one found it more, by how much its mask's IoU is larger."""
-    mine, theirs = answers(one), answers(other)
-    return np.array(
-        [np.subtract(mine[query], theirs[query], dtype=float) for query in mine if query in theirs]
-    )
-
-
 def paired(scenes: Mapping[str, Mapping[str, ScoredScene]]) -> str:
     """Differences between variants over the queries of all scenes, with intervals."""
     lines = [
@@ -113,12 +79,6 @@ def paired(scenes: Mapping[str, Mapping[str, ScoredScene]]) -> str:
         by_how_much = f"{difference(hits)} | {difference(ious)}"
         lines.append(f"| {one} against {other} | {len(hits)} | {gained} | {lost} | {by_how_much} |")
     return "\n".join(lines)
-
-
-def difference(values: NDArray[np.float64]) -> str:
-    """The mean in percentage points, with its interval."""
-    interval = bootstrap_interval(values, RESAMPLING)
-    return f"{100 * values.mean():+.1f} ({100 * interval.low:+.1f} to {100 * interval.high:+.1f})"
 
 
 @click.command(help=__doc__)

@@ -13,15 +13,12 @@ import sys
 from pathlib import Path
 
 import click
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-
-from ablation import difference, differences, psnr
+from scores_bench.comparing import difference, differences, psnr, seconds
 
 from egosplat.artifacts.reading import open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.survey import read_survey
-from egosplat.benchmark.scored_scenes import ScoredScene, read_scored_scene
+from egosplat.benchmark.scored_scenes import read_scored_scene
 from egosplat.errors import UserError
 
 ANYWAY = "variants/anyway"
@@ -29,18 +26,6 @@ HEADER = (
     "| scene | objects asked for | moves | frames left out | levels | dimensions | CPU-s | anyway | saved "
     "| accuracy | mIoU | static PSNR |\n| --- | ---: | --- | ---: | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |"
 )
-
-
-def seconds(scene: ScoredScene) -> float:
-    """On processors, of all stages [s].
-
-    Raises:
-        UserError: an artifact is lost, and with it what it took.
-    """
-    artifacts = scene.document["artifacts"]
-    if lost := [name for name, one in artifacts.items() if one is None]:
-        raise UserError(f"{scene.path}: {', '.join(lost)} are lost; make them again")
-    return sum(one["cpu_s"] for one in (*artifacts.values(), scene.document["provenance"]))
 
 
 def row(folder: Path) -> str:

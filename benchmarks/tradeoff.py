@@ -13,10 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import click
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-
-from ablation import difference, differences
+from scores_bench.comparing import difference, differences
 
 from egosplat.benchmark.scored_scenes import ScoredScene, read_scored_scene
 from egosplat.errors import UserError

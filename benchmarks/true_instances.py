@@ -14,10 +14,7 @@ from tempfile import TemporaryDirectory
 
 import click
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-
-from ablation import SCORES, difference, differences, told
+from scores_bench.comparing import SCORES, difference, differences, told
 from transient_bench.truth import read_truth
 
 from egosplat import config as configuration

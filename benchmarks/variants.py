@@ -10,11 +10,7 @@ from pathlib import Path
 
 import click
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-
-from ablation import difference, differences
-from required import seconds
+from scores_bench.comparing import difference, differences, seconds
 
 from egosplat.benchmark.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 from egosplat.errors import UserError

@@ -3,7 +3,8 @@
 from pathlib import Path
 
 import pytest
-from ablation import COMPARED, VARIANTS, paired, table, told
+from ablation import COMPARED, VARIANTS, paired, table
+from scores_bench.comparing import told
 
 from egosplat.benchmark.scored_scenes import ScoredScene
 from egosplat.benchmark.tables import Cell
