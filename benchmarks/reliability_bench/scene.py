@@ -10,6 +10,11 @@ from typing import Any
 
 import pandas as pd
 import psutil
+import yaml
+
+from egosplat import config as configuration
+from egosplat.cli import PATHS
+from egosplat.variants import inputs_of
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = Path("results/adt/scene1")
@@ -39,7 +44,7 @@ ARTIFACTS = {
     "language": "language.zarr",
     "metrics": "metrics.json",
 }
-"""What each stage makes, in the scene's folder."""
+"""What each stage makes, in the scene's folder; each comes after those it reads."""
 
 SCORED = ("origin", "counts", "scores", "queries", "rendering", "frames")
 """The parts of metrics.json that do not tell of times."""
@@ -105,10 +110,28 @@ class Scene:
         """What a stage makes."""
         return self.folder / SCENE / ARTIFACTS[stage]
 
+    def lose(self, stage: str) -> None:
+        """Remove what a stage makes and all that is made from it: the main command has to make them again."""
+        lost = {stage}
+        for name in ARTIFACTS:
+            if name in lost or lost & _made_from(name):
+                lost.add(name)
+                remove(self.output(name))
+
     def scores(self) -> dict[str, Any]:
         """metrics.json, but for what tells of times and of how it was made."""
         document = json.loads((self.folder / TARGET).read_text())
         return {name: document[name] for name in SCORED}
+
+
+def _made_from(stage: str) -> set[str]:
+    """The stages whose artifacts a stage of the scene reads."""
+    if stage == "synthetic":
+        return set()
+    recording = {"synthetic"} if "recording" in PATHS[stage] else set()
+    return recording | set(
+        inputs_of(stage, configuration.merge(configuration.defaults(), yaml.safe_load(SMALL)))
+    )
 
 
 def remove(path: Path) -> None:
