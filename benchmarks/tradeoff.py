@@ -57,10 +57,11 @@ def main(folder: Path) -> None:
         read_json_file(folder / "tradeoff/tradeoff.json"),
         read_scored_scene(folder / "metrics.json"),
     )
-    runs = f"Means of {found['seeds']} runs" if found["seeds"] > 1 else "One run each"
+    intervals = f", with {100 * found['confidence']:g} % intervals"
+    runs = f"Means of {found['seeds']} runs{intervals}" if found["seeds"] > 1 else "One run each"
     click.echo(
-        f"{found['scene']}: {found['about']}; {'; '.join(found['machines'])}. {runs}, with "
-        f"{100 * found['confidence']:g} % intervals; bold: on the front of time and accuracy.\n"
+        f"{found['scene']}: {found['about']}; {'; '.join(found['machines'])}. {runs}; bold: on the front of time and "
+        "accuracy.\n"
     )
     click.echo(f"| {' | '.join(HEADINGS)} |\n| --- |{' ---: |' * (len(HEADINGS) - 1)}")
     for point in found["points"]:
