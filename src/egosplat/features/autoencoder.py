@@ -18,6 +18,7 @@ from torch.nn import functional as F
 from egosplat.errors import UserError
 from egosplat.features.decoding import Decoder
 from egosplat.progress import log, track
+from egosplat.threads import one_thread
 
 ENCODER, DECODER = (256, 128, 64, 32), (16, 32, 64, 128, 256, 256)
 """Channels of the hidden layers."""
@@ -60,7 +61,9 @@ class Autoencoder(nn.Module):
 def fit_autoencoder(
     features: Features, dims: int, epochs: int, seed: int
 ) -> tuple[Callable[[Features], Features], Decoder]:
-    """Train on all rows; the same rows, seed and number of threads give the same numbers.
+    """Train on all rows, with one thread; the same rows and seed give the same numbers.
+
+    Sums in another order would end in other codes, and batches are too small for more threads to pay.
 
     Args:
         features: (R, D) float32; zero rows are legal.
@@ -76,11 +79,12 @@ def fit_autoencoder(
         torch.manual_seed(seed)
         model = Autoencoder(features.shape[1], dims)
     if len(features):
-        model.load_state_dict(_trained(model, torch.from_numpy(features), epochs, seed))
+        with one_thread():
+            model.load_state_dict(_trained(model, torch.from_numpy(features), epochs, seed))
     model.eval()
 
     def encode(rows: Features) -> Features:
-        with torch.inference_mode():
+        with torch.inference_mode(), one_thread():
             parts = [model.encode(part) for part in torch.from_numpy(rows).split(_ROWS_AT_ONCE)]
         return torch.cat(parts).numpy() if parts else np.zeros((0, dims), np.float32)
 

@@ -9,6 +9,7 @@ from egosplat.checking import SCHEMAS
 from egosplat.config import defaults
 from egosplat.errors import UserError
 from egosplat.features import stage
+from egosplat.features.autoencoder import fit_autoencoder
 from egosplat.features.decoding import decode, read_decoder
 from egosplat.features.vectors import unit
 
@@ -169,6 +170,19 @@ def test_hardly_anything(run, compression, instance, level):
 def test_equal_runs_are_equal(run):
     digests = [run(compression="autoencoder", seed=seed).digest for seed in (0, 0, 1)]
     assert digests[0] == digests[1] != digests[2]
+
+
+def test_any_number_of_threads_makes_the_same_codes():
+    """Of rows so wide and many that PyTorch would share the work out."""
+    rows = np.random.default_rng(0).normal(size=(3000, 512)).astype(np.float32)
+    before, codes = torch.get_num_threads(), []
+    for threads in (1, 2):
+        torch.set_num_threads(threads)
+        encode, decoder = fit_autoencoder(rows, 16, epochs=1, seed=0)
+        codes.append(np.concatenate([encode(rows).ravel(), decoder.values]))
+        assert torch.get_num_threads() == threads
+    torch.set_num_threads(before)
+    assert np.array_equal(*codes)
 
 
 def test_too_many_dimensions_leave_nothing(run, tmp_path):
