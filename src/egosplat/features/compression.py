@@ -1,7 +1,7 @@
 """Compression of features to codes of few channels: none, a linear basis, or LangSplat's autoencoder."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,6 @@ from egosplat.features.decoding import Decoder
 from egosplat.features.dimensions import Need, needed_dims
 
 Features = NDArray[np.float32]
-
-AUTO = "auto"
 
 _ROWS_AT_ONCE = 2**14
 
@@ -41,22 +39,21 @@ def fit(
     Args:
         features: (R, D) float32, finite; every row counts the same.
         kind: ``none``, ``linear`` or ``autoencoder``.
-        dims: C, or ``auto`` for as few as ``linear`` needs; of no meaning for ``none``.
+        dims: C, or ``auto`` for as few as a linear basis needs, whatever the kind; of no meaning for ``none``.
         epochs, seed: of the autoencoder's training.
         least_cosine: what ``auto`` asks of features that come back.
 
     Raises:
-        UserError: C is more than D, the kind cannot tell what it needs, or training diverges.
+        UserError: C is more than D, or training diverges.
     """
     width = features.shape[1]
     if kind == "none":
         return Compression(np.copy, Decoder((width,), np.zeros(0, np.float32)))
-    if kind == "linear" and dims == AUTO:
-        return fit_linear(features, None, least_cosine)
     if isinstance(dims, str):
-        raise UserError(
-            f"features.dims = {dims}: is for features.compression = linear; give a number for {kind}"
-        )
+        found = fit_linear(features, None, least_cosine)
+        if kind == "linear" or found.need is None:
+            return found
+        return replace(fit(features, kind, found.need.dims, epochs, seed), need=found.need)
     if dims > width:
         raise UserError(
             f"features.dims = {dims}: OpenCLIP's features have {width} channels; set at most that"

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from egosplat.errors import UserError
 from egosplat.features.compression import fit
 from egosplat.features.dimensions import SHARE, needed_dims
 from egosplat.features.quality import reconstruction
@@ -58,7 +57,11 @@ def test_an_explicit_number_is_taken_as_it_is():
     assert found.decoder.widths[0] == 5 and found.need is None
 
 
-def test_only_linear_codes_tell_beforehand_what_they_need():
-    with pytest.raises(UserError, match="features.dims = auto: is for features.compression = linear"):
-        fit(unit_rows(50, 8, 8), "autoencoder", "auto", 1, 0, 0.9)
+def test_an_autoencoder_takes_as_many_numbers_as_a_basis_needs():
+    rows = unit_rows(50, 8, 8)
+    basis, found = (fit(rows, kind, "auto", 1, 0, 0.9) for kind in ("linear", "autoencoder"))
+    assert found.need.dims == basis.need.dims == found.decoder.widths[0] == found.encode(rows).shape[1]
+
+
+def test_what_is_not_compressed_needs_all_channels():
     assert fit(unit_rows(50, 8, 8), "none", "auto", 1, 0, 0.9).decoder.widths == (8,)
