@@ -23,15 +23,7 @@ def kept_frames(frames: Artifact, survey: Path | None) -> tuple[NDArray[np.bool_
     Raises:
         UserError: the survey cannot be read, or is of other frames.
     """
-    count = frames.shape("rgb")[0]
-    if survey is None:
-        return np.ones(count, bool), {}
-    found = read_survey(survey)
-    if found["provenance"]["inputs"].get("frames.zarr") != frames.digest:
-        raise UserError(f"{survey}: is of other frames than {frames.path}. {made_anew(survey)}")
-    kept = np.zeros(count, bool)
-    kept[found["views"]["kept"]] = True
-    return kept, {"kept_frames": found["views"]["digest"]}
+    return _kept(frames, None if survey is None else _survey_of(frames, survey))
 
 
 def gaussians_learn_from_all(survey: Survey, masking: str) -> bool:
@@ -47,7 +39,24 @@ def frames_for_gaussians(
     frames: Artifact, survey: Path | None, masking: str
 ) -> tuple[NDArray[np.bool_], dict[str, str]]:
     """As ``kept_frames``, of the frames that Gaussians may be trained on where ``masking`` is masked."""
-    kept, said = kept_frames(frames, survey)
-    if survey is not None and gaussians_learn_from_all(read_survey(survey), masking):
-        return np.ones_like(kept), {}
-    return kept, said
+    found = None if survey is None else _survey_of(frames, survey)
+    if found is not None and gaussians_learn_from_all(found, masking):
+        found = None
+    return _kept(frames, found)
+
+
+def _survey_of(frames: Artifact, path: Path) -> Survey:
+    found = read_survey(path)
+    if found["provenance"]["inputs"].get("frames.zarr") != frames.digest:
+        raise UserError(f"{path}: is of other frames than {frames.path}. {made_anew(path)}")
+    return found
+
+
+def _kept(frames: Artifact, survey: Survey | None) -> tuple[NDArray[np.bool_], dict[str, str]]:
+    """Those that a survey keeps; all where none is followed."""
+    count = frames.shape("rgb")[0]
+    if survey is None:
+        return np.ones(count, bool), {}
+    kept = np.zeros(count, bool)
+    kept[survey["views"]["kept"]] = True
+    return kept, {"kept_frames": survey["views"]["digest"]}

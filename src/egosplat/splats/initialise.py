@@ -137,12 +137,17 @@ def seen(points: Points, camera: Camera, camera_to_world: Points, *, near_plane:
     unseen = np.flatnonzero(np.isfinite(points).all(axis=1))
     for world_to_camera in invert(camera_to_world):
         local = transform(world_to_camera, points[unseen])
-        inside = camera.contains(camera.project(local)) & (local[:, 2] >= near_plane)
+        inside = in_picture(local, camera, near_plane=near_plane)
         result[unseen[inside]] = True
         unseen = unseen[~inside]
         if not len(unseen):
             break
     return result
+
+
+def in_picture(local: Points, camera: Camera, *, near_plane: float) -> NDArray[np.bool_]:
+    """(P,) bool: which points (P, 3), in the camera's axes [m], it has in its picture, at ``near_plane`` or beyond."""
+    return camera.contains(camera.project(local)) & (local[:, 2] >= near_plane)
 
 
 def random_points(

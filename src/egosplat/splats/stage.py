@@ -19,6 +19,7 @@ from egosplat.checkpoint import Checkpoint
 from egosplat.errors import UserError
 from egosplat.progress import log
 from egosplat.provenance import Provenance
+from egosplat.rasterize.contract import MAX_SH_DEGREE
 from egosplat.splats.device import rasterizer_used, training_device
 from egosplat.splats.evaluate import evaluate
 from egosplat.splats.gaussians import Gaussians
@@ -32,7 +33,6 @@ from egosplat.splats.starting import starting_gaussians
 from egosplat.splats.state import TrainingState
 from egosplat.splats.targets import CodeTargets
 from egosplat.splats.train import Photographs, resume_and_train
-from egosplat.splats.view_dependence import HIGHEST
 from egosplat.splats.views import (
     Mask,
     Split,
@@ -117,7 +117,7 @@ def run(
         photographs.training,
         max_points=min(max_points, max_gaussians),
         cover=cover,
-        sh_degree=HIGHEST if isinstance(sh_degree, str) else sh_degree,
+        sh_degree=MAX_SH_DEGREE if isinstance(sh_degree, str) else sh_degree,
         near_plane=near_plane,
         seed=seed,
     )

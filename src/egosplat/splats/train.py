@@ -83,11 +83,12 @@ def train(
     schedule = options.schedule
     started = time.perf_counter() - state.seconds
     rest = range(state.iteration + 1, options.iterations + 1)
+    usable = photographs.trained_on(all_views=not state.degree_search.open)
     for iteration in track(rest, "training", unit="iteration"):
-        usable = photographs.trained_on(all_views=not state.degree_search.open)
         iterate(state, photographs.training, usable, options, schedule)
         if state.degree_search.open and iteration >= schedule.densify_until:
             settle(state, photographs, options, schedule)
+            usable = photographs.trained_on(all_views=True)
         last = iteration == options.iterations
         recorded = iteration % RECORD_EVERY == 0 or last
         if recorded:

@@ -17,14 +17,13 @@ from torch import Tensor
 
 from egosplat.geometry import Camera, invert, transform
 from egosplat.progress import log
+from egosplat.rasterize.contract import MAX_SH_DEGREE
 from egosplat.rasterize.sh_reference import sh_basis
 from egosplat.splats.evaluate import evaluate
 from egosplat.splats.gaussians import Gaussians
+from egosplat.splats.initialise import in_picture
 from egosplat.splats.options import RenderOptions
 from egosplat.splats.views import Views
-
-HIGHEST = 3
-"""Degree that Gaussians have coefficients for until it is decided."""
 
 
 @dataclass
@@ -110,13 +109,13 @@ def mean_basis(
         near_plane: least camera z [m].
     """
     points = means.double().cpu().numpy()
-    total, number = np.zeros((len(points), (HIGHEST + 1) ** 2)), np.zeros(len(points))
+    total, number = np.zeros((len(points), (MAX_SH_DEGREE + 1) ** 2)), np.zeros(len(points))
     for pose in camera_to_world:
         local = transform(invert(pose), points)
-        rows = np.flatnonzero(camera.contains(camera.project(local)) & (local[:, 2] >= near_plane))
+        rows = np.flatnonzero(in_picture(local, camera, near_plane=near_plane))
         towards = points[rows] - pose[:3, 3]
         towards /= np.linalg.norm(towards, axis=1, keepdims=True)
-        total[rows] += sh_basis(HIGHEST, torch.from_numpy(towards)).numpy()
+        total[rows] += sh_basis(MAX_SH_DEGREE, torch.from_numpy(towards)).numpy()
         number[rows] += 1
     mean = total / np.maximum(number, 1)[:, None]
     return torch.from_numpy(mean).to(means.device, torch.float32)
