@@ -21,6 +21,7 @@ from egosplat.checking import check_tree
 from egosplat.progress import log, track
 
 _LONGEST_WAIT_S = 300.0
+_TRIES = 8
 
 
 @dataclass(frozen=True)
@@ -44,24 +45,17 @@ class Outcome:
 
 
 def kill(finished: Scene, folder: Path, stage: str, victim: str, share: float) -> Outcome:
-    """One kill.
+    """One kill, and the same command after it.
 
     Args:
-        victim: ``stage`` or ``Snakemake``; share: of the stage's usual time after which it is killed.
+        victim: ``stage`` or ``Snakemake``; share: of the stage's usual time after which it is killed. Where the stage has
+            ended by then, it is begun anew and killed after half of that.
     """
-    scene = finished.copy(folder)
-    scene.lose(stage)
-    snakemake = scene.start()
-    at_work = _wait_for(scene, stage, snakemake)
-    time.sleep(share * finished.seconds(stage))
-    landed = at_work is not None and at_work.is_running() and at_work.status() != psutil.STATUS_ZOMBIE
-    if victim == "stage" and landed:
-        at_work.kill()
-    elif victim == "Snakemake":
-        snakemake.kill()
-    snakemake.wait()
-    if at_work is not None:
-        psutil.wait_procs([at_work], timeout=20)
+    for attempt in range(_TRIES):
+        scene = finished.copy(folder)
+        scene.lose(stage)
+        if landed := _kill_at_work(scene, stage, victim, share * finished.seconds(stage) / 2**attempt):
+            break
     after = _all_sound(scene)
     began = time.perf_counter()
     resumed = scene.run() == 0
@@ -83,12 +77,27 @@ def kill(finished: Scene, folder: Path, stage: str, victim: str, share: float) -
     )
 
 
-def _all_sound(scene: Scene) -> bool:
-    """Whether every artifact that is there is whole; there may be none."""
-    results = scene.folder / "results"
-    if not any(scene.output(stage).exists() for stage in ARTIFACTS if ARTIFACTS[stage].endswith(".zarr")):
-        return True
-    return all(report.sound for report in check_tree(results, lambda _: None))
+def _kill_at_work(scene: Scene, stage: str, victim: str, delay_s: float) -> bool:
+    """Begin the command and kill some time after the stage has begun: whether it was still at work.
+
+    Either way nothing of the command runs on.
+    """
+    snakemake = scene.start()
+    at_work = _wait_for(scene, stage, snakemake)
+    time.sleep(delay_s)
+    landed = at_work is not None and at_work.is_running() and at_work.status() != psutil.STATUS_ZOMBIE
+    if not landed:
+        log(f"{stage} had ended after {delay_s:.1f} s")
+    of_the_command = (
+        psutil.Process(snakemake.pid).children(recursive=True) if snakemake.poll() is None else []
+    )
+    if landed and victim == "stage":
+        at_work.kill()
+    else:
+        snakemake.kill()
+    snakemake.wait()
+    psutil.wait_procs(of_the_command, timeout=20)
+    return landed
 
 
 def _wait_for(scene: Scene, stage: str, snakemake: "psutil.Popen") -> psutil.Process | None:
@@ -98,6 +107,14 @@ def _wait_for(scene: Scene, stage: str, snakemake: "psutil.Popen") -> psutil.Pro
             return process
         time.sleep(0.02)
     return None
+
+
+def _all_sound(scene: Scene) -> bool:
+    """Whether every artifact that is there is whole; there may be none."""
+    results = scene.folder / "results"
+    if not any(scene.output(stage).exists() for stage in ARTIFACTS if ARTIFACTS[stage].endswith(".zarr")):
+        return True
+    return all(report.sound for report in check_tree(results, lambda _: None))
 
 
 def table(outcomes: dict[str, list[Outcome]]) -> str:
