@@ -17,10 +17,8 @@ import click
 import psutil
 from reliability_bench.scene import ARTIFACTS, Scene
 
-from egosplat.checking import check_tree
 from egosplat.progress import log, track
 
-_LONGEST_WAIT_S = 300.0
 _TRIES = 8
 
 
@@ -56,22 +54,19 @@ def kill(finished: Scene, folder: Path, stage: str, victim: str, share: float) -
         scene.lose(stage)
         if landed := _kill_at_work(scene, stage, victim, share * finished.seconds(stage) / 2**attempt):
             break
-    after = _all_sound(scene)
+    after = scene.all_sound()
     began = time.perf_counter()
     resumed = scene.run() == 0
     seconds = time.perf_counter() - began
     if not resumed:
         log(f"{stage}, {victim} killed after {share:.2f}: the same command failed\n{scene.said()}")
         return Outcome(landed, after, False, False, False, False, seconds)
-    left = [
-        path for path in (scene.folder / "results").rglob(".*") if path.name.endswith((".tmp", ".checkpoint"))
-    ]
     return Outcome(
         landed,
         after,
         resumed,
         scene.scores() == finished.scores(),
-        _all_sound(scene) and not left,
+        scene.all_sound() and not scene.left_over(),
         scene.up_to_date(),
         seconds,
     )
@@ -83,7 +78,7 @@ def _kill_at_work(scene: Scene, stage: str, victim: str, delay_s: float) -> bool
     Either way nothing of the command runs on.
     """
     snakemake = scene.start()
-    at_work = _wait_for(scene, stage, snakemake)
+    at_work = scene.begun(stage, snakemake)
     time.sleep(delay_s)
     landed = at_work is not None and at_work.is_running() and at_work.status() != psutil.STATUS_ZOMBIE
     if not landed:
@@ -98,23 +93,6 @@ def _kill_at_work(scene: Scene, stage: str, victim: str, delay_s: float) -> bool
     snakemake.wait()
     psutil.wait_procs(of_the_command, timeout=20)
     return landed
-
-
-def _wait_for(scene: Scene, stage: str, snakemake: "psutil.Popen") -> psutil.Process | None:
-    end = time.monotonic() + _LONGEST_WAIT_S
-    while time.monotonic() < end and snakemake.poll() is None:
-        if (process := scene.stage_process(stage)) is not None:
-            return process
-        time.sleep(0.02)
-    return None
-
-
-def _all_sound(scene: Scene) -> bool:
-    """Whether every artifact that is there is whole; there may be none."""
-    results = scene.folder / "results"
-    if not any(scene.output(stage).exists() for stage in ARTIFACTS if ARTIFACTS[stage].endswith(".zarr")):
-        return True
-    return all(report.sound for report in check_tree(results, lambda _: None))
 
 
 def table(outcomes: dict[str, list[Outcome]]) -> str:

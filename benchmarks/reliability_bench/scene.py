@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import psutil
 import yaml
 
 from egosplat import config as configuration
+from egosplat.checking import check_tree
 from egosplat.cli import PATHS
 from egosplat.variants import inputs_of
 
@@ -46,25 +48,32 @@ ARTIFACTS = {
 }
 """What each stage makes, in the scene's folder; each comes after those it reads."""
 
+_LONGEST_WAIT_S = 300.0
+
 SCORED = ("origin", "counts", "scores", "queries", "rendering", "frames")
 """The parts of metrics.json that do not tell of times."""
 
 
 class Scene:
-    """A working folder in which the workflow runs."""
+    """A working folder in which the workflow runs.
 
-    def __init__(self, folder: Path) -> None:
+    Attributes:
+        folder: itself; transcript: the file that takes what Snakemake and its stages print, in ``folder`` unless said.
+    """
+
+    def __init__(self, folder: Path, transcript: Path | None = None) -> None:
         self.folder = folder
+        self.transcript = transcript or folder / "said.txt"
 
     def prepare(self) -> None:
         """Lay the configuration out."""
         shutil.copytree(ROOT / "config", self.folder / "config")
         (self.folder / "small.yaml").write_text(SMALL)
 
-    def copy(self, folder: Path) -> "Scene":
+    def copy(self, folder: Path, transcript: Path | None = None) -> "Scene":
         """A private copy, with its own Snakemake."""
         shutil.rmtree(folder, ignore_errors=True)
-        return Scene(Path(shutil.copytree(self.folder, folder, symlinks=True)))
+        return Scene(Path(shutil.copytree(self.folder, folder, symlinks=True)), transcript)
 
     def start(self, *arguments: str) -> "subprocess.Popen[str]":
         """The main command, begun; its output is one text."""
@@ -73,7 +82,7 @@ class Scene:
         return subprocess.Popen(
             command,
             cwd=self.folder,
-            stdout=(self.folder / "said.txt").open("a"),
+            stdout=self.transcript.open("a"),
             stderr=subprocess.STDOUT,
             text=True,
             start_new_session=True,
@@ -82,7 +91,7 @@ class Scene:
 
     def said(self) -> str:
         """All that Snakemake and its stages have printed here."""
-        return (self.folder / "said.txt").read_text()
+        return self.transcript.read_text()
 
     def run(self) -> int:
         """The main command to its end: its exit status."""
@@ -90,7 +99,7 @@ class Scene:
 
     def up_to_date(self) -> bool:
         """Whether the same command finds nothing to do."""
-        (self.folder / "said.txt").unlink(missing_ok=True)
+        self.transcript.unlink(missing_ok=True)
         return self.start("--dry-run").wait() == 0 and "Nothing to be done" in self.said()
 
     def stage_process(self, stage: str) -> psutil.Process | None:
@@ -105,6 +114,26 @@ class Scene:
         """How long a stage took, as Snakemake measured it."""
         tables = [path for path in (self.folder / "logs").rglob(f"{stage}.tsv")]
         return float(pd.read_csv(tables[0], sep="\t")["s"].iloc[0]) if tables else 5.0
+
+    def begun(self, stage: str, snakemake: "subprocess.Popen[str]") -> psutil.Process | None:
+        """Wait for the process that works on a stage; None where Snakemake ends without one."""
+        end = time.monotonic() + _LONGEST_WAIT_S
+        while time.monotonic() < end and snakemake.poll() is None:
+            if (process := self.stage_process(stage)) is not None:
+                return process
+            time.sleep(0.02)
+        return None
+
+    def all_sound(self) -> bool:
+        """Whether every artifact that is there is whole; there may be none."""
+        if not any(self.output(stage).exists() for stage in ARTIFACTS if ARTIFACTS[stage].endswith(".zarr")):
+            return True
+        return all(report.sound for report in check_tree(self.folder / "results", lambda _: None))
+
+    def left_over(self) -> list[Path]:
+        """What was begun and neither finished nor removed."""
+        hidden = (self.folder / "results").rglob(".*")
+        return [path for path in hidden if path.name.endswith((".tmp", ".checkpoint"))]
 
     def output(self, stage: str) -> Path:
         """What a stage makes."""

@@ -5,14 +5,19 @@ complete. A killed writer leaves only the hidden name, which the next writer of 
 """
 
 import contextlib
+import errno
 import fcntl
 import os
 import shutil
+import tempfile
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
 
 from egosplat.errors import UserError
+
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""A full disk, a quota that is used up, a file larger than may be."""
 
 
 @contextlib.contextmanager
@@ -23,7 +28,7 @@ def whole_folder(path: Path) -> Iterator[Path]:
     """
     scratch = _begin(path)
     scratch.mkdir()
-    with _locked(scratch):
+    with _named(path), _locked(scratch):
         try:
             yield scratch
             _sync(scratch)
@@ -37,13 +42,29 @@ def whole_file(path: Path) -> Iterator[Path]:
     """Yield the name of a file to write, which becomes ``path`` when the block ends without error."""
     scratch = _begin(path)
     scratch.touch(exist_ok=False)
-    with _locked(scratch):
+    with _named(path), _locked(scratch):
         try:
             yield scratch
             _sync_one(scratch)
             os.replace(scratch, path)
         finally:
             scratch.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def scratch_folder(prefix: str, parent: Path | None = None) -> Iterator[Path]:
+    """Yield an empty folder that vanishes when the block ends, and sweep away what killed processes left of such.
+
+    Args:
+        prefix: its name begins with, which is for this use alone; parent: where it is made; None: the system's folder of
+            temporary files.
+    """
+    parent = parent or Path(tempfile.gettempdir())
+    for left in parent.glob(f"{prefix}*"):
+        with contextlib.suppress(OSError), _locked(left):
+            shutil.rmtree(left)
+    with tempfile.TemporaryDirectory(prefix=prefix, dir=parent) as name, _locked(Path(name)):
+        yield Path(name)
 
 
 def _begin(path: Path) -> Path:
@@ -56,6 +77,17 @@ def _begin(path: Path) -> Path:
 
 def _beside(path: Path) -> Path:
     return path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.tmp")
+
+
+@contextlib.contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Name ``path`` in an error of a full disk: the operating system names no file where bytes are written."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno in NO_ROOM:
+            error.filename = str(path)
+        raise
 
 
 @contextlib.contextmanager

@@ -12,6 +12,7 @@ import click
 import yaml
 
 import egosplat
+from egosplat.atomic import NO_ROOM
 from egosplat.config import NO_YAML, schema, section_keys, stage_keys
 from egosplat.errors import UserError
 from egosplat.keys_table import keys_table
@@ -479,11 +480,17 @@ def main() -> None:
     except click.Abort:
         sys.exit(_say("interrupted", 130))
     except OSError as error:
-        if error.errno is None or error.filename is None:
+        if error.errno is None or (error.filename is None and error.errno not in NO_ROOM):
             raise
-        sys.exit(
-            _say(f"{error.filename}: {error.strerror}. Check the path, its rights and the free disk space")
-        )
+        sys.exit(_say(_told(error)))
+
+
+def _told(error: OSError) -> str:
+    """What the operating system refused, and what to do."""
+    what = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    if error.errno in NO_ROOM:
+        return f"{what}. Make room and start the same command again: what is whole already stays"
+    return f"{what}. Check the path and its rights"
 
 
 def _shortened(message: str) -> str:

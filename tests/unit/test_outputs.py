@@ -1,5 +1,6 @@
 """What an output may take the place of: nothing of anyone else is lost, through a link or a mistyped path."""
 
+import errno
 import re
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import pytest
 from egosplat.artifacts.integrity import ArtifactError
 from egosplat.artifacts.schema import Field, Schema
 from egosplat.artifacts.writing import create
-from egosplat.atomic import whole_file, whole_folder
+from egosplat.atomic import scratch_folder, whole_file, whole_folder
 from egosplat.errors import UserError
 from egosplat.provenance import begin
 
@@ -77,3 +78,35 @@ def test_a_path_without_a_name_is_refused(monkeypatch, tmp_path, made, path):
     with pytest.raises(UserError, match=f"{re.escape(str(Path(path)))}: is no name"), made(Path(path)):
         pytest.fail("it began")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("made", [whole_folder, whole_file])
+def test_an_error_of_a_full_disk_names_what_was_to_be_made(tmp_path, made):
+    """The system names no file where bytes are written, or a hidden one."""
+    for filename in (None, "hidden.tmp"):
+        with pytest.raises(OSError, match="No space") as caught, made(tmp_path / "new.zarr"):
+            raise OSError(errno.ENOSPC, "No space left on device", filename)
+        assert caught.value.filename == str(tmp_path / "new.zarr")
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_error_of_reading_keeps_its_own_name(tmp_path):
+    with pytest.raises(FileNotFoundError) as caught, whole_file(tmp_path / "new"):
+        (tmp_path / "absent").read_bytes()
+    assert caught.value.filename == str(tmp_path / "absent")
+
+
+def test_scratch_folders_of_the_dead_are_swept_those_of_the_living_stay(tmp_path):
+    (tmp_path / "scratch-dead").mkdir()
+    (tmp_path / "scratch-dead/file").touch()
+    (tmp_path / "other").mkdir()
+    with scratch_folder("scratch-", tmp_path) as living, scratch_folder("scratch-", tmp_path) as mine:
+        assert sorted(tmp_path.iterdir()) == sorted([tmp_path / "other", living, mine])
+    assert [path.name for path in tmp_path.iterdir()] == ["other"]
+
+
+def test_a_link_among_scratch_folders_is_left_alone(tmp_path, photos):
+    (tmp_path / "scratch-link").symlink_to(photos)
+    with scratch_folder("scratch-", tmp_path):
+        pass
+    assert (photos / "1.jpg").exists()

@@ -1,4 +1,4 @@
-"""A SLURM for the tests of the cluster profile, where its programs are installed."""
+"""A SLURM for the tests of the cluster profile, where its programs are installed; a disk that can be filled."""
 
 import sys
 import tempfile
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[2] / "benchmarks")]
 
 
 @pytest.fixture(scope="module")
@@ -21,3 +21,17 @@ def slurm() -> Iterator["LocalSlurm"]:  # noqa: F821
         )
     with tempfile.TemporaryDirectory(prefix="slurm") as folder, LocalSlurm(Path(folder)) as running:
         yield running
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator["SmallDisk"]:  # noqa: F821
+    """A disk of its own; skips the test, saying so, where none may be mounted."""
+    from reliability_bench.disk import NoMountError, SmallDisk
+
+    try:
+        with SmallDisk(tmp_path / "disk") as disk:
+            yield disk
+    except NoMountError as error:
+        pytest.skip(
+            f"no disk can be mounted here ({error}); try unshare --user --map-root-user --mount make test"
+        )

@@ -75,8 +75,8 @@ shell.prefix(
 )
 
 # A Snakemake that was killed leaves its locks: the same command is to go on without --unlock. Not on a cluster,
-# where what it submitted runs on.
-if workflow.is_main_process and workflow.local_exec and not workflow.dryrun:
+# where what it submitted runs on; --jobs, the number of such jobs, is all that tells at this moment.
+if workflow.is_main_process and workflow.resource_settings.nodes is None:
     if clear_stale_locks(Path(".snakemake")):
         print("The last Snakemake here was killed: going on.", file=sys.stderr)
 

@@ -37,6 +37,13 @@ class Journal:
 
     def resume(self) -> list[Rows]:
         """All whole records in order; the file is cut after the last of them, or begun anew."""
+        try:
+            return self._begin()
+        except OSError as error:
+            self._cannot_write(error)
+            return []
+
+    def _begin(self) -> list[Rows]:
         self.file.parent.mkdir(parents=True, exist_ok=True)
         with self.file.open("a+b") as file:
             file.seek(0)
@@ -57,13 +64,16 @@ class Journal:
             with self.file.open("ab") as file:
                 file.write(head + body + hashlib.sha256(head + body).digest())
         except OSError as error:
-            self._broken = True
-            log(f"warning: a killed run could not go on: {self.file}: {error.strerror}")
+            self._cannot_write(error)
         self._row += len(rows)
 
     def remove(self) -> None:
         """Remove it."""
         shutil.rmtree(self.file.parent, ignore_errors=True)
+
+    def _cannot_write(self, error: OSError) -> None:
+        self._broken = True
+        log(f"warning: a killed run could not go on: {self.file}: {error.strerror}")
 
     def _whole(self, file: BinaryIO) -> Iterator[Rows]:
         while len(head := file.read(_HEAD.size)) == _HEAD.size:

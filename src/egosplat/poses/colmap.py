@@ -11,7 +11,6 @@ number. On two cores the single thread costs no time (50 pictures, 150,000 obser
 
 import contextlib
 import os
-import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
+from egosplat.atomic import scratch_folder
 from egosplat.errors import UserError
 from egosplat.geometry import Camera, invert, make_pose
 from egosplat.poses.colmap_database import Project, check_features
@@ -68,11 +68,11 @@ def colmap_poses(
         up to ``LARGEST_ERROR_PX``.
 
     Raises:
-        UserError: too few pictures, features or matches, no parallax, or too small a model.
+        UserError: too few pictures, features or matches, no parallax, too small a model, or too full a disk.
     """
     threads = threads or len(os.sched_getaffinity(0))
-    with tempfile.TemporaryDirectory(prefix="egosplat-colmap-", dir=workdir) as folder, _quiet_colmap():
-        project = Project(Path(folder))
+    with scratch_folder("egosplat-colmap-", workdir) as folder, _quiet_colmap():
+        project = Project(folder)
         project.write_pictures(pictures, camera)
         frames = len(project.names)
         if frames < FEWEST_PICTURES:

@@ -1,5 +1,6 @@
 """COLMAP's first steps: the pictures on disk, their one camera, and their SIFT features in the database."""
 
+import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TypeVar
@@ -19,6 +20,9 @@ FEATURES_WANTED = 50
 """A picture with fewer features than this has too little texture to be registered."""
 
 _PICTURES_AT_A_TIME = 8
+_ROOM_BYTES = 2**25
+"""More than a step takes: 8 pictures of 8,192 features of 152 bytes, or 100 pairs of 8,192 matches of 16, twice in SQLite."""
+
 _MASK_MARGIN = 0.01
 """Of the picture's height: how far features keep away from the edge of what shows the scene."""
 
@@ -37,6 +41,29 @@ class Project:
         self.images.mkdir()
         self.models.mkdir()
 
+    def check_room(self) -> None:
+        """Check that the disk has room for the next step; where SQLite finds none, COLMAP takes the whole process down.
+
+        Raises:
+            UserError: it has not.
+        """
+        if (free := shutil.disk_usage(self.images).free) < _ROOM_BYTES:
+            raise UserError(
+                f"{self.images.parent.parent}: {free >> 20} MiB are left, and COLMAP needs {_ROOM_BYTES >> 20} for its next "
+                "step: make room there, or set TMPDIR to a folder on a larger disk"
+            )
+
+    def in_batches(self, items: Sequence[Item], size: int, what: str, unit: str) -> Iterator[Sequence[Item]]:
+        """Yield ``items`` in slices of ``size``, for each of which there is room, while showing the progress in items.
+
+        Raises:
+            UserError: there is no room for the next.
+        """
+        for index, _ in enumerate(track(items, what, unit=unit)):
+            if index % size == 0:
+                self.check_room()
+                yield items[index : index + size]
+
     def frame_of(self, name: str) -> int:
         """The frame that the picture ``name`` shows."""
         return int(Path(name).stem)
@@ -48,17 +75,14 @@ class Project:
             ValueError: a picture does not have the camera's size.
         """
         for index, picture in enumerate(track(pictures, "COLMAP: writing pictures")):
+            self.check_room()
             if picture.shape != (camera.height, camera.width, 3) or picture.dtype != np.uint8:
                 raise ValueError(
                     f"picture {index} is {picture.shape} {picture.dtype}, unlike its camera {camera}"
                 )
             name = f"{index:06d}.png"
-            # Little compression: the file is read once and thrown away.
             bgr = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
-            if not cv2.imwrite(str(self.images / name), bgr, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
-                raise UserError(
-                    f"{self.images / name} cannot be written: is the disk of the temporary folder full?"
-                )
+            _write_png(self.images / name, bgr)
             self.names.append(name)
 
     def write_mask(self, valid: NDArray[np.bool_]) -> None:
@@ -73,7 +97,7 @@ class Project:
         kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * margin + 1, 2 * margin + 1))
         # The picture's own border is no such edge: what lies outside of it does not erode it.
         shrunk = cv2.erode(valid.astype(np.uint8) * 255, kernel, borderValue=255)
-        cv2.imwrite(str(self.mask), shrunk)
+        _write_png(self.mask, shrunk)
 
     def import_pictures(self, camera: Camera, camera_known: bool) -> None:
         """Enter the pictures, in order, and their camera; an unknown one is entered as a first guess only."""
@@ -96,7 +120,9 @@ class Project:
         """
         # The pictures are in the database already, so their ids do not depend on which thread ends first.
         options = pycolmap.FeatureExtractionOptions(num_threads=threads)
-        for names in in_batches(self.names, _PICTURES_AT_A_TIME, "COLMAP: extracting features", "picture"):
+        for names in self.in_batches(
+            self.names, _PICTURES_AT_A_TIME, "COLMAP: extracting features", "picture"
+        ):
             pycolmap.extract_features(
                 self.database,
                 self.images,
@@ -122,11 +148,10 @@ class Project:
         return options
 
 
-def in_batches(items: Sequence[Item], size: int, what: str, unit: str) -> Iterator[Sequence[Item]]:
-    """Yield ``items`` in slices of ``size`` while showing the progress in items."""
-    for index, _ in enumerate(track(items, what, unit=unit)):
-        if index % size == 0:
-            yield items[index : index + size]
+def _write_png(path: Path, image: NDArray[np.uint8]) -> None:
+    # Little compression: the file is read once and thrown away.
+    if not cv2.imwrite(str(path), image, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
+        raise UserError(f"{path} cannot be written: is the disk of the temporary folder full?")
 
 
 def check_features(counts: NDArray[np.int64]) -> None:

@@ -28,6 +28,7 @@ def build_models(project: Project, camera_known: bool, seed: int) -> list[pycolm
     Returns:
         Every model that holds a scene; pictures that share nothing end in different ones, or in none.
     """
+    project.check_room()
     options = pycolmap.IncrementalPipelineOptions(
         num_threads=1,
         random_seed=seed,

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 import pycolmap
 
-from egosplat.poses.colmap_database import Project, in_batches
+from egosplat.poses.colmap_database import Project
 from egosplat.poses.colmap_pairs import every_pair, sequential_pairs
 
 Matching = Literal["auto", "exhaustive", "sequential"]
@@ -48,12 +48,13 @@ def match(project: Project, matching: Matching, overlap: int, seed: int, threads
         seed: of RANSAC and of the vocabulary.
         threads: to match with; the result does not depend on it.
     """
+    project.check_room()
     exhaustive = matching == "exhaustive" or (matching == "auto" and len(project.names) <= EXHAUSTIVE_UP_TO)
     pairs = every_pair(project) if exhaustive else sequential_pairs(project, overlap, seed)
     options = pycolmap.FeatureMatchingOptions(num_threads=threads)
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = seed
-    for batch in in_batches(pairs, _PAIRS_AT_A_TIME, "COLMAP: matching pictures", "pair"):
+    for batch in project.in_batches(pairs, _PAIRS_AT_A_TIME, "COLMAP: matching pictures", "pair"):
         project.pairs.write_text("".join(f"{first} {second}\n" for first, second in batch))
         listed = pycolmap.ImportedPairingOptions(match_list_path=project.pairs)
         pycolmap.match_image_pairs(project.database, options, listed, verification, pycolmap.Device.cpu)

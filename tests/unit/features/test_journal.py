@@ -96,6 +96,14 @@ def test_a_full_disk_does_not_end_the_work(output, capsys):
     assert capsys.readouterr().err.count("could not go on") == 1
 
 
+def test_a_disk_that_is_full_at_once_does_not_end_the_work(tmp_path, capsys):
+    (tmp_path / "file").touch()
+    journal = Journal(tmp_path / "file/view_features.zarr", b"key")
+    assert journal.resume() == []
+    journal.append(record(0))
+    assert capsys.readouterr().err.count("could not go on") == 1
+
+
 def test_all_that_decides_is_in_the_key():
     def key(batch: int = 1, origin: str = "real", digest: str = "a", **more: str) -> str:
         return key_of(begin("frames", {"batch": batch}, origin, {"frames.zarr": digest}), more)

@@ -1,0 +1,51 @@
+"""A small disk to fill: a file system in memory, whose size can be changed while it is used."""
+
+import shutil
+import subprocess
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+ROOMY_BYTES = 2**30
+
+
+class NoMountError(Exception):
+    """This process may mount nothing."""
+
+
+class SmallDisk:
+    """A file system of its own at ``folder``, while the block lasts.
+
+    Raises:
+        NoMountError: without the right to mount; `unshare --user --map-root-user --mount COMMAND` gives it to a command.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def __enter__(self) -> Self:
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self._mount("-t", "tmpfs", "-o", f"size={ROOMY_BYTES}", "tmpfs")
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        subprocess.run(["umount", "--lazy", self.folder], check=True)
+
+    def leave(self, room: int) -> None:
+        """Make the disk so small that ``room`` bytes are left on it."""
+        self._mount("-o", f"remount,size={shutil.disk_usage(self.folder).used + room}")
+
+    def enlarge(self) -> None:
+        """Give it room again."""
+        self._mount("-o", f"remount,size={ROOMY_BYTES}")
+
+    def freeze(self) -> None:
+        """Nothing can be written to it any more."""
+        self._mount("-o", "remount,ro")
+
+    def _mount(self, *options: str) -> None:
+        done = subprocess.run(["mount", *options, self.folder], capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise NoMountError(done.stderr.strip())

@@ -1,0 +1,54 @@
+"""Whether what a run writes can be written, asked before anything is begun.
+
+Snakemake writes its own notes beside the artifacts, and where it cannot it ends with a traceback.
+"""
+
+import re
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+
+from egosplat.atomic import NO_ROOM
+from egosplat.errors import UserError
+
+ROOM_BYTES = 2**20
+"""Logs and notes of a run take less."""
+
+_LOOKS = re.compile(
+    r"-[nSDl]|--(dry-?run|report|(detailed-)?summary|(d3)?dag|rulegraph|filegraph|lint|l[citpu]|list(-\w+)*)"
+)
+"""Options of Snakemake with which it makes no results."""
+
+
+def only_looks(words: list[str]) -> bool:
+    """Whether a command line of Snakemake writes no results: it tells a workflow so only after it has read it."""
+    return any(_LOOKS.fullmatch(word.partition("=")[0]) for word in words)
+
+
+def check_writable(folders: Iterable[Path]) -> None:
+    """Check that a file of ``ROOM_BYTES`` can be made in each folder, or in the first one above it that is there.
+
+    Nothing is left behind.
+
+    Raises:
+        UserError: a folder may not be written, or its disk is full.
+    """
+    for folder in dict.fromkeys(map(_nearest, folders)):
+        try:
+            with tempfile.NamedTemporaryFile(prefix=".egosplat-", dir=folder) as probe:
+                probe.write(bytes(ROOM_BYTES))
+                probe.flush()
+        except OSError as error:
+            what = f"{folder.absolute()}: {error.strerror}"
+            if error.errno in NO_ROOM:
+                raise UserError(
+                    f"{what}. Make room and start the same command again: what is whole already stays"
+                ) from None
+            raise UserError(
+                f"{what}. Results, logs and notes are written there: it has to be writable"
+            ) from None
+
+
+def _nearest(folder: Path) -> Path:
+    """The folder, or the first one above it that is there."""
+    return next(each for each in (folder, *folder.absolute().parents) if each.is_dir())

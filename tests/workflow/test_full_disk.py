@@ -1,0 +1,78 @@
+"""A disk that is full or cannot be written: a plain error, nothing whole is lost, and with room the same command goes on."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from egosplat.checking import check_tree
+from egosplat.cli import main
+
+SCENE = Path("results/adt/scene1")
+
+
+@pytest.fixture
+def on_small_disk(finished, small_disk):
+    """A private copy of the finished run on a disk of its own, without the recording and all that is made from it."""
+    folder = Path(shutil.copytree(finished.folder, small_disk.folder / "work", symlinks=True))
+    shutil.rmtree(folder / SCENE / "recording")
+    return type(finished)(folder)
+
+
+def refused(workdir, *targets: str) -> str:
+    done = workdir.snakemake("--", *targets)
+    said = done.stdout + done.stderr
+    assert done.returncode != 0, said
+    assert "Traceback" not in said, said
+    (told,) = {line.strip() for line in said.splitlines() if line.strip().startswith("egosplat: ")}
+    return told
+
+
+def test_a_disk_that_fills_up_under_a_stage(on_small_disk, small_disk):
+    target = SCENE / "recording"
+    small_disk.leave(2**20 + 2**17)
+    told = refused(on_small_disk, str(target))
+    assert told.startswith(f"egosplat: {target}: No space left on device. Make room")
+    assert not (on_small_disk.folder / target).exists()
+    assert not list((on_small_disk.folder / SCENE).glob(".*")), "something half made was left"
+    assert all(report.sound for report in check_tree(on_small_disk.folder / "results", lambda _: None))
+
+    small_disk.enlarge()
+    on_small_disk.run(str(target))
+    assert (on_small_disk.folder / target / "video.vrs").exists()
+
+
+def test_a_disk_that_is_full_already(on_small_disk, small_disk):
+    small_disk.leave(0)
+    told = refused(on_small_disk, str(SCENE / "recording"))
+    assert told == (
+        f"egosplat: {on_small_disk.folder}/.snakemake: No space left on device. "
+        "Make room and start the same command again: what is whole already stays"
+    )
+
+
+def test_results_that_cannot_be_written(workdir, small_disk):
+    results = Path(shutil.move(workdir.folder / "results", small_disk.folder))
+    (workdir.folder / "results").symlink_to(results)
+    shutil.rmtree(workdir.folder / SCENE / "recording")
+    small_disk.freeze()
+    told = refused(workdir, str(SCENE / "recording"))
+    assert told.startswith(f"egosplat: {workdir.folder}/results: Read-only file system")
+    assert workdir.snakemake("--dry-run", "--", str(SCENE / "recording")).returncode == 0
+
+
+def test_colmap_is_not_begun_on_a_full_disk(small_disk, finished, tmp_path, monkeypatch, capfd):
+    """Where SQLite finds no room COLMAP takes the process down."""
+    monkeypatch.setenv("TMPDIR", str(small_disk.folder))
+    monkeypatch.setattr("tempfile.tempdir", None)  # asked anew
+    left = small_disk.folder / "egosplat-colmap-of-the-dead"
+    left.mkdir()
+    small_disk.leave(2**24)
+    scene = finished.folder / SCENE
+    words = ["--recording", scene / "recording", "--frames", scene / "frames.zarr", "--method", "colmap"]
+    words += ["--output", tmp_path / "poses.zarr"]
+    monkeypatch.setattr("sys.argv", ["egosplat", "poses", *map(str, words)])
+    with pytest.raises(SystemExit):
+        main()
+    assert f"egosplat: {small_disk.folder}: 16 MiB are left, and COLMAP needs 32" in capfd.readouterr().err
+    assert not list(small_disk.folder.iterdir())

@@ -1,0 +1,48 @@
+"""Two Snakemakes in one working directory: the second is told so, and neither harms what the other makes."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+from egosplat.checking import check_tree
+
+ROOT = Path(__file__).parents[2]
+SCENE = Path("results/adt/scene1")
+
+
+def started(workdir, target: Path, said: Path) -> "subprocess.Popen[bytes]":
+    command = [sys.executable, "-m", "snakemake", "--snakefile", ROOT / "workflow/Snakefile", "--cores", "1"]
+    command += ["--configfile", "tiny.yaml", "--", str(target)]
+    with said.open("w") as file:
+        return subprocess.Popen(
+            command, cwd=workdir.folder, env=workdir.environment, stdout=file, stderr=subprocess.STDOUT
+        )
+
+
+def test_of_two_that_start_together_one_does_the_work(workdir, tmp_path):
+    targets = [SCENE / "transient.zarr", SCENE / "transient.png"]
+    for target in targets:
+        path = workdir.folder / target
+        subprocess.run(["rm", "-r", path], check=True)
+    transcripts = [tmp_path / "first.txt", tmp_path / "second.txt"]
+    both = [started(workdir, targets[1], said) for said in transcripts]
+    statuses = [process.wait(timeout=300) for process in both]
+    assert 0 in statuses, [said.read_text() for said in transcripts]
+    for status, said in zip(statuses, transcripts, strict=True):
+        text = said.read_text()
+        assert "Traceback" not in text
+        assert "no other Snakemake process" in text if status else "Error" not in text
+    assert all(report.sound for report in check_tree(workdir.folder / "results", lambda _: None))
+    assert not workdir.stale(str(targets[1]))
+
+
+def test_on_a_cluster_the_locks_of_a_killed_one_stay(workdir):
+    """What it submitted may run on; two must not write one artifact."""
+    lock = workdir.folder / ".snakemake/locks/0.output.lock"
+    lock.parent.mkdir(parents=True, exist_ok=True)
+    lock.write_text(f"{workdir.folder / SCENE / 'splats.zarr'}\n{SCENE / 'splats.zarr'}\n")
+    subprocess.run(["rm", "-r", workdir.folder / SCENE / "splats.zarr"], check=True)
+    done = workdir.snakemake("--profile", ROOT / "workflow/profiles/slurm", "--", str(SCENE / "splats.zarr"))
+    said = done.stdout + done.stderr
+    assert done.returncode != 0 and "Directory cannot be locked" in said, said
+    assert lock.exists()
