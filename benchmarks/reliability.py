@@ -144,7 +144,8 @@ def main(output: Path, kills: int, seed: int, stages: tuple[str, ...]) -> None:
             output.write_text(
                 "# Reliability\n\nKilled with SIGKILL at random moments, the stage twice in three times, else Snakemake; then "
                 f"the same command again (`benchmarks/reliability.py --kills {kills} --seed {seed}`). A small synthetic "
-                f"scene, two cores; each number counts kills.\n\n{table(outcomes)}\n"
+                f"scene, two cores; each number counts kills. A disk that fills up: [full_disk.md](full_disk.md).\n\n"
+                f"{table(outcomes)}\n"
             )
 
 

@@ -47,19 +47,36 @@ class Workdir:
         self.folder = folder
         self.code = code or folder / "src"
 
-    def snakemake(self, *arguments: object, timeout: float = 600) -> subprocess.CompletedProcess[str]:
-        """Run Snakemake here with the tiny settings; arguments go before the targets' ``--``."""
+    def command(self, *arguments: object) -> list[str]:
+        """Snakemake's with the tiny settings; arguments go before the targets' ``--``."""
         options = ["--snakefile", ROOT / "workflow/Snakefile", "--cores", "2", "--configfile", "tiny.yaml"]
-        command = [sys.executable, "-m", "snakemake", *options, *arguments]
+        return [str(word) for word in (sys.executable, "-m", "snakemake", *options, *arguments)]
+
+    def snakemake(self, *arguments: object, timeout: float = 600) -> subprocess.CompletedProcess[str]:
+        """Run it here."""
         return subprocess.run(
             check=False,
-            args=list(map(str, command)),
+            args=self.command(*arguments),
             cwd=self.folder,
             env=self.environment,
             capture_output=True,
             text=True,
             timeout=timeout,
         )
+
+    def start(
+        self, *arguments: object, transcript: Path, before: tuple[str, ...] = ()
+    ) -> "subprocess.Popen[bytes]":
+        """Start it here, in a process group of its own, after the words ``before``; what it says goes to a file."""
+        with transcript.open("w") as said:
+            return subprocess.Popen(
+                [*before, *self.command(*arguments)],
+                cwd=self.folder,
+                env=self.environment,
+                stdout=said,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
 
     @property
     def environment(self) -> dict[str, str]:

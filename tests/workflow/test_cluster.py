@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from PIL import Image
+from waiting import wait_for
 
 from egosplat.checking import check_tree
 
@@ -95,19 +96,30 @@ def test_the_main_job_runs_on_the_cluster_to_the_same_scores(slurm, on_cluster, 
 
 
 @pytest.fixture
-def greedy(one_scene, tmp_path):
-    """A working directory whose stage ``frames`` takes 1.5 GB more than it should, for long enough to be seen."""
-    pictures = tmp_path / "pictures"
-    pictures.mkdir()
-    for number in range(4):
-        Image.new("RGB", (64, 48), (number, 0, 0)).save(pictures / f"{number}.png")
-    workdir = one_scene("plain", pictures, "frames.resolution=64 frames.evaluation_frames=1")
-    workdir.code = workdir.folder / "src"
-    shutil.copytree(ROOT / "src/egosplat", workdir.code / "egosplat")
-    taking = "    import time\n    taken = b'1' * 1_500_000_000\n    time.sleep(5)\n    del taken\n"
-    line = "    capture = reader.capture\n"
-    workdir.edit("frames/stage.py", line, taking + line)
-    return workdir
+def photographs(one_scene, tmp_path):
+    """A working directory of four photographs with its own code: ``photographs(lines)`` are added to stage ``frames``."""
+
+    def make(lines: str):
+        pictures = tmp_path / "pictures"
+        pictures.mkdir()
+        for number in range(4):
+            Image.new("RGB", (64, 48), (number, 0, 0)).save(pictures / f"{number}.png")
+        workdir = one_scene("plain", pictures, "frames.resolution=64 frames.evaluation_frames=1")
+        workdir.code = workdir.folder / "src"
+        shutil.copytree(ROOT / "src/egosplat", workdir.code / "egosplat")
+        before = "    capture = reader.capture\n"
+        workdir.edit("frames/stage.py", before, lines + before)
+        return workdir
+
+    return make
+
+
+@pytest.fixture
+def greedy(photographs):
+    """One whose stage ``frames`` takes 1.5 GB more than it should, for long enough to be seen."""
+    return photographs(
+        "    import time\n    taken = b'1' * 1_500_000_000\n    time.sleep(5)\n    del taken\n"
+    )
 
 
 def memory_of(slurm, jobs: list[str]) -> list[int]:
@@ -130,3 +142,27 @@ def test_a_job_that_never_has_enough_memory_says_so_and_leaves_nothing(slurm, on
     assert [slurm.states()[job] for job in jobs] == ["FAILED"], told
     assert "exceeded memory limit" in told, told
     assert not (greedy.folder / FRAMES).exists()
+
+
+def test_a_killed_snakemake_leaves_its_jobs_alone_and_then_goes_on(slurm, on_cluster, photographs, tmp_path):
+    """Jobs run on without it: it must not start them a second time beside them."""
+    workdir = photographs("    import time\n    time.sleep(20)\n")
+    words = ("--profile", PROFILE, *HERE, "--", FRAMES)
+    snakemake = workdir.start(*words, transcript=tmp_path / "said.txt")
+    before = set(slurm.states())
+    (job,) = wait_for(lambda: [new for new in slurm.states() if new not in before])
+    wait_for(lambda: slurm.states()[job] == "RUNNING")
+    snakemake.kill()
+    snakemake.wait()
+
+    done, jobs = on_cluster(workdir, "--", FRAMES)
+    assert done.returncode != 0 and "Directory cannot be locked" in done.stdout + done.stderr
+    assert jobs == [job]
+    wait_for(lambda: slurm.states()[job] != "RUNNING")
+    assert slurm.states()[job] == "COMPLETED"
+    assert all(report.sound for report in check_tree(workdir.folder / "results", lambda _: None))
+
+    assert workdir.snakemake(*words[:2], "--unlock").returncode == 0
+    done, _ = on_cluster(workdir, "--", FRAMES)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert all(report.sound for report in check_tree(workdir.folder / "results", lambda _: None))

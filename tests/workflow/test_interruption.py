@@ -4,25 +4,15 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
-import time
 from pathlib import Path
 
 import psutil
 import pytest
+from waiting import wait_for
 
 from egosplat.checking import check_tree
 
 SCENE = Path("results/adt/scene1")
-
-
-def wait_for(condition, seconds: float = 60.0):
-    """The condition's value as soon as it is true."""
-    end = time.monotonic() + seconds
-    while not (found := condition()):
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.01)
-    return found
 
 
 def half_written(workdir) -> list[Path]:
@@ -40,19 +30,10 @@ def writers(workdir) -> list[psutil.Process]:
 
 
 def started(workdir, target: Path) -> "subprocess.Popen[bytes]":
-    """Snakemake at work on a target, in a group of its own, as a terminal has it."""
-    workflow = Path(__file__).parents[2] / "workflow/Snakefile"
-    return subprocess.Popen(
-        # What a shell starts in the background ignores interrupts, and so do its children; on a terminal none does.
-        ["env", "--default-signal=INT", sys.executable, "-m", "snakemake"]
-        + ["--snakefile", workflow, "--cores", "2"]
-        + ["--configfile", "tiny.yaml", "--", str(target)],
-        cwd=workdir.folder,
-        env=workdir.environment,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )
+    """Snakemake at work on a target, as a terminal has it."""
+    # What a shell starts in the background ignores interrupts, and so do its children; on a terminal none does.
+    before = ("env", "--default-signal=INT")
+    return workdir.start("--", target, transcript=workdir.folder / "said.txt", before=before)
 
 
 @pytest.mark.parametrize("how", ["the stage is killed", "Snakemake is interrupted"])

@@ -1,7 +1,6 @@
 """Two Snakemakes in one working directory: the second is told so, and neither harms what the other makes."""
 
 import subprocess
-import sys
 from pathlib import Path
 
 from egosplat.checking import check_tree
@@ -10,22 +9,13 @@ ROOT = Path(__file__).parents[2]
 SCENE = Path("results/adt/scene1")
 
 
-def started(workdir, target: Path, said: Path) -> "subprocess.Popen[bytes]":
-    command = [sys.executable, "-m", "snakemake", "--snakefile", ROOT / "workflow/Snakefile", "--cores", "1"]
-    command += ["--configfile", "tiny.yaml", "--", str(target)]
-    with said.open("w") as file:
-        return subprocess.Popen(
-            command, cwd=workdir.folder, env=workdir.environment, stdout=file, stderr=subprocess.STDOUT
-        )
-
-
 def test_of_two_that_start_together_one_does_the_work(workdir, tmp_path):
     targets = [SCENE / "transient.zarr", SCENE / "transient.png"]
     for target in targets:
         path = workdir.folder / target
         subprocess.run(["rm", "-r", path], check=True)
     transcripts = [tmp_path / "first.txt", tmp_path / "second.txt"]
-    both = [started(workdir, targets[1], said) for said in transcripts]
+    both = [workdir.start("--cores", "1", "--", targets[1], transcript=said) for said in transcripts]
     statuses = [process.wait(timeout=300) for process in both]
     assert 0 in statuses, [said.read_text() for said in transcripts]
     for status, said in zip(statuses, transcripts, strict=True):
