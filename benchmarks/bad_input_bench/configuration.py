@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from jsonschema import Draft202012Validator
 
 from bad_input_bench.cases import Case, Sandbox, Words, stage_flags
 from egosplat.cli import EXTRAS
@@ -157,7 +158,7 @@ def _flags(rng: random.Random) -> Iterator[Case]:
             free = key.get("type") in ("boolean", "string") and "enum" not in key
             if name in taken or free:
                 continue  # a switch has no value, and any text may be a path
-            texts = [text for text in map(_as_text, wrong_values(key)) if text is not None]
+            texts = [text for text in map(_as_text, wrong_values(key)) if text and not _may_be(text, key)]
             if texts:
                 yield _flag(stage, name, rng.choice(texts))
 
@@ -167,6 +168,12 @@ def _as_text(value: Any) -> str | None:
     if isinstance(value, float | int) and not isinstance(value, bool):
         return str(value)
     return value if isinstance(value, str) and value else None
+
+
+def _may_be(text: str, key: dict[str, Any]) -> bool:
+    """Whether a key allows what a command line writes so."""
+    allowed = Draft202012Validator(key)
+    return allowed.is_valid(text) or (text.isdigit() and allowed.is_valid(int(text)))
 
 
 def _flag(stage: str, name: str, text: str) -> Case:

@@ -19,6 +19,9 @@ from egosplat.errors import UserError
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """A full disk, a quota that is used up, a file larger than may be."""
 
+MAKE_ROOM = "Make room and start the same command again: what is whole already stays"
+"""What to do about them."""
+
 
 @contextlib.contextmanager
 def whole_folder(path: Path) -> Iterator[Path]:

@@ -12,11 +12,11 @@ import click
 import yaml
 
 import egosplat
-from egosplat.atomic import NO_ROOM
 from egosplat.config import NO_YAML, schema, section_keys, stage_keys
 from egosplat.errors import UserError
 from egosplat.keys_table import keys_table
 from egosplat.orphans import end_with_snakemake
+from egosplat.plain_errors import plain
 from egosplat.stages import STAGES, stage_function
 from egosplat.strictness import LARGEST_INTEGER
 
@@ -471,26 +471,16 @@ def main() -> None:
     end_with_snakemake()
     try:
         cli.main(standalone_mode=False)
-    except UserError as error:
-        sys.exit(_say(str(error)))
     except click.ClickException as error:
         error.message = _shortened(error.message)
         error.show()
         sys.exit(2)
     except click.Abort:
         sys.exit(_say("interrupted", 130))
-    except OSError as error:
-        if error.errno is None or (error.filename is None and error.errno not in NO_ROOM):
+    except Exception as error:
+        if (message := plain(error)) is None:
             raise
-        sys.exit(_say(_told(error)))
-
-
-def _told(error: OSError) -> str:
-    """What the operating system refused, and what to do."""
-    what = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
-    if error.errno in NO_ROOM:
-        return f"{what}. Make room and start the same command again: what is whole already stays"
-    return f"{what}. Check the path and its rights"
+        sys.exit(_say(message))
 
 
 def _shortened(message: str) -> str:

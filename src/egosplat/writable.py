@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
-from egosplat.atomic import NO_ROOM
+from egosplat.atomic import MAKE_ROOM, NO_ROOM
 from egosplat.errors import UserError
 
 ROOM_BYTES = 2**20
@@ -39,14 +39,9 @@ def check_writable(folders: Iterable[Path]) -> None:
                 probe.write(bytes(ROOM_BYTES))
                 probe.flush()
         except OSError as error:
-            what = f"{folder.absolute()}: {error.strerror}"
-            if error.errno in NO_ROOM:
-                raise UserError(
-                    f"{what}. Make room and start the same command again: what is whole already stays"
-                ) from None
-            raise UserError(
-                f"{what}. Results, logs and notes are written there: it has to be writable"
-            ) from None
+            writable = "Results, logs and notes are written there: it has to be writable"
+            advice = MAKE_ROOM if error.errno in NO_ROOM else writable
+            raise UserError(f"{folder.absolute()}: {error.strerror}. {advice}") from None
 
 
 def _nearest(folder: Path) -> Path:

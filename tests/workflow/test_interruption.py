@@ -50,6 +50,8 @@ def test_nothing_half_written_is_left_to_look_whole(workdir, how):
     else:
         os.killpg(process.pid, signal.SIGINT)  # as Ctrl-C on a terminal does
     assert process.wait(timeout=60) != 0
+    told = "most likely for lack of memory" in (workdir.folder / "said.txt").read_text()
+    assert told == (how == "the stage is killed")
     assert not (workdir.folder / target).exists()
 
     workdir.run(str(target))

@@ -66,10 +66,16 @@ except UserError as error:
     sys.exit(f"egosplat: {error}")
 
 
+# A killed command can say nothing itself.
+AT_EXIT = (
+    f"sh {shlex.quote(str(Path(workflow.basedir) / 'scripts/tell_if_killed.sh'))} $?"
+)
+
 # The commands of the environment that Snakemake itself runs in, activated or not. A prefix replaces
 # Snakemake's own, which makes a command fail that fails before its pipe to the log.
 shell.prefix(
     "set -euo pipefail; "
+    f"trap {shlex.quote(AT_EXIT)} EXIT; "
     f"export PATH={shlex.quote(os.path.dirname(sys.executable))}:$PATH; "
     f"export {STARTED_BY}=$PPID; "
 )

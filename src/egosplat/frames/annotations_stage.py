@@ -11,6 +11,7 @@ from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reading import open_artifact
 from egosplat.artifacts.writing import create
+from egosplat.errors import UserError
 from egosplat.frames.annotation_readers import open_annotations
 from egosplat.geometry import Camera
 from egosplat.progress import log, track
@@ -22,7 +23,7 @@ def run(recording: Path, frames: Path, output: Path, *, max_age_ms: float) -> No
     A recording without annotations gives an artifact with no instances and no annotated frame.
 
     Raises:
-        UserError: an annotation is damaged or does not fit the pictures.
+        UserError: an annotation is damaged or does not fit the pictures, or there are some, and none of these frames.
     """
     source = open_artifact(frames, FRAMES)
     indices = np.flatnonzero(source.read("evaluation")).astype(np.int64)
@@ -44,6 +45,11 @@ def run(recording: Path, frames: Path, output: Path, *, max_age_ms: float) -> No
             annotated[row] = found is not None
             nothing = np.full((camera.height, camera.width), -1, np.int32)
             artifact.put_row("instance_map", row, nothing if found is None else found)
+        if reader and not annotated.any():
+            raise UserError(
+                f"{recording}: its annotations have none of the {len(indices)} evaluation frames. "
+                "Are they of the same recording, and is frames.evaluation_frames more than a few?"
+            )
         artifact.put("frame", indices)
         artifact.put("annotated", annotated)
         artifact.facts = {"instances": [asdict(instance) for instance in reader.instances] if reader else []}

@@ -14,6 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from egosplat.errors import UserError
+from egosplat.poses.trajectory import FARTHEST_M
 from egosplat.progress import track
 
 FILE_NAMES = ("semidense_points.csv.gz", "global_points.csv.gz")
@@ -60,13 +61,14 @@ def read_semidense_points(path: Path, max_inv_dist_std: float, max_dist_std: flo
     Raises:
         UserError: the file is damaged or lacks a column.
     """
-    kept, rejected, read = [], dict.fromkeys(("not_finite", "inv_dist_std", "dist_std"), 0), 0
+    kept, rejected, read = [], dict.fromkeys(("not_finite", "too_far", "inv_dist_std", "dist_std"), 0), 0
     try:
         with pd.read_csv(path, usecols=_COLUMNS, dtype=np.float64, chunksize=_ROWS_AT_A_TIME) as pieces:
             for piece in track(pieces, f"reading {path.name}", unit="block"):
                 position = piece[_POSITION].to_numpy()
                 failed = {
                     "not_finite": ~np.isfinite(position).all(axis=1),
+                    "too_far": (np.abs(position) > FARTHEST_M).any(axis=1),
                     "inv_dist_std": ~(piece["inv_dist_std"].to_numpy() < max_inv_dist_std),
                     "dist_std": ~(piece["dist_std"].to_numpy() < max_dist_std),
                 }

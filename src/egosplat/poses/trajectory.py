@@ -24,6 +24,8 @@ _NUMBERS = [_TIME, *_TRANSLATION, *_QUATERNION, *_GRAVITY]
 
 _QUATERNION_NORM_TOLERANCE = 1e-2
 _GRAVITY_RANGE = (9.0, 10.5)
+FARTHEST_M = 1e6
+"""Further from where the recording began nobody walks."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,7 @@ def read_trajectory(path: Path) -> Trajectory:
     Raises:
         UserError: the file is missing, has no such columns, fewer than two rows, or a row that cannot be used
             (the message names its line): a value that is not a finite number, a time not after the one
-            before, a quaternion that is not of unit norm, poses in another frame than the rows before.
+            before, a quaternion that is not of unit norm, a position out of this world, poses in another frame than the rows before.
     """
     table = _read_table(path)
     numbers = table[_NUMBERS].apply(pd.to_numeric, errors="coerce")
@@ -86,7 +88,10 @@ def read_trajectory(path: Path) -> Trajectory:
     quaternion = numbers[_QUATERNION].to_numpy(np.float64)
     off = np.abs(np.linalg.norm(quaternion, axis=1) - 1.0)
     _refuse(path, off > _QUATERNION_NORM_TOLERANCE, "has a quaternion that is not of unit norm")
-    poses = make_pose(Rotation.from_quat(quaternion).as_matrix(), numbers[_TRANSLATION].to_numpy(np.float64))
+    translation = numbers[_TRANSLATION].to_numpy(np.float64)
+    far = (np.abs(translation) > FARTHEST_M).any(axis=1)
+    _refuse(path, far, "has a position more than 1,000 km from the origin")
+    poses = make_pose(Rotation.from_quat(quaternion).as_matrix(), translation)
     return Trajectory(path, time_us * 1000, poses, _up(path, numbers[_GRAVITY].to_numpy(np.float64)))
 
 

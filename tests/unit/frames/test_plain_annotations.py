@@ -57,6 +57,16 @@ def test_evaluation_frames_without_annotation_are_told(images, tmp_path, capsys,
     assert last == f"{told} evaluation frames are annotated{missing}"
 
 
+def test_annotations_of_other_pictures_are_refused(images, tmp_path):
+    for number, path in enumerate(sorted((images / "annotations").glob("*.png"))):
+        path.rename(path.with_name(f"other{number}.png"))
+    keys = defaults()["frames"] | {"resolution": 32, "evaluation_frames": 3, "holdout": False}
+    stage.run(images, tmp_path / "frames.zarr", format="plain", **keys)
+    with pytest.raises(UserError, match="none of the 3 evaluation frames"):
+        annotations_stage.run(images, tmp_path / "frames.zarr", tmp_path / "annotations.zarr", max_age_ms=3.0)
+    assert not (tmp_path / "annotations.zarr").exists()
+
+
 def test_instances_are_those_of_the_table(images):
     assert PlainAnnotations(images, camera=CAMERA).instances == [
         Instance(5, "Ball_1", "ball", "dynamic", "object"),

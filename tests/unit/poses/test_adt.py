@@ -109,6 +109,7 @@ def test_a_quaternion_that_is_not_of_unit_norm_is_named(
         (lambda table: table.drop(columns="qw_world_device"), "has no column qw_world_device"),
         (lambda table: table[:1], "has 1 rows"),
         (lambda table: table[:0], "has 0 rows"),
+        (lambda table: table.assign(tx_world_device=1e300), "line 2 .*more than 1,000 km from the origin"),
         (lambda table: table.assign(gravity_y_world=0.0), "gravity_world is 0 m/s"),
     ],
 )
@@ -142,13 +143,14 @@ def test_no_frame_with_a_pose_is_refused_with_its_reason(table: pd.DataFrame, re
 
 
 def test_points_are_filtered_by_both_uncertainties(table: pd.DataFrame, recording: Recording):
-    points = cloud([0.0005, 0.001, 0.0005, 0.002, np.nan, 0.0], [0.1, 0.1, 0.15, 0.2, 0.1, 0.0])
+    points = cloud([0.0005, 0.001, 0.0005, 0.002, np.nan, 0.0, 0.0], [0.1, 0.1, 0.15, 0.2, 0.1, 0.0, 0.0])
     points.loc[5, "px_world"] = np.nan
+    points.loc[6, "pz_world"] = 1e300
     poses = poses_at(recording(table, points, closed_loop=True), [1_000_000], "closed_loop")
     np.testing.assert_array_equal(poses.points, [[0.0, 0.0, 0.5]])
     np.testing.assert_array_equal(poses.point_rgb, [[128, 128, 128]])
-    assert poses.notes["points_read"] == 6
-    assert poses.notes["points_rejected"] == {"not_finite": 1, "inv_dist_std": 3, "dist_std": 2}
+    assert poses.notes["points_read"] == 7
+    assert poses.notes["points_rejected"] == {"not_finite": 1, "too_far": 1, "inv_dist_std": 3, "dist_std": 2}
 
 
 def test_ground_truth_does_without_points_and_closed_loop_does_not(table: pd.DataFrame, recording: Recording):
