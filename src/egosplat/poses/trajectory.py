@@ -70,7 +70,8 @@ def read_trajectory(path: Path) -> Trajectory:
     Raises:
         UserError: the file is missing, has no such columns, fewer than two rows, or a row that cannot be used
             (the message names its line): a value that is not a finite number, a time not after the one
-            before, a quaternion that is not of unit norm, a position out of this world, poses in another frame than the rows before.
+            before, a quaternion that is not of unit norm, a position out of this world, poses in another frame
+            than the rows before.
     """
     table = _read_table(path)
     numbers = table[_NUMBERS].apply(pd.to_numeric, errors="coerce")
