@@ -67,8 +67,7 @@ class Work:
 def work(tmp_path_factory: pytest.TempPathFactory) -> Work:
     """Both rules have run, on six frames with two instances."""
     folder = tmp_path_factory.mktemp("features")
-    (folder / "workflow").mkdir()
-    shutil.copytree(ROOT / "workflow" / "rules", folder / "workflow" / "rules")
+    shutil.copytree(ROOT / "workflow", folder / "workflow", ignore=shutil.ignore_patterns("profiles"))
     shutil.copytree(ROOT / "config" / "presets", folder / "config" / "presets")
     (folder / "workflow" / "Snakefile").write_text(SNAKEFILE)
     header = "dataset\tscene\tformat\trecording\toptions\n"

@@ -66,10 +66,9 @@ except UserError as error:
     sys.exit(f"egosplat: {error}")
 
 
-# A killed command can say nothing itself.
-AT_EXIT = (
-    f"sh {shlex.quote(str(Path(workflow.basedir) / 'scripts/tell_if_killed.sh'))} $?"
-)
+# A killed command can say nothing itself. Whatever becomes of the line, the command's own status stays.
+TELL_IF_KILLED = str(Path(workflow.basedir) / "scripts/tell_if_killed.sh")
+AT_EXIT = f"sh {shlex.quote(TELL_IF_KILLED)} $? || true"
 
 # The commands of the environment that Snakemake itself runs in, activated or not. A prefix replaces
 # Snakemake's own, which makes a command fail that fails before its pipe to the log.
