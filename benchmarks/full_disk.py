@@ -15,7 +15,7 @@ from pathlib import Path
 
 import click
 from reliability_bench.disk import NoMountError, SmallDisk
-from reliability_bench.scene import ARTIFACTS, Scene
+from reliability_bench.scene import ARTIFACTS, Scene, finished_scene
 
 from egosplat.progress import log, track
 
@@ -107,11 +107,7 @@ def main(output: Path, stages: tuple[str, ...]) -> None:
     with tempfile.TemporaryDirectory() as name:
         try:
             with SmallDisk(Path(name) / "disk") as disk:
-                finished = Scene(Path(name) / "finished")
-                finished.folder.mkdir()
-                finished.prepare()
-                if finished.run() != 0:
-                    raise SystemExit(f"the undisturbed run failed:\n{finished.said()}")
+                finished = finished_scene(Path(name) / "finished")
                 for stage in track(stages or tuple(ARTIFACTS), "filling", unit="disk"):
                     outcomes[stage] = fill(finished, disk, stage)
                     output.write_text(_page(outcomes))

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import click
 import psutil
-from reliability_bench.scene import ARTIFACTS, Scene
+from reliability_bench.scene import ARTIFACTS, Scene, finished_scene
 
 from egosplat.progress import log, track
 
@@ -130,11 +130,7 @@ def main(output: Path, kills: int, seed: int, stages: tuple[str, ...]) -> None:
     rng = random.Random(seed)
     outcomes: dict[str, list[Outcome]] = defaultdict(list)
     with tempfile.TemporaryDirectory() as name:
-        finished = Scene(Path(name) / "finished")
-        finished.folder.mkdir()
-        finished.prepare()
-        if finished.run() != 0:
-            raise SystemExit(f"the undisturbed run failed:\n{finished.said()}")
+        finished = finished_scene(Path(name) / "finished")
         made = [stage for stage in stages or ARTIFACTS if finished.output(stage).exists()]
         plan = [(stage, "Snakemake" if turn % 3 == 2 else "stage") for stage in made for turn in range(kills)]
         for stage, victim in track(plan, "killing", unit="kill"):

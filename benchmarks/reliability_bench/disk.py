@@ -3,7 +3,6 @@
 import shutil
 import subprocess
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 ROOMY_BYTES = 2**30
@@ -28,9 +27,7 @@ class SmallDisk:
         self._mount("-t", "tmpfs", "-o", f"size={ROOMY_BYTES}", "tmpfs")
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         subprocess.run(["umount", "--lazy", self.folder], check=True)
 
     def leave(self, room: int) -> None:

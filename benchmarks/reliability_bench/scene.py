@@ -153,6 +153,20 @@ class Scene:
         return {name: document[name] for name in SCORED}
 
 
+def finished_scene(folder: Path) -> Scene:
+    """A scene in a new folder, on which the main command has run.
+
+    Raises:
+        SystemExit: it failed.
+    """
+    folder.mkdir()
+    scene = Scene(folder)
+    scene.prepare()
+    if scene.run() != 0:
+        raise SystemExit(f"the undisturbed run failed:\n{scene.said()}")
+    return scene
+
+
 def _made_from(stage: str) -> set[str]:
     """The stages whose artifacts a stage of the scene reads."""
     if stage == "synthetic":

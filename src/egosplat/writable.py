@@ -11,7 +11,7 @@ from pathlib import Path
 from egosplat.atomic import MAKE_ROOM, NO_ROOM
 from egosplat.errors import UserError
 
-ROOM_BYTES = 2**20
+_ROOM_BYTES = 2**20
 """Logs and notes of a run take less."""
 
 _LOOKS = re.compile(
@@ -26,7 +26,7 @@ def only_looks(words: list[str]) -> bool:
 
 
 def check_writable(folders: Iterable[Path]) -> None:
-    """Check that a file of ``ROOM_BYTES`` can be made in each folder, or in the first one above it that is there.
+    """Check that a file of a mebibyte can be made in each folder, or in the first one above it that is there.
 
     Nothing is left behind.
 
@@ -36,7 +36,7 @@ def check_writable(folders: Iterable[Path]) -> None:
     for folder in dict.fromkeys(map(_nearest, folders)):
         try:
             with tempfile.NamedTemporaryFile(prefix=".egosplat-", dir=folder) as probe:
-                probe.write(bytes(ROOM_BYTES))
+                probe.write(bytes(_ROOM_BYTES))
                 probe.flush()
         except OSError as error:
             writable = "Results, logs and notes are written there: it has to be writable"

@@ -13,7 +13,7 @@ SCENE = Path("results/adt/scene1")
 
 @pytest.fixture
 def on_small_disk(finished, small_disk):
-    """A private copy of the finished run on a disk of its own, without the recording and all that is made from it."""
+    """A private copy of the finished run on a disk of its own, without the recording."""
     folder = Path(shutil.copytree(finished.folder, small_disk.folder / "work", symlinks=True))
     shutil.rmtree(folder / SCENE / "recording")
     return type(finished)(folder)

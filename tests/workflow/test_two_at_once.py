@@ -1,7 +1,8 @@
 """Two Snakemakes in one working directory: the second is told so, and neither harms what the other makes."""
 
-import subprocess
 from pathlib import Path
+
+from reliability_bench.scene import remove
 
 from egosplat.checking import check_tree
 
@@ -10,12 +11,11 @@ SCENE = Path("results/adt/scene1")
 
 
 def test_of_two_that_start_together_one_does_the_work(workdir, tmp_path):
-    targets = [SCENE / "transient.zarr", SCENE / "transient.png"]
-    for target in targets:
-        path = workdir.folder / target
-        subprocess.run(["rm", "-r", path], check=True)
+    target = SCENE / "transient.png"
+    remove(workdir.folder / SCENE / "transient.zarr")
+    remove(workdir.folder / target)
     transcripts = [tmp_path / "first.txt", tmp_path / "second.txt"]
-    both = [workdir.start("--cores", "1", "--", targets[1], transcript=said) for said in transcripts]
+    both = [workdir.start("--cores", "1", "--", target, transcript=said) for said in transcripts]
     statuses = [process.wait(timeout=300) for process in both]
     assert 0 in statuses, [said.read_text() for said in transcripts]
     for status, said in zip(statuses, transcripts, strict=True):
@@ -23,7 +23,7 @@ def test_of_two_that_start_together_one_does_the_work(workdir, tmp_path):
         assert "Traceback" not in text
         assert "no other Snakemake process" in text if status else "Error" not in text
     assert all(report.sound for report in check_tree(workdir.folder / "results", lambda _: None))
-    assert not workdir.stale(str(targets[1]))
+    assert not workdir.stale(str(target))
 
 
 def test_on_a_cluster_the_locks_of_a_killed_one_stay(workdir):
@@ -31,7 +31,7 @@ def test_on_a_cluster_the_locks_of_a_killed_one_stay(workdir):
     lock = workdir.folder / ".snakemake/locks/0.output.lock"
     lock.parent.mkdir(parents=True, exist_ok=True)
     lock.write_text(f"{workdir.folder / SCENE / 'splats.zarr'}\n{SCENE / 'splats.zarr'}\n")
-    subprocess.run(["rm", "-r", workdir.folder / SCENE / "splats.zarr"], check=True)
+    remove(workdir.folder / SCENE / "splats.zarr")
     done = workdir.snakemake("--profile", ROOT / "workflow/profiles/slurm", "--", str(SCENE / "splats.zarr"))
     said = done.stdout + done.stderr
     assert done.returncode != 0 and "Directory cannot be locked" in said, said

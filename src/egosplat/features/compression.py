@@ -50,10 +50,10 @@ def fit(
     if kind == "none":
         return Compression(np.copy, Decoder((width,), np.zeros(0, np.float32)))
     if isinstance(dims, str):
-        found = fit_linear(features, None, least_cosine)
-        if kind == "linear" or found.need is None:
-            return found
-        return replace(fit(features, kind, found.need.dims, epochs, seed), need=found.need)
+        basis = fit_linear(features, None, least_cosine)
+        if kind == "linear":
+            return basis
+        return replace(fit(features, kind, basis.need.dims, epochs, seed), need=basis.need)
     if dims > width:
         raise UserError(
             f"features.dims = {dims}: OpenCLIP's features have {width} channels; set at most that"
