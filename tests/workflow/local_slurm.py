@@ -13,6 +13,8 @@ import time
 from pathlib import Path
 from typing import Self
 
+from waiting import wait_for
+
 PROGRAMS = ("munged", "slurmctld", "slurmd", "sbatch", "srun", "squeue", "scontrol", "sinfo")
 
 CONF = """
@@ -53,6 +55,9 @@ NodeName=localhost Name=gpu File=/dev/zero
 """
 
 START_S = 60.0
+
+UNDER_WAY = {"PENDING", "CONFIGURING", "RUNNING", "COMPLETING"}
+"""States that a job leaves again: it is COMPLETING until its node has been cleared up, however it ended."""
 
 
 def missing_programs() -> list[str]:
@@ -103,6 +108,11 @@ class LocalSlurm:
         """State of each job that SLURM remembers, by its id."""
         lines = self.ask("squeue", "--states=all", "--noheader", "--format=%i %T").splitlines()
         return dict(line.split() for line in lines)
+
+    def end_of(self, job: str) -> str:
+        """The state in which a job ended, waited for."""
+        wait_for(lambda: self.states()[job] not in UNDER_WAY)
+        return self.states()[job]
 
     def asked_of(self, job: str) -> dict[str, str]:
         """What a job was submitted with, as ``scontrol show job`` has it."""

@@ -82,7 +82,7 @@ def test_the_main_job_runs_on_the_cluster_to_the_same_scores(slurm, on_cluster, 
     assert done.returncode == 0, told
 
     assert "localrule" not in told
-    assert {slurm.states()[job] for job in jobs} == {"COMPLETED"}
+    assert set(map(slurm.end_of, jobs)) == {"COMPLETED"}
     submitted = rules_of(slurm, jobs)
     assert len(jobs) == len(set(submitted)) == told.count("has been submitted with SLURM jobid")
     ran = {path.stem for path in (folder / "logs").rglob("*.log")}
@@ -130,7 +130,7 @@ def memory_of(slurm, jobs: list[str]) -> list[int]:
 def test_a_job_that_is_killed_for_memory_is_submitted_again_with_more(slurm, on_cluster, greedy):
     done, jobs = on_cluster(greedy, "--", FRAMES)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert [slurm.states()[job] for job in jobs] == ["FAILED", "COMPLETED"]
+    assert list(map(slurm.end_of, jobs)) == ["FAILED", "COMPLETED"]
     first, second = memory_of(slurm, jobs)
     assert second == 2 * first
 
@@ -139,7 +139,7 @@ def test_a_job_that_never_has_enough_memory_says_so_and_leaves_nothing(slurm, on
     done, jobs = on_cluster(greedy, "--retries", "0", "--", FRAMES)
     told = done.stdout + done.stderr
     assert done.returncode == 1, told
-    assert [slurm.states()[job] for job in jobs] == ["FAILED"], told
+    assert list(map(slurm.end_of, jobs)) == ["FAILED"], told
     assert "exceeded memory limit" in told, told
     assert not (greedy.folder / FRAMES).exists()
 
@@ -158,8 +158,7 @@ def test_a_killed_snakemake_leaves_its_jobs_alone_and_then_goes_on(slurm, on_clu
     done, jobs = on_cluster(workdir, "--", FRAMES)
     assert done.returncode != 0 and "Directory cannot be locked" in done.stdout + done.stderr
     assert jobs == [job]
-    wait_for(lambda: slurm.states()[job] != "RUNNING")
-    assert slurm.states()[job] == "COMPLETED"
+    assert slurm.end_of(job) == "COMPLETED"
     assert all(report.sound for report in check_tree(workdir.folder / "results", lambda _: None))
 
     assert workdir.snakemake(*words[:2], "--unlock").returncode == 0
