@@ -271,11 +271,12 @@ def test_snakemake_s_own_file_inside_is_not_damage(tmp_path):
 
 
 KILLED = """
-import sys, time, numpy as np
+import signal, sys, time, numpy as np
 from pathlib import Path
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.writing import create
 from egosplat.provenance import begin
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in what a shell runs in the background
 with create(Path(sys.argv[1]), FRAMES, begin("frames", {}, "real")) as artifact:
     artifact.allocate("rgb", (3, 8, 8, 3))
     artifact.put_row("rgb", 0, np.zeros((8, 8, 3), np.uint8))
@@ -294,7 +295,7 @@ def test_a_killed_writer_leaves_no_artifact_and_the_next_one_sweeps_up(tmp_path,
     write(path)  # the living writer's folder is left alone
     assert any(name.endswith(".tmp") for name in leftovers(tmp_path))
     os.kill(process.pid, how)
-    process.wait()
+    assert process.wait(timeout=30) != 0
     assert verify(path, SCHEMAS)
     write(path)
     assert leftovers(tmp_path) == ["a.zarr"]

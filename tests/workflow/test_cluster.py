@@ -41,58 +41,7 @@ def on_cluster(slurm, monkeypatch):
     return submit
 
 
-def without_costs(values: Any) -> Any:
-    if isinstance(values, dict):
-        return {key: without_costs(value) for key, value in values.items() if key not in COSTS}
-    return [without_costs(value) for value in values] if isinstance(values, list) else values
-
-
-def scores(folder: Path) -> Any:
-    """All that the benchmark says, beside what it took."""
-    found = json.loads((folder / METRICS).read_text())
-    return without_costs(
-        {name: found[name] for name in ("scores", "queries", "frames", "rendering", "counts")}
-    )
-
-
-def trained_by_one_thread(finished: Any, tmp_path: Path) -> Path:
-    """A local run whose trainings, and what follows from them, were made by one thread."""
-    local = type(finished)(Path(shutil.copytree(finished.folder, tmp_path / "local", symlinks=True)))
-    again = ("transient", "masks", "splats", "language", "metrics")
-    done = local.snakemake("--max-threads", "1", "--forcerun", *again, "--", METRICS)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return local.folder
-
-
-def rules_of(slurm, jobs: list[str]) -> list[str]:
-    """The rule, or the group of rules, that each job of SLURM was submitted for."""
-    comments = dict(
-        line.split()
-        for line in slurm.ask("squeue", "--states=all", "--noheader", "--format=%i %k").splitlines()
-    )
-    return [re.sub("^(rule|group)_|_wildcards_.*", "", comments[job]) for job in jobs]
-
-
-def test_the_main_job_runs_on_the_cluster_to_the_same_scores(slurm, on_cluster, finished, workdir, tmp_path):
-    folder = workdir.folder
-    for made in ("results", "logs", ".snakemake"):
-        shutil.rmtree(folder / made)
-    done, jobs = on_cluster(workdir, "--", METRICS)
-    told = done.stdout + done.stderr
-    assert done.returncode == 0, told
-
-    assert "localrule" not in told
-    assert set(map(slurm.end_of, jobs)) == {"COMPLETED"}
-    submitted = rules_of(slurm, jobs)
-    assert len(jobs) == len(set(submitted)) == told.count("has been submitted with SLURM jobid")
-    ran = {path.stem for path in (folder / "logs").rglob("*.log")}
-    group = next(name for name in submitted if name.startswith("reading_"))
-    assert ran == {*submitted, "frames", "annotations"} - {group}
-    assert {"segments", "transient", "splats", "language", "metrics"} < ran
-    by_rule = dict(zip(rules_of(slurm, jobs), map(slurm.asked_of, jobs), strict=True))
-    assert by_rule["splats"]["TresPerJob"] == "gres:gpu:1" and "TresPerJob" not in by_rule["poses"]
-    assert scores(folder) == scores(trained_by_one_thread(finished, tmp_path))
-    assert all(report.sound for report in check_tree(folder / "results", lambda _: None))
+# First what waits for SLURM alone, while another process makes the finished run that the last test needs.
 
 
 @pytest.fixture
@@ -165,3 +114,57 @@ def test_a_killed_snakemake_leaves_its_jobs_alone_and_then_goes_on(slurm, on_clu
     done, _ = on_cluster(workdir, "--", FRAMES)
     assert done.returncode == 0, done.stdout + done.stderr
     assert all(report.sound for report in check_tree(workdir.folder / "results", lambda _: None))
+
+
+def without_costs(values: Any) -> Any:
+    if isinstance(values, dict):
+        return {key: without_costs(value) for key, value in values.items() if key not in COSTS}
+    return [without_costs(value) for value in values] if isinstance(values, list) else values
+
+
+def scores(folder: Path) -> Any:
+    """All that the benchmark says, beside what it took."""
+    found = json.loads((folder / METRICS).read_text())
+    return without_costs(
+        {name: found[name] for name in ("scores", "queries", "frames", "rendering", "counts")}
+    )
+
+
+def trained_by_one_thread(finished: Any, tmp_path: Path) -> Path:
+    """A local run whose trainings, and what follows from them, were made by one thread."""
+    local = type(finished)(Path(shutil.copytree(finished.folder, tmp_path / "local", symlinks=True)))
+    again = ("transient", "masks", "splats", "language", "metrics")
+    done = local.snakemake("--max-threads", "1", "--forcerun", *again, "--", METRICS)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return local.folder
+
+
+def rules_of(slurm, jobs: list[str]) -> list[str]:
+    """The rule, or the group of rules, that each job of SLURM was submitted for."""
+    comments = dict(
+        line.split()
+        for line in slurm.ask("squeue", "--states=all", "--noheader", "--format=%i %k").splitlines()
+    )
+    return [re.sub("^(rule|group)_|_wildcards_.*", "", comments[job]) for job in jobs]
+
+
+def test_the_main_job_runs_on_the_cluster_to_the_same_scores(slurm, on_cluster, finished, workdir, tmp_path):
+    folder = workdir.folder
+    for made in ("results", "logs", ".snakemake"):
+        shutil.rmtree(folder / made)
+    done, jobs = on_cluster(workdir, "--", METRICS)
+    told = done.stdout + done.stderr
+    assert done.returncode == 0, told
+
+    assert "localrule" not in told
+    assert set(map(slurm.end_of, jobs)) == {"COMPLETED"}
+    submitted = rules_of(slurm, jobs)
+    assert len(jobs) == len(set(submitted)) == told.count("has been submitted with SLURM jobid")
+    ran = {path.stem for path in (folder / "logs").rglob("*.log")}
+    group = next(name for name in submitted if name.startswith("reading_"))
+    assert ran == {*submitted, "frames", "annotations"} - {group}
+    assert {"segments", "transient", "splats", "language", "metrics"} < ran
+    by_rule = dict(zip(rules_of(slurm, jobs), map(slurm.asked_of, jobs), strict=True))
+    assert by_rule["splats"]["TresPerJob"] == "gres:gpu:1" and "TresPerJob" not in by_rule["poses"]
+    assert scores(folder) == scores(trained_by_one_thread(finished, tmp_path))
+    assert all(report.sound for report in check_tree(folder / "results", lambda _: None))
