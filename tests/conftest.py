@@ -43,6 +43,21 @@ survey: {min_view_change_deg: 0}
 class Workdir:
     """A working directory with its own copy of configuration and code, in which the workflow runs."""
 
+    MAIN = tuple(
+        f"results/adt/scene1/{name}"
+        for name in (
+            "contact_sheet.png",
+            "segments.png",
+            "crops.png",
+            "transient.png",
+            "splats.png",
+            "language.png",
+            "metrics.json",
+            "queries.png",
+        )
+    )
+    """What ``finished`` has: the main job's result and every page."""
+
     def __init__(self, folder: Path, code: Path | None = None) -> None:
         self.folder = folder
         self.code = code or folder / "src"
@@ -134,22 +149,7 @@ def _run_main_job(folder: Path) -> None:
         ROOT / "src" / "egosplat", folder / "src" / "egosplat", ignore=shutil.ignore_patterns("__pycache__")
     )
     (folder / "tiny.yaml").write_text(TINY)
-    Workdir(folder).run(*MAIN)
-
-
-MAIN = tuple(
-    f"results/adt/scene1/{name}"
-    for name in (
-        "contact_sheet.png",
-        "segments.png",
-        "crops.png",
-        "transient.png",
-        "splats.png",
-        "language.png",
-        "metrics.json",
-        "queries.png",
-    )
-)
+    Workdir(folder).run(*Workdir.MAIN)
 
 
 @pytest.fixture

@@ -9,19 +9,6 @@ from safetensors.torch import save_file
 from egosplat.transient.network import make_network
 
 POSES = "results/adt/scene1/poses.zarr"
-MAIN = tuple(
-    f"results/adt/scene1/{name}"
-    for name in (
-        "contact_sheet.png",
-        "segments.png",
-        "crops.png",
-        "transient.png",
-        "splats.png",
-        "language.png",
-        "metrics.json",
-        "queries.png",
-    )
-)
 AFTER_QUERIES = {"metrics", "queries_sheet"}
 AFTER_LANGUAGE = {"language", "language_sheet", *AFTER_QUERIES}
 AFTER_SPLATS = {"splats", "splats_sheet", "transient_sheet", *AFTER_LANGUAGE}
@@ -35,7 +22,7 @@ AFTER_FRAMES = {"frames", "annotations", *AFTER_POSES, *AFTER_SEGMENTS}
 
 
 def test_a_finished_run_has_nothing_to_do(workdir):
-    assert workdir.stale(*MAIN) == set()
+    assert workdir.stale(*workdir.MAIN) == set()
     assert "Nothing to be done" in workdir.run(POSES)
 
 
@@ -63,7 +50,7 @@ def test_a_finished_run_has_nothing_to_do(workdir):
     ],
 )
 def test_a_changed_key_reruns_its_stage_and_what_follows(workdir, config, expected):
-    assert workdir.stale(*MAIN, config=config) == expected
+    assert workdir.stale(*workdir.MAIN, config=config) == expected
 
 
 @pytest.mark.parametrize(
@@ -105,7 +92,7 @@ def test_a_changed_key_reruns_its_stage_and_what_follows(workdir, config, expect
 )
 def test_edited_code_reruns_the_stages_that_execute_it(workdir, module, old, new, expected):
     workdir.edit(module, old, new)
-    assert workdir.stale(*MAIN) == expected
+    assert workdir.stale(*workdir.MAIN) == expected
 
 
 @pytest.mark.parametrize(
@@ -119,7 +106,7 @@ def test_edited_code_reruns_the_stages_that_execute_it(workdir, module, old, new
 def test_another_checkpoint_reruns_the_stages_that_load_it(workdir, model, expected):
     with (workdir.code / "egosplat/models" / model).open("ab") as file:
         file.write(b" ")
-    assert workdir.stale(*MAIN) == expected
+    assert workdir.stale(*workdir.MAIN) == expected
 
 
 def test_other_weights_of_the_encoder_rerun_what_moves(workdir):
@@ -131,17 +118,17 @@ def test_other_weights_of_the_encoder_rerun_what_moves(workdir):
     assert done.returncode == 0, done.stdout + done.stderr
     config = (workdir.folder / "mine.yaml").read_text()
     assert workdir.stale("results/adt/scene1/transient.zarr", config=config) == set()
-    assert workdir.stale(*MAIN, config=config) == AFTER_MASKS
+    assert workdir.stale(*workdir.MAIN, config=config) == AFTER_MASKS
 
     with weights.open("ab") as file:
         file.write(b" ")
-    assert workdir.stale(*MAIN, config=config) == AFTER_TRANSIENT
+    assert workdir.stale(*workdir.MAIN, config=config) == AFTER_TRANSIENT
 
 
 def test_a_new_room_reruns_nothing(workdir):
     (workdir.folder / "src/egosplat/another").mkdir()
     (workdir.folder / "src/egosplat/another/__init__.py").write_text("# a comment\n")
-    assert workdir.stale(*MAIN) == set()
+    assert workdir.stale(*workdir.MAIN) == set()
 
 
 def test_after_an_edit_only_that_stage_runs_and_then_nothing(workdir):
@@ -160,4 +147,4 @@ def test_touching_sources_and_moving_the_checkout_reruns_nothing(workdir):
     for file in (workdir.folder / "src").rglob("*.py"):
         file.touch()
     (workdir.folder / "config/config.yaml").touch()
-    assert workdir.stale(*MAIN) == set()
+    assert workdir.stale(*workdir.MAIN) == set()

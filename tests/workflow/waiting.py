@@ -7,7 +7,7 @@ from typing import TypeVar
 Found = TypeVar("Found")
 
 
-def wait_for(condition: Callable[[], Found], seconds: float = 60.0) -> Found:
+def wait_for(condition: Callable[[], Found], seconds: float = 120.0) -> Found:
     """The condition's value as soon as it is true."""
     end = time.monotonic() + seconds
     while not (found := condition()):
