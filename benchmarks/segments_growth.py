@@ -112,7 +112,7 @@ def main(
         f"# Segmenting {size} x {size} pictures with {sam2_config}, {torch.get_num_threads()} threads\n"
     )
     click.echo(
-        "| frames | instances | time [s] | ms a frame and instance | peak memory [MB] | of it the model [MB] |"
+        "| frames | instances | time [s] | ms a frame and instance | peak memory [MiB] | of it the model [MiB] |"
     )
     click.echo("| ---: | ---: | ---: | ---: | ---: | ---: |")
     for frames, found in rows:
@@ -127,7 +127,7 @@ def main(
         f"\nFitted for F frames and N instances: time [s] = {law(rows, 'seconds', {'F': f, 'F N': f * n})};"
     )
     memory = {"": np.ones_like(f), "F": f, "N": n}
-    click.echo(f"peak memory [MB] = {law(rows, 'peak_mb', memory)}.")
+    click.echo(f"peak memory [MiB] = {law(rows, 'peak_mb', memory)}.")
 
 
 if __name__ == "__main__":

@@ -33,6 +33,9 @@ CHECKPOINT = 4.0
 GAUSSIAN = 1500.0
 """Bytes a Gaussian in training: 1.43 MiB a thousand, with gradients, Adam's moments and density control."""
 
+TRACKING, INSTANCE = 200.0, 1.9
+"""The small SAM2 at 320 x 320: a batch in work, and of each instance the frames that are remembered [MB]."""
+
 PUBLISHED_SIDE = 1024
 """Of the square to which the published SAM2 resize pictures [px]."""
 
@@ -62,6 +65,14 @@ def number(value: float | str, otherwise: float) -> float:
     return otherwise if isinstance(value, str) else value
 
 
+def sam2_input_side(config: Config) -> int:
+    """Side of the square that SAM2 looks at [px]; of one that cannot be told, the published ones': the stage says so best."""
+    try:
+        return config["segments"]["image_size"] or sam2_side(config["models"]["sam2_config"])
+    except UserError:
+        return PUBLISHED_SIDE
+
+
 def _synthetic(config: Config, _: Shapes) -> float:
     return PLAIN + 500 * config["synthetic"]["size"] ** 2 / MB
 
@@ -84,14 +95,13 @@ def _poses(config: Config, shapes: Shapes) -> float:
 
 
 def _segments(config: Config, shapes: Shapes) -> float:
-    """SAM2 with what it remembers of each instance it may follow, 1.2 MB at 256 x 256; compressed labels."""
+    """SAM2 with what it works on and what it remembers of each instance that it may follow; compressed labels."""
     keys = config["segments"]
     if keys["segmenter"] == "classical":
         return TORCH + 200 * shapes.pixels / MB
-    side = keys["image_size"] or _side(config["models"]["sam2_config"])
-    remembered = 1.2 * (side / 256) ** 2 * LEVELS * keys["max_instances"]
+    sam2 = (TRACKING + INSTANCE * LEVELS * keys["max_instances"]) * (sam2_input_side(config) / 320) ** 2
     labels = 0.05 * LEVELS * 4 * shapes.frames * shapes.pixels / MB
-    return TORCH + _checkpoint(SAM2, config) + remembered + labels + 200 * shapes.pixels / MB
+    return TORCH + _checkpoint(SAM2, config) + sam2 + labels + 200 * shapes.pixels / MB
 
 
 def _view_features(config: Config, shapes: Shapes) -> float:
@@ -153,14 +163,6 @@ def _pictures_of_gaussians(_: Config, shapes: Shapes) -> float:
 def _sheet(_: Config, shapes: Shapes) -> float:
     """Some pictures beside each other."""
     return PLAIN + 300 * shapes.pixels / MB
-
-
-def _side(sam2_config: str) -> int:
-    """The side that SAM2 looks at; of one that cannot be told, the published ones': the stage says so best."""
-    try:
-        return sam2_side(sam2_config)
-    except UserError:
-        return PUBLISHED_SIDE
 
 
 def _checkpoint(model: Model, config: Config) -> float:

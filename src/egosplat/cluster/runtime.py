@@ -1,13 +1,14 @@
 """Time that a stage takes, as a law of the scene's size: what a scheduler may stop it after.
 
 The laws are of processors alone, three times what was measured on two of them (``egosplat.doctor.times``,
-benchmarks/segments_growth.md, published_models.md); with a GPU they are far too long, and an early end costs nothing. No
-law asks for more than a day: trainings and encodings go on from their last checkpoint when they are submitted again.
+benchmarks/segments_growth.md, published_models.md, docs/scale.md); with a GPU they are far too long, and an early end
+costs nothing. No law asks for more than a day: trainings and encodings go on from their last checkpoint when they are
+submitted again.
 """
 
 from collections.abc import Callable
 
-from egosplat.cluster.memory import GAUSSIANS, LEVELS, number
+from egosplat.cluster.memory import GAUSSIANS, LEVELS, PUBLISHED_SIDE, number, sam2_input_side
 from egosplat.cluster.shapes import Shapes
 from egosplat.config import Config
 from egosplat.doctor.times import ITERATION_S, estimate
@@ -21,11 +22,14 @@ LEAST_S = 600.0
 
 MOST_S = 86_400.0
 
-SEGMENTS_FRAME_S, SEGMENTS_VIEW_S = 0.376, 0.0417
-"""The small SAM2, for a frame, and for an instance in a frame."""
+SEGMENTS_FRAME_S, SEGMENTS_VIEW_S, SEGMENTS_SIDE = 0.18, 0.016, 320
+"""The small SAM2, for a frame, and for an instance in a frame; looking at a square of this side [px]."""
 
-SAM2_FRAME_S, SAM2_VIEW_S = 9.7, 0.13
-"""The paper's SAM2; the second is that of a point's mask, without what is remembered."""
+SAM2_FRAME_S, SAM2_VIEW_S = 9.7, 3.2
+"""The paper's SAM2; the second with its memory full, half of what docs/scale.md has of one processor."""
+
+SAM2_VIEW_ON_GPU_S = 0.13
+"""The same with a GPU: no measurement, but four times what docs/scale.md assumes there."""
 
 CROP_S = 0.46
 """The paper's OpenCLIP, for a crop; the small one is faster."""
@@ -67,10 +71,13 @@ def _poses(_: Config, shapes: Shapes) -> float:
 
 def _segments(config: Config, shapes: Shapes) -> float:
     """Half of all instances that may be followed, in every frame."""
-    small = config["models"]["sam2_config"] == SMALL
-    frame, view = (SEGMENTS_FRAME_S, SEGMENTS_VIEW_S) if small else (SAM2_FRAME_S, SAM2_VIEW_S)
     followed = LEVELS * config["segments"]["max_instances"] / 2
-    return shapes.frames * (frame + view * followed)
+    if config["models"]["sam2_config"] == SMALL:
+        frame, view, side = SEGMENTS_FRAME_S, SEGMENTS_VIEW_S, SEGMENTS_SIDE
+    else:
+        on_cpu = config["models"]["device"] == "cpu"
+        frame, view, side = SAM2_FRAME_S, SAM2_VIEW_S if on_cpu else SAM2_VIEW_ON_GPU_S, PUBLISHED_SIDE
+    return shapes.frames * (frame + view * followed) * (sam2_input_side(config) / side) ** 2
 
 
 def _view_features(config: Config, shapes: Shapes) -> float:

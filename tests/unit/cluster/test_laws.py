@@ -1,6 +1,7 @@
 """What jobs ask for: as much as was measured, more for larger scenes and further attempts, a GPU where one is used."""
 
 import copy
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -8,6 +9,7 @@ import pytest
 
 from egosplat.cluster.memory import peak_mb
 from egosplat.cluster.requests import gpus, memory_mb, runtime_min
+from egosplat.cluster.runtime import LEAST_S, MARGIN, expected_s
 from egosplat.config import defaults, resolve
 from egosplat.stages import STAGES
 
@@ -93,11 +95,9 @@ def test_a_number_that_is_left_to_the_scene_counts_as_a_large_one():
     assert peak_mb("splats", left, scene()) > peak_mb("splats", set_, scene())
 
 
-def rows_of(table: str) -> list[list[str]]:
+def rows_of(table: str, start: str = r"\| adt/") -> list[list[str]]:
     lines = (ROOT / "benchmarks" / table).read_text().splitlines()
-    return [
-        [cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("| adt/")
-    ]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if re.match(start, line)]
 
 
 def test_laws_hold_what_was_measured_and_are_not_far_above():
@@ -126,6 +126,31 @@ def test_the_law_of_training_holds_the_table_of_training():
         )
         law = peak_mb("splats", with_keys("splats", max_gaussians=gaussians), scene(frames=frames))
         assert measured <= law <= 1.5 * measured
+
+
+def test_the_laws_of_segments_hold_the_table_of_its_growth():
+    rows = rows_of("segments_growth.md", r"\| \d")
+    assert len(rows) == 7
+    for row in rows:
+        frames, instances, seconds, measured = int(row[0]), int(row[1]), float(row[2]), float(row[4])
+        followed = with_keys("segments", max_instances=instances // 3)
+        assert measured <= peak_mb("segments", followed, scene(frames=frames)) / 1.048576 <= 1.5 * measured
+        # Half of what may be followed is taken to be.
+        twice = with_keys("segments", max_instances=2 * instances // 3)
+        law = (expected_s("segments", twice, scene(frames=frames)) - LEAST_S) / MARGIN
+        assert seconds / 1.2 <= law <= 1.5 * seconds
+
+
+def test_time_for_sam2_grows_with_its_side_and_without_a_gpu():
+    def hours(**models):
+        small = with_keys("segments", image_size=models.pop("image_size", None), max_instances=10)
+        small["models"] |= models
+        return runtime_min("segments", small, scene(frames=12), 1) / 60
+
+    assert hours(image_size=640) > hours()
+    published = {"sam2_config": "sam2.1_hiera_b+"}
+    assert hours(**published, device="cpu") > hours(**published) > hours()
+    assert hours(**published, device="cpu", image_size=512) < hours(**published, device="cpu")
 
 
 def test_a_further_attempt_asks_for_as_many_times_more():
