@@ -1,24 +1,40 @@
 """What a user is told in place of a traceback."""
 
+import errno
 import re
+import resource
 
 from egosplat.atomic import MAKE_ROOM, NO_ROOM
 from egosplat.errors import UserError
 
-_NO_MEMORY = re.compile(r"out of memory|allocate memory")
-"""PyTorch's, on a GPU and on a processor, which are RuntimeErrors."""
+_NO_MEMORY = re.compile(r"out of memory|allocate memory|failed to map segment")
+"""PyTorch's, on a GPU and on a processor, which are RuntimeErrors; the loader's of libraries."""
 
 
 def plain(error: Exception) -> str | None:
     """One or two lines of what went wrong and what to do; None of an error in the program, which deserves its traceback."""
     if isinstance(error, UserError):
         return str(error)
+    if _lacks_memory(error):
+        what = str(error).partition("\n")[0] or "MemoryError"
+        return f"no memory left ({what}). {_more_memory()}"
     if isinstance(error, OSError):
         return _refused(error)
-    if isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and _NO_MEMORY.search(str(error))):
-        what = str(error).partition("\n")[0] or "MemoryError"
-        return f"no memory left ({what}). Free some, or see docs/scale.md for what takes less"
     return None
+
+
+def _lacks_memory(error: Exception) -> bool:
+    if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
+        return True
+    return isinstance(error, (RuntimeError, ImportError, OSError)) and bool(_NO_MEMORY.search(str(error)))
+
+
+def _more_memory() -> str:
+    """What to do. Some schedulers limit addresses in place of memory, and libraries take many that they never fill."""
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit == resource.RLIM_INFINITY:
+        return "Free some, or see docs/scale.md for what takes less"
+    return f"ulimit -v allows {limit / 1e6:,.0f} MB, and PyTorch's libraries alone map up to 4,000: raise it, or set none"
 
 
 def _refused(error: OSError) -> str | None:

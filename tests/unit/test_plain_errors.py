@@ -1,6 +1,9 @@
 """What goes wrong outside of the program is told in a line; an error in it keeps its traceback."""
 
 import errno
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -45,6 +48,42 @@ def test_a_lack_of_memory(allocate):
         allocate()
     told = plain(caught.value)
     assert told.startswith("no memory left (") and "scale.md" in told and "\n" not in told
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        OSError(errno.ENOMEM, "Cannot allocate memory"),
+        OSError("libraster.so: failed to map segment from shared object"),
+        ImportError("libtorch_cpu.so: failed to map segment from shared object"),
+    ],
+)
+def test_a_lack_of_memory_for_processes_and_libraries(error):
+    assert plain(error) == f"no memory left ({error}). Free some, or see docs/scale.md for what takes less"
+
+
+LIMITED = """
+import resource
+resource.setrlimit(resource.RLIMIT_AS, (600_000_000, resource.RLIM_INFINITY))
+from egosplat.cli import main
+main()
+"""
+
+
+def test_a_limit_on_addresses_is_named(tmp_path):
+    """Of which libraries take more than most stages ever fill."""
+    words = ["splats", "--frames", "a", "--poses", "b", "--output", "c"]
+    done = subprocess.run(
+        [sys.executable, "-c", LIMITED, *words],
+        cwd=tmp_path,
+        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    (line,) = done.stderr.splitlines()
+    assert done.returncode == 2 and line.startswith("egosplat: no memory left (")
+    assert "failed to map segment" in line and "ulimit -v allows 600 MB" in line
 
 
 def test_a_gpus_lack_of_memory():
