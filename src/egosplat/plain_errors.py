@@ -1,32 +1,22 @@
 """What a user is told in place of a traceback."""
 
-import errno
-import re
 import resource
 
 from egosplat.atomic import MAKE_ROOM, NO_ROOM
 from egosplat.errors import UserError
-
-_NO_MEMORY = re.compile(r"out of memory|allocate memory|failed to map segment")
-"""PyTorch's, on a GPU and on a processor, which are RuntimeErrors; the loader's of libraries."""
+from egosplat.refusals import lacks_memory
 
 
 def plain(error: Exception) -> str | None:
     """One or two lines of what went wrong and what to do; None of an error in the program, which deserves its traceback."""
     if isinstance(error, UserError):
         return str(error)
-    if _lacks_memory(error):
+    if lacks_memory(error):
         what = str(error).partition("\n")[0] or "MemoryError"
         return f"no memory left ({what}). {_more_memory()}"
     if isinstance(error, OSError):
         return _refused(error)
     return None
-
-
-def _lacks_memory(error: Exception) -> bool:
-    if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
-        return True
-    return isinstance(error, (RuntimeError, ImportError, OSError)) and bool(_NO_MEMORY.search(str(error)))
 
 
 def _more_memory() -> str:

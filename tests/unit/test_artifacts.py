@@ -2,6 +2,7 @@
 
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -299,6 +300,22 @@ def test_a_killed_writer_leaves_no_artifact_and_the_next_one_sweeps_up(tmp_path,
     assert verify(path, SCHEMAS)
     write(path)
     assert leftovers(tmp_path) == ["a.zarr"]
+
+
+def test_too_many_open_files_are_no_damage(tmp_path):
+    """Else a whole artifact would be thrown away for what the system refused."""
+    write(tmp_path / "a.zarr")
+    artifact = open_artifact(tmp_path / "a.zarr", TINY)
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (0, before[1]))
+    try:
+        with pytest.raises(OSError, match="Too many open files"):
+            open_artifact(tmp_path / "a.zarr", TINY)
+        with pytest.raises(OSError, match="Too many open files"):
+            artifact.read("rows")
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, before)
+    assert artifact.read("rows").any()
 
 
 def test_check_tells_sound_from_damaged_and_from_outdated(tmp_path):

@@ -8,6 +8,7 @@ from typing import Any
 
 from egosplat.artifacts.schema import Schema
 from egosplat.errors import UserError
+from egosplat.refusals import refused
 
 
 class ArtifactError(UserError):
@@ -52,7 +53,9 @@ def _kind(metadata: Path) -> str | None:
     """What an artifact's metadata calls it, if they can be read no further than that; None of anything else."""
     try:
         found = re.search(rb'"egosplat".*?"schema":\s*"(\w+)"', metadata.read_bytes(), re.DOTALL)
-    except OSError:
+    except OSError as error:
+        if refused(error):
+            raise
         return None
     return found[1].decode() if found else None
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.integrity import ArtifactError, damaged, digest_of, remedy, seal
 from egosplat.artifacts.schema import Field, Schema, check_shape
+from egosplat.refusals import refused
 
 
 class Artifact:
@@ -69,6 +70,8 @@ class Artifact:
         try:
             return np.asarray(array[selection])
         except (ValueError, RuntimeError, OSError, KeyError) as error:
+            if refused(error):
+                raise
             first = selection.start if isinstance(selection, slice) else selection
             where = "" if array.nchunks == 1 else f", chunk {first // array.chunks[0]}"
             reason = _reason(error)
@@ -155,6 +158,8 @@ def _open(path: Path) -> tuple[zarr.Group, dict[str, Any]]:
             f"{path}: is a Zarr group that egosplat did not write. Give an artifact."
         ) from None
     except Exception as error:  # zarr raises many kinds for an unreadable group
+        if refused(error):
+            raise
         raise damaged(path, f"is no readable Zarr group ({type(error).__name__})") from error
     if not isinstance(attributes, dict) or attributes.get("seal") != seal(attributes):
         raise damaged(path, "its attributes were changed after it was written")
@@ -167,6 +172,8 @@ def _check_array(path: Path, group: zarr.Group, name: str, declared: Field, size
     except KeyError:
         raise damaged(path, f"array {name!r} is missing") from None
     except Exception as error:
+        if refused(error):
+            raise
         raise damaged(path, f"array {name!r} is unreadable ({type(error).__name__})") from error
     if array.dtype != np.dtype(declared.dtype):
         raise damaged(path, f"array {name!r} is {array.dtype}, not {declared.dtype}")

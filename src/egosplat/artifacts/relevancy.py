@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from egosplat.artifacts.integrity import digest_of
 from egosplat.artifacts.schema import Field, Schema, check_shape
 from egosplat.errors import UserError
+from egosplat.refusals import refused
 
 RELEVANCY = Schema(
     "relevancy",
@@ -72,6 +73,8 @@ class Relevancy:
         try:
             values = np.asarray(self._maps[row], np.float32)
         except Exception as error:  # zarr raises many kinds for what is damaged
+            if refused(error):
+                raise
             raise UserError(f"{where}, cannot be read ({type(error).__name__}); write it anew") from error
         if not ((values >= 0) & (values <= 1) | np.isnan(values)).all():
             raise UserError(
@@ -110,6 +113,8 @@ def _open(path: Path) -> tuple[zarr.Group, dict[str, Any]]:
         group = zarr.open_group(path, mode="r")
         attributes = group.attrs.asdict()
     except Exception as error:  # zarr raises many kinds for an unreadable group
+        if refused(error):
+            raise
         raise UserError(f"{path}: is no readable Zarr group ({type(error).__name__})") from error
     found = (attributes.get("schema"), attributes.get("format_version"))
     if found != (RELEVANCY.name, RELEVANCY.version):
@@ -124,6 +129,8 @@ def _read_frames(path: Path, group: zarr.Group) -> list[int]:
     try:
         return np.asarray(group["frame"][...]).tolist()
     except Exception as error:  # zarr raises many kinds for what is damaged
+        if refused(error):
+            raise
         raise UserError(
             f"{path}: array 'frame' cannot be read ({type(error).__name__}); write it anew"
         ) from error
@@ -133,6 +140,8 @@ def _check_array(path: Path, group: zarr.Group, name: str, declared: Field, size
     try:
         array = group.get(name)
     except Exception as error:  # zarr raises many kinds for what is damaged
+        if refused(error):
+            raise
         raise UserError(f"{path}: array {name!r} is unreadable ({type(error).__name__})") from error
     if not isinstance(array, zarr.Array):
         raise UserError(f"{path}: lacks the array {name!r}; see docs/other_methods.md")

@@ -3,6 +3,7 @@
 import pickle
 import struct
 import warnings
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from torch import Tensor, nn
 
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import Model
+from egosplat.refusals import lacks_memory
 
 PICKLED = (".pt", ".pth", ".bin")
 WRAPPERS = ("model", "state_dict")
@@ -84,7 +86,9 @@ def _read_safetensors(path: Path) -> dict[str, Tensor]:
 
     try:
         return load_file(path)
-    except (SafetensorError, *RUBBISH):
+    except (SafetensorError, *RUBBISH) as error:
+        if lacks_memory(error):  # never by what the file says: its sizes are held against its own
+            raise
         raise _damaged(path) from None
 
 
@@ -104,7 +108,10 @@ def _read_pickled(path: Path) -> Any:
         if error.filename is not None:
             raise
         raise _damaged(path) from None  # the archive's reader went beyond its end
-    except RUBBISH:
+    except RUBBISH as error:
+        # Rubbish may ask for any memory, an archive that is whole to its end only for what it holds.
+        if lacks_memory(error) and zipfile.is_zipfile(path):
+            raise
         raise _damaged(path) from None
 
 

@@ -1,6 +1,9 @@
 """Checkpoints are read without running code, and what is wrong with one is said."""
 
 import io
+import re
+import subprocess
+import sys
 import warnings
 
 import numpy as np
@@ -66,6 +69,31 @@ def test_rubbish_is_told_in_one_line(tmp_path, name, content):
     with pytest.raises(UserError, match=f"{name}: is no whole checkpoint but {len(content)} bytes") as caught:
         read_tensors(tmp_path / name)
     assert len(str(caught.value).splitlines()) == 1
+
+
+LIMITED = """
+import resource, sys
+from pathlib import Path
+import safetensors.torch
+from egosplat.models.weights import read_tensors
+taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+resource.setrlimit(resource.RLIMIT_AS, (taken + 100_000_000, resource.RLIM_INFINITY))
+try:
+    read_tensors(Path(sys.argv[1]))
+except Exception as error:
+    print(type(error).__name__, error)
+"""
+
+
+@pytest.mark.parametrize("name", ["m.pt", "m.safetensors"])
+def test_a_lack_of_memory_is_not_taken_for_damage(tmp_path, name):
+    """Else a whole checkpoint would be downloaded again."""
+    large = {"a": torch.zeros(50_000_000)}
+    save_file(large, tmp_path / name) if name.endswith("safetensors") else torch.save(large, tmp_path / name)
+    done = subprocess.run(
+        [sys.executable, "-c", LIMITED, tmp_path / name], capture_output=True, text=True, check=True
+    )
+    assert re.match("(MemoryError|RuntimeError) .*allocate memory", done.stdout), done
 
 
 def test_no_random_bytes_bring_the_reader_down(tmp_path):
