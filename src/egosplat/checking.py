@@ -7,6 +7,7 @@ from pathlib import Path
 from egosplat.artifacts.kinds import SCHEMAS
 from egosplat.artifacts.reading import Artifact, recorded_digest, verify
 from egosplat.errors import UserError
+from egosplat.plain_errors import plain
 
 
 @dataclass(frozen=True)
@@ -45,15 +46,15 @@ def _problem(path: Path) -> str:
     try:
         artifact = verify(path, SCHEMAS)
         return _changed_input(artifact)
-    except UserError as error:
-        return str(error)
+    except (UserError, OSError) as error:
+        return plain(error) or f"{path}: {error}"
 
 
 def _digest_of(path: Path) -> str | None:
-    """An artifact's recorded digest; None where it is absent or damaged, which its own report tells."""
+    """An artifact's recorded digest; None where it is absent, damaged or refused, which its own report tells."""
     try:
         return recorded_digest(path)
-    except UserError:
+    except (UserError, OSError):
         return None
 
 

@@ -313,8 +313,10 @@ def test_too_many_open_files_are_no_damage(tmp_path):
             open_artifact(tmp_path / "a.zarr", TINY)
         with pytest.raises(OSError, match="Too many open files"):
             artifact.read("rows")
+        (report,) = check_tree(tmp_path / "a.zarr", lambda _: None)
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, before)
+    assert "Too many open files" in report.problem and "damaged" not in report.problem
     assert artifact.read("rows").any()
 
 
