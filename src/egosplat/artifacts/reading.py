@@ -89,6 +89,7 @@ def open_artifact(path: Path, schema: Schema) -> Artifact:
 
     Raises:
         ArtifactError: it is absent, of another kind or version, or damaged; says how to make it anew.
+        OSError, MemoryError, RuntimeError: the system refuses to read it, see ``egosplat.refusals``; so all that read.
     """
     return _checked_artifact(path, schema, *_open(path))
 

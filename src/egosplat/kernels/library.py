@@ -100,6 +100,7 @@ def open_library(folder: Path, variant: Variant) -> ctypes.CDLL:
 
     Raises:
         UserError: it cannot be loaded, or was compiled from other sources.
+        OSError: the system refuses the memory for it.
     """
     path = folder / variant.file
     try:

@@ -49,6 +49,7 @@ def read_tensors(path: Path) -> dict[str, Tensor]:
 
     Raises:
         UserError: the file is of another kind, damaged, or holds anything but tensors.
+        MemoryError, RuntimeError: the system refuses the memory for it.
     """
     if path.suffix == ".safetensors":
         content = _read_safetensors(path)
