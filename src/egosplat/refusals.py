@@ -1,7 +1,11 @@
 """What the operating system refuses: no fault of a file that was being read, and gone when it is asked again elsewhere."""
 
+import contextlib
 import errno
 import re
+from collections.abc import Callable, Iterator
+
+from egosplat.errors import UserError
 
 _NO_MEMORY = re.compile(
     r"out of memory|allocate memory|could not create a primitive$|failed to map segment|can't start new thread"
@@ -27,3 +31,21 @@ def lacks_memory(error: Exception) -> bool:
 def refused(error: Exception) -> bool:
     """Whether an error says nothing of what a file holds: of memory, rights, open files or the file system."""
     return lacks_memory(error) or (isinstance(error, OSError) and error.errno in _REFUSED)
+
+
+@contextlib.contextmanager
+def told_as(
+    tell: Callable[[Exception], UserError], kinds: tuple[type[Exception], ...] = (Exception,)
+) -> Iterator[None]:
+    """Tell what a library raises in the block as ``tell`` has it; what the system refuses passes as it is.
+
+    Args:
+        tell: the error to raise in its place.
+        kinds: of errors that are told so; all by default, for libraries that raise many.
+    """
+    try:
+        yield
+    except kinds as error:
+        if refused(error):
+            raise
+        raise tell(error) from error

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.integrity import ArtifactError, damaged, digest_of, remedy, seal
 from egosplat.artifacts.schema import Field, Schema, check_shape
-from egosplat.refusals import refused
+from egosplat.refusals import told_as
 
 
 class Artifact:
@@ -67,15 +67,13 @@ class Artifact:
         return self._checked(self._group[name], name, index)
 
     def _checked(self, array: zarr.Array, name: str, selection: int | slice) -> NDArray[Any]:
-        try:
-            return np.asarray(array[selection])
-        except (ValueError, RuntimeError, OSError, KeyError) as error:
-            if refused(error):
-                raise
+        def tell(error: Exception) -> ArtifactError:
             first = selection.start if isinstance(selection, slice) else selection
             where = "" if array.nchunks == 1 else f", chunk {first // array.chunks[0]}"
-            reason = _reason(error)
-            raise damaged(self.path, f"array {name!r}{where} cannot be read ({reason})") from error
+            return damaged(self.path, f"array {name!r}{where} cannot be read ({_reason(error)})")
+
+        with told_as(tell, (ValueError, RuntimeError, OSError, KeyError)):
+            return np.asarray(array[selection])
 
 
 def _reason(error: Exception) -> str:
@@ -151,31 +149,27 @@ def recorded_digest(path: Path) -> str:
 def _open(path: Path) -> tuple[zarr.Group, dict[str, Any]]:
     if not path.exists():
         raise ArtifactError(f"{path}: does not exist. Make it: snakemake --cores 2 {path}")
-    try:
+
+    def tell(error: Exception) -> ArtifactError:
+        if isinstance(error, KeyError):
+            return ArtifactError(f"{path}: is a Zarr group that egosplat did not write. Give an artifact.")
+        return damaged(path, f"is no readable Zarr group ({type(error).__name__})")
+
+    with told_as(tell):
         group = zarr.open_group(path, mode="r")
         attributes = group.attrs.asdict()["egosplat"]
-    except KeyError:
-        raise ArtifactError(
-            f"{path}: is a Zarr group that egosplat did not write. Give an artifact."
-        ) from None
-    except Exception as error:  # zarr raises many kinds for an unreadable group
-        if refused(error):
-            raise
-        raise damaged(path, f"is no readable Zarr group ({type(error).__name__})") from error
     if not isinstance(attributes, dict) or attributes.get("seal") != seal(attributes):
         raise damaged(path, "its attributes were changed after it was written")
     return group, attributes
 
 
 def _check_array(path: Path, group: zarr.Group, name: str, declared: Field, sizes: dict[str, int]) -> None:
-    try:
+    def tell(error: Exception) -> ArtifactError:
+        unreadable = f"unreadable ({type(error).__name__})"
+        return damaged(path, f"array {name!r} is {'missing' if isinstance(error, KeyError) else unreadable}")
+
+    with told_as(tell):
         array = group[name]
-    except KeyError:
-        raise damaged(path, f"array {name!r} is missing") from None
-    except Exception as error:
-        if refused(error):
-            raise
-        raise damaged(path, f"array {name!r} is unreadable ({type(error).__name__})") from error
     if array.dtype != np.dtype(declared.dtype):
         raise damaged(path, f"array {name!r} is {array.dtype}, not {declared.dtype}")
     try:

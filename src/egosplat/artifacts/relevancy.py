@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from egosplat.artifacts.integrity import digest_of
 from egosplat.artifacts.schema import Field, Schema, check_shape
 from egosplat.errors import UserError
-from egosplat.refusals import refused
+from egosplat.refusals import told_as
 
 RELEVANCY = Schema(
     "relevancy",
@@ -70,12 +71,8 @@ class Relevancy:
         """
         row = self.rows[frame, category]
         where = f"{self.path}: relevancy[{row}], {category!r} in frame {frame}"
-        try:
+        with told_as(_damaged(f"{where}, cannot be read", "; write it anew")):
             values = np.asarray(self._maps[row], np.float32)
-        except Exception as error:  # zarr raises many kinds for what is damaged
-            if refused(error):
-                raise
-            raise UserError(f"{where}, cannot be read ({type(error).__name__}); write it anew") from error
         if not ((values >= 0) & (values <= 1) | np.isnan(values)).all():
             raise UserError(
                 f"{where}, holds numbers outside 0..1; scale them, and put NaN where nothing is seen"
@@ -106,16 +103,17 @@ def open_relevancy(path: Path) -> Relevancy:
     )
 
 
+def _damaged(what: str, advice: str = "") -> Callable[[Exception], UserError]:
+    """What is told of the many kinds of errors that zarr raises for what is damaged."""
+    return lambda error: UserError(f"{what} ({type(error).__name__}){advice}")
+
+
 def _open(path: Path) -> tuple[zarr.Group, dict[str, Any]]:
     if not path.exists():
         raise UserError(f"{path}: does not exist. docs/other_methods.md says how it is made")
-    try:
+    with told_as(_damaged(f"{path}: is no readable Zarr group")):
         group = zarr.open_group(path, mode="r")
         attributes = group.attrs.asdict()
-    except Exception as error:  # zarr raises many kinds for an unreadable group
-        if refused(error):
-            raise
-        raise UserError(f"{path}: is no readable Zarr group ({type(error).__name__})") from error
     found = (attributes.get("schema"), attributes.get("format_version"))
     if found != (RELEVANCY.name, RELEVANCY.version):
         raise UserError(
@@ -126,23 +124,13 @@ def _open(path: Path) -> tuple[zarr.Group, dict[str, Any]]:
 
 
 def _read_frames(path: Path, group: zarr.Group) -> list[int]:
-    try:
+    with told_as(_damaged(f"{path}: array 'frame' cannot be read", "; write it anew")):
         return np.asarray(group["frame"][...]).tolist()
-    except Exception as error:  # zarr raises many kinds for what is damaged
-        if refused(error):
-            raise
-        raise UserError(
-            f"{path}: array 'frame' cannot be read ({type(error).__name__}); write it anew"
-        ) from error
 
 
 def _check_array(path: Path, group: zarr.Group, name: str, declared: Field, sizes: dict[str, int]) -> None:
-    try:
+    with told_as(_damaged(f"{path}: array {name!r} is unreadable")):
         array = group.get(name)
-    except Exception as error:  # zarr raises many kinds for what is damaged
-        if refused(error):
-            raise
-        raise UserError(f"{path}: array {name!r} is unreadable ({type(error).__name__})") from error
     if not isinstance(array, zarr.Array):
         raise UserError(f"{path}: lacks the array {name!r}; see docs/other_methods.md")
     fits = array.dtype.kind in "iu" if name == "frame" else array.dtype in FLOATS

@@ -15,7 +15,7 @@ import torch  # noqa: F401  before the libraries, which need its OpenMP runtime
 
 from egosplat.errors import UserError
 from egosplat.kernels.variants import HERE, VARIANTS, Variant, source_hash
-from egosplat.refusals import refused
+from egosplat.refusals import told_as
 
 ABI = 1
 """Version of the functions' signatures: what ``egosplat_abi`` of a library must return."""
@@ -103,14 +103,14 @@ def open_library(folder: Path, variant: Variant) -> ctypes.CDLL:
         OSError: the system refuses the memory for it.
     """
     path = folder / variant.file
-    try:
+
+    def tell(error: Exception) -> UserError:
+        return UserError(f"{path} cannot be loaded ({error}): {_AGAIN}")
+
+    with told_as(tell, (OSError, AttributeError)):
         library = ctypes.CDLL(str(path))
         library.egosplat_source_hash.restype = ctypes.c_char_p
         compiled_from, abi = library.egosplat_source_hash().decode(), library.egosplat_abi()
-    except (OSError, AttributeError) as error:
-        if refused(error):
-            raise
-        raise UserError(f"{path} cannot be loaded ({error}): {_AGAIN}") from error
     if abi != ABI or compiled_from != source_hash(folder):
         raise UserError(f"{path} was compiled from other sources than those beside it: {_AGAIN}")
     return library
