@@ -33,8 +33,11 @@ CHECKPOINT = 4.0
 GAUSSIAN = 1500.0
 """Bytes a Gaussian in training: 1.43 MiB a thousand, with gradients, Adam's moments and density control."""
 
+SMALL_SIDE = 320
+"""Of the square to which the small SAM2 resizes pictures where its growth was measured [px]."""
+
 TRACKING, INSTANCE = 200.0, 1.9
-"""The small SAM2 at 320 x 320: a batch in work, and of each instance the frames that are remembered [MB]."""
+"""The small SAM2: a batch in work, and of each instance the frames that are remembered [MB]."""
 
 PUBLISHED_SIDE = 1024
 """Of the square to which the published SAM2 resize pictures [px]."""
@@ -99,7 +102,8 @@ def _segments(config: Config, shapes: Shapes) -> float:
     keys = config["segments"]
     if keys["segmenter"] == "classical":
         return TORCH + 200 * shapes.pixels / MB
-    sam2 = (TRACKING + INSTANCE * LEVELS * keys["max_instances"]) * (sam2_input_side(config) / 320) ** 2
+    share = (sam2_input_side(config) / SMALL_SIDE) ** 2
+    sam2 = share * (TRACKING + INSTANCE * LEVELS * keys["max_instances"])
     labels = 0.05 * LEVELS * 4 * shapes.frames * shapes.pixels / MB
     return TORCH + _checkpoint(SAM2, config) + sam2 + labels + 200 * shapes.pixels / MB
 

@@ -8,7 +8,7 @@ submitted again.
 
 from collections.abc import Callable
 
-from egosplat.cluster.memory import GAUSSIANS, LEVELS, PUBLISHED_SIDE, number, sam2_input_side
+from egosplat.cluster.memory import GAUSSIANS, LEVELS, PUBLISHED_SIDE, SMALL_SIDE, number, sam2_input_side
 from egosplat.cluster.shapes import Shapes
 from egosplat.config import Config
 from egosplat.doctor.times import ITERATION_S, estimate
@@ -22,8 +22,8 @@ LEAST_S = 600.0
 
 MOST_S = 86_400.0
 
-SEGMENTS_FRAME_S, SEGMENTS_VIEW_S, SEGMENTS_SIDE = 0.18, 0.016, 320
-"""The small SAM2, for a frame, and for an instance in a frame; looking at a square of this side [px]."""
+SEGMENTS_FRAME_S, SEGMENTS_VIEW_S = 0.18, 0.016
+"""The small SAM2, for a frame, and for an instance in a frame."""
 
 SAM2_FRAME_S, SAM2_VIEW_S = 9.7, 3.2
 """The paper's SAM2; the second with its memory full, half of what docs/scale.md has of one processor."""
@@ -73,7 +73,7 @@ def _segments(config: Config, shapes: Shapes) -> float:
     """Half of all instances that may be followed, in every frame."""
     followed = LEVELS * config["segments"]["max_instances"] / 2
     if config["models"]["sam2_config"] == SMALL:
-        frame, view, side = SEGMENTS_FRAME_S, SEGMENTS_VIEW_S, SEGMENTS_SIDE
+        frame, view, side = SEGMENTS_FRAME_S, SEGMENTS_VIEW_S, SMALL_SIDE
     else:
         on_cpu = config["models"]["device"] == "cpu"
         frame, view, side = SAM2_FRAME_S, SAM2_VIEW_S if on_cpu else SAM2_VIEW_ON_GPU_S, PUBLISHED_SIDE
