@@ -9,13 +9,15 @@ from numpy.typing import NDArray
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.reading import open_artifact
 from egosplat.artifacts.splats import SPLATS
-from egosplat.atomic import whole_file
 from egosplat.errors import UserError
+from egosplat.output_files import check_output, output_file, text_kind
 from egosplat.progress import log
 from egosplat.splats.gaussians import Gaussians
 from egosplat.splats.saved import read_gaussians
 
 Columns = dict[str, NDArray[np.float32]]
+
+EXPORT = text_kind("egosplat export", ".ply", begin="ply\n", mark="\ncomment egosplat, origin ")
 
 
 def export(scene: Path, output: Path, codes: bool) -> None:
@@ -27,8 +29,9 @@ def export(scene: Path, output: Path, codes: bool) -> None:
         codes: whether codes and shares are written.
 
     Raises:
-        UserError: an artifact is absent or damaged, or of other splats.
+        UserError: an artifact is absent or damaged, or of other splats, or the file would replace something else.
     """
+    check_output(output, EXPORT)
     splats = open_artifact(scene / "splats.zarr", SPLATS)
     columns = geometry_columns(read_gaussians(splats))
     if codes:
@@ -39,7 +42,7 @@ def export(scene: Path, output: Path, codes: bool) -> None:
                 f"make it anew: snakemake --cores 2 {language.path}"
             )
         columns |= code_columns(language.read("code"), language.read("share"), language.facts["levels"])
-    write_ply(output, columns, comment=f"egosplat, origin {splats.origin}")
+    write_ply(output, columns, splats.origin)
     log(f"{output}: {len(columns['x'])} Gaussians, {len(columns)} properties each")
 
 
@@ -68,23 +71,26 @@ def code_columns(code: NDArray[np.float32], share: NDArray[np.float32], levels: 
     return columns
 
 
-def write_ply(path: Path, columns: Columns, comment: str) -> None:
+def write_ply(path: Path, columns: Columns, origin: str) -> None:
     """Write float32 properties of vertices, little-endian binary; the file is whole or absent.
 
     Args:
         path: the file.
         columns: (N,) values of each property, in order.
-        comment: one line for the header.
+        origin: of the data, ``real`` or ``synthetic``, for the header.
+
+    Raises:
+        UserError: something is at ``path`` that ``export`` did not write.
     """
     vertices = np.stack(list(columns.values()), axis=1).astype("<f4")
     header = [
         "ply",
         "format binary_little_endian 1.0",
-        f"comment {comment}",
+        f"comment egosplat, origin {origin}",
         f"element vertex {len(vertices)}",
         *(f"property float {name}" for name in columns),
         "end_header",
     ]
-    with whole_file(path) as scratch, scratch.open("wb") as file:
+    with output_file(path, EXPORT) as scratch, scratch.open("wb") as file:
         file.write("\n".join([*header, ""]).encode("ascii"))
         file.write(vertices.tobytes())

@@ -12,13 +12,14 @@ from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.errors import UserError
+from egosplat.output_files import check_output
 from egosplat.query.asking import ask
 from egosplat.query.clip import load_clip_of
 from egosplat.query.options import QueryOptions
 from egosplat.query.scene import read_scene
 from egosplat.query.text import encode_texts
 from egosplat.query.viewpoint import Viewpoint, file_viewpoint, frame_viewpoint
-from egosplat.report.query_sheet import draw_answers
+from egosplat.report.query_sheet import QUERY_PICTURE, draw_answers
 from egosplat.report.query_table import answers_table
 from egosplat.report.trained_scene import open_trained_scene
 
@@ -70,8 +71,10 @@ def run(
 
     Raises:
         UserError: an artifact is missing or does not belong to the others, its OpenCLIP is not there any more, the
-            frame or pose cannot be had, a phrase cannot be asked.
+            frame or pose cannot be had, a phrase cannot be asked, or the picture would replace something else.
     """
+    output = folder / "query.png" if asking.output is None else asking.output
+    check_output(output, QUERY_PICTURE)
     sources = _open(folder)
     viewpoint = _viewpoint(sources, asking)
     made_with = sources.features.facts["clip"]
@@ -82,7 +85,6 @@ def run(
     pose, levels = viewpoint.camera_to_world, sources.language.facts["levels"]
     answers = list(ask(scene, texts, drawn.camera, pose, viewpoint.valid, options))
     title = f"{folder}, {viewpoint.name}, origin {sources.language.origin}"
-    output = folder / "query.png" if asking.output is None else asking.output
     draw_answers(drawn.picture(drawn.camera, pose), answers, levels, title, output)
     return f"{title}\n{answers_table(answers, levels)}\npicture: {output}"
 

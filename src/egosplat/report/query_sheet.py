@@ -7,10 +7,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from egosplat.atomic import whole_file
-from egosplat.plotting import plt
+from egosplat.output_files import picture_kind
+from egosplat.plotting import plt, save_picture
 from egosplat.query.answer import Answer
 from egosplat.report.answer_drawing import draw_heat, draw_mask
+
+QUERY_PICTURE = picture_kind("egosplat query")
 
 CELL = 4.0
 """Height of a picture, in inches."""
@@ -35,9 +37,7 @@ def draw_answers(
     figure.suptitle(title, fontsize=12)
     for cells, answer in zip(grid, answers, strict=True):
         _draw(cells, picture, answer, levels)
-    with whole_file(output) as scratch:
-        figure.savefig(scratch, dpi=90, format="png")
-    plt.close(figure)
+    save_picture(figure, output, QUERY_PICTURE)
 
 
 def _draw(

@@ -31,7 +31,7 @@ def read(path) -> np.ndarray:
 
 
 def test_every_parameter_comes_back_under_the_name_that_viewers_know(tmp_path, gaussians):
-    write_ply(tmp_path / "x.ply", geometry_columns(gaussians), "a comment")
+    write_ply(tmp_path / "x.ply", geometry_columns(gaussians), "real")
     found = read(tmp_path / "x.ply")
     for axis, name in enumerate("xyz"):
         assert np.array_equal(found[name].ravel(), gaussians.means[:, axis].numpy())

@@ -1,0 +1,131 @@
+"""Files that commands write under names that a user gives: which names are accepted, and what is never replaced.
+
+Every kind of file carries a mark that tells which command wrote it. A command replaces only files with its own mark.
+"""
+
+import contextlib
+import shlex
+import stat
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from egosplat.atomic import whole_file
+from egosplat.errors import UserError
+from egosplat.json_files import read_json_file
+from egosplat.writable import check_writable
+
+SOFTWARE = "Software"
+"""The keyword of PNG's text chunk that names the program."""
+
+_HEAD_BYTES = 4096
+"""A mark lies within the first so many bytes of its file."""
+
+_PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@dataclass(frozen=True)
+class FileKind:
+    """A kind of file that one command writes.
+
+    Attributes:
+        command: the command, as a user types it.
+        suffix: how the file's name ends, in lower case.
+        is_own: whether a regular file was written by the command.
+    """
+
+    command: str
+    suffix: str
+    is_own: Callable[[Path], bool]
+
+
+def picture_kind(command: str) -> FileKind:
+    """PNG pictures whose text chunk ``Software`` holds the command."""
+    text = b"tEXt" + SOFTWARE.encode() + b"\0" + command.encode()
+    # The whole chunk, length and checksum included: "egosplat query" must not match "egosplat query-sheet".
+    chunk = struct.pack(">I", len(text) - 4) + text + struct.pack(">I", zlib.crc32(text))
+    return FileKind(command, ".png", lambda path: _begins(path, _PNG) and chunk in _head(path))
+
+
+def text_kind(command: str, suffix: str, mark: str, begin: str = "") -> FileKind:
+    """Files that start with ``begin`` and hold ``mark`` near their start."""
+    return FileKind(
+        command, suffix, lambda path: _begins(path, begin.encode()) and mark.encode() in _head(path)
+    )
+
+
+def json_kind(command: str, *keys: str) -> FileKind:
+    """JSON files that hold an object with ``format_version`` and these keys."""
+    return FileKind(command, ".json", lambda path: _has_keys(path, {"format_version", *keys}))
+
+
+def check_output(path: Path, kind: FileKind) -> None:
+    """Check, before any work is done, that a command may write a file.
+
+    Nothing is left behind; missing folders above it are made later.
+
+    Raises:
+        UserError: the name ends in another suffix, something is there that the command did not write, or the folder
+            cannot be written.
+        OSError: the system refuses to look.
+    """
+    _check_replaceable(path, kind)
+    check_writable([path.parent])
+
+
+@contextlib.contextmanager
+def output_file(path: Path, kind: FileKind) -> Iterator[Path]:
+    """Yield the name of a file to write, which becomes ``path`` when the block ends without error.
+
+    Raises:
+        UserError: as ``check_output``; what is there may have changed since.
+    """
+    _check_replaceable(path, kind)
+    with whole_file(path) as scratch:
+        yield scratch
+
+
+def _check_replaceable(path: Path, kind: FileKind) -> None:
+    if path.suffix.lower() != kind.suffix:
+        raise UserError(f"{path}: {kind.command} writes {kind.suffix} files; end the name in {kind.suffix}")
+    try:
+        status = path.lstat()
+    except FileNotFoundError:
+        return
+    except NotADirectoryError:
+        raise UserError(f"{path}: a file is there where a folder is needed; give another --output") from None
+    if not stat.S_ISREG(status.st_mode):
+        raise UserError(f"{path}: is {_what(path, status.st_mode)}; give --output the name of a regular file")
+    if status.st_size and not kind.is_own(path):
+        raise UserError(
+            f"{path}: is there already and was not written by this version of {kind.command}; "
+            f"give another --output, or remove it first: rm {shlex.quote(str(path))}"
+        )
+
+
+def _what(path: Path, mode: int) -> str:
+    """What something is that is no regular file."""
+    if stat.S_ISLNK(mode):
+        return f"a link to {path.readlink()}"
+    if stat.S_ISDIR(mode):
+        return "a folder"
+    return "a device, pipe or socket"
+
+
+def _head(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(_HEAD_BYTES)
+
+
+def _begins(path: Path, begin: bytes) -> bool:
+    return _head(path).startswith(begin)
+
+
+def _has_keys(path: Path, keys: set[str]) -> bool:
+    try:
+        document = read_json_file(path)
+    except ValueError:
+        return False
+    return isinstance(document, dict) and keys <= document.keys()

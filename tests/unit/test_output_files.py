@@ -1,0 +1,219 @@
+"""Commands that write one file under a name that the user gives replace nothing that they did not write."""
+
+import os
+import shutil
+import stat
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from egosplat import cli
+from egosplat.errors import UserError
+from egosplat.language.ply import EXPORT, write_ply
+from egosplat.output_files import check_output, output_file, picture_kind
+from egosplat.plotting import plt, save_picture
+from egosplat.report.query_sheet import QUERY_PICTURE
+
+COMMANDS = {
+    "query": (".png", ["{folder}", "cup"]),
+    "export": (".ply", ["{folder}"]),
+}
+"""Suffix of the file that a command writes, and its arguments but --output; the inputs need not exist."""
+
+
+def foreign_picture(path: Path) -> None:
+    Image.new("RGB", (4, 4)).save(path, format="PNG")
+
+
+def picture_of(command: str) -> Callable[[Path], None]:
+    def make(path: Path) -> None:
+        save_picture(plt.figure(), path.with_suffix(".png"), picture_kind(command))
+        path.with_suffix(".png").rename(path)
+
+    return make
+
+
+def foreign_ply(path: Path) -> None:
+    path.write_bytes(b"ply\nformat ascii 1.0\ncomment a scan\nelement vertex 0\nend_header\n")
+
+
+def json_of_others(path: Path) -> None:
+    path.write_text('{"format_version": 1, "name": "mine"}')
+
+
+def unix_socket(path: Path) -> None:
+    os.mknod(path, stat.S_IFSOCK | 0o600)
+
+
+def linked(make: Callable[[Path], object] | None) -> Callable[[Path], None]:
+    def link(path: Path) -> None:
+        target = path.with_name("elsewhere" + path.suffix)
+        if make:
+            make(target)
+        path.symlink_to(target)
+
+    return link
+
+
+def folder_with_pictures(path: Path) -> None:
+    path.mkdir()
+    (path / "1.jpg").write_bytes(b"a photograph")
+
+
+OWN_NAME = {
+    "a picture from elsewhere": (foreign_picture, "was not written by"),
+    "a picture of another command": (picture_of("egosplat other"), "was not written by"),
+    "a picture of a command with a longer name": (picture_of("egosplat query-sheet"), "was not written by"),
+    "a scan from elsewhere": (foreign_ply, "was not written by"),
+    "JSON from elsewhere": (json_of_others, "was not written by"),
+    "a text": (lambda path: path.write_text("notes"), "was not written by"),
+    "a signature and no more": (lambda path: path.write_bytes(b"\x89PNG\r\n\x1a\n"), "was not written by"),
+    "bytes": (lambda path: path.write_bytes(b"\xff\xfe" * 4000), "was not written by"),
+    "an empty folder": (lambda path: path.mkdir(), "is a folder"),
+    "a folder of pictures": (folder_with_pictures, "is a folder"),
+    "a pipe": (os.mkfifo, "is a device, pipe or socket"),
+    "a socket": (unix_socket, "is a device, pipe or socket"),
+    "a link to a file": (linked(foreign_picture), "is a link to"),
+    "a link to a folder": (linked(folder_with_pictures), "is a link to"),
+    "a link to nothing": (linked(None), "is a link to"),
+    "a link to a device": (lambda path: path.symlink_to("/dev/null"), "is a link to /dev/null"),
+}
+"""What may be at a name with the right suffix, and what is said of it."""
+
+OTHER_NAMES = [
+    "metrics.json",
+    "frames.zarr",
+    "x.jpg",
+    "x",
+    "x.png.bak",
+    "x.gz",
+    ".png",
+    ".ply",
+    "x.",
+    "..",
+    ".",
+]
+"""Names that end in no command's suffix or in another's."""
+
+
+def call(monkeypatch, capfd, command: str, folder: Path, output: Path) -> tuple[int, str]:
+    words = [word.format(folder=folder) for word in COMMANDS[command][1]]
+    monkeypatch.setattr(sys, "argv", ["egosplat", command, *words, "--output", str(output)])
+    try:
+        cli.main()
+    except SystemExit as end:
+        return int(end.code or 0), capfd.readouterr().err
+    return 0, capfd.readouterr().err
+
+
+def everything(folder: Path) -> dict[str, object]:
+    """Kind, times and content of all that is below a folder."""
+    found: dict[str, object] = {}
+    for path in sorted(folder.rglob("*")):
+        status = path.lstat()
+        content = path.read_bytes() if path.is_file() else None
+        found[str(path)] = (status.st_mode, status.st_ino, status.st_mtime_ns, content)
+    return found
+
+
+@pytest.mark.parametrize("target", OWN_NAME)
+@pytest.mark.parametrize("command", COMMANDS)
+def test_what_a_command_did_not_write_stays(monkeypatch, capfd, tmp_path, command, target):
+    """Told before anything is read: the scene's folder is empty."""
+    make, said = OWN_NAME[target]
+    output = tmp_path / f"out{COMMANDS[command][0]}"
+    make(output)
+    before = everything(tmp_path)
+    status, err = call(monkeypatch, capfd, command, tmp_path, output)
+    assert status == 2 and str(output) in err and said in err and "Traceback" not in err
+    assert everything(tmp_path) == before
+
+
+@pytest.mark.parametrize("name", OTHER_NAMES)
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_name_with_another_suffix_is_refused(monkeypatch, capfd, tmp_path, command, name):
+    """Whether something has that name or not."""
+    suffix = COMMANDS[command][0]
+    if Path(name).suffix == suffix:
+        pytest.skip("it is this command's own")
+    for exists in (False, True):
+        if exists and not (tmp_path / name).exists():
+            (tmp_path / name).write_text('{"format_version": 1}')
+        before = everything(tmp_path)
+        status, err = call(monkeypatch, capfd, command, tmp_path, tmp_path / name)
+        assert status == 2 and f"end the name in {suffix}" in err
+        assert everything(tmp_path) == before
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_file_in_place_of_a_folder_is_told(monkeypatch, capfd, tmp_path, command):
+    (tmp_path / "file").write_bytes(b"a file")
+    output = tmp_path / "file" / f"out{COMMANDS[command][0]}"
+    status, err = call(monkeypatch, capfd, command, tmp_path, output)
+    assert status == 2 and str(output) in err and (tmp_path / "file").read_bytes() == b"a file"
+
+
+@pytest.mark.parametrize("device", ["/dev/null", "/dev/stdout", "/dev/fd/1"])
+@pytest.mark.parametrize("command", COMMANDS)
+def test_devices_have_no_suffix(monkeypatch, capfd, tmp_path, command, device):
+    """Of a device with the suffix see the pipe and the link above; a node can be made by root alone."""
+    before = os.lstat(device)
+    status, err = call(monkeypatch, capfd, command, tmp_path, Path(device))
+    assert status == 2 and device in err and os.lstat(device).st_ino == before.st_ino
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root makes device nodes")
+def test_a_device_node_with_the_suffix_stays(tmp_path):
+    output = tmp_path / "null.png"
+    try:
+        os.mknod(output, 0o20666, os.makedev(1, 3))
+    except PermissionError:
+        pytest.skip("no device node may be made here")
+    with pytest.raises(UserError, match="is a device"):
+        check_output(output, QUERY_PICTURE)
+
+
+@pytest.mark.parametrize("make", [None, lambda path: path.touch(), lambda path: picture(path)])
+def test_nothing_an_empty_file_and_an_own_picture_are_replaced(tmp_path, make):
+    output = tmp_path / "OUT.PNG"
+    if make:
+        make(output)
+    check_output(output, QUERY_PICTURE)
+    picture(output)
+    assert Image.open(output).info["Software"] == "egosplat query"
+
+
+def picture(path: Path) -> None:
+    save_picture(plt.figure(), path, QUERY_PICTURE)
+
+
+def test_an_own_ply_is_replaced_one_from_elsewhere_is_not(tmp_path):
+    columns = {name: np.zeros(2, np.float32) for name in "xyz"}
+    write_ply(tmp_path / "x.ply", columns, "real")
+    write_ply(tmp_path / "x.ply", columns, "synthetic")
+    assert b"comment egosplat, origin synthetic" in (tmp_path / "x.ply").read_bytes()
+    foreign_ply(tmp_path / "y.ply")
+    with pytest.raises(UserError, match=r"y\.ply: is there already"):
+        write_ply(tmp_path / "y.ply", columns, "real")
+
+
+def test_the_check_is_made_again_at_writing(tmp_path):
+    """A file that appears during minutes of work stays."""
+    output = tmp_path / "out.ply"
+    check_output(output, EXPORT)
+    foreign_ply(output)
+    with pytest.raises(UserError, match="is there already"), output_file(output, EXPORT):
+        pytest.fail("it began")
+
+
+def test_a_copy_without_the_mark_is_not_taken_for_an_own_picture(tmp_path):
+    """A program that crops or annotates the picture drops or replaces the text."""
+    picture(tmp_path / "a.png")
+    Image.open(tmp_path / "a.png").save(tmp_path / "b.png", pnginfo=None)
+    shutil.move(tmp_path / "b.png", tmp_path / "a.png")
+    with pytest.raises(UserError, match="rm "):
+        check_output(tmp_path / "a.png", QUERY_PICTURE)
