@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -90,7 +91,7 @@ def halves() -> Gaussians:
 
 @pytest.fixture
 def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -> Callable[..., Path]:
-    """``word_scene(clip_hash=, inputs=, nudge=)``: a folder with all that queries and metrics need.
+    """``word_scene(clip_hash=, inputs=, nudge=, origin=)``: a folder with all that queries and metrics need.
 
     Four frames of one view: 0 is trained on, 1 held out, 2 evaluated though trained on, 3 evaluated without a pose.
 
@@ -98,9 +99,16 @@ def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -
         clip_hash: of the OpenCLIP that features.zarr says it was made with, by default the small one.
         inputs: more that it says it was made from.
         nudge: metres by which the stored Gaussians are off.
+        origin: that all artifacts tell.
     """
 
-    def make(clip_hash: str | None = None, inputs: dict[str, str] | None = None, nudge: float = 0.0) -> Path:
+    def make(
+        clip_hash: str | None = None,
+        inputs: dict[str, str] | None = None,
+        nudge: float = 0.0,
+        origin: str = "synthetic",
+    ) -> Path:
+        put = partial(_put, origin=origin)
         clip_hash = clip_hash or model_hash(CLIP, SMALL)
         settings = RENDERING | {"sh_degree": 0, "background": None, "backend": "auto"}
         picture, _, _ = render(halves, CAMERA, np.eye(4), **settings)
@@ -119,7 +127,7 @@ def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -
             {"id": 2, "name": "Cup_1", "category": "cup", "motion_type": "dynamic"},
         ]
         evaluated = np.array([1, 2, 3])
-        _put(
+        put(
             tmp_path,
             FRAMES,
             {
@@ -129,7 +137,7 @@ def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -
                 "evaluation": np.array([False, True, True, True]),
             },
         )
-        _put(
+        put(
             tmp_path,
             POSES,
             {
@@ -139,7 +147,7 @@ def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -
             },
             inputs=_digests(tmp_path, "frames"),
         )
-        _put(
+        put(
             tmp_path,
             ANNOTATIONS,
             {
@@ -152,7 +160,7 @@ def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -
             {"instances": [thing | {"instance_type": "object"} for thing in things]},
             inputs=_digests(tmp_path, "frames"),
         )
-        _put(
+        put(
             tmp_path,
             FEATURES,
             {"instances/level": np.array([1, 1], np.int8), "consistent": couch_and_cup.numpy()},
@@ -168,8 +176,8 @@ def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -
         stored["means"] = stored["means"] + np.float32(nudge)
         held_out = {"held_out/frame": np.array([1]), "held_out/render": photograph[None]}
         about = {"camera": asdict(CAMERA), "sh_degree_in_use": 0, "views": {"training": 2}}
-        _put(tmp_path, SPLATS, stored | held_out, about, lens, _digests(tmp_path, "frames", "poses"))
-        _put(
+        put(tmp_path, SPLATS, stored | held_out, about, lens, _digests(tmp_path, "frames", "poses"))
+        put(
             tmp_path,
             LANGUAGE,
             {
@@ -196,12 +204,13 @@ def _put(
     options: dict[str, Any] | None = None,
     inputs: dict[str, str] | None = None,
     models: dict[str, str] | None = None,
+    origin: str = "synthetic",
 ) -> None:
     """Write an artifact, with zeros for the arrays that are not given."""
     sizes: dict[str | int, int] = {}
     for name, values in arrays.items():
         sizes |= dict(zip(schema.fields[name].dims, values.shape, strict=True))
-    made = begin(schema.name, options or {}, "synthetic", inputs or {}, models or {})
+    made = begin(schema.name, options or {}, origin, inputs or {}, models or {})
     with create(folder / f"{schema.name}.zarr", schema, made) as artifact:
         for name, field in schema.fields.items():
             shape = [dim if isinstance(dim, int) else sizes.get(dim, 0) for dim in field.dims]

@@ -12,6 +12,7 @@ from pathlib import Path
 from egosplat import config as configuration
 from egosplat.errors import UserError
 from egosplat.orphans import STARTED_BY
+from egosplat.scene_notices import plan_notices
 from egosplat.scenes import check_recording, find_scene, read_scenes, requested_targets
 from egosplat.stages import STAGES
 from egosplat.stale_locks import clear_stale_locks
@@ -59,11 +60,17 @@ try:
     presets = Path(workflow.basedir).parent / "config" / "presets"
     scenes = read_scenes(configuration.resolve(config, presets))
     scenes = {key: scene_with_points(scene) for key, scene in scenes.items()}
-    for target in requested_targets(sys.argv):
+    targets = requested_targets(sys.argv)
+    for target in targets:
         check_target(target)
 except UserError as error:
     # Not as an exception, around which Snakemake would print a traceback.
     sys.exit(f"egosplat: {error}")
+
+# The plan's first line: of jobs it would be said again by each.
+if workflow.is_main_process:
+    for line in plan_notices(scenes, targets):
+        print(f"egosplat: {line}", file=sys.stderr)
 
 
 # A killed command can say nothing itself. Whatever becomes of the line, the command's own status stays.

@@ -6,7 +6,7 @@ from pathlib import Path
 from egosplat.config import Config
 from egosplat.doctor.configured import chosen_point, read_configuration
 from egosplat.doctor.findings import Finding, Mark
-from egosplat.doctor.inputs import model_findings, recording_findings
+from egosplat.doctor.inputs import model_findings, recording_findings, suitability_findings
 from egosplat.doctor.machine import machine_findings
 from egosplat.doctor.times import MEASURED_ON, estimate, spoken
 from egosplat.errors import UserError
@@ -30,7 +30,8 @@ def examine(files: Sequence[Path], options: Sequence[str]) -> list[Finding]:
         scenes = list(read_scenes(config).values())
     except UserError as error:
         return [*findings, Finding(Mark.MISSING, "scenes", str(error))]
-    return [*findings, *recording_findings(config, scenes), *_time(config, scenes)]
+    findings += [*recording_findings(config, scenes), *suitability_findings(scenes)]
+    return [*findings, *_time(config, scenes)]
 
 
 def _budget(config: Config) -> Iterator[Finding]:

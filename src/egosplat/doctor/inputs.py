@@ -8,6 +8,7 @@ from egosplat.config import Config
 from egosplat.doctor.findings import Finding, Mark
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import CLIP, SAM2, Model, find_checkpoint, model_hash
+from egosplat.scene_notices import scene_notice
 from egosplat.scenes import Scene
 
 MIB = 1024**2
@@ -25,6 +26,14 @@ def recording_findings(config: Config, scenes: list[Scene]) -> Iterator[Finding]
         sorted(scenes, key=lambda scene: scene.dataset), lambda scene: scene.dataset
     ):
         yield _recordings(dataset, config["data_root"].get(dataset), list(rows))
+
+
+def suitability_findings(scenes: list[Scene]) -> Iterator[Finding]:
+    """For each scene whose recording is real and is there: that small checkpoints do not know it."""
+    for scene in scenes:
+        if told := scene_notice(scene):
+            first, _, advice = told.partition(". ")
+            yield Finding(Mark.NOTE, f"{scene.dataset}/{scene.scene}", first, advice)
 
 
 def _model(model: Model, config: Config) -> Finding:

@@ -1,7 +1,6 @@
 """Aria Digital Twin recordings: the pictures of ``video.vrs``, rectified. Nothing else of a sequence is read
 but ``metadata.json``, for the recording's origin (method_spec M3.3, M5.1)."""
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,11 +14,11 @@ from projectaria_tools.core.stream_id import StreamId
 
 from egosplat.errors import UserError
 from egosplat.frames.native_log import captured_log, damage, report
-from egosplat.frames.recording import Capture, Origin
+from egosplat.frames.origin import recording_origin
+from egosplat.frames.recording import Capture
 from egosplat.frames.rectify import Rectification, pinhole
 from egosplat.frames.selection import select_frames
 from egosplat.frames.vrs import check_complete, check_log
-from egosplat.json_files import read_json_file
 
 RGB_LABEL = "camera-rgb"
 RGB_STREAM = StreamId("214-1")
@@ -73,7 +72,7 @@ class AdtRecording:
             camera_known=True,
             device_from_camera=self._rectification.device_from_camera,
             valid=self._rectification.valid,
-            origin=_origin(folder),
+            origin=recording_origin("adt", folder),
         )
 
     def pictures(self, indices: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
@@ -149,15 +148,3 @@ def rgb_calibration(provider: VrsDataProvider, path: Path) -> CameraCalibration:
             f"{path}: has no calibration of {RGB_LABEL}. It must be the video.vrs of an ADT sequence."
         )
     return calibration
-
-
-def _origin(folder: Path) -> Origin:
-    """``synthetic`` where ``metadata.json`` says so, as this package's synthetic recordings do."""
-    path = folder / "metadata.json"
-    if not os.path.lexists(path):
-        return "real"
-    try:
-        metadata = read_json_file(path)
-    except (OSError, ValueError) as error:
-        raise UserError(f"{path}: not readable as JSON ({error}). Download it again.") from error
-    return "synthetic" if isinstance(metadata, dict) and metadata.get("origin") == "synthetic" else "real"

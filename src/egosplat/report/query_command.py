@@ -12,6 +12,7 @@ from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.errors import UserError
+from egosplat.models.suitability import notice_of_artifacts
 from egosplat.output_files import check_output
 from egosplat.query.asking import ask
 from egosplat.query.clip import load_clip_of
@@ -85,6 +86,8 @@ def run(
     pose, levels = viewpoint.camera_to_world, sources.language.facts["levels"]
     answers = list(ask(scene, texts, drawn.camera, pose, viewpoint.valid, options))
     title = f"{folder}, {viewpoint.name}, origin {sources.language.origin}"
+    # Below the title, in the table as in the picture.
+    title = "\n".join(filter(None, (title, notice_of_artifacts(lineage([sources.language]).found.values()))))
     draw_answers(drawn.picture(drawn.camera, pose), answers, levels, title, output)
     return f"{title}\n{answers_table(answers, levels)}\npicture: {output}"
 

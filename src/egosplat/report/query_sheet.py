@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from textwrap import fill
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,6 +18,9 @@ QUERY_PICTURE = picture_kind("egosplat query")
 CELL = 4.0
 """Height of a picture, in inches."""
 
+LETTERS_PER_INCH = 11
+"""Of the title."""
+
 
 def draw_answers(
     picture: NDArray[np.float32], answers: Sequence[Answer], levels: Sequence[str], title: str, output: Path
@@ -27,14 +31,15 @@ def draw_answers(
         picture: (H, W, 3) float32 in [0, 1], the rendered view.
         answers: a row each, one at least.
         levels: their names.
-        title: above all.
+        title: above all; lines that are too long are broken.
         output: the file.
     """
     height, width, _ = picture.shape
     cell = CELL * float(np.clip(width / height, 0.6, 1.8))
     size = (3 * cell, len(answers) * (CELL + 0.35) + 0.6)
     figure, grid = plt.subplots(len(answers), 3, squeeze=False, figsize=size, layout="constrained")
-    figure.suptitle(title, fontsize=12)
+    lines = (fill(line, int(LETTERS_PER_INCH * size[0])) for line in title.split("\n"))
+    figure.suptitle("\n".join(lines), fontsize=12)
     for cells, answer in zip(grid, answers, strict=True):
         _draw(cells, picture, answer, levels)
     save_picture(figure, output, QUERY_PICTURE)

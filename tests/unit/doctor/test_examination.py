@@ -95,6 +95,20 @@ def test_recordings_are_counted_and_the_absent_named(folder):
     assert marks()["mine recordings"] == Mark.NOTE, "a root that is not set is not needed"
 
 
+def test_small_checkpoints_are_told_of_each_real_scene_that_is_there(folder):
+    for name in ("a.mp4", "b.mp4"):
+        (folder / name).touch()
+    assert "mine/a" not in found(), "these models are not the small ones"
+    small = "models={clip_model: small, clip_checkpoint: small}"
+    findings = found(small)
+    for scene in ("mine/a", "mine/b"):
+        assert findings[scene].mark == Mark.NOTE and "models.clip_checkpoint" in findings[scene].value
+        assert "preset=paper" in findings[scene].advice
+    assert "adt/s1" not in findings
+    (folder / "b.mp4").unlink()
+    assert "mine/b" not in found(small)
+
+
 def test_kernels_that_do_not_load_are_missing_only_where_they_are_asked_for(folder, monkeypatch):
     monkeypatch.setattr(library, "why_not", lambda: "The C++ kernels are not compiled.\nRun make install")
     monkeypatch.setattr(library, "is_usable", lambda: False)

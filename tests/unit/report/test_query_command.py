@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 
 from egosplat import cli
+from egosplat.models.suitability import notice
 
 
 @pytest.fixture
@@ -49,6 +50,14 @@ def test_it_answers_in_words_and_in_a_picture(word_scene, query):
     assert picture == f"picture: {folder / 'query.png'}"
     width, height = Image.open(folder / "query.png").size
     assert width > height > 400
+
+
+def test_small_checkpoints_on_a_real_recording_are_told_with_the_answers(word_scene, query):
+    folder = word_scene(origin="real")
+    status, out, err = query(folder, "couch", "--frame", 1)
+    assert status == 0, err
+    told = notice("real", {"clip_checkpoint": "small"})
+    assert out.splitlines()[1] == told
 
 
 def test_from_a_place_where_nothing_is_there_is_no_answer(word_scene, query, tmp_path):

@@ -1,0 +1,56 @@
+"""When small checkpoints on a real recording are told, and in which words."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from egosplat.models.suitability import configured_checkpoints, notice, notice_of_artifacts
+
+BOTH = {"sam2_checkpoint": "small", "clip_checkpoint": "small"}
+
+
+def artifact(origin: str, models: dict[str, str], **facts):
+    """What an artifact tells of its making, with the value of each checkpoint's key."""
+    made = {"options": models, "models": dict.fromkeys(models, "c0de")}
+    return SimpleNamespace(origin=origin, provenance=made, facts=facts)
+
+
+def test_a_real_recording_with_small_checkpoints_is_told_with_what_to_do():
+    told = notice("real", BOTH)
+    assert "\n" not in told and "synthetic apartments alone" in told
+    assert "models.sam2_checkpoint" in told and "models.clip_checkpoint" in told
+    assert "egosplat doctor --config preset=paper" in told
+
+
+@pytest.mark.parametrize(
+    "origin, checkpoints",
+    [
+        ("synthetic", BOTH),
+        ("real", {"sam2_checkpoint": "sam2.pt", "clip_checkpoint": "clip.bin"}),
+        ("real", {}),
+    ],
+)
+def test_nothing_is_told_where_models_and_recording_fit(origin, checkpoints):
+    assert notice(origin, checkpoints) is None
+
+
+def test_of_one_small_checkpoint_only_its_key_is_named():
+    told = notice("real", {"sam2_checkpoint": "small", "clip_checkpoint": "clip.bin"})
+    assert "models.sam2_checkpoint" in told and "clip" not in told
+
+
+def test_artifacts_are_told_by_their_provenance():
+    segments = artifact("real", {"sam2_checkpoint": "small"})
+    frames = artifact("real", {})
+    assert notice_of_artifacts([frames]) is None
+    assert notice_of_artifacts([frames, segments]) == notice("real", {"sam2_checkpoint": "small"})
+    features = artifact("real", {}, clip={"checkpoint": "small"})
+    assert notice_of_artifacts([frames, segments, features]) == notice("real", BOTH)
+    assert notice_of_artifacts([artifact("synthetic", {}), segments]) is None
+
+
+def test_sam2_counts_only_where_it_segments():
+    config = {"models": BOTH, "segments": {"segmenter": "sam2"}}
+    assert configured_checkpoints(config) == BOTH
+    config["segments"]["segmenter"] = "classical"
+    assert configured_checkpoints(config) == {"clip_checkpoint": "small"}
