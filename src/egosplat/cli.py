@@ -9,15 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import click
-import yaml
 
 import egosplat
-from egosplat.config import NO_YAML, schema, section_keys, stage_keys
+from egosplat.config import schema, section_keys, stage_keys
 from egosplat.errors import UserError
 from egosplat.keys_table import keys_table
 from egosplat.orphans import end_with_snakemake
 from egosplat.plain_errors import plain
 from egosplat.stages import STAGES, stage_function
+from egosplat.strict_yaml import NO_YAML, load_yaml
 from egosplat.strictness import LARGEST_INTEGER
 
 _LONGEST = 500
@@ -200,7 +200,7 @@ class TextList(click.ParamType):
     ) -> tuple[str, ...]:
         """The texts; a list that is one already is taken as it is."""
         try:
-            texts = yaml.safe_load(value) if isinstance(value, str) else value
+            texts = load_yaml(value) if isinstance(value, str) else value
         except NO_YAML:
             texts = None
         if not isinstance(texts, list | tuple) or not all(isinstance(text, str) for text in texts):

@@ -5,20 +5,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from egosplat import budget
+from egosplat.coercion import Config, coerced
 from egosplat.errors import UserError
 from egosplat.explanations import explained, shortened
 from egosplat.json_files import read_json_file
 from egosplat.schema_files import Draft202012Validator, schema
 from egosplat.stages import STAGES
+from egosplat.strict_yaml import NO_YAML, load_yaml, problem
 from egosplat.strictness import StrictValidator
-
-Config = dict[str, Any]
-
-NO_YAML = (yaml.YAMLError, ValueError, RecursionError)
-"""What PyYAML raises on any text: ValueError on dates that there are not, on numbers of too many digits."""
 
 _VALIDATORS = {"config": StrictValidator, "scenes": StrictValidator}
 """Of what people write; JSON files follow JSON's own rules."""
@@ -63,6 +58,7 @@ def resolve(user: Mapping[str, Any], presets: Path) -> Config:
         UserError: names the first key that is unknown or has a value that is not allowed; no front was measured for
             the budget, or none of its points fits.
     """
+    user = coerced(user)
     asked = _filled(user, schema("config"))
     check(asked)
     path = presets / f"{asked['preset']}.yaml"
@@ -112,7 +108,7 @@ def parse_options(text: str, where: str) -> Config:
     """``"frames.stride=2 frames.end_s=20"`` -> ``{"frames": {"stride": 2, "end_s": 20}}``.
 
     Raises:
-        UserError: a word is not of that form; ``where`` says which row it stands in.
+        UserError: a word is not of that form, or a key stands twice; ``where`` says which row it stands in.
     """
     options: Config = {}
     for word in text.split():
@@ -122,29 +118,31 @@ def parse_options(text: str, where: str) -> Config:
             raise UserError(
                 f"{where}: option {shortened(word)} is not of the form section.key=value, as in frames.stride=2"
             )
-        options.setdefault(section, {})[name] = _parsed(value, f"{where}: option {shortened(word)}")
-    return options
+        if name in options.setdefault(section, {}):
+            raise UserError(f"{where}: option {shortened(key)} stands twice; remove one")
+        options[section][name] = _parsed(value, f"{where}: option {shortened(word)}")
+    return coerced(options)
 
 
 def _parsed(text: str, where: str) -> Any:
     try:
-        return yaml.safe_load(text)
+        return load_yaml(text)
     except NO_YAML as error:
-        raise UserError(f"{where}: its value cannot be read ({str(error).splitlines()[0]})") from None
+        raise UserError(f"{where}: its value cannot be read ({problem(error)})") from None
 
 
 def read_yaml(path: Path) -> Config:
     """Read a configuration file.
 
     Raises:
-        UserError: it is absent, unreadable, or no mapping.
+        UserError: it is absent, unreadable (names line and column), holds a key twice, or is no mapping.
     """
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
+        content = load_yaml(path.read_text(encoding="utf-8")) or {}
     except FileNotFoundError:
         raise UserError(f"{path}: does not exist") from None
     except (OSError, *NO_YAML) as error:
-        raise UserError(f"{path}: cannot be read as YAML ({str(error).splitlines()[0]})") from None
+        raise UserError(f"{path}: cannot be read as YAML ({problem(error)})") from None
     if not isinstance(content, dict):
         raise UserError(f"{path}: holds {type(content).__name__}, not keys with values")
     return content

@@ -1,6 +1,11 @@
 """What is wrong with a configuration, in words."""
 
 import difflib
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import yaml
 
 from egosplat.schema_files import ValidationError
 from egosplat.strictness import LARGEST_INTEGER
@@ -8,18 +13,39 @@ from egosplat.strictness import LARGEST_INTEGER
 _LONGEST = 80
 """Of a value in a message [letters]."""
 
+_KINDS = {
+    "integer": "a whole number",
+    "number": "a number",
+    "boolean": "true or false",
+    "string": "a text",
+    "array": "a list, as in [a, b]",
+    "object": "keys with values",
+    "null": "null",
+}
+"""By type of JSON schema: what it is called."""
+
+_ALLOWED = {
+    "minimum": "at least {}",
+    "maximum": "at most {}",
+    "exclusiveMinimum": "more than {}",
+    "exclusiveMaximum": "less than {}",
+    "multipleOf": "a multiple of {}",
+    "minItems": "at least {} of them",
+    "maxItems": "at most {} of them",
+    "minProperties": "at least {} of them",
+    "maxLength": "at most {} letters",
+    "const": "{} alone",
+}
+"""By keyword of JSON schema, with its value: what is allowed."""
+
 
 def explained(error: ValidationError) -> str:
     """Which key is wrong, its value, and what is allowed, in one line."""
     key = ".".join(str(part) for part in error.absolute_path)
     key = key if key.isprintable() and len(key) <= _LONGEST else shortened(key)
     if error.validator == "additionalProperties":
-        known = list(error.schema["properties"])
-        unknown = min(set(error.instance) - set(known), key=str)
-        near = difflib.get_close_matches(str(unknown), known, n=1)
-        advice = f"did you mean {near[0]!r}?" if near else f"known keys: {', '.join(known)}"
-        return f"unknown key {shortened(f'{key}.{unknown}' if key else unknown)}; {advice}"
-    return f"{key or 'value'} = {shortened(error.instance)} is not allowed: {_allowed(error)}"
+        return _unknown(error, key)
+    return f"{key or 'value'} = {shortened(error.instance)} is not allowed: {_allowed(error, key)}"
 
 
 def shortened(value: object) -> str:
@@ -28,29 +54,57 @@ def shortened(value: object) -> str:
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
 
-def _allowed(error: ValidationError) -> str:
-    limit = error.validator_value
+def _unknown(error: ValidationError, key: str) -> str:
+    known = list(error.schema["properties"])
+    unknown = str(min(set(error.instance) - set(known), key=str))
+    name, colon, value = unknown.partition(":")
+    near = difflib.get_close_matches(name, known, n=1)
+    if colon and name in known:
+        advice = f"write a blank after the colon: {name}: {value[:_LONGEST]}"
+    elif near:
+        advice = f"did you mean {near[0]!r}?"
+    else:
+        advice = f"known keys: {', '.join(known)}"
+    return f"unknown key {shortened(f'{key}.{unknown}' if key else unknown)}; {advice}"
+
+
+def _allowed(error: ValidationError, key: str) -> str:
+    limit, instance = error.validator_value, error.instance
     match error.validator:
         case "enum":
-            near = difflib.get_close_matches(str(error.instance), map(str, limit), n=1)
+            near = difflib.get_close_matches(str(instance), map(str, limit), n=1)
             return f"one of {', '.join(map(str, limit))}" + (f" (did you mean {near[0]!r}?)" if near else "")
-        case "type" if isinstance(error.instance, int) and abs(error.instance) > LARGEST_INTEGER:
+        case "type" if isinstance(instance, int) and abs(instance) > LARGEST_INTEGER:
             return f"at most {LARGEST_INTEGER}"
         case "type":
-            return "must be " + " or ".join([limit] if isinstance(limit, str) else limit)
-        case "minimum":
-            return f"at least {limit}"
-        case "maximum":
-            return f"at most {limit}"
-        case "exclusiveMinimum":
-            return f"more than {limit}"
-        case "exclusiveMaximum":
-            return f"less than {limit}"
-        case "minItems":
-            return f"at least {limit} of them"
+            return f"must be {_kind(limit, instance)}{_example(error.schema, key)}"
         case "pattern":
-            return f"no other word than {limit.strip('^$')}"
+            return f"only {error.schema.get('allowed', limit)}"
         case "minLength":
             return "must not be empty"
-        case _:
-            return error.message if len(error.message) <= 2 * _LONGEST else f"see {error.validator}"
+        case "uniqueItems":
+            return "each may stand in it once"
+        case "required":
+            return f"lacks {', '.join(sorted(set(limit) - set(instance)))}"
+    wording = _ALLOWED.get(error.validator)
+    return wording.format(limit) if wording else error.message[: 2 * _LONGEST]
+
+
+def _kind(names: str | list[str], instance: object) -> str:
+    """What a value has to be, with what is missing of a number that nearly is one."""
+    names = [names] if isinstance(names, str) else names
+    text = " or ".join(_KINDS[name] for name in names)
+    if not isinstance(instance, float):
+        return text
+    if not math.isfinite(instance):
+        return f"{text}, and finite"
+    return f"{text}, written {instance:.0f}" if instance.is_integer() and abs(instance) < 1e9 else text
+
+
+def _example(part: Mapping[str, Any], key: str) -> str:
+    """How keys with values are written, by the first that a section has."""
+    for name, sub in part.get("properties", {}).items():
+        if key and "default" in sub:
+            value = yaml.safe_dump(sub["default"], default_flow_style=True).splitlines()[0]
+            return f", as in {key}: {{{name}: {value}}}"
+    return ""

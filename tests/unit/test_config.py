@@ -1,6 +1,7 @@
 """The configuration: one schema, no drift, and errors that say what to do."""
 
 import inspect
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ import yaml
 from egosplat import config
 from egosplat.cli import EXTRAS, PATHS
 from egosplat.errors import UserError
+from egosplat.explanations import _ALLOWED
 from egosplat.keys_table import keys_table
 from egosplat.scenes import find_scene, read_scenes, requested_targets
 from egosplat.stages import STAGES, stage_function
@@ -80,11 +82,31 @@ def test_the_table_in_the_config_readme_is_that_of_the_schema():
     [
         ({"frames": {"resolutoin": 3}}, "unknown key 'frames.resolutoin'; did you mean 'resolution'?"),
         ({"xyz": {}}, "unknown key 'xyz'; known keys: preset, budget, scenes"),
-        ({"frames": {"resolution": "big"}}, "frames.resolution = 'big' is not allowed: must be integer"),
+        (
+            {"frames": {"resolution": "big"}},
+            "frames.resolution = 'big' is not allowed: must be a whole number",
+        ),
         ({"frames": {"resolution": 3}}, "frames.resolution = 3 is not allowed: at least 32"),
         ({"frames": {"stride": 0}}, "frames.stride = 0 is not allowed: at least 1"),
-        ({"frames": {"upright": "yes"}}, "must be boolean"),
-        ({"frames": None}, "frames = None is not allowed: must be object"),
+        ({"frames": {"resolution": 512.0}}, "must be a whole number, written 512"),
+        (
+            {"frames": {"focal": float("nan")}},
+            "frames.focal = nan is not allowed: must be a number, and finite",
+        ),
+        (
+            {"frames": {"upright": "perhaps"}},
+            "frames.upright = 'perhaps' is not allowed: must be true or false",
+        ),
+        ({"frames": None}, "frames = None .* must be keys with values, as in frames: {resolution: 512}"),
+        ({"splats": 5}, "splats = 5 .* must be keys with values, as in splats: {masking: auto}"),
+        ({"splats": {"iterations:5": ""}}, "write a blank after the colon: iterations: 5"),
+        ({"splats": {"sh_degree": "most"}}, "splats.sh_degree = 'most' .* a whole number or auto"),
+        ({"splats": {"sh_degree": 7}}, "splats.sh_degree = 7 .* at most 3"),
+        ({"transient": {"input_size": 100}}, "transient.input_size = 100 .* a multiple of 32"),
+        ({"variants": {"a/b": {}}}, "variants = 'a/b' .* only letters, digits, _ and -"),
+        ({"variants": {"a" * 201: {}}}, "variants = 'aaa.* at most 200 letters"),
+        ({"tradeoff": {"knobs": {"iterations": [5]}}}, "only section.key, as in splats.iterations"),
+        ({"tradeoff": {"seeds": [1, 1]}}, "tradeoff.seeds = .* each may stand in it once"),
         (
             {"poses": {"matching": "exhausting"}},
             "one of auto, exhaustive, sequential .did you mean 'exhaustive'",
@@ -93,12 +115,12 @@ def test_the_table_in_the_config_readme_is_that_of_the_schema():
         ({"poses": {"max_gap_ms": 0}}, "more than 0"),
         ({"query": {"min_coverage": 1.0}}, "query.min_coverage = 1.0 is not allowed: less than 1"),
         ({"query": {"canonical": []}}, "at least 1 of them"),
-        ({"query": {"canonical": [3]}}, "query.canonical.0 = 3 is not allowed: must be string"),
+        ({"query": {"canonical": [3]}}, "query.canonical.0 = 3 is not allowed: must be a text"),
         (
             {"preset": "fastest"},
             "preset = 'fastest' is not allowed: one of fast, balanced, paper .did you mean 'fast'",
         ),
-        ({"data_root": {"adt": 3}}, "data_root.adt = 3 is not allowed: must be string or null"),
+        ({"data_root": {"adt": 3}}, "data_root.adt = 3 is not allowed: must be a text or null"),
         ({"data_root": {"adt": ""}}, "data_root.adt = '' is not allowed: must not be empty"),
     ],
 )
@@ -106,6 +128,35 @@ def test_what_is_not_allowed_is_named(user, message):
     with pytest.raises(UserError, match=message) as caught:
         config.resolve(user, PRESETS)
     assert str(caught.value).count("\n") <= 1
+    assert not re.search(r"must be (object|integer|string)|other word|see \w+[A-Z]", str(caught.value))
+
+
+def test_every_keyword_of_the_schemas_that_people_write_for_has_words():
+    """A jsonschema keyword without words would be told by its own name."""
+
+    def keywords(part):
+        for key, value in part.items() if isinstance(part, dict) else []:
+            if key in ("properties", "$defs"):
+                yield from (word for sub in value.values() for word in keywords(sub))
+            elif key in ("items", "propertyNames", "additionalProperties"):
+                yield from keywords(value)
+            else:
+                yield key
+
+    told = {*_ALLOWED, "enum", "type", "pattern", "minLength", "uniqueItems", "required"}
+    notes = {"$schema", "title", "description", "default", "allowed"}
+    found = {word for name in ("config", "scenes") for word in keywords(config.schema(name))}
+    assert found <= told | notes
+    patterns = [part for part in _parts(config.schema("config")) if "pattern" in part]
+    assert patterns and all("allowed" in part for part in patterns)
+
+
+def _parts(part):
+    """All mappings inside a schema."""
+    yield part
+    for value in part.values():
+        if isinstance(value, dict):
+            yield from _parts(value)
 
 
 def test_unreadable_files_are_named(tmp_path):
@@ -158,7 +209,16 @@ def test_a_configured_root_replaces_the_synthetic_recording(tmp_path):
             "line 2: unknown key 'frames.strid'; did you mean 'stride'",
         ),
         (HEADER + "adt\ts\tadt\tr\tbudget.minutes=3\n", "line 2: a budget is chosen for all scenes"),
-        (HEADER + "adt\ts\tadt\tr\tframes.stride=x\n", "frames.stride = 'x' is not allowed: must be integer"),
+        (
+            HEADER + "adt\ts\tadt\tr\tframes.stride=x\n",
+            "frames.stride = 'x' is not allowed: must be a whole number",
+        ),
+        (
+            HEADER + "adt\ts\tadt\tr\tframes.stride=2 frames.focal=400 frames.stride=3\n",
+            "line 2: option 'frames.stride' stands twice",
+        ),
+        (HEADER + "adt\ta.b\tadt\tr\t\n", "line 2: scene = 'a.b' .* only letters, digits, _ and -"),
+        (HEADER + f"{'a' * 101}\ts\tadt\tr\t\n", "line 2: dataset = .* at most 100 letters"),
         (HEADER + "adt\ts\tadt\tr\t\n" * 2, "line 3: scene adt/s stands in the table twice"),
     ],
 )

@@ -3,11 +3,10 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import yaml
-
 import egosplat
-from egosplat.config import NO_YAML, Config, budget_point, merge, read_yaml, resolve
+from egosplat.config import Config, budget_point, merge, read_yaml, resolve
 from egosplat.errors import UserError
+from egosplat.strict_yaml import NO_YAML, load_yaml
 
 SHIPPED = Path("config/config.yaml")
 """What the workflow reads first, relative to the working directory."""
@@ -42,7 +41,7 @@ def chosen_point(config: Config) -> Config | None:
 def _parsed(option: str) -> Config:
     key, equals, value = option.partition("=")
     try:
-        content = yaml.safe_load(value)
+        content = load_yaml(value)
     except NO_YAML:
         content = None
     if not (equals and key) or content is None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
 from egosplat.errors import UserError
+from egosplat.progress import log
 
 INTERVAL_NS = 1_000_000_000
 """An image folder has no clock: one image counts as one second, so that seconds are image numbers."""
@@ -19,6 +20,9 @@ VALID_MASK = "valid.png"
 """Beside the images, and none of them: which pixels show the scene."""
 
 _SUFFIXES = (".png", ".jpg", ".jpeg")
+_OTHER_SUFFIXES = (".gif", ".webp", ".tif", ".tiff", ".bmp", ".heic", ".heif", ".avif", ".jxl", ".dng")
+"""Of pictures that are not read: some hold several pictures, more than 8 bits, or need libraries of their own."""
+
 _EIGHT_BIT = ("1", "L", "LA", "P", "PA", "RGB", "RGBA", "CMYK", "YCbCr")
 _ORIENTATION_TAG, _TRANSPOSED = 0x0112, (5, 6, 7, 8)
 
@@ -34,16 +38,20 @@ class ImageFolder:
     """
 
     def __init__(self, path: Path) -> None:
-        """List the images and compare their sizes, without decoding them.
+        """List the images and compare their sizes, without decoding them. Pictures of other formats are told of.
 
         Raises:
-            UserError: there is no image, one is unreadable, or sizes differ.
+            UserError: there is no image, one is unreadable, two have one name, or sizes differ.
         """
         self.path = path
-        found = (p for p in path.iterdir() if p.suffix.lower() in _SUFFIXES and p.is_file())
-        self.paths = sorted((p for p in found if p.name != VALID_MASK and p.name[0] != "."), key=natural_key)
+        files = [p for p in path.iterdir() if p.name != VALID_MASK and p.name[0] != "." and p.is_file()]
+        self.paths = sorted((p for p in files if p.suffix.lower() in _SUFFIXES), key=natural_key)
+        others = _told_of_others(files)
         if not self.paths:
-            raise UserError(f"{path}: holds no png, jpg or jpeg image.")
+            raise UserError(f"{path}: holds no png, jpg or jpeg image{f', but {others}' if others else '.'}")
+        if others:
+            log(f"{path}: ignores {others}")
+        _check_names(self.paths)
         sizes = [_shown_size(image) for image in self.paths]
         (self.width, self.height), _ = Counter(sizes).most_common(1)[0]
         for image, (width, height) in zip(self.paths, sizes, strict=True):
@@ -101,6 +109,28 @@ def read_valid(path: Path, width: int, height: int) -> NDArray[np.bool_]:
     if not mask.any():
         raise UserError(f"{path}: all black, which leaves no pixel. White pixels show the scene.")
     return mask
+
+
+def _told_of_others(files: list[Path]) -> str:
+    """How many pictures of which other formats there are, and how they are converted; empty where there is none."""
+    counts = Counter(p.suffix for p in files if p.suffix.lower() in _OTHER_SUFFIXES)
+    if not counts:
+        return ""
+    told = ", ".join(f"{count} {suffix}" for suffix, count in sorted(counts.items()))
+    patterns = " ".join(f"*{suffix}" for suffix in sorted(counts))
+    return f"{told}: only png and jpg are read. Convert them: magick mogrify -format png {patterns}"
+
+
+def _check_names(images: list[Path]) -> None:
+    """Refuse two images that differ in their extension alone: as one picture twice, they would be trained on and held
+    out.
+    """
+    first: dict[str, Path] = {}
+    for image in images:
+        if (other := first.setdefault(image.stem, image)) is not image:
+            raise UserError(
+                f"{image.parent}: {other.name} and {image.name} are one picture twice. Remove one."
+            )
 
 
 def _shown_size(path: Path) -> tuple[int, int]:

@@ -134,8 +134,6 @@ def _png_of_timestamp(folder: Path, source: Video | ImageFolder) -> dict[int, Pa
         numbers = {number: number for number in range(len(source.timestamp_ns))}
     else:
         numbers = {image.stem: number for number, image in enumerate(source.paths)}
-        if len(numbers) < len(source.paths):
-            raise UserError(f"{source.path}: two images differ in their extension only. Rename one.")
     found: dict[int, Path] = {}
     for path in sorted(folder.glob("*.png")):
         is_number = path.stem.isascii() and path.stem.isdigit()

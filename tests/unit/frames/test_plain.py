@@ -48,6 +48,41 @@ def test_images_come_in_natural_order(images):
     assert reds(part, [0, 1, 2]) == [20, 50, 80]
 
 
+@pytest.mark.parametrize("suffix", [".gif", ".webp", ".tif", ".TIFF", ".bmp", ".heic", ".avif", ".dng"])
+def test_pictures_of_formats_that_are_not_read_are_counted(images, capsys, suffix):
+    for number in range(3):
+        (images / f"more{number}{suffix}").touch()
+    assert len(PlainRecording(images, **OPTIONS).capture.timestamp_ns) == 12
+    told = capsys.readouterr().err
+    assert f"3 {suffix}: only png and jpg are read" in told and f"mogrify -format png *{suffix}" in told
+
+
+def test_a_folder_of_other_formats_alone_says_how_to_convert_them(tmp_path):
+    for name in ("a.heic", "b.heic", "c.webp"):
+        (tmp_path / name).touch()
+    with pytest.raises(
+        UserError, match=r"no png, jpg or jpeg image, but 2 \.heic, 1 \.webp: .*\*\.heic \*\.webp"
+    ):
+        PlainRecording(tmp_path, **OPTIONS)
+
+
+def test_files_that_are_no_pictures_are_not_spoken_of(images, capsys):
+    for name in ("notes.txt", "camera.txt", ".hidden.webp"):
+        (images / name).touch()
+    PlainRecording(images, **OPTIONS)
+    assert "ignores" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "first, second", [("000.png", "000.jpg"), ("a.jpeg", "a.jpg"), ("b.PNG", "b.png"), ("x 1.jpg", "x 1.png")]
+)
+def test_one_picture_twice_is_refused_with_both_names(tmp_path, first, second):
+    """One of the two would be trained on and the other held out."""
+    folder = write_images(tmp_path / "twice", ["5.png", first, second, "7.png"])
+    with pytest.raises(UserError, match=f"({first} and {second}|{second} and {first}) are one picture twice"):
+        PlainRecording(folder, **OPTIONS)
+
+
 def test_a_guessed_camera_says_so(images):
     capture = PlainRecording(images, **OPTIONS).capture
     assert capture.camera == Camera(32, 24, 1.2 * 32, 1.2 * 32, 16.0, 12.0)

@@ -1,0 +1,66 @@
+"""YAML as people mean it: a key stands once in its mapping, and 1e-4 is a number, as in YAML 1.2."""
+
+import re
+from collections.abc import Hashable
+from typing import Any
+
+import yaml
+
+NO_YAML = (yaml.YAMLError, ValueError, RecursionError)
+"""What PyYAML raises on any text: ValueError on dates that there are not, on numbers of too many digits."""
+
+_EXPONENT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+$")
+"""PyYAML follows YAML 1.1, where such a number is a text without a point or a sign of the exponent."""
+
+_MERGE = "tag:yaml.org,2002:merge"
+
+
+class _Loader(yaml.SafeLoader):
+    """PyYAML's safe loader with these two rules."""
+
+    def construct_mapping(self, node: yaml.Node, deep: bool = False) -> dict[Hashable, Any]:
+        """The mapping of a node.
+
+        Raises:
+            yaml.constructor.ConstructorError: a key stands in it twice.
+        """
+        if isinstance(node, yaml.MappingNode):
+            _check_once(node)
+        return super().construct_mapping(node, deep)
+
+
+_Loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+.0123456789"))
+
+
+def load_yaml(text: str) -> Any:
+    """The value of a YAML text; nothing in it is run.
+
+    Raises:
+        NO_YAML: it is none, or a key stands twice in a mapping; see ``problem``.
+    """
+    return yaml.load(text, Loader=_Loader)  # noqa: S506: a safe loader
+
+
+def problem(error: Exception) -> str:
+    """What is wrong with a text, for one of ``NO_YAML``: the line and column where they are known."""
+    if isinstance(error, RecursionError):
+        return "nested too deeply"
+    mark = getattr(error, "problem_mark", None)
+    if mark is None:
+        return str(error).partition("\n")[0]
+    parts = [error.context] if error.problem.startswith("but ") else []
+    return f"line {mark.line + 1}, column {mark.column + 1}: {', '.join([*parts, error.problem])}"
+
+
+def _check_once(node: yaml.MappingNode) -> None:
+    first: dict[tuple[str, str], int] = {}
+    for key, _ in node.value:
+        if not isinstance(key, yaml.ScalarNode) or key.tag == _MERGE:
+            continue
+        mark = key.start_mark
+        name = (key.tag, key.value)
+        if name in first:
+            raise yaml.constructor.ConstructorError(
+                None, None, f"key {key.value!r} stands twice, first in line {first[name]}; remove one", mark
+            )
+        first[name] = mark.line + 1

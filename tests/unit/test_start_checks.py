@@ -1,0 +1,29 @@
+"""What the workflow refuses before Snakemake does anything."""
+
+import pytest
+
+from egosplat.errors import UserError
+from egosplat.start_checks import check_config_files, check_cores
+
+
+@pytest.mark.parametrize(
+    "cores, nodes, named", [(0, None, "--cores 0"), (-2, None, "--cores -2"), (None, 0, "--jobs 0")]
+)
+def test_nothing_to_run_on_is_refused(cores, nodes, named):
+    with pytest.raises(UserError, match=named):
+        check_cores(cores, nodes)
+
+
+@pytest.mark.parametrize("cores, nodes", [(1, None), (None, 50), (None, None), (64, 2)])
+def test_any_number_of_cores_or_jobs_is_taken(cores, nodes):
+    check_cores(cores, nodes)
+
+
+def test_each_configuration_file_is_checked_and_json_is_left_to_snakemake(tmp_path):
+    good, bad, json = tmp_path / "good.yaml", tmp_path / "bad.yaml", tmp_path / "c.json"
+    good.write_text("frames: {stride: 2}")
+    json.write_text('{\t"frames": {}}')
+    check_config_files([good, json])
+    bad.write_text("frames: {}\nframes: {}\n")
+    with pytest.raises(UserError, match="bad.yaml"):
+        check_config_files([good, bad])

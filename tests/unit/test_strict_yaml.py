@@ -1,0 +1,67 @@
+"""YAML files: a key stands once, numbers are numbers, and an error names its line and column."""
+
+import pytest
+
+from egosplat.config import read_yaml
+from egosplat.errors import UserError
+from egosplat.strict_yaml import load_yaml
+
+TWICE = [
+    (
+        "preset: fast\nframes: {}\npreset: paper\n",
+        "line 3, column 1: key 'preset' stands twice, first in line 1",
+    ),
+    (
+        "splats:\n  iterations: 5\n  seed: 1\n  iterations: 6\n",
+        "line 4, column 3: key 'iterations' .* first in line 2",
+    ),
+    ("frames: {stride: 1, stride: 2}\n", "line 1, column 21: key 'stride' stands twice, first in line 1"),
+    ("frames: {stride: 1}\n\nframes: {focal: 400}\n", "line 3, column 1: key 'frames' .* first in line 1"),
+]
+
+
+@pytest.mark.parametrize("text, message", TWICE)
+def test_a_key_that_stands_twice_is_named_with_both_lines(tmp_path, text, message):
+    (tmp_path / "mine.yaml").write_text(text)
+    with pytest.raises(UserError, match=f"mine.yaml: cannot be read as YAML .{message}"):
+        read_yaml(tmp_path / "mine.yaml")
+
+
+def test_keys_of_several_mappings_and_merged_ones_may_be_alike():
+    assert load_yaml("a: {x: 1}\nb: {x: 2}\n") == {"a": {"x": 1}, "b": {"x": 2}}
+    assert load_yaml("a: &a {x: 1}\nb: {<<: *a, x: 2}\n")["b"] == {"x": 2}
+
+
+@pytest.mark.parametrize(
+    "text, where",
+    [
+        ("frames: [", "line 1, column 10"),
+        ("frames:\n  stride: 2\n\tfocal: 3\n", r"line 3, column 1: found character '\\t'"),
+        ("a: 1\nb: *nothing\n", "line 2, column 4: found undefined alias"),
+        ("a: 1\n---\nb: 2\n", "line 2, column 1: expected a single document"),
+        ("a: 1\nb: {c: 2\nd: 3\n", "line 3, column 2"),
+        ("a: 1\nb: 'x\n", "line 3, column 1"),
+        ("[" * 5000, "nested too deeply"),
+    ],
+)
+def test_a_file_that_is_no_yaml_is_named_with_line_and_column(tmp_path, text, where):
+    (tmp_path / "mine.yaml").write_text(text)
+    with pytest.raises(UserError, match=f"mine.yaml: cannot be read as YAML .{where}"):
+        read_yaml(tmp_path / "mine.yaml")
+
+
+@pytest.mark.parametrize(
+    "text, value",
+    [
+        ("1e-4", 1e-4),
+        ("5E3", 5000.0),
+        ("-2.e2", -200.0),
+        (".5e1", 5.0),
+        ("1e", "1e"),
+        ("e4", "e4"),
+        ("12", 12),
+    ],
+)
+def test_numbers_with_an_exponent_are_numbers(text, value):
+    found = load_yaml(text)
+    assert found == value and type(found) is type(value)

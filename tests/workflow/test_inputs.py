@@ -1,0 +1,53 @@
+"""What Snakemake is given: numbers on its command line are numbers, and a mistake is told last and in words."""
+
+import pytest
+from PIL import Image
+
+FRAMES = "results/mine/scene/frames.zarr"
+
+
+@pytest.fixture
+def pictures(tmp_path):
+    """A folder of six photographs of 64x48."""
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    for number in range(6):
+        Image.new("RGB", (64, 48), (40 * number, 100, 0)).save(folder / f"{number}.png")
+    return folder
+
+
+def test_no_core_at_all_is_refused_and_does_not_wait(one_scene, pictures):
+    done = one_scene("plain", pictures).snakemake("--cores", "0", "--", FRAMES, timeout=60)
+    assert done.returncode != 0 and "egosplat: --cores 0: nothing can run" in done.stderr
+
+
+def test_a_configuration_file_with_a_key_twice_is_refused_with_both_lines(one_scene, pictures):
+    workdir = one_scene("plain", pictures)
+    (workdir.folder / "tiny.yaml").write_text("frames: {stride: 1}\nposes: {}\nframes: {focal: 400}\n")
+    done = workdir.snakemake("--dry-run", "--", FRAMES)
+    assert done.returncode != 0 and "tiny.yaml" in done.stderr
+    assert "line 3, column 1: key 'frames' stands twice, first in line 1" in done.stderr
+
+
+def test_numbers_of_the_command_line_and_with_an_exponent_are_numbers(one_scene, pictures):
+    workdir = one_scene("plain", pictures)
+    (workdir.folder / "tiny.yaml").write_text("poses: {max_dist_std: 1e-4}\n")
+    options = ["--config", "frames={stride: 2, upright: false, end_s: null}", "poses={overlap: 7}"]
+    target = "results/mine/scene/poses.zarr"
+    done = workdir.snakemake("--dry-run", "--printshellcmds", *options, "--", target)
+    assert done.returncode == 0, done.stderr
+    commands = done.stdout + done.stderr
+    for flag in ("--stride 2 ", "--no-upright", "--overlap 7 ", "--max-dist-std 0.0001 "):
+        assert flag in commands
+    assert "--end-s" not in commands
+
+
+def test_the_last_word_of_a_run_that_failed_is_the_stage_s_message(one_scene, pictures):
+    workdir = one_scene("plain", pictures, "frames.resolution=128 frames.evaluation_frames=1")
+    done = workdir.snakemake("--", FRAMES)
+    said = done.stderr.strip().splitlines()
+    assert done.returncode != 0
+    assert said[-1].startswith(f"egosplat: {FRAMES} was not made. resolution: 128 px")
+    assert "egosplat frames --recording" not in done.stderr, "a shell command stands between"
+    (log,) = (workdir.folder / ".snakemake/log").glob("*.log")
+    assert "egosplat frames --recording" in log.read_text(), "Snakemake's own log keeps it"
