@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 
 import click
-from scores_bench.comparing import difference, differences, psnr, seconds
+from scores_bench.comparing import METHOD, accuracy_difference, iou_difference, paired, psnr, seconds
 
 from egosplat.artifacts.reading import open_artifact
 from egosplat.artifacts.segments import SEGMENTS
@@ -34,7 +34,7 @@ def row(folder: Path) -> str:
     survey = read_survey(folder / "survey.json")
     facts = open_artifact(folder / "segments.zarr", SEGMENTS).facts
     levels = [name for name in facts["levels"] if facts["instances"][name]]
-    hits, ious = differences(own, anyway).T
+    pair = paired(own, anyway)
     took, would = seconds(own) + survey["provenance"]["cpu_s"], seconds(anyway)
     cells = (
         f"{folder.parent.name}/{folder.name}",
@@ -46,8 +46,8 @@ def row(folder: Path) -> str:
         f"{took:.0f}",
         f"{would:.0f}",
         f"{1 - took / would:.0%}",
-        difference(hits),
-        difference(ious),
+        accuracy_difference([pair]),
+        iou_difference([pair]),
         f"{psnr(own, 'static') - psnr(anyway, 'static'):+.2f}",
     )
     return f"| {' | '.join(map(str, cells))} |"
@@ -59,7 +59,7 @@ def main(folders: tuple[Path, ...]) -> None:
     """Print the table."""
     click.echo(
         "Only what a scene requires, against all of everything: `benchmarks/required.py`. Differences in percentage "
-        "points and dB, with 95 % intervals over the same queries; above 0 it is better than anyway.\n"
+        f"points and dB of the same queries; above 0 it is better than anyway. {METHOD}\n"
     )
     click.echo(HEADER)
     for folder in folders:

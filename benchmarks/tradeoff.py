@@ -5,7 +5,7 @@
     python benchmarks/tradeoff.py results/adt/scene1
 
 Intervals of the means are over seeds; the last two columns compare answers to the same queries with those of the scene as
-it is configured, of its own seed, with intervals over queries.
+it is configured, of its own seed, with intervals over categories.
 """
 
 import sys
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import click
-from scores_bench.comparing import difference, differences
+from scores_bench.comparing import METHOD, accuracy_difference, iou_difference, paired
 
 from egosplat.benchmark.scored_scenes import ScoredScene, read_scored_scene
 from egosplat.errors import UserError
@@ -44,7 +44,8 @@ def row(point: dict[str, Any], folder: Path, scene: ScoredScene) -> str:
     compared = ["", ""]
     if point["variant"]:
         own = read_scored_scene(folder / "variants" / point["variant"] / "metrics.json")
-        compared = [difference(values) for values in differences(own, scene).T]
+        pair = [paired(own, scene)]
+        compared = [accuracy_difference(pair), iou_difference(pair)]
     measured = [cell(one, point["measures"][one.name]) for one in MEASURES]
     return f"| {' | '.join([name, *measured, *compared])} |"
 
@@ -61,7 +62,7 @@ def main(folder: Path) -> None:
     runs = f"Means of {found['seeds']} runs{intervals}" if found["seeds"] > 1 else "One run each"
     click.echo(
         f"{found['scene']}: {found['about']}; {'; '.join(found['machines'])}. {runs}; bold: on the front of time and "
-        "accuracy.\n"
+        f"accuracy. Intervals of means are over seeds. The same queries: {METHOD}\n"
     )
     click.echo(f"| {' | '.join(HEADINGS)} |\n| --- |{' ---: |' * (len(HEADINGS) - 1)}")
     for point in found["points"]:

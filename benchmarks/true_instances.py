@@ -14,7 +14,15 @@ from tempfile import TemporaryDirectory
 
 import click
 import numpy as np
-from scores_bench.comparing import SCORES, difference, differences, told
+from scores_bench.comparing import (
+    METHOD,
+    SCORES,
+    accuracy_difference,
+    iou_difference,
+    paired,
+    queries_of,
+    told,
+)
 from transient_bench.truth import read_truth
 
 from egosplat import config as configuration
@@ -107,15 +115,12 @@ def main(folders: tuple[Path, ...]) -> None:
             cells = [one.cell(*score) for score in SCORES]
             name = f"{folder.parent.name}/{folder.name}"
             rows.append(f"| {name} | true | {target} | {cells[0].queries} | {' | '.join(map(told, cells))} |")
-        every.append(differences(found["average"], found["view"]))
-    click.echo(
-        "# Aggregation of right tracks\n\nAccuracy and mIoU in percent, 95 % intervals over queries.\n"
-    )
+        every.append(paired(found["average"], found["view"]))
+    click.echo(f"# Aggregation of right tracks\n\nAccuracy and mIoU in percent. {METHOD}\n")
     click.echo("\n".join([HEADER, *rows]))
-    hits, ious = np.concatenate(every).T
     click.echo(
-        f"\n`average` against `view`, the same {len(hits)} queries, in percentage points: accuracy "
-        f"{difference(hits)}, mIoU {difference(ious)}."
+        f"\n`average` against `view`, the same {queries_of(every)} queries, in percentage points: accuracy "
+        f"{accuracy_difference(every)}, mIoU {iou_difference(every)}."
     )
 
 

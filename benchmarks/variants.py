@@ -9,8 +9,7 @@ import sys
 from pathlib import Path
 
 import click
-import numpy as np
-from scores_bench.comparing import difference, differences, seconds
+from scores_bench.comparing import METHOD, accuracy_difference, iou_difference, paired, queries_of, seconds
 
 from egosplat.benchmark.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 from egosplat.errors import UserError
@@ -31,7 +30,7 @@ def percent(scene: ScoredScene, score: str) -> str:
 @click.option("--variant", "variants", multiple=True, required=True)
 def main(folders: tuple[Path, ...], variants: tuple[str, ...]) -> None:
     """Print the table."""
-    click.echo(HEADER)
+    click.echo(f"{METHOD}\n\n{HEADER}")
     for variant in variants:
         every = []
         for folder in folders:
@@ -39,14 +38,15 @@ def main(folders: tuple[Path, ...], variants: tuple[str, ...]) -> None:
                 read_scored_scene(folder / below / "metrics.json") for below in ("", f"variants/{variant}")
             )
             check_protocol([scene, own])
-            every.append(differences(own, scene))
-            cells = [f"{folder.parent.name}/{folder.name}", variant, str(len(every[-1]))]
+            pair = paired(own, scene)
+            every.append(pair)
+            cells = [f"{folder.parent.name}/{folder.name}", variant, str(queries_of([pair]))]
             cells += [f"{seconds(scene):.0f}", f"{seconds(own):.0f}"]
-            for score, values in zip(("accuracy", "mean_iou"), every[-1].T, strict=True):
-                cells += [percent(scene, score), percent(own, score), difference(values)]
+            cells += [percent(scene, "accuracy"), percent(own, "accuracy"), accuracy_difference([pair])]
+            cells += [percent(scene, "mean_iou"), percent(own, "mean_iou"), iou_difference([pair])]
             click.echo(f"| {' | '.join(cells)} |")
-        hits, ious = np.concatenate(every).T
-        click.echo(f"| all | {variant} | {len(hits)} | | | | | {difference(hits)} | | | {difference(ious)} |")
+        differences = f"{accuracy_difference(every)} | | | {iou_difference(every)}"
+        click.echo(f"| all | {variant} | {queries_of(every)} | | | | | {differences} |")
 
 
 if __name__ == "__main__":

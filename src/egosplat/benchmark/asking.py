@@ -53,7 +53,7 @@ def ask_all(
         scene: is asked.
         texts: of all categories.
         options: how queries are answered.
-        target: see ``egosplat.benchmark.localization.is_hit``.
+        target: see ``egosplat.benchmark.localization.target_area``.
     """
     wanted = {query.frame for query in queries}
     frames = [frame for frame in evaluation.frames if frame.index in wanted]

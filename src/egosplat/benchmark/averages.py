@@ -1,40 +1,42 @@
 """The mean of several scenes' scores, and how far it could be chance."""
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import replace
 
+from egosplat.benchmark.intervals import RESAMPLING, bounds_of, clustered_interval, mean_of_scenes, scaled
+from egosplat.benchmark.scored_scenes import ScoredScene
 from egosplat.benchmark.tables import Cell
 
 
-def average(cells: Mapping[str, Cell]) -> Cell:
+def average(scenes: Mapping[str, ScoredScene], metric: str, group: str) -> Cell:
     """The plain mean over scenes, as in the paper's tables, of those that have a score.
 
-    Its interval is that of a mean of independent values with intervals of their own (Zou and Donner 2008, "Construction
-    of confidence limits about effect measures"): around the mean, the root of the sum of the squared distances of each
-    bound from its value, divided by their number. It tells how far other queries could move the mean, not other scenes.
+    Its interval, by ``clustered_interval``, tells how far other categories and other scenes could move it.
 
     Args:
-        cells: by scene.
-
-    Returns:
-        The mean; without an interval where a scene has none.
+        scenes: by name, of one confidence (see ``check_protocol``).
+        metric: ``accuracy`` or ``mean_iou``.
+        group: one of ``egosplat.benchmark.queries.GROUPS``.
     """
-    there = {scene: cell for scene, cell in cells.items() if cell.percent is not None}
+    clusters = {name: scene.clusters(metric, group) for name, scene in scenes.items()}
+    there = {name: own for name, own in sorted(clusters.items()) if len(own.counts)}
     if not there:
         return Cell()
+    options = replace(RESAMPLING, confidence=scenes[next(iter(there))].protocol["confidence"])
     values = list(there.values())
     return Cell(
-        percent=sum(cell.percent for cell in values) / len(values),
-        interval=_interval(values),
-        queries=sum(cell.queries or 0 for cell in values),
-        scenes=tuple(sorted(there)),
+        percent=100 * mean_of_scenes(values),
+        interval=scaled(bounds_of(clustered_interval(values, options)), 100),
+        queries=int(sum(own.counts.sum() for own in values)),
+        categories=sum(len(own.counts) for own in values),
+        scenes=tuple(there),
     )
 
 
-def _interval(cells: Sequence[Cell]) -> tuple[float, float] | None:
-    if any(cell.interval is None for cell in cells):
-        return None
-    mean = sum(cell.percent for cell in cells) / len(cells)
-    below = math.hypot(*(cell.percent - cell.interval[0] for cell in cells)) / len(cells)
-    above = math.hypot(*(cell.interval[1] - cell.percent for cell in cells)) / len(cells)
-    return mean - below, mean + above
+def average_chance(scenes: Mapping[str, ScoredScene], answerer: str, group: str) -> Cell:
+    """The same of an accuracy by chance, see ``ScoredScene.chance``; without an interval."""
+    cells = {name: scene.chance(answerer, group) for name, scene in scenes.items()}
+    there = {name: cell for name, cell in sorted(cells.items()) if cell.percent is not None}
+    if not there:
+        return Cell()
+    return Cell(percent=sum(cell.percent for cell in there.values()) / len(there), scenes=tuple(there))

@@ -10,13 +10,13 @@ from typing import Any
 from egosplat.atomic import whole_file
 from egosplat.benchmark.asking import Asked
 from egosplat.benchmark.evaluation import Frame
-from egosplat.benchmark.intervals import Interval
+from egosplat.benchmark.intervals import bounds_of
 from egosplat.benchmark.rendering import RegionScore
 from egosplat.benchmark.scores import GroupScore
 from egosplat.frames.recording import Instance
 from egosplat.schema_files import Draft202012Validator, schema
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 
 
 def write_metrics(output: Path, document: Mapping[str, Any]) -> None:
@@ -43,10 +43,10 @@ def finite(value: Any) -> Any:
 
 
 def score_entry(score: GroupScore) -> dict[str, Any]:
-    """Of a group, with intervals as pairs."""
+    """Of a group, with intervals as pairs; null of a single category, or none."""
     return asdict(score) | {
-        "accuracy_interval": _pair(score.accuracy_interval),
-        "mean_iou_interval": _pair(score.mean_iou_interval),
+        "accuracy_interval": bounds_of(score.accuracy_interval),
+        "mean_iou_interval": bounds_of(score.mean_iou_interval),
     }
 
 
@@ -63,11 +63,7 @@ def query_entry(asked: Asked, instances: Sequence[Instance], levels: Sequence[st
         "mask_level": None if asked.mask_level is None else levels[asked.mask_level],
         "mask_pixels": asked.mask_pixels,
         "groups": {
-            name: {
-                "hit": score.hit[name],
-                "iou": score.iou[name],
-                "instances": [instances[index].name for index in own],
-            }
+            name: asdict(score.groups[name]) | {"instances": [instances[index].name for index in own]}
             for name, own in query.instances.items()
         },
     }
@@ -83,7 +79,3 @@ def frame_entry(frame: Frame, queries: int, rendering: Mapping[str, RegionScore]
         "queries": queries,
         "rendering": {name: asdict(score) for name, score in rendering.items()},
     }
-
-
-def _pair(interval: Interval) -> tuple[float, float]:
-    return interval.low, interval.high

@@ -5,19 +5,16 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.benchmark.queries import InstanceMap
+from egosplat.benchmark.queries import InstanceMap, Mask
 
 TARGETS = ("box", "mask")
 """What has to be hit: an instance's bounding box, as in LangSplat, or its pixels."""
 
 
-def is_hit(
-    candidates: NDArray[np.int64], instance_map: InstanceMap, instances: Sequence[int], target: str
-) -> bool:
-    """Whether any candidate hits any of the instances.
+def target_area(instance_map: InstanceMap, instances: Sequence[int], target: str) -> Mask:
+    """(H, W) bool: the pixels that hit any of the instances.
 
     Args:
-        candidates: (K, 2) column and row of pixels; of none nothing is hit.
         instance_map: (H, W) int32.
         instances: indices in it.
         target: one of ``TARGETS``.
@@ -25,14 +22,37 @@ def is_hit(
     Raises:
         ValueError: the target is unknown.
     """
-    columns, rows = candidates.T
     match target:
         case "mask":
-            return bool(np.isin(instance_map[rows, columns], instances).any())
+            return np.isin(instance_map, instances)
         case "box":
-            x0, y0, x1, y1 = bounding_boxes(instance_map, instances)[:, :, None].transpose(1, 0, 2)
-            return bool(((columns >= x0) & (columns <= x1) & (rows >= y0) & (rows <= y1)).any())
+            area = np.zeros(instance_map.shape, np.bool_)
+            for x0, y0, x1, y1 in bounding_boxes(instance_map, instances):
+                area[y0 : y1 + 1, x0 : x1 + 1] = True
+            return area
     raise ValueError(f"target {target!r} is none of {TARGETS}")
+
+
+def is_hit(candidates: NDArray[np.int64], area: Mask) -> bool:
+    """Whether any of the (K, 2) candidates, column and row, lies in the (H, W) area; none of no candidate."""
+    columns, rows = candidates.T
+    return bool(area[rows, columns].any())
+
+
+def random_hit(area: Mask, valid: Mask | None) -> float:
+    """Probability that a random valid pixel hits, 0..1: what pointing anywhere is worth.
+
+    Args:
+        area: (H, W) bool, see ``target_area``.
+        valid: (H, W) bool pixels that show the scene, at least one; None for all.
+    """
+    return float((area if valid is None else area[valid]).mean())
+
+
+def middle_hit(area: Mask) -> bool:
+    """Whether the middle of the picture hits: pixel (W // 2, H // 2), whatever is asked."""
+    height, width = area.shape
+    return bool(area[height // 2, width // 2])
 
 
 def bounding_boxes(instance_map: InstanceMap, instances: Sequence[int]) -> NDArray[np.int64]:
@@ -47,8 +67,3 @@ def bounding_boxes(instance_map: InstanceMap, instances: Sequence[int]) -> NDArr
         if len(rows):
             boxes.append((columns.min(), rows.min(), columns.max(), rows.max()))
     return np.array(boxes, np.int64).reshape(-1, 4)
-
-
-def accuracy(hits: NDArray[np.bool_]) -> float:
-    """Share of (P,) queries that hit, 0..1; NaN of none."""
-    return float(hits.mean()) if len(hits) else float("nan")

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from egosplat.benchmark.paper_numbers import AVERAGE, METHODS, METRICS, SCENES
 from egosplat.benchmark.queries import GROUPS
-from egosplat.benchmark.scored_scenes import FULL
+from egosplat.benchmark.scored_scenes import FULL, UNTOUCHED, ScoredScene
 from egosplat.benchmark.series import OWN
 from egosplat.benchmark.tables import METRIC_NAMES, Column
 
@@ -53,6 +53,13 @@ class Layout:
     def own_lines(self) -> tuple[Line, ...]:
         """The lines of egosplat."""
         return tuple(line for line in self.lines if line.variant is not None)
+
+    def scenes_of(self, untouched: bool) -> tuple[str, ...]:
+        """The scenes that count; untouched apartments have a place in averages alone."""
+        if not untouched:
+            return self.scenes
+        averaged = any(column.scene == AVERAGE for column in self.columns)
+        return UNTOUCHED if averaged and self.dataset == "adt" else ()
 
 
 def _by_scene(metric: str) -> tuple[Column, ...]:
@@ -134,11 +141,11 @@ LAYOUTS = (
 """The five tables, in the paper's order."""
 
 
-def in_a_table(dataset: str, scene: str, variant: str) -> bool:
+def in_a_table(scene: ScoredScene) -> bool:
     """Whether any table has a place for a scene's scores."""
     return any(
-        layout.dataset == dataset
-        and scene in layout.scenes
-        and variant in {line.variant for line in layout.own_lines}
+        layout.dataset == scene.dataset
+        and scene.scene in layout.scenes_of(scene.untouched)
+        and scene.variant in {line.variant for line in layout.own_lines}
         for layout in LAYOUTS
     )

@@ -1,14 +1,21 @@
 """The paper's five tables: what it prints, and below what was measured here."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from string import ascii_lowercase
 
-from egosplat.benchmark.averages import average
+from egosplat.benchmark.averages import average, average_chance
 from egosplat.benchmark.paper_layouts import LAYOUTS, Layout, Line
 from egosplat.benchmark.paper_notes import PAPER_NOTES
 from egosplat.benchmark.paper_numbers import AVERAGE, printed
-from egosplat.benchmark.series import APARTMENTS, NAMES, OWN, Series
+from egosplat.benchmark.scored_scenes import CHANCE, UNTOUCHED, ScoredScene
+from egosplat.benchmark.series import APARTMENTS, NAMES, OWN, UNTOUCHED_APARTMENTS, Series
 from egosplat.benchmark.tables import PRINTED, REAL, SYNTHETIC, Block, Cell, Column, Note, Row, Table, ranked
+
+INTERVALS = (
+    "Intervals tell how far other categories could move a number, and of an average other scenes too: categories are "
+    "resampled, not queries, because the queries of one category are one thing seen from several frames. A score of a "
+    "single category has none."
+)
 
 
 def paper_tables(series: Sequence[Series]) -> list[Table]:
@@ -17,7 +24,7 @@ def paper_tables(series: Sequence[Series]) -> list[Table]:
 
 
 def _table(layout: Layout, series: Sequence[Series]) -> Table:
-    own = [one for one in series if one.dataset == layout.dataset and set(one.scenes) & set(layout.scenes)]
+    own = [one for one in series if one.dataset == layout.dataset and _scenes_of(layout, one)]
     measured = _measured_blocks(layout, own)
     apart = f" The last rows are of {APARTMENTS}, not of {NAMES[layout.dataset]}."
     return Table(
@@ -58,26 +65,56 @@ def _notes_on_the_paper(layout: Layout) -> list[Note]:
 def _measured_blocks(layout: Layout, series: Sequence[Series]) -> list[Block]:
     name = NAMES[layout.dataset]
     titles = {
-        REAL: f"Measured by egosplat's benchmark, on {name}",
-        SYNTHETIC: f"Measured on {APARTMENTS}: not {name}, comparable with no row above",
+        (REAL, False): f"Measured by egosplat's benchmark, on {name}",
+        (SYNTHETIC, False): f"Measured on {APARTMENTS}: not {name}, comparable with no row above",
+        (SYNTHETIC, True): (
+            f"Measured on {UNTOUCHED_APARTMENTS} ({UNTOUCHED[0]} to {UNTOUCHED[-1]}), by which nothing was chosen: "
+            f"not {name}, comparable with no row above"
+        ),
     }
-    rows = {kind: _rows(layout, [one for one in series if one.origin == kind]) for kind in titles}
+    rows = {
+        kind: _rows(layout, [one for one in series if (one.origin, one.untouched) == kind]) for kind in titles
+    }
     if not any(rows.values()):
-        rows[REAL] = [_empty_row(layout, line, name) for line in layout.own_lines]
-    # A mark of the best on a synthetic row could be taken for the best of the table.
-    order = {REAL: ranked, SYNTHETIC: tuple}
-    return [Block(kind, titles[kind], order[kind](own)) for kind, own in rows.items() if own]
+        rows[REAL, False] = [_empty_row(layout, line, name) for line in layout.own_lines]
+    return [Block(kind[0], titles[kind], own) for kind, own in rows.items() if own]
 
 
-def _rows(layout: Layout, series: Sequence[Series]) -> list[Row]:
-    """Rows of one origin; in an ablation, a line that nothing is known of has a row without numbers."""
+def _rows(layout: Layout, series: Sequence[Series]) -> tuple[Row, ...]:
+    """Rows of one block, then what chance is worth; in an ablation, a line of which nothing is known has no numbers."""
     known = {line: [one for one in series if _belongs(one, line)] for line in layout.own_lines}
     rows: list[Row] = []
     for line, own in known.items():
         rows += [_row(layout, line, one) for one in own]
         if not own and any(known.values()):
             rows.append(_empty_row(layout, line, series[0].data))
-    return rows
+    if not rows:
+        return ()
+    # A mark of the best on a synthetic row could be taken for the best of the table.
+    own = tuple(rows) if series[0].origin == SYNTHETIC else ranked(rows)
+    return (*own, *_chance_rows(layout, series))
+
+
+def _chance_rows(layout: Layout, series: Sequence[Series]) -> Iterator[Row]:
+    """The accuracy of those of ``CHANCE`` on the scenes of a block."""
+    if not any(column.metric == "accuracy" for column in layout.columns):
+        return
+    scenes: dict[str, ScoredScene] = {}
+    for one in series:
+        scenes = _scenes_of(layout, one) | scenes
+    for answerer, name in CHANCE.items():
+        label, steps = f"Chance: {name} ({series[0].data})", (False,) * len(layout.components)
+        cells = tuple(_chance_cell(column, scenes, answerer) for column in layout.columns)
+        yield Row(label, name, series[0].data, "", "", steps, cells)
+
+
+def _chance_cell(column: Column, scenes: Mapping[str, ScoredScene], answerer: str) -> Cell:
+    if column.metric != "accuracy":
+        return Cell()
+    if column.scene == AVERAGE:
+        return average_chance(scenes, answerer, column.group)
+    scene = scenes.get(column.scene)
+    return scene.chance(answerer, column.group) if scene else Cell()
 
 
 def _belongs(series: Series, line: Line) -> bool:
@@ -86,16 +123,25 @@ def _belongs(series: Series, line: Line) -> bool:
 
 
 def _row(layout: Layout, line: Line, series: Series) -> Row:
-    scenes = {name: series.scenes[name] for name in layout.scenes if name in series.scenes}
+    scenes = _scenes_of(layout, series)
 
-    def cell(column: Column) -> Cell:
-        own = {name: scene.cell(column.metric, column.group) for name, scene in scenes.items()}
-        return average(own) if column.scene == AVERAGE else own.get(column.scene, Cell())
-
-    cells = tuple(map(cell, layout.columns))
+    cells = tuple(_cell(column, scenes) for column in layout.columns)
     return Row(
         series.label, series.method, series.data, series.checkpoints, series.variant, line.steps, cells
     )
+
+
+def _cell(column: Column, scenes: Mapping[str, ScoredScene]) -> Cell:
+    if column.scene == AVERAGE:
+        return average(scenes, column.metric, column.group)
+    scene = scenes.get(column.scene)
+    return scene.cell(column.metric, column.group) if scene else Cell()
+
+
+def _scenes_of(layout: Layout, series: Series) -> dict[str, ScoredScene]:
+    """Those of a series that count in a table."""
+    names = layout.scenes_of(series.untouched)
+    return {name: series.scenes[name] for name in names if name in series.scenes}
 
 
 def _empty_row(layout: Layout, line: Line, data: str) -> Row:
@@ -107,7 +153,7 @@ def _empty_row(layout: Layout, line: Line, data: str) -> Row:
 def _notes_on(blocks: Sequence[Block]) -> Iterator[Note]:
     """What has to be known of measured blocks."""
     if any(cell.interval for block in blocks for row in block.rows for cell in row.cells):
-        yield Note("", "Intervals tell how far other queries in the same scenes could move a number.")
+        yield Note("", INTERVALS)
     for block in blocks:
         on = block.rows[0].data
         if len({row.scenes for row in block.rows if row.scenes}) > 1:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from egosplat import config as configuration
+from egosplat.benchmark.intervals import Clusters, cluster, scaled
 from egosplat.benchmark.tables import Cell
 from egosplat.errors import UserError
 from egosplat.json_files import read_json_file
@@ -16,6 +17,15 @@ FULL = "full"
 
 PROTOCOL = ("min_area", "excluded", "people", "target", "confidence")
 """Keys of the section ``metrics`` that decide what is asked and how it is scored: they are the same in a table."""
+
+UNTOUCHED = tuple(f"scene{number}" for number in range(6, 11))
+"""The synthetic apartments of ADT's name that are for reporting alone: no default, threshold or design is chosen by them."""
+
+CHANCE = {"random_pixel": "a random pixel", "middle_pixel": "the middle of the picture"}
+"""What answers without looking, by its key among the scores: what an accuracy has to be above."""
+
+_VALUES = {"accuracy": "hit", "mean_iou": "iou"}
+"""Of a query, what each score is the mean of."""
 
 _PLACE = re.compile(
     r"(?:^|/)results/(?P<dataset>[a-z0-9_]+)/(?P<scene>[A-Za-z0-9_-]+)/"
@@ -57,6 +67,11 @@ class ScoredScene:
     document: Mapping[str, Any]
 
     @property
+    def untouched(self) -> bool:
+        """Whether it is one of ``UNTOUCHED``."""
+        return (self.dataset, self.origin) == ("adt", "synthetic") and self.scene in UNTOUCHED
+
+    @property
     def protocol(self) -> dict[str, Any]:
         """The values of ``PROTOCOL``; None of a key that the file does not tell."""
         options = self.document["provenance"]["options"]
@@ -65,12 +80,23 @@ class ScoredScene:
     def cell(self, metric: str, group: str) -> Cell:
         """A score in percent, with its interval where it has one."""
         score = self.document["scores"][group]
-        low, high = score[f"{metric}_interval"]
         return Cell(
             percent=_percent(score[metric]),
-            interval=None if low is None or high is None else (100 * low, 100 * high),
+            interval=scaled(score[f"{metric}_interval"], 100),
             queries=score["count"],
+            categories=score["categories"],
         )
+
+    def chance(self, answerer: str, group: str) -> Cell:
+        """The accuracy [%] of one of ``CHANCE`` on the queries of a group."""
+        score = self.document["scores"][group]
+        return Cell(percent=_percent(score[answerer]))
+
+    def clusters(self, metric: str, group: str) -> Clusters:
+        """The values of a group's queries by category; ``metric`` is ``accuracy`` or ``mean_iou``."""
+        rows = [row for row in self.document["queries"] if group in row["groups"]]
+        values = [float(row["groups"][group][_VALUES[metric]]) for row in rows]
+        return cluster(values, [row["category"] for row in rows])
 
 
 def read_scored_scene(path: Path) -> ScoredScene:
@@ -83,6 +109,7 @@ def read_scored_scene(path: Path) -> ScoredScene:
         UserError: the file cannot be read, is no ``metrics.json``, or does not say which scene it is of.
     """
     document = _read(path)
+    _check_format(document, path)
     configuration.check(document, str(path), against="metrics")
     dataset, scene, variant = _place(path, document["scene"])
     method = document.get("method")
@@ -132,6 +159,16 @@ def _read(path: Path) -> dict[str, Any]:
     except (OSError, ValueError) as error:
         reason = str(error).partition("\n")[0]
         raise UserError(f"{path}: cannot be read as JSON ({reason}). Make it anew") from None
+
+
+def _check_format(document: Mapping[str, Any], path: Path) -> None:
+    expected = configuration.schema("metrics")["properties"]["format_version"]["const"]
+    found = document.get("format_version", expected) if isinstance(document, Mapping) else expected
+    if found != expected:
+        raise UserError(
+            f"{path}: has format {found!r}, and this egosplat reads {expected}: its intervals were made otherwise.\n"
+            f"Make it anew: snakemake --cores 2 --force {path}"
+        )
 
 
 def _refuse(constant: str) -> float:

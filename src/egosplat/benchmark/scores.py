@@ -6,23 +6,40 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.benchmark.intervals import Interval, IntervalOptions, bootstrap_interval, wilson_interval
-from egosplat.benchmark.localization import accuracy, is_hit
+from egosplat.benchmark.intervals import Interval, IntervalOptions, cluster, clustered_interval
+from egosplat.benchmark.localization import is_hit, middle_hit, random_hit, target_area
 from egosplat.benchmark.queries import GROUPS, InstanceMap, Mask, Query
-from egosplat.benchmark.segmentation import iou, mean_iou
+from egosplat.benchmark.segmentation import iou
 
 
 @dataclass(frozen=True)
-class QueryScore:
-    """Of one query, by the groups in which it counts.
+class Result:
+    """What an answer is worth against the truth of one group.
 
     Attributes:
         hit: whether it was found at its place.
         iou: of the mask, 0..1.
+        random_hit: probability that a random valid pixel hits, 0..1.
+        middle_hit: whether the middle of the picture hits.
     """
 
-    hit: Mapping[str, bool]
-    iou: Mapping[str, float]
+    hit: bool
+    iou: float
+    random_hit: float
+    middle_hit: bool
+
+
+@dataclass(frozen=True)
+class QueryScore:
+    """Of one query.
+
+    Attributes:
+        category: what was asked; queries of one category are one cluster.
+        groups: the results by the groups in which it counts.
+    """
+
+    category: str
+    groups: Mapping[str, Result]
 
 
 @dataclass(frozen=True)
@@ -31,15 +48,22 @@ class GroupScore:
 
     Attributes:
         count: number of queries, pairs of a frame and a category.
-        accuracy: share of them that were found at their place, 0..1, and its Wilson interval.
-        mean_iou: 0..1, and its bootstrap interval.
+        categories: number of categories among them.
+        accuracy: share of queries that were found at their place, 0..1.
+        accuracy_interval: see ``clustered_interval``; None of a single category.
+        mean_iou: plain mean over queries, as LangSplat's (M7 no. 37), 0..1.
+        mean_iou_interval: the same as of the accuracy.
+        random_pixel, middle_pixel: accuracy of a random valid pixel, and of the middle of the picture: chance.
     """
 
     count: int
+    categories: int
     accuracy: float
-    accuracy_interval: Interval
+    accuracy_interval: Interval | None
     mean_iou: float
-    mean_iou_interval: Interval
+    mean_iou_interval: Interval | None
+    random_pixel: float
+    middle_pixel: float
 
 
 def score_query(
@@ -57,27 +81,37 @@ def score_query(
         candidates, mask: of the answer, see ``egosplat.query.answer.Answer``; (K, 2) int64 and (H, W) bool.
         instance_map: (H, W) int32 of the query's frame, see ``read_map``.
         valid: (H, W) bool pixels that show the scene, or None for all.
-        target: see ``is_hit``.
+        target: see ``target_area``.
     """
-    groups = query.instances.items()
-    return QueryScore(
-        hit={name: is_hit(candidates, instance_map, own, target) for name, own in groups},
-        iou={name: iou(mask, np.isin(instance_map, own), valid) for name, own in groups},
-    )
+
+    def result(own: Sequence[int]) -> Result:
+        area = target_area(instance_map, own, target)
+        return Result(
+            hit=is_hit(candidates, area),
+            iou=iou(mask, np.isin(instance_map, own), valid),
+            random_hit=random_hit(area, valid),
+            middle_hit=middle_hit(area),
+        )
+
+    return QueryScore(query.category, {name: result(own) for name, own in query.instances.items()})
 
 
 def summarise(scores: Sequence[QueryScore], options: IntervalOptions) -> dict[str, GroupScore]:
     """The scores of each of ``GROUPS``."""
-    return {name: _summary([one for one in scores if name in one.hit], name, options) for name in GROUPS}
+    return {name: _summary([one for one in scores if name in one.groups], name, options) for name in GROUPS}
 
 
 def _summary(scores: Sequence[QueryScore], group: str, options: IntervalOptions) -> GroupScore:
-    hits = np.array([one.hit[group] for one in scores], bool)
-    ious = np.array([one.iou[group] for one in scores], np.float64)
+    results, categories = [one.groups[group] for one in scores], [one.category for one in scores]
+    hits = cluster([one.hit for one in results], categories)
+    ious = cluster([one.iou for one in results], categories)
     return GroupScore(
         count=len(scores),
-        accuracy=accuracy(hits),
-        accuracy_interval=wilson_interval(int(hits.sum()), len(hits), options.confidence),
-        mean_iou=mean_iou(ious),
-        mean_iou_interval=bootstrap_interval(ious, options),
+        categories=len(hits.counts),
+        accuracy=hits.mean,
+        accuracy_interval=clustered_interval([hits], options),
+        mean_iou=ious.mean,
+        mean_iou_interval=clustered_interval([ious], options),
+        random_pixel=cluster([one.random_hit for one in results], categories).mean,
+        middle_pixel=cluster([one.middle_hit for one in results], categories).mean,
     )

@@ -1,8 +1,5 @@
 """How well masks cover what is asked for (M2.4)."""
 
-import numpy as np
-from numpy.typing import NDArray
-
 from egosplat.benchmark.queries import Mask
 
 
@@ -23,8 +20,3 @@ def iou(predicted: Mask, truth: Mask, valid: Mask | None) -> float:
     if not truth.any():
         raise ValueError("a query without a visible instance has no IoU")
     return float((predicted & truth).sum() / (predicted | truth).sum())
-
-
-def mean_iou(ious: NDArray[np.float64]) -> float:
-    """Plain mean over (P,) pairs of frame and category, as LangSplat's (M7 no. 37); NaN of none."""
-    return float(ious.mean()) if len(ious) else float("nan")

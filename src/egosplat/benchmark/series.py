@@ -1,4 +1,7 @@
-"""Which scenes make one row: those of one method and variant, of one origin, with the same models."""
+"""Which scenes make one row: those of one method and variant, of one origin, with the same models.
+
+Untouched apartments make rows of their own.
+"""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -11,6 +14,7 @@ NAMES = {"adt": "ADT", "hoi4d": "HOI4D"}
 """What the paper calls the datasets."""
 
 APARTMENTS = "synthetic apartments"
+UNTOUCHED_APARTMENTS = "untouched synthetic apartments"
 
 OWN = "EgoSplat"
 """What a row of egosplat itself is called."""
@@ -22,6 +26,7 @@ class Series:
 
     Attributes:
         dataset, variant, origin: of all of them.
+        untouched: whether they are apartments that nothing was chosen by, see ``UNTOUCHED``.
         method: its name in a table.
         own: whether it is egosplat itself.
         checkpoints: in words.
@@ -31,6 +36,7 @@ class Series:
     dataset: str
     variant: str
     origin: str
+    untouched: bool
     method: str
     own: bool
     checkpoints: str
@@ -39,7 +45,9 @@ class Series:
     @property
     def data(self) -> str:
         """What it was measured on."""
-        return APARTMENTS if self.origin == "synthetic" else NAMES.get(self.dataset, self.dataset)
+        if self.origin == "synthetic":
+            return UNTOUCHED_APARTMENTS if self.untouched else APARTMENTS
+        return NAMES.get(self.dataset, self.dataset)
 
     @property
     def about(self) -> str:
@@ -60,16 +68,23 @@ def find_series(scenes: Sequence[ScoredScene]) -> list[Series]:
     """
     found: dict[tuple, dict[str, ScoredScene]] = {}
     for one in scenes:
-        key = (one.dataset, one.variant, one.origin, one.method, one.models)
+        key = (one.dataset, one.variant, one.origin, one.untouched, one.method, one.models)
         other = found.setdefault(key, {}).setdefault(one.scene, one)
         if other is not one:
             raise UserError(f"{one.path} and {other.path}: are scores of the same; give one of them")
     names = _checkpoint_names({models for *_, models in found})
     series = [
         Series(
-            dataset, variant, origin, method or OWN, method is None, names[models], dict(sorted(own.items()))
+            dataset,
+            variant,
+            origin,
+            untouched,
+            method or OWN,
+            method is None,
+            names[models],
+            dict(sorted(own.items())),
         )
-        for (dataset, variant, origin, method, models), own in found.items()
+        for (dataset, variant, origin, untouched, method, models), own in found.items()
     ]
     return sorted(series, key=lambda one: (not one.own, one.method, one.checkpoints))
 

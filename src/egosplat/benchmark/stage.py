@@ -149,5 +149,8 @@ def _tell(frames: Sequence[Frame], scores: Mapping[str, GroupScore]) -> None:
         log(f"warning: {lost} annotated frames have no pose and are not asked")
     for name in GROUPS:
         one = scores[name]
-        told = f"accuracy {one.accuracy:.1%}, mIoU {one.mean_iou:.1%}" if one.count else "nothing to ask for"
-        log(f"{name}: {one.count} queries, {told}")
+        told = (
+            f"accuracy {one.accuracy:.1%} (chance: a random pixel {one.random_pixel:.1%}, the middle of the picture "
+            f"{one.middle_pixel:.1%}), mIoU {one.mean_iou:.1%}"
+        )
+        log(f"{name}: {one.count} queries, {told if one.count else 'nothing to ask for'}")

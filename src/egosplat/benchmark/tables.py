@@ -34,7 +34,7 @@ class Cell:
     Attributes:
         percent: the score [%].
         interval: its bounds [%].
-        queries: that it was measured with; None of a printed number.
+        queries, categories: that it was measured with; None of a printed number.
         scenes: that a measured average was made of; empty of anything else.
         mark: letter of the footnote about it, or empty.
         rank: 1 or 2 where it is the best or the second best of its block, else 0.
@@ -43,6 +43,7 @@ class Cell:
     percent: float | None = None
     interval: tuple[float, float] | None = None
     queries: int | None = None
+    categories: int | None = None
     scenes: tuple[str, ...] = ()
     mark: str = ""
     rank: int = 0

@@ -14,7 +14,7 @@ def to_csv(table: Table) -> str:
     """All numbers of a table with what they are of; what is not known is left empty.
 
     ``kind`` is ``printed``, ``real`` or ``synthetic``; ``percent``, ``low`` and ``high`` are a score and its interval
-    [%]; ``scenes`` are those that a measured average is made of; ``steps`` are the components of an ablation in use.
+    [%], over so many ``queries`` of so many ``categories``; ``scenes`` are those that a measured average is made of; ``steps`` are the components of an ablation in use.
     """
     lines = [
         _line(table, block, row, column, cell)
@@ -22,7 +22,7 @@ def to_csv(table: Table) -> str:
         for row in block.rows
         for column, cell in zip(table.columns, row.cells, strict=True)
     ]
-    return pd.DataFrame(lines).astype({"queries": "Int64"}).to_csv(index=False)
+    return pd.DataFrame(lines).astype({"queries": "Int64", "categories": "Int64"}).to_csv(index=False)
 
 
 def _line(table: Table, block: Block, row: Row, column: Column, cell: Cell) -> dict[str, Any]:
@@ -42,6 +42,7 @@ def _line(table: Table, block: Block, row: Row, column: Column, cell: Cell) -> d
         "low": _rounded(low),
         "high": _rounded(high),
         "queries": cell.queries,
+        "categories": cell.categories,
         "scenes": " ".join(cell.scenes),
     }
 

@@ -44,7 +44,7 @@ def _line(cells: list[str]) -> str:
 def _shown(cell: Cell, row: Row, room: bool) -> str:
     text = _RANKS[cell.rank].format(number(cell.percent))
     if room and cell.interval:
-        text += f" ± {number((cell.interval[1] - cell.interval[0]) / 2)}"
+        text += f" ({number(cell.interval[0])}–{number(cell.interval[1])})"
     return text + aside(cell, row) + _mark(cell.mark)
 
 

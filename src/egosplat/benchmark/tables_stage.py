@@ -48,13 +48,9 @@ def run(metrics: Sequence[Path], output: Path, *, pictures: Sequence[Path]) -> N
 
 def _with_a_place(scenes: Sequence[ScoredScene]) -> list[ScoredScene]:
     for one in scenes:
-        if not _has_a_place(one):
+        if not in_a_table(one):
             log(f"{one.path}: no table has a place for {one.dataset}/{one.scene}, variant {one.variant}")
-    return [one for one in scenes if _has_a_place(one)]
-
-
-def _has_a_place(scene: ScoredScene) -> bool:
-    return in_a_table(scene.dataset, scene.scene, scene.variant)
+    return [one for one in scenes if in_a_table(one)]
 
 
 def _write(path: Path, text: str) -> None:

@@ -11,7 +11,7 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from egosplat.atomic import whole_file
-from egosplat.benchmark.scored_scenes import ScoredScene, read_scored_scene
+from egosplat.benchmark.scored_scenes import CHANCE, ScoredScene, read_scored_scene
 from egosplat.benchmark.series import find_series
 from egosplat.benchmark.tables import Cell
 from egosplat.plotting import plt
@@ -80,8 +80,9 @@ def summary(scored: ScoredScene) -> str:
     if not scored.document["scores"]["all"]["count"]:
         return f"no queries; {about}"
     accuracy, mean_iou = (scored.cell(name, "all") for name in ("accuracy", "mean_iou"))
+    chance = ", ".join(f"{name} {scored.chance(key, 'all').percent:.1f} %" for key, name in CHANCE.items())
     return (
-        f"{accuracy.queries} queries; accuracy {_told(accuracy)}, mIoU {_told(mean_iou)}; {about}\n"
+        f"{accuracy.queries} queries; accuracy {_told(accuracy)}, mIoU {_told(mean_iou)}; chance: {chance}; {about}\n"
         f"white: what was asked for, as annotated{', dashed its box' if _hits_boxes(scored) else ''}; "
         "colours: relevancy, from 0 (blue) to 1 (red); mark: the most relevant pixel, green where it hits, red where not"
     )
@@ -93,7 +94,7 @@ def _hits_boxes(scored: ScoredScene) -> bool:
 
 
 def _told(score: Cell) -> str:
-    """In percent, with its interval; of the mIoU of a single query there is none."""
+    """In percent, with its interval; of a single category there is none."""
     interval = f" ({score.interval[0]:.1f} to {score.interval[1]:.1f})" if score.interval else ""
     return f"{score.percent:.1f} %{interval}"
 

@@ -1,52 +1,163 @@
-"""Confidence intervals."""
-
-import math
+"""Intervals over categories and scenes, and McNemar's test."""
 
 import numpy as np
 import pytest
 
-from egosplat.benchmark.intervals import IntervalOptions, bootstrap_interval, wilson_interval
+from egosplat.benchmark.intervals import (
+    Clusters,
+    IntervalOptions,
+    cluster,
+    clustered_interval,
+    mcnemar,
+    mean_of_scenes,
+)
 
 OPTIONS = IntervalOptions(confidence=0.95, resamples=2000, seed=0)
 
 
-@pytest.mark.parametrize("hits, count", [(3, 10), (0, 10), (10, 10), (57, 163)])
-def test_wilsons_formula(hits, count):
-    z, share = 1.959964, hits / count
-    middle = (share + z**2 / (2 * count)) / (1 + z**2 / count)
-    half = z / (1 + z**2 / count) * math.sqrt(share * (1 - share) / count + z**2 / (4 * count**2))
-    found = wilson_interval(hits, count, 0.95)
-    assert (found.low, found.high) == pytest.approx((middle - half, middle + half), abs=1e-6)
+def hits_of(rng: np.random.Generator, share: float, categories: int = 22, frames: int = 4) -> Clusters:
+    """Categories that are hit in all of their frames, or in none."""
+    found = rng.random(categories) < share
+    return cluster(np.repeat(found, frames), np.repeat([f"thing {n}" for n in range(categories)], frames))
 
 
-def test_of_a_normal_mean_the_bootstrap_is_the_normal_interval():
+def width(found) -> float:
+    return found.high - found.low
+
+
+def covers(found, value: float) -> bool:
+    return found.low <= value <= found.high
+
+
+def test_values_are_summed_by_category():
+    found = cluster([True, False, True, True], ["cup", "couch", "cup", "couch"])
+    assert (found.totals.tolist(), found.counts.tolist(), found.mean) == ([1.0, 2.0], [2.0, 2.0], 0.75)
+    assert np.isnan(cluster([], []).mean)
+
+
+def test_categories_that_are_hit_together_are_covered_as_often_as_said():
+    """The interval over queries, which takes them for independent, covers far too rarely."""
+    rng = np.random.default_rng(3)
+    options = IntervalOptions(confidence=0.95, resamples=500, seed=0)
+    clustered = naive = 0
+    for _ in range(300):
+        scene = hits_of(rng, 0.55)
+        clustered += covers(clustered_interval([scene], options), 0.55)
+        alone = Clusters(np.repeat(scene.totals / scene.counts, 4), np.ones(4 * len(scene.counts)))
+        naive += covers(clustered_interval([alone], options), 0.55)
+    assert 0.92 <= clustered / 300 <= 0.98
+    assert naive / 300 < 0.75
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.15])
+def test_means_over_scenes_are_covered_as_often_as_said(spread):
+    """Five scenes that differ by chance alone, or by themselves as well."""
+    rng = np.random.default_rng(5)
+    options = IntervalOptions(confidence=0.95, resamples=500, seed=0)
+    found = 0
+    for _ in range(300):
+        shares = np.clip(rng.normal(0.5, spread, 5), 0, 1)
+        found += covers(clustered_interval([hits_of(rng, share) for share in shares], options), 0.5)
+    assert 0.92 <= found / 300
+
+
+def test_of_many_independent_values_it_is_the_normal_interval():
     values = np.random.default_rng(1).normal(0.4, 0.1, 400)
-    found, half = bootstrap_interval(values, OPTIONS), 1.96 * values.std() / 20
+    found = clustered_interval([Clusters(values, np.ones(400))], OPTIONS)
+    half = 1.96 * values.std() / 20
     assert (found.low, found.high) == pytest.approx(
-        (values.mean() - half, values.mean() + half), abs=0.1 * half
+        (values.mean() - half, values.mean() + half), abs=0.12 * half
     )
 
 
+def test_of_few_categories_it_is_students_interval():
+    """Of six normal values the percentile interval alone has 0.75 of the width of Student's."""
+    values = np.array([0.31, 0.44, 0.38, 0.52, 0.36, 0.47])
+    many = IntervalOptions(confidence=0.9, resamples=20_000, seed=0)
+    found = clustered_interval([Clusters(values, np.ones(6))], many)
+    half = 2.015 * values.std(ddof=1) / np.sqrt(6)
+    assert width(found) / 2 == pytest.approx(half, rel=0.12)
+
+
+def test_a_category_weighs_as_much_as_it_has_queries():
+    """A ratio estimate: the mean is over queries, though categories are drawn."""
+    counts = np.array([30.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
+    scene = Clusters(np.array([15.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0]), counts)
+    assert scene.mean == 0.5
+    even = Clusters(scene.totals / counts, np.ones(7))
+    assert width(clustered_interval([scene], OPTIONS)) < width(clustered_interval([even], OPTIONS))
+
+
+def test_two_categories_leave_the_doubt_of_two_numbers():
+    """All resamples lie between the two, and so do but half of such pairs around their truth: Student's is far wider."""
+    found = clustered_interval([Clusters(np.array([0.48, 0.52]), np.ones(2))], OPTIONS)
+    half = 12.706 * 0.04 / 2
+    assert (found.low, found.high) == pytest.approx((0.5 - half, 0.5 + half), rel=0.03)
+    far = clustered_interval([Clusters(np.array([0.0, 4.0]), np.full(2, 4.0))], OPTIONS)
+    assert (far.low, far.high) == (0.0, 1.0)
+
+
+@pytest.mark.parametrize("categories", [3, 6, 10])
+def test_few_categories_are_covered_as_often_as_said(categories):
+    rng = np.random.default_rng(7)
+    options = IntervalOptions(confidence=0.95, resamples=2000, seed=0)
+    found = [
+        clustered_interval([Clusters(rng.normal(0.5, 0.1, categories), np.ones(categories))], options)
+        for _ in range(300)
+    ]
+    assert 0.9 <= sum(covers(one, 0.5) for one in found) / 300
+
+
+@pytest.mark.parametrize("hit", [0.0, 1.0])
+def test_all_hit_or_all_missed_leaves_the_doubt_of_so_many_categories(hit):
+    """Wilson's interval of 22 of 22; resampling alone would show no doubt at all."""
+    found = clustered_interval([Clusters(np.full(22, 4 * hit), np.full(22, 4.0))], OPTIONS)
+    doubt = 1.959964**2 / (22 + 1.959964**2)
+    expected = (1 - doubt, 1.0) if hit else (0.0, doubt)
+    assert (found.low, found.high) == pytest.approx(expected, abs=1e-6)
+
+
+def test_no_difference_in_any_category_leaves_a_doubt_on_both_sides():
+    found = clustered_interval([Clusters(np.zeros(22), np.full(22, 4.0))], OPTIONS, least=-1.0)
+    doubt = 1.959964**2 / (22 + 1.959964**2)
+    assert (found.low, found.high) == pytest.approx((-doubt, doubt), abs=1e-6)
+
+
+@pytest.mark.parametrize("categories", [0, 1])
+def test_a_single_category_has_no_interval(categories):
+    assert clustered_interval([Clusters(np.ones(categories), np.full(categories, 5.0))], OPTIONS) is None
+    assert clustered_interval([], OPTIONS) is None
+
+
+def test_scenes_without_queries_count_in_nothing():
+    scene, empty = Clusters(np.array([1.0, 0.0]), np.array([1.0, 3.0])), cluster([], [])
+    assert mean_of_scenes([scene, empty]) == 0.25
+    assert clustered_interval([scene, empty], OPTIONS) == clustered_interval([scene], OPTIONS)
+    assert np.isnan(mean_of_scenes([empty]))
+
+
+def test_scenes_that_differ_widen_the_interval():
+    alike = [hits_of(np.random.default_rng(n), 0.5) for n in range(5)]
+    apart = [hits_of(np.random.default_rng(n), share) for n, share in enumerate((0.1, 0.3, 0.5, 0.7, 0.9))]
+    assert width(clustered_interval(apart, OPTIONS)) > 1.3 * width(clustered_interval(alike, OPTIONS))
+
+
 def test_it_repeats_with_its_seed_and_only_then():
-    values = np.random.default_rng(1).random(30)
+    scene = hits_of(np.random.default_rng(1), 0.5)
+    scene = Clusters(scene.totals + np.random.default_rng(2).random(22), scene.counts)
     other = IntervalOptions(confidence=0.95, resamples=2000, seed=1)
-    assert bootstrap_interval(values, OPTIONS) == bootstrap_interval(values, OPTIONS)
-    assert bootstrap_interval(values, OPTIONS) != bootstrap_interval(values, other)
+    assert clustered_interval([scene], OPTIONS) == clustered_interval([scene], OPTIONS)
+    assert clustered_interval([scene], OPTIONS) != clustered_interval([scene], other)
 
 
 def test_the_more_confident_the_wider():
-    values = np.random.default_rng(1).random(30)
-    sure, unsure = (bootstrap_interval(values, IntervalOptions(c, 2000, 0)) for c in (0.99, 0.5))
-    assert sure.low < unsure.low < values.mean() < unsure.high < sure.high
+    scene = hits_of(np.random.default_rng(1), 0.5)
+    sure, unsure = (clustered_interval([scene], IntervalOptions(c, 2000, 0)) for c in (0.99, 0.5))
+    assert sure.low < unsure.low < scene.mean < unsure.high < sure.high
 
 
-def test_equal_values_leave_no_doubt():
-    found = bootstrap_interval(np.full(7, 0.25), OPTIONS)
-    assert (found.low, found.high) == (0.25, 0.25)
-
-
-@pytest.mark.parametrize("count", [0, 1])
-def test_too_few_values(count):
-    found = bootstrap_interval(np.full(count, 0.5), OPTIONS)
-    assert math.isnan(found.low) and math.isnan(found.high)
-    assert math.isnan(wilson_interval(0, 0, 0.95).low)
+@pytest.mark.parametrize(
+    "gained, lost, p", [(0, 0, 1.0), (5, 5, 1.0), (0, 6, 2 / 2**6), (8, 1, 2 * 10 / 2**9)]
+)
+def test_mcnemars_exact_p(gained, lost, p):
+    assert mcnemar(gained, lost) == pytest.approx(p) and mcnemar(lost, gained) == pytest.approx(p)

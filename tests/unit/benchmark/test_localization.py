@@ -1,11 +1,9 @@
 """Hits and accuracy."""
 
-import math
-
 import numpy as np
 import pytest
 
-from egosplat.benchmark.localization import accuracy, bounding_boxes, is_hit
+from egosplat.benchmark.localization import bounding_boxes, is_hit, middle_hit, random_hit, target_area
 
 NOWHERE = np.zeros((0, 2), np.int64)
 
@@ -37,27 +35,39 @@ def test_boxes_hold_their_first_and_last_pixel(ring):
 )
 def test_box_and_mask(ring, pixel, box, mask):
     candidates = np.array([pixel])
-    assert is_hit(candidates, ring, (0,), "box") is box and is_hit(candidates, ring, (0,), "mask") is mask
+    assert is_hit(candidates, target_area(ring, (0,), "box")) is box
+    assert is_hit(candidates, target_area(ring, (0,), "mask")) is mask
 
 
 @pytest.mark.parametrize("target", ["box", "mask"])
 def test_any_candidate_in_any_instance_hits(ring, target):
-    assert is_hit(np.array([[19, 0], [0, 19]]), ring, (0, 2), target)
-    assert not is_hit(np.array([[19, 0], [0, 19]]), ring, (0, 1), target)
-    assert not is_hit(NOWHERE, ring, (0, 1, 2), target)
-    assert not is_hit(np.array([[6, 4]]), ring, (7,), target)
+    assert is_hit(np.array([[19, 0], [0, 19]]), target_area(ring, (0, 2), target))
+    assert not is_hit(np.array([[19, 0], [0, 19]]), target_area(ring, (0, 1), target))
+    assert not is_hit(NOWHERE, target_area(ring, (0, 1, 2), target))
+    assert not is_hit(np.array([[6, 4]]), target_area(ring, (7,), target))
 
 
 def test_a_box_is_one_instances(ring):
     """Between two instances is in the box of neither."""
-    assert not is_hit(np.array([[3, 16]]), ring, (0, 2), "box")
+    assert not is_hit(np.array([[3, 16]]), target_area(ring, (0, 2), "box"))
 
 
 def test_an_unknown_target_is_refused(ring):
     with pytest.raises(ValueError, match="'point'"):
-        is_hit(np.array([[0, 0]]), ring, (0,), "point")
+        target_area(ring, (0,), "point")
 
 
-def test_accuracy():
-    assert accuracy(np.array([True, False, True, True])) == 0.75
-    assert math.isnan(accuracy(np.zeros(0, bool)))
+def test_chance_is_the_share_of_valid_pixels_that_hit(ring):
+    """The ring's box has 9x9 pixels, its mask nine fewer; overlapping boxes count once."""
+    box, mask = (target_area(ring, (0, 1), target) for target in ("box", "mask"))
+    assert random_hit(box, None) == 81 / 400 == random_hit(mask, None)
+    assert random_hit(target_area(ring, (0,), "mask"), None) == 72 / 400
+    left = np.zeros((20, 20), bool)
+    left[:, :8] = True
+    assert random_hit(box, left) == 9 * 2 / (20 * 8)
+
+
+def test_the_middle_of_the_picture(ring):
+    """Pixel (10, 10) of 20x20: in the ring's box, in its mask, and outside of the other two."""
+    assert [middle_hit(target_area(ring, (one,), "box")) for one in (0, 1, 2)] == [True, False, False]
+    assert middle_hit(target_area(ring, (0,), "mask"))

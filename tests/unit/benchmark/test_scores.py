@@ -7,7 +7,7 @@ import pytest
 
 from egosplat.benchmark.intervals import IntervalOptions
 from egosplat.benchmark.queries import BenchmarkQueries, Query, categories
-from egosplat.benchmark.scores import QueryScore, score_query, summarise
+from egosplat.benchmark.scores import QueryScore, Result, score_query, summarise
 
 OPTIONS = IntervalOptions(confidence=0.95, resamples=200, seed=0)
 
@@ -32,7 +32,8 @@ def test_perfect_answers(instance_map, queries, target):
     found = summarise(scores, OPTIONS)
     assert [found[name].count for name in ("static", "dynamic", "all")] == [2, 2, 3]
     assert (found["all"].accuracy, found["all"].mean_iou) == (1.0, 1.0)
-    assert found["all"].mean_iou_interval.low == 1.0 and found["all"].accuracy_interval.low < 0.6
+    assert found["all"].categories == 3
+    assert found["all"].accuracy_interval.low < 0.6 and found["all"].mean_iou_interval.high == 1.0
     # Of the books the static one is hit, and the mask of both is larger than that of either.
     assert found["static"].accuracy == 1.0 and found["dynamic"].accuracy == 0.5
     assert found["static"].mean_iou == pytest.approx((24 / 84 + 1) / 2)
@@ -61,10 +62,12 @@ def test_answers_to_other_questions_are_chance():
 
 def test_all_need_not_lie_between_static_and_dynamic():
     """Mixed categories count once in all, and in both others."""
-    mixed = QueryScore(
-        {"static": True, "dynamic": False, "all": True}, {"static": 0.2, "dynamic": 0.1, "all": 0.3}
-    )
-    found = summarise([mixed, mixed], OPTIONS)
+    groups = {
+        "static": Result(True, 0.2, 0.0, False),
+        "dynamic": Result(False, 0.1, 0.0, False),
+        "all": Result(True, 0.3, 0.0, False),
+    }
+    found = summarise([QueryScore("book", groups)] * 2, OPTIONS)
     assert (found["static"].count, found["dynamic"].count, found["all"].count) == (2, 2, 2)
     assert found["all"].mean_iou > max(found["static"].mean_iou, found["dynamic"].mean_iou)
 
@@ -72,3 +75,27 @@ def test_all_need_not_lie_between_static_and_dynamic():
 def test_without_queries_there_are_no_scores():
     for found in summarise([], OPTIONS).values():
         assert found.count == 0 and math.isnan(found.accuracy) and math.isnan(found.mean_iou)
+        assert math.isnan(found.random_pixel) and found.accuracy_interval is None
+
+
+def test_a_thing_that_is_found_in_ten_frames_is_found_once():
+    """Two categories in ten frames each: twenty queries leave the doubt of two things, not of twenty."""
+    found = Result(True, 0.5, 0.1, False)
+    scores = [QueryScore(name, {"all": found}) for name in ("couch", "cup") for _ in range(10)]
+    score = summarise(scores, OPTIONS)["all"]
+    assert (score.count, score.categories) == (20, 2)
+    assert score.accuracy_interval.low < 0.35
+    assert summarise(scores[:10], OPTIONS)["all"].accuracy_interval is None
+
+
+def test_chance_stands_beside_the_accuracy(instance_map, queries):
+    """Whatever is answered: a random pixel, and the middle of the picture, of all frames together."""
+    valid = np.ones(instance_map.shape, bool)
+    valid[:, :4] = False
+    scores = [score_query(one, *answer(instance_map, one), instance_map, valid, "box") for one in queries[:1]]
+    scores += [score_query(queries[-1], *answer(instance_map, queries[0]), instance_map, valid, "box")]
+    found = summarise(scores, OPTIONS)["all"]
+    books, person = 84 / 1080, 50 / 1080
+    assert found.random_pixel == pytest.approx((books + person) / 2)
+    # The middle, (20, 15), is in the box of the moving book.
+    assert found.middle_pixel == 0.5

@@ -1,13 +1,11 @@
 """IoU."""
 
-import math
-
 import numpy as np
 import pytest
 import torch
 from torchmetrics.functional.classification import binary_jaccard_index
 
-from egosplat.benchmark.segmentation import iou, mean_iou
+from egosplat.benchmark.segmentation import iou
 
 
 def square(x0: int, y0: int, size: int) -> np.ndarray:
@@ -43,8 +41,3 @@ def test_what_is_not_defined_is_refused():
         iou(square(2, 2, 4), square(2, 2, 4), square(10, 10, 3))
     with pytest.raises(ValueError, match="compared"):
         iou(square(2, 2, 4)[:-1], square(2, 2, 4), None)
-
-
-def test_the_mean_is_over_pairs():
-    assert mean_iou(np.array([1.0, 0.0, 0.5, 0.5])) == 0.5
-    assert math.isnan(mean_iou(np.zeros(0)))

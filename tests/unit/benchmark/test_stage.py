@@ -40,11 +40,18 @@ def test_everything_is_found(word_scene, scored):
     for name, count in (("static", 2), ("dynamic", 2), ("all", 4)):
         score = found["scores"][name]
         assert (score["count"], score["accuracy"]) == (count, 1.0) and score["mean_iou"] > 0.8
-        assert score["accuracy_interval"][0] < 1.0 == score["accuracy_interval"][1]
+    # Two categories leave a doubt; one alone, a couch or a cup, tells nothing of others.
+    assert found["scores"]["all"]["accuracy_interval"][0] < 0.5
+    assert found["scores"]["all"]["accuracy_interval"][1] == 1.0
+    assert found["scores"]["static"]["accuracy_interval"] is None
+    assert found["scores"]["static"]["categories"] == 1
     couch, cup = found["queries"][:2]
     assert couch["level"] == couch["mask_level"] == "whole" and couch["relevancy"] > 0.5
     assert set(couch["groups"]) == {"static", "all"} and set(cup["groups"]) == {"dynamic", "all"}
     assert couch["groups"]["all"]["instances"] == ["Couch_1"]
+    # Each half of the 46 valid rows; the middle of the picture is in the right half.
+    assert found["scores"]["all"]["random_pixel"] == found["scores"]["all"]["middle_pixel"] == 0.5
+    assert [one["groups"]["all"]["middle_hit"] for one in (couch, cup)] == [False, True]
     assert couch["pixel"][0] < 24 <= cup["pixel"][0]
     assert couch["position_m"][0] < 0 < cup["position_m"][0]
     assert cup["position_m"][2] == pytest.approx(2.0, abs=0.01)
@@ -113,10 +120,13 @@ def test_without_anything_to_ask_for_there_are_no_scores(word_scene, scored):
     assert found["queries"] == []
     assert found["scores"]["all"] == {
         "count": 0,
+        "categories": 0,
         "accuracy": None,
-        "accuracy_interval": [None, None],
+        "accuracy_interval": None,
         "mean_iou": None,
-        "mean_iou_interval": [None, None],
+        "mean_iou_interval": None,
+        "random_pixel": None,
+        "middle_pixel": None,
     }
     assert found["rendering"]["all"]["frames"] == 1
 

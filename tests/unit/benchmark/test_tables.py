@@ -1,14 +1,15 @@
 """Tables of results: ranks, averages with intervals, the paper's numbers and its layout."""
 
-import math
+from pathlib import Path
 
 import pytest
 
-from egosplat.benchmark.averages import average
-from egosplat.benchmark.intervals import wilson_interval
+from egosplat.benchmark.averages import average, average_chance
+from egosplat.benchmark.intervals import RESAMPLING, clustered_interval
 from egosplat.benchmark.paper_layouts import LAYOUTS
 from egosplat.benchmark.paper_numbers import METHODS, SCENES, printed
 from egosplat.benchmark.paper_tables import paper_tables
+from egosplat.benchmark.scored_scenes import ScoredScene
 from egosplat.benchmark.tables import Cell, Row, aside, number, ranked
 
 
@@ -133,22 +134,55 @@ def test_a_row_alone_and_averages_over_different_scenes_are_not_ranked():
     assert [one.cells[0].rank for one in rows] == [0, 0]
 
 
-def test_an_average_is_over_the_scenes_that_are_there():
-    cells = {"scene1": Cell(40.0, (30.0, 52.0), 80), "scene2": Cell(), "scene3": Cell(60.0, (56.0, 65.0), 20)}
-    found = average(cells)
-    assert (found.percent, found.queries, found.scenes) == (50.0, 100, ("scene1", "scene3"))
-    assert found.interval == pytest.approx((50.0 - math.hypot(10, 4) / 2, 50.0 + math.hypot(12, 5) / 2))
-    assert average({"scene1": Cell()}) == Cell()
-    assert average({"scene1": cells["scene1"]}).interval == pytest.approx((30.0, 52.0))
-    assert average(cells | {"scene2": Cell(20.0, None, 1)}).interval is None
+def scored(name: str, hits: dict[str, list[bool]], chance: float | None = 0.05) -> ScoredScene:
+    """A scene with queries of each category, found or not."""
+    rows = [
+        {"frame": frame, "category": category, "groups": {"all": {"hit": hit, "iou": 0.5 * hit}}}
+        for category, own in hits.items()
+        for frame, hit in enumerate(own)
+    ]
+    document = {
+        "queries": rows,
+        "scores": {"all": {"random_pixel": chance, "middle_pixel": chance}},
+        "provenance": {"options": {"confidence": 0.95}},
+    }
+    return ScoredScene(Path(name), "adt", name, "full", None, "synthetic", (), document)
 
 
-def test_the_interval_of_an_average_is_about_that_of_all_queries_together():
-    whole = wilson_interval(160, 400, 0.95)
-    quarter = wilson_interval(40, 100, 0.95)
-    cell = Cell(40.0, (100 * quarter.low, 100 * quarter.high), 100)
-    found = average({f"scene{index}": cell for index in range(4)})
-    assert found.interval == pytest.approx((100 * whole.low, 100 * whole.high), abs=0.3)
+@pytest.fixture
+def three_scenes() -> dict[str, ScoredScene]:
+    """40 % of 80 queries, none asked, and 60 % of 20."""
+    first = {f"thing {n}": [n < 8] * 4 for n in range(20)}
+    last = {f"thing {n}": [n < 6] * 2 for n in range(10)}
+    scenes = [scored("scene1", first), scored("scene2", {}, None), scored("scene3", last, 0.15)]
+    return {one.scene: one for one in scenes}
+
+
+def test_an_average_is_over_the_scenes_that_are_there(three_scenes):
+    found = average(three_scenes, "accuracy", "all")
+    assert found.percent == pytest.approx(50.0)
+    assert (found.queries, found.categories, found.scenes) == (100, 30, ("scene1", "scene3"))
+    assert average(three_scenes, "mean_iou", "all").percent == pytest.approx(25.0)
+    assert average(three_scenes, "accuracy", "static") == Cell()
+
+
+def test_the_interval_of_an_average_is_over_scenes_and_categories(three_scenes):
+    """Wider than that of one scene's categories alone would be, halved by two scenes."""
+    found = average(three_scenes, "accuracy", "all")
+    clusters = [three_scenes[name].clusters("accuracy", "all") for name in ("scene1", "scene3")]
+    expected = clustered_interval(clusters, RESAMPLING)
+    assert found.interval == (100 * expected.low, 100 * expected.high)
+    alone = average({"scene1": three_scenes["scene1"]}, "accuracy", "all")
+    assert alone.interval[1] - alone.interval[0] > 30.0
+
+
+def test_an_average_of_a_single_category_has_no_interval():
+    assert average({"scene1": scored("scene1", {"cup": [True, False]})}, "accuracy", "all").interval is None
+
+
+def test_chance_is_averaged_over_the_scenes_that_were_asked(three_scenes):
+    found = average_chance(three_scenes, "random_pixel", "all")
+    assert found.percent == pytest.approx(10.0) and found.scenes == ("scene1", "scene3")
 
 
 def test_an_average_over_fewer_scenes_than_its_row_says_so():

@@ -31,8 +31,8 @@ def row(label: str, *cells: Cell) -> Row:
 def table() -> Table:
     scenes = ("scene1", "scene2")
     cells = (
-        Cell(40.0, (30.0, 52.0), 80, scenes),
-        Cell(12.3456, (10.0, 15.0), 40, ("scene1",), rank=2),
+        Cell(40.0, (30.0, 52.0), 80, 20, scenes),
+        Cell(12.3456, (10.0, 15.0), 40, 10, ("scene1",), rank=2),
     )
     blocks = (
         Block("printed", "Printed", (row("LERF", Cell(67.5, mark="a", rank=1), Cell(0.0)),)),
@@ -94,7 +94,7 @@ def test_html_keeps_blocks_apart_and_tells_intervals(table):
     assert [one.get("class") for tag, one in page.tags if tag == "tbody"] == ["printed", "synthetic"]
     assert {"30.0–52.0", "10.0–15.0"} <= set(page.text)
     titles = [one["title"] for tag, one in page.tags if tag == "td" and "title" in one]
-    assert titles == ["80 queries", "40 queries"]
+    assert titles == ["80 queries of 20 categories", "40 queries of 10 categories"]
 
 
 def test_html_rows_have_as_many_cells_as_columns(table):
@@ -107,7 +107,7 @@ def test_html_rows_have_as_many_cells_as_columns(table):
 def test_markdown(table):
     text = to_markdown(table)
     assert "| ✓ |  | LERF | **67.5**<sup>a</sup> | 0.0 |" in text
-    assert "average of 2 of 3 scenes | 40.0 ± 11.0 | *12.3* ± 2.5 (of 1) |" in text
+    assert "average of 2 of 3 scenes | 40.0 (30.0–52.0) | *12.3* (10.0–15.0) (of 1) |" in text
     assert "| none | - | - |" in text
     assert "- <sup>a</sup> Odd &amp; strange\\_one.\n- Another." in text
     assert "**Synthetic: not ADT**" in text and "<script" not in text
@@ -116,9 +116,9 @@ def test_markdown(table):
 
 
 def test_markdown_of_many_columns_has_no_room_for_intervals(table):
-    cells = tuple(Cell(40.0, (30.0, 52.0), 80) for _ in range(18))
+    cells = tuple(Cell(40.0, (30.0, 52.0), 80, 20) for _ in range(18))
     wide = Table("t", "c", (), COLUMNS * 9, (Block("real", "b", (row("m", *cells),)),), (), ())
-    assert "±" not in to_markdown(wide)
+    assert "30.0" not in to_markdown(wide)
 
 
 @pytest.mark.parametrize("special", "\\`*_{}[]|~$#<>&")
@@ -153,7 +153,8 @@ def test_csv(table):
     found = pd.read_csv(io.StringIO(to_csv(table)))
     assert len(found) == 6 and list(found["kind"].unique()) == ["printed", "synthetic"]
     first = found[found.method == HOSTILE].iloc[0]
-    assert (first.percent, first.low, first.high, first.queries) == (40.0, 30.0, 52.0, 80)
+    assert (first.percent, first.low, first.high) == (40.0, 30.0, 52.0)
+    assert (first.queries, first.categories) == (80, 20)
     assert (first.scenes, first.steps, first.data) == ("scene1 scene2", "One", "ADT")
     assert found[found.method == "none"].percent.isna().all()
     assert found.percent.dropna().tolist() == [67.5, 0.0, 40.0, 12.346]

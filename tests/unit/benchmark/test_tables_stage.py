@@ -40,16 +40,35 @@ def scores(accuracy: float, count: int = 100) -> dict:
     share = {
         "count": count,
         "accuracy": accuracy,
+        "categories": 10,
         "accuracy_interval": [accuracy - 0.1, accuracy + 0.1],
         "mean_iou": accuracy / 2,
         "mean_iou_interval": [accuracy / 2 - 0.05, accuracy / 2 + 0.05],
+        "random_pixel": 0.05,
+        "middle_pixel": 0.15,
     }
-    nothing = {"count": 0, "accuracy": None, "accuracy_interval": [None, None]}
-    return {
-        "static": share,
-        "dynamic": nothing | {"mean_iou": None, "mean_iou_interval": [None, None]},
-        "all": share,
-    }
+    nothing = dict.fromkeys(share, None) | {"count": 0, "categories": 0}
+    return {"static": share, "dynamic": nothing, "all": share}
+
+
+def queries(accuracy: float, count: int = 100) -> list[dict]:
+    """Rows that come to these scores: ten categories, those first in the alphabet found more often."""
+
+    def result(number: int) -> dict:
+        hit = {"hit": number < round(accuracy * count), "iou": accuracy / 2}
+        return hit | {"random_hit": 0.05, "middle_hit": number % 20 < 3, "instances": ["Thing"]}
+
+    return [
+        {
+            "frame": number % 10,
+            "category": f"thing {number // 10}",
+            "relevancy": 0.5,
+            **dict.fromkeys(("level", "pixel", "position_m", "mask_level")),
+            "mask_pixels": 0,
+            "groups": {group: result(number) for group in ("static", "all")},
+        }
+        for number in range(count)
+    ]
 
 
 @pytest.fixture
@@ -63,7 +82,12 @@ def scored(tmp_path):
         document["counts"] = {key: least(part, schema) for key, part in counts.items()}
         dataset, name, *below = place.split("/")
         title = f"{dataset}/{name}" + (f", {below[1]}" if below[:1] == ["variants"] else "")
-        document |= {"scene": title, "origin": origin, "scores": scores(accuracy)}
+        document |= {
+            "scene": title,
+            "origin": origin,
+            "scores": scores(accuracy),
+            "queries": queries(accuracy),
+        }
         document["provenance"]["options"] = OPTIONS | (options or {})
         document["models"] = {
             "clip_checkpoint": {"checkpoint": checkpoint, "hash": "c0de" * 4, "small": checkpoint == "small"}
@@ -110,14 +134,17 @@ def test_the_same_scores_make_the_same_bytes_in_any_order(tables, scored, tmp_pa
 
 def test_a_scene_that_is_missing_is_left_out_of_the_average(tables, scored, tmp_path):
     found = tables(scored("adt/scene1", 0.4), scored("adt/scene3", 0.6))["adt_accuracy"]
-    own = found[(found.kind == "synthetic") & (found.group == "static")].set_index("scene")
+    own = found[(found.kind == "synthetic") & (found.group == "static") & (found.method == "EgoSplat")]
+    own = own.set_index("scene")
     assert own.percent.to_dict() == pytest.approx(
         {"scene1": 40, "scene2": NAN, "scene3": 60, "scene4": NAN, "scene5": NAN, "average": 50},
         nan_ok=True,
     )
     assert own.scenes["average"] == "scene1 scene3" and own.queries["average"] == 200
     assert (own.low["scene1"], own.high["scene1"]) == (30.0, 50.0)
-    assert own.low["average"] == pytest.approx(50 - 10 / 2**0.5, abs=1e-3)
+    # Twenty categories, ten of them found in all of their frames: not the 43 to 57 of 200 independent queries.
+    assert own.categories["average"] == 20
+    assert own.low["average"] < 33 and 67 < own.high["average"]
     dynamic = found[(found.kind == "synthetic") & (found.group == "dynamic")]
     assert dynamic.percent.isna().all()
     line = next(
@@ -156,10 +183,47 @@ def test_synthetic_rows_stand_apart(tables, scored, tmp_path):
     assert "synthetic apartments, small checkpoints" in page[: page.index("</title>")]
 
 
+def test_chance_stands_below_what_was_measured(tables, scored, tmp_path):
+    """A random pixel and the middle of the picture, on the same scenes, in each format; of mIoU nothing."""
+    found = tables(scored("adt/scene1", 0.9), scored("adt/scene2", 0.3))
+    own = found["adt_accuracy"]
+    own = own[(own.kind == "synthetic") & (own.group == "all")]
+    chance = own[own.scene == "average"].set_index("method").percent.to_dict()
+    assert chance == {"EgoSplat": 60.0, "a random pixel": 5.0, "the middle of the picture": 15.0}
+    assert own[(own.method == "a random pixel") & (own.scene == "scene1")].percent.tolist() == [5.0]
+    assert "a random pixel" not in set(found["adt_iou"].method)
+    ablation = found["adt_ablation"]
+    assert (
+        ablation[(ablation.method == "a random pixel") & (ablation.metric == "mean_iou")].percent.isna().all()
+    )
+    for suffix in ("md", "tex"):
+        text = (tmp_path / "out" / f"adt_accuracy.{suffix}").read_text()
+        assert "Chance: the middle of the picture (synthetic apartments), average of 2 of 5 scenes" in text
+    assert "Chance: a random pixel" in (tmp_path / "out" / "tables.html").read_text()
+
+
+def test_untouched_apartments_stand_apart(tables, scored, tmp_path):
+    """scene6 to scene10 are in no average of the apartments that defaults were chosen by, nor these in theirs."""
+    found = tables(scored("adt/scene1", 0.9), scored("adt/scene6", 0.4), scored("adt/scene7", 0.2))
+    own = found["adt_accuracy"]
+    own = own[(own.kind == "synthetic") & (own.group == "all") & (own.method == "EgoSplat")]
+    averages = own[own.scene == "average"].set_index("data")
+    assert averages.percent.to_dict() == pytest.approx(
+        {"synthetic apartments": 90.0, "untouched synthetic apartments": 30.0}
+    )
+    assert averages.scenes["untouched synthetic apartments"] == "scene6 scene7"
+    assert own[own.data == "untouched synthetic apartments"].percent.count() == 1
+    transient = found["adt_transient"]
+    assert "untouched synthetic apartments" not in set(transient.data)
+    text = (tmp_path / "out" / "adt_accuracy.md").read_text()
+    assert "(scene6 to scene10), by which nothing was chosen" in text
+
+
 def test_scenes_with_other_models_are_not_averaged_together(tables, scored):
     paths = [scored("adt/scene1", 0.4, "real", "a.bin"), scored("adt/scene2", 0.6, "real", "b.bin")]
     found = tables(*paths)["adt_accuracy"]
     own = found[(found.kind == "real") & (found.scene == "average") & (found.group == "all")]
+    own = own[own.method == "EgoSplat"]
     assert own.percent.tolist() == [40.0, 60.0]
     assert own.checkpoints.tolist() == ["checkpoints clip a.bin", "checkpoints clip b.bin"]
 
@@ -168,7 +232,7 @@ def test_models_of_one_name_are_told_apart_by_their_hashes(tables, scored):
     models = {"clip_checkpoint": {"checkpoint": "/x/a.bin", "hash": "beef" * 4, "small": False}}
     paths = [scored("adt/scene1", 0.4, "real", "/y/a.bin"), scored("adt/scene2", 0.6, "real", models=models)]
     found = tables(*paths)["adt_accuracy"]
-    names = sorted(found[found.kind == "real"].checkpoints.unique())
+    names = sorted(found[found.kind == "real"].checkpoints.dropna().unique())
     assert names == ["checkpoints clip a.bin beefbeef", "checkpoints clip a.bin c0dec0de"]
 
 
@@ -182,12 +246,14 @@ def test_the_ablations_take_their_variants(tables, scored):
     for name in ("adt_ablation", "adt_transient"):
         one = found[name]
         one = one[(one.kind == "synthetic") & (one.metric == "accuracy") & (one.group == "all")]
+        one = one[one.method == "EgoSplat"]
         lines[name] = list(zip(one.variant, one.percent.fillna(-1), strict=True))
     assert lines["adt_ablation"] == [("baseline", -1), ("aggregation", 70.0), ("full", 90.0)]
     assert lines["adt_transient"] == [("aggregation", 70.0), ("initial", 80.0), ("full", 90.0)]
     # By scene, only what the scene's own folder holds.
     by_scene = found["adt_accuracy"]
-    assert by_scene[by_scene.kind == "synthetic"].percent.dropna().unique().tolist() == [90.0]
+    own = by_scene[(by_scene.kind == "synthetic") & (by_scene.method == "EgoSplat")]
+    assert own.percent.dropna().unique().tolist() == [90.0]
 
 
 def test_averages_over_different_scenes_are_told(tables, scored, tmp_path):
@@ -206,7 +272,7 @@ def test_another_method_has_a_row_of_its_name(tables, scored, tmp_path):
     ]
     found = tables(*paths)
     by_scene = found["adt_accuracy"]
-    assert list(by_scene[by_scene.kind == "real"].method.unique()) == ["EgoSplat", "My method <b>&_"]
+    assert list(by_scene[by_scene.kind == "real"].method.unique())[:2] == ["EgoSplat", "My method <b>&_"]
     assert "My method" not in (tmp_path / "out" / "adt_ablation.md").read_text()
     assert (
         r"My method \textless{}b\textgreater{}\&\_ (scored by egosplat, ADT)"
@@ -237,7 +303,9 @@ def test_scores_in_the_folder_of_another_scene_are_refused(scored):
 
 
 def test_what_no_table_has_a_place_for_is_told(tables, scored, capsys):
-    found = tables(scored("plain/room"), scored("adt/scene9"), scored("adt/scene2/variants/initial"))
+    found = tables(
+        scored("plain/room"), scored("adt/scene9", origin="real"), scored("adt/scene2/variants/initial")
+    )
     told = capsys.readouterr().err
     for place in ("plain/room, variant full", "adt/scene9, variant full", "adt/scene2, variant initial"):
         assert f"no table has a place for {place}" in told
@@ -279,6 +347,13 @@ def test_a_file_that_is_no_scores_is_named(tables, tmp_path, content, message):
     with pytest.raises(UserError, match="absent.json: does not exist"):
         tables(tmp_path / "absent.json")
     assert not (tmp_path / "out").exists()
+
+
+def test_scores_of_an_older_format_are_named_with_what_to_do(tables, scored):
+    """Those of format 1 have intervals over queries."""
+    with pytest.raises(UserError, match="scene1/metrics.json: has format 1, .* 2") as caught:
+        tables(scored("adt/scene1", format_version=1))
+    assert "--force" in str(caught.value) and str(caught.value).count("\n") == 1
 
 
 def test_pictures_are_on_the_page(tables, tmp_path):

@@ -1,73 +1,112 @@
-"""Tests of the table of components."""
+"""Tests of the table of components, and of answers to the same queries held against each other."""
 
 from pathlib import Path
 
 import pytest
-from ablation import COMPARED, VARIANTS, paired, table
-from scores_bench.comparing import told
+from ablation import COMPARED, VARIANTS, differences, page, table
+from scores_bench.comparing import accuracy_difference, iou_difference, paired, queries_of, told
 
 from egosplat.benchmark.scored_scenes import ScoredScene
 from egosplat.benchmark.tables import Cell
 
+OPTIONS = {"options": {"confidence": 0.95}}
 
-def scored(accuracy: float, decibels: float) -> ScoredScene:
+
+def answered(*found: tuple[str, bool, float], decibels: float = 20.0, name: str = "scene1") -> ScoredScene:
+    """Queries of a category each with whether they were found, and their IoU."""
+    rows = [
+        {"frame": frame, "category": category, "groups": {"all": {"hit": hit, "iou": iou}}}
+        for frame, (category, hit, iou) in enumerate(found)
+    ]
+    share = sum(hit for _, hit, _ in found) / len(found)
     score = {
-        "accuracy": accuracy,
-        "accuracy_interval": [accuracy - 0.1, accuracy + 0.1],
+        "accuracy": share,
+        "accuracy_interval": [share - 0.1, share + 0.1],
         "mean_iou": None,
-        "mean_iou_interval": [None, None],
-        "count": 10,
+        "mean_iou_interval": None,
+        "count": len(found),
+        "categories": len({category for category, _, _ in found}),
+        "random_pixel": 0.05,
+        "middle_pixel": 0.15,
     }
     document = {
         "scores": dict.fromkeys(("all", "static", "dynamic"), score),
-        "rendering": {name: {"psnr": decibels} for name in ("all", "static")},
+        "queries": rows,
+        "rendering": {group: {"psnr": decibels} for group in ("all", "static")},
+        "provenance": OPTIONS,
     }
-    return ScoredScene(Path("metrics.json"), "adt", "scene", "full", None, "synthetic", (), document)
+    return ScoredScene(Path("metrics.json"), "adt", name, "full", None, "synthetic", (), document)
+
+
+def of_share(hits: int, decibels: float) -> ScoredScene:
+    """Ten categories of one query each."""
+    return answered(*((f"thing {n}", n < hits, 0.5) for n in range(10)), decibels=decibels)
 
 
 def test_a_score_is_told_with_its_interval_where_there_is_one():
-    assert told(Cell(percent=12.34, interval=(1.0, 20.06))) == "12.3 (1.0 to 20.1)"
+    assert told(Cell(percent=12.34, interval=(1.0, 20.06), categories=9)) == "12.3 (1.0 to 20.1)"
+    assert told(Cell(percent=12.34, categories=1)) == "12.3 (one category)"
     assert told(Cell(percent=12.34)) == "12.3" and told(Cell()) == "-"
 
 
 def test_rows_of_each_variant_and_means_over_scenes():
     scenes = {
-        name: {variant: scored(share, 20.0 + 10 * share) for variant in VARIANTS}
-        for name, share in (("adt/scene1", 0.2), ("adt/scene2", 0.4))
+        name: {variant: of_share(hits, 20.0 + hits) for variant in VARIANTS}
+        for name, hits in (("adt/scene1", 2), ("adt/scene2", 4))
     }
     rows = table(scenes).splitlines()[2:]
     assert len(rows) == 3 * len(VARIANTS)
-    assert rows[0].startswith("| adt/scene1 | baseline | 10 | 20.0 (10.0 to 30.0) |")
-    assert rows[-1].startswith("| mean of 2 | full | 20 | 30.0 (22.9 to 37.1) |")
-    assert rows[-1].endswith("| - | 23.00 | 23.00 |")
+    assert rows[0].startswith("| adt/scene1 | baseline | 10 | 10 | 20.0 (10.0 to 30.0) | 5.0 | 15.0 |")
+    assert rows[-1].startswith("| mean of 2 | full | 20 | 20 | 30.0 (")
+    assert " | 5.0 | 15.0 | - | - | 50.0 (" in rows[-1] and rows[-1].endswith(" | 23.00 | 23.00 |")
 
 
 @pytest.mark.parametrize("count", [0, 1])
 def test_one_scene_has_no_mean(count):
-    scenes = {"adt/scene1": {variant: scored(0.2, 20.0) for variant in VARIANTS}} if count else {}
+    scenes = {"adt/scene1": {variant: of_share(2, 20.0) for variant in VARIANTS}} if count else {}
     assert "mean" not in table(scenes)
 
 
-def answered(*found: tuple[bool, float]) -> ScoredScene:
-    """Queries of one frame with whether they were found, and their IoU."""
-    rows = [
-        {"frame": 3, "category": f"thing {number}", "groups": {"all": {"hit": hit, "iou": iou}}}
-        for number, (hit, iou) in enumerate(found)
-    ]
-    return ScoredScene(Path("metrics.json"), "adt", "scene", "full", None, "synthetic", (), {"queries": rows})
-
-
 def test_variants_are_compared_query_by_query():
-    better = answered((True, 0.5), (True, 0.2), (False, 0.0))
-    worse = answered((True, 0.4), (False, 0.0), (True, 0.3))
+    names = [f"thing {n}" for n in range(8)]
+    better = answered(*((name, n < 7, 0.5) for n, name in enumerate(names)))
+    worse = answered(*((name, n == 7, 0.3) for n, name in enumerate(names)))
     scenes = {
         "adt/scene1": {"baseline": worse, "aggregation": better, "initial": better, "full": better},
         "adt/scene2": {"baseline": worse, "aggregation": worse, "initial": worse, "full": better},
     }
-    rows = paired(scenes).splitlines()[2:]
+    rows = differences(scenes).splitlines()[2:]
     assert len(rows) == len(COMPARED)
-    assert rows[0].startswith("| aggregation against baseline | 6 | 1 | 1 | +0.0 (")
-    assert (
-        rows[1] == "| initial against aggregation | 6 | 0 | 0 | +0.0 (+0.0 to +0.0) | +0.0 (+0.0 to +0.0) |"
+    assert rows[0].startswith("| aggregation against baseline | 16 | 7 | 1 | +37.5 (")
+    assert "p = 0.07 |" in rows[0]
+    # Equal answers leave the doubt of sixteen categories, not none.
+    assert rows[1].startswith("| initial against aggregation | 16 | 0 | 0 | +0.0 (-19.4 to +19.4), p = 1 |")
+    assert rows[3].startswith("| full against baseline | 16 | 14 | 2 | +75.0 (") and "p = 0.0042" in rows[3]
+
+
+def test_one_thing_seen_in_many_frames_is_one_difference():
+    """Ten frames of one category that only one of two finds: no evidence about other categories, whatever p says."""
+    mine = answered(*(("cup", True, 0.5) for _ in range(10)), *((f"thing {n}", True, 0.5) for n in range(9)))
+    theirs = answered(
+        *(("cup", False, 0.5) for _ in range(10)), *((f"thing {n}", True, 0.5) for n in range(9))
     )
-    assert rows[3].startswith("| full against baseline | 6 | 2 | 2 | +0.0 (") and "| +0.0 (" in rows[3]
+    pair = paired(mine, theirs)
+    assert (queries_of([pair]), pair.gained, pair.lost, len(pair.hits.counts)) == (19, 10, 0, 10)
+    told = accuracy_difference([pair])
+    assert told.startswith("+52.6 (+0.0 to ") and told.endswith("p = 0.002")
+    assert iou_difference([pair]) == "+0.0 (-27.8 to +27.8)"
+
+
+def test_a_single_category_has_a_difference_without_an_interval():
+    pair = paired(answered(("cup", True, 0.5)), answered(("cup", False, 0.1)))
+    assert accuracy_difference([pair]) == "+100.0 (fewer than two categories), p = 1"
+
+
+def test_untouched_scenes_are_told_apart_by_origin_and_name():
+    assert answered(("cup", True, 0.5), name="scene6").untouched
+    assert not answered(("cup", True, 0.5), name="scene5").untouched
+
+
+def test_a_page_says_over_how_many_scenes_and_what_its_intervals_are():
+    text = page({"adt/scene1": {variant: of_share(2, 20.0) for variant in VARIANTS}})
+    assert "Scenes: 1." in text and "over categories" in text and "accuracy of a random pixel" in text

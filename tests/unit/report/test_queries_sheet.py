@@ -109,12 +109,14 @@ def test_the_heading_tells_the_scores_and_where_they_come_from(word_scene):
     told, how_to_read = summary(read_scored_scene(metrics)).split("\n")
     assert "dashed its box" in how_to_read
     assert "dashed" not in summary(read_scored_scene(score(metrics.parent, target="mask")))
-    assert told.startswith("4 queries; accuracy 100.0 % (51.0 to 100.0), mIoU 89.")
-    assert told.endswith("); origin synthetic, small checkpoints")
+    # Of two categories; those of four independent queries would begin at 51.
+    assert told.startswith("4 queries; accuracy 100.0 % (34.2 to 100.0), mIoU 89.")
+    assert "chance: a random pixel 50.0 %, the middle of the picture 50.0 %" in told
+    assert told.endswith("origin synthetic, small checkpoints")
     scores = json.loads(metrics.read_text())["scores"]
-    scores["all"] |= {"count": 1, "mean_iou": 0.5, "mean_iou_interval": [None, None]}
+    scores["all"] |= {"count": 1, "mean_iou": 0.5, "mean_iou_interval": None}
     change(metrics, scores=scores)
-    assert ", mIoU 50.0 %; origin" in summary(read_scored_scene(metrics))
+    assert ", mIoU 50.0 %; chance" in summary(read_scored_scene(metrics))
 
 
 def test_scores_of_other_artifacts_are_refused(word_scene):

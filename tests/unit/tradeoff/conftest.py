@@ -37,11 +37,12 @@ def document(scene: str, accuracy: float, psnr: float | None, stages: Mapping[st
         3,
     )
     counts |= {"instances": {}, "gaussians": 1000, "gaussians_with_code": {}, "code_channels": 4}
-    score = {"count": QUERIES, "accuracy": accuracy, "accuracy_interval": [0.0, 1.0]}
+    score = {"count": QUERIES, "categories": 20, "accuracy": accuracy, "accuracy_interval": [0.0, 1.0]}
     score |= {"mean_iou": accuracy / 2, "mean_iou_interval": [0.0, 1.0]}
+    score |= {"random_pixel": 0.05, "middle_pixel": 0.15}
     rendering = {"frames": 3, "psnr": psnr, "ssim": 0.8}
     return {
-        "format_version": 1,
+        "format_version": 2,
         "scene": scene,
         "origin": "synthetic",
         "counts": counts,

@@ -66,8 +66,8 @@ def test_the_scene_alone_and_one_run_are_a_page(point, tmp_path):
 
 
 def test_nothing_asked_is_a_page_without_a_front(point, tmp_path):
-    nothing = {"count": 0, "accuracy": None, "accuracy_interval": [None, None]}
-    nothing |= {"mean_iou": None, "mean_iou_interval": [None, None]}
+    nothing = {"count": 0, "categories": 0, "accuracy": None, "accuracy_interval": None}
+    nothing |= {"mean_iou": None, "mean_iou_interval": None, "random_pixel": None, "middle_pixel": None}
     one = point([], [0.5], [10.0], scene=True, scores=dict.fromkeys(("static", "dynamic", "all"), nothing))
     run([one], tmp_path)
     with pytest.raises(UserError, match="has no front"):
