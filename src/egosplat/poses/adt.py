@@ -69,6 +69,8 @@ def adt_poses(
     if not is_rigid(device_from_camera):
         raise ValueError("device_from_camera is not a rigid motion")
     path = Path(folder) / TRAJECTORIES[trajectory]
+    if not path.is_file():
+        raise UserError(_missing(Path(folder), trajectory))
     rows = read_trajectory(path)
     bridged = at_times(rows, exposure_middle_ns, max_gap_ms)
     if not bridged.known.any():
@@ -92,6 +94,15 @@ def adt_poses(
     }
     colours = np.full(points.shape, GRAY, np.uint8)
     return Poses(camera_to_world, bridged.known, camera, points, colours, rows.up, notes).check()
+
+
+def _missing(folder: Path, trajectory: str) -> str:
+    """What to do without a trajectory: its sibling is named where it is there."""
+    there = [name for name, path in TRAJECTORIES.items() if (folder / path).is_file()]
+    advice = f", or set poses.trajectory={there[0]}, which is there" if there else ""
+    others = [str(path) for name, path in TRAJECTORIES.items() if name != trajectory]
+    lack = "" if there else f" (nor is there {', '.join(others)})"
+    return f"{folder / TRAJECTORIES[trajectory]} is missing{lack}: download it{advice}"
 
 
 def _angle_deg(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:

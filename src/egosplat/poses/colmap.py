@@ -86,7 +86,7 @@ def colmap_poses(
         check_features(features)
         matched = match(project, matching, overlap, seed, threads)
         models = build_models(project, camera_known, seed)
-        model = largest_model(models, matched, frames, min_registered)
+        model = largest_model(models, matched, project, min_registered)
         notes = {
             "frames": frames,
             "features_median": float(np.median(features)),

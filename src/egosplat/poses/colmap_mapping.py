@@ -1,5 +1,6 @@
 """COLMAP's third step: incremental mapping, and which of its models is the scene."""
 
+import math
 import time
 
 import pycolmap
@@ -14,6 +15,8 @@ FEWEST_POINTS = 50
 """A model with fewer points is an accident of noise, not a scene."""
 
 _UNMOVED_PX = 1.0
+_RANGES = 12
+"""So many runs of frames are named in a message."""
 _SECONDS_BETWEEN_LINES = 5.0
 
 
@@ -73,14 +76,14 @@ class _MappingProgress:
 
 
 def largest_model(
-    models: list[pycolmap.Reconstruction], matched: Matched, frames: int, min_registered: float
+    models: list[pycolmap.Reconstruction], matched: Matched, project: Project, min_registered: float
 ) -> pycolmap.Reconstruction:
     """The model with the most pictures.
 
     Args:
         models: all that were found.
         matched: what matching found, which tells why there is no model.
-        frames: number of pictures.
+        project: with the names of all pictures.
         min_registered: share of them that it must hold.
 
     Raises:
@@ -89,14 +92,54 @@ def largest_model(
     if not models:
         raise UserError(_why_no_model(matched))
     model = max(models, key=lambda found: (found.num_reg_images(), found.num_points3D()))
-    registered = model.num_reg_images()
-    if registered < min_registered * frames:
-        raise UserError(
-            f"COLMAP registers {registered} of {frames} pictures in its largest model; min_registered asks"
-            f" for {min_registered:.0%}: use a smaller stride or a larger overlap, or leave out blurred"
-            " and blank pictures"
-        )
+    frames = len(project.names)
+    if model.num_reg_images() < min_registered * frames:
+        held = {id(found): frames_of_model(found, project) for found in models}
+        others = [held[id(found)] for found in models if found is not model]
+        raise UserError(too_few(held[id(model)], others, frames, min_registered, matched.strategy))
     return model
+
+
+def frames_of_model(model: pycolmap.Reconstruction, project: Project) -> set[int]:
+    """The frames whose pictures a model registers."""
+    return {project.frame_of(model.images[number].name) for number in model.reg_image_ids()}
+
+
+def too_few(held: set[int], others: list[set[int]], frames: int, min_registered: float, strategy: str) -> str:
+    """Why the largest model holds too few frames, and what to do.
+
+    Args:
+        held: the frames that it holds; others: those of each other model.
+        frames: their number in all.
+        min_registered: the share asked for.
+        strategy: of matching, ``exhaustive`` or ``sequential``.
+    """
+    lost = ranges(set(range(frames)) - held)
+    what = (
+        f"COLMAP registers {len(held)} of {frames} frames, and poses.min_registered asks for {min_registered:.0%}; "
+        f"not registered, counted from 0: {lost}"
+    )
+    if others:
+        second = max(others, key=len)
+        what += f". A second model holds {len(second)} ({ranges(second)}): the two share too few views"
+    share = math.floor(100 * len(held) / frames) / 100
+    wider = "set poses.matching=exhaustive or a larger poses.overlap, " if strategy == "sequential" else ""
+    return (
+        f"{what}\nFilm or keep the views between (a smaller frames.stride), leave out blurred and blank pictures, "
+        f"{wider}or accept the loss: poses.min_registered={share:g}"
+    )
+
+
+def ranges(frames: set[int]) -> str:
+    """Numbers in order, runs as ``3 to 7``; at most ``_RANGES`` of them."""
+    runs: list[list[int]] = []
+    for frame in sorted(frames):
+        if runs and frame == runs[-1][1] + 1:
+            runs[-1][1] = frame
+        else:
+            runs.append([frame, frame])
+    told = [str(first) if first == last else f"{first} to {last}" for first, last in runs[:_RANGES]]
+    return ", ".join([*told, *(["..."] if len(runs) > _RANGES else [])])
 
 
 def _why_no_model(matched: Matched) -> str:

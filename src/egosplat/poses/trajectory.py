@@ -125,7 +125,7 @@ def at_times(trajectory: Trajectory, timestamp_ns: NDArray[np.int64], max_gap_ms
 
 def _read_table(path: Path) -> pd.DataFrame:
     if not path.is_file():
-        raise UserError(f"{path} is missing: download the trajectory, or choose the recording's other one")
+        raise UserError(f"{path} is missing: download the trajectory")
     try:
         table = pd.read_csv(path, usecols=lambda name: name in {_FRAME, *_NUMBERS}, low_memory=False)
     except (ValueError, pd.errors.ParserError, UnicodeDecodeError) as error:

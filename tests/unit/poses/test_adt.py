@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from egosplat.errors import UserError
 from egosplat.geometry import CLOCKWISE, Camera, make_pose
-from egosplat.poses.adt import adt_poses
+from egosplat.poses.adt import TRAJECTORIES, adt_poses
 from egosplat.poses.result import Poses
 from egosplat.poses.trajectory import read_trajectory
 
@@ -128,6 +128,18 @@ def test_a_missing_an_empty_and_a_binary_file_are_refused(tmp_path: Path):
         path.write_bytes(content)
         with pytest.raises(UserError, match="aria_trajectory.csv"):
             read_trajectory(path)
+
+
+@pytest.mark.parametrize("asked, there", [("closed_loop", "ground_truth"), ("ground_truth", "closed_loop")])
+def test_a_missing_trajectory_names_the_key_of_the_other_where_that_is_there(
+    table: pd.DataFrame, recording: Recording, asked: str, there: str
+):
+    folder = recording(table, closed_loop=there == "closed_loop")
+    with pytest.raises(UserError, match=f"{TRAJECTORIES[asked].name} is missing.*poses.trajectory={there}"):
+        poses_at(folder, [1_000_000], asked)
+    (folder / TRAJECTORIES[there]).unlink()
+    with pytest.raises(UserError, match=f"nor is there .*{TRAJECTORIES[there].name}.: download it$"):
+        poses_at(folder, [1_000_000], asked)
 
 
 def test_no_frame_with_a_pose_is_refused_with_its_reason(table: pd.DataFrame, recording: Recording):

@@ -15,6 +15,7 @@ from egosplat.geometry import Camera
 from egosplat.poses.alignment import trajectory_error
 from egosplat.poses.colmap import LARGEST_ERROR_PX, SHORTEST_TRACK, colmap_poses, kept_points
 from egosplat.poses.colmap_database import Project
+from egosplat.poses.colmap_mapping import ranges, too_few
 from egosplat.poses.colmap_pairs import every_pair, sequential_pairs
 from egosplat.poses.result import Poses
 
@@ -172,8 +173,36 @@ def test_pictures_of_something_else_are_reported_and_left_out(
 
 
 def test_too_small_a_model_is_refused_with_its_size(walk_pictures: Pictures):
-    with pytest.raises(UserError, match=r"registers 10 of 13 pictures .* asks for 80%: use a smaller stride"):
+    with pytest.raises(
+        UserError, match=r"registers 10 of 13 frames, and poses.min_registered asks for 80%"
+    ) as caught:
         reconstruct([*walk_pictures, *(noise(seed) for seed in range(3))], min_registered=0.8)
+    assert "not registered, counted from 0: 10 to 12" in str(caught.value)
+    assert "poses.min_registered=0.76" in str(caught.value)
+    assert "overlap" not in str(caught.value), "every pair was compared"
+
+
+@pytest.mark.parametrize("strategy, advised", [("exhaustive", False), ("sequential", True)])
+def test_a_larger_overlap_is_advised_only_where_it_would_help(strategy, advised):
+    assert ("poses.overlap" in too_few({0, 1, 2}, [], 9, 0.5, strategy)) == advised
+
+
+def test_a_second_model_is_told_with_its_frames():
+    text = too_few(set(range(5)), [{5, 6, 7}, {6, 7, 8, 9, 11}], 12, 0.5, "exhaustive")
+    assert "not registered, counted from 0: 5 to 11" in text
+    assert "A second model holds 5 (6 to 9, 11)" in text and "poses.min_registered=0.41" in text
+    assert "second model" not in too_few(set(range(5)), [], 12, 0.5, "exhaustive")
+
+
+def test_the_share_that_is_named_is_one_that_the_model_has():
+    for held in range(1, 40):
+        text = too_few(set(range(held)), [], 40, 1.0, "exhaustive")
+        assert float(text.rpartition("=")[2]) * 40 <= held
+
+
+def test_many_runs_of_frames_are_cut_short():
+    assert ranges({1, 2, 3, 7}) == "1 to 3, 7"
+    assert ranges(set(range(0, 100, 2))).endswith("20, 22, ...")
 
 
 @pytest.mark.parametrize("known", [True, False])
