@@ -16,6 +16,7 @@ from egosplat.errors import UserError
 from egosplat.keys_table import keys_table
 from egosplat.orphans import end_with_snakemake
 from egosplat.plain_errors import plain
+from egosplat.scene_folder import check_scene_folder
 from egosplat.stages import STAGES, stage_function
 from egosplat.strict_yaml import NO_YAML, load_yaml
 from egosplat.strictness import LARGEST_INTEGER
@@ -282,6 +283,7 @@ def export(scene: Path, output: Path | None, codes: bool) -> None:
     """Write the Gaussians of SCENE, as results/adt/scene1, as a .ply file that viewers of 3DGS open."""
     from egosplat.language.ply import export as write
 
+    check_scene_folder(scene, ("splats", "language") if codes else ("splats",))
     write(scene, output or scene / "scene.ply", codes)
 
 
@@ -368,6 +370,7 @@ def query_command() -> click.Command:
         from egosplat.query.options import QueryOptions
         from egosplat.report.query_command import Asking, run
 
+        check_scene_folder(folder, ("frames", "poses", "features", "splats", "language"))
         asking, options = Asking(frame, pose, output), QueryOptions(**keys)
         how = {"backend": backend, "device": device, "precision": precision}
         click.echo(run(folder, phrases, asking, options, **how))

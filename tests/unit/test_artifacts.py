@@ -164,7 +164,7 @@ def test_a_flipped_byte_is_named_when_it_is_read(tmp_path):
         lambda: artifact.read("rows"),
         lambda: verify(artifact.path, SCHEMAS),
     ):
-        with pytest.raises(ArtifactError, match=r"a\.zarr: array 'rows', chunk 2 cannot be read .*snakemake"):
+        with pytest.raises(ArtifactError, match=r"a\.zarr: array 'rows', chunk 2 cannot be read .*rm -r"):
             read()
 
 
@@ -253,8 +253,12 @@ def test_verify_sees_what_reading_cannot(tmp_path):
 
 
 def test_absent_foreign_and_other_versions_are_told_apart(tmp_path):
-    with pytest.raises(ArtifactError, match="does not exist. Make it: snakemake"):
+    with pytest.raises(ArtifactError, match="does not exist. Give an artifact"):
         open_artifact(tmp_path / "none.zarr", TINY)
+    with pytest.raises(
+        ArtifactError, match="does not exist. Make it: snakemake --cores 2 results/a/b/frames.zarr"
+    ):
+        open_artifact(Path("results/a/b/frames.zarr"), TINY)
     write(tmp_path / "a.zarr")
     with pytest.raises(ArtifactError, match="holds 'tiny', not 'poses'"):
         open_artifact(tmp_path / "a.zarr", POSES)
@@ -263,6 +267,28 @@ def test_absent_foreign_and_other_versions_are_told_apart(tmp_path):
         open_artifact(tmp_path / "a.zarr", older)
     with pytest.raises(ArtifactError, match="format version 2, this is version 3. Make it anew"):
         open_artifact(tmp_path / "a.zarr", newer)
+
+
+@pytest.mark.parametrize(
+    "content", [{"1.jpg": b"a photograph"}, {"zarr.json": b"{}"}, {"zarr.json": b"no JSON"}, {}]
+)
+def test_a_user_s_own_folder_is_never_advised_to_be_removed(tmp_path, content):
+    """A recording given in the place of an artifact, even one below a folder called results."""
+    folder = tmp_path / "results" / "walk"
+    folder.mkdir(parents=True)
+    for name, data in content.items():
+        (folder / name).write_bytes(data)
+    for path in (folder, folder / "1.jpg"):
+        with pytest.raises(ArtifactError, match="Give an artifact of egosplat's") as caught:
+            open_artifact(path, TINY)
+        assert "rm " not in str(caught.value) and "snakemake" not in str(caught.value)
+
+
+def test_a_damaged_result_is_advised_to_be_made_anew_with_its_path_quoted(tmp_path):
+    folder = tmp_path / "my work" / "results/adt/scene1/frames.zarr"
+    folder.mkdir(parents=True)
+    with pytest.raises(ArtifactError, match=r"make it anew: rm -r '.*my work.*' && snakemake --cores 2 '"):
+        open_artifact(folder, TINY)
 
 
 def test_snakemake_s_own_file_inside_is_not_damage(tmp_path):

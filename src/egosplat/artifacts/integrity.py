@@ -3,12 +3,19 @@
 import hashlib
 import json
 import re
+import shlex
 from pathlib import Path
 from typing import Any
 
 from egosplat.artifacts.schema import Schema
 from egosplat.errors import UserError
 from egosplat.refusals import refused
+
+EXAMPLE = "results/adt/scene1/frames.zarr"
+"""An artifact's path, for messages."""
+
+_RESULT = re.compile(r"(^|/)results/[a-z0-9_]+/[A-Za-z0-9_-]+/(variants/[A-Za-z0-9_-]+/)?\w+\.(zarr|json)$")
+"""Where the workflow puts artifacts and JSON files."""
 
 
 class ArtifactError(UserError):
@@ -42,10 +49,14 @@ def check_replaceable(path: Path, schema: Schema) -> None:
     if path.is_symlink() or not path.exists() or (path.is_dir() and not any(path.iterdir())):
         return
     kind = _kind(path / "zarr.json")
-    if kind != schema.name:
-        held = f"holds {kind!r}" if kind else "is no artifact"
+    if kind is None:
         raise ArtifactError(
-            f"{path}: stands there already and {held}; give another --output, or remove it first: rm -r {path}"
+            f"{path}: stands there already and is no artifact of egosplat's, so it stays; give another --output"
+        )
+    if kind != schema.name:
+        raise ArtifactError(
+            f"{path}: stands there already and holds {kind!r}; give another --output, or remove it first: "
+            f"{_removal(path)}"
         )
 
 
@@ -61,10 +72,36 @@ def _kind(metadata: Path) -> str | None:
 
 
 def damaged(path: Path, what: str) -> ArtifactError:
-    """The error for an artifact that cannot be trusted."""
-    return ArtifactError(f"{path}: {what}. It is damaged; make it anew: {remedy(path)}")
+    """The error for an artifact that cannot be trusted, or for something else in its place."""
+    if _is_own(path):
+        return ArtifactError(f"{path}: {what}. It is damaged; make it anew: {remedy(path)}")
+    return ArtifactError(f"{path}: {what}. Give an artifact of egosplat's, such as {EXAMPLE}")
+
+
+def absent(path: Path) -> ArtifactError:
+    """The error for an artifact that is not there."""
+    if not _is_result(path):
+        return ArtifactError(f"{path}: does not exist. Give an artifact of egosplat's, such as {EXAMPLE}")
+    return ArtifactError(f"{path}: does not exist. Make it: snakemake --cores 2 {shlex.quote(str(path))}")
 
 
 def remedy(path: Path) -> str:
-    """The commands that make an artifact anew."""
-    return f"rm -r {path} && snakemake --cores 2 {path}"
+    """The commands that make an artifact anew; what did not come from the workflow, its own command makes."""
+    again = (
+        f"snakemake --cores 2 {shlex.quote(str(path))}" if _is_result(path) else "the command that made it"
+    )
+    return f"{_removal(path)} && {again}" if _is_result(path) else f"{_removal(path)}, then {again}"
+
+
+def _removal(path: Path) -> str:
+    return f"rm -r {shlex.quote(str(path))}"
+
+
+def _is_own(path: Path) -> bool:
+    """Whether something at a path is egosplat's, by its metadata or by its place: all else is not to be removed."""
+    return _is_result(path) or _kind(path / "zarr.json") is not None
+
+
+def _is_result(path: Path) -> bool:
+    """Whether a path is where the workflow puts a result."""
+    return bool(_RESULT.search(path.as_posix()))

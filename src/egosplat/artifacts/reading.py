@@ -9,7 +9,7 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
-from egosplat.artifacts.integrity import ArtifactError, damaged, digest_of, remedy, seal
+from egosplat.artifacts.integrity import ArtifactError, absent, damaged, digest_of, remedy, seal
 from egosplat.artifacts.schema import Field, Schema, check_shape
 from egosplat.refusals import told_as
 
@@ -148,11 +148,13 @@ def recorded_digest(path: Path) -> str:
 
 def _open(path: Path) -> tuple[zarr.Group, dict[str, Any]]:
     if not path.exists():
-        raise ArtifactError(f"{path}: does not exist. Make it: snakemake --cores 2 {path}")
+        raise absent(path)
 
     def tell(error: Exception) -> ArtifactError:
         if isinstance(error, KeyError):
-            return ArtifactError(f"{path}: is a Zarr group that egosplat did not write. Give an artifact.")
+            return ArtifactError(
+                f"{path}: is a Zarr group that egosplat did not write. Give an artifact of egosplat's"
+            )
         return damaged(path, f"is no readable Zarr group ({type(error).__name__})")
 
     with told_as(tell):

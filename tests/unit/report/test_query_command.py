@@ -93,7 +93,7 @@ def remove(name: str):
 @pytest.mark.parametrize(
     "change, words, said",
     [
-        (remove("language"), ["cup"], "language.zarr: does not exist. Make it: snakemake --cores 2 "),
+        (remove("language"), ["cup"], "lacks language.zarr. Give the folder of a finished scene"),
         (None, ["cup", "--frame", "9"], "--frame 9: there are 4 frames, 0 to 3"),
         (None, ["cup", "--frame", "3"], "--frame 3: has no pose"),
         (None, ["cup", "--frame", "1", "--pose", "x.json"], "--frame and --pose: give one of them"),

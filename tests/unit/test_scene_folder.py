@@ -1,0 +1,67 @@
+"""What is given to `egosplat query` and `egosplat export` in the place of a finished scene."""
+
+import pytest
+
+from egosplat import cli
+from egosplat.errors import UserError
+from egosplat.scene_folder import check_scene_folder
+
+STAGES = ("frames", "poses", "features", "splats", "language")
+SCENE = "results/adt/scene1"
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A working directory with a scene of which frames and poses are made, a variant and a README.md."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("frames", "poses"):
+        (tmp_path / SCENE / f"{name}.zarr").mkdir(parents=True)
+    (tmp_path / SCENE / "frames.zarr/zarr.json").touch()
+    (tmp_path / SCENE / "variants/v/splats.zarr").mkdir(parents=True)
+    (tmp_path / "README.md").touch()
+    (tmp_path / "photos").mkdir()
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    "given, said",
+    [
+        ("README.md", "README.md: is a file; give the folder of a scene, such as results/adt/scene1"),
+        (
+            "photos",
+            "lacks frames.zarr, poses.zarr, features.zarr, splats.zarr, language.zarr. Give the folder",
+        ),
+        ("nowhere", "nowhere: does not exist. Give the folder of a finished scene"),
+        (
+            SCENE,
+            "lacks features.zarr, splats.zarr, language.zarr. Make the scene: snakemake --cores 2 results/adt/scene1/m",
+        ),
+        (
+            "results/adt/scene9",
+            "does not exist. Make the scene: snakemake --cores 2 results/adt/scene9/metrics.json",
+        ),
+        (f"{SCENE}/frames.zarr", "is one artifact; give the folder of its scene, results/adt/scene1"),
+        (
+            f"{SCENE}/variants/v",
+            "A variant shares artifacts with its scene: give that one, results/adt/scene1",
+        ),
+    ],
+)
+def test_what_is_no_finished_scene_is_told_with_all_it_lacks(folder, given, said):
+    with pytest.raises(UserError) as caught:
+        check_scene_folder(folder.__class__(given), STAGES)
+    assert said in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_finished_scene_is_taken(folder):
+    for name in STAGES:
+        (folder / SCENE / f"{name}.zarr").mkdir(exist_ok=True)
+    check_scene_folder(folder / SCENE, STAGES)
+
+
+@pytest.mark.parametrize("words", [("query", "README.md", "cup"), ("export", "README.md")])
+def test_the_commands_check_it_first(folder, monkeypatch, capsys, words):
+    monkeypatch.setattr("sys.argv", ["egosplat", *words])
+    with pytest.raises(SystemExit) as stop:
+        cli.main()
+    assert stop.value.code == 2 and "README.md: is a file" in capsys.readouterr().err
