@@ -10,6 +10,9 @@ from typing import Any
 from egosplat import config as configuration
 from egosplat.errors import UserError
 
+PAPER_DATASETS = ("adt", "hoi4d")
+"""Whose rows are in the table that comes with egosplat, recordings or not."""
+
 
 @dataclass(frozen=True)
 class Scene:
@@ -82,6 +85,8 @@ def check_recording(scene: Scene) -> None:
         )
 
 
+_ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
+
 _LONGEST_NAME = 255
 """Bytes of a file's name, on Linux."""
 
@@ -140,7 +145,7 @@ def _says_something(cells: list[str]) -> bool:
 
 
 def _check_roots(config: configuration.Config, rows: list[dict[str, Any]], path: Path) -> None:
-    datasets = {"adt", "hoi4d", *(row["dataset"] for row in rows)}
+    datasets = {*PAPER_DATASETS, *(row["dataset"] for row in rows)}
     if unknown := sorted(set(config["data_root"]) - datasets):
         raise UserError(
             f"configuration: data_root.{unknown[0]} is no dataset of {path}: {', '.join(sorted(datasets))}"
@@ -156,7 +161,7 @@ def _scene(row: dict[str, Any], config: configuration.Config, where: str) -> Sce
     root = config["data_root"].get(row["dataset"])
     synthetic = row["format"] == "adt" and root is None and "seed" in options.get("synthetic", {})
     home = Path("results") / row["dataset"] / row["scene"]
-    recording = home / "recording" if synthetic else Path(root or ".") / row["recording"]
+    recording = home / "recording" if synthetic else _recording(row["recording"], root, where)
     if set("{}") & set(str(recording)):
         raise UserError(
             f"{where}: recording {recording}: Snakemake takes braces for its own; rename it, or give a link to it"
@@ -166,3 +171,12 @@ def _scene(row: dict[str, Any], config: configuration.Config, where: str) -> Sce
             f"{where}: recording: a name of more than {_LONGEST_NAME} bytes, {too_long[0][:40]}..."
         )
     return Scene(row["dataset"], row["scene"], row["format"], recording, synthetic, own)
+
+
+def _recording(given: str, root: str | None, where: str) -> Path:
+    """Where a row's recording is looked for; ``~`` is the home folder."""
+    if _ADDRESS.match(given):
+        raise UserError(
+            f"{where}: recording {given[:80]}: is an address; download it and give the file's path"
+        )
+    return Path(os.path.expanduser(root or ".")) / os.path.expanduser(given)

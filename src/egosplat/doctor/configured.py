@@ -19,7 +19,8 @@ def read_configuration(files: Sequence[Path], options: Sequence[str]) -> tuple[C
 
     Args:
         files: of ``--configfile``; a later one stands over an earlier one, all over config/config.yaml.
-        options: of ``--config``, as ``preset=fast`` or ``models={device: cpu}``; they stand over the files.
+        options: of ``--config``, as ``preset=fast``, ``models={device: cpu}`` or ``models.device=cpu``; they stand
+            over the files.
 
     Raises:
         UserError: a file or an option cannot be read, or a key or value is not allowed.
@@ -44,9 +45,14 @@ def _parsed(option: str) -> Config:
         content = load_yaml(value)
     except NO_YAML:
         content = None
-    if not (equals and key) or content is None:
-        raise UserError(f"--config {option[:80]}: is not of the form KEY=VALUE, as in preset=fast")
-    return {key: content}
+    names = key.split(".")
+    if not (equals and all(names)) or (content is None and value != "null"):
+        raise UserError(
+            f"--config {option[:80]}: is not of the form KEY=VALUE, as in preset=fast or splats.iterations=5"
+        )
+    for name in reversed(names):
+        content = {name: content}
+    return content
 
 
 def _presets() -> Path:

@@ -8,7 +8,7 @@ from egosplat.doctor.configured import chosen_point, read_configuration
 from egosplat.doctor.findings import Finding, Mark
 from egosplat.doctor.inputs import model_findings, recording_findings, suitability_findings
 from egosplat.doctor.machine import machine_findings
-from egosplat.doctor.times import MEASURED_ON, estimate, spoken
+from egosplat.doctor.times import MEASURED_ON, Estimate, estimate, spoken
 from egosplat.errors import UserError
 from egosplat.scenes import Scene, read_scenes
 
@@ -31,7 +31,7 @@ def examine(files: Sequence[Path], options: Sequence[str]) -> list[Finding]:
     except UserError as error:
         return [*findings, Finding(Mark.MISSING, "scenes", str(error))]
     findings += [*recording_findings(config, scenes), *suitability_findings(scenes)]
-    return [*findings, *_time(config, scenes)]
+    return [*findings, *_times(scenes)]
 
 
 def _budget(config: Config) -> Iterator[Finding]:
@@ -43,13 +43,20 @@ def _budget(config: Config) -> Iterator[Finding]:
         yield Finding(Mark.OK, "budget", measured)
 
 
-def _time(config: Config, scenes: list[Scene]) -> Iterator[Finding]:
-    """The expected time of the first scene whose recording is there or can be made."""
-    scene = next((scene for scene in scenes if scene.synthetic or scene.recording.exists()), None)
-    if scene is None:
+def _times(scenes: list[Scene]) -> Iterator[Finding]:
+    """The expected time of every scene whose recording is there or can be made; alike ones on one line."""
+    groups: dict[Estimate, list[str]] = {}
+    for scene in scenes:
+        if scene.synthetic or scene.recording.exists():
+            expected = estimate(scene.config, scene.synthetic, _rasterizer(scene.config))
+            groups.setdefault(expected, []).append(f"{scene.dataset}/{scene.scene}")
+    if not groups:
         yield Finding(Mark.NOTE, "expected time", "no scene of the table has a recording")
-        return
-    expected = estimate(scene.config, scene.synthetic, _rasterizer(config))
+    for expected, names in groups.items():
+        yield _time(expected, names)
+
+
+def _time(expected: Estimate, names: list[str]) -> Finding:
     parts = {
         "filming": expected.synthetic,
         "reading": expected.reading,
@@ -61,11 +68,12 @@ def _time(config: Config, scenes: list[Scene]) -> Iterator[Finding]:
     known = {name: seconds for name, seconds in parts.items() if seconds}
     told = ", ".join(f"{name} {spoken(seconds)}" for name, seconds in known.items())
     unknown = [name for name, seconds in parts.items() if seconds is None]
-    value = f"{scene.dataset}/{scene.scene}: about {spoken(sum(known.values()))} ({told})" if known else ""
+    each = " each" if len(names) > 1 else ""
+    value = f"about {spoken(sum(known.values()))}{each} ({told})" if known else "not known"
     advice = f"Scaled from figures measured on {MEASURED_ON}"
     if unknown:
         advice += f"; none of this kind for {', '.join(unknown)}"
-    yield Finding(Mark.NOTE, "expected time", value or f"{scene.dataset}/{scene.scene}: not known", advice)
+    return Finding(Mark.NOTE, "expected time", f"{', '.join(names)}: {value}", advice)
 
 
 def _rasterizer(config: Config) -> str:

@@ -8,15 +8,21 @@ from egosplat.config import Config
 from egosplat.doctor.findings import Finding, Mark
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import CLIP, SAM2, Model, find_checkpoint, model_hash
+from egosplat.plain_errors import plain
 from egosplat.scene_notices import scene_notice
-from egosplat.scenes import Scene
+from egosplat.scenes import PAPER_DATASETS, Scene
 
 MIB = 1024**2
 
+NAMED = 5
+"""So many recordings that are not there are named."""
+
 
 def model_findings(config: Config) -> Iterator[Finding]:
-    """Each model's architecture and checkpoint, and where models run."""
+    """Each model's architecture and checkpoint, which is read, and where models run."""
     yield from (_model(model, config) for model in (SAM2, CLIP))
+    if weights := config["transient"]["encoder_weights"]:
+        yield _encoder(Path(weights).expanduser())
     yield _compute(config)
 
 
@@ -41,12 +47,36 @@ def _model(model: Model, config: Config) -> Finding:
     try:
         path = find_checkpoint(model, keys[model.checkpoint_key])
         content = model_hash(model, keys)
+        _check_readable(path)
     except UserError as error:
         first, _, advice = str(error).partition("\n")
         return Finding(Mark.MISSING, model.name, first, advice)
     size = f"{path.stat().st_size / MIB:.1f} MiB"
     checkpoint = f"checkpoint {keys[model.checkpoint_key]}, {size}, hash {content[:8]}"
     return Finding(Mark.OK, model.name, f"{keys[model.config_key]}, {checkpoint}")
+
+
+def _encoder(path: Path) -> Finding:
+    """Of the transient network's own weights, where some are set."""
+    try:
+        _check_readable(path)
+    except UserError as error:
+        return Finding(Mark.MISSING, "encoder", f"transient.encoder_weights: {error}")
+    return Finding(Mark.OK, "encoder", f"{path}, {path.stat().st_size / MIB:.1f} MiB")
+
+
+def _check_readable(path: Path) -> None:
+    """Check that a file is a checkpoint with tensors in it.
+
+    Raises:
+        UserError: it is none, is damaged, or may not be read.
+    """
+    from egosplat.models.weights import read_tensors
+
+    try:
+        read_tensors(path)
+    except OSError as error:
+        raise UserError(plain(error) or f"{path}: {error}") from None
 
 
 def _compute(config: Config) -> Finding:
@@ -68,10 +98,14 @@ def _recordings(dataset: str, root: str | None, scenes: list[Scene]) -> Finding:
     found = f"{len(scenes) - len(absent)} of {len(scenes)} below {root or Path.cwd()}"
     if not absent:
         return Finding(Mark.OK, what, found)
-    names = ", ".join(f"{scene.scene} ({scene.recording})" for scene in absent)
-    if root is not None and len(absent) == len(scenes):
-        advice = f"Put them there, or set data_root.{dataset} to the folder that holds them, or to null"
-        return Finding(Mark.MISSING, what, f"{found}; first looked for: {absent[0].recording}", advice)
-    if len(absent) == len(scenes):
+    if not any(_is_asked_for(scene, root) for scene in absent):
         return Finding(Mark.NOTE, what, f"none; data_root.{dataset} is not set")
-    return Finding(Mark.NOTE, what, f"{found}; not there: {names}")
+    names = ", ".join(f"{scene.scene} ({scene.recording})" for scene in absent[:NAMED])
+    more = f" and {len(absent) - NAMED} more" if len(absent) > NAMED else ""
+    advice = f"Put them there, set data_root.{dataset} to the folder that holds them, or take their rows out of the table"
+    return Finding(Mark.MISSING, what, f"{found}; not there: {names}{more}", advice)
+
+
+def _is_asked_for(scene: Scene, root: str | None) -> bool:
+    """Whether a row is a user's own: the table's rows of the paper's datasets wait for a root to be set."""
+    return root is not None or scene.format == "plain" or scene.dataset not in PAPER_DATASETS

@@ -43,10 +43,33 @@ def test_presets_of_the_working_directory_come_first(folder):
     assert read_configuration([], [])[0]["splats"]["iterations"] == 77
 
 
-@pytest.mark.parametrize("option", ["fast", "=fast", "preset=", "models={a: ["])
+@pytest.mark.parametrize("option", ["fast", "=fast", "preset=", "models={a: [", ".a=1", "splats.=1"])
 def test_an_option_of_another_form_is_told(folder, option):
     with pytest.raises(UserError, match="is not of the form KEY=VALUE, as in preset=fast"):
         read_configuration([], [option])
+
+
+@pytest.mark.parametrize(
+    "options, section, key, value",
+    [
+        (["splats.iterations=5"], "splats", "iterations", 5),
+        (["splats={iterations: 5}"], "splats", "iterations", 5),
+        (["splats={iterations: 4}", "splats.iterations=5"], "splats", "iterations", 5),
+        (["splats.position_lr=1e-4"], "splats", "position_lr", 1e-4),
+        (["splats.cover=false"], "splats", "cover", False),
+        (["frames.end_s=null"], "frames", "end_s", None),
+        (["data_root.adt=null"], "data_root", "adt", None),
+        (["variants.mine.splats.iterations=7"], "variants", "mine", {"splats": {"iterations": 7}}),
+    ],
+)
+def test_keys_inside_a_section_may_be_given_with_a_point(folder, options, section, key, value):
+    config, _ = read_configuration([], options)
+    assert config[section][key] == value and config["splats"]["seed"] == 0
+
+
+def test_an_unknown_key_inside_a_section_is_named(folder):
+    with pytest.raises(UserError, match="unknown key 'splats.iteration'; did you mean 'iterations'"):
+        read_configuration([], ["splats.iteration=5"])
 
 
 def test_a_file_that_is_not_there_is_told(folder):

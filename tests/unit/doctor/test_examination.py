@@ -24,8 +24,10 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     (tmp_path / "config").mkdir()
-    for name in ("sam2.yaml", "sam2.pt", "open_clip_config.json", "clip.bin"):
+    for name in ("sam2.yaml", "open_clip_config.json"):
         (tmp_path / name).write_text(name)
+    for number, name in enumerate(("sam2.pt", "clip.bin")):
+        torch.save({"weight": torch.full((2,), float(number))}, tmp_path / name)
     models = {
         "sam2_config": "sam2.yaml",
         "sam2_checkpoint": "sam2.pt",
@@ -35,6 +37,8 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "config/config.yaml").write_text(yaml.safe_dump({"models": models}))
     rows = ["adt\ts1\tadt\tseq1\tsynthetic.seed=1", "mine\ta\tplain\ta.mp4\t", "mine\tb\tplain\tb.mp4\t"]
     (tmp_path / "config/scenes.tsv").write_text(HEADER + "\n".join(rows))
+    for name in ("a.mp4", "b.mp4"):
+        (tmp_path / name).touch()
     return tmp_path
 
 
@@ -53,12 +57,12 @@ def test_a_machine_with_everything_lacks_nothing(folder):
     assert "sam2.yaml, checkpoint sam2.pt, 0.0 MiB, hash " in findings["SAM2"].value
     assert findings["models run on"].value == "cpu, float32"
     assert "synthetic apartments stand in for its 1 scenes" in findings["adt recordings"].value
-    assert "adt/s1: about" in findings["expected time"].value
+    assert "mine/a, mine/b: about" in findings["expected time"].value
 
 
 def test_another_content_has_another_hash(folder):
     before = found()["SAM2"].value
-    (folder / "sam2.pt").write_text("other!!")
+    torch.save({"weight": torch.full((2,), 7.0)}, folder / "sam2.pt")
     assert found()["SAM2"].value != before
 
 
@@ -87,12 +91,69 @@ def test_recordings_are_counted_and_the_absent_named(folder):
     data.mkdir()
     (data / "b.mp4").touch()
     finding = found(asked)["mine recordings"]
-    assert (
-        finding.mark == Mark.NOTE and "1 of 2" in finding.value and f"a ({data / 'a.mp4'})" in finding.value
-    )
+    assert finding.mark == Mark.MISSING and "1 of 2" in finding.value
+    assert f"a ({data / 'a.mp4'})" in finding.value and "b.mp4" not in finding.value
     (data / "a.mp4").touch()
     assert found(asked)["mine recordings"] == Finding(Mark.OK, "mine recordings", f"2 of 2 below {data}")
-    assert marks()["mine recordings"] == Mark.NOTE, "a root that is not set is not needed"
+
+
+PLAIN, HOI4D, ADT = "mine\ts\tplain\t{}\t", "hoi4d\ts\thoi4d\t{}\t", "adt\ts\tadt\t{}\t"
+
+
+@pytest.mark.parametrize(
+    "row, root, mark",
+    [
+        (PLAIN.format("nowhere.mp4"), None, Mark.MISSING),
+        (PLAIN.format("/nowhere/photos"), None, Mark.MISSING),
+        (PLAIN.format("~/nowhere"), None, Mark.MISSING),
+        (PLAIN.format("~/videos/a.mp4"), None, Mark.OK),
+        (PLAIN.format("a.mp4"), "~/videos", Mark.OK),
+        (HOI4D.format("ZY1/H1"), None, Mark.NOTE),  # the shipped table's, before a root is set
+        (HOI4D.format("ZY1/H1"), "/nowhere", Mark.MISSING),
+        (ADT.format("seq1"), None, Mark.NOTE),
+        (ADT.format("seq1"), "/nowhere", Mark.MISSING),
+        (ADT.format("seq1") + "synthetic.seed=1", None, Mark.OK),
+        ("other\ts\tadt\tseq1\t", None, Mark.MISSING),
+    ],
+)
+def test_a_row_whose_recording_is_not_there_is_an_error_where_it_is_asked_for(
+    folder, monkeypatch, row, root, mark
+):
+    monkeypatch.setenv("HOME", str(folder))
+    (folder / "videos").mkdir()
+    (folder / "videos/a.mp4").touch()
+    (folder / "config/scenes.tsv").write_text(HEADER + row + "\n")
+    dataset = row.partition("\t")[0]
+    findings = found(*([f"data_root.{dataset}={root}"] if root else []))
+    assert findings[f"{dataset} recordings"].mark == mark
+
+
+def test_an_address_is_no_recording(folder):
+    (folder / "config/scenes.tsv").write_text(HEADER + PLAIN.format("https://example.com/a.mp4") + "\n")
+    finding = found()["scenes"]
+    assert finding.mark == Mark.MISSING and "line 2" in finding.value and "is an address" in finding.value
+
+
+@pytest.mark.parametrize(
+    "file, content, said",
+    [
+        ("sam2.pt", b"rubbish", "sam2.pt: is no whole checkpoint but 7 bytes"),
+        ("sam2.pt", b"", "sam2.pt: is no whole checkpoint but 0 bytes"),
+        ("clip.bin", b"version https://git-lfs.github.com/spec/v1\n", "clip.bin: is no whole checkpoint"),
+    ],
+)
+def test_a_checkpoint_that_cannot_be_read_is_an_error(folder, file, content, said):
+    (folder / file).write_bytes(content)
+    finding = found()["SAM2" if file == "sam2.pt" else "OpenCLIP"]
+    assert finding.mark == Mark.MISSING and said in finding.value
+
+
+def test_weights_of_the_encoder_that_cannot_be_read_are_an_error(folder):
+    assert "encoder" not in found()
+    asked = f"transient.encoder_weights={folder / 'encoder.pt'}"
+    assert found(asked)["encoder"].mark == Mark.MISSING
+    torch.save({"weight": torch.zeros(2)}, folder / "encoder.pt")
+    assert found(asked)["encoder"].mark == Mark.OK
 
 
 def test_small_checkpoints_are_told_of_each_real_scene_that_is_there(folder):
@@ -154,8 +215,17 @@ def test_a_wrong_table_is_one_of_the_findings(folder):
 
 
 def test_without_any_recording_no_time_is_told(folder):
-    (folder / "config/scenes.tsv").write_text(HEADER + "mine\ta\tplain\ta.mp4\t\n")
+    (folder / "config/scenes.tsv").write_text(HEADER + "mine\ta\tplain\tnone.mp4\t\n")
     assert found()["expected time"].value == "no scene of the table has a recording"
+
+
+def test_every_scene_s_time_is_told_and_alike_ones_share_a_line(folder):
+    rows = [f"adt\ts{seed}\tadt\tseq\tsynthetic.seed={seed}" for seed in (1, 2)]
+    rows += ["adt\tlong\tadt\tseq\tsynthetic.seed=3 synthetic.seconds=240", "mine\ta\tplain\ta.mp4\t"]
+    (folder / "config/scenes.tsv").write_text(HEADER + "\n".join([*rows, "mine\tx\tplain\tnone.mp4\t"]))
+    times = [finding.value for finding in examine([], []) if finding.what == "expected time"]
+    assert [value.partition(": about")[0] for value in times] == ["adt/s1, adt/s2", "adt/long", "mine/a"]
+    assert " each (" in times[0] and " each (" not in times[1]
 
 
 def test_a_wrong_configuration_is_told_as_everywhere(folder):
