@@ -8,6 +8,7 @@ CORES ?= 2
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 KERNELS := src/egosplat/kernels
+RAYS := src/egosplat/rays
 COMPILED := $(KERNELS)/libegosplat_generic.so
 PAGES := contact_sheet.png segments.png crops.png transient.png splats.png language.png queries.png
 
@@ -29,7 +30,7 @@ $(INSTALLED): requirements.lock pyproject.toml
 	touch $@
 
 # Without a compiler the file stays away, and each call tries again.
-$(COMPILED): $(INSTALLED) setup.py $(addprefix $(KERNELS)/,variants.py compiling.py) $(wildcard $(KERNELS)/source/*)
+$(COMPILED): $(INSTALLED) setup.py $(addprefix $(KERNELS)/,variants.py compiling.py) $(RAYS)/library.py $(wildcard $(KERNELS)/source/* $(RAYS)/source/*)
 	@echo "Compiling the C++ kernels: about a minute."
 	$(BIN)/python -m pip install --quiet --no-build-isolation --no-deps --editable .
 	@$(BIN)/python -c 'from egosplat.kernels.library import why_not; print(why_not() or "The C++ kernels are ready.")'

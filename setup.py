@@ -1,4 +1,4 @@
-"""What pyproject.toml cannot say: the kernels are compiled here.
+"""What pyproject.toml cannot say: the kernels and the ray caster are compiled here.
 
 They are plain shared libraries, not extension modules: they know nothing of Python, so one wheel serves all
 versions of Python 3.
@@ -12,29 +12,33 @@ from setuptools.command.bdist_wheel import bdist_wheel
 from setuptools.command.build_ext import build_ext
 
 ROOT = Path(__file__).resolve().parent
-KERNELS = "egosplat/kernels"
+KERNELS, RAYS = "egosplat/kernels", "egosplat/rays"
 
 sys.path.insert(0, str(ROOT / "src"))
 
-from egosplat.kernels.compiling import compile_kernels
+from egosplat.kernels.compiling import compile_kernels, compile_rays
 from egosplat.kernels.variants import VARIANTS
+from egosplat.rays.library import LIBRARY
 
 
 class BuildKernels(build_ext):
-    """Compile the kernels beside the wrappers that load them."""
+    """Compile the kernels and the ray caster beside the wrappers that load them."""
 
     def run(self) -> None:
-        for note in compile_kernels(ROOT / "src" / KERNELS, self._folder()):
+        notes = compile_kernels(ROOT / "src" / KERNELS, self._folder(KERNELS))
+        notes += compile_rays(ROOT / "src" / RAYS, self._folder(RAYS))
+        for note in dict.fromkeys(notes):
             print(note, file=sys.stderr)
 
     def get_outputs(self) -> list[str]:
-        return [str(path) for variant in VARIANTS if (path := self._folder() / variant.file).is_file()]
+        paths = [self._folder(KERNELS) / variant.file for variant in VARIANTS]
+        return [str(path) for path in [*paths, self._folder(RAYS) / LIBRARY] if path.is_file()]
 
     def get_output_mapping(self) -> dict[str, str]:
         return {}
 
-    def _folder(self) -> Path:
-        return (ROOT / "src" if self.inplace else Path(self.build_lib)) / KERNELS
+    def _folder(self, package: str) -> Path:
+        return (ROOT / "src" if self.inplace else Path(self.build_lib)) / package
 
 
 class PlatformWheel(bdist_wheel):

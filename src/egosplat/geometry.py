@@ -112,7 +112,21 @@ def invert(pose: Array) -> Array:
 
 def transform(pose: Array, points: Array) -> Array:
     """Apply a (4, 4) rigid or similarity motion to (..., 3) points."""
-    return np.asarray(points, dtype=np.float64) @ pose[:3, :3].T + pose[:3, 3]
+    return rotate(pose[:3, :3], np.asarray(points, dtype=np.float64)) + pose[:3, 3]
+
+
+def rotate(rotation: NDArray, vectors: NDArray) -> NDArray:
+    """Turn (..., 3) vectors by a (3, 3) rotation, in their dtype.
+
+    The sums have one order on every processor. Those of ``@`` are BLAS's, which has its own for each.
+    """
+    x, y, z = (vectors[..., axis : axis + 1] * rotation[:, axis] for axis in range(3))
+    return x + y + z
+
+
+def compose(first: Array, second: Array) -> Array:
+    """Product ``first @ second`` of (..., 4, 4) poses or (..., 3, 3) rotations; sums are ordered as ``rotate``'s."""
+    return np.einsum("...ij,...jk->...ik", first, second)
 
 
 def is_rigid(pose: Array, tolerance: float = 1e-6) -> NDArray[np.bool_]:

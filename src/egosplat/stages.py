@@ -29,7 +29,7 @@ class Stage:
 STAGES = {
     "synthetic": Stage(
         "egosplat.synthetic.stage",
-        ("numpy", "trimesh", "embreex", "projectaria-tools"),
+        ("numpy", "opencv-contrib-python-headless", "scipy", "projectaria-tools"),
         "Make a synthetic apartment's recording in ADT's format.",
     ),
     "frames": Stage(

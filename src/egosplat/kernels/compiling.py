@@ -1,4 +1,4 @@
-"""Compiling the kernels, when egosplat is installed."""
+"""Compiling the kernels and the ray caster, when egosplat is installed."""
 
 import hashlib
 import os
@@ -12,6 +12,7 @@ from pathlib import Path
 
 from egosplat.atomic import whole_file
 from egosplat.kernels.variants import FLAGS, VARIANTS, Variant, source_hash
+from egosplat.rays import library as rays
 
 COMPILERS = ("g++", "c++", "clang++")
 
@@ -34,8 +35,9 @@ def compile_kernels(folder: Path, output: Path, variants: Sequence[Variant] = VA
     Raises:
         RuntimeError: the sources do not compile; holds what the compiler said.
     """
+    sources = source_hash(folder)
     for variant in variants:
-        _remove_older(folder, output / variant.file)
+        _remove_older(output / variant.file, sources)
     compiler = find_compiler()
     if compiler is None:
         return [NO_COMPILER.format("no C++ compiler is found")]
@@ -44,11 +46,34 @@ def compile_kernels(folder: Path, output: Path, variants: Sequence[Variant] = VA
     unknown = {variant: _refused(compiler, variant.flags) for variant in variants}
     known = [variant for variant in variants if not unknown[variant]]
     output.mkdir(parents=True, exist_ok=True)
+    unit = folder / "source" / "kernels.cpp"
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        list(pool.map(lambda variant: _compile(compiler, folder, output / variant.file, variant), known))
+        list(
+            pool.map(
+                lambda variant: _compile(
+                    compiler, unit, output / variant.file, (*FLAGS, *variant.flags), sources
+                ),
+                known,
+            )
+        )
     return [
         f"kernels: {variant.name} is left out ({problem})" for variant, problem in unknown.items() if problem
     ]
+
+
+def compile_rays(folder: Path, output: Path) -> list[str]:
+    """Compile the ray caster's sources in ``folder / "source"`` into its one library, in ``output``.
+
+    The library is kept, the compiler chosen, and problems are told or raised, as by ``compile_kernels``.
+    """
+    library, sources = output / rays.LIBRARY, rays.source_hash(folder)
+    _remove_older(library, sources)
+    compiler = find_compiler()
+    if compiler is None:
+        return [NO_COMPILER.format("no C++ compiler is found")]
+    output.mkdir(parents=True, exist_ok=True)
+    _compile(compiler, folder / "source" / "rays.cpp", library, rays.FLAGS, sources)
+    return []
 
 
 def find_compiler() -> list[str] | None:
@@ -59,9 +84,9 @@ def find_compiler() -> list[str] | None:
     return next(([*command, *flags] for command in candidates if shutil.which(command[0])), None)
 
 
-def _remove_older(folder: Path, library: Path) -> None:
+def _remove_older(library: Path, sources: str) -> None:
     """Remove a library of other sources: where it cannot be compiled anew, it must not be found."""
-    if library.is_file() and source_hash(folder).encode() not in library.read_bytes():
+    if library.is_file() and sources.encode() not in library.read_bytes():
         library.unlink()
 
 
@@ -74,18 +99,17 @@ def _refused(compiler: list[str], flags: Sequence[str], source: str = "") -> str
     return next((line for line in done.stderr.splitlines() if "error" in line), f"status {done.returncode}")
 
 
-def _compile(compiler: list[str], folder: Path, library: Path, variant: Variant) -> None:
-    sources = source_hash(folder)
-    command = [*compiler, "-w", *FLAGS, *variant.flags, f'-DEGOSPLAT_SOURCE_HASH="{sources}"']
+def _compile(compiler: list[str], unit: Path, library: Path, flags: Sequence[str], sources: str) -> None:
+    command = [*compiler, "-w", *flags, f'-DEGOSPLAT_SOURCE_HASH="{sources}"']
     identity = hashlib.sha256(repr((command, sources)).encode()).hexdigest()[:40]
     if library.is_file() and bytes.fromhex(identity) in library.read_bytes():
         library.touch()  # for make: as new as its sources
         return
     with tempfile.TemporaryDirectory() as scratch, whole_file(library) as path:
-        unit, linked = Path(scratch, "kernels.o"), Path(scratch, library.name)
-        _call([*command, "-c", str(folder / "source" / "kernels.cpp"), "-o", str(unit)])
+        compiled, linked = Path(scratch, "unit.o"), Path(scratch, library.name)
+        _call([*command, "-c", str(unit), "-o", str(compiled)])
         # Without -fopenmp: the library must bring no OpenMP runtime, see egosplat.kernels.library.
-        _call([*compiler, "-shared", f"-Wl,--build-id=0x{identity}", str(unit), "-o", str(linked)])
+        _call([*compiler, "-shared", f"-Wl,--build-id=0x{identity}", str(compiled), "-o", str(linked)])
         shutil.copyfile(linked, path)
 
 

@@ -9,6 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from egosplat.geometry import compose
 from egosplat.synthetic.sequence import Sequence
 
 Times = NDArray[np.int64]
@@ -75,7 +76,7 @@ def _velocities(sequence: Sequence, times_ns: Times) -> tuple[NDArray[np.float64
     first, last = sequence.device_pose(before), sequence.device_pose(after)
     to_device = np.swapaxes(first[:, :3, :3], -1, -2)
     linear = np.einsum("nij,nj->ni", to_device, last[:, :3, 3] - first[:, :3, 3]) / seconds
-    angular = Rotation.from_matrix(to_device @ last[:, :3, :3]).as_rotvec() / seconds
+    angular = Rotation.from_matrix(compose(to_device, last[:, :3, :3])).as_rotvec() / seconds
     return linear, angular
 
 

@@ -27,7 +27,7 @@ class Atlas:
         self._rows, self._columns = shapes[..., 0].copy(), shapes[..., 1].copy()
         self._size = np.array([texture.size_m for texture in textures], dtype=np.float32)
         texel = self._size / shapes[:, 0, ::-1]
-        self._log_texel = np.log2(np.sqrt(texel.prod(axis=1))).astype(np.float32)
+        self._log_texel = _log2(np.sqrt(texel.prod(axis=1)))
         coarsest = [(pyramid[-1].reshape(-1, 3) / 255.0) ** 2 for pyramid in levels]
         self.mean_albedo = np.array([texels.mean(axis=0) for texels in coarsest], dtype=np.float32)
         """(T, 3) mean reflectance of each texture, in linear light."""
@@ -39,7 +39,7 @@ class Atlas:
             texture: (N,) numbers; uv: (N, 2) texture coordinates [m].
             footprint_m: (N,) width of a pixel there [m].
         """
-        detail = np.log2(np.maximum(footprint_m, 1e-6)) - self._log_texel[texture]
+        detail = _log2(np.maximum(footprint_m, 1e-6)) - self._log_texel[texture]
         detail = np.clip(detail, 0.0, _LEVELS - 1.001).astype(np.float32)
         level = detail.astype(np.int32)
         place = uv / self._size[texture]
@@ -72,6 +72,11 @@ class Atlas:
     def _texel(self, index: Ints) -> NDArray[np.uint8]:
         """(N, 3): one word a texel is several times faster to gather than three bytes."""
         return np.take(self._texels, index).view(np.uint8).reshape(-1, 4)[:, :3]
+
+
+def _log2(values: Floats) -> Floats:
+    """Rounded from float64: of float32 the last bits depend on the processor."""
+    return np.log2(values.astype(np.float64)).astype(np.float32)
 
 
 def _halvings(pixels: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:

@@ -1,5 +1,6 @@
 """A person's body: how its limbs hang together when walking, bending and holding."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,7 +79,7 @@ def joints_of(stance: Stance) -> dict[str, Array]:
     tilt = np.arctan2(stance.lean + 0.12 * stance.crouch, _TORSO)
     tilt = max(
         tilt,
-        float(np.arccos(np.clip(1 - (stance.crouch - drop) / _TORSO, -1, 1))) if stance.crouch > 0 else 0.0,
+        math.acos(np.clip(1 - (stance.crouch - drop) / _TORSO, -1, 1)) if stance.crouch > 0 else 0.0,
     )
     tilt = min(tilt, 1.3)
     back = 0.35 * _TORSO * np.sin(tilt) - 0.3 * stance.lean
@@ -117,16 +118,16 @@ def _wrist_for(shoulder: Array, hand: Array) -> Array:
 
 
 def _unit(vector: Array) -> Array:
-    return vector / max(float(np.linalg.norm(vector)), 1e-9)
+    return vector / max(float(np.linalg.norm(vector, axis=-1)), 1e-9)
 
 
 def _bend(root: Array, end: Array, upper: float, lower: float, bulge: Array) -> tuple[Array, Array]:
     """Middle and end joint of a limb of two bones that reaches for ``end``, bent towards ``bulge``."""
     way = end - root
-    distance = float(np.clip(np.linalg.norm(way), 0.12, 0.999 * (upper + lower)))
+    distance = float(np.clip(np.linalg.norm(way, axis=-1), 0.12, 0.999 * (upper + lower)))
     way = _unit(way)
     along = (upper**2 - lower**2 + distance**2) / (2 * distance)
-    side = _unit(bulge - (bulge @ way) * way)
+    side = _unit(bulge - (bulge * way).sum() * way)
     middle = root + along * way + np.sqrt(max(upper**2 - along**2, 0.0)) * side
     return middle, root + distance * way
 
@@ -159,5 +160,5 @@ def limb_pose(limb: str, joints: dict[str, Array], heading: float) -> Array:
     start, end = (joints[name] for name in LIMBS[limb])
     y = _unit(end - start)
     left = -np.cross([np.sin(heading), 0.0, np.cos(heading)], _UP)
-    x = _unit(left - (left @ y) * y)
+    x = _unit(left - (left * y).sum() * y)
     return make_pose(np.stack([x, y, np.cross(x, y)], axis=1), start)

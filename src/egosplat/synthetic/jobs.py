@@ -126,6 +126,6 @@ def _errand(
         return None
     ends = [pose[[0, 2], 3] for pose in (thing.pose, target)]
     stands = [plan.nearest(end) for end in ends]
-    if max(np.linalg.norm(end - stand) for end, stand in zip(ends, stands, strict=True)) > _REACH_M:
+    if max(np.linalg.norm(end - stand, axis=-1) for end, stand in zip(ends, stands, strict=True)) > _REACH_M:
         return None
     return Errand(thing, target, support.number, stands[0], stands[1], plan.route(stands[0], stands[1]))

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.geometry import transform
+from egosplat.geometry import compose, transform
 from egosplat.synthetic import catalogue
 from egosplat.synthetic.catalogue import Kind
 from egosplat.synthetic.model import Model, Surface, bounds_at, boxes_touch, yaw_pose
@@ -139,7 +139,7 @@ def _at_wall(layout: Layout, kind: Kind, model: Model, rng: Rng) -> Array:
     room, wall = layout.room, int(rng.integers(4))
     if kind == catalogue.TV_STAND and rng.random() < 0.8:
         facing = layout.of(catalogue.COUCH)[0].pose[:3, 2]
-        wall = int(np.argmax([-room.normal(k) @ facing for k in range(4)]))
+        wall = int(np.argmax([-(room.normal(k) * facing).sum() for k in range(4)]))
     lower, upper = _extent(model)
     along = rng.uniform(-lower[0] + _GAP_M, room.length(wall) - upper[0] - _GAP_M)
     return yaw_pose(_wall_yaw(room, wall), room.at(wall, along, 0.0, -lower[2] + 0.02))
@@ -174,7 +174,7 @@ def _at_table(table: Placed, model: Model, rng: Rng) -> Array:
     )
     x, z, yaw = spots[side]
     local = yaw_pose(float(yaw + rng.uniform(-0.1, 0.1)), np.array([x, 0.0, z]))
-    return table.pose @ local
+    return compose(table.pose, local)
 
 
 def _near_wall(room: Room, model: Model, rng: Rng) -> Array:
@@ -239,4 +239,4 @@ def on_surface(thing: Placed, surface: Surface, kind: Kind, model: Model, rng: R
         x, z = (room_low + room_high) / 2
     else:
         x, z = rng.uniform(room_low, room_high)
-    return thing.pose @ yaw_pose(float(yaw), np.array([x, surface.height + 0.001, z]))
+    return compose(thing.pose, yaw_pose(float(yaw), np.array([x, surface.height + 0.001, z])))

@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.geometry import CLOCKWISE, Camera, to_aria_pixels
+from egosplat.geometry import CLOCKWISE, Camera, rotate, to_aria_pixels
 from egosplat.synthetic.aria import camera_calibration
 
 Floats = NDArray[np.float32]
@@ -50,7 +50,7 @@ def pinhole_lens(camera: Camera) -> Lens:
     focal, middle = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
     rays = np.dstack([(centres - middle) / focal, np.ones(centres.shape[:2])])
     # Upright pixels on the sensor: the lens is as good as symmetric, but the quarter turn costs nothing.
-    sensor = rays @ CLOCKWISE[:3, :3].T
+    sensor = rotate(CLOCKWISE[:3, :3], rays)
     calibration = camera_calibration(camera.width)
     pixels = np.array([calibration.project_no_checks(ray) for ray in sensor.reshape(-1, 3)])
     return _lens(rays, _radius(camera.width, pixels.reshape(centres.shape)))

@@ -47,15 +47,15 @@ class Lights:
 
     def _sunlight(self, scenes: list[RayScene], origins: Floats, normals: Floats) -> Floats:
         """Only what looks at the sun through a window needs a shadow ray."""
-        facing = np.maximum(normals @ self.sun, 0)
+        facing = np.maximum(_dot(normals, self.sun), 0)
         reach = np.full(len(origins), np.inf, dtype=np.float32)
         for corner, right, up, inward in self.windows:
-            towards = float(self.sun @ -inward)
+            towards = float(_dot(self.sun, -inward))
             if towards < 0.05:
                 continue
-            distance = (origins - corner) @ inward / towards
+            distance = _dot(origins - corner, inward) / towards
             local = origins + distance[:, None] * self.sun - corner
-            a, b = local @ right / (right @ right), local @ up / (up @ up)
+            a, b = (_dot(local, side) / _dot(side, side) for side in (right, up))
             through = (distance > 0) & (a > 0) & (a < 1) & (b > 0) & (b < 1)
             reach[through] = np.minimum(reach[through], distance[through])
         lit = np.isfinite(reach) & (facing > 0)
@@ -63,6 +63,12 @@ class Lights:
         # A little beyond the wall's plane stands the window's frame, which casts its shadow too.
         lit &= ~_blocked(scenes, origins, way, reach + 0.11, lit)
         return (facing * lit)[:, None] * _SUN_POWER
+
+
+def _dot(vectors: Floats, other: Floats) -> Floats:
+    """(...) scalar products of (..., 3) vectors with one, summed in the same order on every processor."""
+    x, y, z = (vectors[..., axis] * other[axis] for axis in range(3))
+    return x + y + z
 
 
 def _blocked(
@@ -94,7 +100,9 @@ def make_lights(room: Room, rng: np.random.Generator) -> Lights:
         + np.array([0.0, rng.uniform(0.7, 1.1), 0.0])
     )
     lamp = np.array([0.0, room.height - 0.2, 0.0])
-    return Lights(lamp.astype(np.float32), (sun / np.linalg.norm(sun)).astype(np.float32), tuple(windows))
+    return Lights(
+        lamp.astype(np.float32), (sun / np.linalg.norm(sun, axis=-1)).astype(np.float32), tuple(windows)
+    )
 
 
 def bake(

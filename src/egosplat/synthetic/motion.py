@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from egosplat.geometry import CLOCKWISE, invert, make_pose
+from egosplat.geometry import CLOCKWISE, compose, invert, make_pose
 from egosplat.synthetic.apartment import Apartment
 from egosplat.synthetic.aria import device_from_camera
 from egosplat.synthetic.floorplan import FloorPlan
@@ -64,19 +64,19 @@ class HeadMotion:
         angles = np.stack([yaw, -(pitch + 0.006 * np.sin(2 * step)), 0.01 * np.sin(step)], axis=-1)
         head = Rotation.from_euler("YXZ", angles).as_matrix()
         # The head's axes are x left, y up, z forward; the camera's x right, y down, z forward.
-        return make_pose(head @ np.diag([-1.0, -1.0, 1.0]), place)
+        return make_pose(head * [-1.0, -1.0, 1.0], place)
 
     def world_from_camera(self, times: Array) -> Array:
         """(N, 4, 4) poses of the camera, sensor orientation, at (N,) seconds."""
-        return self.world_from_upright(times) @ _UPRIGHT_FROM_SENSOR
+        return compose(self.world_from_upright(times), _UPRIGHT_FROM_SENSOR)
 
     def device_pose(self, start_ns: int) -> Callable[[NDArray[np.int64]], Array]:
         """(N,) int64 nanoseconds -> (N, 4, 4) ``world_from_device``; second 0 is at ``start_ns``."""
-        upright_from_device = _UPRIGHT_FROM_SENSOR @ invert(device_from_camera())
+        upright_from_device = compose(_UPRIGHT_FROM_SENSOR, invert(device_from_camera()))
 
         def pose(times_ns: NDArray[np.int64]) -> Array:
             seconds = (np.asarray(times_ns, dtype=np.int64) - start_ns) * 1e-9
-            return self.world_from_upright(seconds) @ upright_from_device
+            return compose(self.world_from_upright(seconds), upright_from_device)
 
         return pose
 
@@ -152,7 +152,7 @@ def _tour(plan: FloorPlan, rng: Rng, stops: int = 6) -> list[Array]:
 
 def _long_enough(plan: FloorPlan, tour: list[Array], start: Array, needed_m: float, step: int) -> list[Array]:
     """Stops from a place on around the tour, one way or the other, until the way is long enough."""
-    number = int(np.argmin([np.linalg.norm(place - start) for place in tour]))
+    number = int(np.argmin([np.linalg.norm(place - start, axis=-1) for place in tour]))
     stops = [start]
     while _length(plan, stops) < needed_m:
         number += step
@@ -162,7 +162,7 @@ def _long_enough(plan: FloorPlan, tour: list[Array], start: Array, needed_m: flo
 
 def _length(plan: FloorPlan, stops: list[Array]) -> float:
     """At least, since routes go around things."""
-    return float(sum(np.linalg.norm(b - a) for a, b in itertools.pairwise(stops)))
+    return float(sum(np.linalg.norm(b - a, axis=-1) for a, b in itertools.pairwise(stops)))
 
 
 def _gaze(apartment: Apartment, walk: Walk, jobs: list[Job], rng: Rng, grid: Array) -> Array:
@@ -205,7 +205,7 @@ def _fixations(apartment: Apartment, grid: Array, eyes: Array, heading: Array, r
             number = int(np.argmin(cost + rng.uniform(0, 0.7, len(cost))))
             target = centres[number]
             # What lies in the same direction has been seen with it.
-            along = way @ way[number] / (distance * distance[number])
+            along = (way * way[number]).sum(axis=1) / (distance * distance[number])
             seen_at[along > 0.9] = moment
             until = moment + rng.uniform(1.4, 2.4)
         targets[k] = target

@@ -1,5 +1,7 @@
 """Textures with something drawn on them: paintings, book covers, clock faces, labels, keys, the street."""
 
+import colorsys
+
 import cv2
 import numpy as np
 
@@ -40,9 +42,7 @@ def random_colour(
     rng: Rng, saturation: tuple[float, float] = (0.4, 0.9), value: tuple[float, float] = (0.35, 0.9)
 ) -> Colour:
     """A colour of any hue, its saturation and value within the given ranges."""
-    hsv = np.array([[[rng.uniform(0, 360), rng.uniform(*saturation), rng.uniform(*value)]]], np.float32)
-    red, green, blue = cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB)[0, 0].tolist()
-    return red, green, blue
+    return colorsys.hsv_to_rgb(rng.uniform(0, 1), rng.uniform(*saturation), rng.uniform(*value))
 
 
 def landscape(rng: Rng, shape: tuple[int, int]) -> Picture:

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.geometry import rotate
 from egosplat.synthetic.raycasting import interpolated
 from egosplat.synthetic.render import Renderer
 from egosplat.synthetic.world import World
@@ -51,7 +52,7 @@ def _sample_surface(
     geometry, lens = renderer.geometry, renderer.lens
     chosen = rng.choice(len(lens.directions), min(4 * count, len(lens.directions)), replace=False)
     turn, origin = (part.astype(np.float32) for part in (world_from_camera[:3, :3], world_from_camera[:3, 3]))
-    rays = lens.directions[chosen] @ turn.T
+    rays = rotate(turn, lens.directions[chosen])
     hits = renderer.static.cast(origin, rays)
     texture = geometry.part_texture[geometry.face_part[hits.face]]
     uv = interpolated(geometry, hits, geometry.uv)

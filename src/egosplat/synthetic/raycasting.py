@@ -4,11 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
-from egosplat.geometry import transform
+from egosplat.geometry import rotate, transform
+from egosplat.rays.triangles import Triangles
 from egosplat.synthetic.shapes import Part
 from egosplat.synthetic.textures import Texture
 
@@ -101,7 +100,7 @@ def build_geometry(bodies: Sequence[Body]) -> Geometry:
 def _in_place(body: Body, part: Part) -> tuple[Array, Array]:
     if body.role != "static":
         return part.shape.vertices, part.shape.normals
-    return transform(body.pose, part.shape.vertices), part.shape.normals @ body.pose[:3, :3].T
+    return transform(body.pose, part.shape.vertices), rotate(body.pose[:3, :3], part.shape.normals)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,39 +122,29 @@ class RayScene:
     """Something that rays can be cast at: some faces of a geometry, where they are at the moment."""
 
     def __init__(self, vertices: Floats, faces: Ints, first_face: int) -> None:
-        self._scene = EmbreeScene()
-        self._mesh = TriangleMesh(self._scene, vertices, faces)
+        self._triangles = Triangles(vertices, faces)
         self._first_face = first_face
         self.centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
         self.reach = float(np.linalg.norm(vertices - self.centre, axis=1).max())
 
     def cast(self, origins: Floats, directions: Floats) -> Hits:
         """First hits of rays from (N, 3) or (3,) origins along (N, 3) unit directions."""
-        origins = np.ascontiguousarray(np.broadcast_to(origins, directions.shape), dtype=np.float32)
-        found = self._scene.run(origins, np.ascontiguousarray(directions), output=True)
-        missed = found["primID"] < 0
-        face = np.where(missed, -1, found["primID"] + self._first_face).astype(np.int32)
-        distance = np.where(missed, np.float32(np.inf), found["tfar"])
-        return Hits(face, distance, found["u"], found["v"])
+        face, distance, u, v = self._triangles.cast(origins, directions)
+        return Hits(np.where(face < 0, -1, face + self._first_face).astype(np.int32), distance, u, v)
 
     def blocks(self, origins: Floats, directions: Floats, distances: Floats) -> NDArray[np.bool_]:
         """Whether anything lies between (N, 3) origins and ``distances`` [m] along (N, 3) unit directions."""
-        origins = np.ascontiguousarray(np.broadcast_to(origins, directions.shape), dtype=np.float32)
-        found = self._scene.run(
-            origins, np.ascontiguousarray(directions), np.ascontiguousarray(distances), query="OCCLUDED"
-        )
-        return found >= 0
+        return self._triangles.blocks(origins, directions, distances)
 
     def may_meet(self, origin: Floats, directions: Floats) -> NDArray[np.bool_]:
         """Which of (N, 3) unit directions from a point come near enough to be worth casting."""
         way = self.centre - origin
-        distance = float(np.linalg.norm(way))
+        distance = float(np.linalg.norm(way, axis=-1))
         if distance <= self.reach * 1.001:
             return np.ones(len(directions), dtype=bool)
-        return (
-            directions @ (way / distance).astype(np.float32)
-            >= np.sqrt(1 - (self.reach / distance) ** 2) - 1e-4
-        )
+        return (directions * (way / distance).astype(np.float32)).sum(axis=1) >= np.sqrt(
+            1 - (self.reach / distance) ** 2
+        ) - 1e-4
 
 
 def static_scene(geometry: Geometry) -> RayScene:
@@ -173,8 +162,10 @@ def body_scene(geometry: Geometry, first: int, last: int) -> RayScene:
 def posed_scene(geometry: Geometry, first: int, last: int, poses: dict[int, Array]) -> RayScene:
     """Moving bodies ``first`` to ``last`` - 1 where ``poses`` (by body number) says."""
     vertices = [
-        geometry.vertices[slice(*geometry.body_vertices[[number, number + 1]])]
-        @ poses[number][:3, :3].T.astype(np.float32)
+        rotate(
+            poses[number][:3, :3].astype(np.float32),
+            geometry.vertices[slice(*geometry.body_vertices[[number, number + 1]])],
+        )
         + poses[number][:3, 3].astype(np.float32)
         for number in range(first, last)
     ]

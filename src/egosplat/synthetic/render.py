@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.geometry import rotate
 from egosplat.synthetic.atlas import Atlas
 from egosplat.synthetic.lens import Lens
 from egosplat.synthetic.lighting import Lights, bake, face_normals
@@ -128,7 +129,7 @@ class Renderer:
     ) -> tuple[_Scenes, Floats, Floats, Floats]:
         """What is looked at, ``world_from_camera``'s rotation and origin, and the rays in the world."""
         pose = world_from_camera.astype(np.float32)
-        return self._scenes(poses), pose[:3, :3], pose[:3, 3], self.lens.directions @ pose[:3, :3].T
+        return self._scenes(poses), pose[:3, :3], pose[:3, 3], rotate(pose[:3, :3], self.lens.directions)
 
     def _develop(
         self,
@@ -142,7 +143,7 @@ class Renderer:
     ) -> NDArray[np.uint8]:
         """The picture of what rays have hit."""
         rotations = self._rotations(poses)
-        rays = self.lens.directions @ turn.T
+        rays = rotate(turn, self.lens.directions)
         radiance = self._shade(scenes, rotations, hits, origin, rays, self.lens.angle)
         self._soften(scenes, rotations, hits, radiance, origin, turn)
         return self._image(develop(radiance, self.lens.radius, gain, rng), np.uint8)
@@ -257,7 +258,7 @@ class Renderer:
             rays = (
                 lens.directions[edge] + np.float32(dx) * lens.right[edge] + np.float32(dy) * lens.down[edge]
             )
-            rays = (rays / np.linalg.norm(rays, axis=1, keepdims=True)) @ turn.T
+            rays = rotate(turn, rays / np.linalg.norm(rays, axis=1, keepdims=True))
             found = self._cast(scenes.full, origin, rays)
             total += tone(self._shade(scenes, rotations, found, origin, rays, lens.angle[edge]))
         radiance[edge] = untone(total / len(_SUBPIXELS))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from egosplat.geometry import rotate
 from egosplat.synthetic.textures import Texture
 
 Array = NDArray[np.float64]
@@ -37,7 +38,9 @@ class Shape:
         """The shape turned about its origin, then shifted."""
         turn = np.eye(3) if rotation is None else rotation.as_matrix()
         return replace(
-            self, vertices=self.vertices @ turn.T + np.asarray(translation), normals=self.normals @ turn.T
+            self,
+            vertices=rotate(turn, self.vertices) + np.asarray(translation),
+            normals=rotate(turn, self.normals),
         )
 
     def stretched(self, factors: ArrayLike) -> "Shape":
@@ -81,12 +84,12 @@ def join(shapes: Iterable[Shape]) -> Shape:
 def sheet(corner: ArrayLike, right: ArrayLike, down: ArrayLike, step: float = _STEP_M) -> Shape:
     """A flat rectangle, seen from the side where ``right`` and ``down`` appear so; uv is 0 at ``corner``."""
     corner, right, down = (np.asarray(value, dtype=np.float64) for value in (corner, right, down))
-    width, height = np.linalg.norm(right), np.linalg.norm(down)
+    width, height = np.linalg.norm(right, axis=-1), np.linalg.norm(down, axis=-1)
     columns, rows = (max(1, int(np.ceil(length / step - 1e-9))) for length in (width, height))
     s, t = np.meshgrid(np.linspace(0, 1, columns + 1), np.linspace(0, 1, rows + 1))
     s, t = s.ravel()[:, None], t.ravel()[:, None]
     normal = np.cross(down, right)
-    normals = np.tile(normal / np.linalg.norm(normal), (len(s), 1))
+    normals = np.tile(normal / np.linalg.norm(normal, axis=-1), (len(s), 1))
     uv = np.hstack([s * width, t * height])
     return Shape(corner + s * right + t * down, normals, uv, _grid_faces(rows, columns))
 
@@ -163,7 +166,7 @@ def ellipsoid(radii: ArrayLike, centre: ArrayLike = (0, 0, 0), segments: int = 1
 def rod(start: ArrayLike, end: ArrayLike, radius: float, end_radius: float | None = None) -> Shape:
     """A round bar with rounded ends between two points, possibly tapering."""
     start, end = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
-    length = float(np.linalg.norm(end - start))
+    length = float(np.linalg.norm(end - start, axis=-1))
     r0, r1 = radius, radius if end_radius is None else end_radius
     angle = np.radians([-90, -50, -10])
     low = np.stack([r0 * np.cos(angle), 0.6 * r0 * np.sin(angle)], axis=1)

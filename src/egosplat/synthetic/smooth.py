@@ -37,7 +37,7 @@ class SmoothTrack:
 def smoothstep(values: ArrayLike) -> Array:
     """0 below 0, 1 above 1, and twice continuously differentiable between."""
     t = np.clip(np.asarray(values, dtype=np.float64), 0, 1)
-    return t**3 * (10 - 15 * t + 6 * t**2)
+    return t * t * t * (10 - 15 * t + 6 * t**2)
 
 
 def limited(angles: Array, largest_step: float) -> Array:

@@ -109,7 +109,7 @@ def make_walk(
         for share, end, stand, moment in zip(
             job.bend(grid), ends, stands, (job.grip_s, job.release_s), strict=True
         ):
-            distance = float(np.linalg.norm(end[[0, 2]] - stand)) + behind_m
+            distance = float(np.linalg.norm(end[[0, 2]] - stand, axis=-1)) + behind_m
             down, forward = _bend_for(distance, float(end[1]))
             crouch, lean = np.maximum(crouch, share * down), np.maximum(lean, share * forward)
             near = np.abs(grid - moment) < 0.9

@@ -1,0 +1,1 @@
+"""Rays cast at triangles, with equal results on every processor."""

@@ -1,0 +1,71 @@
+"""The compiled ray caster: one library for every processor, since its results must be equal on all of them."""
+
+import ctypes
+import functools
+import hashlib
+from pathlib import Path
+
+from egosplat.cpp_hash import cpp_hash
+from egosplat.errors import UserError
+from egosplat.refusals import told_as
+
+HERE = Path(__file__).parent
+"""The folder of the library and, in ``source``, of its sources."""
+
+LIBRARY = "libegosplat_rays.so"
+
+FLAGS = ("-O3", "-std=c++17", "-fPIC", "-ffp-contract=off")
+"""No instruction set is named, and products and sums are not fused: both would change the last bit."""
+
+_AGAIN = "run make install, or pip install --no-build-isolation --no-deps -e ."
+
+_POINTER, _LONG = ctypes.c_void_p, ctypes.c_int64
+
+
+def source_hash(folder: Path = HERE) -> str:
+    """Hash of the sources below ``folder`` and of their flags, which the library carries; 16 hexadecimal digits."""
+    return hashlib.sha256(f"{cpp_hash(folder / 'source')}\0{FLAGS!r}".encode()).hexdigest()[:16]
+
+
+@functools.cache
+def load() -> ctypes.CDLL:
+    """The library, its functions' types declared; loaded once a process.
+
+    Raises:
+        UserError: it is not compiled, cannot be loaded, or was compiled from other sources.
+    """
+    path = HERE / LIBRARY
+    if not path.is_file():
+        raise UserError(
+            f"The ray caster of synthetic recordings is not compiled ({path} is missing).\n"
+            f"Install a C++17 compiler (apt install g++), then {_AGAIN}"
+        )
+    library = open_library(path)
+    if library.rays_source_hash().decode() != source_hash():
+        raise UserError(f"{path} was compiled from other sources than those beside it: {_AGAIN}")
+    return library
+
+
+def open_library(path: Path) -> ctypes.CDLL:
+    """Load a compiled ray caster and declare its functions.
+
+    Raises:
+        UserError: it cannot be loaded.
+        OSError: the system refuses the memory for it.
+    """
+
+    def tell(error: Exception) -> UserError:
+        return UserError(f"{path} cannot be loaded ({error}): {_AGAIN}")
+
+    with told_as(tell, (OSError, AttributeError)):
+        library = ctypes.CDLL(str(path))
+        library.rays_source_hash.restype = ctypes.c_char_p
+        library.rays_build.restype = _POINTER
+        library.rays_build.argtypes = [_POINTER, _POINTER, _LONG]
+        library.rays_free.restype = None
+        library.rays_free.argtypes = [_POINTER]
+        library.rays_cast.restype = None
+        library.rays_cast.argtypes = [_POINTER, _LONG, _POINTER, _LONG, *[_POINTER] * 5]
+        library.rays_blocked.restype = None
+        library.rays_blocked.argtypes = [_POINTER, _LONG, _POINTER, _LONG, *[_POINTER] * 3]
+    return library
