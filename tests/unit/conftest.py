@@ -100,6 +100,7 @@ def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -
         inputs: more that it says it was made from.
         nudge: metres by which the stored Gaussians are off.
         origin: that all artifacts tell.
+        evaluated: the evaluation frames; of none, every frame is trained on.
     """
 
     def make(
@@ -107,6 +108,7 @@ def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -
         inputs: dict[str, str] | None = None,
         nudge: float = 0.0,
         origin: str = "synthetic",
+        evaluated: tuple[int, ...] = (1, 2, 3),
     ) -> Path:
         put = partial(_put, origin=origin)
         clip_hash = clip_hash or model_hash(CLIP, SMALL)
@@ -126,15 +128,15 @@ def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -
             {"id": 1, "name": "Couch_1", "category": "couch", "motion_type": "static"},
             {"id": 2, "name": "Cup_1", "category": "cup", "motion_type": "dynamic"},
         ]
-        evaluated = np.array([1, 2, 3])
+        is_evaluated = np.isin(np.arange(4), evaluated)
         put(
             tmp_path,
             FRAMES,
             {
                 "rgb": np.stack([lighter] * 4),
                 "valid": np.arange(SIZE)[:, None] + np.zeros((1, SIZE)) >= 2,
-                "train": np.array([True, False, True, False]),
-                "evaluation": np.array([False, True, True, True]),
+                "train": np.array([True, False, True, False]) | ~is_evaluated,
+                "evaluation": is_evaluated,
             },
         )
         put(
@@ -151,8 +153,8 @@ def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -
             tmp_path,
             ANNOTATIONS,
             {
-                "frame": evaluated,
-                "annotated": np.ones(3, bool),
+                "frame": np.array(evaluated, np.int64),
+                "annotated": np.ones(len(evaluated), bool),
                 "instance_map": np.tile(
                     (np.arange(SIZE) >= SIZE // 2).astype(np.int32), (len(evaluated), SIZE, 1)
                 ),
@@ -174,7 +176,8 @@ def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -
             for name in ("means", "quats", "log_scales", "logit_opacities", "sh")
         }
         stored["means"] = stored["means"] + np.float32(nudge)
-        held_out = {"held_out/frame": np.array([1]), "held_out/render": photograph[None]}
+        renders = photograph[None][: 1 in evaluated]
+        held_out = {"held_out/frame": np.arange(1, 1 + len(renders)), "held_out/render": renders}
         about = {"camera": asdict(CAMERA), "sh_degree_in_use": 0, "views": {"training": 2}}
         put(tmp_path, SPLATS, stored | held_out, about, lens, _digests(tmp_path, "frames", "poses"))
         put(

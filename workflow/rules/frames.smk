@@ -44,6 +44,7 @@ rule frames:
     params:
         recording=recording,
         format=recording_format,
+        annotated=annotated,
         flags=flags("frames"),
         code=code_of("frames"),
     shell:

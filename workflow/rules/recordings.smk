@@ -4,6 +4,8 @@ Where recordings are, and which of their files a stage reads.
 
 from glob import escape, glob
 
+from egosplat.frames.companions import is_annotated
+
 
 def recording(wildcards):
     """Path of the scene's recording."""
@@ -13,6 +15,12 @@ def recording(wildcards):
 def recording_format(wildcards):
     """How the scene's recording is laid out on disk."""
     return scene_of(wildcards).format
+
+
+def annotated(wildcards):
+    """Whether a plain recording has annotations: without them all of its frames are trained on."""
+    scene = scene_of(wildcards)
+    return is_annotated(scene.format, scene.recording)
 
 
 def recording_files(stage):

@@ -1,12 +1,11 @@
 """Opening a recording's annotations by the name of its format. For evaluation only."""
 
-import os
 from pathlib import Path
 
 from egosplat.errors import UserError
 from egosplat.frames import adt_annotations, hoi4d_annotations, plain_annotations
+from egosplat.frames.companions import is_annotated
 from egosplat.frames.hoi4d import find_sequence
-from egosplat.frames.plain import companion
 from egosplat.frames.readers import FORMATS
 from egosplat.frames.recording import Annotations
 from egosplat.geometry import Camera
@@ -40,7 +39,7 @@ def open_annotations(
         case "plain":
             if not path.exists():
                 raise UserError(f"{path}: not found. Give a video file or an image folder.")
-            if not os.path.lexists(companion(path, plain_annotations.FOLDER)):
+            if not is_annotated(format, path):
                 return None
             return plain_annotations.PlainAnnotations(path, camera=camera)
     raise UserError(f"format: {format!r} is unknown; choose from {', '.join(FORMATS)}.")

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.errors import UserError
+from egosplat.frames.companions import companion
 from egosplat.frames.images import VALID_MASK, ImageFolder, read_valid
 from egosplat.frames.recording import Capture
 from egosplat.frames.resize import resize_mask, resize_picture
@@ -88,11 +89,6 @@ def open_source(path: Path) -> Video | ImageFolder:
         UserError: it is missing or cannot be read.
     """
     return ImageFolder(path) if path.is_dir() else Video(path)
-
-
-def companion(path: Path, name: str) -> Path:
-    """Where a file that belongs to a source lies: in the image folder, or beside the video."""
-    return path / name if path.is_dir() else path.with_name(f"{path.name}.{name}")
 
 
 def fit(full: Camera, resolution: int, path: Path) -> tuple[int, int]:

@@ -21,14 +21,14 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from egosplat.errors import UserError
+from egosplat.frames.companions import ANNOTATIONS, companion
 from egosplat.frames.images import ImageFolder
-from egosplat.frames.plain import companion, open_source
+from egosplat.frames.plain import open_source
 from egosplat.frames.recording import Instance
 from egosplat.frames.resize import resize_labels
 from egosplat.frames.video import Video
 from egosplat.geometry import Camera
 
-FOLDER = "annotations"
 TABLE = "instances.tsv"
 _COLUMNS = ("id", "name", "category", "motion_type")
 _ONE_CHANNEL = ("1", "L", "P", "I;16", "I;16L", "I;16B", "I")
@@ -48,7 +48,7 @@ class PlainAnnotations:
         Raises:
             UserError: the table is unreadable, or a PNG belongs to no frame.
         """
-        folder = companion(path, FOLDER)
+        folder = companion(path, ANNOTATIONS)
         self.instances = read_instances(folder / TABLE)
         self._camera = camera
         source = open_source(path)

@@ -8,9 +8,10 @@ import numpy as np
 from egosplat import provenance
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.writing import create
+from egosplat.frames.companions import is_annotated
 from egosplat.frames.readers import open_recording
-from egosplat.frames.split import split_frames
-from egosplat.progress import track
+from egosplat.frames.split import AUTO, evaluation_count, split_frames
+from egosplat.progress import log, track
 
 
 def run(
@@ -24,7 +25,7 @@ def run(
     stride: int,
     start_s: float,
     end_s: float | None,
-    evaluation_frames: int,
+    evaluation_frames: int | str,
     holdout: bool,
 ) -> None:
     """Read ``recording`` and write its frames artifact; the keys are those of the schema's ``frames``.
@@ -45,7 +46,8 @@ def run(
     )
     capture = reader.capture
     count = len(capture.timestamp_ns)
-    train, evaluation = split_frames(count, evaluation_frames, holdout)
+    annotated = is_annotated(format, recording)
+    train, evaluation = split_frames(count, evaluation_count(evaluation_frames, count, annotated), holdout)
     made = provenance.begin("frames", options, capture.origin)
     with create(output, FRAMES, made) as artifact:
         artifact.put("valid", capture.valid)
@@ -66,3 +68,14 @@ def run(
             "camera_known": capture.camera_known,
             "device_from_camera": None if device is None else device.tolist(),
         }
+    log(_split_line(count, int(evaluation.sum()), evaluation_frames == AUTO and not annotated))
+
+
+def _split_line(count: int, evaluation: int, unannotated: bool) -> str:
+    """How the frames are split, in one line."""
+    if unannotated:
+        return (
+            f"{count} frames, all trained on: the recording has no annotations to evaluate with "
+            "(frames.evaluation_frames=N holds N of them out)"
+        )
+    return f"{count} frames, {evaluation} of them for evaluation"

@@ -9,6 +9,7 @@ from jsonschema import Draft202012Validator, ValidationError
 
 from egosplat.benchmark import stage
 from egosplat.benchmark.document import finite, write_metrics
+from egosplat.benchmark.queries import GROUPS
 from egosplat.config import stage_keys
 from egosplat.errors import UserError
 from egosplat.schema_files import schema
@@ -68,6 +69,14 @@ def test_renders_are_scored_where_frames_are_held_out(word_scene, scored):
     assert held_out["rendering"]["static"]["psnr"] is None  # infinite
     assert dynamic["pixels"] == 46 * 24
     assert found["rendering"]["dynamic"] == {"frames": 1, "psnr": dynamic["psnr"], "ssim": dynamic["ssim"]}
+
+
+def test_a_scene_without_evaluation_frames_has_no_scores(word_scene, scored):
+    found = scored(word_scene(evaluated=()))
+    Draft202012Validator(schema("metrics")).validate(found)
+    assert found["queries"] == found["frames"] == [] and found["counts"]["evaluation_frames"] == 0
+    assert {name: one["count"] for name, one in found["scores"].items()} == dict.fromkeys(GROUPS, 0)
+    assert found["rendering"]["all"] == {"frames": 0, "psnr": None, "ssim": None}
 
 
 def test_counts(word_scene, scored):

@@ -1,10 +1,14 @@
 """The annotation format of plain recordings."""
 
+import shutil
+
 import numpy as np
 import pytest
 from PIL import Image
 
-from egosplat.config import defaults
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.reading import open_artifact
+from egosplat.config import check, defaults, merge
 from egosplat.errors import UserError
 from egosplat.frames import annotations_stage, stage
 from egosplat.frames.plain import PlainRecording
@@ -55,6 +59,48 @@ def test_evaluation_frames_without_annotation_are_told(images, tmp_path, capsys,
     last = capsys.readouterr().err.splitlines()[-1]
     missing = "" if evaluation == 1 else "; without annotation, of the frames in use counted from 0: 0"
     assert last == f"{told} evaluation frames are annotated{missing}"
+
+
+def split(recording, output, **keys):
+    """The training and evaluation flags of the frames that a stage writes."""
+    stage.run(recording, output, format="plain", **defaults()["frames"] | {"resolution": 32} | keys)
+    frames = open_artifact(output, FRAMES)
+    return frames.read("train").tolist(), frames.read("evaluation").tolist()
+
+
+def test_without_annotations_every_frame_is_trained_on(images, tmp_path, capsys):
+    shutil.rmtree(images / "annotations")
+    assert split(images, tmp_path / "frames.zarr") == ([True] * 3, [False] * 3)
+    assert "3 frames, all trained on" in capsys.readouterr().err
+    assert split(images, tmp_path / "frames.zarr", evaluation_frames=1) == (
+        [True, False, True],
+        [False, True, False],
+    )
+
+
+def test_with_annotations_frames_are_held_out(images, tmp_path):
+    assert split(images, tmp_path / "frames.zarr") == ([True, False, True], [False, True, False])
+
+
+def test_a_video_without_annotations_is_trained_on_whole(video, tmp_path):
+    path = video()
+    assert all(split(path, tmp_path / "frames.zarr")[0])
+    (tmp_path / "clip.mp4.annotations").mkdir()
+    assert sum(split(path, tmp_path / "frames.zarr")[1]) == 2  # a sixth of 12
+
+
+@pytest.mark.parametrize("wanted", [2, 3, 1000])
+def test_more_held_out_frames_than_leave_any_to_train_on_are_refused(images, tmp_path, wanted):
+    shutil.rmtree(images / "annotations")
+    with pytest.raises(UserError, match=f"frames.evaluation_frames: {wanted} evaluation frames of 3"):
+        split(images, tmp_path / "frames.zarr", evaluation_frames=wanted)
+    assert not (tmp_path / "frames.zarr").exists()
+
+
+@pytest.mark.parametrize("value", [-1, 2.5, "all", True, None])
+def test_evaluation_frames_that_are_no_number_are_refused(value):
+    with pytest.raises(UserError, match="frames.evaluation_frames"):
+        check(merge(defaults(), {"frames": {"evaluation_frames": value}}))
 
 
 def test_annotations_of_none_of_the_pictures_are_refused(images, tmp_path):

@@ -7,7 +7,7 @@ import pytest
 
 from egosplat.errors import UserError
 from egosplat.frames.selection import select_frames
-from egosplat.frames.split import split_frames
+from egosplat.frames.split import evaluation_count, split_frames
 
 
 @pytest.mark.parametrize(("count", "evaluation"), [(10, 2), (300, 7), (5, 3), (1000, 999 - 1), (9, 1)])
@@ -34,6 +34,26 @@ def test_no_evaluation_frame_is_allowed():
 def test_a_split_that_leaves_too_little_is_refused(count, evaluation, holdout):
     with pytest.raises(UserError, match="evaluation frames"):
         split_frames(count, evaluation, holdout)
+
+
+@pytest.mark.parametrize(
+    ("count", "annotated", "expected"),
+    [
+        (120, True, 12),
+        (72, True, 12),
+        (48, True, 8),
+        (17, True, 2),
+        (5, True, 1),
+        (120, False, 0),
+        (2, False, 0),
+    ],
+)
+def test_auto_evaluates_annotated_recordings_alone(count, annotated, expected):
+    assert evaluation_count("auto", count, annotated) == expected
+
+
+def test_a_number_stands_over_what_the_recording_has():
+    assert evaluation_count(4, 17, False) == 4 and evaluation_count(0, 17, True) == 0
 
 
 TIMES = 87_551_170_813_262 + np.array([0, 100, 200, 300, 400, 500]) * 1_000_000
