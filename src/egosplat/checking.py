@@ -3,11 +3,17 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+from egosplat import config as configuration
+from egosplat.artifacts.integrity import remedy
 from egosplat.artifacts.kinds import SCHEMAS
-from egosplat.artifacts.reading import Artifact, recorded_digest, verify
+from egosplat.artifacts.reading import recorded_digest, verify
 from egosplat.errors import UserError
 from egosplat.plain_errors import plain
+
+DOCUMENTS = {"metrics.json": "metrics", "survey.json": "survey", "tradeoff.json": "tradeoff"}
+"""The schema of each JSON file of results."""
 
 
 @dataclass(frozen=True)
@@ -23,15 +29,15 @@ class Report:
 
 
 def check_tree(folder: Path, say: Callable[[str], object]) -> list[Report]:
-    """Verify every ``*.zarr`` at or below ``folder`` and tell each result through ``say``.
+    """Verify every ``*.zarr`` and every file of ``DOCUMENTS`` at or below ``folder``; tell each result through ``say``.
 
-    An artifact is sound if its bytes match its digest and every input that its provenance names and that
-    lies beside it is still the one it was made from.
+    An artifact is sound if its bytes match its digest, a JSON file if it is what its schema describes; and every input
+    that the provenance of either names and that is beside it is still the one it was made from.
 
     Raises:
-        UserError: there is no artifact.
+        UserError: there is none.
     """
-    paths = [folder] if folder.suffix == ".zarr" else sorted(folder.rglob("*.zarr"))
+    paths = [folder] if _is_result(folder) else sorted(filter(_is_result, folder.rglob("*")))
     if not paths:
         raise UserError(f"{folder}: holds no artifact. Give a folder of results, such as results/adt/scene1")
     reports = []
@@ -42,12 +48,27 @@ def check_tree(folder: Path, say: Callable[[str], object]) -> list[Report]:
     return reports
 
 
+def _is_result(path: Path) -> bool:
+    return path.suffix == ".zarr" or path.name in DOCUMENTS
+
+
 def _problem(path: Path) -> str:
     try:
-        artifact = verify(path, SCHEMAS)
-        return _changed_input(artifact)
+        return _changed_input(path, _provenance(path))
     except (UserError, OSError) as error:
         return plain(error) or f"{path}: {error}"
+
+
+def _provenance(path: Path) -> dict[str, Any]:
+    """What a verified artifact or JSON file tells of how it was made; a trade-off tells nothing."""
+    if path.suffix == ".zarr":
+        return verify(path, SCHEMAS).provenance
+    if not path.is_file():
+        raise UserError(f"{path}: is no regular file; make it anew: {remedy(path)}")
+    try:
+        return configuration.read_json(path, DOCUMENTS[path.name]).get("provenance", {"inputs": {}})
+    except UserError as error:
+        raise UserError(f"{error}. Make it anew: {remedy(path)}") from None
 
 
 def _digest_of(path: Path) -> str | None:
@@ -58,9 +79,10 @@ def _digest_of(path: Path) -> str | None:
         return None
 
 
-def _changed_input(artifact: Artifact) -> str:
-    for name, digest in artifact.provenance["inputs"].items():
-        beside = artifact.path.parent / name
-        if _digest_of(beside) not in (digest, None):
-            return f"{artifact.path}: was made from another {name} than the one beside it; make it anew"
+def _changed_input(path: Path, provenance: dict[str, Any]) -> str:
+    for name, digest in provenance["inputs"].items():
+        if _digest_of(path.parent / name) not in (digest, None):
+            return (
+                f"{path}: was made from another {name} than the one beside it; make it anew: {remedy(path)}"
+            )
     return ""

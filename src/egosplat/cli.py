@@ -267,7 +267,7 @@ def cli() -> None:
 @cli.command()
 @click.argument("folders", nargs=-1, required=True, type=ARTIFACT)
 def check(folders: tuple[Path, ...]) -> None:
-    """Verify every artifact below FOLDERS: each byte against its checksum, each input against what is there."""
+    """Verify every artifact and JSON file below FOLDERS: bytes by checksum, content by schema, inputs by what is there."""
     from egosplat.checking import check_tree
 
     problems = sum(not report.sound for folder in folders for report in check_tree(folder, click.echo))
@@ -277,7 +277,7 @@ def check(folders: tuple[Path, ...]) -> None:
 
 @cli.command()
 @click.argument("scene", type=ARTIFACT)
-@click.option("--output", type=ARTIFACT, help="File to make; by default scene.ply in the folder.")
+@click.option("--output", type=ARTIFACT, help="The .ply file to make.  [default: SCENE/scene.ply]")
 @click.option("--codes/--no-codes", default=True, show_default=True, help="Whether codes are written, too.")
 def export(scene: Path, output: Path | None, codes: bool) -> None:
     """Write the Gaussians of SCENE, as results/adt/scene1, as a .ply file that viewers of 3DGS open."""

@@ -11,6 +11,7 @@ import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from egosplat.atomic import whole_file
 from egosplat.errors import UserError
@@ -49,7 +50,7 @@ def picture_kind(command: str) -> FileKind:
     return FileKind(command, ".png", lambda path: _begins(path, _PNG) and chunk in _head(path))
 
 
-def text_kind(command: str, suffix: str, mark: str, begin: str = "") -> FileKind:
+def text_kind(command: str, suffix: str, mark: str = "", begin: str = "") -> FileKind:
     """Files that start with ``begin`` and hold ``mark`` near their start."""
     return FileKind(
         command, suffix, lambda path: _begins(path, begin.encode()) and mark.encode() in _head(path)
@@ -57,8 +58,14 @@ def text_kind(command: str, suffix: str, mark: str, begin: str = "") -> FileKind
 
 
 def json_kind(command: str, *keys: str) -> FileKind:
-    """JSON files that hold an object with ``format_version`` and these keys."""
-    return FileKind(command, ".json", lambda path: _has_keys(path, {"format_version", *keys}))
+    """JSON files that hold an object with these keys."""
+    return FileKind(command, ".json", lambda path: set(keys) <= _json_object(path).keys())
+
+
+def stage_json_kind(stage: str) -> FileKind:
+    """JSON files whose provenance names a stage."""
+    command = "egosplat " + stage.replace("_", "-")
+    return FileKind(command, ".json", lambda path: _stage(_json_object(path)) == stage)
 
 
 def check_output(path: Path, kind: FileKind) -> None:
@@ -85,6 +92,16 @@ def output_file(path: Path, kind: FileKind) -> Iterator[Path]:
     _check_replaceable(path, kind)
     with whole_file(path) as scratch:
         yield scratch
+
+
+def write_text_file(path: Path, text: str, kind: FileKind) -> None:
+    """Write a text in UTF-8, whole or not at all.
+
+    Raises:
+        UserError: as ``output_file``.
+    """
+    with output_file(path, kind) as scratch:
+        scratch.write_text(text, encoding="utf-8")
 
 
 def _check_replaceable(path: Path, kind: FileKind) -> None:
@@ -123,9 +140,15 @@ def _begins(path: Path, begin: bytes) -> bool:
     return _head(path).startswith(begin)
 
 
-def _has_keys(path: Path, keys: set[str]) -> bool:
+def _json_object(path: Path) -> dict[str, Any]:
+    """The object that a file holds; an empty one for anything else."""
     try:
         document = read_json_file(path)
     except ValueError:
-        return False
-    return isinstance(document, dict) and keys <= document.keys()
+        return {}
+    return document if isinstance(document, dict) else {}
+
+
+def _stage(document: dict[str, Any]) -> object:
+    made = document.get("provenance")
+    return made.get("stage") if isinstance(made, dict) else None

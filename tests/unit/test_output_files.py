@@ -1,5 +1,6 @@
 """Commands that write one file under a name that the user gives replace nothing that they did not write."""
 
+import json
 import os
 import shutil
 import stat
@@ -12,17 +13,32 @@ import pytest
 from PIL import Image
 
 from egosplat import cli
+from egosplat.benchmark import tables_stage
 from egosplat.errors import UserError
 from egosplat.language.ply import EXPORT, write_ply
-from egosplat.output_files import check_output, output_file, picture_kind
+from egosplat.output_files import check_output, output_file, picture_kind, stage_json_kind, write_text_file
 from egosplat.plotting import plt, save_picture
 from egosplat.report.query_sheet import QUERY_PICTURE
+from egosplat.stages import STAGES
+
+DOCUMENTS = ("metrics", "method_metrics", "survey")
+"""Stages that write JSON; the others but the sheets write artifacts."""
+
+
+def stage_words(stage: str) -> list[str]:
+    """All inputs of a stage as flags."""
+    paths = [name for name in cli.PATHS[stage] if name != "output"]
+    return [word for name in paths for word in (f"--{name.replace('_', '-')}", f"{{folder}}/{name}")]
+
 
 COMMANDS = {
     "query": (".png", ["{folder}", "cup"]),
     "export": (".ply", ["{folder}"]),
+    "front": (".json", ["{folder}/tradeoff.json"]),
+    **{stage: (".json", stage_words(stage)) for stage in DOCUMENTS},
+    **{stage: (".png", stage_words(stage)) for stage in STAGES if stage.endswith("_sheet")},
 }
-"""Suffix of the file that a command writes, and its arguments but --output; the inputs need not exist."""
+"""Suffix of the file that a command writes, and its arguments but --output; the inputs do not exist."""
 
 
 def foreign_picture(path: Path) -> None:
@@ -43,6 +59,10 @@ def foreign_ply(path: Path) -> None:
 
 def json_of_others(path: Path) -> None:
     path.write_text('{"format_version": 1, "name": "mine"}')
+
+
+def json_of_a_stage(path: Path) -> None:
+    path.write_text('{"format_version": 1, "provenance": {"stage": "other"}}')
 
 
 def unix_socket(path: Path) -> None:
@@ -70,6 +90,8 @@ OWN_NAME = {
     "a picture of a command with a longer name": (picture_of("egosplat query-sheet"), "was not written by"),
     "a scan from elsewhere": (foreign_ply, "was not written by"),
     "JSON from elsewhere": (json_of_others, "was not written by"),
+    "scores of another stage": (json_of_a_stage, "was not written by"),
+    "JSON that is no object": (lambda path: path.write_text("[1]"), "was not written by"),
     "a text": (lambda path: path.write_text("notes"), "was not written by"),
     "a signature and no more": (lambda path: path.write_bytes(b"\x89PNG\r\n\x1a\n"), "was not written by"),
     "bytes": (lambda path: path.write_bytes(b"\xff\xfe" * 4000), "was not written by"),
@@ -102,7 +124,7 @@ OTHER_NAMES = [
 
 def call(monkeypatch, capfd, command: str, folder: Path, output: Path) -> tuple[int, str]:
     words = [word.format(folder=folder) for word in COMMANDS[command][1]]
-    monkeypatch.setattr(sys, "argv", ["egosplat", command, *words, "--output", str(output)])
+    monkeypatch.setattr(sys, "argv", ["egosplat", command.replace("_", "-"), *words, "--output", str(output)])
     try:
         cli.main()
     except SystemExit as end:
@@ -217,3 +239,49 @@ def test_a_copy_without_the_mark_is_not_taken_for_an_own_picture(tmp_path):
     shutil.move(tmp_path / "b.png", tmp_path / "a.png")
     with pytest.raises(UserError, match="rm "):
         check_output(tmp_path / "a.png", QUERY_PICTURE)
+
+
+FOLDERS = {
+    "tables": ["adt_accuracy.csv", "adt_accuracy.md", "hoi4d.tex", "tables.html"],
+    "tradeoff": ["tradeoff.json", "tradeoff.csv", "tradeoff.png", "tradeoff.html"],
+}
+"""Files that a command writes in the folder that the user names."""
+
+
+@pytest.mark.parametrize("name", [name for names in FOLDERS.values() for name in names])
+@pytest.mark.parametrize(
+    "target", ["a text", "JSON from elsewhere", "a picture from elsewhere", "a folder of pictures"]
+)
+def test_a_folder_that_holds_files_of_others_is_refused(monkeypatch, capfd, tmp_path, name, target):
+    """Before any of the command's files is written."""
+    command = next(command for command, names in FOLDERS.items() if name in names)
+    points = '[{"settings": [], "metrics": [], "keys": {}}]'
+    words = ["--points", points] if command == "tradeoff" else []
+    make, said = OWN_NAME[target]
+    make(tmp_path / name)
+    before = everything(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["egosplat", command, *words, "--output", str(tmp_path)])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    err = capfd.readouterr().err
+    assert end.value.code == 2 and str(tmp_path / name) in err and said in err
+    assert everything(tmp_path) == before
+
+
+def test_the_tables_replace_their_own_files(tmp_path):
+    """Each of the sixteen is told by its content."""
+    tables_stage.run([], tmp_path, pictures=[])
+    before = everything(tmp_path)
+    tables_stage.run([], tmp_path, pictures=[])
+    after = everything(tmp_path)
+    assert before.keys() == after.keys() and len(before) == 16
+    assert all(before[name] != after[name] and before[name][-1] == after[name][-1] for name in before)
+
+
+@pytest.mark.parametrize("stage", DOCUMENTS)
+def test_a_stage_replaces_its_own_json(tmp_path, stage):
+    kind = stage_json_kind(stage)
+    made = {"provenance": {"stage": stage}}
+    for value in (1, 2):
+        write_text_file(tmp_path / "x.json", json.dumps(made | {"value": value}), kind)
+    assert json.loads((tmp_path / "x.json").read_text())["value"] == 2

@@ -6,12 +6,14 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from egosplat.atomic import whole_file
 from egosplat.errors import UserError
 from egosplat.json_files import read_json_file
+from egosplat.output_files import stage_json_kind, write_text_file
 from egosplat.schema_files import Draft202012Validator, schema
 
 FORMAT_VERSION = 1
+
+SURVEY = stage_json_kind("survey")
 
 Survey = Mapping[str, Any]
 
@@ -21,10 +23,10 @@ def write_survey(output: Path, document: Survey) -> None:
 
     Raises:
         jsonschema.ValidationError: it is not what the schema describes.
+        UserError: something is at ``output`` that is no survey.
     """
     Draft202012Validator(schema("survey")).validate(document)
-    with whole_file(output) as scratch:
-        scratch.write_text(json.dumps(document, indent=1, sort_keys=True, allow_nan=False) + "\n")
+    write_text_file(output, json.dumps(document, indent=1, sort_keys=True, allow_nan=False) + "\n", SURVEY)
 
 
 def read_survey(path: Path) -> Survey:

@@ -7,30 +7,33 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from egosplat.atomic import whole_file
 from egosplat.benchmark.asking import Asked
 from egosplat.benchmark.evaluation import Frame
 from egosplat.benchmark.intervals import bounds_of
 from egosplat.benchmark.rendering import RegionScore
 from egosplat.benchmark.scores import GroupScore
 from egosplat.frames.recording import Instance
+from egosplat.output_files import FileKind, stage_json_kind, write_text_file
 from egosplat.schema_files import Draft202012Validator, schema
 
 FORMAT_VERSION = 2
 
+METRICS = stage_json_kind("metrics")
+METHOD_METRICS = stage_json_kind("method_metrics")
 
-def write_metrics(output: Path, document: Mapping[str, Any]) -> None:
+
+def write_metrics(output: Path, document: Mapping[str, Any], kind: FileKind) -> None:
     """Check a document and write it, with sorted keys; the file appears when it is complete.
 
     Numbers that are not finite (a mean of nothing, the PSNR of equal pictures) become null.
 
     Raises:
         jsonschema.ValidationError: it is not what the schema describes.
+        UserError: something is at ``output`` that is not of this kind.
     """
     values = finite(document)
     Draft202012Validator(schema("metrics")).validate(values)
-    with whole_file(output) as scratch:
-        scratch.write_text(json.dumps(values, indent=1, sort_keys=True, allow_nan=False) + "\n")
+    write_text_file(output, json.dumps(values, indent=1, sort_keys=True, allow_nan=False) + "\n", kind)
 
 
 def finite(value: Any) -> Any:

@@ -20,7 +20,14 @@ from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.artifacts.relevancy import Relevancy, open_relevancy
 from egosplat.benchmark.asking import Asked
-from egosplat.benchmark.document import FORMAT_VERSION, frame_entry, query_entry, score_entry, write_metrics
+from egosplat.benchmark.document import (
+    FORMAT_VERSION,
+    METHOD_METRICS,
+    frame_entry,
+    query_entry,
+    score_entry,
+    write_metrics,
+)
 from egosplat.benchmark.evaluation import Frame
 from egosplat.benchmark.intervals import IntervalOptions
 from egosplat.benchmark.making import artifact_entries
@@ -36,6 +43,7 @@ from egosplat.benchmark.queries import (
 from egosplat.benchmark.rendering import summarise_rendering
 from egosplat.benchmark.scores import score_query, summarise
 from egosplat.errors import UserError
+from egosplat.output_files import check_output
 from egosplat.progress import log, track
 from egosplat.provenance import Provenance
 from egosplat.query.maps import Found, find_in_maps
@@ -82,6 +90,7 @@ def run(
     Raises:
         UserError: inputs do not belong together, a query has no map, or a map is not what the layout says.
     """
+    check_output(output, METHOD_METRICS)
     keys = {key: value for key, value in locals().items() if key not in _PATHS}
     pictures, walk = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
     truth, maps = open_artifact(annotations, ANNOTATIONS), open_relevancy(relevancy)
@@ -113,7 +122,7 @@ def run(
         "total": {"wall_s": None, "peak_memory_mb": None},
         "provenance": made.record(),
     }
-    write_metrics(output, document)
+    write_metrics(output, document, METHOD_METRICS)
     log(f"{maps.method}: {len(asked)} queries; {len(maps.rows) - len(asked)} maps are of no query")
 
 

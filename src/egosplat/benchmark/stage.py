@@ -16,13 +16,21 @@ from egosplat.artifacts.reading import open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.benchmark.asking import Asked, ask_all
 from egosplat.benchmark.counts import counts_of
-from egosplat.benchmark.document import FORMAT_VERSION, frame_entry, query_entry, score_entry, write_metrics
+from egosplat.benchmark.document import (
+    FORMAT_VERSION,
+    METRICS,
+    frame_entry,
+    query_entry,
+    score_entry,
+    write_metrics,
+)
 from egosplat.benchmark.evaluation import Evaluation, Frame, read_evaluation
 from egosplat.benchmark.intervals import IntervalOptions
 from egosplat.benchmark.making import artifact_entries, models_used, total_cost
 from egosplat.benchmark.queries import GROUPS, BenchmarkQueries, Query, find_queries
 from egosplat.benchmark.rendering import summarise_rendering
 from egosplat.benchmark.scores import GroupScore, summarise
+from egosplat.output_files import check_output
 from egosplat.progress import log
 from egosplat.provenance import Provenance
 from egosplat.query.clip import load_clip_of
@@ -69,6 +77,7 @@ def run(
     Raises:
         UserError: inputs do not belong together, the model is not that of the features, the backend cannot run.
     """
+    check_output(output, METRICS)
     keys = {key: value for key, value in locals().items() if key not in _PATHS}
     pictures, walk = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
     truth, words = open_artifact(annotations, ANNOTATIONS), open_artifact(features, FEATURES)
@@ -99,7 +108,7 @@ def run(
         **_rendering(evaluation, asked),
         **_making(made, made_from),
     }
-    write_metrics(output, document)
+    write_metrics(output, document, METRICS)
     _tell(evaluation.frames, scores)
 
 

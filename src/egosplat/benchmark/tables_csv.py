@@ -6,8 +6,11 @@ from typing import Any
 import pandas as pd
 
 from egosplat.benchmark.tables import Block, Cell, Column, Row, Table
+from egosplat.output_files import text_kind
 
 DECIMALS = 3
+
+CSV = text_kind("egosplat tables", ".csv", begin="table,kind,method,")
 
 
 def to_csv(table: Table) -> str:

@@ -3,6 +3,12 @@
 from collections.abc import Iterator
 
 from egosplat.benchmark.tables import Block, Cell, Row, Table, aside, number
+from egosplat.output_files import text_kind
+
+MARK = "% egosplat tables"
+"""A comment, the first line of each file."""
+
+LATEX = text_kind("egosplat tables", ".tex", begin=MARK)
 
 WIDE = 8
 """Columns, at most, of a table that fits one column of a page."""
@@ -30,6 +36,7 @@ def to_latex(table: Table) -> str:
     """
     environment = "table" if len(table.columns) <= WIDE else "table*"
     lines = [
+        MARK,
         r"% needs \usepackage{amssymb,booktabs,graphicx,xcolor} and \usepackage[T1]{fontenc}",
         rf"\begin{{{environment}}}[htbp]",
         r"\centering\footnotesize\setlength{\tabcolsep}{3pt}",

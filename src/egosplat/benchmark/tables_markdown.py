@@ -4,6 +4,12 @@ import re
 from collections.abc import Iterator
 
 from egosplat.benchmark.tables import Block, Cell, Row, Table, aside, number
+from egosplat.output_files import text_kind
+
+MARK = "<!-- egosplat tables -->"
+"""A comment, the first line of each file."""
+
+MARKDOWN = text_kind("egosplat tables", ".md", begin=MARK)
 
 ROOM = 8
 """Columns, at most, beside which there is room for intervals."""
@@ -15,7 +21,7 @@ _RANKS = {0: "{}", 1: "**{}**", 2: "*{}*"}
 
 def to_markdown(table: Table) -> str:
     """A table with its caption and notes; the best number of a block is bold, the second best in italics, but for synthetic ones."""
-    parts = [f"### {escape(table.caption)}"]
+    parts = [MARK, f"### {escape(table.caption)}"]
     for block in table.blocks:
         parts += [f"**{escape(block.title)}**", "\n".join(_lines(table, block))]
     notes = [f"- {_mark(note.mark)} {escape(note.text)}".replace("-  ", "- ") for note in table.notes]

@@ -12,6 +12,12 @@ from egosplat.benchmark.scored_scenes import ScoredScene
 from egosplat.benchmark.series import Series
 from egosplat.benchmark.tables import Table, aside, number
 from egosplat.errors import UserError
+from egosplat.output_files import text_kind
+
+GENERATOR = "egosplat tables"
+"""What the page says that it was made by."""
+
+HTML = text_kind(GENERATOR, ".html", mark=f'<meta name="generator" content="{GENERATOR}">')
 
 _KINDS = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
 
@@ -70,6 +76,7 @@ def to_html(
     )
     return environment.from_string(template).render(
         tables=tables,
+        generator=GENERATOR,
         sources=[Source(one, scene) for one in series for scene in one.scenes.values()],
         pictures=pictures,
         confidence=None if confidence is None else f"{100 * confidence:g} %",

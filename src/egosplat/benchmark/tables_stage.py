@@ -3,20 +3,20 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from egosplat.atomic import whole_file
-from egosplat.benchmark.paper_layouts import in_a_table
+from egosplat.benchmark.paper_layouts import LAYOUTS, in_a_table
 from egosplat.benchmark.paper_tables import paper_tables
 from egosplat.benchmark.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 from egosplat.benchmark.series import find_series
-from egosplat.benchmark.tables_csv import to_csv
-from egosplat.benchmark.tables_latex import to_latex
-from egosplat.benchmark.tables_markdown import to_markdown
-from egosplat.benchmark.tables_page import read_picture, to_html
+from egosplat.benchmark.tables_csv import CSV, to_csv
+from egosplat.benchmark.tables_latex import LATEX, to_latex
+from egosplat.benchmark.tables_markdown import MARKDOWN, to_markdown
+from egosplat.benchmark.tables_page import HTML, read_picture, to_html
+from egosplat.output_files import check_output, write_text_file
 from egosplat.progress import log
 
 PAGE = "tables.html"
 
-_FORMATS = {"csv": to_csv, "md": to_markdown, "tex": to_latex}
+_FORMATS = ((CSV, to_csv), (MARKDOWN, to_markdown), (LATEX, to_latex))
 
 
 def run(metrics: Sequence[Path], output: Path, *, pictures: Sequence[Path]) -> None:
@@ -31,8 +31,12 @@ def run(metrics: Sequence[Path], output: Path, *, pictures: Sequence[Path]) -> N
         pictures: PNG or JPEG files of scenes, which the page ends with.
 
     Raises:
-        UserError: a file cannot be read, two have the scores of the same, or they were not scored alike.
+        UserError: a file cannot be read, two have the scores of the same, they were not scored alike, or a file would replace
+            something else.
     """
+    kinds = {output / f"{layout.name}{kind.suffix}": kind for layout in LAYOUTS for kind, _ in _FORMATS}
+    for path, kind in (*kinds.items(), (output / PAGE, HTML)):
+        check_output(path, kind)
     scenes = _with_a_place([read_scored_scene(path) for path in metrics])
     check_protocol(scenes)
     series = find_series(scenes)
@@ -40,9 +44,9 @@ def run(metrics: Sequence[Path], output: Path, *, pictures: Sequence[Path]) -> N
     confidence = next((scene.protocol["confidence"] for scene in scenes), None)
     page = to_html(tables, series, [read_picture(path) for path in pictures], confidence)
     for table in tables:
-        for suffix, form in _FORMATS.items():
-            _write(output / f"{table.name}.{suffix}", form(table))
-    _write(output / PAGE, page)
+        for kind, form in _FORMATS:
+            write_text_file(output / f"{table.name}{kind.suffix}", form(table), kind)
+    write_text_file(output / PAGE, page, HTML)
     log(f"{len(scenes)} scored scenes in {len(tables)} tables: {output / PAGE}")
 
 
@@ -51,8 +55,3 @@ def _with_a_place(scenes: Sequence[ScoredScene]) -> list[ScoredScene]:
         if not in_a_table(one):
             log(f"{one.path}: no table has a place for {one.dataset}/{one.scene}, variant {one.variant}")
     return [one for one in scenes if in_a_table(one)]
-
-
-def _write(path: Path, text: str) -> None:
-    with whole_file(path) as scratch:
-        scratch.write_text(text, encoding="utf-8")

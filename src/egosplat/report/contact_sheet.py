@@ -13,8 +13,10 @@ from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reading import Artifact, open_artifact
-from egosplat.atomic import whole_file
-from egosplat.plotting import plt
+from egosplat.output_files import check_output, picture_kind
+from egosplat.plotting import plt, save_picture
+
+PAGE = picture_kind("egosplat contact-sheet")
 
 PICTURES = 8
 """At most so many pictures, and as many annotated evaluation frames."""
@@ -39,6 +41,7 @@ LEAST_SHARE = 0.002
 
 def run(frames: Path, annotations: Path, poses: Path, output: Path, *, title: str) -> None:
     """Draw the contact sheet of a scene as PNG; the file appears when it is complete."""
+    check_output(output, PAGE)
     pictures, labels, walk = (
         open_artifact(path, schema)
         for path, schema in ((frames, FRAMES), (annotations, ANNOTATIONS), (poses, POSES))
@@ -56,9 +59,7 @@ def run(frames: Path, annotations: Path, poses: Path, output: Path, *, title: st
         cell.set_axis_off()
     _draw_pictures(grid[:above], pictures, shown)
     _draw_annotated_pictures(grid[above:], pictures, labels, rows)
-    with whole_file(output) as scratch:
-        figure.savefig(scratch, dpi=90, format="png")
-    plt.close(figure)
+    save_picture(figure, output, PAGE)
 
 
 def _grid_width(pictures: Artifact, columns: int, rows: int) -> float:

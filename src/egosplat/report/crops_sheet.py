@@ -12,10 +12,12 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.view_features import VIEW_FEATURES
-from egosplat.atomic import whole_file
 from egosplat.errors import UserError
 from egosplat.features.crops import cut_crop
-from egosplat.plotting import plt
+from egosplat.output_files import check_output, picture_kind
+from egosplat.plotting import plt, save_picture
+
+PAGE = picture_kind("egosplat crops-sheet")
 
 COLUMNS = 12
 """At most so many views of an instance are shown."""
@@ -62,6 +64,7 @@ def run(
     Raises:
         UserError: features are of other views than ``view_features``.
     """
+    check_output(output, PAGE)
     sources = _Sources(
         open_artifact(frames, FRAMES),
         open_artifact(segments, SEGMENTS),
@@ -78,9 +81,7 @@ def run(
         strip.suptitle(_caption(sources, table, instance), fontsize=10, x=0.01, ha="left")
         cells = strip.subplots(1, COLUMNS, squeeze=False)[0]
         _draw_views(cells, sources, table, choose_views(table, instance))
-    with whole_file(output) as scratch:
-        figure.savefig(scratch, dpi=90, format="png")
-    plt.close(figure)
+    save_picture(figure, output, PAGE)
 
 
 def _read(views: Artifact, features: Artifact) -> Table:

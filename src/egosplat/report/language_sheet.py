@@ -11,11 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.reading import Artifact, open_artifact
-from egosplat.atomic import whole_file
 from egosplat.geometry import Camera, make_pose
 from egosplat.language.rendering import render_codes
-from egosplat.plotting import plt
+from egosplat.output_files import check_output, picture_kind
+from egosplat.plotting import plt, save_picture
 from egosplat.report.trained_scene import TrainedScene, check_made_from, open_trained_scene
+
+PAGE = picture_kind("egosplat language-sheet")
 
 TURNS = 6
 """Views of a whole turn."""
@@ -61,6 +63,7 @@ def run(poses: Path, splats: Path, language: Path, output: Path, *, title: str) 
     Raises:
         UserError: the inputs do not belong together.
     """
+    check_output(output, PAGE)
     scene, meaning = open_trained_scene(poses, splats), open_artifact(language, LANGUAGE)
     check_made_from(meaning, scene.poses, scene.splats)
     levels = meaning.facts["levels"]
@@ -69,9 +72,7 @@ def run(poses: Path, splats: Path, language: Path, output: Path, *, title: str) 
     figure, grid = plt.subplots(1 + len(levels), TURNS, squeeze=False, figsize=size, layout="constrained")
     figure.suptitle(f"{title}: {_summary(meaning)}", fontsize=12)
     _draw_views(grid, scene, meaning, camera)
-    with whole_file(output) as scratch:
-        figure.savefig(scratch, dpi=90, format="png")
-    plt.close(figure)
+    save_picture(figure, output, PAGE)
 
 
 def _reduced(camera: Camera) -> Camera:

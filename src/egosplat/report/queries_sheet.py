@@ -10,14 +10,16 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from egosplat.atomic import whole_file
 from egosplat.benchmark.scored_scenes import CHANCE, ScoredScene, read_scored_scene
 from egosplat.benchmark.series import find_series
 from egosplat.benchmark.tables import Cell
-from egosplat.plotting import plt
+from egosplat.output_files import check_output, picture_kind
+from egosplat.plotting import plt, save_picture
 from egosplat.report.answer_drawing import draw_heat, draw_mask
 from egosplat.report.queries_asking import ShownQuery, ask_again, open_sources
 from egosplat.report.queries_choice import best_and_worst, scored_queries
+
+PAGE = picture_kind("egosplat queries-sheet")
 
 ROWS = 4
 """At most so many queries are shown of the best, and of the worst."""
@@ -55,6 +57,7 @@ def run(
     Raises:
         UserError: the inputs do not belong together, or the features' OpenCLIP is not there any more.
     """
+    check_output(output, PAGE)
     scored = read_scored_scene(metrics)
     sources = open_sources((frames, poses, annotations, features, splats, language), scored)
     best, worst = best_and_worst(scored_queries(scored.document), ROWS)
@@ -69,9 +72,7 @@ def run(
     else:
         figure.set_size_inches(6 * CELL, CELL)
         figure.text(0.5, 0.4, "No annotated frame with a pose shows anything to ask for.", ha="center")
-    with whole_file(output) as scratch:
-        figure.savefig(scratch, dpi=90, format="png")
-    plt.close(figure)
+    save_picture(figure, output, PAGE)
 
 
 def summary(scored: ScoredScene) -> str:

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
-from egosplat.atomic import whole_file
 from egosplat.errors import UserError
-from egosplat.plotting import plt
+from egosplat.output_files import check_output, picture_kind
+from egosplat.plotting import plt, save_picture
+
+PAGE = picture_kind("egosplat segments-sheet")
 
 PICTURES = 6
 """Frames shown, evenly spread."""
@@ -26,6 +28,7 @@ TINT = 0.55
 
 def run(frames: Path, segments: Path, output: Path, *, title: str) -> None:
     """Draw the page as PNG; the file appears when it is complete."""
+    check_output(output, PAGE)
     pictures, found = open_artifact(frames, FRAMES), open_artifact(segments, SEGMENTS)
     count, height, width, _ = pictures.shape("rgb")
     if found.shape("labels")[0] != count:
@@ -47,9 +50,7 @@ def run(frames: Path, segments: Path, output: Path, *, title: str) -> None:
             seen = len(np.unique(labels[level][labels[level] >= 0]))
             told = f"{name}: repeats {repeats[name]}" if name in repeats else f"{name}: {seen} instances"
             _show(grid[1 + level, column], tinted(picture, labels[level], colours), told)
-    with whole_file(output) as scratch:
-        figure.savefig(scratch, dpi=90, format="png")
-    plt.close(figure)
+    save_picture(figure, output, PAGE)
 
 
 def _summary(found: Artifact) -> str:

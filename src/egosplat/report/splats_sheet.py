@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
-from egosplat.atomic import whole_file
 from egosplat.log_axis import plain_numbers
-from egosplat.plotting import plt
+from egosplat.output_files import check_output, picture_kind
+from egosplat.plotting import plt, save_picture
+
+PAGE = picture_kind("egosplat splats-sheet")
 
 PICTURES = 4
 """At most so many held-out frames are shown."""
@@ -25,6 +27,7 @@ ERROR_LIMIT = 0.3
 
 def run(frames: Path, splats: Path, output: Path, *, title: str) -> None:
     """Draw the page as PNG; the file appears when it is complete."""
+    check_output(output, PAGE)
     pictures, trained = open_artifact(frames, FRAMES), open_artifact(splats, SPLATS)
     shown = _spread(trained.shape("held_out/frame")[0])
     columns = max(len(shown), 2)
@@ -41,9 +44,7 @@ def run(frames: Path, splats: Path, output: Path, *, title: str) -> None:
         _draw_frame(grid[:, column], pictures, trained, row)
     if not shown:
         grid[0, 0].set_title("no frame was held out", loc="left")
-    with whole_file(output) as scratch:
-        figure.savefig(scratch, dpi=90, format="png")
-    plt.close(figure)
+    save_picture(figure, output, PAGE)
 
 
 def _spread(count: int) -> list[int]:

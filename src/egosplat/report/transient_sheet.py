@@ -15,9 +15,11 @@ from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.transient import TRANSIENT
-from egosplat.atomic import whole_file
-from egosplat.plotting import plt
+from egosplat.output_files import check_output, picture_kind
+from egosplat.plotting import plt, save_picture
 from egosplat.report.trained_scene import TrainedScene, check_made_from, open_trained_scene
+
+PAGE = picture_kind("egosplat transient-sheet")
 
 PICTURES = 5
 """At most so many frames are shown."""
@@ -72,6 +74,7 @@ def run(
     Raises:
         UserError: the inputs do not belong together.
     """
+    check_output(output, PAGE)
     sources = _open(frames, poses, transient, segments, masks, splats)
     shown = choose_frames(_masked_shares(sources.masks), sources.scene.poses.read("registered"))
     _, height, width, _ = sources.frames.shape("rgb")
@@ -82,9 +85,7 @@ def run(
     above, below = figure.subfigures(2, 1, height_ratios=(pictures, CHART))
     _draw_frames(above, sources, shown, columns)
     _draw_scores(below.subplots(), sources.masks, sources.segments)
-    with whole_file(output) as scratch:
-        figure.savefig(scratch, dpi=90, format="png")
-    plt.close(figure)
+    save_picture(figure, output, PAGE)
 
 
 def _open(frames: Path, poses: Path, transient: Path, segments: Path, masks: Path, splats: Path) -> _Sources:

@@ -10,9 +10,10 @@ from egosplat import provenance
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reading import Artifact, open_artifact
-from egosplat.artifacts.survey import FORMAT_VERSION, digest_of_frames, write_survey
+from egosplat.artifacts.survey import FORMAT_VERSION, SURVEY, digest_of_frames, write_survey
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
+from egosplat.output_files import check_output
 from egosplat.progress import log
 from egosplat.survey.moving import Motion, is_static, measure_motion
 from egosplat.survey.views import choose_views, median_depths
@@ -26,6 +27,7 @@ def run(
     Raises:
         UserError: the inputs do not belong together.
     """
+    check_output(output, SURVEY)
     keys = {"max_moving_share": max_moving_share, "min_view_change_deg": min_view_change_deg}
     pictures, walk = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
     _check_belong_together(pictures, walk)

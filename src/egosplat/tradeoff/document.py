@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from egosplat import config as configuration
-from egosplat.atomic import whole_file
+from egosplat.output_files import FileKind, json_kind, write_text_file
 from egosplat.tradeoff.estimates import Chance, Estimate, Sample, front, mean, positive_mean
 from egosplat.tradeoff.measured import MeasuredPoint, chances
 from egosplat.tradeoff.measures import ACCURACY, MEASURES, WALL, Measure
@@ -15,6 +15,8 @@ from egosplat.tradeoff.points import PRESET
 from egosplat.tradeoff.sentences import knob_sentences, presets_sentence
 
 FORMAT_VERSION = 1
+
+TRADEOFF = json_kind("egosplat tradeoff", "format_version", "points", "presets", "knobs")
 
 
 def tradeoff_document(points: Sequence[MeasuredPoint]) -> dict[str, Any]:
@@ -50,13 +52,14 @@ def front_of(points: Sequence[MeasuredPoint], cost: str, gain: str) -> list[Meas
     return [known[index][0] for index in front([(left, right) for _, left, right in known])]
 
 
-def write_document(path: Path, document: dict[str, Any], schema: str) -> None:
-    """Check a document against the schema of that name and write it, with sorted keys, whole or not at all."""
+def write_document(path: Path, document: dict[str, Any], schema: str, kind: FileKind) -> None:
+    """Check a document against the schema of that name and write it, with sorted keys, whole or not at all.
+
+    Raises:
+        UserError: something is at ``path`` that is not of this kind.
+    """
     configuration.check(document, str(path), against=schema)
-    with whole_file(path) as scratch:
-        scratch.write_text(
-            json.dumps(document, indent=1, sort_keys=True, allow_nan=False) + "\n", encoding="utf-8"
-        )
+    write_text_file(path, json.dumps(document, indent=1, sort_keys=True, allow_nan=False) + "\n", kind)
 
 
 def _entry(

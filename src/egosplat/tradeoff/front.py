@@ -5,18 +5,23 @@ from typing import Any
 
 from egosplat import config as configuration
 from egosplat.errors import UserError
+from egosplat.output_files import check_output, json_kind
 from egosplat.progress import log
 from egosplat.tradeoff.document import write_document
 
 FORMAT_VERSION = 1
+
+FRONT = json_kind("egosplat front", "format_version", "measured", "points")
 
 
 def run(tradeoff: Path, output: Path) -> None:
     """Write the Pareto front of a ``tradeoff.json`` as ``front.json``.
 
     Raises:
-        UserError: the file cannot be read, was measured on several machines, or has no front.
+        UserError: the file cannot be read, was measured on several machines, or has no front, or something is at ``output`` that
+            is no front.
     """
+    check_output(output, FRONT)
     document = configuration.read_json(tradeoff, "tradeoff")
     if len(document["machines"]) > 1:
         raise UserError(
@@ -32,7 +37,7 @@ def run(tradeoff: Path, output: Path) -> None:
         "measured": {key: document[key] for key in told},
         "points": [_entry(one) for one in points],
     }
-    write_document(output, front, schema="front")
+    write_document(output, front, schema="front", kind=FRONT)
     log(f"{len(points)} of {len(document['points'])} points: {output}")
 
 

@@ -8,9 +8,15 @@ from typing import Any
 from jinja2 import Environment, StrictUndefined
 
 from egosplat.benchmark.tables_page import read_picture
+from egosplat.output_files import text_kind
 from egosplat.stages import STAGES
 from egosplat.tradeoff.measured import EVALUATION
 from egosplat.tradeoff.measures import MEASURES, WALL
+
+GENERATOR = "egosplat tradeoff"
+"""What the page says that it was made by."""
+
+PAGE = text_kind(GENERATOR, ".html", mark=f'<meta name="generator" content="{GENERATOR}">')
 
 
 def to_html(document: Mapping[str, Any], picture: Path) -> str:
@@ -28,6 +34,7 @@ def to_html(document: Mapping[str, Any], picture: Path) -> str:
     making = [name for name in STAGES if name in measured and name not in EVALUATION]
     return environment.from_string(template).render(
         document=document,
+        generator=GENERATOR,
         points=points,
         measures=MEASURES,
         wall=WALL,

@@ -6,12 +6,14 @@ from typing import Any
 
 from matplotlib.axes import Axes
 
-from egosplat.atomic import whole_file
 from egosplat.log_axis import plain_numbers
-from egosplat.plotting import plt
+from egosplat.output_files import picture_kind
+from egosplat.plotting import plt, save_picture
 from egosplat.tradeoff.estimates import front
 from egosplat.tradeoff.measures import ACCURACY, MEAN_IOU, MEMORY, WALL, Measure
 from egosplat.tradeoff.points import PRESET
+
+PICTURE = picture_kind("egosplat tradeoff")
 
 PANELS = ((WALL, ACCURACY), (WALL, MEAN_IOU), (MEMORY, ACCURACY))
 """Cost and gain of each panel."""
@@ -29,9 +31,7 @@ def draw(document: Mapping[str, Any], output: Path) -> None:
     figure.suptitle(f"{document['scene']}: speed against accuracy, {document['about']}", fontsize=13)
     for axes, (cost, gain) in zip(figure.subplots(1, len(PANELS)), PANELS, strict=True):
         _draw_panel(axes, document["points"], cost, gain)
-    with whole_file(output) as scratch:
-        figure.savefig(scratch, dpi=90, format="png")
-    plt.close(figure)
+    save_picture(figure, output, PICTURE)
 
 
 def _draw_panel(axes: Axes, points: Sequence[Mapping[str, Any]], cost: Measure, gain: Measure) -> None:

@@ -4,14 +4,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from egosplat.atomic import whole_file
 from egosplat.errors import UserError
+from egosplat.output_files import check_output, write_text_file
 from egosplat.progress import log
-from egosplat.tradeoff.document import tradeoff_document, write_document
+from egosplat.tradeoff.document import TRADEOFF, tradeoff_document, write_document
 from egosplat.tradeoff.measured import read_points
-from egosplat.tradeoff.page import to_html
-from egosplat.tradeoff.picture import draw
-from egosplat.tradeoff.tradeoff_csv import to_csv
+from egosplat.tradeoff.page import PAGE, to_html
+from egosplat.tradeoff.picture import PICTURE, draw
+from egosplat.tradeoff.tradeoff_csv import TABLE, to_csv
 
 NAME = "tradeoff"
 """Of the files."""
@@ -27,19 +27,22 @@ def run(points: Sequence[Mapping[str, Any]], output: Path) -> None:
         output: the folder of the files, made where it is not there.
 
     Raises:
-        UserError: a file cannot be read, or what was measured cannot be compared.
+        UserError: a file cannot be read, what was measured cannot be compared, or a file would replace something else.
     """
     if not isinstance(points, Sequence) or not points or not all(map(_is_point, points)):
         raise UserError(
             "--points: no list of points, at least one, the scene itself: each an object with the lists settings and "
             "metrics and the object keys"
         )
+    json, csv, png, html = (output / f"{NAME}.{suffix}" for suffix in ("json", "csv", "png", "html"))
+    for path, kind in ((json, TRADEOFF), (csv, TABLE), (png, PICTURE), (html, PAGE)):
+        check_output(path, kind)
     document = tradeoff_document(read_points(points))
-    write_document(output / f"{NAME}.json", document, schema="tradeoff")
-    _write(output / f"{NAME}.csv", to_csv(document))
-    draw(document, output / f"{NAME}.png")
-    _write(output / f"{NAME}.html", to_html(document, output / f"{NAME}.png"))
-    log(f"{len(points)} points, {document['seeds']} runs each: {output / NAME}.html")
+    write_document(json, document, schema="tradeoff", kind=TRADEOFF)
+    write_text_file(csv, to_csv(document), TABLE)
+    draw(document, png)
+    write_text_file(html, to_html(document, png), PAGE)
+    log(f"{len(points)} points, {document['seeds']} runs each: {html}")
 
 
 def _is_point(point: object) -> bool:
@@ -47,8 +50,3 @@ def _is_point(point: object) -> bool:
     return isinstance(point, Mapping) and all(
         isinstance(point.get(name), kind) for name, kind in kinds.items()
     )
-
-
-def _write(path: Path, text: str) -> None:
-    with whole_file(path) as scratch:
-        scratch.write_text(text, encoding="utf-8")

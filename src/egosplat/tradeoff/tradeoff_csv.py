@@ -5,7 +5,11 @@ from typing import Any
 
 import pandas as pd
 
+from egosplat.output_files import text_kind
+
 _COLUMNS = ("scene", "point", "about", "front", "stage", "measure", "mean", "low", "high", "runs")
+
+TABLE = text_kind("egosplat tradeoff", ".csv", begin=",".join(_COLUMNS[:4]) + ",")
 
 
 def to_csv(document: Mapping[str, Any]) -> str:

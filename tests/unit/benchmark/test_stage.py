@@ -8,8 +8,9 @@ import pytest
 from jsonschema import Draft202012Validator, ValidationError
 
 from egosplat.benchmark import stage
-from egosplat.benchmark.document import finite, write_metrics
+from egosplat.benchmark.document import METRICS, finite, write_metrics
 from egosplat.benchmark.queries import GROUPS
+from egosplat.checking import check_tree
 from egosplat.config import stage_keys
 from egosplat.errors import UserError
 from egosplat.schema_files import schema
@@ -161,5 +162,19 @@ def test_what_is_not_finite_is_null(tmp_path):
         "b": [None, "x", None, True],
     }
     with pytest.raises(ValidationError):
-        write_metrics(tmp_path / "metrics.json", {"scene": "a/scene"})
+        write_metrics(tmp_path / "metrics.json", {"scene": "a/scene"}, METRICS)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_check_calls_metrics_of_other_artifacts_and_no_metrics_unsound(word_scene, scored, tmp_path):
+    """A scene whose metrics.json had become a picture was called sound."""
+
+    def problem() -> str:
+        return {report.path.name: report.problem for report in check_tree(tmp_path, print)}["metrics.json"]
+
+    assert scored(word_scene()) and problem() == ""
+    shutil.rmtree(tmp_path / "splats.zarr")
+    shutil.copytree(tmp_path / "poses.zarr", tmp_path / "splats.zarr")
+    assert "metrics.json: was made from another splats.zarr" in problem()
+    (tmp_path / "metrics.json").write_bytes(b"\x89PNG\r\n\x1a\n")
+    assert "cannot be read as JSON" in problem()

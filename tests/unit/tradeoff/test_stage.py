@@ -50,6 +50,14 @@ def test_the_table_holds_every_number(page):
     assert set(table.about) == {"synthetic apartments, small checkpoints"}
 
 
+def test_own_files_are_replaced(page, three_points):
+    before = {file.name: file.stat().st_ino for file in page.iterdir()}
+    run(three_points, page)
+    after = {file.name: file.stat().st_ino for file in page.iterdir()}
+    assert before.keys() == after.keys() and len(before) == 4
+    assert all(before[name] != after[name] for name in before)
+
+
 def test_the_same_inputs_make_the_same_bytes(page, three_points, tmp_path):
     run(three_points, tmp_path / "again")
     for file in page.iterdir():
