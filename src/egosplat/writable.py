@@ -22,7 +22,13 @@ _LOOKS = re.compile(
 
 def only_looks(words: list[str]) -> bool:
     """Whether a command line of Snakemake writes no results: it tells a workflow so only after it has read it."""
-    return any(_LOOKS.fullmatch(word.partition("=")[0]) for word in words)
+    looks = any(_LOOKS.fullmatch(word.partition("=")[0]) for word in words)
+    return looks and "--report-after-run" not in words
+
+
+def only_reports(words: list[str]) -> bool:
+    """Whether a command line of Snakemake asks for its report of results that are there."""
+    return only_looks(words) and any(word.partition("=")[0] == "--report" for word in words)
 
 
 def check_writable(folders: Iterable[Path]) -> None:

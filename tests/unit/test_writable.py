@@ -7,7 +7,7 @@ import tempfile
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.writable import check_writable, only_looks
+from egosplat.writable import check_writable, only_looks, only_reports
 
 
 def test_nothing_is_left_where_all_is_well(tmp_path):
@@ -41,6 +41,27 @@ def test_what_only_looks(words):
     assert only_looks(["snakemake", *words])
 
 
-@pytest.mark.parametrize("words", [["--cores", "2", "a"], ["--touch"], ["results/adt/scene1/metrics.json"]])
+WRITING = [
+    ["--cores", "2", "a"],
+    ["--touch"],
+    ["results/adt/scene1/metrics.json"],
+    ["--report", "x.html", "--report-after-run"],
+]
+
+
+@pytest.mark.parametrize("words", WRITING)
 def test_what_writes(words):
     assert not only_looks(["snakemake", *words])
+
+
+@pytest.mark.parametrize(
+    "words", [["--report", "x.html"], ["--report=x.zip"], ["--cores", "1", "--report", "x.html"]]
+)
+def test_what_only_reports(words):
+    assert only_reports(["snakemake", *words])
+
+
+@pytest.mark.parametrize("words", [*WRITING, ["-n"], ["--dry-run"]])
+def test_what_does_not_only_report(words):
+    """With --report-after-run every result is made first."""
+    assert not only_reports(["snakemake", *words])

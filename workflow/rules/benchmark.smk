@@ -59,7 +59,12 @@ rule metrics:
         splats=artifact("splats"),
         language=artifact("language"),
     output:
-        "results/{dataset}/{scene}/{variant}metrics.json",
+        report(
+            "results/{dataset}/{scene}/{variant}metrics.json",
+            caption="../report/metrics.rst",
+            category="Scenes",
+            labels=labels("scores"),
+        ),
     log:
         "logs/{dataset}/{scene}/{variant}metrics.log",
     benchmark:
@@ -103,6 +108,7 @@ rule tables:
             "results/benchmark/tables.html",
             caption="../report/tables.rst",
             category="Tables",
+            labels={"page": "tables"},
         ),
     log:
         "logs/benchmark/tables.log",

@@ -93,10 +93,6 @@ if workflow.is_main_process and workflow.resource_settings.nodes is None:
         print("The last Snakemake here was killed: going on.", file=sys.stderr)
 
 
-LABELS = {"dataset": "{dataset}", "scene": "{scene}", "variant": "{variant}"}
-"""Of a picture in Snakemake's report."""
-
-
 wildcard_constraints:
     dataset="[a-z0-9_]+",
     scene="[A-Za-z0-9_-]+",
@@ -124,6 +120,20 @@ def variant_of(wildcards):
     """The variant's name; None of the scene itself."""
     folder = wildcards.get("variant")
     return folder.split("/")[1] if folder else None
+
+
+def labels(page):
+    """A function of the wildcards: what tells a result from all others in Snakemake's report, a row of it each."""
+
+    def of_result(wildcards):
+        return {
+            "dataset": wildcards.dataset,
+            "scene": wildcards.scene,
+            "variant": variant_of(wildcards) or "none",
+            "page": page,
+        }
+
+    return of_result
 
 
 def title(wildcards):

@@ -19,7 +19,7 @@ rule contact_sheet:
             "results/{dataset}/{scene}/{variant}contact_sheet.png",
             caption="../report/contact_sheet.rst",
             category="Scenes",
-            labels=LABELS,
+            labels=labels("recording"),
         ),
     log:
         "logs/{dataset}/{scene}/{variant}contact_sheet.log",
@@ -49,7 +49,7 @@ rule segments_sheet:
             "results/{dataset}/{scene}/{variant}segments.png",
             caption="../report/segments.rst",
             category="Scenes",
-            labels=LABELS,
+            labels=labels("instances"),
         ),
     log:
         "logs/{dataset}/{scene}/{variant}segments_sheet.log",
@@ -80,7 +80,7 @@ rule crops_sheet:
             "results/{dataset}/{scene}/{variant}crops.png",
             caption="../report/crops.rst",
             category="Scenes",
-            labels=LABELS,
+            labels=labels("crops"),
         ),
     log:
         "logs/{dataset}/{scene}/{variant}crops_sheet.log",
@@ -111,7 +111,7 @@ rule splats_sheet:
             "results/{dataset}/{scene}/{variant}splats.png",
             caption="../report/splats.rst",
             category="Scenes",
-            labels=LABELS,
+            labels=labels("renders"),
         ),
     log:
         "logs/{dataset}/{scene}/{variant}splats_sheet.log",
@@ -144,7 +144,7 @@ rule transient_sheet:
             "results/{dataset}/{scene}/{variant}transient.png",
             caption="../report/transient.rst",
             category="Scenes",
-            labels=LABELS,
+            labels=labels("what moves"),
         ),
     log:
         "logs/{dataset}/{scene}/{variant}transient_sheet.log",
@@ -178,7 +178,7 @@ rule language_sheet:
             "results/{dataset}/{scene}/{variant}language.png",
             caption="../report/language.rst",
             category="Scenes",
-            labels=LABELS,
+            labels=labels("language"),
         ),
     log:
         "logs/{dataset}/{scene}/{variant}language_sheet.log",
@@ -213,7 +213,7 @@ rule queries_sheet:
             "results/{dataset}/{scene}/{variant}queries.png",
             caption="../report/queries.rst",
             category="Scenes",
-            labels=LABELS,
+            labels=labels("queries"),
         ),
     log:
         "logs/{dataset}/{scene}/{variant}queries_sheet.log",

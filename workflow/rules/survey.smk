@@ -21,7 +21,7 @@ checkpoint survey:
             "results/{dataset}/{scene}/{variant}survey.json",
             caption="../report/survey.rst",
             category="Scenes",
-            labels=LABELS,
+            labels=labels("survey"),
         ),
     log:
         "logs/{dataset}/{scene}/{variant}survey.log",

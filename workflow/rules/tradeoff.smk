@@ -54,7 +54,7 @@ rule tradeoff:
             "results/{dataset}/{scene}/tradeoff/tradeoff.html",
             caption="../report/tradeoff.rst",
             category="Speed against accuracy",
-            labels={"dataset": "{dataset}", "scene": "{scene}"},
+            labels=labels("trade-off"),
         ),
     log:
         "logs/{dataset}/{scene}/tradeoff.log",

@@ -1,0 +1,75 @@
+"""Snakemake's report of what is there, while other scenes are not made."""
+
+import base64
+import json
+import re
+import shutil
+import zipfile
+from pathlib import Path
+
+RESULTS = re.compile(r"var results = (\{.*?\});?\s*</script>", re.DOTALL)
+DESCRIPTION = re.compile(r"var workflow_desc = (\".*\");?\n")
+
+
+def report(workdir, output: Path, *targets: str) -> str:
+    """The page of ``--report``, as a user calls it after ``make demo``."""
+    done = workdir.snakemake("--report", output, *targets)
+    assert done.returncode == 0, done.stdout + done.stderr
+    if output.suffix == ".zip":
+        with zipfile.ZipFile(output) as file:
+            return file.read(f"{output.stem}/report.html").decode()
+    return output.read_text(encoding="utf-8")
+
+
+def rows(page: str) -> dict[str, dict]:
+    return json.loads(RESULTS.search(page)[1])
+
+
+def test_every_result_of_the_finished_scene_has_a_row_of_its_own(finished, tmp_path):
+    """It failed for want of the other scenes' pictures; with targets it listed one row, for all had the same labels."""
+    found = rows(report(finished, tmp_path / "report.html"))
+    assert set(found) == set(finished.MAIN)
+    labels = [tuple(row["labels"].items()) for row in found.values()]
+    assert len(set(labels)) == len(finished.MAIN)
+    assert found["results/adt/scene1/queries.png"]["labels"] == {
+        "dataset": "adt",
+        "scene": "scene1",
+        "variant": "none",
+        "page": "queries",
+    }
+    captions = [row["caption"] for row in found.values()]
+    assert len(set(captions)) == len(captions) and all("adt/scene1" in caption for caption in captions)
+
+
+def test_the_scores_themselves_are_in_it(finished, tmp_path):
+    found = rows(report(finished, tmp_path / "report.html"))["results/adt/scene1/metrics.json"]
+    assert found["mime_type"] == "application/json" and "mIoU" in found["caption"]
+    content = base64.b64decode(found["data_uri"].partition("base64,")[2])
+    assert content == (finished.folder / "results/adt/scene1/metrics.json").read_bytes()
+
+
+def test_its_text_tells_of_every_step_and_leaves_no_markup(finished, tmp_path):
+    text = json.loads(DESCRIPTION.search(report(finished, tmp_path / "report.html"))[1])
+    steps = re.findall(r"<li><p><strong>([^<]+)</strong>|<li><strong>([^<]+)</strong>", text)
+    assert [one or other for one, other in steps] == [
+        *("Frames", "Survey", "Instances", "Features", "What moves", "Gaussians", "Language", "Queries")
+    ]
+    assert "system-message" not in text and "{{" not in text
+
+
+def test_targets_and_a_zip_work_too(finished, tmp_path):
+    targets = ("results/adt/scene1/metrics.json", "results/adt/scene1/queries.png")
+    page = report(finished, tmp_path / "report.zip", "--", *targets)
+    assert set(rows(page)) == set(targets)
+    with zipfile.ZipFile(tmp_path / "report.zip") as file:
+        assert {Path(name).name for name in file.namelist()} >= {"metrics.json", "queries.png"}
+
+
+def test_without_any_result_one_line_says_how_to_make_some(finished, tmp_path):
+    shutil.copytree(finished.folder / "config", tmp_path / "config")
+    shutil.copy(finished.folder / "tiny.yaml", tmp_path)
+    done = type(finished)(tmp_path, code=finished.code).snakemake("--report", "report.html")
+    said = done.stdout + done.stderr
+    assert done.returncode != 0 and "Traceback" not in said
+    assert "egosplat: no scene has results to report" in said and "metrics.json" in said
+    assert not (tmp_path / "report.html").exists()
