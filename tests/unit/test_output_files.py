@@ -38,7 +38,7 @@ COMMANDS = {
     **{stage: (".json", stage_words(stage)) for stage in DOCUMENTS},
     **{stage: (".png", stage_words(stage)) for stage in STAGES if stage.endswith("_sheet")},
 }
-"""Suffix of the file that a command writes, and its arguments but --output; the inputs do not exist."""
+"""Suffix of the file that a command writes, and its arguments but --output; the inputs are empty folders or none."""
 
 
 def foreign_picture(path: Path) -> None:
@@ -123,7 +123,10 @@ OTHER_NAMES = [
 
 
 def call(monkeypatch, capfd, command: str, folder: Path, output: Path) -> tuple[int, str]:
-    words = [word.format(folder=folder) for word in COMMANDS[command][1]]
+    scene = folder.with_name(f"{folder.name}_scene")
+    for stage in ("frames", "poses", "features", "splats", "language"):
+        (scene / f"{stage}.zarr").mkdir(parents=True, exist_ok=True)
+    words = [word.format(folder=scene) for word in COMMANDS[command][1]]
     monkeypatch.setattr(sys, "argv", ["egosplat", command.replace("_", "-"), *words, "--output", str(output)])
     try:
         cli.main()
@@ -145,7 +148,7 @@ def everything(folder: Path) -> dict[str, object]:
 @pytest.mark.parametrize("target", OWN_NAME)
 @pytest.mark.parametrize("command", COMMANDS)
 def test_what_a_command_did_not_write_stays(monkeypatch, capfd, tmp_path, command, target):
-    """Told before anything is read: the scene's folder is empty."""
+    """Told before anything is read: the scene's artifacts are empty folders."""
     make, said = OWN_NAME[target]
     output = tmp_path / f"out{COMMANDS[command][0]}"
     make(output)
