@@ -6,8 +6,12 @@ from torch import Tensor
 
 
 def intersections(first: Tensor, second: Tensor) -> Tensor:
-    """(N, H, W) and (M, H, W) bool masks -> (N, M) float32 pixels that two share; exact up to 2^24."""
-    return first.flatten(1).float() @ second.flatten(1).float().T
+    """(N, H, W) and (M, H, W) bool masks -> (N, M) float32 pixels that two share; exact up to 2^24.
+
+    Exact within ``torch.autocast`` too, which would multiply in bfloat16 and round counts above 256.
+    """
+    with torch.autocast(first.device.type, enabled=False):
+        return first.flatten(1).float() @ second.flatten(1).float().T
 
 
 def areas(masks: Tensor) -> Tensor:

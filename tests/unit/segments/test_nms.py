@@ -3,6 +3,7 @@
 import pytest
 import torch
 
+from egosplat.models.devices import choose_compute
 from egosplat.segments.nms import areas, box_nms, boxes, intersections, mask_iou, mask_nms, stability_score
 
 LIMITS = {"iou_thresh": 0.8, "score_thresh": 0.7, "inner_thresh": 0.5}
@@ -21,6 +22,22 @@ def test_overlaps_are_counted():
     assert intersections(masks, masks).tolist() == [[100, 50, 0], [50, 100, 0], [0, 0, 0]]
     expected = torch.tensor([[1, 1 / 3, 0], [1 / 3, 1, 0], [0, 0, 0]])
     torch.testing.assert_close(mask_iou(masks, masks), expected)
+
+
+def test_overlaps_are_exact_where_models_multiply_in_bfloat16():
+    """bfloat16 has 8 bits: 257 pixels would be 256, and 1601 of 1999 would not be above an IoU of 0.8."""
+    side = 45
+    flat = torch.zeros(3, side * side, dtype=torch.bool)
+    flat[0, :257], flat[1, :1601], flat[2, :1999] = True, True, True
+    masks = flat.reshape(3, side, side)
+    with choose_compute("cpu", "bfloat16").inference():
+        shared, sizes, iou = intersections(masks, masks), areas(masks), mask_iou(masks, masks)
+        kept = mask_nms(masks[1:], torch.tensor([0.9, 0.95]), **LIMITS)
+    assert shared.dtype == iou.dtype == torch.float32
+    assert shared.tolist() == [[257, 257, 257], [257, 1601, 1601], [257, 1601, 1999]]
+    assert sizes.tolist() == [257, 1601, 1999]
+    assert iou[1, 2] == torch.tensor(1601.0) / 1999 and iou[1, 2] > 0.8
+    assert kept.tolist() == [False, True]
 
 
 def test_boxes_are_those_of_the_pixels():

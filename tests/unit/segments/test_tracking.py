@@ -11,10 +11,11 @@ from egosplat.checkpoint import Checkpoint
 from egosplat.models.configs import SMALL_SAM2
 from egosplat.models.devices import choose_compute
 from egosplat.models.sam2_loader import Sam2, build_predictor, set_image_size
-from egosplat.segments import tracking
+from egosplat.segments import merging, tracking
 from egosplat.segments.candidates import grid_points, matches, only_new, prompt, thin_out
 from egosplat.segments.encoding import encode
 from egosplat.segments.following import Follower
+from egosplat.segments.nms import intersections
 from egosplat.segments.options import LEVELS, MaskOptions, TrackOptions
 from egosplat.segments.tracking import Tracker
 
@@ -48,6 +49,27 @@ def tracked(sam2, pictures, masks=MASKS, tracks=TRACKS, valid=None):
         return pictures[frame]
 
     return Tracker(sam2, read, len(pictures), valid, masks, tracks).run(), asked
+
+
+def test_a_video_is_tracked_in_bfloat16_as_on_a_gpu(sam2, pictures):
+    """The whole way: prompts, filters, both directions, merging. Counts of pixels stay exact numbers."""
+    half = Sam2(sam2.video_predictor, choose_compute("cpu", "bfloat16"))
+    counted = []
+
+    def watched(first, second):
+        counted.append((intersections(first, second), first, second))
+        return counted[-1][0]
+
+    with mock.patch.object(merging, "intersections", watched):
+        segmented, asked = tracked(half, pictures)
+    assert segmented.instances and asked[:FRAMES] == list(range(FRAMES))
+    assert {one.level for one in segmented.instances} == set(range(len(LEVELS)))
+    assert max(int(shared.max()) for shared, _, _ in counted if shared.numel()) > 256, (
+        "where bfloat16 would round"
+    )
+    for shared, first, second in counted:
+        exact = (first[:, None] & second[None]).flatten(2).sum(2)
+        assert torch.equal(shared, exact.float())
 
 
 def test_instances_belong_to_one_level_and_labels_to_instances(sam2, pictures):
