@@ -49,11 +49,18 @@ def _gpu(config: Config) -> Finding:
 def _gsplat(config: Config) -> Finding:
     import torch
 
+    from egosplat.rasterize.cuda import GSPLAT_REQUIREMENT, unsupported
+
+    install = "Run: pip install 'egosplat[cuda]'"
     try:
-        return Finding(Mark.OK, "gsplat", metadata.version("gsplat"))
+        version = metadata.version("gsplat")
     except metadata.PackageNotFoundError:
         pass
-    install = "Run: pip install 'egosplat[cuda]'"
+    else:
+        if not (problem := unsupported(version)):
+            return Finding(Mark.OK, "gsplat", version)
+        mark = Mark.MISSING if torch.cuda.is_available() else Mark.NOTE
+        return Finding(mark, "gsplat", f"{version} {problem}", f"Run: pip install '{GSPLAT_REQUIREMENT}'")
     if config["splats"]["backend"] == "cuda":
         return Finding(Mark.MISSING, "gsplat", "not installed, and splats.backend is cuda", install)
     if torch.cuda.is_available():

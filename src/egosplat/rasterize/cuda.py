@@ -1,6 +1,7 @@
 """The rasterizer on a CUDA device: gsplat."""
 
 import importlib
+import re
 from dataclasses import replace
 from types import ModuleType
 
@@ -12,7 +13,11 @@ from egosplat.rasterize import reference
 from egosplat.rasterize.channels import camera_centers, usable_gaussians
 from egosplat.rasterize.contract import Arguments, Render, shows_colors, shows_depth
 
-OLDEST_GSPLAT = (1, 5, 3)
+OLDEST_GSPLAT, TOO_NEW_GSPLAT = (1, 5, 3), (1, 6)
+"""1.6 takes other arguments for spherical harmonics, and limits alpha to 0.99 where our backends do to 0.999."""
+
+GSPLAT_REQUIREMENT = "gsplat>=1.5.3,<1.6"
+"""What pip is asked for; the two versions above in words."""
 
 LARGEST_PASS = 33
 """Channels composited in one pass: gsplat is slow beyond 32, and 33 (32 and a depth) it compiles as they are."""
@@ -25,8 +30,8 @@ def rasterization(arguments: Arguments) -> Render:
     """``api.rasterization`` by gsplat, in float32 on a CUDA device.
 
     Raises:
-        UserError: there is no CUDA device, no gsplat of at least 1.5.3, or the tensors are not float32 on
-            a CUDA device.
+        UserError: there is no CUDA device, no gsplat that is new enough and not too new, or the tensors are
+            not float32 on a CUDA device.
     """
     gsplat, means = load_gsplat(), arguments.means
     if means.dtype != torch.float32 or not means.is_cuda:
@@ -41,23 +46,34 @@ def load_gsplat() -> ModuleType:
     """gsplat, which compiles itself when it is imported the first time.
 
     Raises:
-        UserError: it is missing, too old or does not load, or there is no CUDA device.
+        UserError: it is missing, too old, too new or does not load, or there is no CUDA device.
     """
     # Without a device gsplat would still try to compile, and fail in words that mislead.
     if not torch.cuda.is_available():
         raise UserError("backend cuda: PyTorch finds no CUDA device; use the backend auto or cpu")
-    advice = 'run: pip install "gsplat>=1.5.3" packaging ninja (it compiles itself once and needs nvcc)'
+    advice = (
+        f'run: pip install "{GSPLAT_REQUIREMENT}" packaging ninja (it compiles itself once and needs nvcc)'
+    )
     try:
         gsplat = importlib.import_module("gsplat")
         compiled = importlib.import_module("gsplat.cuda._backend")._C
     except (ImportError, OSError, RuntimeError) as error:
         raise UserError(f"backend cuda: gsplat cannot be loaded ({error}); {advice}") from error
-    version = tuple(int(part) for part in gsplat.__version__.split(".")[:3] if part.isdigit())
-    if version < OLDEST_GSPLAT:
-        raise UserError(f"backend cuda: gsplat {gsplat.__version__} is too old; {advice}")
+    if problem := unsupported(gsplat.__version__):
+        raise UserError(f"backend cuda: gsplat {gsplat.__version__} {problem}; {advice}")
     if compiled is None:
         raise UserError(f"backend cuda: gsplat found no CUDA toolkit to compile itself with; {advice}")
     return gsplat
+
+
+def unsupported(version: str) -> str | None:
+    """What is wrong with a version of gsplat, as ``1.5.3+pt24cu124``: "is too old ..."; None if nothing."""
+    numbers = tuple(int(part) for part in re.match(r"[\d.]*", version).group().split(".") if part)
+    if numbers < OLDEST_GSPLAT:
+        return "is too old"
+    if numbers >= TOO_NEW_GSPLAT:
+        return "is too new: 1.6 renders otherwise and takes other arguments"
+    return None
 
 
 def render(gsplat: ModuleType, arguments: Arguments) -> Render:

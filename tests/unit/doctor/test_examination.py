@@ -196,6 +196,19 @@ def test_a_gpu_without_gsplat_is_told_how_to_get_it(folder, monkeypatch):
     assert machine._gsplat({"splats": {"backend": "cuda"}}).mark == Mark.MISSING
 
 
+@pytest.mark.parametrize(("version", "problem"), [("1.6.0", "too new"), ("1.5.2", "too old")])
+def test_a_gsplat_that_cannot_be_used_is_told_with_the_one_to_install(version, problem, monkeypatch):
+    monkeypatch.setattr(metadata, "version", lambda name: version)
+    config = {"splats": {"backend": "auto"}}
+    for gpu, mark in ((True, Mark.MISSING), (False, Mark.NOTE)):
+        monkeypatch.setattr(torch.cuda, "is_available", lambda gpu=gpu: gpu)
+        finding = machine._gsplat(config)
+        assert finding.mark == mark and version in finding.value and problem in finding.value
+        assert "gsplat>=1.5.3,<1.6" in finding.advice
+    monkeypatch.setattr(metadata, "version", lambda name: "1.5.3+pt24cu124")
+    assert machine._gsplat(config).mark == Mark.OK
+
+
 def test_memory_is_read_from_what_linux_says(tmp_path):
     path = tmp_path / "meminfo"
     path.write_text(f"MemTotal: {8 * 1024**2} kB\nMemFree: 1 kB\nMemAvailable: {3 * 1024**2} kB\n")

@@ -169,7 +169,7 @@ def installed(monkeypatch):
     return install
 
 
-@pytest.mark.parametrize("version", ["1.5.3", "1.6.0", "1.10", "2.0.0a1"])
+@pytest.mark.parametrize("version", ["1.5.3", "1.5.4", "1.5.3+pt24cu124", "1.5.10rc1"])
 def test_gsplat_is_found(installed, version):
     double = installed(version, object())
     assert cuda.load_gsplat() is double
@@ -180,6 +180,10 @@ def test_gsplat_is_found(installed, version):
     [
         ("1.5.2", object(), "1.5.2 is too old"),
         ("1.4", object(), "too old"),
+        ("1.6.0", object(), "1.6.0 is too new"),
+        ("1.6.0a1", object(), "too new"),
+        ("1.10", object(), "too new"),
+        ("2.0.0a1", object(), "too new"),
         ("1.5.3", None, "no CUDA toolkit"),
     ],
 )
@@ -187,7 +191,7 @@ def test_unusable_gsplat_is_told(installed, version, compiled, words):
     installed(version, compiled)
     with pytest.raises(UserError, match=words) as told:
         cuda.load_gsplat()
-    assert "pip install" in str(told.value) and "nvcc" in str(told.value)
+    assert 'pip install "gsplat>=1.5.3,<1.6"' in str(told.value) and "nvcc" in str(told.value)
 
 
 def test_missing_gsplat_is_told(monkeypatch):
