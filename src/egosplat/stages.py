@@ -77,7 +77,6 @@ STAGES = {
             "scipy",
             "timm",
             "torch",
-            "torchmetrics",
             "zarr",
         ),
         "Train a network to tell what moves, together with temporary Gaussians.",
@@ -89,7 +88,7 @@ STAGES = {
     ),
     "splats": Stage(
         "egosplat.splats.stage",
-        ("numpy", "scipy", "torch", "torchmetrics", "zarr"),
+        ("numpy", "scipy", "torch", "zarr"),
         "Train 3D Gaussians on the pictures.",
     ),
     "language": Stage(
@@ -106,7 +105,6 @@ STAGES = {
             "opencv-contrib-python-headless",
             "scipy",
             "torch",
-            "torchmetrics",
             "zarr",
         ),
         "Ask for everything that is annotated, and score answers and renders.",
@@ -121,7 +119,6 @@ STAGES = {
             "opencv-contrib-python-headless",
             "scipy",
             "torch",
-            "torchmetrics",
             "zarr",
         ),
         "Score another method's relevancy maps as egosplat's own.",

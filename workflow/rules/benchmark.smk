@@ -4,7 +4,7 @@ How well a scene is found, outlined and rendered.
 REQUIRED INPUTS: frames.zarr, poses.zarr, annotations.zarr, features.zarr, splats.zarr, language.zarr; what these were
 made from is looked at beside them, for its time and memory.
 OUTPUTS: metrics.json, as src/egosplat/schemas/metrics.schema.yaml describes it; of all scenes results/benchmark/.
-TOOLS: OpenCLIP, PyTorch, egosplat's kernels or gsplat, torchmetrics; Jinja2.
+TOOLS: OpenCLIP, PyTorch, egosplat's kernels or gsplat; Jinja2.
 """
 
 import egosplat

@@ -4,7 +4,7 @@ The scene as 3D Gaussians.
 REQUIRED INPUTS: frames.zarr, poses.zarr; as configured or surveyed, masks.zarr or transient.zarr, segments.zarr and
 features.zarr, survey.json. Never annotations.zarr.
 OUTPUTS: splats.zarr, language.zarr; beside each, while it is made, .{name}.checkpoint, from which a killed run goes on.
-TOOLS: PyTorch, egosplat's kernels or gsplat, torchmetrics.
+TOOLS: PyTorch, egosplat's kernels or gsplat.
 """
 
 

@@ -43,9 +43,7 @@ SPLATS = Schema(
         "held_out/psnr": Field(
             ("frame",), "float64", "dB", "of the Gaussians stored here, valid pixels only"
         ),
-        "held_out/ssim": Field(
-            ("frame",), "float64", "-", "the same, invalid pixels set to the photograph's"
-        ),
+        "held_out/ssim": Field(("frame",), "float64", "-", "the same; NaN where no whole window is valid"),
         "held_out/render": Field(
             ("frame", "height", "width", 3), "uint8", "sRGB", "the held-out frames, rendered", by_row=True
         ),

@@ -1,16 +1,16 @@
 """How well a held-out photograph is rendered: of all, of static and of dynamic pixels (M3.4)."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
-from torchmetrics.functional.image import peak_signal_noise_ratio, structural_similarity_index_measure
 
 from egosplat.benchmark.queries import GROUPS, InstanceMap, Mask
 from egosplat.frames.recording import Instance
+from egosplat.image_quality import mean_similarity, psnr, similarity
 
 Picture = NDArray[np.uint8]
 
@@ -22,7 +22,7 @@ class RegionScore:
     Attributes:
         pixels: its size.
         psnr: [dB], infinite where render and photograph are equal.
-        ssim: mean of the SSIM map over the region.
+        ssim: mean of the SSIM map over the region's pixels that have a value; NaN too where none has.
     """
 
     pixels: int
@@ -36,7 +36,7 @@ class RenderingScore:
 
     Attributes:
         frames: pictures that have a pixel of it.
-        psnr, ssim: means over these pictures, as papers have them.
+        psnr, ssim: means over those of these pictures that have one, as papers have them.
     """
 
     frames: int
@@ -53,8 +53,9 @@ def _mean(scores: Sequence[RegionScore]) -> RenderingScore:
     seen = [score for score in scores if score.pixels]
     if not seen:
         return RenderingScore(0, float("nan"), float("nan"))
-    psnr, ssim = (float(np.mean([getattr(one, name) for one in seen])) for name in ("psnr", "ssim"))
-    return RenderingScore(len(seen), psnr, ssim)
+    ssims = [one.ssim for one in seen if not math.isnan(one.ssim)]
+    ssim = float(np.mean(ssims)) if ssims else math.nan
+    return RenderingScore(len(seen), float(np.mean([one.psnr for one in seen])), ssim)
 
 
 def regions(instance_map: InstanceMap, instances: Sequence[Instance], valid: Mask) -> dict[str, Mask]:
@@ -77,13 +78,12 @@ def regions(instance_map: InstanceMap, instances: Sequence[Instance], valid: Mas
 def region_scores(
     render: Picture, photograph: Picture, valid: Mask, groups: Mapping[str, Mask]
 ) -> dict[str, RegionScore]:
-    """PSNR and SSIM of each group of pixels.
+    """PSNR and SSIM of each group of pixels, see ``egosplat.image_quality``.
 
-    SSIM compares the 11 x 11 pixels around each, so that a region's border also shows what lies beyond it; beyond the
-    valid pixels both pictures are the photograph.
+    SSIM compares the 11 x 11 pixels around each, so that a region's border also shows what lies beyond it.
 
     Args:
-        render, photograph: (H, W, 3) uint8, at least 6 pixels a side.
+        render, photograph: (H, W, 3) uint8.
         valid: (H, W) bool pixels that show the scene.
         groups: (H, W) bool each, within the valid ones.
 
@@ -94,20 +94,10 @@ def region_scores(
         raise ValueError(
             f"render {render.shape}, photograph {photograph.shape} and valid {valid.shape} differ"
         )
-    truth = _planar(photograph)
-    image = torch.where(torch.from_numpy(valid), _planar(render), truth)
-    _, similarity = structural_similarity_index_measure(image, truth, data_range=1.0, return_full_image=True)
-    return {name: _score(image, truth, similarity, torch.from_numpy(own)) for name, own in groups.items()}
-
-
-def _score(image: Tensor, truth: Tensor, similarity: Tensor, region: Tensor) -> RegionScore:
-    pixels = int(region.sum())
-    if not pixels:
-        return RegionScore(0, float("nan"), float("nan"))
-    psnr = peak_signal_noise_ratio(image[..., region], truth[..., region], data_range=1.0)
-    return RegionScore(pixels, float(psnr), float(similarity[..., region].mean()))
-
-
-def _planar(picture: Picture) -> Tensor:
-    """(H, W, 3) uint8 -> (1, 3, H, W) float32 in 0..1."""
-    return torch.from_numpy(picture).permute(2, 0, 1)[None].contiguous().float() / 255.0
+    image, truth = torch.from_numpy(render), torch.from_numpy(photograph)
+    alike = similarity(image, truth, torch.from_numpy(valid))
+    regions = {name: torch.from_numpy(own) for name, own in groups.items()}
+    return {
+        name: RegionScore(int(own.sum()), psnr(image, truth, own), mean_similarity(alike, own))
+        for name, own in regions.items()
+    }

@@ -55,13 +55,21 @@ def _spread(count: int) -> list[int]:
 
 def _summary(pictures: Artifact, trained: Artifact) -> str:
     facts, psnr, ssim = trained.facts, trained.read("held_out/psnr"), trained.read("held_out/ssim")
-    scores = f"PSNR {psnr.mean():.2f} dB, SSIM {ssim.mean():.3f}" if len(psnr) else "nothing held out"
+    held_out = "no frame held out"
+    if len(psnr):
+        held_out = f"{len(psnr)} held out: PSNR {_mean(psnr):.2f} dB, SSIM {_mean(ssim):.3f}"
     return (
         f"{pictures.facts['recording']}, origin {trained.origin}\n"
         f"{trained.shape('means')[0]} Gaussians of iteration {facts['iteration']}, "
-        f"{facts['views']['training']} training views, {len(psnr)} held out: {scores}; "
+        f"{facts['views']['training']} training views, {held_out}; "
         f"{facts['training_s']:.0f} s of training, {facts['rasterizer']}"
     )
+
+
+def _mean(values: NDArray[np.float64]) -> float:
+    """Of those that are known; NaN where none is."""
+    known = values[~np.isnan(values)]
+    return float(known.mean()) if len(known) else float("nan")
 
 
 def _draw_curves(axes: NDArray[np.object_], trained: Artifact) -> None:

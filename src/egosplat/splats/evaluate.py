@@ -1,4 +1,4 @@
-"""How well Gaussians render photographs: PSNR and SSIM by torchmetrics."""
+"""How well Gaussians render photographs: PSNR and SSIM of the pictures as they are stored, with 8 bits."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,35 +7,35 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from torchmetrics.functional.image import peak_signal_noise_ratio, structural_similarity_index_measure
 
-from egosplat.errors import UserError
+from egosplat.image_quality import mean_similarity, psnr, similarity
 from egosplat.splats.gaussians import Gaussians
 from egosplat.splats.options import RenderOptions
 from egosplat.splats.render import render
 from egosplat.splats.views import Views
 
-_LEAST_SIDE = 6
-"""Of a picture [px]: torchmetrics mirrors 5 px at its border for SSIM."""
-
 
 @dataclass(frozen=True)
 class Scores:
-    """Of V pictures: PSNR [dB] and SSIM, (V,) float64 each; the PSNR is NaN of a picture without a valid pixel."""
+    """Of V pictures: PSNR [dB] and SSIM, (V,) float64 each; NaN of a picture without a valid pixel, or window."""
 
     psnr: NDArray[np.float64]
     ssim: NDArray[np.float64]
 
     @property
     def mean_psnr(self) -> float:
-        """Of the pictures with a valid pixel; NaN where there is none."""
-        known = self.psnr[~np.isnan(self.psnr)]
-        return float(known.mean()) if len(known) else float("nan")
+        """Of the pictures that have one; NaN where there is none."""
+        return _mean(self.psnr)
 
     @property
     def mean_ssim(self) -> float:
-        """NaN where there is no picture."""
-        return float(self.ssim.mean()) if len(self.ssim) else float("nan")
+        """Of the pictures that have one; NaN where there is none."""
+        return _mean(self.ssim)
+
+
+def _mean(values: NDArray[np.float64]) -> float:
+    known = values[~np.isnan(values)]
+    return float(known.mean()) if len(known) else float("nan")
 
 
 @torch.no_grad()
@@ -54,20 +54,12 @@ def evaluate(
         options: how to render; a random background is black here.
         sh_degree: degree in use.
         show: is given the index and the rendered (H, W, 3) uint8 picture of each view.
-
-    Raises:
-        UserError: the pictures are too small for SSIM.
     """
-    camera = views.camera
-    if len(views) and min(camera.width, camera.height) < _LEAST_SIDE:
-        raise UserError(
-            f"splats: pictures of {camera.width} x {camera.height} pixels cannot be scored; raise frames.resolution"
-        )
     scores = np.empty((len(views), 2))
     for index in range(len(views)):
-        image = rendered(gaussians, views, index, options, sh_degree)
-        scores[index] = picture_scores(image, views.picture(index), views.weight(index))
-        show(index, (image * 255.0).round().to("cpu", torch.uint8).numpy())
+        picture = (rendered(gaussians, views, index, options, sh_degree) * 255.0).round().to(torch.uint8)
+        scores[index] = _scores(picture, views.pictures[index].to(views.device), views.weight(index))
+        show(index, picture.cpu().numpy())
     return Scores(scores[:, 0], scores[:, 1])
 
 
@@ -88,18 +80,7 @@ def rendered(
     return image[..., :3].clamp(0.0, 1.0)
 
 
-def picture_scores(image: Tensor, truth: Tensor, weight: Tensor | None) -> tuple[float, float]:
-    """PSNR [dB] over the valid pixels, and SSIM of the picture whose invalid pixels are the truth's.
-
-    SSIM has no value for a part of a picture; invalid pixels raise it a little, for all methods alike.
-
-    Args:
-        image, truth: (H, W, 3) float32 in [0, 1].
-        weight: (H, W) float32, of which pixels below a half are invalid; None where all are valid.
-    """
+def _scores(picture: Tensor, truth: Tensor, weight: Tensor | None) -> tuple[float, float]:
+    """PSNR [dB] and SSIM of (H, W, 3) uint8 pictures; pixels whose weight (H, W) is below a half are invalid."""
     valid = torch.ones_like(truth[..., 0], dtype=torch.bool) if weight is None else weight >= 0.5
-    psnr = peak_signal_noise_ratio(image[valid], truth[valid], data_range=1.0)
-    shown = torch.where(valid[..., None], image, truth)
-    pair = (picture.permute(2, 0, 1)[None].contiguous() for picture in (shown, truth))
-    ssim = structural_similarity_index_measure(*pair, data_range=1.0)
-    return float(psnr), float(ssim)
+    return psnr(picture, truth, valid), mean_similarity(similarity(picture, truth, valid), valid)

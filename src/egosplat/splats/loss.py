@@ -6,19 +6,14 @@ they weigh. So that no broken number ever enters the Gaussians, a value of rende
 or beyond 1e8, weighs 0, and so does a weight that is not finite.
 """
 
-import math
-
 import torch
 from torch import Tensor
-from torch.nn import functional
 
+from egosplat.image_quality import REACH, structural_similarity
 from egosplat.kernels import library
 
 LARGEST_VALUE = 1e8
 """The denominator of SSIM holds fourth powers, which are still finite in float32."""
-
-_REACH, _SIGMA = 5, 1.5
-_C1, _C2 = 0.01**2, 0.03**2
 
 
 def l1_ssim(render: Tensor, target: Tensor, weight: Tensor | None, ssim_lambda: float) -> Tensor:
@@ -53,7 +48,7 @@ def torch_l1_ssim(render: Tensor, target: Tensor, weight: Tensor | None, ssim_la
     difference, y, weight = _cleaned(render, target, weight)
     x = y + weight * difference
     l1 = (x - y).abs().mean()
-    return (1.0 - ssim_lambda) * l1 + ssim_lambda * (1.0 - _ssim(x, y).mean())
+    return (1.0 - ssim_lambda) * l1 + ssim_lambda * (1.0 - structural_similarity(x, y, padding=REACH).mean())
 
 
 def l2(render: Tensor, target: Tensor, weight: Tensor | None) -> Tensor:
@@ -89,25 +84,3 @@ def _cleaned(render: Tensor, target: Tensor, weight: Tensor | None) -> tuple[Ten
     difference = torch.where(target_is_sound & (render.abs() <= LARGEST_VALUE), render - y, 0.0)
     weight = torch.where(weight.abs() <= LARGEST_VALUE, weight.clamp(0.0, 1.0), 0.0)
     return difference, y, weight[:, :, None]
-
-
-def _ssim(x: Tensor, y: Tensor) -> Tensor:
-    """(H, W, 3) structural similarity of each value's surroundings."""
-    x, y = x.permute(2, 0, 1), y.permute(2, 0, 1)
-    mean_x, mean_y, mean_xx, mean_yy, mean_xy = _blur(torch.stack([x, y, x * x, y * y, x * y]))
-    variances = (mean_xx - mean_x**2) + (mean_yy - mean_y**2)
-    covariance = mean_xy - mean_x * mean_y
-    luminance = (2 * mean_x * mean_y + _C1) / (mean_x**2 + mean_y**2 + _C1)
-    return (luminance * (2 * covariance + _C2) / (variances + _C2)).permute(1, 2, 0)
-
-
-def _blur(images: Tensor) -> Tensor:
-    """(..., H, W) under the window of SSIM, zeros beyond the border."""
-    taps = [math.exp(-0.5 * (i / _SIGMA) ** 2) for i in range(-_REACH, _REACH + 1)]
-    window = images.new_tensor(taps) / sum(taps)
-    # Every image is a channel of its own: as images of one channel each, torch takes ten times as long on the CPU.
-    channels = images.flatten(end_dim=-3)[None]
-    count = channels.shape[1]
-    along_rows = window.expand(count, 1, 1, -1)
-    rows = functional.conv2d(channels, along_rows, padding=(0, _REACH), groups=count)
-    return functional.conv2d(rows, along_rows.mT, padding=(_REACH, 0), groups=count).view(images.shape)

@@ -21,7 +21,7 @@ from egosplat.progress import log
 from egosplat.provenance import Provenance
 from egosplat.rasterize.contract import MAX_SH_DEGREE
 from egosplat.splats.device import rasterizer_used, training_device
-from egosplat.splats.evaluate import evaluate
+from egosplat.splats.evaluate import Scores, evaluate
 from egosplat.splats.gaussians import Gaussians
 from egosplat.splats.initialise import scene_extent
 from egosplat.splats.language_objective import JointLanguage, with_codes
@@ -237,13 +237,13 @@ def _write(
         artifact.put("held_out/psnr", scores.psnr)
         artifact.put("held_out/ssim", scores.ssim)
         artifact.facts = _facts(state, gaussians, photographs, options, iteration)
-    log(
-        f"{gaussians.count} Gaussians of iteration {iteration}; held out: {_summary(scores.psnr, scores.ssim)}"
-    )
+    log(f"{gaussians.count} Gaussians of iteration {iteration}; held out: {_summary(scores)}")
 
 
-def _summary(psnr: np.ndarray, ssim: np.ndarray) -> str:
-    return f"PSNR {psnr.mean():.2f} dB, SSIM {ssim.mean():.3f}" if len(psnr) else "no frame"
+def _summary(scores: Scores) -> str:
+    if not len(scores.psnr):
+        return "no frame"
+    return f"PSNR {scores.mean_psnr:.2f} dB, SSIM {scores.mean_ssim:.3f}"
 
 
 def _facts(

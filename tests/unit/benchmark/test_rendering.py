@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 import torch
-from torchmetrics.functional.image import structural_similarity_index_measure
 
 from egosplat.benchmark.rendering import (
     RegionScore,
@@ -14,6 +13,7 @@ from egosplat.benchmark.rendering import (
     regions,
     summarise_rendering,
 )
+from egosplat.image_quality import similarity
 
 
 @pytest.fixture
@@ -61,19 +61,12 @@ def test_an_error_is_where_it_is(photograph, valid, groups):
     assert found["dynamic"].psnr == pytest.approx(expected, abs=1e-3) and found["static"].psnr == math.inf
     assert found["all"].psnr == pytest.approx(expected + 10 * math.log10(1140 / 110), abs=1e-3)
     assert found["dynamic"].ssim < found["all"].ssim < 1.0
-    assert found["all"].ssim == pytest.approx(
-        (1030 * found["static"].ssim + 110 * found["dynamic"].ssim) / 1140
-    )
-
-
-def test_all_of_a_valid_picture_is_torchmetrics_ssim(photograph):
-    render = np.random.default_rng(1).integers(50, 200, photograph.shape, dtype=np.uint8)
-    whole = np.ones(photograph.shape[:2], bool)
-    pair = (torch.from_numpy(one / 255.0).float().permute(2, 0, 1)[None] for one in (render, photograph))
-    expected = structural_similarity_index_measure(*pair, data_range=1.0)
-    assert region_scores(render, photograph, whole, {"all": whole})["all"].ssim == pytest.approx(
-        float(expected)
-    )
+    # The mean over pixels whose window is whole: their numbers weigh the parts.
+    whole = ~similarity(*map(torch.from_numpy, (render, photograph, valid))).isnan().numpy()
+    counts = {name: int((whole & own).sum()) for name, own in groups.items()}
+    assert 0 < counts["dynamic"] < 110 and counts["static"] + counts["dynamic"] == counts["all"]
+    parts = sum(counts[name] * found[name].ssim for name in ("static", "dynamic"))
+    assert found["all"].ssim == pytest.approx(parts / counts["all"])
 
 
 def test_pixels_that_are_not_valid_do_not_count(photograph, valid, groups):
@@ -100,9 +93,10 @@ def test_the_mean_is_over_pictures_that_have_the_region():
     scores = [
         {"all": RegionScore(9, 20.0, 0.5), "dynamic": RegionScore(0, math.nan, math.nan)},
         {"all": RegionScore(9, 30.0, 0.7), "dynamic": RegionScore(4, 10.0, 0.1)},
+        {"dynamic": RegionScore(4, 14.0, math.nan)},
         {},
     ]
     found = summarise_rendering(scores)
     assert found["all"] == RenderingScore(2, 25.0, pytest.approx(0.6))
-    assert found["dynamic"] == RenderingScore(1, 10.0, 0.1)
+    assert found["dynamic"] == RenderingScore(2, 12.0, 0.1)  # the second has no whole window
     assert found["static"].frames == 0 and math.isnan(found["static"].psnr)

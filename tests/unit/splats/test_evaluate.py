@@ -7,16 +7,13 @@ import numpy as np
 import pytest
 import torch
 
+from egosplat.benchmark.rendering import region_scores
 from egosplat.geometry import Camera
-from egosplat.splats.evaluate import evaluate, picture_scores, rendered
+from egosplat.splats.evaluate import evaluate, rendered
 from egosplat.splats.options import RenderOptions
 from egosplat.splats.views import Views
 
 OPTIONS = RenderOptions(near_plane=0.1, background="black", antialiased=False, backend="auto")
-
-
-def picture(seed: int = 0) -> torch.Tensor:
-    return torch.rand(24, 24, 3, generator=torch.Generator().manual_seed(seed))
 
 
 @pytest.fixture
@@ -27,27 +24,29 @@ def views(pictures, camera_to_world) -> Views:
     return Views(rows, torch.from_numpy(pictures[rows]), camera_to_world[rows], None, None, camera, device)
 
 
-def test_equal_pictures_are_perfect():
-    psnr, ssim = picture_scores(picture(), picture(), None)
-    assert psnr == math.inf and ssim == pytest.approx(1.0, abs=1e-6)
+def test_the_benchmark_has_the_same_scores_of_the_same_render(truth, views):
+    """splats.png and metrics.json tell one number: with invalid pixels, and a render that is not perfect."""
+    valid = np.hypot(*(np.mgrid[:24, :24] - 11.5)) < 10
+    lens = replace(views, valid=torch.from_numpy(valid).float())
+    moved = views.camera_to_world.copy()
+    moved[:, 1, 3] += 0.1
+    renders = {}
+    scores = evaluate(truth, replace(lens, camera_to_world=moved), OPTIONS, 0, renders.__setitem__)
+    for index, render in renders.items():
+        found = region_scores(render, views.pictures[index].numpy(), valid, {"all": valid})["all"]
+        assert (found.psnr, found.ssim) == (scores.psnr[index], scores.ssim[index])
+        assert 10 < found.psnr < 40 and found.ssim < 0.99
 
 
-def test_an_error_of_a_tenth_is_20_decibels():
-    truth = picture() * 0.8
-    psnr, ssim = picture_scores(truth + 0.1, truth, None)
-    assert psnr == pytest.approx(20.0, abs=1e-3) and 0.5 < ssim < 1.0
-
-
-def test_invalid_pixels_do_not_count():
-    image, truth, weight = picture(1) * 0.5, picture(2), torch.ones(24, 24)
+def test_pixels_of_no_weight_do_not_count(truth, views):
+    weight = torch.ones(24, 24)
     weight[:, :8] = 0.0
-    expected = picture_scores(image, truth, weight)
-    other = image.clone()
-    other[:, :8] = 1.0
-    assert picture_scores(other, truth, weight) == expected
-    error = ((image - truth)[:, 8:] ** 2).mean()
-    assert expected[0] == pytest.approx(-10 * math.log10(error), abs=1e-3)
-    assert expected[1] > picture_scores(image, truth, None)[1]
+    expected = evaluate(truth, replace(views, valid=weight), OPTIONS, 0)
+    spoilt = views.pictures.clone()
+    spoilt[:, :, :8] = 255
+    found = evaluate(truth, replace(views, valid=weight, pictures=spoilt), OPTIONS, 0)
+    assert (found.psnr == expected.psnr).all() and (found.ssim == expected.ssim).all()
+    assert evaluate(truth, replace(views, pictures=spoilt), OPTIONS, 0).psnr.max() < expected.psnr.min()
 
 
 def test_the_true_gaussians_render_the_pictures(truth, views):

@@ -1,0 +1,95 @@
+"""PSNR and SSIM: the one definition that training's evaluation and the benchmark share."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from torchmetrics.functional.image import peak_signal_noise_ratio, structural_similarity_index_measure
+
+from egosplat.image_quality import REACH, mean_similarity, psnr, similarity
+
+HEIGHT, WIDTH = 30, 40
+EVERYWHERE = torch.ones(HEIGHT, WIDTH, dtype=torch.bool)
+
+
+def picture(seed: int) -> torch.Tensor:
+    """(30, 40, 3) uint8 noise from 50 to 199."""
+    values = np.random.default_rng(seed).integers(50, 200, (HEIGHT, WIDTH, 3), dtype=np.uint8)
+    return torch.from_numpy(values)
+
+
+def planar(one: torch.Tensor) -> torch.Tensor:
+    return one.permute(2, 0, 1)[None].double() / 255.0
+
+
+def ssim(render: torch.Tensor, photograph: torch.Tensor, valid: torch.Tensor) -> float:
+    return mean_similarity(similarity(render, photograph, valid), valid)
+
+
+def test_psnr_is_torchmetrics():
+    render, photograph = picture(0), picture(1)
+    expected = peak_signal_noise_ratio(planar(render), planar(photograph), data_range=1.0)
+    assert psnr(render, photograph, EVERYWHERE) == pytest.approx(float(expected), abs=1e-6)
+
+
+def test_ssim_is_torchmetrics_where_windows_are_whole():
+    render, photograph = picture(0), picture(1)
+    _, full = structural_similarity_index_measure(
+        planar(render), planar(photograph), data_range=1.0, return_full_image=True
+    )
+    found = similarity(render, photograph, EVERYWHERE)
+    inner = found[REACH:-REACH, REACH:-REACH]
+    expected = full[0].mean(dim=0)[REACH:-REACH, REACH:-REACH]
+    assert torch.allclose(inner.double(), expected, atol=1e-5)
+    assert int(found.isnan().sum()) == HEIGHT * WIDTH - inner.numel()
+    assert mean_similarity(found, EVERYWHERE) == pytest.approx(float(expected.mean()), abs=1e-5)
+
+
+def test_invalid_pixels_count_in_neither_score():
+    """Whatever they show: the scores are those of the valid part cut out of the picture."""
+    render, photograph = picture(0), picture(1)
+    valid = EVERYWHERE.clone()
+    valid[:, :12] = False
+    for filling in (render, photograph, torch.zeros_like(render)):
+        shown = torch.where(valid[..., None], render, filling)
+        cut = shown[:, 12:], photograph[:, 12:], valid[:, 12:]
+        assert psnr(shown, photograph, valid) == psnr(*cut)
+        assert ssim(shown, photograph, valid) == pytest.approx(ssim(*cut), abs=1e-6)
+
+
+def test_a_window_that_reaches_one_invalid_pixel_has_no_value():
+    valid = EVERYWHERE.clone()
+    valid[15, 20] = False
+    found = similarity(picture(0), picture(1), valid)
+    assert found[15 - REACH : 16 + REACH, 20 - REACH : 21 + REACH].isnan().all()
+    assert not found[15, 20 + REACH + 1].isnan() and not found[15 + REACH + 1, 20].isnan()
+
+
+def test_equal_pictures_are_perfect_and_a_tenth_is_20_decibels():
+    one = picture(0)
+    assert psnr(one, one, EVERYWHERE) == math.inf
+    assert ssim(one, one, EVERYWHERE) == pytest.approx(1.0, abs=1e-6)
+    flat = torch.full((HEIGHT, WIDTH, 3), 100, dtype=torch.uint8)
+    expected = 20 * math.log10(255 / 20)
+    assert psnr(flat + 20, flat, EVERYWHERE) == pytest.approx(expected, abs=1e-9)
+    # Differences of uint8 must not wrap round.
+    assert psnr(flat, flat + 20, EVERYWHERE) == pytest.approx(expected, abs=1e-9)
+
+
+def test_flat_pictures_have_a_similarity():
+    """No variance at all, and black: no division by zero."""
+    black = torch.zeros(HEIGHT, WIDTH, 3, dtype=torch.uint8)
+    assert ssim(black, black, EVERYWHERE) == pytest.approx(1.0)
+    assert 0.0 <= ssim(black, black + 255, EVERYWHERE) < 0.01
+
+
+@pytest.mark.parametrize("height, width", [(10, 40), (1, 1), (11, 10)])
+def test_a_picture_smaller_than_a_window_has_no_ssim(height, width):
+    one, valid = torch.zeros(height, width, 3, dtype=torch.uint8), torch.ones(height, width, dtype=torch.bool)
+    assert math.isnan(ssim(one, one, valid)) and psnr(one, one, valid) == math.inf
+
+
+def test_nothing_valid_has_no_score():
+    one, nowhere = picture(0), torch.zeros_like(EVERYWHERE)
+    assert math.isnan(psnr(one, one, nowhere)) and math.isnan(ssim(one, one, nowhere))
