@@ -19,6 +19,8 @@ _LOOKS = re.compile(
 )
 """Options of Snakemake with which it makes no results."""
 
+_PLANS = re.compile(r"-n|--dry-?run")
+
 
 def only_looks(words: list[str]) -> bool:
     """Whether a command line of Snakemake writes no results: it tells a workflow so only after it has read it."""
@@ -29,6 +31,11 @@ def only_looks(words: list[str]) -> bool:
 def only_reports(words: list[str]) -> bool:
     """Whether a command line of Snakemake asks for its report of results that are there."""
     return only_looks(words) and any(word.partition("=")[0] == "--report" for word in words)
+
+
+def only_plans(words: list[str]) -> bool:
+    """Whether a command line of Snakemake is of a dry run."""
+    return any(_PLANS.fullmatch(word) for word in words)
 
 
 def check_writable(folders: Iterable[Path]) -> None:

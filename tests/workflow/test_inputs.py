@@ -1,7 +1,11 @@
 """What Snakemake is given: numbers on its command line are numbers, and a mistake is told last and in words."""
 
+import json
+
 import pytest
 from PIL import Image
+
+from egosplat.config import defaults, stage_values
 
 FRAMES = "results/mine/scene/frames.zarr"
 
@@ -51,3 +55,20 @@ def test_the_last_word_of_a_run_that_failed_is_the_stage_s_message(one_scene, pi
     assert "egosplat frames --recording" not in done.stderr, "a shell command stands between"
     (log,) = (workdir.folder / ".snakemake/log").glob("*.log")
     assert "egosplat frames --recording" in log.read_text(), "Snakemake's own log keeps it"
+
+
+def test_a_dry_run_with_another_preset_says_what_it_would_replace_and_how_to_keep_both(one_scene, pictures):
+    workdir = one_scene("plain", pictures)
+    options = stage_values("frames", defaults()) | {"format": "plain"}
+    made = workdir.folder / FRAMES
+    made.mkdir(parents=True)
+    about = {"egosplat": {"provenance": {"stage": "frames", "options": options}}}
+    (made / "zarr.json").write_text(json.dumps({"attributes": about}))
+    done = workdir.snakemake("--dry-run", "--config", "preset=fast", "--", FRAMES)
+    assert done.returncode == 0, done.stderr
+    said = [line for line in done.stderr.splitlines() if line.startswith("egosplat: ")]
+    (first,) = [line for line in said if "replaces frames.zarr" in line]
+    assert "preset balanced -> fast" in first and "frames.resolution 512 -> 256" in first
+    assert any("snakemake --cores 2 results/mine/scene/variants/fast/metrics.json" in line for line in said)
+    graph = workdir.snakemake("--rulegraph", "--config", "preset=fast", "--", FRAMES)
+    assert "replaces" not in graph.stderr, "nothing is replaced by a picture of the rules"

@@ -1,0 +1,199 @@
+"""What a run replaces: results that were made with other settings than it has, told before it begins.
+
+Only what an artifact records of how it was made is compared, as JSON: neither Zarr nor PyTorch is imported. A change of a
+recording or of code is not told; Snakemake's plan names its reason.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from egosplat import config as configuration
+from egosplat.config import Config
+from egosplat.decisions import masks_by_survey
+from egosplat.json_files import read_json_file
+from egosplat.stages import STAGES
+from egosplat.tradeoff.presets import FILES
+from egosplat.variants import inputs_of
+
+NAMED = 4
+"""So many keys are named in a message, and so many scenes."""
+
+Changes = dict[str, tuple[Any, Any]]
+"""By key, ``splats.iterations``: the value that a result was made with, and that of now."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A scene, or a variant of it, of which results are asked for.
+
+    Attributes:
+        folder: the scene's, ``results/adt/scene1``.
+        variant: its name; None for the scene itself.
+        goals: names of the files asked for, below the folder of either.
+        config: the whole configuration, of the scene or the variant.
+        path_of: where the artifact of a stage is.
+        with_preset: the same configuration with another preset.
+    """
+
+    folder: Path
+    variant: str | None
+    goals: tuple[str, ...]
+    config: Config
+    path_of: Callable[[str], Path]
+    with_preset: Callable[[str], Config]
+
+
+@dataclass(frozen=True)
+class Replaced:
+    """What was made with other settings.
+
+    Attributes:
+        asked: of which scene.
+        artifacts: their paths, in the order of the stages.
+        changes: their keys.
+        preset: that all of the scene's artifacts were made with; None where none explains them.
+    """
+
+    asked: Asked
+    artifacts: tuple[Path, ...]
+    changes: Changes
+    preset: str | None
+
+
+def replacement_notices(asked: Iterable[Asked]) -> list[str]:
+    """A line for each scene of which results are replaced, and one that names the way to keep both."""
+    found = [replaced for one in asked if (replaced := find_replaced(one)) is not None]
+    if not found:
+        return []
+    more = [f"and results of {len(found) - NAMED} more scenes"] if len(found) > NAMED else []
+    return [*map(_told, found[:NAMED]), *more, _way_to_keep_both(found[0])]
+
+
+def find_replaced(asked: Asked) -> Replaced | None:
+    """The artifacts behind what is asked for that were made with other settings; None where there is none."""
+    records = dict(_records(asked))
+    changes = {stage: _changes(stage, options, asked.config) for stage, options in records.items()}
+    artifacts = tuple(asked.path_of(stage) for stage in records if changes[stage])
+    if not artifacts:
+        return None
+    every = {key: values for stage in records for key, values in changes[stage].items()}
+    return Replaced(asked, artifacts, every, _preset_of(records, asked))
+
+
+def stages_behind(goals: Iterable[str], config: Config) -> list[str]:
+    """The stages whose artifacts files are made from, themselves included, in the order of the pipeline.
+
+    Args:
+        goals: names of files, as ``metrics.json``, ``splats.png`` and ``splats.zarr``.
+        config: which decides what is read.
+    """
+    todo = [stage for name in goals if (stage := _stage_of(name)) is not None]
+    found: set[str] = set()
+    while todo:
+        stage = todo.pop()
+        if stage not in found:
+            found.add(stage)
+            todo += inputs_of(stage, config)
+    return [stage for stage in STAGES if stage in found]
+
+
+def _stage_of(name: str) -> str | None:
+    if name.startswith("tradeoff/"):
+        return "metrics"
+    stem, _, suffix = name.partition(".")
+    stages = (f"{stem}_sheet", stem) if suffix == "png" else (stem,)
+    return next((stage for stage in stages if stage in STAGES and stage != "synthetic"), None)
+
+
+def _records(asked: Asked) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """The stages of which an artifact is there, with the options that it was made with."""
+    for stage in stages_behind(asked.goals, asked.config):
+        if stage.endswith("_sheet"):
+            continue  # a picture has no keys of its own
+        if (options := _recorded_options(asked.path_of(stage))) is not None:
+            yield stage, options
+
+
+def _recorded_options(path: Path) -> Mapping[str, Any] | None:
+    """The options that an artifact was made with; None where it is absent, or damaged, which its reader tells."""
+    try:
+        if path.suffix == ".zarr":
+            document = read_json_file(path / "zarr.json")["attributes"]["egosplat"]
+        else:
+            document = read_json_file(path)
+        return dict(document["provenance"]["options"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _changes(stage: str, options: Mapping[str, Any], config: Config) -> Changes:
+    values = configuration.stage_values(stage, config)
+    if masks_by_survey(config):
+        values.pop("masking", None)  # the survey decides
+    names = _full_names(stage)
+    return {
+        names[key]: (options[key], value)
+        for key, value in values.items()
+        if key in options and options[key] != value
+    }
+
+
+def _full_names(stage: str) -> dict[str, str]:
+    """``iterations`` -> ``splats.iterations`` of the keys that a stage takes."""
+    about = STAGES[stage]
+    names = {
+        key: f"{section}.{key}"
+        for section in (stage, *about.sections)
+        for key in configuration.section_keys(section)
+    }
+    return names | {key: f"models.{key}" for key in about.models}
+
+
+def _preset_of(records: Mapping[str, Mapping[str, Any]], asked: Asked) -> str | None:
+    """The preset, with the configuration's other keys, that explains all that artifacts record."""
+    for preset in configuration.schema("config")["properties"]["preset"]["enum"]:
+        config = asked.with_preset(preset)
+        if not any(_changes(stage, options, config) for stage, options in records.items()):
+            return preset
+    return None
+
+
+def _told(found: Replaced) -> str:
+    names = ", ".join(str(path.relative_to(found.asked.folder)) for path in found.artifacts)
+    now = found.asked.config["preset"]
+    presets = f" (preset {found.preset} -> {now})" if found.preset not in (None, now) else ""
+    values = [f"{key} {old} -> {new}" for key, (old, new) in list(found.changes.items())[:NAMED]]
+    more = [f"{len(found.changes) - NAMED} more keys"] if len(found.changes) > NAMED else []
+    return (
+        f"{found.asked.folder}: this run replaces {names}, and what is made from them, for they were made with other "
+        f"settings{presets}: {', '.join([*values, *more])}"
+    )
+
+
+def _way_to_keep_both(found: Replaced) -> str:
+    asked, now = found.asked, found.asked.config["preset"]
+    variant = next(name for name, file in FILES.items() if file == now)
+    if asked.variant is None and found.preset not in (None, now) and variant in asked.config["variants"]:
+        target = f"{asked.folder}/variants/{variant}/metrics.json"
+        return f"To keep both, stop this run and ask for a variant, with preset {found.preset}: snakemake --cores 2 {target}"
+    return (
+        f"To keep both, stop this run, leave the scene's settings, add to config/config.yaml  {_variant(found.changes)}  "
+        f"and ask for {asked.folder}/variants/NAME/metrics.json"
+    )
+
+
+def _variant(changes: Changes) -> str:
+    """The keys of a variant, as YAML."""
+    keys: Config = {}
+    for key, (_, new) in changes.items():
+        section, _, name = key.partition(".")
+        keys.setdefault(section, {})[name] = new
+    shown = keys if len(changes) <= NAMED else {next(iter(keys)): keys[next(iter(keys))]}
+    text = yaml.safe_dump(
+        {"variants": {"NAME": shown}}, default_flow_style=True, width=1000, sort_keys=False
+    ).strip()
+    return text[1:-1] if len(changes) <= NAMED else f"{text[1:-3]}, ...}}}}"

@@ -1,0 +1,158 @@
+"""What a run replaces is told before it begins, with the way to keep both; no more than what it would replace."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from egosplat import config
+from egosplat.replacements import Asked, find_replaced, replacement_notices, stages_behind
+from egosplat.stages import STAGES
+from egosplat.tradeoff.points import with_points
+
+PRESETS = Path(__file__).resolve().parents[2] / "config" / "presets"
+MADE = (
+    "frames",
+    "annotations",
+    "poses",
+    "survey",
+    "segments",
+    "view_features",
+    "features",
+    "transient",
+    "masks",
+)
+MADE = (*MADE, "splats", "language", "metrics")
+ALL = ("metrics.json", "splats.png")
+
+
+def resolved(**user):
+    return with_points(config.resolve(user, PRESETS), PRESETS)
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """``scene(now, goals=, variant=, **made)``: what is asked for, where all was made with the keys ``made``."""
+
+    def make(now, goals=ALL, variant=None, **made):
+        folder = tmp_path / "results/adt/scene1"
+        folder.mkdir(parents=True)
+        before = resolved(**made)
+        for stage in MADE:
+            options = config.stage_values(stage, before)
+            if "masking" in options:
+                options["masking"] = "refined"  # by the survey
+            record(folder, stage, {"provenance": {"stage": stage, "options": options}})
+        return Asked(
+            folder,
+            variant,
+            goals,
+            resolved(**now),
+            lambda stage: path(folder, stage),
+            lambda preset: resolved(**{**now, "preset": preset}),
+        )
+
+    return make
+
+
+def path(folder, stage):
+    return folder / (f"{stage}.json" if stage in ("survey", "metrics") else f"{stage}.zarr")
+
+
+def record(folder, stage, attributes):
+    """What an artifact tells of itself, without any array."""
+    file = path(folder, stage)
+    if file.suffix == ".zarr":
+        file.mkdir()
+        file, attributes = file / "zarr.json", {"attributes": {"egosplat": attributes}}
+    file.write_text(json.dumps(attributes))
+
+
+@pytest.mark.parametrize(
+    "made, now, goals, replaced",
+    [
+        ({}, {"preset": "fast"}, ALL, {"frames", "transient", "splats"}),
+        ({"preset": "fast"}, {}, ALL, {"frames", "transient", "splats"}),
+        ({}, {"preset": "fast"}, ("segments.png",), {"frames"}),
+        ({}, {"preset": "fast"}, ("contact_sheet.png",), {"frames"}),
+        ({}, {"splats": {"iterations": 9}}, ALL, {"splats"}),
+        ({}, {"splats": {"iterations": 9}}, ("features.zarr",), set()),
+        ({}, {"splats": {"iterations": 9}}, ("tradeoff/tradeoff.html",), {"splats"}),
+        ({}, {"query": {"smoothing": 0.0}}, ALL, {"metrics"}),
+        ({}, {"query": {"smoothing": 0.0}}, ("splats.png",), set()),
+        ({}, {"models": {"precision": "float32"}}, ALL, {"segments", "view_features", "metrics"}),
+        ({"preset": "fast"}, {"preset": "fast"}, ALL, set()),
+        ({}, {"preset": "balanced", "splats": {"iterations": 3000}}, ALL, set()),
+        ({}, {"data_root": {"adt": "/x"}, "tradeoff": {"seeds": []}}, ALL, set()),
+        ({}, {"splats": {"masking": "none"}}, ("splats.png",), {"splats"}),
+    ],
+)
+def test_the_artifacts_that_were_made_with_other_keys_are_named(scene, made, now, goals, replaced):
+    asked = scene(now, goals, **made)
+    found = find_replaced(asked)
+    assert {artifact.stem for artifact in (found.artifacts if found else ())} == replaced
+    assert len(replacement_notices([asked])) == (2 if replaced else 0)
+
+
+def test_another_preset_is_named_with_its_variant(scene):
+    asked = scene({"preset": "fast"})
+    told, way = replacement_notices([asked])
+    assert told.startswith(f"{asked.folder}: this run replaces frames.zarr, transient.zarr, splats.zarr,")
+    assert (
+        "preset balanced -> fast" in told and "frames.resolution 512 -> 256" in told and "more keys" in told
+    )
+    assert way.endswith(
+        f"with preset balanced: snakemake --cores 2 {asked.folder}/variants/fast/metrics.json"
+    )
+
+
+def test_the_variant_that_is_named_is_one_that_there_is(scene):
+    """The presets compared in the section tradeoff are variants; one that is left out is none."""
+    now = {"preset": "fast", "tradeoff": {"presets": ["balanced"], "knobs": {}}}
+    asked = scene(now)
+    assert "fast" not in asked.config["variants"]
+    assert "variants/NAME/metrics.json" in replacement_notices([asked])[1]
+    assert "paper_scaled" in resolved(preset="paper")["variants"]
+
+
+def test_other_keys_are_given_as_a_variant_would_have_them(scene):
+    asked = scene({"splats": {"iterations": 9, "cover": False}})
+    told, way = replacement_notices([asked])
+    assert "preset" not in told and "splats.iterations 3000 -> 9" in told
+    assert "variants: {NAME: {splats: {iterations: 9, cover: false}}}" in way or (
+        "variants: {NAME: {splats: {cover: false, iterations: 9}}}" in way
+    )
+    assert f"{asked.folder}/variants/NAME/metrics.json" in way
+
+
+def test_many_scenes_are_counted(scene):
+    asked = scene({"preset": "fast"})
+    lines = replacement_notices([asked] * 7)
+    assert len(lines) == 6 and lines[4] == "and results of 3 more scenes"
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{}", '{"attributes": {"egosplat": 3}}', "{"])
+def test_an_artifact_that_cannot_be_read_is_left_to_its_reader(scene, content):
+    asked = scene({"preset": "fast"}, ("frames.zarr",))
+    (asked.folder / "frames.zarr/zarr.json").write_text(content)
+    assert replacement_notices([asked]) == []
+
+
+def test_what_is_not_there_yet_is_not_replaced(tmp_path):
+    asked = Asked(tmp_path, None, ALL, resolved(), lambda stage: path(tmp_path, stage), lambda _: resolved())
+    assert replacement_notices([asked]) == []
+
+
+def test_the_stages_behind_the_scores_are_those_that_they_are_made_from():
+    assert stages_behind(["metrics.json"], resolved())[-1] == "metrics"
+    assert set(MADE) == set(stages_behind(["metrics.json"], resolved()))
+    assert stages_behind(["frames.zarr", "recording", "nothing.png"], resolved()) == ["frames"]
+    assert all(stage in STAGES for stage in stages_behind(["queries.png"], resolved()))
+
+
+def test_neither_zarr_nor_torch_is_imported_for_it():
+    told = "import sys, egosplat.replacements; print(sorted({'zarr', 'torch', 'cv2'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
