@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from egosplat import provenance
+from egosplat.alarms.found import alarms_of_all
 from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.lineage import lineage
@@ -112,6 +113,8 @@ def run(
         "method": maps.method,
         "scene": title,
         "origin": made.origin,
+        "notice": None,
+        "alarms": [asdict(alarm) for alarm in alarms_of_all(made_from.found.values())],
         "counts": _counts(pictures, seen, len(instances)),
         "scores": {name: score_entry(score) for name, score in scores.items()},
         "queries": [query_entry(one, instances, maps.levels) for one in asked],

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from egosplat import config as configuration
+from egosplat.alarms.alarm import Alarm
 from egosplat.benchmark.intervals import Clusters, cluster, scaled
 from egosplat.benchmark.tables import Cell
 from egosplat.errors import UserError
@@ -76,6 +77,13 @@ class ScoredScene:
         """The values of ``PROTOCOL``; None of a key that the file does not tell."""
         options = self.document["provenance"]["options"]
         return {key: options.get(key) for key in PROTOCOL}
+
+    @property
+    def warnings(self) -> list[str]:
+        """Why the scores are not to be trusted, a line each: the notice, then the alarms."""
+        notice, alarms = self.document["notice"], self.document["alarms"]
+        told = [f"notice: {notice}"] if notice else []
+        return told + [f"alarm: {Alarm(**alarm)}" for alarm in alarms]
 
     def cell(self, metric: str, group: str) -> Cell:
         """A score in percent, with its interval where it has one."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from egosplat.benchmark.scored_scenes import Model, ScoredScene
 from egosplat.errors import UserError
+from egosplat.models.suitability import BRIEF
 
 NAMES = {"adt": "ADT", "hoi4d": "HOI4D"}
 """What the paper calls the datasets."""
@@ -50,9 +51,15 @@ class Series:
         return NAMES.get(self.dataset, self.dataset)
 
     @property
+    def notice(self) -> str | None:
+        """That the models do not know what the recordings show, and what to do; None where they do."""
+        return next((told for scene in self.scenes.values() if (told := scene.document["notice"])), None)
+
+    @property
     def about(self) -> str:
         """Data and checkpoints."""
-        return f"{self.data}, {self.checkpoints}" if self.checkpoints else self.data
+        parts = (self.data, self.checkpoints, BRIEF if self.notice else "")
+        return ", ".join(filter(None, parts))
 
     @property
     def label(self) -> str:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from egosplat import provenance
+from egosplat.alarms.found import alarms_of_all, log_alarms
 from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
@@ -30,6 +31,7 @@ from egosplat.benchmark.making import artifact_entries, models_used, total_cost
 from egosplat.benchmark.queries import GROUPS, BenchmarkQueries, Query, find_queries
 from egosplat.benchmark.rendering import summarise_rendering
 from egosplat.benchmark.scores import GroupScore, summarise
+from egosplat.models.suitability import notice_of_artifacts
 from egosplat.output_files import check_output
 from egosplat.progress import log
 from egosplat.provenance import Provenance
@@ -100,8 +102,12 @@ def run(
     scene = read_scene(trained, meaning, words, backend)
     asked = list(ask_all(queries, evaluation, scene, texts, options, target))
     scores = summarise([one.score for one in asked], IntervalOptions(confidence, resamples, seed))
+    used = list(made_from.found.values())
+    notice, alarms = notice_of_artifacts(used), alarms_of_all(used)
     document = {
         "scene": title,
+        "notice": notice,
+        "alarms": [asdict(alarm) for alarm in alarms],
         "counts": counts_of(evaluation, words, meaning, made_from),
         "scores": {name: score_entry(score) for name, score in scores.items()},
         "queries": [query_entry(one, evaluation.instances, meaning.facts["levels"]) for one in asked],
@@ -110,6 +116,7 @@ def run(
     }
     write_metrics(output, document, METRICS)
     _tell(evaluation.frames, scores)
+    log_alarms(alarms, notice)
 
 
 def _begin(keys: dict[str, Any], made_from: Lineage) -> Provenance:

@@ -37,6 +37,7 @@ def _line(table: Table, block: Block, row: Row, column: Column, cell: Cell) -> d
         "data": row.data,
         "checkpoints": _harmless(row.checkpoints),
         "variant": row.variant,
+        "notice": row.notice,
         "steps": "; ".join(_steps(table, row)),
         "scene": column.scene,
         "metric": column.metric,

@@ -78,6 +78,7 @@ def to_html(
         tables=tables,
         generator=GENERATOR,
         sources=[Source(one, scene) for one in series for scene in one.scenes.values()],
+        alarmed=[scene for one in series for scene in one.scenes.values() if scene.document["alarms"]],
         pictures=pictures,
         confidence=None if confidence is None else f"{100 * confidence:g} %",
         told=sorted({one.about for one in series}),

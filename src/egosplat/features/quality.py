@@ -25,6 +25,19 @@ def reconstruction(features: Features, codes: Features, decoder: Decoder) -> NDA
     return np.concatenate(cosines)
 
 
+def agreement(views: Features, consistent: Features, instance: NDArray[np.integer]) -> float | None:
+    """Mean cosine of each view's feature with its instance's consistent feature; None without any view.
+
+    Args:
+        views: (R, D); consistent: (N, D); instance: (R,) of each view.
+    """
+    total = 0.0
+    for begin in range(0, len(views), _ROWS_AT_ONCE):
+        part = slice(begin, begin + _ROWS_AT_ONCE)
+        total += float((unit(views[part]) * unit(consistent[instance[part]])).sum())
+    return total / len(views) if len(views) else None
+
+
 def spread(features: Features) -> float | None:
     """Mean cosine between two different ones of (N, D) features; None for fewer than two.
 

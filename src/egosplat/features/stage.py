@@ -18,7 +18,7 @@ from egosplat.features.aggregation import Aggregate, aggregate
 from egosplat.features.compression import Compression, fit
 from egosplat.features.decoding import about, decode
 from egosplat.features.dimensions import SHARE, Need
-from egosplat.features.quality import reconstruction, spread, summary
+from egosplat.features.quality import agreement, reconstruction, spread, summary
 from egosplat.features.supervision import agreement_limit, consistent_directions, supervise, vanishing
 from egosplat.features.vectors import unit, usable
 from egosplat.progress import log
@@ -168,6 +168,7 @@ def _facts(
         "outliers": int((known & ~result.inlier).sum()),
         "slipped": int(result.slipped.sum()),
         "reconstruction": summary(cosines, level[views.instance[known]], names),
+        "agreement": agreement(views.feature[known], result.consistent, views.instance[known]),
         "spread": {"features": spread(result.consistent[seen]), "decoded": spread(decoded)},
     }
 

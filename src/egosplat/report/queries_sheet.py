@@ -30,6 +30,9 @@ CELL = 2.9
 LINE = 170
 """Letters of the heading that fit on a line."""
 
+LINE_HEIGHT = 0.2
+"""Of the heading, in inches."""
+
 HIT, MISS = ("found", "o", "forestgreen"), ("missed", "X", "red")
 """Word, mark and colour of what was found at its place, and of what was not."""
 
@@ -64,11 +67,14 @@ def run(
     options = scored.document["provenance"]["options"]
     shown = {one.scored: one for one in ask_again([*best, *worst], sources, options)}
     figure = plt.figure(layout="constrained")
-    heading = f"{title}: {summary(scored)}".split("\n")
-    figure.suptitle("\n".join(fill(line, LINE) for line in heading), fontsize=12)
+    heading = [*f"{title}: {summary(scored)}".split("\n"), *scored.warnings]
+    lines = "\n".join(fill(line, LINE) for line in heading)
+    figure.suptitle(lines, fontsize=12)
     if shown:
         blocks = ([shown[one] for one in queries] for queries in (best, worst))
         _draw(figure, *blocks, _hits_boxes(scored))
+        width, height = figure.get_size_inches()
+        figure.set_size_inches(width, height + LINE_HEIGHT * (lines.count("\n") + 1))
     else:
         figure.set_size_inches(6 * CELL, CELL)
         figure.text(0.5, 0.4, "No annotated frame with a pose shows anything to ask for.", ha="center")
@@ -104,7 +110,7 @@ def _draw(figure: Figure, best: Sequence[ShownQuery], worst: Sequence[ShownQuery
     """The two blocks beside each other."""
     height, width = (*best, *worst)[0].truth.shape
     rows = max(len(best), len(worst))
-    figure.set_size_inches(6 * CELL, (CELL * height / width + 0.12) * rows + 0.9)
+    figure.set_size_inches(6 * CELL, (CELL * height / width + 0.12) * rows + 0.5)
     left, right = figure.subfigures(1, 2, wspace=0.02)
     for page, name, queries in ((left, BEST, best), (right, WORST, worst)):
         page.suptitle(name if queries else f"{name.partition(':')[0]}: none", fontsize=11, fontweight="bold")

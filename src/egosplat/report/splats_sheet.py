@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from egosplat.alarms.found import alarms_of
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
@@ -34,7 +35,8 @@ def run(frames: Path, splats: Path, output: Path, *, title: str) -> None:
     _, height, width, _ = pictures.shape("rgb")
     cell = CELL * float(np.clip(width / height, 0.6, 1.8))
     figure = plt.figure(figsize=(4.6 + columns * cell, 3 * CELL + 1.2), layout="constrained")
-    figure.suptitle(f"{title}: {_summary(pictures, trained)}", fontsize=13)
+    heading = [f"{title}: {_summary(pictures, trained)}", *(f"alarm: {one}" for one in alarms_of(trained))]
+    figure.suptitle("\n".join(heading), fontsize=13)
     left, right = figure.subfigures(1, 2, width_ratios=(4.6, columns * cell))
     _draw_curves(left.subplots(3, 1, sharex=True), trained)
     grid = right.subplots(3, columns, squeeze=False)

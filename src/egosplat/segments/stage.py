@@ -19,6 +19,7 @@ from egosplat.models.checkpoints import SAM2, model_hash
 from egosplat.progress import log, track
 from egosplat.segments.classical_video import segment_video
 from egosplat.segments.instances import Segmented, Settled, settle
+from egosplat.segments.occupancy import Occupancy
 from egosplat.segments.options import LEVELS, MaskOptions, TrackOptions
 from egosplat.segments.repetition import repeated_levels, without
 
@@ -155,10 +156,13 @@ def _write(artifact: Writer, segmented: Segmented, video: _Video, min_frames: in
     settled, repeated = _own_levels(segmented, settled) if levels == "auto" else (settled, {})
     first = labels[0]
     artifact.allocate("labels", (count, *first.shape))
+    occupancy = Occupancy(len(settled.staying), video.source.read("valid"))
     for frame in track(range(count), "writing labels"):
         place = place_of.get(frame)
-        none = np.full_like(first, -1)
-        artifact.put_row("labels", frame, none if place is None else settled.table[labels[place]])
+        row = np.full_like(first, -1) if place is None else settled.table[labels[place]]
+        if place is not None:
+            occupancy.add(row)
+        artifact.put_row("labels", frame, row)
     chosen = [segmented.instances[number] for number in settled.staying]
     artifact.put("instances/level", np.array([one.level for one in chosen], dtype=np.int8))
     artifact.put("instances/predicted_iou", np.array([one.predicted_iou for one in chosen], dtype=np.float32))
@@ -176,6 +180,7 @@ def _write(artifact: Writer, segmented: Segmented, video: _Video, min_frames: in
         "found": len(segmented.instances),
         "merged": settled.merged,
         "repeats": {LEVELS[one]: LEVELS[other] for one, other in repeated.items()},
+        **occupancy.figures(),
         **_renamed(segmented.notes, video),
     }
 

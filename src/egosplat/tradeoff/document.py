@@ -14,7 +14,7 @@ from egosplat.tradeoff.measures import ACCURACY, MEASURES, WALL, Measure
 from egosplat.tradeoff.points import PRESET
 from egosplat.tradeoff.sentences import knob_sentences, presets_sentence
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 
 TRADEOFF = json_kind("egosplat tradeoff", "format_version", "points", "presets", "knobs")
 
@@ -35,6 +35,7 @@ def tradeoff_document(points: Sequence[MeasuredPoint]) -> dict[str, Any]:
         "scene": f"{first.dataset}/{first.scene}",
         "origin": first.origin,
         "about": points[0].about,
+        "notice": first.document["notice"],
         "machines": sorted({name for point in points for name in _machines(point)}),
         "confidence": confidence,
         "seeds": len(points[0].runs),

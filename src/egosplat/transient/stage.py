@@ -114,13 +114,14 @@ def run(
     with create(output, TRANSIENT, made) as artifact:
         _put_curves(artifact, state, objective)
         tensors = _put_weights(artifact, net)
-        _put_probability(artifact, pictures, net, resolution, batch_norm, views.device)
+        mean = _put_probability(artifact, pictures, net, resolution, batch_norm, views.device)
         artifact.facts = {
             "rasterizer": rasterizer_used(backend, views.device),
             "working_size": [views.camera.height, views.camera.width],
             "views": len(views),
             "gaussians": state.gaussians.count,
             "training_s": round(state.seconds, 3),
+            "mean_probability": mean,
             "tensors": tensors,
         }
     checkpoint.remove()
@@ -174,8 +175,12 @@ def _put_probability(
     resolution: int,
     batch_norm: str,
     device: torch.device,
-) -> None:
-    """Store what the network says of each frame; its running statistics have been stored and may change."""
+) -> float:
+    """Store what the network says of each frame; its running statistics have been stored and may change.
+
+    Returns:
+        The mean over all pixels of all frames.
+    """
     net.train(batch_norm == "train")
     count, height, width, _ = pictures.shape("rgb")
     size = working_size(height, width, resolution)
@@ -186,4 +191,6 @@ def _put_probability(
         probability = net(picture, height, width).cpu()
         total += float(probability.mean())
         artifact.put_row("probability", frame, probability.numpy().astype(np.float16))
-    log(f"mean probability of being transient: {total / max(count, 1):.4f}")
+    mean = total / max(count, 1)
+    log(f"mean probability of being transient: {mean:.4f}")
+    return mean

@@ -13,6 +13,7 @@ from egosplat.benchmark.queries import GROUPS
 from egosplat.checking import check_tree
 from egosplat.config import stage_keys
 from egosplat.errors import UserError
+from egosplat.models.suitability import notice
 from egosplat.schema_files import schema
 
 NAMES = ("frames", "poses", "annotations", "features", "splats", "language")
@@ -57,6 +58,22 @@ def test_everything_is_found(word_scene, scored):
     assert couch["pixel"][0] < 24 <= cup["pixel"][0]
     assert couch["position_m"][0] < 0 < cup["position_m"][0]
     assert cup["position_m"][2] == pytest.approx(2.0, abs=0.01)
+
+
+def test_small_checkpoints_on_a_real_recording_are_told_in_the_scores_and_the_log(word_scene, scored, capfd):
+    found = scored(word_scene(origin="real"))
+    assert found["notice"] == notice("real", {"clip_checkpoint": "small"})
+    assert f"notice: {found['notice']}\n" in capfd.readouterr().err
+
+
+def test_alarms_of_all_artifacts_are_in_the_scores_and_at_the_end_of_the_log(word_scene, scored, capfd):
+    """Of the scene's four frames three have a pose, and its splats tell a PSNR of 0."""
+    found = scored(word_scene())
+    assert found["notice"] is None
+    keys = [alarm["key"] for alarm in found["alarms"]]
+    assert keys == ["poses.registered", "splats.psnr"] and "75%" in found["alarms"][0]["found"]
+    *_, first, second = capfd.readouterr().err.splitlines()
+    assert first.startswith("alarm: poses.registered: ") and second.startswith("alarm: splats.psnr: ")
 
 
 def test_renders_are_scored_where_frames_are_held_out(word_scene, scored):

@@ -11,6 +11,7 @@ from egosplat import config as configuration
 from egosplat.benchmark.scored_scenes import one_line, read_scored_scene
 from egosplat.benchmark.tables_stage import run
 from egosplat.errors import UserError
+from egosplat.models.suitability import BRIEF, notice
 
 NAN = float("nan")
 NAMES = ("adt_accuracy", "adt_iou", "adt_ablation", "hoi4d", "adt_transient")
@@ -217,6 +218,34 @@ def test_untouched_apartments_stand_apart(tables, scored, tmp_path):
     assert "untouched synthetic apartments" not in set(transient.data)
     text = (tmp_path / "out" / "adt_accuracy.md").read_text()
     assert "(scene6 to scene10), by which nothing was chosen" in text
+
+
+def test_rows_of_small_checkpoints_on_a_real_recording_say_so_in_every_format(tables, scored, tmp_path):
+    told = notice("real", {"clip_checkpoint": "small"})
+    paths = [scored("adt/scene1", 0.77, "real", notice=told), scored("adt/scene2", 0.66, "real", "/a.bin")]
+    found = tables(*paths)["adt_accuracy"]
+    own = found[found.kind == "real"].drop_duplicates("checkpoints").set_index("checkpoints")
+    assert own.notice["small checkpoints"] == told and pd.isna(own.notice["checkpoints clip a.bin"])
+    for suffix in ("md", "tex"):
+        text = (tmp_path / "out" / f"adt_accuracy.{suffix}").read_text()
+        labels = {
+            score: next(line for line in text.splitlines() if score in line) for score in ("77.0", "66.0")
+        }
+        assert BRIEF in labels["77.0"] and BRIEF not in labels["66.0"]
+        assert "preset=paper" in text
+    page = (tmp_path / "out" / "tables.html").read_text()
+    assert f'title="{told}"' in page and BRIEF in page[: page.index("</title>")]
+
+
+def test_the_page_shows_the_alarms_of_its_scenes(tables, scored, tmp_path):
+    alarm = {"key": "masks.pixels", "normal": "few", "found": "most", "advice": "Mask <fewer>"}
+    tables(scored("adt/scene1", alarms=[alarm]), scored("adt/scene2"))
+    page = (tmp_path / "out" / "tables.html").read_text()
+    section = page[page.index('id="alarms"') :]
+    assert "adt/scene1" in section and "adt/scene2" not in section
+    assert all(word in section for word in ("masks.pixels", "few", "most", "Mask &lt;fewer&gt;"))
+    tables(scored("adt/scene1"))
+    assert 'id="alarms"' not in (tmp_path / "out" / "tables.html").read_text()
 
 
 def test_scenes_with_other_models_are_not_averaged_together(tables, scored):

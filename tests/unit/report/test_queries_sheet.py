@@ -60,6 +60,18 @@ def marks(page: np.ndarray) -> list[tuple[bool, bool]]:
     ]
 
 
+def test_the_page_begins_with_the_notice_and_the_alarms(word_scene):
+    folder = word_scene()
+    metrics = score(folder)
+    change(metrics, alarms=[])
+    height = len(draw(folder))
+    alarm = {"key": "masks.pixels", "normal": "few", "found": "most", "advice": "Mask fewer"}
+    change(metrics, notice="small", alarms=[alarm, alarm])
+    alarmed = "alarm: masks.pixels: most (normal: few). Mask fewer"
+    assert read_scored_scene(metrics).warnings == ["notice: small", alarmed, alarmed]
+    assert len(draw(folder)) > height
+
+
 def test_what_was_found_is_on_the_left_and_what_was_missed_on_the_right(word_scene):
     folder = word_scene()
     score(folder)

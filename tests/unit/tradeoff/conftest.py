@@ -45,6 +45,8 @@ def document(scene: str, accuracy: float, psnr: float | None, stages: Mapping[st
         "format_version": 2,
         "scene": scene,
         "origin": "synthetic",
+        "notice": None,
+        "alarms": [],
         "counts": counts,
         "scores": dict.fromkeys(("static", "dynamic", "all"), score),
         "queries": [],

@@ -1,6 +1,7 @@
 """From the scores of points to files."""
 
 import json
+from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -9,6 +10,7 @@ from PIL import Image
 from egosplat import cli
 from egosplat.config import resolve
 from egosplat.errors import UserError
+from egosplat.models.suitability import BRIEF, notice
 from egosplat.tradeoff import front
 from egosplat.tradeoff.stage import run
 
@@ -37,6 +39,18 @@ def test_all_files_are_there_and_say_what_they_are_of(page):
     assert "data:image/png;base64," in text and "several machines" not in text
     with Image.open(page / "tradeoff.png") as picture:
         assert picture.width > 1000
+
+
+def test_small_checkpoints_on_a_real_recording_are_told(three_points, tmp_path):
+    told = notice("real", {"clip_checkpoint": "small"})
+    for path in (path for point in three_points for path in point["metrics"]):
+        content = json.loads(Path(path).read_text()) | {"origin": "real", "notice": told}
+        Path(path).write_text(json.dumps(content))
+    run(three_points, tmp_path / "out")
+    assert json.loads((tmp_path / "out/tradeoff.json").read_text())["notice"] == told
+    text = (tmp_path / "out/tradeoff.html").read_text()
+    assert told in text and BRIEF in text[: text.index("</title>")]
+    assert pd.read_csv(tmp_path / "out/tradeoff.csv").about.str.contains(BRIEF).all()
 
 
 def test_the_table_holds_every_number(page):

@@ -1,0 +1,107 @@
+"""The alarms of artifacts, by what they tell of themselves; the one place that logs them."""
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from egosplat.alarms.alarm import Alarm
+from egosplat.alarms.instances import features_alarms, segments_alarms, view_features_alarms
+from egosplat.alarms.recording import frames_alarms, poses_alarms
+from egosplat.alarms.scene import language_alarms, masks_alarms, splats_alarms, transient_alarms
+from egosplat.artifacts.kinds import SCHEMAS
+from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.models.suitability import notice_of_artifacts
+from egosplat.progress import log
+from egosplat.stages import STAGES
+
+
+def alarms_of(artifact: Artifact) -> list[Alarm]:
+    """The alarms of one artifact; none of a kind that has none."""
+    return list(_FOUND.get(artifact.schema.name, _none)(artifact))
+
+
+def alarms_of_all(artifacts: Iterable[Artifact]) -> list[Alarm]:
+    """The alarms of several artifacts, in the order of the stages."""
+    order = list(STAGES)
+    ordered = sorted(artifacts, key=lambda one: order.index(one.provenance["stage"]))
+    return [alarm for artifact in ordered for alarm in alarms_of(artifact)]
+
+
+def log_alarms(alarms: Iterable[Alarm], notice: str | None) -> None:
+    """Write each alarm as a line of the log, ``alarm: ...``; before them the notice of models that do not fit."""
+    if notice is not None:
+        log(f"notice: {notice}")
+    for alarm in alarms:
+        log(f"alarm: {alarm}")
+
+
+def log_alarms_of(stage: str, output: Path) -> None:
+    """Log the alarms of what a stage has just made, and its notice; nothing of a stage that makes no artifact."""
+    if stage in SCHEMAS:
+        artifact = open_artifact(output, SCHEMAS[stage])
+        log_alarms(alarms_of(artifact), notice_of_artifacts([artifact]))
+
+
+def _none(artifact: Artifact) -> Iterable[Alarm]:
+    return ()
+
+
+def _frames(frames: Artifact) -> Iterable[Alarm]:
+    return frames_alarms(float(frames.read("valid").mean()))
+
+
+def _poses(poses: Artifact) -> Iterable[Alarm]:
+    notes = poses.facts.get("notes", {})
+    registered = float(poses.read("registered").mean())
+    return poses_alarms(registered, notes.get("reprojection_error_px"), notes.get("models", []))
+
+
+def _segments(segments: Artifact) -> Iterable[Alarm]:
+    facts = segments.facts
+    names = ("pixels_without_instance", "instances_per_frame", "frames_per_instance")
+    return segments_alarms(*(facts.get(name) for name in names))
+
+
+def _view_features(views: Artifact) -> Iterable[Alarm]:
+    return view_features_alarms(views.facts.get("without_feature", 0), views.shape("instance")[0])
+
+
+def _features(features: Artifact) -> Iterable[Alarm]:
+    facts = features.facts
+    return features_alarms(
+        outliers=facts.get("outliers", 0),
+        views=features.shape("instance")[0],
+        agreement=facts.get("agreement"),
+        spread=facts.get("spread", {}).get("features"),
+        reconstruction=facts.get("reconstruction", {}).get("mean"),
+    )
+
+
+def _transient(transient: Artifact) -> Iterable[Alarm]:
+    return transient_alarms(transient.facts.get("mean_probability"))
+
+
+def _masks(masks: Artifact) -> Iterable[Alarm]:
+    moving = masks.read("instances/transient")
+    return masks_alarms(int(moving.sum()), len(moving), masks.facts.get("masked_share"))
+
+
+def _splats(splats: Artifact) -> Iterable[Alarm]:
+    return splats_alarms(splats.read("held_out/psnr"))
+
+
+def _language(language: Artifact) -> Iterable[Alarm]:
+    share = language.read("share")
+    return language_alarms(float((share <= 0).all(axis=1).mean()) if len(share) else None)
+
+
+_FOUND: dict[str, Callable[[Artifact], Iterable[Alarm]]] = {
+    "frames": _frames,
+    "poses": _poses,
+    "segments": _segments,
+    "view_features": _view_features,
+    "features": _features,
+    "transient": _transient,
+    "masks": _masks,
+    "splats": _splats,
+    "language": _language,
+}

@@ -1,0 +1,92 @@
+"""Alarms are raised by what artifacts of each kind tell, and logged by the command that makes one."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from egosplat import cli
+from egosplat.alarms.found import alarms_of, alarms_of_all
+from egosplat.artifacts.kinds import SCHEMAS
+from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.writing import create
+from egosplat.provenance import begin
+
+FIGURES = {"pixels_without_instance": 0.6, "instances_per_frame": 2.0, "frames_per_instance": 2.0}
+
+SUSPICIOUS = {
+    "frames": ({"valid": np.arange(10) < 4}, {}, ["frames.valid_pixels"]),
+    "poses": (
+        {"registered": np.arange(10) < 8},
+        {"notes": {"reprojection_error_px": 1.5, "models": [8, 2]}},
+        ["poses.registered", "poses.reprojection", "poses.models"],
+    ),
+    "segments": ({}, FIGURES, [f"segments.{name}" for name in ("empty_pixels", *list(FIGURES)[1:])]),
+    "view_features": ({"instance": np.zeros(9, np.int32)}, {"without_feature": 1}, ["view_features.lost"]),
+    "features": (
+        {"instance": np.zeros(9, np.int32)},
+        {"outliers": 3, "agreement": 0.6, "spread": {"features": 0.5}, "reconstruction": {"mean": 0.7}},
+        ["features.outliers", "features.agreement", "features.reconstruction"],
+    ),
+    "transient": ({}, {"mean_probability": 0.47}, ["transient.probability"]),
+    "masks": (
+        {"instances/transient": np.arange(68) < 36},
+        {"masked_share": 0.3},
+        ["masks.instances", "masks.pixels"],
+    ),
+    "splats": ({"held_out/psnr": np.array([25.0, 12.0])}, {}, ["splats.psnr"]),
+    "language": (
+        {"share": np.stack([np.arange(9) < 5, np.zeros(9, bool)], axis=1).astype(np.float32)},
+        {},
+        ["language.without_code"],
+    ),
+}
+"""By kind: arrays, facts, and the alarms that they give reason for."""
+
+
+def put(folder: Path, kind: str, arrays: dict[str, np.ndarray], facts: dict) -> Artifact:
+    """An artifact; arrays that are not given are zeros of the sizes that others tell, of size 1 without any."""
+    schema, sizes = SCHEMAS[kind], {}
+    for name, values in arrays.items():
+        arrays[name] = values.reshape(values.shape + (1,) * (len(schema.fields[name].dims) - values.ndim))
+        sizes |= dict(zip(schema.fields[name].dims, arrays[name].shape, strict=True))
+    path = folder / f"{kind}.zarr"
+    with create(path, schema, begin(kind, {}, "synthetic")) as artifact:
+        for name, field in schema.fields.items():
+            shape = [dim if isinstance(dim, int) else sizes.get(dim, 1) for dim in field.dims]
+            artifact.put(name, arrays.get(name, np.zeros(shape, field.dtype)))
+        artifact.facts = facts
+    return open_artifact(path, schema)
+
+
+@pytest.mark.parametrize("kind", SUSPICIOUS)
+def test_what_an_artifact_tells_raises_its_alarms(tmp_path, kind):
+    arrays, facts, keys = SUSPICIOUS[kind]
+    assert [alarm.key for alarm in alarms_of(put(tmp_path, kind, dict(arrays), facts))] == keys
+
+
+def test_alarms_of_several_artifacts_are_in_the_order_of_the_stages(tmp_path):
+    made = [put(tmp_path, kind, dict(arrays), facts) for kind, (arrays, facts, _) in SUSPICIOUS.items()]
+    keys = [key for _, _, keys in SUSPICIOUS.values() for key in keys]
+    assert [alarm.key for alarm in alarms_of_all(reversed(made))] == keys
+
+
+def test_annotations_have_no_alarms(tmp_path):
+    assert alarms_of(put(tmp_path, "annotations", {}, {})) == []
+
+
+@pytest.mark.parametrize("moving, keys", [(6, ["masks.instances", "masks.pixels"]), (2, [])])
+def test_a_command_logs_the_alarms_of_what_it_made(tmp_path, monkeypatch, capfd, moving, keys):
+    """Of four instances of two pixels each, those of the first so many pixels are sure to move."""
+    labels = np.repeat(np.arange(4, dtype=np.int32), 2)[None, None, None, :]
+    arrays = {"labels": labels, "instances/level": np.zeros(4, np.int8)}
+    put(tmp_path, "segments", arrays, {"levels": ["whole"]})
+    probability = (np.arange(8) < moving).astype(np.float16)[None, None, :]
+    put(tmp_path, "transient", {"probability": probability}, {})
+    paths = {"transient": "transient.zarr", "segments": "segments.zarr", "output": "masks.zarr"}
+    flags = [word for flag, name in paths.items() for word in (f"--{flag}", str(tmp_path / name))]
+    monkeypatch.setattr(sys, "argv", ["egosplat", "masks", *flags])
+    cli.main()
+    said = [line for line in capfd.readouterr().err.splitlines() if line.startswith("alarm: ")]
+    assert [line.split(": ")[1] for line in said] == keys

@@ -1,0 +1,151 @@
+"""Each alarm is raised just beyond its limit, and not at it."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from egosplat.alarms import instances, recording, scene
+from egosplat.alarms.alarm import Alarm
+
+EPSILON = 1e-6
+FINE = np.array([30.0])
+
+
+def frames(valid):
+    return recording.frames_alarms(valid)
+
+
+def registered(share):
+    return recording.poses_alarms(share, None, [])
+
+
+def reprojection(pixels):
+    return recording.poses_alarms(1.0, pixels, [10])
+
+
+def empty_pixels(share):
+    return instances.segments_alarms(share, 30.0, 30.0)
+
+
+def instances_per_frame(mean):
+    return instances.segments_alarms(0.0, mean, 30.0)
+
+
+def frames_per_instance(mean):
+    return instances.segments_alarms(0.0, 30.0, mean)
+
+
+def agreement(cosine):
+    """With a mean cosine of 0 between instances."""
+    return instances.features_alarms(0, 10, cosine, 0.0, 1.0)
+
+
+def reconstruction(cosine):
+    return instances.features_alarms(0, 10, 1.0, 0.0, cosine)
+
+
+def probability(mean):
+    return scene.transient_alarms(mean)
+
+
+def masked_pixels(share):
+    return scene.masks_alarms(0, 10, share)
+
+
+def psnr(decibels):
+    return scene.splats_alarms(np.array([decibels]))
+
+
+def without_code(share):
+    return scene.language_alarms(share)
+
+
+BELOW = {
+    "frames.valid_pixels": (frames, recording.MIN_VALID_PIXELS),
+    "poses.registered": (registered, recording.MIN_REGISTERED),
+    "segments.instances_per_frame": (instances_per_frame, instances.MIN_INSTANCES_PER_FRAME),
+    "segments.frames_per_instance": (frames_per_instance, instances.MIN_FRAMES_PER_INSTANCE),
+    "features.agreement": (agreement, instances.MIN_AGREEMENT),
+    "features.reconstruction": (reconstruction, instances.MIN_RECONSTRUCTION),
+    "splats.psnr": (psnr, scene.MIN_PSNR_DB),
+}
+ABOVE = {
+    "poses.reprojection": (reprojection, recording.MAX_REPROJECTION_PX),
+    "segments.empty_pixels": (empty_pixels, instances.MAX_EMPTY_PIXELS),
+    "transient.probability": (probability, scene.MAX_PROBABILITY),
+    "masks.pixels": (masked_pixels, scene.MAX_MASKED_PIXELS),
+    "language.without_code": (without_code, scene.MAX_WITHOUT_CODE),
+}
+
+
+@pytest.mark.parametrize("key", BELOW)
+def test_an_alarm_is_raised_just_below_its_limit_and_not_at_it(key):
+    alarms, limit = BELOW[key]
+    assert list(alarms(limit)) == []
+    assert [alarm.key for alarm in alarms(limit - EPSILON)] == [key]
+
+
+@pytest.mark.parametrize("key", ABOVE)
+def test_an_alarm_is_raised_just_above_its_limit_and_not_at_it(key):
+    alarms, limit = ABOVE[key]
+    assert list(alarms(limit)) == []
+    assert [alarm.key for alarm in alarms(limit + EPSILON)] == [key]
+
+
+@pytest.mark.parametrize(
+    "alarms, key",
+    [
+        (lambda count: scene.masks_alarms(count, 100, 0.0), "masks.instances"),
+        (lambda count: instances.features_alarms(count, 200, 1.0, 0.0, 1.0), "features.outliers"),
+        (lambda count: instances.view_features_alarms(count - 49, 99), "view_features.lost"),
+    ],
+)
+def test_counts_raise_an_alarm_one_above_their_limit(alarms, key):
+    """50 of 100 instances, 50 of 200 views, 1 of 100 views are the limits."""
+    assert list(alarms(50)) == []
+    assert [alarm.key for alarm in alarms(51)] == [key]
+
+
+def test_a_second_model_of_colmap_raises_an_alarm_that_names_both():
+    assert list(recording.poses_alarms(1.0, 0.3, [40])) == []
+    (alarm,) = recording.poses_alarms(1.0, 0.3, [40, 7])
+    assert alarm.key == "poses.models" and "40, 7" in alarm.found
+
+
+def test_agreement_is_in_units_of_how_alike_different_instances_are():
+    """The same cosine of 0.7 is good where instances are unlike, and bad where they are alike."""
+    assert list(instances.features_alarms(0, 10, 0.7, 0.2, 1.0)) == []
+    assert [one.key for one in instances.features_alarms(0, 10, 0.7, 0.5, 1.0)] == ["features.agreement"]
+    assert instances.agreement_of(1.0, 1.0) == 1.0, "equal instances have equal views"
+
+
+def test_figures_that_are_not_told_raise_nothing():
+    found = [
+        *frames(None),
+        *recording.poses_alarms(None, None, []),
+        *instances.segments_alarms(None, None, None),
+        *instances.view_features_alarms(0, 0),
+        *instances.features_alarms(0, 0, None, None, None),
+        *scene.transient_alarms(None),
+        *scene.masks_alarms(0, 0, None),
+        *scene.splats_alarms(np.zeros(0)),
+        *scene.language_alarms(None),
+    ]
+    assert found == []
+
+
+def test_a_perfect_render_raises_nothing_and_one_that_is_no_number_does():
+    assert list(psnr(math.inf)) == []
+    assert [alarm.key for alarm in psnr(math.nan)] == ["splats.psnr"]
+
+
+@pytest.mark.parametrize("key", BELOW | ABOVE)
+def test_an_alarm_says_on_one_line_what_is_normal_what_was_found_and_what_to_do(key):
+    alarms, limit = (BELOW | ABOVE)[key]
+    beyond = limit * (0.5 if key in BELOW else 2.0)
+    (alarm,) = alarms(beyond)
+    text = str(alarm)
+    assert "\n" not in text and all(text.count(value) for value in dataclasses.astuple(alarm))
+    assert isinstance(alarm, Alarm) and alarm.key == key

@@ -1,0 +1,47 @@
+"""An alarm of a stage is in its log, in the scores, in the log of the scores and on the page of tables."""
+
+import json
+
+SCENE = "results/adt/scene1"
+KEY = "features.reconstruction"
+TOO_SHORT = "features: {compression: linear, dims: 1}\n"
+"""Codes that tell hardly anything apart."""
+
+
+def alarms(folder) -> list[str]:
+    """Keys of the alarms in the scores."""
+    return [alarm["key"] for alarm in json.loads((folder / SCENE / "metrics.json").read_text())["alarms"]]
+
+
+def logged(folder, stage: str) -> list[str]:
+    """Keys of the alarms in a stage's log."""
+    lines = (folder / "logs/adt/scene1" / f"{stage}.log").read_text().splitlines()
+    return [line.split(": ")[1] for line in lines if line.startswith("alarm: ")]
+
+
+def test_an_alarm_reaches_the_log_the_scores_and_the_tables(workdir):
+    assert KEY not in alarms(workdir.folder), "a normal run has none"
+    (workdir.folder / "more.yaml").write_text(TOO_SHORT)
+    done = workdir.snakemake("more.yaml", "--", f"{SCENE}/metrics.json")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert logged(workdir.folder, "features") == [KEY]
+    found = alarms(workdir.folder)
+    assert KEY in found and logged(workdir.folder, "metrics") == found
+
+
+def test_the_scores_hold_every_alarm_that_a_stage_logged(finished):
+    folder = finished.folder
+    stages = (
+        "frames",
+        "poses",
+        "segments",
+        "view_features",
+        "features",
+        "transient",
+        "masks",
+        "splats",
+        "language",
+    )
+    of_stages = [key for stage in stages for key in logged(folder, stage)]
+    assert [key for key in alarms(folder) if not key.startswith("metrics.")] == of_stages
+    assert "transient.probability" in alarms(folder), "20 iterations teach the network nothing"
