@@ -1,4 +1,4 @@
-"""Alarms of the stages that train: transient, masks, splats and language."""
+"""Alarms of the stages that train, transient, masks, splats and language, and of the scores."""
 
 import math
 from collections.abc import Iterator
@@ -82,6 +82,22 @@ def language_alarms(without_code: float | None) -> Iterator[Alarm]:
             f"up to {MAX_WITHOUT_CODE:.0%}",
             f"{without_code:.0%} of the Gaussians have no code at any level",
             "Nothing there can be asked for; look at segments.png for pixels without an instance",
+        )
+
+
+def metrics_alarms(lowest: float | None, chance: float) -> Iterator[Alarm]:
+    """Alarms of the accuracy of all queries.
+
+    Args:
+        lowest: lower bound of its interval; None where there is none.
+        chance: accuracy of the best answer that does not look.
+    """
+    if lowest is not None and lowest <= chance:
+        yield Alarm(
+            "metrics.chance",
+            "above chance",
+            f"the accuracy may be {lowest:.1%}, and what does not look at the scene reaches {chance:.1%}",
+            "These answers tell nothing: look at queries.png, and at the other alarms",
         )
 
 

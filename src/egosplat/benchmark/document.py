@@ -16,7 +16,7 @@ from egosplat.frames.recording import Instance
 from egosplat.output_files import FileKind, stage_json_kind, write_text_file
 from egosplat.schema_files import Draft202012Validator, schema
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 
 METRICS = stage_json_kind("metrics")
 METHOD_METRICS = stage_json_kind("method_metrics")

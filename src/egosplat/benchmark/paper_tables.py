@@ -45,7 +45,7 @@ def _printed_block(layout: Layout) -> Block:
         method = OWN if layout.components else line.printed
         cells = tuple(_printed_cell(layout, line, column) for column in layout.columns)
         label, variant = f"{method} (paper, {name})", line.printed if line.steps else ""
-        rows.append(Row(label, method, name, "the paper's", variant, "", line.steps, cells))
+        rows.append(Row(label, method, name, "the paper's", variant, line.steps, cells))
     return Block(PRINTED, f"Printed in the paper, on {name}", ranked(rows))
 
 
@@ -132,9 +132,9 @@ def _row(layout: Layout, line: Line, series: Series) -> Row:
         data=series.data,
         checkpoints=series.checkpoints,
         variant=series.variant,
-        notice=series.notice or "",
         steps=line.steps,
         cells=cells,
+        notice=series.notice or "",
     )
 
 
@@ -154,7 +154,7 @@ def _scenes_of(layout: Layout, series: Series) -> dict[str, ScoredScene]:
 def _empty_row(layout: Layout, line: Line, data: str) -> Row:
     cells = tuple(Cell() for _ in layout.columns)
     label = f"{OWN} (egosplat, {data}: not measured)"
-    return Row(label, OWN, data, "", line.variant or "", "", line.steps, cells)
+    return Row(label, OWN, data, "", line.variant or "", line.steps, cells)
 
 
 def _notes_on(blocks: Sequence[Block]) -> Iterator[Note]:

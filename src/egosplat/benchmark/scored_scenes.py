@@ -174,7 +174,7 @@ def _check_format(document: Mapping[str, Any], path: Path) -> None:
     found = document.get("format_version", expected) if isinstance(document, Mapping) else expected
     if found != expected:
         raise UserError(
-            f"{path}: has format {found!r}, and this egosplat reads {expected}: its intervals were made otherwise.\n"
+            f"{path}: has format {found!r}, and this egosplat reads {expected}.\n"
             f"Make it anew: snakemake --cores 2 --force {path}"
         )
 

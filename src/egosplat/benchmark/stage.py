@@ -1,12 +1,14 @@
 """Stage ``metrics``: everything that is annotated is asked for; answers and renders are scored."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from egosplat import provenance
+from egosplat.alarms.alarm import Alarm
 from egosplat.alarms.found import alarms_of_all, log_alarms
+from egosplat.alarms.scene import metrics_alarms
 from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
@@ -103,7 +105,7 @@ def run(
     asked = list(ask_all(queries, evaluation, scene, texts, options, target))
     scores = summarise([one.score for one in asked], IntervalOptions(confidence, resamples, seed))
     used = list(made_from.found.values())
-    notice, alarms = notice_of_artifacts(used), alarms_of_all(used)
+    notice, alarms = notice_of_artifacts(used), [*alarms_of_all(used), *_alarms(scores["all"])]
     document = {
         "scene": title,
         "notice": notice,
@@ -154,6 +156,11 @@ def _making(made: Provenance, made_from: Lineage) -> dict[str, Any]:
         "artifacts": artifact_entries(made_from),
         "total": total_cost(made_from, record),
     }
+
+
+def _alarms(score: GroupScore) -> Iterator[Alarm]:
+    interval = score.accuracy_interval
+    return metrics_alarms(interval and interval.low, max(score.random_pixel, score.middle_pixel))
 
 
 def _tell(frames: Sequence[Frame], scores: Mapping[str, GroupScore]) -> None:

@@ -56,9 +56,9 @@ class Row:
     Attributes:
         label: method, data and checkpoints in words.
         method, data, checkpoints, variant: the same, each by itself.
-        notice: that the models do not know what the data show, and what to do; else empty.
         steps: of an ablation, which of its components are in use; else empty.
         cells: one a column.
+        notice: that the models do not know what the data show, and what to do; else empty.
     """
 
     label: str
@@ -66,9 +66,9 @@ class Row:
     data: str
     checkpoints: str
     variant: str
-    notice: str
     steps: tuple[bool, ...]
     cells: tuple[Cell, ...]
+    notice: str = ""
 
     @property
     def scenes(self) -> tuple[str, ...]:

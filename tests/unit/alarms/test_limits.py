@@ -136,6 +136,11 @@ def test_figures_that_are_not_told_raise_nothing():
     assert found == []
 
 
+def test_an_accuracy_whose_interval_reaches_chance_raises_an_alarm():
+    assert list(scene.metrics_alarms(0.15 + EPSILON, 0.15)) == list(scene.metrics_alarms(None, 0.15)) == []
+    assert [alarm.key for alarm in scene.metrics_alarms(0.15, 0.15)] == ["metrics.chance"]
+
+
 def test_a_perfect_render_raises_nothing_and_one_that_is_no_number_does():
     assert list(psnr(math.inf)) == []
     assert [alarm.key for alarm in psnr(math.nan)] == ["splats.psnr"]

@@ -14,7 +14,7 @@ from egosplat.benchmark.tables import Cell, Row, aside, number, ranked
 
 
 def row(*cells: Cell) -> Row:
-    return Row("a", "a", "ADT", "", "full", "", (), cells)
+    return Row("a", "a", "ADT", "", "full", (), cells)
 
 
 def test_numbers_are_formatted_as_the_paper_formats_them():

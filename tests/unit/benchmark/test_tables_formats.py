@@ -24,7 +24,7 @@ COLUMNS = tuple(
 
 
 def row(label: str, *cells: Cell) -> Row:
-    return Row(label, label, "ADT", "", "full", "", (True, False), cells)
+    return Row(label, label, "ADT", "", "full", (True, False), cells)
 
 
 @pytest.fixture
