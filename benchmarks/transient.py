@@ -40,7 +40,7 @@ class Scene:
     def __init__(self, folder: Path) -> None:
         self.name = f"{folder.parent.name}/{folder.name}"
         frames = open_artifact(folder / "frames.zarr", FRAMES)
-        self.valid = frames.read("valid")
+        self.valid, self.train = frames.read("valid"), frames.read("train")
         self.truth: Truth = read_truth(folder / "recording", frames)
         self.labels = list(self.truth.all_labels())
         transient = open_artifact(folder / "transient.zarr", TRANSIENT)
@@ -70,8 +70,8 @@ class Scene:
         self, labels: list[Labels], level: NDArray[np.int8], levels: set[int]
     ) -> dict[float, MaskScores]:
         found = InstanceScores(len(level))
-        for some, probability in zip(labels, self.probability, strict=True):
-            found.add(some, probability)
+        for frame in np.flatnonzero(self.train):
+            found.add(labels[frame], self.probability[frame])
         scores, pixels = found.scores, found.pixels
         chosen = {t: transient_instances(scores, pixels, level, t, levels) for t in THRESHOLDS}
         return {t: self._scores([refined_mask(some, one) for some in labels]) for t, one in chosen.items()}

@@ -65,8 +65,9 @@ PATHS: dict[str, dict[str, str]] = {
         "output": "the transient artifact to make",
     },
     "masks": {
-        "transient": "the transient artifact",
-        "segments": "the segments artifact of the same frames",
+        "frames": "the frames artifact",
+        "transient": "its transient artifact",
+        "segments": "its segments artifact",
         "output": "the masks artifact to make",
     },
     "splats": {

@@ -53,6 +53,7 @@ rule transient:
 rule masks:
     """Find the transient instances, and mask them in every frame."""
     input:
+        frames=artifact("frames"),
         transient=artifact("transient"),
         segments=artifact("segments"),
     output:
@@ -70,6 +71,7 @@ rule masks:
         code=code_of("masks"),
     shell:
         "egosplat masks"
+        " --frames {input.frames:q}"
         " --transient {input.transient:q}"
         " --segments {input.segments:q}"
         " --output {output:q}"

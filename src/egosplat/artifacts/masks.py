@@ -17,7 +17,7 @@ MASKS = Schema(
             ("instance",),
             "float32",
             "0..1",
-            "mean probability over all pixels of the instance in all frames; 0 without any pixel",
+            "mean probability over all pixels of the instance in the training frames; 0 without any pixel",
         ),
         "instances/transient": Field(
             ("instance",), "bool", "-", "score at or above the threshold, at a level that is asked for"

@@ -1,11 +1,13 @@
-"""Stage ``masks``: which instances are transient, and their pixels in each frame."""
+"""Stage ``masks``: which instances are transient (the paper's set D), and their pixels in each frame."""
 
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from egosplat import provenance
+from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
@@ -16,20 +18,25 @@ from egosplat.progress import log, track
 from egosplat.transient.refinement import InstanceScores, refined_mask, transient_instances
 
 
-def run(transient: Path, segments: Path, output: Path, *, threshold: float, level: str) -> None:
+def run(frames: Path, transient: Path, segments: Path, output: Path, *, threshold: float, level: str) -> None:
     """Write the refined masks; the keys are those of the schema's ``masks``.
+
+    Which instances are transient is decided by the training frames alone, as what evaluation frames show may decide
+    nothing that is trained on. The instances that are found are masked in all frames.
 
     Raises:
         UserError: the inputs do not belong together.
     """
     keys: dict[str, Any] = {"threshold": threshold, "level": level}
+    pictures = open_artifact(frames, FRAMES)
     predicted, instances = open_artifact(transient, TRANSIENT), open_artifact(segments, SEGMENTS)
-    _check_belong_together(predicted, instances)
-    made = provenance.begin_from("masks", keys, (predicted, instances))
+    for artifact, name in ((predicted, "probability"), (instances, "labels")):
+        _check_of_frames(artifact, name, pictures)
+    made = provenance.begin_from("masks", keys, (pictures, predicted, instances))
     names = instances.facts["levels"]
     shown_by = instances.facts.get("repeats", {}).get(level, level)
     levels = set(range(len(names))) if level == "all" else {names.index(shown_by)}
-    found = _scores(predicted, instances)
+    found = _scores(predicted, instances, np.flatnonzero(pictures.read("train")))
     scores = found.scores
     chosen = transient_instances(scores, found.pixels, instances.read("instances/level"), threshold, levels)
     count, height, width = predicted.shape("probability")
@@ -55,24 +62,24 @@ def run(transient: Path, segments: Path, output: Path, *, threshold: float, leve
     log(f"{int(chosen.sum())} of {len(chosen)} instances are transient: {share:.1%} of all pixels")
 
 
-def _scores(predicted: Artifact, instances: Artifact) -> InstanceScores:
+def _scores(predicted: Artifact, instances: Artifact, rows: NDArray[np.int64]) -> InstanceScores:
+    """The scores by the frames of ``rows``."""
     scores = InstanceScores(instances.shape("instances/level")[0])
-    for frame in track(range(predicted.shape("probability")[0]), "scoring instances"):
+    for frame in track(rows, "scoring instances", total=len(rows)):
         scores.add(instances.row("labels", frame), predicted.row("probability", frame))
     return scores
 
 
-def _check_belong_together(predicted: Artifact, instances: Artifact) -> None:
-    """Check that both are of the same frames.
+def _check_of_frames(artifact: Artifact, name: str, frames: Artifact) -> None:
+    """Check that an artifact, whose array of that name is (F, ..., H, W), was made from these frames.
 
     Raises:
-        UserError: they are not.
+        UserError: it was made from others.
     """
-    frames, _, *size = instances.shape("labels")
-    sources = [artifact.provenance["inputs"].get("frames.zarr") for artifact in (predicted, instances)]
-    differ = None not in sources and sources[0] != sources[1]
-    if differ or predicted.shape("probability") != (frames, *size):
+    made_from = artifact.provenance["inputs"].get(frames.path.name, frames.digest)
+    count, *_, height, width = artifact.shape(name)
+    if made_from != frames.digest or (count, height, width) != frames.shape("rgb")[:3]:
         raise UserError(
-            f"{instances.path}: was made from other frames than {predicted.path}; make both anew: "
-            f"snakemake --cores 2 {predicted.path} {instances.path}"
+            f"{artifact.path}: was made from other frames than {frames.path}; "
+            f"make it anew: snakemake --cores 2 {artifact.path}"
         )

@@ -7,7 +7,7 @@ Scores = NDArray[np.float64]
 
 
 class InstanceScores:
-    """Mean probability of each of N instances, pooled over the pixels of all frames, as in the paper's set D.
+    """Mean probability of each of N instances, pooled over the pixels of all frames that are added, as in the paper's set D.
 
     A large view of an instance thereby counts for more than a small one.
     """
@@ -33,7 +33,7 @@ class InstanceScores:
 
     @property
     def pixels(self) -> NDArray[np.int64]:
-        """(N,) pixels of each instance in all frames."""
+        """(N,) pixels of each instance in the frames that were added."""
         return self._pixels.copy()
 
     @property

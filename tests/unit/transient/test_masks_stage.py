@@ -52,13 +52,15 @@ def predicted(made: Path) -> Path:
 def run(folder: Path, **keys: object):
     """The verified artifact."""
     stage_keys = {"threshold": 0.25, "level": "all"} | keys
-    masks_stage.run(folder / "transient.zarr", folder / "segments.zarr", folder / "masks.zarr", **stage_keys)
+    inputs = (folder / f"{name}.zarr" for name in ("frames", "transient", "segments"))
+    masks_stage.run(*inputs, folder / "masks.zarr", **stage_keys)
     return verify(folder / "masks.zarr", SCHEMAS)
 
 
 def test_what_the_artifact_says(folder, pictures):
     masks = run(folder)
-    assert masks.read("instances/score") == pytest.approx([0.5, 0.01, 0.0], abs=1e-4)
+    # A little of the lower half is transient in one of five training frames.
+    assert masks.read("instances/score") == pytest.approx([0.5, 0.06 / 5, 0.0], abs=1e-4)
     assert masks.read("instances/transient").tolist() == [True, False, False]
     square = (pictures == 255).all(axis=-1)
     assert (masks.read("refined") == square).all()
@@ -66,6 +68,7 @@ def test_what_the_artifact_says(folder, pictures):
     assert (facts["transient"], facts["instances"], facts["empty"]) == (1, 3, 1)
     assert facts["masked_share"] == pytest.approx(square.mean())
     assert masks.origin == "synthetic" and set(masks.provenance["inputs"]) == {
+        "frames.zarr",
         "segments.zarr",
         "transient.zarr",
     }
@@ -73,6 +76,30 @@ def test_what_the_artifact_says(folder, pictures):
 
 def test_a_lower_threshold_masks_more(folder):
     assert run(folder, threshold=0.005).read("instances/transient").tolist() == [True, True, False]
+
+
+def test_evaluation_frames_decide_nothing_and_are_masked(scene):
+    """Frame 3 is held out: what the network says of it changes no score, and its instances are masked all the same."""
+    folder = scene()
+    labels = open_artifact(folder / "segments.zarr", SEGMENTS).read("labels")
+    probability = np.where(labels[:, 2] == 0, 0.5, 0.0)
+    predict(folder, probability)
+    before = run(folder)
+    probability[3] = 1.0 - probability[3]
+    predict(folder, probability)
+    after = run(folder)
+    for name in ("instances/score", "instances/transient", "refined"):
+        assert (after.read(name) == before.read(name)).all()
+    assert after.read("refined")[3].any() and not after.read("instances/transient")[1]
+
+
+def test_an_instance_of_evaluation_frames_alone_is_not_transient(scene):
+    labels = np.full((FRAME_COUNT, 3, SIZE, SIZE), -1, np.int32)
+    labels[3, 2] = 0
+    folder = scene(labels=labels)
+    predict(folder, np.ones((FRAME_COUNT, SIZE, SIZE)))
+    masks = run(folder)
+    assert not masks.read("instances/transient").any() and masks.facts["empty"] == 3
 
 
 @pytest.mark.parametrize("keys", [{"threshold": 0.9}, {"level": "part"}], ids=["threshold", "level"])
@@ -104,5 +131,8 @@ def test_no_instance_at_all_masks_nothing(scene):
 def test_inputs_of_other_frames_are_refused(scene):
     folder = scene()
     predict(folder, np.zeros((FRAME_COUNT, SIZE, SIZE // 2)))
-    with pytest.raises(UserError, match="was made from other frames"):
+    with pytest.raises(UserError, match="transient.zarr: was made from other frames"):
+        run(folder)
+    predict(folder, np.zeros((FRAME_COUNT, SIZE, SIZE)), frames_digest="another")
+    with pytest.raises(UserError, match="transient.zarr: was made from other frames"):
         run(folder)
