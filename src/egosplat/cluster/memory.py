@@ -45,8 +45,8 @@ PUBLISHED_SIDE = 1024
 LEVELS = 3
 """Of instances; no stage has more."""
 
-DIMS, GAUSSIANS = 32, 500_000
-"""Of codes, and in training, where a key leaves the number to the scene: more than scenes take."""
+DIMS = 32
+"""Of codes, where features.dims leaves the number to the scene: more than scenes take."""
 
 
 def peak_mb(stage: str, config: Config, shapes: Shapes) -> float:
@@ -63,9 +63,10 @@ def peak_mb(stage: str, config: Config, shapes: Shapes) -> float:
     return _LAWS[stage](config, shapes)
 
 
-def number(value: float | str, otherwise: float) -> float:
-    """A key's value, or another in place of a word, such as ``auto``."""
-    return otherwise if isinstance(value, str) else value
+def _dims(config: Config) -> int:
+    """Numbers in a code; of ``auto``, more than scenes take."""
+    dims = config["features"]["dims"]
+    return DIMS if dims == "auto" else dims
 
 
 def sam2_input_side(config: Config) -> int:
@@ -124,30 +125,21 @@ def _transient(config: Config, shapes: Shapes) -> float:
     keys = config["transient"]
     pixels = min(keys["resolution"] ** 2, shapes.pixels)
     pictures = 3 * shapes.frames * pixels
-    return (
-        TRAINING
-        + (
-            pictures
-            + 400 * pixels
-            + GAUSSIAN * number(keys["max_gaussians"], GAUSSIANS)
-            + 100 * shapes.pixels
-        )
-        / MB
-    )
+    return TRAINING + (pictures + 400 * pixels + GAUSSIAN * keys["max_gaussians"] + 100 * shapes.pixels) / MB
 
 
 def _splats(config: Config, shapes: Shapes) -> float:
     """All training pictures with their masks, and the Gaussians with all that they learn."""
     keys = config["splats"]
-    codes = LEVELS * number(config["features"]["dims"], DIMS) if keys["language"] == "joint" else 0
+    codes = LEVELS * _dims(config) if keys["language"] == "joint" else 0
     pictures = 5 * shapes.frames * shapes.pixels
-    gaussians = (GAUSSIAN + 20 * codes) * number(keys["max_gaussians"], GAUSSIANS)
+    gaussians = (GAUSSIAN + 20 * codes) * keys["max_gaussians"]
     return TRAINING + (pictures + gaussians + (150 + 20 * codes) * shapes.pixels) / MB
 
 
 def _language(config: Config, shapes: Shapes) -> float:
     """Of each pixel and each Gaussian a code a level, their weights, and gradients of both."""
-    channels = LEVELS * (number(config["features"]["dims"], DIMS) + 1) + 1
+    channels = LEVELS * (_dims(config) + 1) + 1
     trained = 2 if config["language"]["method"] == "trained" else 1
     each = 20 * trained * channels
     return TORCH + (each * shapes.pixels + (500 + each) * shapes.gaussians) / MB
@@ -155,7 +147,7 @@ def _language(config: Config, shapes: Shapes) -> float:
 
 def _metrics(config: Config, shapes: Shapes) -> float:
     """Of each pixel the codes, and relevancies of up to a hundred queries at each level."""
-    channels = LEVELS * (number(config["features"]["dims"], DIMS) + 1) + 1
+    channels = LEVELS * (_dims(config) + 1) + 1
     pixels = (12 * channels + 100 * LEVELS * 4 * 2) * shapes.pixels
     return METRICS + _checkpoint(CLIP, config) + (pixels + (500 + 4 * channels) * shapes.gaussians) / MB
 

@@ -8,7 +8,7 @@ submitted again.
 
 from collections.abc import Callable
 
-from egosplat.cluster.memory import GAUSSIANS, LEVELS, PUBLISHED_SIDE, SMALL_SIDE, number, sam2_input_side
+from egosplat.cluster.memory import LEVELS, PUBLISHED_SIDE, SMALL_SIDE, sam2_input_side
 from egosplat.cluster.shapes import Shapes
 from egosplat.config import Config
 from egosplat.doctor.times import ITERATION_S, estimate
@@ -96,7 +96,7 @@ def _splats(config: Config, _: Shapes) -> float:
 
 def _load(config: Config, section: str) -> float:
     """Of an iteration, against one of 100,000 Gaussians."""
-    return 0.3 + 0.7 * number(config[section]["max_gaussians"], GAUSSIANS) / 100_000
+    return 0.3 + 0.7 * config[section]["max_gaussians"] / 100_000
 
 
 def _language(config: Config, shapes: Shapes) -> float:
