@@ -43,13 +43,15 @@ def suitability_findings(scenes: list[Scene]) -> Iterator[Finding]:
 
 
 def _model(model: Model, config: Config) -> Finding:
+    from egosplat.models.weights import read_tensors
+
     keys = config["models"]
     try:
         path = find_checkpoint(model, keys[model.checkpoint_key])
         content = model_hash(model, keys)
-        _check_readable(path)
-    except UserError as error:
-        first, _, advice = str(error).partition("\n")
+        read_tensors(path)
+    except (UserError, OSError) as error:
+        first, _, advice = (plain(error) or str(error)).partition("\n")
         return Finding(Mark.MISSING, model.name, first, advice)
     size = f"{path.stat().st_size / MIB:.1f} MiB"
     checkpoint = f"checkpoint {keys[model.checkpoint_key]}, {size}, hash {content[:8]}"
@@ -58,25 +60,13 @@ def _model(model: Model, config: Config) -> Finding:
 
 def _encoder(path: Path) -> Finding:
     """Of the transient network's own weights, where some are set."""
-    try:
-        _check_readable(path)
-    except UserError as error:
-        return Finding(Mark.MISSING, "encoder", f"transient.encoder_weights: {error}")
-    return Finding(Mark.OK, "encoder", f"{path}, {path.stat().st_size / MIB:.1f} MiB")
-
-
-def _check_readable(path: Path) -> None:
-    """Check that a file is a checkpoint with tensors in it.
-
-    Raises:
-        UserError: it is none, is damaged, or may not be read.
-    """
     from egosplat.models.weights import read_tensors
 
     try:
         read_tensors(path)
-    except OSError as error:
-        raise UserError(plain(error) or f"{path}: {error}") from None
+    except (UserError, OSError) as error:
+        return Finding(Mark.MISSING, "encoder", f"transient.encoder_weights: {plain(error) or error}")
+    return Finding(Mark.OK, "encoder", f"{path}, {path.stat().st_size / MIB:.1f} MiB")
 
 
 def _compute(config: Config) -> Finding:

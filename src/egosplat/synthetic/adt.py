@@ -33,7 +33,7 @@ def write_sequence(sequence: Sequence, folder: Path, *, jpeg_quality: int = 95) 
         ValueError: the sequence contradicts itself.
     """
     if folder.exists():
-        raise UserError(f"{folder}: exists already. Remove it, or give another folder.")
+        raise UserError(f"{folder}: exists already and is not replaced; give another --output")
     with whole_folder(folder) as scratch:
         truth = TruthTables(sequence)
         captures: list[int] = []

@@ -148,6 +148,14 @@ def test_a_checkpoint_that_cannot_be_read_is_an_error(folder, file, content, sai
     assert finding.mark == Mark.MISSING and said in finding.value
 
 
+def test_a_checkpoint_that_may_not_be_read_is_one_of_the_findings(folder, monkeypatch):
+    def refuse(*_):
+        raise PermissionError(13, "Permission denied", "sam2.pt")
+
+    monkeypatch.setattr("egosplat.models.weights.read_tensors", refuse)
+    assert found()["SAM2"].mark == Mark.MISSING and "Permission denied" in found()["SAM2"].value
+
+
 def test_weights_of_the_encoder_that_cannot_be_read_are_an_error(folder):
     assert "encoder" not in found()
     asked = f"transient.encoder_weights={folder / 'encoder.pt'}"
