@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from projectaria_tools.core import data_provider
-from projectaria_tools.core.calibration import CameraCalibration
+from projectaria_tools.core.calibration import DeviceCalibration
 from projectaria_tools.core.data_provider import VrsDataProvider
 from projectaria_tools.core.sensor_data import TimeDomain
 from projectaria_tools.core.stream_id import StreamId
@@ -18,7 +18,9 @@ from egosplat.frames.origin import recording_origin
 from egosplat.frames.recording import Capture
 from egosplat.frames.rectify import Rectification, pinhole
 from egosplat.frames.selection import select_frames
+from egosplat.frames.upright import clockwise_turns
 from egosplat.frames.vrs import check_complete, check_log
+from egosplat.geometry import Camera
 
 RGB_LABEL = "camera-rgb"
 RGB_STREAM = StreamId("214-1")
@@ -46,7 +48,7 @@ class AdtRecording:
             folder: the sequence folder.
             resolution: side of the rectified pictures [px].
             focal: focal length of the rectified pictures [px] if they were 1408 px wide (the paper: 460).
-            upright: whether pictures are turned upright; Aria's sensor lies on its side.
+            upright: whether pictures are turned upright; the sensor of Aria gen1 lies on its side.
             stride, start_s, end_s: see ``selection.select_frames``.
 
         Raises:
@@ -63,7 +65,8 @@ class AdtRecording:
         self._frames = select_frames(
             timestamps, stride=stride, start_s=start_s, end_s=end_s, source=self._path
         )
-        self._rectification = Rectification(rgb_calibration(self._provider, self._path), camera, upright)
+        device = device_calibration(self._provider, self._path)
+        self._rectification = rectification(device, camera, upright, self._path)
         capture_ns = timestamps[self._frames]
         self.capture = Capture(
             timestamp_ns=capture_ns,
@@ -73,6 +76,7 @@ class AdtRecording:
             device_from_camera=self._rectification.device_from_camera,
             valid=self._rectification.valid,
             origin=recording_origin("adt", folder),
+            upright=upright or clockwise_turns(device, RGB_LABEL) == 0,
         )
 
     def pictures(self, indices: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
@@ -135,16 +139,37 @@ def open_video(folder: Path) -> VrsDataProvider:
     return provider
 
 
-def rgb_calibration(provider: VrsDataProvider, path: Path) -> CameraCalibration:
-    """The factory calibration of the RGB camera.
+def device_calibration(provider: VrsDataProvider, path: Path) -> DeviceCalibration:
+    """The factory calibration of a device that has an RGB camera.
 
     Raises:
         UserError: the file has none.
     """
     device = provider.get_device_calibration()
-    calibration = device.get_camera_calib(RGB_LABEL) if device is not None else None
-    if calibration is None:
+    if device is None or device.get_camera_calib(RGB_LABEL) is None:
         raise UserError(
             f"{path}: has no calibration of {RGB_LABEL}. It must be the video.vrs of an ADT sequence."
         )
-    return calibration
+    return device
+
+
+def rectification(device: DeviceCalibration, camera: Camera, upright: bool, path: Path) -> Rectification:
+    """What takes the RGB camera's pictures, and the labels of their pixels, to a pinhole camera.
+
+    Args:
+        device: see ``device_calibration``.
+        camera: from ``rectify.pinhole``.
+        upright: whether the result is turned upright, as the device's own calibration tells.
+        path: the recording's file, for messages.
+
+    Raises:
+        UserError: it is to be turned, and the calibration does not tell how.
+    """
+    turns = clockwise_turns(device, RGB_LABEL) if upright else 0
+    if turns is None:
+        version = device.get_device_version().name
+        raise UserError(
+            f"{path}: its calibration is of no Aria that is known (version {version}), and which side of its pictures "
+            "is up is not told. Set frames.upright=false to take them as they are."
+        )
+    return Rectification(device.get_camera_calib(RGB_LABEL), camera, turns)

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 from projectaria_tools.projects.adt import AriaDigitalTwinDataPaths, AriaDigitalTwinDataProvider
 
 from egosplat.errors import UserError
-from egosplat.frames.adt import RGB_STREAM, open_video, rgb_calibration
+from egosplat.frames.adt import RGB_STREAM, device_calibration, open_video, rectification
 from egosplat.frames.native_log import captured_log, damage, report
 from egosplat.frames.recording import Instance
-from egosplat.frames.rectify import Rectification
 from egosplat.frames.vrs import check_complete, check_log
 from egosplat.geometry import Camera
 from egosplat.json_files import read_json_file
@@ -53,8 +52,9 @@ class AdtAnnotations:
             log(f"{folder}: no {WITH_PEOPLE}; {WITHOUT_PEOPLE} is read, in which people are not annotated")
         check_complete(path)
         self._path = path
-        calibration = rgb_calibration(open_video(folder), folder / "video.vrs")
-        self._rectification = Rectification(calibration, camera, upright)
+        video = folder / "video.vrs"
+        device = device_calibration(open_video(folder), video)
+        self._rectification = rectification(device, camera, upright, video)
         self._provider = _open_segmentation(folder, self._path)
         self._ids = np.array([instance.id for instance in self.instances], dtype=np.uint64)
 

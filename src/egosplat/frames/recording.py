@@ -28,6 +28,7 @@ class Capture:
         device_from_camera: (4, 4) float64, or None where the recording has no device frame.
         valid: (H, W) bool: pixels that show the scene (inside the lens circle, after rectification).
         origin: ``real`` or ``synthetic``.
+        upright: whether up in the pictures is up in the world, as far as the recording tells.
     """
 
     timestamp_ns: NDArray[np.int64]
@@ -37,6 +38,7 @@ class Capture:
     device_from_camera: NDArray[np.float64] | None
     valid: NDArray[np.bool_]
     origin: Origin
+    upright: bool = True
 
     @classmethod
     def of_video(

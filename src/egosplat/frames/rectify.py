@@ -56,21 +56,21 @@ class Rectification:
         valid: (H, W) bool: pixels whose whole area lies inside the lens circle and the fisheye picture.
     """
 
-    def __init__(self, calibration: CameraCalibration, camera: Camera, upright: bool) -> None:
+    def __init__(self, calibration: CameraCalibration, camera: Camera, turns: int) -> None:
         """Prepare the sampling.
 
         Args:
             calibration: of the fisheye pictures.
             camera: from ``pinhole``.
-            upright: whether the result is turned clockwise by 90°, because Aria's sensor lies on its side.
+            turns: clockwise quarter turns of the result, see ``upright.clockwise_turns``.
         """
         if camera != camera.rotated_clockwise():
             raise ValueError("Aria pictures are rectified to a square camera with a central principal point")
         self.camera = camera
         self.device_from_camera = calibration.get_transform_device_camera().to_matrix()
-        if upright:
+        for _ in range(turns):
             self.device_from_camera = self.device_from_camera @ CLOCKWISE
-        self._upright = upright
+        self._turns = turns
         self._factor = supersampling(calibration, camera)
         self._map_u, self._map_v, inside = _source_coordinates(calibration, camera, self._factor)
         self.valid = self._turn(_shrink_mask(inside, self._factor))
@@ -108,7 +108,7 @@ class Rectification:
         return sampled
 
     def _turn(self, image: NDArray) -> NDArray:
-        return np.ascontiguousarray(np.rot90(image, -1)) if self._upright else image
+        return np.ascontiguousarray(np.rot90(image, -self._turns)) if self._turns else image
 
     def _check_shape(self, picture: NDArray) -> None:
         if picture.shape[:2] != self._source_shape:

@@ -63,7 +63,7 @@ def run(
         artifact.facts = {
             "recording": recording.name,
             "format": format,
-            "upright": upright,
+            "upright": capture.upright,
             "camera": asdict(capture.camera),
             "camera_known": capture.camera_known,
             "device_from_camera": None if device is None else device.tolist(),

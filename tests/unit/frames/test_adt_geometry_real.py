@@ -6,7 +6,7 @@ import pytest
 from projectaria_tools.projects.adt import AriaDigitalTwinDataPaths, AriaDigitalTwinDataProvider
 from scipy.spatial.transform import Rotation
 
-from egosplat.frames.adt import RGB_STREAM, AdtRecording, open_video, rgb_calibration
+from egosplat.frames.adt import RGB_LABEL, RGB_STREAM, AdtRecording, device_calibration, open_video
 from egosplat.frames.adt_annotations import AdtAnnotations
 from egosplat.frames.native_log import captured_log
 from egosplat.frames.rectify import Rectification
@@ -14,6 +14,10 @@ from egosplat.geometry import from_aria_pixels, invert, make_pose, transform
 
 OPTIONS = {"resolution": 352, "focal": 460.0, "upright": True, "stride": 1, "start_s": 0.0, "end_s": None}
 ANNOTATION_NS = [87551170910000, 87551204237999]
+
+
+def rgb_calibration(sample):
+    return device_calibration(open_video(sample), sample).get_camera_calib(RGB_LABEL)
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +60,7 @@ def boxes(sample):
 
 
 def test_box_centres_project_into_the_2d_boxes(sample, boxes, world_from_device):
-    calibration = rgb_calibration(open_video(sample), sample)
+    calibration = rgb_calibration(sample)
     device_from_camera = calibration.get_transform_device_camera().to_matrix()
     points = transform(invert(world_from_device[0] @ device_from_camera), boxes[["x", "y", "z"]].to_numpy())
     pixels = np.array([p if (p := calibration.project(point)) is not None else (-1, -1) for point in points])
@@ -81,7 +85,7 @@ def test_our_pinhole_finds_the_same_instances_at_box_centres(sample, boxes, worl
     u, v = np.floor(pixels[usable]).astype(int).T
     found = np.array([instance.id for instance in reader.instances] + [0])[instance_map[v, u]]
     # The same, from the fisheye picture: whatever is in front of a box's centre there is so here.
-    calibration = rgb_calibration(open_video(sample), sample)
+    calibration = rgb_calibration(sample)
     camera_points = transform(
         invert(world_from_device[0] @ calibration.get_transform_device_camera().to_matrix()), world
     )
@@ -116,7 +120,7 @@ def test_depth_and_instances_warp_onto_the_other_frame(sample, copy, full_size, 
     ids = [reader.instance_map(time) for time in ANNOTATION_NS]
     provider = adt_provider(sample)
     found = [provider.get_depth_image_by_timestamp_ns(time, RGB_STREAM) for time in ANNOTATION_NS]
-    rectification = Rectification(rgb_calibration(open_video(sample), sample), camera, True)
+    rectification = Rectification(rgb_calibration(sample), camera, 1)
     depth = [rectification.labels(one.data().to_numpy_array()) * 1e-3 for one in found]
     world_from_camera = world_from_device @ capture.device_from_camera
     v, u = np.nonzero(depth[0] > 0)

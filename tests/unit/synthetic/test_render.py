@@ -82,7 +82,7 @@ def test_pinhole_rays_are_upright_and_end_at_the_lens_circle():
     pixels = camera.project(lens.directions.astype(np.float64))
     assert pixels == pytest.approx(np.stack([columns, rows], axis=1) + 0.5, abs=1e-4)
     # The rectified picture of the same side is valid in the same places, but for the circle's rim.
-    valid = Rectification(camera_calibration(64), camera, upright=True).valid
+    valid = Rectification(camera_calibration(64), camera, turns=1).valid
     assert (valid & ~lens.valid).sum() == 0 and (valid ^ lens.valid).mean() < 0.05
 
 

@@ -1,0 +1,148 @@
+"""Aria's pictures are turned upright by the device's own calibration, gen1's by a quarter turn and gen2's not at all."""
+
+import numpy as np
+import pytest
+from projectaria_tools.core.calibration import (
+    CameraCalibration,
+    CameraModelType,
+    CpfType,
+    DeviceCadExtrinsics,
+    DeviceCalibration,
+    DeviceVersion,
+    device_calibration_from_json_string,
+    device_calibration_to_json_string,
+)
+from projectaria_tools.core.sophus import SE3
+from scipy.spatial.transform import Rotation
+
+from egosplat.errors import UserError
+from egosplat.frames import adt
+from egosplat.frames.adt import AdtRecording, rectification
+from egosplat.frames.adt_annotations import AdtAnnotations
+from egosplat.frames.rectify import pinhole
+from egosplat.frames.upright import clockwise_turns, turns_of
+from egosplat.synthetic.aria import calibration_json
+
+RGB = "camera-rgb"
+BUILDS = [
+    (DeviceVersion.Gen1, "DVT-L", "camera-slam-left", 1),
+    (DeviceVersion.Gen1, "DVT-S", "camera-slam-left", 1),
+    (DeviceVersion.Gen2, "DVT_LL", "slam-front-left", 0),
+    (DeviceVersion.Gen2, "EVT_SS", "slam-front-left", 0),
+]
+
+
+def device(version: DeviceVersion, build: str, origin: str, tilt_deg: float = 0.0) -> DeviceCalibration:
+    """A device as the library's own CAD has it, its RGB camera turned about its axis, read back from JSON as from a VRS.
+
+    Pictures are 256 x 192 pixels: not square, as gen2's.
+    """
+    cad = DeviceCadExtrinsics(version, build, origin)
+    empty = DeviceCalibration({}, {}, {}, {}, {}, cad, build, origin, version)
+    tilt = SE3.from_matrix(
+        np.block(
+            [[Rotation.from_euler("z", tilt_deg, degrees=True).as_matrix(), np.zeros((3, 1))], [0, 0, 0, 1]]
+        )
+    )
+    mounted = (
+        empty.get_transform_device_cpf(CpfType.CadBased) @ empty.get_transform_cpf_sensor(RGB, True) @ tilt
+    )
+    lens = np.array([120.0, 127.5, 95.5, *[0.0] * 12])
+    fisheye = CameraModelType.FISHEYE624
+    cameras = {
+        RGB: CameraCalibration(RGB, fisheye, lens, mounted, 256, 192, None, 1.0, "test"),
+        origin: CameraCalibration(origin, fisheye, lens, SE3(), 256, 192, None, 1.0, "test"),
+    }
+    made = DeviceCalibration(cameras, {}, {}, {}, {}, cad, build, origin, version)
+    return device_calibration_from_json_string(device_calibration_to_json_string(made))
+
+
+@pytest.mark.parametrize("version, build, origin, turns", BUILDS)
+def test_turns_are_those_of_the_device(version, build, origin, turns):
+    for tilt_deg in (0.0, 20.0, -20.0):
+        assert clockwise_turns(device(version, build, origin, tilt_deg), RGB) == turns
+
+
+@pytest.mark.parametrize("version, build, origin, turns", BUILDS)
+def test_up_in_the_picture_is_up_of_the_wearer(version, build, origin, turns, tmp_path):
+    """The pose of the rectified camera follows the same decision as its pictures."""
+    calibration = device(version, build, origin)
+    made = rectification(calibration, pinhole(64, 460.0), True, tmp_path)
+    cpf_from_device = np.linalg.inv(calibration.get_transform_device_cpf(CpfType.CadBased).to_matrix())
+    up = -(cpf_from_device @ made.device_from_camera)[:3, 1]
+    assert up[1] > 0.98
+    sensor = rectification(calibration, pinhole(64, 460.0), False, tmp_path)
+    picture = np.random.default_rng(0).integers(256, size=(192, 256, 3), dtype=np.uint8)
+    assert (made.colour(picture) == np.rot90(sensor.colour(picture), -turns)).all()
+    assert (made.valid == np.rot90(sensor.valid, -turns)).all()
+
+
+def test_every_quarter_turn_is_found():
+    """A camera turned counterclockwise about its axis needs as many clockwise turns of its picture."""
+    upright = np.diag([-1.0, -1.0, 1.0])  # x to the right, y down, against CPF's left and up
+    for turns in range(4):
+        for tilt in (-40, 0, 40):
+            turned = upright @ Rotation.from_euler("z", 90 * turns + tilt, degrees=True).as_matrix()
+            assert turns_of(turned) == turns
+
+
+@pytest.mark.parametrize(
+    "version, expected", [(DeviceVersion.Gen1, 1), (DeviceVersion.Gen2, 0), (DeviceVersion.NotValid, None)]
+)
+def test_a_build_without_cad_is_told_by_its_generation(version, expected, tmp_path):
+    camera = device(*BUILDS[0][:3]).get_camera_calib(RGB)
+    unknown = DeviceCalibration({RGB: camera}, device_version=version)
+    assert clockwise_turns(unknown, RGB) == expected
+    if expected is None:
+        with pytest.raises(UserError, match="frames.upright=false"):
+            rectification(unknown, pinhole(64, 460.0), True, tmp_path / "video.vrs")
+        assert (rectification(unknown, pinhole(64, 460.0), False, tmp_path).valid).any()
+
+
+def test_the_synthetic_device_is_turned_as_gen1():
+    assert clockwise_turns(device_calibration_from_json_string(calibration_json(704)), RGB) == 1
+
+
+OPTIONS = {"resolution": 64, "focal": 460.0, "stride": 1, "start_s": 0.0, "end_s": None}
+
+
+def test_a_gen2_recording_is_not_turned(sample, monkeypatch):
+    """The sample's pictures with the mounting of gen2: as the sensor takes them, whatever frames.upright says."""
+    lying = AdtRecording(sample, upright=False, **OPTIONS)
+    assert not lying.capture.upright
+
+    def gen2(provider, path):
+        lens = provider.get_device_calibration().get_camera_calib(RGB)
+        mounted = device(*BUILDS[2][:3])
+        pose = mounted.get_camera_calib(RGB).get_transform_device_camera()
+        width, height = map(int, lens.get_image_size())
+        camera = CameraCalibration(
+            RGB,
+            CameraModelType.FISHEYE624,
+            lens.get_projection_params(),
+            pose,
+            width,
+            height,
+            lens.get_valid_radius(),
+            lens.get_max_solid_angle(),
+            "test",
+        )
+        cad = DeviceCadExtrinsics(*BUILDS[2][:3])
+        return DeviceCalibration(
+            {RGB: camera}, {}, {}, {}, {}, cad, "DVT_LL", "slam-front-left", DeviceVersion.Gen2
+        )
+
+    monkeypatch.setattr(adt, "device_calibration", gen2)
+    monkeypatch.setattr("egosplat.frames.adt_annotations.device_calibration", gen2)
+    for upright in (True, False):
+        turned = AdtRecording(sample, upright=upright, **OPTIONS)
+        assert turned.capture.upright
+        picture = next(turned.pictures(np.array([0])))
+        assert (picture == next(lying.pictures(np.array([0])))).all()
+    found = [
+        AdtAnnotations(sample, camera=lying.capture.camera, upright=upright).instance_map(
+            int(lying.capture.timestamp_ns[0])
+        )
+        for upright in (True, False)
+    ]
+    assert (found[0] == found[1]).all()
