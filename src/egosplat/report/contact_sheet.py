@@ -14,6 +14,7 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.output_files import check_output, picture_kind
+from egosplat.page_text import add_name
 from egosplat.plotting import plt, save_picture
 
 PAGE = picture_kind("egosplat contact-sheet")
@@ -27,7 +28,7 @@ HEIGHT = 11.0
 """Of the page, in inches."""
 
 ROOM = "shelter"
-"""ADT's category of walls, floor and ceiling; left untinted, so that the things in it stand out."""
+"""ADT's category of walls, floor and ceiling; left untinted and without a name, so that the things in it stand out."""
 
 LEAST_EXTENT = 1.0
 """Metres that the view from above shows at least."""
@@ -175,10 +176,10 @@ def _draw_annotated_pictures(
         picture, title = pictures.row("rgb", frames[row]), f"evaluated, frame {frames[row]}"
         if annotated[row]:
             seen = _draw_annotated(cell, picture, labels.row("instance_map", row), names)
-            cell.set_title(f"{title}: {seen} instances", fontsize=9)
+            cell.set_title(f"{title}: {seen} instances", fontsize=8)
         else:
             cell.imshow(picture)
-            cell.set_title(f"{title}: not annotated", fontsize=9)
+            cell.set_title(f"{title}: not annotated", fontsize=8)
 
 
 def _draw_annotated(
@@ -188,27 +189,13 @@ def _draw_annotated(
     rooms = [index for index, name in enumerate(names) if name == ROOM]
     cell.imshow(overlay(picture, np.where(np.isin(instance_map, rooms), -1, instance_map)))
     values, sizes = np.unique(instance_map[instance_map >= 0], return_counts=True)
-    box = {"facecolor": "black", "alpha": 0.55, "pad": 1, "edgecolor": "none"}
-    for u, v, value in _label_places(instance_map, values[np.argsort(-sizes, kind="stable")]):
-        cell.text(
-            u, v, names[value], color="white", fontsize=7, ha="center", va="center", bbox=box, clip_on=True
-        )
-    return len(values)
-
-
-def _label_places(instance_map: NDArray[np.int32], values: NDArray[np.int32]) -> list[tuple[int, int, int]]:
-    """Column, row and value of the instances to name: in the order of ``values``, those left out that are
-    too small or whose label would lie on another's."""
-    height, width = instance_map.shape
-    places: list[tuple[int, int, int]] = []
-    for value in values:
+    things = [value for value in values[np.argsort(-sizes, kind="stable")] if value not in rooms]
+    for value in things[:LABELS]:
         mask = instance_map == value
-        if len(places) == LABELS or mask.mean() < LEAST_SHARE:
-            break
-        v, u = _inner_point(mask)
-        if all(abs(u - x) > 0.2 * width or abs(v - y) > 0.06 * height for x, y, _ in places):
-            places.append((u, v, int(value)))
-    return places
+        if mask.mean() >= LEAST_SHARE:
+            v, u = _inner_point(mask)
+            add_name(cell, u, v, names[value])
+    return len(values)
 
 
 def overlay(picture: NDArray[np.uint8], instance_map: NDArray[np.int32]) -> NDArray[np.uint8]:

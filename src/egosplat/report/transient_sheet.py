@@ -16,6 +16,7 @@ from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.output_files import check_output, picture_kind
+from egosplat.page_text import add_name
 from egosplat.plotting import plt, save_picture
 from egosplat.report.trained_scene import TrainedScene, check_made_from, open_trained_scene
 
@@ -172,10 +173,8 @@ def _draw_mask(cell: Axes, photograph: NDArray[np.uint8], sources: _Sources, fra
     if mask.any() and not mask.all():
         cell.contour(mask, levels=[0.5], colors="white", linewidths=1.2)
     scores, moves = sources.masks.read("instances/score"), sources.masks.read("instances/transient")
-    box = {"facecolor": "black", "alpha": 0.55, "pad": 1, "edgecolor": "none"}
     for u, v, instance in label_places(sources.segments.row("labels", frame), moves):
-        text = f"{instance}: {scores[instance]:.2f}"
-        cell.text(u, v, text, color="white", fontsize=7, ha="center", va="center", bbox=box, clip_on=True)
+        add_name(cell, u, v, f"{instance}: {scores[instance]:.2f}")
 
 
 def label_places(labels: NDArray[np.int32], moves: NDArray[np.bool_]) -> list[tuple[int, int, int]]:

@@ -14,30 +14,32 @@ from egosplat.geometry import Camera
 from egosplat.provenance import begin
 from egosplat.report.contact_sheet import ground_axes, overlay, run
 
-SIZE = 24
+HEIGHT, WIDTH = 24, 24
 
 
 def scene(folder, frames: int, evaluation: int, points: int, instances: int, registered: int):
     rng = np.random.default_rng(0)
     times = np.arange(frames) * 100_000_000
     with create(folder / "frames.zarr", FRAMES, begin("frames", {}, "synthetic")) as artifact:
-        artifact.put("valid", np.ones((SIZE, SIZE), bool))
+        artifact.put("valid", np.ones((HEIGHT, WIDTH), bool))
         artifact.put("timestamp_ns", times)
         artifact.put("exposure_middle_ns", times)
         chosen = np.arange(frames) < evaluation
         artifact.put("train", ~chosen)
         artifact.put("evaluation", chosen)
-        artifact.allocate("rgb", (frames, SIZE, SIZE, 3))
+        artifact.allocate("rgb", (frames, HEIGHT, WIDTH, 3))
         for index in range(frames):
-            artifact.put_row("rgb", index, rng.integers(0, 255, (SIZE, SIZE, 3), dtype=np.uint8))
-        camera = Camera(SIZE, SIZE, 20.0, 20.0, SIZE / 2, SIZE / 2)
+            artifact.put_row("rgb", index, rng.integers(0, 255, (HEIGHT, WIDTH, 3), dtype=np.uint8))
+        camera = Camera(WIDTH, HEIGHT, 20.0, 20.0, WIDTH / 2, HEIGHT / 2)
         artifact.facts = {"recording": "a recording", "camera": asdict(camera)}
     with create(folder / "annotations.zarr", ANNOTATIONS, begin("annotations", {}, "synthetic")) as artifact:
         artifact.put("frame", np.arange(evaluation))
         artifact.put("annotated", np.arange(evaluation) % 2 == 0)
-        artifact.allocate("instance_map", (evaluation, SIZE, SIZE))
+        artifact.allocate("instance_map", (evaluation, HEIGHT, WIDTH))
         for row in range(evaluation):
-            artifact.put_row("instance_map", row, rng.integers(-1, instances, (SIZE, SIZE), dtype=np.int32))
+            artifact.put_row(
+                "instance_map", row, rng.integers(-1, instances, (HEIGHT, WIDTH), dtype=np.int32)
+            )
         artifact.facts = {"instances": [{"category": f"thing {i}"} for i in range(instances)]}
     poses = np.tile(np.eye(4), (frames, 1, 1))
     poses[:, 0, 3] = np.arange(frames)
@@ -51,6 +53,15 @@ def scene(folder, frames: int, evaluation: int, points: int, instances: int, reg
         artifact.put("points/rgb", np.zeros((points, 3), np.uint8))
         artifact.facts = {"notes": {}}
     return [folder / f"{name}.zarr" for name in ("frames", "annotations", "poses")]
+
+
+def test_a_page_of_portrait_pictures_is_readable(monkeypatch, tmp_path, drawn, unreadable):
+    """Titles lay over one another."""
+    monkeypatch.setitem(globals(), "HEIGHT", 32)
+    monkeypatch.setitem(globals(), "WIDTH", 18)
+    run(*scene(tmp_path, 20, 6, 50, 7, 20), tmp_path / "page.png", title="own/portrait")
+    (figure,) = drawn
+    assert unreadable(figure) == []
 
 
 @pytest.mark.parametrize(
