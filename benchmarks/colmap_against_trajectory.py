@@ -4,7 +4,7 @@ For each scene folder: takes its ``frames.zarr`` and ``poses.zarr`` (the device'
 anew with COLMAP, aligns them by a similarity, and prints a Markdown table.
 
     snakemake --cores 2 results/adt/scene{1,2,3,4,5}/poses.zarr
-    python benchmarks/colmap_against_trajectory.py results/adt/scene* > benchmarks/colmap_against_trajectory.md
+    python benchmarks/colmap_against_trajectory.py results/adt/scene{1,2,3,4,5} > benchmarks/colmap_against_trajectory.md
 """
 
 import tempfile

@@ -3,7 +3,7 @@
 Reads ``splats.zarr`` of each scene folder and prints a Markdown table.
 
     snakemake --cores 2 results/adt/scene{1,2,3,4,5}/splats.zarr
-    python benchmarks/training.py results/adt/scene* > benchmarks/training.md
+    python benchmarks/training.py results/adt/scene{1,2,3,4,5} > benchmarks/training.md
 """
 
 from pathlib import Path

@@ -4,7 +4,7 @@ Reads transient.zarr of each scene folder, and segments.zarr where there is one;
 recording, whose every frame is annotated. True instances show what the network is worth if segmentation were perfect.
 
     snakemake --cores 2 results/adt/scene{1,2,3,4,5}/masks.zarr
-    python benchmarks/transient.py results/adt/scene* > benchmarks/transient.md
+    python benchmarks/transient.py results/adt/scene{1,2,3,4,5} > benchmarks/transient.md
 """
 
 import sys

@@ -8,7 +8,7 @@ from bad_input_bench.cases import Case, Sandbox
 
 FAMILY = "scenes.tsv"
 HEADER = "dataset\tscene\tformat\trecording\toptions\n"
-GOOD = ("adt", "scene9", "adt", "walk", "")
+GOOD = ("adt", "scene90", "adt", "walk", "")
 
 NAMES = (
     "../outside",
@@ -82,16 +82,16 @@ def _whole_files() -> Iterator[Case]:
         "no header": "\t".join(GOOD) + "\n",
         "a column too few": HEADER.replace("\toptions", ""),
         "a column too many": HEADER.strip() + "\tmore\n",
-        "a row too short": HEADER + "adt\tscene9\n",
-        "a row too long": HEADER + "adt\tscene9\tadt\twalk\t\tmore\n",
-        "rows one longer, as if numbered": HEADER + "0\tadt\tscene9\tadt\twalk\t\n",
-        "a quote that is not closed": HEADER + 'adt\tscene9\tadt\t"walk\t\n',
+        "a row too short": HEADER + "adt\tscene90\n",
+        "a row too long": HEADER + "adt\tscene90\tadt\twalk\t\tmore\n",
+        "rows one longer, as if numbered": HEADER + "0\tadt\tscene90\tadt\twalk\t\n",
+        "a quote that is not closed": HEADER + 'adt\tscene90\tadt\t"walk\t\n',
         "a scene twice": good + "\t".join(GOOD) + "\n",
         "zero bytes": b"\0" * 500,
         "UTF-16": good.encode("utf-16"),
-        "Latin-1": (HEADER + "adt\tscene9\tadt\tK\u00fcche\t\n").encode("latin-1"),
+        "Latin-1": (HEADER + "adt\tscene90\tadt\tK\u00fcche\t\n").encode("latin-1"),
         "a picture": b"\x89PNG\r\n\x1a\n" + bytes(range(256)),
-        "a field of a megabyte": HEADER + "adt\tscene9\tadt\twalk\t" + "x" * 2**20 + "\n",
+        "a field of a megabyte": HEADER + "adt\tscene90\tadt\twalk\t" + "x" * 2**20 + "\n",
     }
     for name, content in contents.items():
         yield _table(name, content, ("scenes.tsv",))
@@ -110,7 +110,7 @@ def _whole_files() -> Iterator[Case]:
 
 def _long_recording(box: Sandbox) -> Path:
     path = box.folder / "long.tsv"
-    path.write_text(HEADER + f"adt\tscene9\tadt\t{'x' * 300}\t\n")
+    path.write_text(HEADER + f"adt\tscene90\tadt\t{'x' * 300}\t\n")
     return path
 
 

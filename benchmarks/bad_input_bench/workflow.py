@@ -47,7 +47,7 @@ class Parsed:
 
 
 CONFIG, SCENES = "config/config.yaml", "config/scenes.tsv"
-GOOD = HEADER + "mine\tscene9\tplain\t{}\t{}\n"
+GOOD = HEADER + "mine\tscene90\tplain\t{}\t{}\n"
 
 DRY = (
     Parsed("--config preset", ("--config", f"preset=$({SMUGGLED})"), "preset"),
@@ -60,7 +60,7 @@ DRY = (
     ),
     Parsed("scenes.tsv options no YAML", (), SCENES, SCENES, GOOD.format("x", "frames.stride=[")),
     Parsed("a recording that is absent", (), "x;y", SCENES, GOOD.format("x;y", "")),
-    Parsed("a scene that is not in the table", (), "scene9"),
+    Parsed("a scene that is not in the table", (), "scene90"),
     Parsed("a variant that there is not", (), "nothing"),
 )
 
@@ -75,7 +75,7 @@ def _parsed(one: Parsed, finished: Path, root: Path) -> Tried:
     box = sandbox(finished, root, scene=False)
     if one.file:
         (box.folder / one.file).write_text(one.content)
-    target = "results/mine/scene9/frames.zarr"
+    target = "results/mine/scene90/frames.zarr"
     if "variant" in one.name:
         target = "results/adt/scene1/variants/nothing/splats.zarr"
     done = run_snakemake(box.folder, "--dry-run", "--quiet", "all", *one.words, "--", target)

@@ -14,6 +14,10 @@ PAPER_DATASETS = ("adt", "hoi4d")
 """Whose rows are in the table that comes with egosplat, recordings or not."""
 
 
+NO_RECORDING = "-"
+"""In the column recording: there is none."""
+
+
 @dataclass(frozen=True)
 class Scene:
     """One row of the table of scenes, with its place on disk.
@@ -24,6 +28,7 @@ class Scene:
         recording: the recording's folder or file; inside results where it is synthetic.
         synthetic: whether the recording is made by the project itself.
         config: the whole configuration, with the row's own keys over it.
+        by_name: whether the scene is made only where its name is asked for.
     """
 
     dataset: str
@@ -32,6 +37,7 @@ class Scene:
     recording: Path
     synthetic: bool
     config: configuration.Config
+    by_name: bool = False
 
     @property
     def results(self) -> Path:
@@ -159,7 +165,14 @@ def _scene(row: dict[str, Any], config: configuration.Config, where: str) -> Sce
     own = configuration.merge(config, options)
     configuration.check(own, where)
     root = config["data_root"].get(row["dataset"])
-    synthetic = row["format"] == "adt" and root is None and "seed" in options.get("synthetic", {})
+    filmed = row["format"] == "adt" and "seed" in options.get("synthetic", {})
+    by_name = row["recording"] == NO_RECORDING
+    if by_name and not filmed:
+        raise UserError(
+            f"{where}: recording - stands for a synthetic apartment; give the format adt and the option synthetic.seed, "
+            "or a recording"
+        )
+    synthetic = filmed and (root is None or by_name)
     home = Path("results") / row["dataset"] / row["scene"]
     recording = home / "recording" if synthetic else _recording(row["recording"], root, where)
     if set("{}") & set(str(recording)):
@@ -170,7 +183,7 @@ def _scene(row: dict[str, Any], config: configuration.Config, where: str) -> Sce
         raise UserError(
             f"{where}: recording: a name of more than {_LONGEST_NAME} bytes, {too_long[0][:40]}..."
         )
-    return Scene(row["dataset"], row["scene"], row["format"], recording, synthetic, own)
+    return Scene(row["dataset"], row["scene"], row["format"], recording, synthetic, own, by_name)
 
 
 def _recording(given: str, root: str | None, where: str) -> Path:

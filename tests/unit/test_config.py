@@ -183,6 +183,7 @@ def table(tmp_path, text: str, **user):
 
 def test_the_paper_s_ten_sequences_are_in_the_table():
     scenes = read_scenes(config.defaults() | {"scenes": str(ROOT / "config" / "scenes.tsv")})
+    scenes = {key: scene for key, scene in scenes.items() if not scene.by_name}
     assert list(scenes) == [(dataset, f"scene{i}") for dataset in ("adt", "hoi4d") for i in range(1, 6)]
     assert all(scenes["adt", f"scene{i}"].synthetic for i in range(1, 6))
     assert len({scene.config["synthetic"]["seed"] for scene in scenes.values() if scene.synthetic}) == 5
@@ -196,12 +197,21 @@ def test_a_configured_root_replaces_the_synthetic_recording(tmp_path):
     assert scene.config["frames"]["stride"] == 3 and scene.config["frames"]["end_s"] == 2.5
 
 
+@pytest.mark.parametrize("root", [None, "/data/adt"])
+def test_a_scene_without_a_recording_is_synthetic_whatever_the_root(tmp_path, root):
+    row = "adt\tscene6\tadt\t-\tsynthetic.seed=7\n"
+    scene = table(tmp_path, HEADER + "# a note\n" + row, data_root={"adt": root})["adt", "scene6"]
+    assert scene.synthetic and scene.by_name and scene.recording == Path("results/adt/scene6/recording")
+
+
 @pytest.mark.parametrize(
     "text, message",
     [
         ("dataset scene\n", "needs dataset, scene, format, recording, options, tab-separated"),
         (HEADER + "ADT!\ts\tadt\tr\t\n", "line 2: dataset = 'ADT!' is not allowed"),
         (HEADER + "adt\ts\tavi\tr\t\n", "line 2: format = 'avi' is not allowed: one of adt, hoi4d, plain"),
+        (HEADER + "adt\ts\tadt\t-\t\n", "line 2: recording - .* synthetic.seed"),
+        (HEADER + "a\ts\tplain\t-\tsynthetic.seed=1\n", "line 2: recording - .* format adt"),
         (HEADER + "adt\ts\tadt\t\t\n", "line 2: recording = '' is not allowed"),
         (HEADER + "adt\ts\tadt\tr\tstride=3\n", "option 'stride=3' is not of the form section.key=value"),
         (

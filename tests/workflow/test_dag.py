@@ -39,3 +39,15 @@ def test_the_walk_would_notice():
         "features",
         "splats",
     }
+
+
+def test_apartments_for_reporting_are_made_by_name_alone(finished):
+    """A run of everything leaves them out; asked for by name they are filmed, whatever the root."""
+    everything = finished.snakemake("--dry-run", "--", "all")
+    assert everything.returncode == 0, everything.stderr
+    planned = everything.stdout + everything.stderr
+    assert "results/adt/scene2/metrics.json" in planned and "results/adt/scene6/" not in planned
+    root = "data_root={adt: " + str(finished.folder / "config") + "}"
+    one = finished.snakemake("--dry-run", "--config", root, "--", "results/adt/scene6/metrics.json")
+    assert one.returncode == 0, one.stderr
+    assert "results/adt/scene6/recording" in one.stdout + one.stderr

@@ -25,12 +25,23 @@ def tables_code():
 
 
 def scores_of_scenes(_):
-    """metrics.json of every scene that is there or can be made, and of its ablations."""
-    return [
-        str(scene.results / folder / "metrics.json")
-        for scene in available()
-        for folder in ("", *(f"variants/{name}" for name in ABLATIONS))
+    """metrics.json of every scene that is there or can be made, and of its ablations; of scenes that are made by name
+    alone, those that were."""
+    own = [path for scene in available() for path in scores_of(scene)]
+    by_name = [
+        path
+        for scene in scenes.values()
+        if scene.by_name
+        for path in scores_of(scene)
+        if path.exists()
     ]
+    return [str(path) for path in (*own, *by_name)]
+
+
+def scores_of(scene):
+    """metrics.json of a scene and of its ablations."""
+    folders = ("", *(f"variants/{name}" for name in ABLATIONS))
+    return [scene.results / folder / "metrics.json" for folder in folders]
 
 
 def pictures_of_scenes(_):

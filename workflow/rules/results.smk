@@ -45,11 +45,11 @@ def survey_masks(scene):
 
 
 def available():
-    """The scenes whose recording is there or can be made."""
+    """The scenes whose recording is there or can be made, but for those that are made by name alone."""
     return [
         scene
         for scene in scenes.values()
-        if scene.synthetic or scene.recording.exists()
+        if not scene.by_name and (scene.synthetic or scene.recording.exists())
     ]
 
 

@@ -27,7 +27,7 @@ def examine(files: Sequence[Path], options: Sequence[str]) -> list[Finding]:
     findings = [Finding(Mark.OK, "configuration", f"preset {config['preset']} ({origin})")]
     findings += [*_budget(config), *machine_findings(config), *model_findings(config)]
     try:
-        scenes = list(read_scenes(config).values())
+        scenes = [scene for scene in read_scenes(config).values() if not scene.by_name]
     except UserError as error:
         return [*findings, Finding(Mark.MISSING, "scenes", str(error))]
     findings += [*recording_findings(config, scenes), *suitability_findings(scenes)]
