@@ -46,7 +46,7 @@ NOUNS = ("object", "thing", "item")
 TEMPLATES = ("{}", "{}", "{}", "{}", "{a} {}", "the {}", "a photo of {a} {}", "a picture of the {}")
 _BARE = ("{} {noun}", "{} {noun}", "{}", "something {}")
 
-_MAIN, _TRACE = 0.4, 0.12
+MAIN_SHARE, TRACE_SHARE = 0.4, 0.12
 """Shares of a surface from which on a colour or material is true, and below which it is false."""
 
 _HELD_OUT_OF = 8
@@ -146,13 +146,13 @@ def _surface_shares(listed: str) -> NDArray[np.float64]:
 
 
 def _share_truth(shares: NDArray) -> Truth:
-    return np.where(shares >= _MAIN, 1, np.where(shares >= _TRACE, -1, 0)).astype(np.int8)
+    return np.where(shares >= MAIN_SHARE, 1, np.where(shares >= TRACE_SHARE, -1, 0)).astype(np.int8)
 
 
 def _colour_truth(shares: NDArray) -> Truth:
     """Only the main colour is true."""
     main = shares == shares.max(axis=1, keepdims=True)
-    return np.where(main, _share_truth(shares), np.where(shares >= _TRACE, -1, 0)).astype(np.int8)
+    return np.where(main, _share_truth(shares), np.where(shares >= TRACE_SHARE, -1, 0)).astype(np.int8)
 
 
 def main_colour(crops: Crops) -> NDArray[np.int64]:

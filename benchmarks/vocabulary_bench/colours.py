@@ -1,0 +1,73 @@
+"""The true colours of a synthetic apartment's things, from its surfaces: by the rule that captions were made by."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from small_models.attributes import COLOURS, find_appearance
+from small_models.captions import MAIN_SHARE, TRACE_SHARE
+
+from egosplat.config import Config
+from egosplat.errors import UserError
+from egosplat.frames.recording import Instance
+from egosplat.frames.rectify import pinhole
+from egosplat.geometry import CLOCKWISE
+from egosplat.synthetic.lens import pinhole_lens
+from egosplat.synthetic.recording import make_renderer
+from egosplat.synthetic.world import World, camera_pose, make_world
+
+SIDE, MOMENTS = 128, 40
+"""Pictures from which it is counted how much is seen of each surface: their side [px], and how many there are."""
+
+Shares = NDArray[np.float64]
+
+
+def colour_shares(film: Config, instances: Sequence[Instance]) -> Shares:
+    """Share of what is seen of each instance's surface that each colour has, over the recording.
+
+    Args:
+        film: the keys of the section ``synthetic`` that the recording was made with.
+        instances: N of them, as annotated.
+
+    Returns:
+        (N, len(COLOURS)) float64; NaN where nothing is seen of an instance.
+
+    Raises:
+        UserError: these keys make other instances.
+    """
+    world = make_world(**{key: film[key] for key in ("seed", "seconds", "objects", "motion")})
+    numbers = {one.instance_id: one.name for one in world.instances}
+    if other := [one.name for one in instances if numbers.get(one.id) != one.name]:
+        raise UserError(
+            f"synthetic.seed = {film['seed']} makes no {other[0]}; give the configuration of the recording"
+        )
+    seen = _seen_parts(world, film["seconds"])
+    owner = np.array([world.geometry.bodies[body].instance_id for body in world.geometry.part_body])
+    colours = find_appearance(world.geometry).colours.astype(np.float64)
+    weighted = np.stack([(seen[:, None] * colours)[owner == one.id].sum(axis=0) for one in instances])
+    total = weighted.sum(axis=1, keepdims=True)
+    return np.divide(weighted, total, out=np.full_like(weighted, np.nan), where=total > 0)
+
+
+def main_colour(shares: Shares) -> str | None:
+    """The colour that a thing is said to have; None where none prevails, or nothing is seen of it."""
+    if np.isnan(shares).any() or shares.max() < MAIN_SHARE:
+        return None
+    return COLOURS[int(shares.argmax())]
+
+
+def is_doubtful(shares: Shares, colour: str) -> bool:
+    """Whether it is neither true nor false that a thing has a colour."""
+    share = shares[COLOURS.index(colour)]
+    return main_colour(shares) != colour and not share < TRACE_SHARE
+
+
+def _seen_parts(world: World, seconds: float) -> Shares:
+    """(P,) pixels in which each part is seen, over pictures evenly through the recording."""
+    renderer = make_renderer(world, pinhole_lens(pinhole(SIDE, 460.0)))
+    seen = np.zeros(len(world.geometry.part_names))
+    for moment in (np.arange(MOMENTS) + 0.5) * seconds / MOMENTS:
+        pose = camera_pose(world, moment) @ CLOCKWISE
+        faces = renderer.picture(pose, world.body_poses(moment), 1.0, np.random.default_rng(0)).faces
+        seen += np.bincount(world.geometry.face_part[faces[faces >= 0]], minlength=len(seen))
+    return seen

@@ -1,0 +1,65 @@
+"""Phrases by what the small OpenCLIP was taught of them."""
+
+from small_models.captions import held_out
+from small_models.glossary import COLOUR_GLOSSARY, GLOSSARY
+
+UNTAUGHT: dict[str, tuple[str, ...]] = {
+    "armchair": ("fauteuil",),
+    "bed frame": ("berth",),
+    "book": ("tome", "textbook"),
+    "bookcase": ("shelving",),
+    "bottle": ("decanter",),
+    "bowl": ("tureen",),
+    "box": ("crate", "parcel"),
+    "cabinet": ("credenza",),
+    "candle": ("votive",),
+    "couch": ("chesterfield", "divan"),
+    "cup": ("goblet", "teacup"),
+    "curtain": ("drapery",),
+    "cutting board": ("butcher block",),
+    "desk": ("escritoire",),
+    "desk lamp": ("luminaire",),
+    "figurine": ("carving",),
+    "house plant": ("foliage",),
+    "laptop computer": ("macbook",),
+    "magazine": ("gazette",),
+    "picture": ("snapshot",),
+    "pillow": ("headrest",),
+    "plate": ("platter",),
+    "pot": ("cauldron",),
+    "refrigerator": ("cooler",),
+    "remote control": ("handset",),
+    "shelf": ("mantel",),
+    "side table": ("nightstand",),
+    "speaker": ("subwoofer",),
+    "tea kettle": ("boiler",),
+    "television": ("monitor",),
+    "tissue box": ("kleenex",),
+    "trash can": ("wastebasket",),
+    "vase": ("amphora",),
+    "wall artwork": ("fresco",),
+    "wall clock": ("horologe",),
+    "wall-mounted coat rack": ("hallstand",),
+}
+"""By category: synonyms of which no word is in any caption or in the glossary."""
+
+NAME, GLOSSED, NEW = "the name", "a synonym of the glossary", "a synonym of neither"
+TAUGHT_PAIR, LEFT_OUT_PAIR = "colour and name, taught together", "colour and name, never shown together"
+GLOSSED_PAIR = "colour and name, both of the glossary"
+
+KINDS = (NAME, GLOSSED, NEW, TAUGHT_PAIR, LEFT_OUT_PAIR, GLOSSED_PAIR)
+"""In the order of the table."""
+
+
+def synonym_phrases(category: str) -> dict[str, tuple[str, ...]]:
+    """What a category is asked by, by kind: its name, and synonyms that no picture was captioned with."""
+    return {NAME: (category,), GLOSSED: GLOSSARY.get(category, ()), NEW: UNTAUGHT.get(category, ())}
+
+
+def colour_phrases(colour: str, category: str) -> dict[str, str]:
+    """What things of a category that have a colour are asked by, by kind; ``NAME`` leaves the colour out."""
+    phrases = {NAME: category}
+    phrases[LEFT_OUT_PAIR if held_out(colour, category) else TAUGHT_PAIR] = f"{colour} {category}"
+    if category in GLOSSARY:
+        phrases[GLOSSED_PAIR] = f"{COLOUR_GLOSSARY[colour][0]} {GLOSSARY[category][0]}"
+    return phrases

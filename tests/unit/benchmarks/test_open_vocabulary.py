@@ -1,0 +1,165 @@
+"""Tests of the measure of phrases that were not taught."""
+
+import re
+
+import numpy as np
+import open_vocabulary
+import pytest
+from small_models.attributes import COLOURS
+from small_models.captions import held_out
+from small_models.clip_vocabulary import known_words
+from small_models.concepts import WHOLES
+from vocabulary_bench import answering
+from vocabulary_bench.answering import Answered, answer_scene
+from vocabulary_bench.colours import colour_shares, is_doubtful, main_colour
+from vocabulary_bench.phrases import (
+    GLOSSED_PAIR,
+    LEFT_OUT_PAIR,
+    NAME,
+    NEW,
+    TAUGHT_PAIR,
+    UNTAUGHT,
+    colour_phrases,
+    synonym_phrases,
+)
+from vocabulary_bench.questions import COLOURED, TOLD_APART, WORDS, Question, find_questions
+
+from egosplat import config as configuration
+from egosplat.benchmark.queries import Query
+from egosplat.benchmark.scores import Result
+from egosplat.errors import UserError
+from egosplat.frames.recording import Instance
+from egosplat.synthetic.catalogue import CATEGORY_UIDS
+from egosplat.synthetic.world import make_world
+
+
+def shares_of(**colours: float) -> np.ndarray:
+    """Shares by name, the rest none."""
+    return np.array([colours.get(colour, 0.0) for colour in COLOURS])
+
+
+RED, BLUE, REDDISH = shares_of(red=1.0), shares_of(blue=0.9, red=0.1), shares_of(white=0.7, red=0.3)
+
+
+def test_new_synonyms_are_in_no_caption_and_no_glossary():
+    """Not one of their words, and each is of a category that is asked."""
+    taught = set(known_words())
+    words = {
+        word for phrases in UNTAUGHT.values() for phrase in phrases for word in re.findall("[a-z]+", phrase)
+    }
+    assert not words & taught
+    assert set(UNTAUGHT) <= set(CATEGORY_UIDS) & set(WHOLES)
+    assert len(words) > 30
+
+
+def test_a_pair_is_either_taught_or_left_out():
+    colour = next(colour for colour in COLOURS if held_out(colour, "bottle"))
+    other = next(colour for colour in COLOURS if not held_out(colour, "bottle"))
+    assert colour_phrases(colour, "bottle")[LEFT_OUT_PAIR] == f"{colour} bottle"
+    assert TAUGHT_PAIR not in colour_phrases(colour, "bottle")
+    assert colour_phrases(other, "bottle")[TAUGHT_PAIR] == f"{other} bottle"
+    assert set(colour_phrases(other, "bottle")) == {NAME, TAUGHT_PAIR, GLOSSED_PAIR}
+
+
+def test_the_colour_of_a_thing_is_that_of_captions():
+    assert main_colour(RED) == "red" and main_colour(REDDISH) == "white"
+    assert main_colour(shares_of(red=0.39, blue=0.3, white=0.31)) is None
+    assert main_colour(np.full(len(COLOURS), np.nan)) is None
+    assert is_doubtful(REDDISH, "red") and is_doubtful(np.full(len(COLOURS), np.nan), "red")
+    assert not is_doubtful(RED, "red") and not is_doubtful(BLUE, "red")
+
+
+@pytest.fixture
+def stripes() -> np.ndarray:
+    """(10, 40) int32: four things beside each other."""
+    return np.repeat(np.arange(4, dtype=np.int32), 10)[None].repeat(10, axis=0)
+
+
+def asked(stripes: np.ndarray, shares: list[np.ndarray], min_area: float = 0.0) -> list[Question]:
+    query = Query(0, 5, "couch", {"all": (0, 1), "static": (0,)})
+    return find_questions([query], {5: stripes}, np.stack(shares), min_area)
+
+
+def test_a_colour_means_the_things_that_have_it(stripes):
+    found = asked(stripes, [RED, BLUE, RED, RED])
+    coloured = {one.query.category: one for one in found if one.targets == TOLD_APART}
+    red = coloured["red couch"]
+    assert red.query.instances == {"all": (0,)} and (red.colour, red.category) == ("red", "couch")
+    assert coloured["blue couch"].query.instances == {"all": (1,)}
+    # Both are asked by the name alone as well, for the same things.
+    names = [one.query.instances["all"] for one in found if (one.targets, one.kind) == (COLOURED, NAME)]
+    assert names == [(1,), (0,)]
+    words = [one for one in found if one.targets == WORDS]
+    assert {one.query.category for one in words} == {
+        phrase for phrases in synonym_phrases("couch").values() for phrase in phrases
+    }
+    assert all(one.query.instances["all"] == (0, 1) for one in words)
+
+
+def test_a_colour_that_another_thing_has_in_part_is_not_asked(stripes):
+    found = asked(stripes, [RED, REDDISH, RED, RED])
+    assert {one.colour for one in found if one.targets != WORDS} == {"white"}
+
+
+def test_of_one_colour_alone_nothing_is_told_apart(stripes):
+    found = asked(stripes, [RED, RED, BLUE, BLUE])
+    assert TOLD_APART not in {one.targets for one in found}
+    assert {one.query.instances["all"] for one in found if one.targets == COLOURED} == {(0, 1)}
+    assert COLOURED not in {one.targets for one in asked(stripes, [RED, BLUE, RED, RED], min_area=0.3)}
+
+
+def test_colours_of_an_apartment_are_those_of_its_surfaces():
+    """Shares of what is seen, and what is seen of nothing has none; other keys make other things, which is said."""
+    film = {"seed": 5, "seconds": 4.0, "objects": 16, "motion": 0.0}
+    made = make_world(**film)
+    instances = [
+        Instance(one.instance_id, one.name, one.category, one.motion_type, one.instance_type)
+        for one in made.instances
+    ]
+    found = colour_shares(film, instances)
+    seen = ~np.isnan(found).any(axis=1)
+    assert seen.sum() > 8 and found[seen].sum(axis=1) == pytest.approx(1.0, abs=1e-5)
+    assert sum(main_colour(one) is not None for one in found) > 8
+    with pytest.raises(UserError, match="synthetic.seed = 6 makes no "):
+        colour_shares(film | {"seed": 6}, instances)
+
+
+def test_phrases_are_scored_as_the_benchmark_scores(word_scene, monkeypatch):
+    """A wall of which the left half means a couch and the right half a cup: found by name, as metrics.json has it."""
+    monkeypatch.setattr(answering, "colour_shares", lambda film, instances: np.stack([RED, BLUE]))
+    config = configuration.defaults()
+    found = answer_scene(word_scene(), config)
+    names = [one for one in found if (one.question.targets, one.question.kind) == (WORDS, NAME)]
+    assert [(one.question.query.frame, one.question.category) for one in names] == [
+        (1, "couch"),
+        (1, "cup"),
+        (2, "couch"),
+        (2, "cup"),
+    ]
+    assert all(one.result.hit and one.result.iou > 0.8 for one in names)
+    assert {one.result.random_hit for one in found} == {0.5}
+    assert {one.question.query.category for one in found} >= {"red couch", "blue cup", "settee", "goblet"}
+
+
+def answered(frame: int, category: str, kind: str, hit: bool) -> Answered:
+    query = Query(0, frame, f"{kind} {category}", {"all": (1,)})
+    return Answered(Question(WORDS, kind, category, None, query), Result(hit, 0.5, 0.05, False))
+
+
+def test_rows_are_compared_with_the_name_for_the_same_targets():
+    things = [f"thing {n}" for n in range(8)]
+    scene = [answered(n, name, NAME, True) for n, name in enumerate(things)]
+    scene += [answered(n, name, NEW, False) for n, name in enumerate(things[:6])]
+    lines = list(open_vocabulary.rows([scene]))
+    assert len(lines) == 2
+    assert lines[0].startswith(
+        "| things of a category | the name | 8 | 8 | 8 | 100.0 (67.6 to 100.0) | 5.0 | 0.0 |"
+    )
+    assert "| 6 | 6 | 6 | 0.0 (0.0 to 39.0) | 5.0 | 0.0 |" in lines[1]
+    assert lines[1].endswith("| -100.0 (-100.0 to -21.9), p = 0.031 |")
+
+
+def test_left_out_pairs_are_counted_also_where_there_are_none():
+    assert "seen here: 0. " in open_vocabulary.left_out([[answered(0, "cup", NEW, True)]])
+    one = answered(0, "cup", LEFT_OUT_PAIR, True)
+    assert "seen here: 1: " in open_vocabulary.left_out([[one, one]])
