@@ -2,6 +2,7 @@
 
 import itertools
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,11 +11,12 @@ from egosplat.geometry import transform
 from egosplat.synthetic.apartment import make_apartment
 from egosplat.synthetic.catalogue import CATEGORY_UIDS
 from egosplat.synthetic.lighting import face_normals
-from egosplat.synthetic.model import boxes_touch
+from egosplat.synthetic.model import bounds_at, boxes_touch
 from egosplat.synthetic.raycasting import Body, body_scene, build_geometry
 
-DIRECTIONS = np.array([[0.31, 0.87, 0.38], [-0.52, 0.21, -0.83], [0.69, -0.6, 0.4]], dtype=np.float32)
+DIRECTIONS = np.random.default_rng(1).normal(size=(9, 3)).astype(np.float32)
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
+"""Along no axis and no diagonal: a ray through an edge or a corner says nothing of where its origin lies."""
 
 
 def surface_points(thing, inwards):
@@ -24,17 +26,24 @@ def surface_points(thing, inwards):
     return transform(thing.pose, vertices - inwards * normals)
 
 
-def is_inside(geometry, number, points):
-    """Whether points lie within a body's surface: looking out, one sees its inner side, whichever way one looks."""
-    scene = body_scene(geometry, number, number + 1)
+def is_inside(thing, points):
+    """Whether points lie within one of a thing's parts.
+
+    Each part is looked at alone: where a lid lies on a box, two surfaces share a plane, and which of them a ray meets
+    first says nothing. Looking out from within, one sees a part's inner side, most ways that one looks.
+    """
     points = points.astype(np.float32)
-    inside = np.ones(len(points), dtype=bool)
-    for direction in DIRECTIONS:
-        rays = np.broadcast_to(direction, points.shape)
-        hits = scene.cast(points, rays)
-        outward = face_normals(geometry, hits.face, np.zeros_like(rays))
-        inside &= (hits.face >= 0) & (np.einsum("ni,ni->n", outward, rays) > 0)
-    return inside
+    found = np.zeros(len(points), dtype=bool)
+    for part in thing.model.parts:
+        geometry = build_geometry([Body(1, (part,), thing.pose, "static")])
+        scene, votes = body_scene(geometry, 0, 1), np.zeros(len(points), dtype=int)
+        for direction in DIRECTIONS:
+            rays = np.broadcast_to(direction, points.shape)
+            hits = scene.cast(points, rays)
+            outward = face_normals(geometry, hits.face, np.zeros_like(rays))
+            votes += (hits.face >= 0) & ((outward * rays).sum(axis=1) > 0)
+        found |= votes > len(DIRECTIONS) / 2
+    return found
 
 
 def as_geometry(apartment):
@@ -90,22 +99,29 @@ def test_other_seeds_other_apartments(apartment, filmed):
 
 
 def test_nothing_runs_into_anything(apartment):
-    geometry = as_geometry(apartment)
     checked = 0
     for one, other in itertools.permutations(apartment.things, 2):
         if boxes_touch(one.bounds, other.bounds, 0.05):
-            inside = is_inside(geometry, other.number, surface_points(one, inwards=0.004))
+            inside = is_inside(other, surface_points(one, inwards=0.004))
             assert not inside.any(), f"{one.kind.category} reaches into {other.kind.category}"
             checked += 1
     assert checked > 5
 
 
-def test_the_check_for_running_into_things_finds_it(apartment):
-    geometry = as_geometry(apartment)
+@pytest.mark.parametrize("reverse", [False, True])
+def test_the_check_for_running_into_things_finds_it(apartment, reverse):
+    """Everywhere in a box, and below its lid, whichever of the two surfaces there a ray meets first."""
     thing = next(thing for thing in apartment.things if thing.kind.category == "box")
-    middle = thing.bounds.mean(axis=0)[None]
-    assert is_inside(geometry, thing.number, middle).all()
-    assert not is_inside(geometry, thing.number, middle + [0, 1, 0]).any()
+    assert {part.name for part in thing.model.parts} >= {"body", "lid"}
+    if reverse:
+        thing = replace(thing, model=replace(thing.model, parts=thing.model.parts[::-1]))
+    lower, upper = bounds_at(thing.model, np.eye(4))
+    shares = np.stack(np.meshgrid(*[[0.25, 0.5, 0.75]] * 3), axis=-1).reshape(-1, 3)
+    within = transform(thing.pose, lower + shares * (upper - lower))
+    assert is_inside(thing, within).all()
+    for way in np.eye(3):
+        assert not is_inside(thing, within + way).any()
+        assert not is_inside(thing, within - way).any()
 
 
 def test_everything_is_in_the_room(apartment):
