@@ -402,10 +402,10 @@ def stage_command(stage: str) -> click.Command:
     """The command of a stage, with a flag for each path and each key of its configuration section."""
 
     def call(**values: Any) -> None:
-        from egosplat.alarms.found import log_alarms_of
+        from egosplat.alarms.found import log_warnings
 
         stage_function(stage)(**values)
-        log_alarms_of(stage, values["output"])
+        log_warnings(stage, values["output"])
 
     return click.Command(
         stage.replace("_", "-"), callback=call, params=_flags(stage), help=STAGES[stage].about

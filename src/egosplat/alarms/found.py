@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from egosplat.alarms.alarm import Alarm
+from egosplat.alarms.alarm import Alarm, warning_lines
 from egosplat.alarms.instances import features_alarms, segments_alarms, view_features_alarms
 from egosplat.alarms.recording import frames_alarms, poses_alarms
 from egosplat.alarms.scene import language_alarms, masks_alarms, splats_alarms, transient_alarms
@@ -26,19 +26,16 @@ def alarms_of_all(artifacts: Iterable[Artifact]) -> list[Alarm]:
     return [alarm for artifact in ordered for alarm in alarms_of(artifact)]
 
 
-def log_alarms(alarms: Iterable[Alarm], notice: str | None) -> None:
-    """Write each alarm as a line of the log, ``alarm: ...``; before them the notice of models that do not fit."""
-    if notice is not None:
-        log(f"notice: {notice}")
-    for alarm in alarms:
-        log(f"alarm: {alarm}")
+def warnings_of(*artifacts: Artifact) -> list[str]:
+    """The ``warning_lines`` of artifacts."""
+    return warning_lines(notice_of_artifacts(artifacts), alarms_of_all(artifacts))
 
 
-def log_alarms_of(stage: str, output: Path) -> None:
-    """Log the alarms of what a stage has just made, and its notice; nothing of a stage that makes no artifact."""
+def log_warnings(stage: str, output: Path) -> None:
+    """Log the ``warning_lines`` of what a stage has just made; nothing of a stage that makes no artifact."""
     if stage in SCHEMAS:
-        artifact = open_artifact(output, SCHEMAS[stage])
-        log_alarms(alarms_of(artifact), notice_of_artifacts([artifact]))
+        for line in warnings_of(open_artifact(output, SCHEMAS[stage])):
+            log(line)
 
 
 def _none(artifact: Artifact) -> Iterable[Alarm]:

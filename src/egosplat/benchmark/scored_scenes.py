@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from egosplat import config as configuration
-from egosplat.alarms.alarm import Alarm
+from egosplat.alarms.alarm import Alarm, warning_lines
 from egosplat.benchmark.intervals import Clusters, cluster, scaled
 from egosplat.benchmark.tables import Cell
 from egosplat.errors import UserError
@@ -81,9 +81,8 @@ class ScoredScene:
     @property
     def warnings(self) -> list[str]:
         """Why the scores are not to be trusted, a line each: the notice, then the alarms."""
-        notice, alarms = self.document["notice"], self.document["alarms"]
-        told = [f"notice: {notice}"] if notice else []
-        return told + [f"alarm: {Alarm(**alarm)}" for alarm in alarms]
+        alarms = (Alarm(**alarm) for alarm in self.document["alarms"])
+        return warning_lines(self.document["notice"], alarms)
 
     def cell(self, metric: str, group: str) -> Cell:
         """A score in percent, with its interval where it has one."""

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from egosplat import provenance
-from egosplat.alarms.alarm import Alarm
-from egosplat.alarms.found import alarms_of_all, log_alarms
+from egosplat.alarms.alarm import Alarm, warning_lines
+from egosplat.alarms.found import alarms_of_all
 from egosplat.alarms.scene import metrics_alarms
 from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.features import FEATURES
@@ -118,7 +118,8 @@ def run(
     }
     write_metrics(output, document, METRICS)
     _tell(evaluation.frames, scores)
-    log_alarms(alarms, notice)
+    for line in warning_lines(notice, alarms):
+        log(line)
 
 
 def _begin(keys: dict[str, Any], made_from: Lineage) -> Provenance:

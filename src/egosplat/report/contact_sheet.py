@@ -9,6 +9,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import hsv_to_rgb
 from numpy.typing import NDArray
 
+from egosplat.alarms.found import warnings_of
 from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
@@ -16,6 +17,7 @@ from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.output_files import check_output, picture_kind
 from egosplat.page_text import add_name
 from egosplat.plotting import plt, save_picture
+from egosplat.report.heading import draw_heading
 
 PAGE = picture_kind("egosplat contact-sheet")
 
@@ -52,7 +54,7 @@ def run(frames: Path, annotations: Path, poses: Path, output: Path, *, title: st
     above, below = (math.ceil(len(part) / columns) for part in (shown, rows))
     widths = (HEIGHT * 0.72, _grid_width(pictures, columns, above + below))
     figure = plt.figure(figsize=(sum(widths), HEIGHT), layout="constrained")
-    figure.suptitle(f"{title}: {_summary(pictures, labels, walk)}", fontsize=14)
+    draw_heading(figure, f"{title}: {_summary(pictures, labels, walk)}", warnings_of(pictures, walk), 14)
     left, right = figure.subfigures(1, 2, width_ratios=widths)
     draw_from_above(left.subplots(), walk)
     grid = right.subplots(above + below, columns, squeeze=False)

@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from egosplat.alarms.found import warnings_of
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reading import Artifact, open_artifact
@@ -16,6 +17,7 @@ from egosplat.errors import UserError
 from egosplat.features.crops import cut_crop
 from egosplat.output_files import check_output, picture_kind
 from egosplat.plotting import plt, save_picture
+from egosplat.report.heading import draw_heading
 
 PAGE = picture_kind("egosplat crops-sheet")
 
@@ -75,7 +77,7 @@ def run(
     chosen = choose_instances(table)
     rows = max(len(chosen), 1)
     figure = plt.figure(figsize=(COLUMNS * CELL + 0.4, rows * (CELL + 0.62) + 1.0), layout="constrained")
-    figure.suptitle(f"{title}: {_summary(sources, table)}", fontsize=12)
+    draw_heading(figure, f"{title}: {_summary(sources, table)}", warnings_of(sources.features))
     strips = figure.subfigures(rows, 1, squeeze=False)[:, 0]
     for strip, instance in zip(strips, chosen, strict=False):
         strip.suptitle(_caption(sources, table, instance), fontsize=10, x=0.01, ha="left")

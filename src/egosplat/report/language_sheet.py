@@ -9,12 +9,14 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from egosplat.alarms.found import warnings_of
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.geometry import Camera, make_pose
 from egosplat.language.rendering import render_codes
 from egosplat.output_files import check_output, picture_kind
 from egosplat.plotting import plt, save_picture
+from egosplat.report.heading import draw_heading
 from egosplat.report.trained_scene import TrainedScene, check_made_from, open_trained_scene
 
 PAGE = picture_kind("egosplat language-sheet")
@@ -70,7 +72,7 @@ def run(poses: Path, splats: Path, language: Path, output: Path, *, title: str) 
     camera = _reduced(scene.camera)
     size = (CELL * TURNS, (CELL * camera.height / camera.width + 0.25) * (1 + len(levels)) + 0.9)
     figure, grid = plt.subplots(1 + len(levels), TURNS, squeeze=False, figsize=size, layout="constrained")
-    figure.suptitle(f"{title}: {_summary(meaning)}", fontsize=12)
+    draw_heading(figure, f"{title}: {_summary(meaning)}", warnings_of(meaning))
     _draw_views(grid, scene, meaning, camera)
     save_picture(figure, output, PAGE)
 

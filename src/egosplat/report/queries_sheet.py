@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from textwrap import fill
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,6 +15,7 @@ from egosplat.benchmark.tables import Cell
 from egosplat.output_files import check_output, picture_kind
 from egosplat.plotting import plt, save_picture
 from egosplat.report.answer_drawing import draw_heat, draw_mask
+from egosplat.report.heading import draw_heading
 from egosplat.report.queries_asking import ShownQuery, ask_again, open_sources
 from egosplat.report.queries_choice import best_and_worst, scored_queries
 
@@ -26,12 +26,6 @@ ROWS = 4
 
 CELL = 2.9
 """Width of a picture on the page, in inches."""
-
-LINE = 170
-"""Letters of the heading that fit on a line."""
-
-LINE_HEIGHT = 0.2
-"""Of the heading, in inches."""
 
 HIT, MISS = ("found", "o", "forestgreen"), ("missed", "X", "red")
 """Word, mark and colour of what was found at its place, and of what was not."""
@@ -67,17 +61,13 @@ def run(
     options = scored.document["provenance"]["options"]
     shown = {one.scored: one for one in ask_again([*best, *worst], sources, options)}
     figure = plt.figure(layout="constrained")
-    heading = [*f"{title}: {summary(scored)}".split("\n"), *scored.warnings]
-    lines = "\n".join(fill(line, LINE) for line in heading)
-    figure.suptitle(lines, fontsize=12)
     if shown:
         blocks = ([shown[one] for one in queries] for queries in (best, worst))
         _draw(figure, *blocks, _hits_boxes(scored))
-        width, height = figure.get_size_inches()
-        figure.set_size_inches(width, height + LINE_HEIGHT * (lines.count("\n") + 1))
     else:
         figure.set_size_inches(6 * CELL, CELL)
         figure.text(0.5, 0.4, "No annotated frame with a pose shows anything to ask for.", ha="center")
+    draw_heading(figure, f"{title}: {summary(scored)}", scored.warnings)
     save_picture(figure, output, PAGE)
 
 
@@ -110,7 +100,7 @@ def _draw(figure: Figure, best: Sequence[ShownQuery], worst: Sequence[ShownQuery
     """The two blocks beside each other."""
     height, width = (*best, *worst)[0].truth.shape
     rows = max(len(best), len(worst))
-    figure.set_size_inches(6 * CELL, (CELL * height / width + 0.12) * rows + 0.5)
+    figure.set_size_inches(6 * CELL, (CELL * height / width + 0.12) * rows + 0.9)
     left, right = figure.subfigures(1, 2, wspace=0.02)
     for page, name, queries in ((left, BEST, best), (right, WORST, worst)):
         page.suptitle(name if queries else f"{name.partition(':')[0]}: none", fontsize=11, fontweight="bold")

@@ -7,12 +7,14 @@ from matplotlib.axes import Axes
 from matplotlib.colors import hsv_to_rgb
 from numpy.typing import NDArray
 
+from egosplat.alarms.found import warnings_of
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.errors import UserError
 from egosplat.output_files import check_output, picture_kind
 from egosplat.plotting import plt, save_picture
+from egosplat.report.heading import draw_heading
 
 PAGE = picture_kind("egosplat segments-sheet")
 
@@ -41,7 +43,7 @@ def run(frames: Path, segments: Path, output: Path, *, title: str) -> None:
     figure, grid = plt.subplots(
         1 + len(levels), len(shown), squeeze=False, figsize=size, layout="constrained"
     )
-    figure.suptitle(f"{title}: {_summary(found)}", fontsize=12)
+    draw_heading(figure, f"{title}: {_summary(found)}", warnings_of(found))
     colours = palette(found.shape("instances/level")[0])
     for column, frame in enumerate(shown):
         picture, labels = pictures.row("rgb", frame), found.row("labels", frame)

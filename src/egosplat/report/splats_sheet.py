@@ -6,13 +6,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from egosplat.alarms.found import alarms_of
+from egosplat.alarms.found import warnings_of
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.log_axis import plain_numbers
 from egosplat.output_files import check_output, picture_kind
 from egosplat.plotting import plt, save_picture
+from egosplat.report.heading import draw_heading
 
 PAGE = picture_kind("egosplat splats-sheet")
 
@@ -35,8 +36,7 @@ def run(frames: Path, splats: Path, output: Path, *, title: str) -> None:
     _, height, width, _ = pictures.shape("rgb")
     cell = CELL * float(np.clip(width / height, 0.6, 1.8))
     figure = plt.figure(figsize=(4.6 + columns * cell, 3 * CELL + 1.2), layout="constrained")
-    heading = [f"{title}: {_summary(pictures, trained)}", *(f"alarm: {one}" for one in alarms_of(trained))]
-    figure.suptitle("\n".join(heading), fontsize=13)
+    draw_heading(figure, f"{title}: {_summary(pictures, trained)}", warnings_of(trained), 13)
     left, right = figure.subfigures(1, 2, width_ratios=(4.6, columns * cell))
     _draw_curves(left.subplots(3, 1, sharex=True), trained)
     grid = right.subplots(3, columns, squeeze=False)

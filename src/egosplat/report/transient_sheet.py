@@ -10,6 +10,7 @@ from matplotlib.figure import SubFigure
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
+from egosplat.alarms.found import warnings_of
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.reading import Artifact, open_artifact
@@ -18,6 +19,7 @@ from egosplat.artifacts.transient import TRANSIENT
 from egosplat.output_files import check_output, picture_kind
 from egosplat.page_text import add_name
 from egosplat.plotting import plt, save_picture
+from egosplat.report.heading import draw_heading
 from egosplat.report.trained_scene import TrainedScene, check_made_from, open_trained_scene
 
 PAGE = picture_kind("egosplat transient-sheet")
@@ -82,7 +84,7 @@ def run(
     columns = max(len(shown), 3)
     pictures = 4 * (CELL * height / width + 0.25)
     figure = plt.figure(figsize=(CELL * columns + 0.9, pictures + CHART + 1.0), layout="constrained")
-    figure.suptitle(f"{title}: {_summary(sources)}", fontsize=12)
+    draw_heading(figure, f"{title}: {_summary(sources)}", warnings_of(sources.transient, sources.masks))
     above, below = figure.subfigures(2, 1, height_ratios=(pictures, CHART))
     _draw_frames(above, sources, shown, columns)
     _draw_scores(below.subplots(), sources.masks, sources.segments)

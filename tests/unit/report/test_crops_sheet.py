@@ -52,7 +52,7 @@ def scene(folder, frames: int, instances: int, every_outlier: int):
     }
     facts = {
         "levels": ["part", "whole"],
-        "clip": {"small": True, "model": "small"},
+        "clip": {"small": True, "model": "small", "checkpoint": "small"},
         "turned": False,
         "outliers": 1,
     }
