@@ -1,0 +1,39 @@
+"""The committed pages of scores: what their intervals are of, and what is claimed."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[3]
+SCORES = ("ablation", "true_instances", "required", "tradeoff", "open_vocabulary")
+INTERVAL = re.compile(r"\([+−-]?\d+\.\d to [+−-]?\d+\.\d\)")
+
+
+@pytest.mark.parametrize("name", SCORES)
+def test_a_page_with_intervals_says_what_they_are_over(name):
+    """Over categories; or over queries, and then that they are too narrow."""
+    text = (ROOT / "benchmarks" / f"{name}.md").read_text(encoding="utf-8")
+    assert INTERVAL.search(text)
+    head = text[: text.index("| --- |")].casefold()
+    assert "intervals over queries, too narrow" in head or "intervals over categories" in head
+
+
+def test_the_readme_has_no_interval_over_queries_without_a_word():
+    lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
+    bare = [line for line in lines if re.search(r"\(-?\d+\.\d to \d+\.\d", line) and "too narrow" not in line]
+    assert not [line for line in bare if "categories" not in line]
+
+
+@pytest.mark.parametrize(
+    "claim",
+    ["the reference implementation", "refined best on four", "accuracy as good", "answers as well but for"],
+)
+def test_claims_that_were_not_shown_are_gone(claim):
+    pages = [
+        ROOT / "README.md",
+        *(ROOT / "benchmarks").glob("*.md"),
+        *(ROOT / "docs").glob("*.md"),
+        ROOT / "config/README.md",
+    ]
+    assert not [page.name for page in pages if claim in " ".join(page.read_text(encoding="utf-8").split())]
