@@ -1,7 +1,7 @@
 """What a run replaces: results that were made with other settings than it has, told before it begins.
 
-Only what an artifact records of how it was made is compared, as JSON: neither Zarr nor PyTorch is imported. A change of a
-recording or of code is not told; Snakemake's plan names its reason.
+Only what an artifact records of how it was made is compared, as JSON: neither Zarr nor PyTorch is imported. A change of code
+is not told, nor one of a recording alone; Snakemake's plan names its reason.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -81,7 +81,10 @@ def find_replaced(asked: Asked) -> Replaced | None:
     if not artifacts:
         return None
     every = {key: values for stage in records for key, values in changes[stage].items()}
-    return Replaced(asked, artifacts, every, _preset_of(records, asked))
+    preset = _preset_of(records, asked)
+    filmed = _filmed_otherwise(asked, preset)
+    recording = (asked.folder / "recording",) if filmed else ()
+    return Replaced(asked, recording + artifacts, filmed | every, preset)
 
 
 def stages_behind(goals: Iterable[str], config: Config) -> list[str]:
@@ -160,6 +163,14 @@ def _preset_of(records: Mapping[str, Mapping[str, Any]], asked: Asked) -> str | 
         if not any(_changes(stage, options, config) for stage, options in records.items()):
             return preset
     return None
+
+
+def _filmed_otherwise(asked: Asked, preset: str | None) -> Changes:
+    """The keys in which a synthetic recording of that preset differs; the recording itself does not tell its own."""
+    if preset is None or not (asked.folder / "recording").is_dir():
+        return {}
+    before, now = asked.with_preset(preset)["synthetic"], asked.config["synthetic"]
+    return {f"synthetic.{key}": (before[key], now[key]) for key in now if before[key] != now[key]}
 
 
 def _told(found: Replaced) -> str:

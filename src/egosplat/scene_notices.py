@@ -6,8 +6,11 @@ from egosplat.config import Config
 from egosplat.errors import UserError
 from egosplat.frames.origin import recording_origin
 from egosplat.models.suitability import configured_checkpoints, notice
-from egosplat.scenes import Scene, Target
+from egosplat.scenes import Scene, Target, is_own
 from egosplat.variants import variant_config
+
+NAMED = 5
+"""So many scenes that are left out are named."""
 
 
 def scene_notice(scene: Scene, config: Config | None = None) -> str | None:
@@ -38,6 +41,24 @@ def plan_notices(scenes: Mapping[tuple[str, str], Scene], targets: Sequence[Targ
         if told is not None and name not in found.setdefault(told, []):
             found[told].append(name)
     return [f"{', '.join(names)}: {told}" for told, names in found.items()]
+
+
+def left_out_notices(scenes: Mapping[tuple[str, str], Scene], targets: Sequence[Target]) -> list[str]:
+    """A line that names a user's own rows whose recording is not there, where everything is asked for.
+
+    Args:
+        scenes, targets: as ``plan_notices``; a target of a scene without its recording is an error of its own.
+    """
+    absent = [
+        scene
+        for scene in scenes.values()
+        if is_own(scene) and not scene.synthetic and not scene.recording.exists()
+    ]
+    if targets or not absent:
+        return []
+    names = ", ".join(f"{one.dataset}/{one.scene} ({one.recording})" for one in absent[:NAMED])
+    more = f" and {len(absent) - NAMED} more" if len(absent) > NAMED else ""
+    return [f"left out, for their recordings are not there: {names}{more}"]
 
 
 def _asked(

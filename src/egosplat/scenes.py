@@ -91,6 +91,12 @@ def check_recording(scene: Scene) -> None:
         )
 
 
+def is_own(scene: Scene) -> bool:
+    """Whether a row is a user's own: those of the paper's datasets wait until a root is set for their dataset."""
+    rooted = scene.config["data_root"].get(scene.dataset) is not None
+    return rooted or scene.format == "plain" or scene.dataset not in PAPER_DATASETS
+
+
 _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
 
 _LONGEST_NAME = 255

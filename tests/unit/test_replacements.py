@@ -108,6 +108,14 @@ def test_another_preset_is_named_with_its_variant(scene):
     )
 
 
+def test_a_synthetic_recording_of_another_preset_is_replaced_too(scene):
+    asked = scene({"preset": "fast"})
+    assert "recording" not in replacement_notices([asked])[0].partition("replaces")[2]
+    (asked.folder / "recording").mkdir()
+    told = replacement_notices([asked])[0]
+    assert "this run replaces recording, frames.zarr" in told and "synthetic.size 704 -> 352" in told
+
+
 def test_the_variant_that_is_named_is_one_that_there_is(scene):
     """The presets compared in the section tradeoff are variants; one that is left out is none."""
     now = {"preset": "fast", "tradeoff": {"presets": ["balanced"], "knobs": {}}}

@@ -1,11 +1,12 @@
 """What a plan says of small checkpoints on real recordings, by what is asked for."""
 
 import json
+from pathlib import Path
 
 import pytest
 
 from egosplat import config as configuration
-from egosplat.scene_notices import plan_notices, scene_notice
+from egosplat.scene_notices import left_out_notices, plan_notices, scene_notice
 from egosplat.scenes import Scene, requested_targets
 
 
@@ -53,3 +54,12 @@ def test_what_is_asked_for_decides_and_a_variant_by_its_own_models(table):
     (line,) = planned(table, "results/mine/b/splats.png", "results/mine/b/metrics.json")
     assert line.startswith("mine/b: ")
     assert planned(table, "results/mine/b/variants/published/metrics.json") == []
+
+
+def test_a_run_of_everything_names_the_user_s_rows_that_it_leaves_out(table):
+    """The table's rows of the paper's datasets wait for a root, and what is asked for by name is refused elsewhere."""
+    (line,) = left_out_notices(table, [])
+    assert "mine/absent (" in line and "none.mp4)" in line and "mine/a " not in line and "adt" not in line
+    waiting = Scene("hoi4d", "s", "hoi4d", Path("nowhere"), False, configuration.defaults())
+    assert left_out_notices({("hoi4d", "s"): waiting}, []) == []
+    assert left_out_notices(table, requested_targets(["results/mine/a/splats.png"])) == []

@@ -12,7 +12,7 @@ from pathlib import Path
 from egosplat import config as configuration
 from egosplat.errors import UserError
 from egosplat.orphans import STARTED_BY
-from egosplat.scene_notices import plan_notices
+from egosplat.scene_notices import left_out_notices, plan_notices
 from egosplat.scenes import check_recording, find_scene, read_scenes, requested_targets
 from egosplat.stages import STAGES
 from egosplat.stale_locks import clear_stale_locks
@@ -69,7 +69,7 @@ except UserError as error:
 
 # The plan's first line: of jobs it would be said again by each.
 if workflow.is_main_process:
-    for line in plan_notices(scenes, targets):
+    for line in [*plan_notices(scenes, targets), *left_out_notices(scenes, targets)]:
         print(f"egosplat: {line}", file=sys.stderr)
 
 

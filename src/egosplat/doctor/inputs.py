@@ -10,7 +10,7 @@ from egosplat.errors import UserError
 from egosplat.models.checkpoints import CLIP, SAM2, Model, find_checkpoint, model_hash
 from egosplat.plain_errors import plain
 from egosplat.scene_notices import scene_notice
-from egosplat.scenes import PAPER_DATASETS, Scene
+from egosplat.scenes import Scene, is_own
 
 MIB = 1024**2
 
@@ -88,14 +88,9 @@ def _recordings(dataset: str, root: str | None, scenes: list[Scene]) -> Finding:
     found = f"{len(scenes) - len(absent)} of {len(scenes)} below {root or Path.cwd()}"
     if not absent:
         return Finding(Mark.OK, what, found)
-    if not any(_is_asked_for(scene, root) for scene in absent):
+    if not any(map(is_own, absent)):
         return Finding(Mark.NOTE, what, f"none; data_root.{dataset} is not set")
     names = ", ".join(f"{scene.scene} ({scene.recording})" for scene in absent[:NAMED])
     more = f" and {len(absent) - NAMED} more" if len(absent) > NAMED else ""
     advice = f"Put them there, set data_root.{dataset} to the folder that holds them, or take their rows out of the table"
     return Finding(Mark.MISSING, what, f"{found}; not there: {names}{more}", advice)
-
-
-def _is_asked_for(scene: Scene, root: str | None) -> bool:
-    """Whether a row is a user's own: the table's rows of the paper's datasets wait for a root to be set."""
-    return root is not None or scene.format == "plain" or scene.dataset not in PAPER_DATASETS
