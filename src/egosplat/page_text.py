@@ -14,6 +14,9 @@ from matplotlib.transforms import Bbox
 NAME = "name"
 """The id of texts that name something in a picture."""
 
+HEADING_WIDTH = 0.98
+"""Share of a page's width that its heading may take."""
+
 _GAP = 2
 """Between a name and the picture's border or another name [points]."""
 
@@ -30,7 +33,7 @@ def arrange_texts(figure: Figure) -> None:
     """Wrap each title to the width that its picture may take and each heading to that of its page, then move names into
     their pictures and apart; a name that finds no place is dropped, the later one first."""
     figure.draw_without_rendering()
-    wrapped = [_wrap(text, room) for text, room in _titles(figure)]
+    wrapped = [wrap_text(text, room) for text, room in _titles(figure)]
     named = [axes for axes in figure.get_axes() if _names(axes)]
     if any(wrapped) and named:
         figure.draw_without_rendering()
@@ -42,7 +45,7 @@ def _titles(figure: Figure) -> Iterator[tuple[Text, float]]:
     """Headings and titles, with the width [pixels] that there is for each."""
     for page in _pages(figure):
         for text in page.texts:
-            yield text, 0.98 * page.bbox.width
+            yield text, HEADING_WIDTH * page.bbox.width
     for axes in figure.get_axes():
         yield axes.title, axes.get_position(original=True).width * axes.figure.bbox.width
 
@@ -53,8 +56,8 @@ def _pages(page: FigureBase) -> Iterator[FigureBase]:
         yield from _pages(part)
 
 
-def _wrap(text: Text, room: float) -> bool:
-    """Break lines that are too long; whether there was one."""
+def wrap_text(text: Text, room: float) -> bool:
+    """Break lines that are wider than ``room`` [pixels]; whether there was one."""
     words = text.get_text()
     width = text.get_window_extent().width
     if width <= room:
