@@ -87,18 +87,48 @@ def robust_mean(views: NDArray[np.floating], norm: str, k: float) -> tuple[Float
     values = views.astype(np.float64)
     if norm == "none":
         return values.mean(axis=1), np.ones(values.shape[:2], bool)
-    centre = median(values)[:, None]
     if norm == "element":
-        deviation = np.abs(values - centre)
-        kept = deviation <= k * median(deviation)[:, None]
+        kept = _kept_channels(values, k)
         return _mean(values, kept), 2 * kept.sum(axis=2) >= kept.shape[2]
+    distance, limit = _distances(values, norm, k)
+    kept = distance <= limit[:, None]
+    return _mean(values, kept[..., None]), kept
+
+
+def disagreement(views: NDArray[np.floating], norm: str, k: float) -> tuple[Floats, float]:
+    """The number by which it is decided whether each view of one instance counts, and the largest that counts.
+
+    Args:
+        views: (V, D) finite, one at least.
+
+    Returns:
+        (V,) float64: with the norm ``element`` the share of the channels in which the view does not count, with
+        ``euclidean`` and ``cosine`` d_j of the module, with ``none`` 0; and the limit.
+    """
+    values = views.astype(np.float64)[None]
+    if norm == "none":
+        return np.zeros(len(views)), 0.0
+    if norm == "element":
+        return (~_kept_channels(values, k)[0]).mean(axis=1), 0.5
+    distance, limit = _distances(values, norm, k)
+    return distance[0], float(limit[0])
+
+
+def _kept_channels(values: Floats, k: float) -> Bools:
+    """(G, V, D) where each channel of each view counts."""
+    deviation = np.abs(values - median(values)[:, None])
+    return deviation <= k * median(deviation)[:, None]
+
+
+def _distances(values: Floats, norm: str, k: float) -> tuple[Floats, Floats]:
+    """(G, V) distances d_j of whole views, and (G,) the largest with which a view counts."""
+    centre = median(values)[:, None]
     apart = values - centre if norm == "euclidean" else unit(values) - unit(centre)
     distance = np.linalg.norm(apart, axis=2)
     if norm == "cosine":
         # 1 - cos = |u - v|^2 / 2, which is exactly 0 for equal vectors.
         distance = distance**2 / 2
-    kept = distance <= k * median(distance[..., None])
-    return _mean(values, kept[..., None]), kept
+    return distance, k * median(distance[..., None])[:, 0]
 
 
 def median(values: Floats) -> Floats:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from egosplat.features.aggregation import NORMS, aggregate, median, robust_mean
+from egosplat.features.aggregation import NORMS, aggregate, disagreement, median, robust_mean
 
 MAD = ("element", "euclidean", "cosine")
 
@@ -144,3 +144,14 @@ def test_nothing_to_aggregate():
 def test_what_cannot_be_is_refused(norm, k):
     with pytest.raises(ValueError):
         aggregate(np.zeros((1, 2)), np.zeros(1, int), 1, norm, k)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 8, 31])
+@pytest.mark.parametrize("norm", NORMS)
+def test_a_view_counts_where_its_disagreement_is_within_the_limit(norm, count):
+    """What is drawn above a view is what was decided on, to the last bit."""
+    rng = np.random.default_rng(count)
+    for scale in (0.0, 1e-20, 1.0):
+        views = (rng.normal(size=(count, 6)) * scale * rng.choice([1, 1, 9], (count, 1))).astype(np.float32)
+        number, limit = disagreement(views, norm, 1.5)
+        assert ((number <= limit) == robust_mean(views[None], norm, 1.5)[1][0]).all()

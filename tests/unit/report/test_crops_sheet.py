@@ -10,21 +10,38 @@ from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.view_features import VIEW_FEATURES
 from egosplat.artifacts.writing import create
 from egosplat.errors import UserError
+from egosplat.features.aggregation import NORMS, aggregate
 from egosplat.provenance import begin
-from egosplat.report.crops_sheet import COLUMNS, Table, choose_instances, choose_views, run
+from egosplat.report.crops_sheet import (
+    COLUMNS,
+    DISTINCT,
+    MOST_OUTLIERS,
+    Table,
+    choose_instances,
+    choose_views,
+    overlap,
+    run,
+)
 
-SIZE, CHANNELS = 24, 4
+SIZE, CHANNELS = 24, 12
 
 
-def scene(folder, frames: int, instances: int, every_outlier: int):
-    """Each instance is in every frame; every so manieth view is an outlier."""
+def scene(folder, frames: int, instances: int, every_outlier: int, norm: str = "element"):
+    """Each instance is in every frame; every so manieth view shows something else, the more the later it is."""
     rng = np.random.default_rng(0)
     views = frames * instances
     labels = np.full((frames, 2, SIZE, SIZE), -1, np.int32)
     for instance in range(instances):
         labels[:, instance % 2, 3 * instance : 3 * instance + 3, 2:20] = instance
     box = np.array([[2, 3 * k, 20, 3 * k + 3] for k in range(instances)], np.int32).reshape(-1, 4)
-    feature = rng.normal(size=(views, CHANNELS)).astype(np.float32)
+    owner = np.repeat(np.arange(instances, dtype=np.int32), frames)
+    feature = rng.normal(size=(instances, CHANNELS))[owner] + rng.normal(0, 0.05, (views, CHANNELS))
+    wrong = np.arange(views) % every_outlier == 0
+    feature[wrong] += np.linspace(0.05, 2, int(wrong.sum()))[:, None] * rng.normal(
+        size=(wrong.sum(), CHANNELS)
+    )
+    feature = feature.astype(np.float32)
+    found = aggregate(feature, owner, instances, norm, 3.0)
     arrays = {
         "rgb": rng.integers(40, 255, (frames, SIZE, SIZE, 3), dtype=np.uint8),
         "valid": np.ones((SIZE, SIZE), bool),
@@ -37,14 +54,14 @@ def scene(folder, frames: int, instances: int, every_outlier: int):
         "instances/predicted_iou": np.ones(instances, np.float32),
         "instances/stability": np.ones(instances, np.float32),
         "instances/first_frame": np.zeros(instances, np.int64),
-        "instance": np.repeat(np.arange(instances, dtype=np.int32), frames),
+        "instance": owner,
         "frame": np.tile(np.arange(frames, dtype=np.int32), instances),
         "feature": feature,
         "area": np.full(views, 54, np.int32),
         "box": np.repeat(box, frames, axis=0),
-        "consistent": rng.normal(size=(instances, CHANNELS)).astype(np.float32),
+        "consistent": found.feature.astype(np.float32),
         "views": np.full(instances, frames, np.int32),
-        "inlier": np.arange(views) % every_outlier != 0,
+        "inlier": found.inlier,
         "supervision": feature,
         "code": feature[:, :2],
         "consistent_code": np.zeros((instances, 2), np.float32),
@@ -56,7 +73,7 @@ def scene(folder, frames: int, instances: int, every_outlier: int):
         "turned": False,
         "outliers": 1,
     }
-    options = {"mad_norm": "element", "mad_k": 3.0}
+    options = {"mad_norm": norm, "mad_k": 3.0}
     for schema in (FRAMES, SEGMENTS, VIEW_FEATURES, FEATURES):
         with create(folder / f"{schema.name}.zarr", schema, begin("frames", options, "real")) as artifact:
             for name in schema.fields:
@@ -74,8 +91,30 @@ def test_a_picture_is_made(tmp_path, frames, instances, every_outlier):
     picture = np.asarray(Image.open(output).convert("RGB")).astype(int)
     assert picture.shape[1] > 1000 and picture.std() > 5
     red = (picture[..., 0] > 150) & (picture[..., 1:].max(axis=2) < 90)
-    assert (red.sum() > 300) == (instances > 0)  # the first view of all is an outlier
+    assert (red.sum() > 300) == (frames > 2)  # of two views none is an outlier
     assert [path.name for path in tmp_path.iterdir() if path.suffix == ".png"] == ["crops.png"]
+
+
+@pytest.mark.parametrize("norm", NORMS)
+def test_the_number_above_a_crop_decides_whether_it_is_struck_out(tmp_path, drawn, norm):
+    """A view with 0.39 was struck out while one with 0.31 stayed: the number was another than the one decided on."""
+    run(*scene(tmp_path, 11, 6, 4, norm), tmp_path / "crops.png", title="a scene")
+    (figure,) = drawn
+    struck: dict[int, list[float]] = {True: [], False: []}
+    for strip in figure.subfigs:
+        caption = strip.texts[0].get_text()
+        limit = float(caption.partition("above ")[2]) if "above" in caption else 0.5
+        for axes in strip.get_axes():
+            frame, _, number = axes.title.get_text().partition(": ")
+            if frame and norm != "none":
+                struck[bool(axes.lines)].append(float(number) - limit)
+            assert (axes.title.get_color() == "crimson") == bool(axes.lines)
+    if norm == "none":
+        assert all(not axes.lines and ":" not in axes.title.get_text() for axes in figure.get_axes())
+    else:
+        # Both are rounded to two decimals.
+        assert len(struck[True]) >= 3 and min(struck[True]) >= -0.01 and len(struck[False]) > 20
+        assert norm != "element" or max(struck[False]) <= 0.01
 
 
 def test_features_of_other_views_are_refused(tmp_path):
@@ -86,32 +125,64 @@ def test_features_of_other_views_are_refused(tmp_path):
         run(*paths, tmp_path / "crops.png", title="a scene")
 
 
-def table(counts: list[int], level: list[int], outliers: dict[int, list[int]]) -> Table:
-    """Of each instance so many views, and which of them are outliers."""
-    instance = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
-    place = np.concatenate([np.arange(count, dtype=np.int32) for count in counts])
+def table(counts: list[int], outliers: dict[int, list[int]], meaning: list[int] | None = None) -> Table:
+    """Of each instance so many views, which of them are outliers, and which of the axes it means."""
+    count = len(counts)
+    instance = np.repeat(np.arange(count, dtype=np.int32), counts)
+    place = np.concatenate([np.arange(number, dtype=np.int32) for number in counts])
     inlier = np.array([p not in outliers.get(int(i), []) for i, p in zip(instance, place, strict=True)], bool)
-    box = np.repeat(instance[:, None], 4, axis=1)
-    return Table(instance, place, box, inlier, place / 100, np.array(level, np.int8))
+    box = instance[:, None] * 10 + np.array([0, 0, 5, 5], np.int32)
+    consistent = np.eye(count)[range(count) if meaning is None else meaning]
+    return Table(instance, place, box, inlier, np.zeros(count, np.int8), consistent)
 
 
-def test_the_instances_with_most_views_of_each_level_and_those_with_most_outliers():
-    some = table([5, 9, 7, 1, 3, 4], [0, 0, 0, 1, 1, 0], {1: [0, 1, 2], 5: [0, 1], 0: [2]})
-    assert choose_instances(some) == [1, 2, 4, 3, 5, 0]
-    assert choose_instances(table([5, 9], [0, 0], {0: [1]})) == [1, 0]
-    assert choose_instances(table([0, 0], [0, 0], {})) == []
+def move(some: Table, instance: int, to: int, by: int = 0) -> Table:
+    """Lay the boxes of an instance on those of another one, moved by so many pixels of five."""
+    some.box[some.rows(instance)] = some.box[some.rows(to)][: len(some.rows(instance))] + [by, 0, by, 0]
+    return some
 
 
-def test_what_is_the_same_at_two_levels_is_shown_once():
-    some = table([6, 5, 6, 4], [0, 0, 1, 1], {})
-    some.box[some.instance == 2] = some.box[some.instance == 0]
-    assert choose_instances(some) == [0, 1, 3]
+def test_the_instance_with_most_views_and_those_unlike_it_that_are_often_seen():
+    some = table([5, 9, 7, 1, 6, 6], {}, meaning=[0, 1, 1, 2, 3, 1])
+    assert choose_instances(some)[:2] == [1, 4]  # 3 is seen once
+    assert 3 not in choose_instances(some)
+
+
+def test_one_thing_at_several_levels_is_shown_once():
+    """The same wall took three of eight rows, the floor three more."""
+    some = move(move(table([9, 9, 9, 9], {}, meaning=[0, 0, 0, 1]), 1, 0), 2, 0, by=1)
+    assert choose_instances(some) == [0, 3]
+
+
+def test_a_part_beside_its_whole_may_be_shown():
+    assert set(choose_instances(move(table([9, 9], {}), 1, 0, by=3))) == {0, 1}
+
+
+def test_those_with_most_outliers_come_last_and_not_twice():
+    outliers = {7: [0, 1, 2], 8: [0, 1], 9: [0], 0: [1]}
+    some = table([9, 9, 9, 9, 9, 9, 9, 3, 3, 3], outliers, meaning=[0, 1, 2, 3, 4, 5, 6, 0, 0, 0])
+    chosen = choose_instances(some)
+    assert len(chosen) == DISTINCT + MOST_OUTLIERS == len(set(chosen)) and chosen[-2:] == [7, 8]
+    assert choose_instances(move(some, 8, 7))[-2:] == [7, 9]
+
+
+def test_without_views_nothing_is_shown():
+    assert choose_instances(table([0, 0], {})) == []
+
+
+@pytest.mark.parametrize("by, share", [(0, 1.0), (5, 0.0), (1, 20 / 30)])
+def test_overlap_of_boxes(by, share):
+    assert overlap(move(table([4, 4], {}), 1, 0, by), 0, 1) == pytest.approx(share)
+
+
+def test_overlap_counts_the_frames_in_which_only_one_is():
+    assert overlap(move(table([4, 1], {}), 1, 0), 0, 1) == pytest.approx(1 / 4)
 
 
 def test_views_are_in_order_of_time_with_the_outliers_among_them():
-    some = table([40, 5], [0, 0], {0: [3, 31]})
+    some = table([40, 5], {0: [3, 31]})
     rows = choose_views(some, 0)
     assert len(rows) == COLUMNS and {3, 31, 0, 39} <= set(rows.tolist()) and (np.diff(rows) > 0).all()
     assert choose_views(some, 1).tolist() == [40, 41, 42, 43, 44]
-    wrong = choose_views(table([40], [0], {0: list(range(1, 40))}), 0)
+    wrong = choose_views(table([40], {0: list(range(1, 40))}), 0)
     assert len(wrong) == COLUMNS // 2 + 1
