@@ -43,7 +43,9 @@ def _none(artifact: Artifact) -> Iterable[Alarm]:
 
 
 def _frames(frames: Artifact) -> Iterable[Alarm]:
-    return frames_alarms(float(frames.read("valid").mean()))
+    blurred, count = frames.facts.get("blurred_frames"), frames.shape("rgb")[0]
+    share = None if blurred is None else blurred / count
+    return frames_alarms(float(frames.read("valid").mean()), share)
 
 
 def _poses(poses: Artifact) -> Iterable[Alarm]:

@@ -8,6 +8,10 @@ MIN_VALID_PIXELS = 0.5
 """Share of a picture that shows the scene. The lens circle leaves 0.70 to 0.80 of a rectified Aria picture, and other
 recordings have no border."""
 
+MAX_BLURRED = 0.1
+"""Share of the frames that are far less sharp than the recording's median (egosplat.frames.sharpness). There is none in a
+synthetic apartment and two series of photographs; COLMAP loses such frames, and every tenth leaves gaps in a walk."""
+
 MIN_REGISTERED = 0.9
 """Share of the frames with a pose. All have one in five synthetic apartments by COLMAP
 (benchmarks/colmap_against_trajectory.md), in two series of photographs and with a device's trajectory."""
@@ -17,14 +21,26 @@ MAX_REPROJECTION_PX = 1.0
 photographs; features are located to a fraction of a pixel, so more than one means wrong matches."""
 
 
-def frames_alarms(valid_pixels: float | None) -> Iterator[Alarm]:
-    """Args: valid_pixels: share of a picture that shows the scene."""
+def frames_alarms(valid_pixels: float | None, blurred: float | None) -> Iterator[Alarm]:
+    """Alarms of pictures.
+
+    Args:
+        valid_pixels: share of a picture that shows the scene.
+        blurred: share of the pictures that are blurred or blank.
+    """
     if falls_below(valid_pixels, MIN_VALID_PIXELS):
         yield Alarm(
             "frames.valid_pixels",
             f"{MIN_VALID_PIXELS:.0%} or more",
             f"{valid_pixels:.0%} of a picture's pixels show the scene",
             "Look at contact_sheet.png; raise frames.focal, which shows less of the border",
+        )
+    if exceeds(blurred, MAX_BLURRED):
+        yield Alarm(
+            "frames.blurred",
+            f"up to {MAX_BLURRED:.0%}",
+            f"{blurred:.0%} of the frames are blurred or blank, against the others",
+            "They teach little, and may get no pose: leave them out (frames.start_s, end_s), or move the camera slower",
         )
 
 

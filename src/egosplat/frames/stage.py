@@ -10,6 +10,7 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.writing import create
 from egosplat.frames.companions import is_annotated
 from egosplat.frames.readers import open_recording
+from egosplat.frames.sharpness import blurred, sharpness
 from egosplat.frames.split import AUTO, evaluation_count, split_frames
 from egosplat.progress import log, track
 
@@ -56,9 +57,10 @@ def run(
         artifact.put("train", train)
         artifact.put("evaluation", evaluation)
         artifact.allocate("rgb", (count, *capture.valid.shape, 3))
-        pictures = reader.pictures(np.arange(count))
+        pictures, sharp = reader.pictures(np.arange(count)), []
         for index, picture in enumerate(track(pictures, f"reading {recording.name}", total=count)):
             artifact.put_row("rgb", index, picture)
+            sharp.append(sharpness(picture, capture.valid))
         device = capture.device_from_camera
         artifact.facts = {
             "recording": recording.name,
@@ -66,6 +68,7 @@ def run(
             "upright": capture.upright,
             "camera": asdict(capture.camera),
             "camera_known": capture.camera_known,
+            "blurred_frames": blurred(sharp),
             "device_from_camera": None if device is None else device.tolist(),
         }
     log(_split_line(count, int(evaluation.sum()), evaluation_frames == AUTO and not annotated))

@@ -7,16 +7,21 @@ import numpy as np
 import pytest
 
 from egosplat import cli
-from egosplat.alarms.found import alarms_of, alarms_of_all
+from egosplat.alarms.found import alarms_of, alarms_of_all, log_warnings
 from egosplat.artifacts.kinds import SCHEMAS
 from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.artifacts.writing import create
-from egosplat.provenance import begin
+from egosplat.models.suitability import notice
+from egosplat.provenance import Provenance, begin
 
 FIGURES = {"pixels_without_instance": 0.6, "instances_per_frame": 2.0, "frames_per_instance": 2.0}
 
 SUSPICIOUS = {
-    "frames": ({"valid": np.arange(10) < 4}, {}, ["frames.valid_pixels"]),
+    "frames": (
+        {"valid": np.arange(10) < 4, "train": np.ones(8, bool)},
+        {"blurred_frames": 1},
+        ["frames.valid_pixels", "frames.blurred"],
+    ),
     "poses": (
         {"registered": np.arange(10) < 8},
         {"notes": {"reprojection_error_px": 1.5, "models": [8, 2]}},
@@ -45,14 +50,16 @@ SUSPICIOUS = {
 """By kind: arrays, facts, and the alarms that they give reason for."""
 
 
-def put(folder: Path, kind: str, arrays: dict[str, np.ndarray], facts: dict) -> Artifact:
+def put(
+    folder: Path, kind: str, arrays: dict[str, np.ndarray], facts: dict, made: Provenance | None = None
+) -> Artifact:
     """An artifact; arrays that are not given are zeros of the sizes that others tell, of size 1 without any."""
     schema, sizes = SCHEMAS[kind], {}
     for name, values in arrays.items():
         arrays[name] = values.reshape(values.shape + (1,) * (len(schema.fields[name].dims) - values.ndim))
         sizes |= dict(zip(schema.fields[name].dims, arrays[name].shape, strict=True))
     path = folder / f"{kind}.zarr"
-    with create(path, schema, begin(kind, {}, "synthetic")) as artifact:
+    with create(path, schema, made or begin(kind, {}, "synthetic")) as artifact:
         for name, field in schema.fields.items():
             shape = [dim if isinstance(dim, int) else sizes.get(dim, 1) for dim in field.dims]
             artifact.put(name, arrays.get(name, np.zeros(shape, field.dtype)))
@@ -72,6 +79,17 @@ def test_alarms_of_several_artifacts_are_in_the_order_of_the_stages(tmp_path):
     assert [alarm.key for alarm in alarms_of_all(reversed(made))] == keys
 
 
+def test_small_checkpoints_on_a_real_recording_are_told_before_the_alarms(tmp_path, capfd):
+    """In the log of the stage that used them."""
+    small = {"sam2_checkpoint": "small"}
+    real = begin("segments", small, "real", models={"sam2_checkpoint": "c0de"})
+    put(tmp_path, "segments", {}, FIGURES, real)
+    log_warnings("segments", tmp_path / "segments.zarr")
+    first, *others = capfd.readouterr().err.splitlines()
+    assert first == f"notice: {notice('real', small)}"
+    assert len(others) == 3 and all(line.startswith("alarm: segments.") for line in others)
+
+
 def test_annotations_have_no_alarms(tmp_path):
     assert alarms_of(put(tmp_path, "annotations", {}, {})) == []
 
@@ -81,10 +99,23 @@ def test_a_command_logs_the_alarms_of_what_it_made(tmp_path, monkeypatch, capfd,
     """Of four instances of two pixels each, those of the first so many pixels are sure to move."""
     labels = np.repeat(np.arange(4, dtype=np.int32), 2)[None, None, None, :]
     arrays = {"labels": labels, "instances/level": np.zeros(4, np.int8)}
-    put(tmp_path, "segments", arrays, {"levels": ["whole"]})
+    frames = put(tmp_path, "frames", {"train": np.ones(1, bool), "valid": np.ones((1, 8), bool)}, {})
+    of_frames = {"frames.zarr": frames.digest}
+    put(tmp_path, "segments", arrays, {"levels": ["whole"]}, begin("segments", {}, "synthetic", of_frames))
     probability = (np.arange(8) < moving).astype(np.float16)[None, None, :]
-    put(tmp_path, "transient", {"probability": probability}, {})
-    paths = {"transient": "transient.zarr", "segments": "segments.zarr", "output": "masks.zarr"}
+    put(
+        tmp_path,
+        "transient",
+        {"probability": probability},
+        {},
+        begin("transient", {}, "synthetic", of_frames),
+    )
+    paths = {
+        "frames": "frames.zarr",
+        "transient": "transient.zarr",
+        "segments": "segments.zarr",
+        "output": "masks.zarr",
+    }
     flags = [word for flag, name in paths.items() for word in (f"--{flag}", str(tmp_path / name))]
     monkeypatch.setattr(sys, "argv", ["egosplat", "masks", *flags])
     cli.main()

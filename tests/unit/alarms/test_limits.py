@@ -13,8 +13,12 @@ EPSILON = 1e-6
 FINE = np.array([30.0])
 
 
-def frames(valid):
-    return recording.frames_alarms(valid)
+def valid_pixels(share):
+    return recording.frames_alarms(share, 0.0)
+
+
+def blurred(share):
+    return recording.frames_alarms(1.0, share)
 
 
 def registered(share):
@@ -63,7 +67,7 @@ def without_code(share):
 
 
 BELOW = {
-    "frames.valid_pixels": (frames, recording.MIN_VALID_PIXELS),
+    "frames.valid_pixels": (valid_pixels, recording.MIN_VALID_PIXELS),
     "poses.registered": (registered, recording.MIN_REGISTERED),
     "segments.instances_per_frame": (instances_per_frame, instances.MIN_INSTANCES_PER_FRAME),
     "segments.frames_per_instance": (frames_per_instance, instances.MIN_FRAMES_PER_INSTANCE),
@@ -72,6 +76,7 @@ BELOW = {
     "splats.psnr": (psnr, scene.MIN_PSNR_DB),
 }
 ABOVE = {
+    "frames.blurred": (blurred, recording.MAX_BLURRED),
     "poses.reprojection": (reprojection, recording.MAX_REPROJECTION_PX),
     "segments.empty_pixels": (empty_pixels, instances.MAX_EMPTY_PIXELS),
     "transient.probability": (probability, scene.MAX_PROBABILITY),
@@ -123,7 +128,7 @@ def test_agreement_is_in_units_of_how_alike_different_instances_are():
 
 def test_figures_that_are_not_told_raise_nothing():
     found = [
-        *frames(None),
+        *recording.frames_alarms(None, None),
         *recording.poses_alarms(None, None, []),
         *instances.segments_alarms(None, None, None),
         *instances.view_features_alarms(0, 0),
