@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import click
-from scores_bench.comparing import METHOD, accuracy_difference, iou_difference, paired
+from scores_bench.comparing import METHOD, accuracy_difference, chance, iou_difference, paired
 
 from egosplat.benchmark.scored_scenes import ScoredScene, read_scored_scene
 from egosplat.errors import UserError
@@ -62,7 +62,7 @@ def main(folder: Path) -> None:
     runs = f"Means of {found['seeds']} runs{intervals}" if found["seeds"] > 1 else "One run each"
     click.echo(
         f"{found['scene']}: {found['about']}; {'; '.join(found['machines'])}. {runs}; bold: on the front of time and "
-        f"accuracy. Intervals of means are over seeds. The same queries: {METHOD}\n"
+        f"accuracy. Intervals of means are over seeds. {chance([scene])} The same queries: {METHOD}\n"
     )
     click.echo(f"| {' | '.join(HEADINGS)} |\n| --- |{' ---: |' * (len(HEADINGS) - 1)}")
     for point in found["points"]:

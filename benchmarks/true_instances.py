@@ -18,6 +18,7 @@ from scores_bench.comparing import (
     METHOD,
     SCORES,
     accuracy_difference,
+    chance,
     iou_difference,
     paired,
     queries_of,
@@ -107,7 +108,7 @@ def by_truth(folder: Path) -> dict[str, ScoredScene]:
 @click.argument("folders", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
 def main(folders: tuple[Path, ...]) -> None:
     """Print the table."""
-    rows, every = [], []
+    rows, every, scenes = [], [], []
     for folder in folders:
         log(f"{folder}")
         found = by_truth(folder)
@@ -115,8 +116,9 @@ def main(folders: tuple[Path, ...]) -> None:
             cells = [one.cell(*score) for score in SCORES]
             name = f"{folder.parent.name}/{folder.name}"
             rows.append(f"| {name} | true | {target} | {cells[0].queries} | {' | '.join(map(told, cells))} |")
+        scenes.append(found["average"])
         every.append(paired(found["average"], found["view"]))
-    click.echo(f"# Aggregation of right tracks\n\nAccuracy and mIoU in percent. {METHOD}\n")
+    click.echo(f"# Aggregation of right tracks\n\nAccuracy and mIoU in percent. {METHOD} {chance(scenes)}\n")
     click.echo("\n".join([HEADER, *rows]))
     click.echo(
         f"\n`average` against `view`, the same {queries_of(every)} queries, in percentage points: accuracy "

@@ -9,7 +9,15 @@ import sys
 from pathlib import Path
 
 import click
-from scores_bench.comparing import METHOD, accuracy_difference, iou_difference, paired, queries_of, seconds
+from scores_bench.comparing import (
+    METHOD,
+    accuracy_difference,
+    chance,
+    iou_difference,
+    paired,
+    queries_of,
+    seconds,
+)
 
 from egosplat.benchmark.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 from egosplat.errors import UserError
@@ -30,7 +38,8 @@ def percent(scene: ScoredScene, score: str) -> str:
 @click.option("--variant", "variants", multiple=True, required=True)
 def main(folders: tuple[Path, ...], variants: tuple[str, ...]) -> None:
     """Print the table."""
-    click.echo(f"{METHOD}\n\n{HEADER}")
+    scenes = [read_scored_scene(folder / "metrics.json") for folder in folders]
+    click.echo(f"{METHOD} {chance(scenes)}\n\n{HEADER}")
     for variant in variants:
         every = []
         for folder in folders:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from egosplat.benchmark.averages import average_chance
 from egosplat.benchmark.intervals import (
     RESAMPLING,
     Clusters,
@@ -11,7 +12,7 @@ from egosplat.benchmark.intervals import (
     mcnemar,
     mean_of_scenes,
 )
-from egosplat.benchmark.scored_scenes import ScoredScene
+from egosplat.benchmark.scored_scenes import CHANCE, ScoredScene
 from egosplat.benchmark.tables import Cell
 from egosplat.errors import UserError
 
@@ -33,6 +34,14 @@ def told(cell: Cell) -> str:
         return f"{cell.percent:.1f} (one category)"
     interval = f" ({cell.interval[0]:.1f} to {cell.interval[1]:.1f})" if cell.interval else ""
     return f"{cell.percent:.1f}{interval}"
+
+
+def chance(scenes: Sequence[ScoredScene]) -> str:
+    """What answers without looking would find, of all queries, as a sentence; the mean over scenes."""
+    named = {str(number): scene for number, scene in enumerate(scenes)}
+    shares = {name: average_chance(named, key, "all").percent for key, name in CHANCE.items()}
+    told = (f"{name} {'-' if percent is None else f'{percent:.1f} %'}" for name, percent in shares.items())
+    return f"Found by chance: {', '.join(told)}."
 
 
 def psnr(scene: ScoredScene, pixels: str) -> float:

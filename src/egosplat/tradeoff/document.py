@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from egosplat import config as configuration
+from egosplat.benchmark.scored_scenes import CHANCE
 from egosplat.output_files import FileKind, json_kind, write_text_file
 from egosplat.tradeoff.estimates import Chance, Estimate, Sample, front, mean, positive_mean
 from egosplat.tradeoff.measured import MeasuredPoint, chances
@@ -14,7 +15,7 @@ from egosplat.tradeoff.measures import ACCURACY, MEASURES, WALL, Measure
 from egosplat.tradeoff.points import PRESET
 from egosplat.tradeoff.sentences import knob_sentences, presets_sentence
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 
 TRADEOFF = json_kind("egosplat tradeoff", "format_version", "points", "presets", "knobs")
 
@@ -38,6 +39,7 @@ def tradeoff_document(points: Sequence[MeasuredPoint]) -> dict[str, Any]:
         "notice": first.document["notice"],
         "machines": sorted({name for point in points for name in _machines(point)}),
         "confidence": confidence,
+        "chance": {answerer: first.document["scores"]["all"][answerer] for answerer in CHANCE},
         "seeds": len(points[0].runs),
         "points": [_entry(point, chance, confidence, point in best) for point in points],
         "presets": presets_sentence(points, chance, confidence),

@@ -7,6 +7,7 @@ from typing import Any
 
 from jinja2 import Environment, StrictUndefined
 
+from egosplat.benchmark.scored_scenes import CHANCE
 from egosplat.benchmark.tables_page import read_picture
 from egosplat.output_files import text_kind
 from egosplat.stages import STAGES
@@ -40,6 +41,7 @@ def to_html(document: Mapping[str, Any], picture: Path) -> str:
         wall=WALL,
         stages=making + [name for name in EVALUATION if name in measured],
         evaluation=EVALUATION,
+        chances={name: document["chance"][key] for key, name in CHANCE.items()},
         confidence=f"{100 * document['confidence']:g} %",
         picture=read_picture(picture),
         asked_otherwise=[one["label"] for one in points if one["queries"] != points[0]["queries"]],

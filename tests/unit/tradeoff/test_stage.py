@@ -85,6 +85,10 @@ def test_the_scene_alone_and_one_run_are_a_page(point, tmp_path):
     run([point([("preset", "balanced")], [0.5], [10.0], scene=True)], tmp_path)
     text = (tmp_path / "tradeoff.html").read_text()
     assert "Each point was run once" in text and "times as fast" not in text
+    assert (
+        "a random pixel has an accuracy of 5.0 %, the middle of the picture has an accuracy of 15.0 %."
+        in text
+    )
 
 
 def test_nothing_asked_is_a_page_without_a_front(point, tmp_path):
