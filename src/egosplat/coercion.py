@@ -10,6 +10,10 @@ from egosplat.strict_yaml import NO_YAML, load_yaml
 Config = dict[str, Any]
 
 
+_NAMED = ("variants", "formats")
+"""Sections that hold whole sets of keys by name."""
+
+
 def coerced(config: Mapping[str, Any]) -> Config:
     """A configuration whose texts are values of the type that the schema names, where they read as one.
 
@@ -18,11 +22,10 @@ def coerced(config: Mapping[str, Any]) -> Config:
     """
     root = schema("config")
     found = _coerced(config, root)
-    sections = {name: part for name, part in root["properties"].items() if name != "variants"}
-    if isinstance(variants := found.get("variants"), Mapping):
-        found["variants"] = {
-            name: _coerced(keys, {"properties": sections}) for name, keys in variants.items()
-        }
+    sections = {name: part for name, part in root["properties"].items() if name not in _NAMED}
+    for named in _NAMED:
+        if isinstance(sets := found.get(named), Mapping):
+            found[named] = {name: _coerced(keys, {"properties": sections}) for name, keys in sets.items()}
     tradeoff = found.get("tradeoff")
     if isinstance(tradeoff, Mapping) and isinstance(knobs := tradeoff.get("knobs"), Mapping):
         found["tradeoff"] = {**tradeoff, "knobs": {key: _coerced_knob(key, knobs[key]) for key in knobs}}

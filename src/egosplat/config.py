@@ -50,6 +50,9 @@ def defaults() -> Config:
 def resolve(user: Mapping[str, Any], presets: Path) -> Config:
     """The whole configuration: the user's keys over those of the budget, of the preset, and the defaults.
 
+    Its section ``formats`` holds the keys that scenes of one format take over these: the preset's, but for those that
+    the budget or the user sets for all scenes, and the user's own.
+
     Args:
         user: what the configuration files and the command line set.
         presets: the folder of ``fast.yaml``, ``balanced.yaml`` and ``paper.yaml``; ``front.json`` is beside it.
@@ -63,10 +66,28 @@ def resolve(user: Mapping[str, Any], presets: Path) -> Config:
     check(asked)
     path = presets / f"{asked['preset']}.yaml"
     point = budget_point(asked["budget"], presets.parent / "front.json")
-    settings = merge(read_yaml(path), point["keys"] if point else {})
-    resolved = _filled(merge(settings, user), schema("config"))
+    preset = read_yaml(path)
+    above = merge(point["keys"] if point else {}, user)
+    formats = {name: _without(keys, above) for name, keys in preset.get("formats", {}).items()}
+    settings = merge(preset | {"formats": formats}, above)
+    resolved = _filled(settings, schema("config"))
     check(resolved, f"preset {path.name}")
+    for name in resolved["formats"]:
+        check(of_format(resolved, name), f"formats.{name}")
     return resolved
+
+
+def of_format(config: Mapping[str, Any], name: str) -> Config:
+    """The configuration of scenes of a format, ``adt``, ``hoi4d`` or ``plain``: its keys over those of all."""
+    return merge(config, config["formats"].get(name, {})) | {"formats": {}}
+
+
+def _without(keys: Mapping[str, Any], above: Mapping[str, Any]) -> Config:
+    """The keys of sections that ``above`` does not set."""
+    return {
+        section: {name: value for name, value in part.items() if name not in above.get(section, {})}
+        for section, part in keys.items()
+    }
 
 
 def budget_point(wanted: Mapping[str, Any], path: Path) -> Config | None:

@@ -168,7 +168,7 @@ def _scene(row: dict[str, Any], config: configuration.Config, where: str) -> Sce
     options = configuration.parse_options(row["options"], where)
     if "budget" in options:
         raise UserError(f"{where}: a budget is chosen for all scenes; set it in the configuration")
-    own = configuration.merge(config, options)
+    own = configuration.merge(configuration.of_format(config, row["format"]), options)
     configuration.check(own, where)
     root = config["data_root"].get(row["dataset"])
     filmed = row["format"] == "adt" and "seed" in options.get("synthetic", {})

@@ -88,7 +88,7 @@ def test_without_a_measured_front_there_is_no_budget(presets):
     "content, message",
     [
         ("{", "front.json: cannot be read as JSON"),
-        ("[]", "front.json: value = .* is not allowed: must be object"),
+        ("[]", "front.json: value = .* is not allowed: must be keys with values"),
         (None, "front.json, rough: unknown key 'splats.iteration'; did you mean 'iterations'"),
     ],
 )

@@ -204,6 +204,47 @@ def test_a_scene_without_a_recording_is_synthetic_whatever_the_root(tmp_path, ro
     assert scene.synthetic and scene.by_name and scene.recording == Path("results/adt/scene6/recording")
 
 
+def test_a_format_has_keys_of_its_own_between_the_preset_and_the_row(tmp_path):
+    """HOI4D under the preset paper: its threshold and its width, unless the configuration or the row says otherwise."""
+    rows = "adt\ts\tadt\tr\t\nmine\th\thoi4d\tr\t\nmine\ti\thoi4d\tr\tmasks.threshold=0.3\n"
+
+    def found(**user):
+        scenes = table(tmp_path, HEADER + rows, preset="paper", **user)
+        return [(s.config["frames"]["resolution"], s.config["masks"]["threshold"]) for s in scenes.values()]
+
+    assert found() == [(1408, 0.02), (1889, 0.1), (1889, 0.3)]
+    assert found(frames={"resolution": 512}) == [(512, 0.02), (512, 0.1), (512, 0.3)]
+    own = {"hoi4d": {"masks": {"threshold": "2e-1"}}}
+    assert found(masks={"threshold": 0.5}, formats=own) == [(1408, 0.5), (1889, 0.2), (1889, 0.3)]
+
+
+def test_a_budget_stands_over_a_presets_keys_of_a_format(tmp_path, monkeypatch):
+    point = {"label": "a point", "keys": {"frames": {"resolution": 300}}}
+    monkeypatch.setattr(config, "budget_point", lambda wanted, path: point)
+    resolved = config.resolve({"preset": "paper", "budget": {"minutes": 5}}, PRESETS)
+    hoi4d = config.of_format(resolved, "hoi4d")
+    assert (hoi4d["frames"]["resolution"], hoi4d["masks"]["threshold"]) == (300, 0.1)
+
+
+@pytest.mark.parametrize(
+    "formats, message",
+    [
+        ({"hoi5d": {}}, "formats = 'hoi5d' is not allowed: one of adt, hoi4d, plain"),
+        ({"hoi4d": 5}, "formats.hoi4d = 5"),
+        ({"hoi4d": {"preset": {}}}, "formats.hoi4d = 'preset' is not allowed"),
+        ({"hoi4d": {"masks": None}}, "formats.hoi4d.masks = None"),
+        ({"hoi4d": {"masks": {"treshold": 1}}}, "formats.hoi4d: unknown key 'masks.treshold'; did you mean"),
+        (
+            {"plain": {"masks": {"threshold": 7}}},
+            "formats.plain: masks.threshold = 7 is not allowed: at most 1",
+        ),
+    ],
+)
+def test_wrong_keys_of_a_format_are_named(formats, message):
+    with pytest.raises(UserError, match=message):
+        config.resolve({"formats": formats}, PRESETS)
+
+
 @pytest.mark.parametrize(
     "text, message",
     [

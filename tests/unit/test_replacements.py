@@ -29,7 +29,7 @@ ALL = ("metrics.json", "splats.png")
 
 
 def resolved(**user):
-    return with_points(config.resolve(user, PRESETS), PRESETS)
+    return with_points(config.resolve(user, PRESETS), PRESETS, "adt")
 
 
 @pytest.fixture

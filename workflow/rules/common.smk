@@ -53,7 +53,7 @@ def folder_of_variant(variant):
 
 def scene_with_points(scene):
     """A scene with the variants that its trade of speed against accuracy is made of."""
-    return replace(scene, config=with_points(scene.config, presets))
+    return replace(scene, config=with_points(scene.config, presets, scene.format))
 
 
 try:

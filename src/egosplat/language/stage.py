@@ -84,7 +84,7 @@ def run(
     checkpoint = Checkpoint(output, provenance.key_of(made), checkpoint_s)
     code, curve = lifted.code, Curve()
     if _is_joint(scene):
-        method, code = "joint", _joint_codes(scene, words, lifted, unit_codes)
+        method, code = "joint", _joint_codes(scene, words, lifted)
     elif method == "trained":
         options = CodeOptions(iterations, lr, unit_codes, seed)
         code, curve = _trained(gaussians, views, lens, lifted, options, checkpoint)
@@ -103,8 +103,8 @@ def _is_joint(splats: Artifact) -> bool:
     return splats.provenance["options"]["language"] == "joint"
 
 
-def _joint_codes(splats: Artifact, features: Artifact, lifted: Lifted, unit_codes: bool) -> Tensor:
-    """The codes that the splats were trained with.
+def _joint_codes(splats: Artifact, features: Artifact, lifted: Lifted) -> Tensor:
+    """The codes that the splats were trained with, as they were rendered there: of any norm (M7 no. 9).
 
     Raises:
         UserError: they were trained with other features.
@@ -115,7 +115,7 @@ def _joint_codes(splats: Artifact, features: Artifact, lifted: Lifted, unit_code
             f"make it anew: snakemake --cores 2 {splats.path}"
         )
     stored = torch.from_numpy(splats.read("features")).to(lifted.code.device)
-    return shown_codes(stored.reshape(lifted.code.shape), unit_codes)
+    return stored.reshape(lifted.code.shape)
 
 
 def _trained(

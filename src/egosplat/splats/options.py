@@ -36,6 +36,9 @@ class TrainingOptions:
         max_gaussians: budget.
         position_lr: learning rate of the means at the start, per unit of scene extent; it ends at 1/100 of it.
         grow_grad2d: gradient of the image position above which ``stock`` lets a Gaussian grow.
+        reset_opacity: largest opacity after a reset of ``stock``.
+        reset_at_start: whether ``stock`` also resets where density control begins.
+        prune_screen_px: radius on screen above which ``stock`` prunes after the first regular reset [px]; None for any.
         evaluate_every: iterations between two evaluations.
         patience: evaluations without improvement that end the run; 0 for never.
         min_improvement: of the validation PSNR, to count as one; with less an SH degree is not needed [dB].
@@ -54,11 +57,14 @@ class TrainingOptions:
     min_improvement: float
     seed: int
     searches_degree: bool = False
+    reset_opacity: float = 0.05
+    reset_at_start: bool = False
+    prune_screen_px: float | None = None
 
     @property
     def schedule(self) -> Schedule:
         """The stock schedule of the kind of density control, scaled to ``iterations``."""
-        stock = STOCK_MCMC if self.density == "mcmc" else STOCK
+        stock = STOCK_MCMC if self.density == "mcmc" else replace(STOCK, reset_at_start=self.reset_at_start)
         rates = {"position_lr_init": self.position_lr, "position_lr_final": self.position_lr / 100}
         return replace(scaled(stock, self.iterations), **rates)
 
@@ -66,5 +72,10 @@ class TrainingOptions:
         """Density control of the kind asked for, in a scene of ``extent`` [m]."""
         if self.density == "mcmc":
             return Mcmc(McmcOptions(self.max_gaussians), self.schedule)
-        options = DensityOptions(self.max_gaussians, grow_grad2d=self.grow_grad2d)
+        options = DensityOptions(
+            self.max_gaussians,
+            grow_grad2d=self.grow_grad2d,
+            prune_screen_px=self.prune_screen_px,
+            reset_opacity=self.reset_opacity,
+        )
         return DensityControl(options, self.schedule, extent)

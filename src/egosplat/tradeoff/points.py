@@ -52,12 +52,13 @@ class Point:
     keys: Config = field(default_factory=dict)
 
 
-def with_points(config: Config, presets: Path) -> Config:
+def with_points(config: Config, presets: Path, format: str) -> Config:
     """A scene's configuration with the variants of its points beside its own.
 
     Args:
         config: the scene's.
         presets: the folder of the preset files.
+        format: of its recording.
 
     Raises:
         UserError: a knob is none, or a variant of the configuration has the name of a point.
@@ -69,7 +70,7 @@ def with_points(config: Config, presets: Path) -> Config:
             raise UserError(
                 f"tradeoff.knobs: {setting.knob} has two values of the name {name}; take one of them"
             )
-        settings[name] = _keys(setting, presets)
+        settings[name] = _keys(setting, presets, format)
     found = dict(settings)
     for seed in config["tradeoff"]["seeds"]:
         over = _seed_name(seed)
@@ -156,9 +157,9 @@ def _check_knob(knob: str) -> None:
         raise UserError(f"tradeoff.knobs: {knob} is no knob; leave it out (seeds stand in tradeoff.seeds)")
 
 
-def _keys(setting: Setting, presets: Path) -> Config:
+def _keys(setting: Setting, presets: Path, format: str) -> Config:
     if setting.knob == PRESET:
-        return preset_keys(setting.value, presets)
+        return preset_keys(setting.value, presets, format)
     section, _, key = setting.knob.partition(".")
     return {section: {key: setting.value}}
 

@@ -4,7 +4,7 @@ import functools
 from collections.abc import Iterator
 from pathlib import Path
 
-from egosplat.config import Config, read_yaml, resolve
+from egosplat.config import Config, of_format, read_yaml, resolve
 
 FILES = {"fast": "fast", "balanced": "balanced", "paper_scaled": "paper"}
 """By name: the preset file that the keys are of."""
@@ -39,7 +39,7 @@ _SCALED = {"frames.resolution"}
 
 
 @functools.cache
-def preset_keys(name: str, folder: Path) -> Config:
+def preset_keys(name: str, folder: Path, format: str) -> Config:
     """The keys of a preset, as those of a variant.
 
     All that any preset sets is set, so that nothing of the scene's own preset is left. ``paper_scaled`` is ``paper``
@@ -48,12 +48,13 @@ def preset_keys(name: str, folder: Path) -> Config:
     Args:
         name: one of ``FILES``.
         folder: of the preset files.
+        format: of the scene's recording.
 
     Raises:
         UserError: a preset file cannot be read, or sets what is not allowed.
     """
     kept = _KEPT | _SCALED if FILES[name] != name else _KEPT
-    values = resolve({"preset": FILES[name]}, folder)
+    values = of_format(resolve({"preset": FILES[name]}, folder), format)
     keys: Config = {}
     for file in sorted(set(FILES.values())):
         for section, key in _paths(read_yaml(folder / f"{file}.yaml")):
@@ -63,4 +64,6 @@ def preset_keys(name: str, folder: Path) -> Config:
 
 
 def _paths(preset: Config) -> Iterator[tuple[str, str]]:
-    return ((section, key) for section, keys in preset.items() for key in keys)
+    sections = {section: keys for section, keys in preset.items() if section != "formats"}
+    of_formats = [part for keys in preset.get("formats", {}).values() for part in keys.items()]
+    return ((section, key) for section, keys in [*sections.items(), *of_formats] for key in keys)

@@ -112,7 +112,7 @@ def test_a_killed_run_goes_on_to_the_same_gaussians(scene, capsys):
     flags = [
         f"--{name.replace('_', '-')}={value}"
         for name, value in (KEYS | keys).items()
-        if not isinstance(value, bool)
+        if value is not None and not isinstance(value, bool)
     ]
     paths = [f"--{name}={folder / f'{name}.zarr'}" for name in ("frames", "poses")]
     process = subprocess.Popen(

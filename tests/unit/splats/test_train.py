@@ -15,6 +15,7 @@ from egosplat.splats.gaussians import PARAMETERS, Gaussians
 from egosplat.splats.initialise import from_points
 from egosplat.splats.objective import L1Ssim
 from egosplat.splats.options import RenderOptions, TrainingOptions
+from egosplat.splats.render import render
 from egosplat.splats.schedule import STOCK, STOCK_MCMC
 from egosplat.splats.state import TrainingState
 from egosplat.splats.train import Photographs, draw_background, record, regularisation, train
@@ -215,3 +216,46 @@ def test_options_scale_the_schedule_of_the_kind_of_density_control():
     assert mcmc.reset_every is None and stock.position_lr_init == 1.6e-4
     faster = replace(OPTIONS, position_lr=1e-3).schedule
     assert faster.position_lr_init == 1e-3 and faster.position_lr_final == pytest.approx(1e-5)
+
+
+def test_options_reach_density_control(trained):
+    """EgoLifter's: a reset at the start, another opacity after a reset, and pruning by the size on screen."""
+    options = replace(
+        OPTIONS, iterations=30_000, reset_at_start=True, reset_opacity=0.01, prune_screen_px=20.0
+    )
+    found = options.population(EXTENT)
+    assert (found.options.reset_opacity, found.options.prune_screen_px) == (0.01, 20.0)
+    resets = [i for i in range(1, 30_001) if found.schedule.resets_opacity(i)]
+    assert resets == [500, 3_000, 6_000, 9_000, 12_000]
+    stock = replace(OPTIONS, iterations=30_000)
+    assert not stock.schedule.resets_opacity(500)
+    assert stock.population(EXTENT).options.prune_screen_px is None
+    # In training: opacities are lowered where density control begins, and not otherwise.
+    short = {"iterations": 5, "evaluate_every": 5}
+    begins = replace(OPTIONS, **short).schedule.densify_from
+    assert 0 < begins <= 5
+    lowered = trained(**short, reset_at_start=True, reset_opacity=0.02).gaussians.opacities
+    assert lowered.max().item() < 0.08 < trained(**short).gaussians.opacities.min().item()
+
+
+def test_what_is_large_on_screen_is_pruned_with_the_renderers_own_radii(trained):
+    """Radii come from the renderer; with a limit below them nothing that is seen would be left."""
+    state = trained(iterations=12, evaluate_every=12)
+    _, _, meta = render(
+        state.gaussians,
+        Camera(24, 24, 22.0, 22.0, 12.0, 12.0),
+        np.eye(4),
+        sh_degree=0,
+        background=None,
+        near_plane=0.1,
+        antialiased=False,
+        backend="auto",
+    )
+    density = replace(OPTIONS, iterations=30_000, prune_screen_px=float(meta["radii"].max()) - 1).population(
+        EXTENT
+    )
+    density.observe(torch.zeros(1, state.gaussians.count, 2), meta["radii"], 24, 24)
+    seen_large = (meta["radii"].amax(dim=(0, 2)) > meta["radii"].max() - 1).sum()
+    left = density.step(3_100, state.gaussians, state.optimizer, state.generator)
+    transparent = int((state.gaussians.opacities < 0.005).sum())
+    assert left.count == state.gaussians.count - int(seen_large) - transparent and int(seen_large) > 0

@@ -19,7 +19,7 @@ def scene(presets=(), seeds=(), base=None, **knobs):
     about = {"presets": list(presets), "seeds": list(seeds)}
     about["knobs"] = {name.replace("__", "."): values for name, values in knobs.items()}
     config = merge(base or defaults(), {})
-    return with_points(config | {"tradeoff": about}, PRESETS)
+    return with_points(config | {"tradeoff": about}, PRESETS, "adt")
 
 
 @pytest.mark.parametrize(
@@ -116,8 +116,8 @@ def test_presets_leave_recording_models_and_questions_to_the_scene():
 @pytest.mark.parametrize("name", ["fast", "balanced"])
 @pytest.mark.parametrize("below", ["fast", "balanced", "paper"])
 def test_nothing_of_the_scenes_own_preset_is_left(name, below):
-    left_to_the_scene = {"segments", "transient", "frames", "models", "synthetic", "metrics"}
-    keys, wanted = preset_keys(name, PRESETS), resolve({"preset": name}, PRESETS)
+    left_to_the_scene = {"formats", "segments", "transient", "frames", "models", "synthetic", "metrics"}
+    keys, wanted = preset_keys(name, PRESETS, "adt"), resolve({"preset": name}, PRESETS)
     found = merge(resolve({"preset": below}, PRESETS), keys)
     for section in set(found) - left_to_the_scene - {"preset"}:
         assert found[section] == wanted[section], section

@@ -1,0 +1,58 @@
+"""docs/paper_preset.md says what ``preset: paper`` resolves to, and leaves none of its keys out."""
+
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+from egosplat import config
+
+ROOT = Path(__file__).resolve().parents[2]
+PRESETS = ROOT / "config" / "presets"
+ROW = re.compile(
+    r"\| (?P<said>.*?) ?\| `(?P<key>[a-z_0-9.]+)`(?: \((?P<format>[a-z0-9]+)\))? \| `(?P<value>.*?)` \|.*\|"
+)
+
+
+def rows() -> dict[tuple[str, str], str]:
+    """Value, as it is written, by format (empty for all) and key."""
+    lines = (ROOT / "docs" / "paper_preset.md").read_text().splitlines()
+    table = [line for line in lines if line.startswith("| ") and "---" not in line and "| key |" not in line]
+    found = [ROW.fullmatch(line) for line in table]
+    assert all(found), [line for line, match in zip(table, found, strict=True) if not match]
+    keys = [(match["format"] or "", match["key"]) for match in found]
+    assert len(keys) == len(set(keys)) > 50
+    return dict(zip(keys, (match["value"] for match in found), strict=True))
+
+
+@pytest.mark.parametrize("format, key", rows())
+def test_a_value_in_the_table_is_what_the_preset_resolves_to(format, key):
+    resolved = config.of_format(config.resolve({"preset": "paper"}, PRESETS), format)
+    section, name = key.split(".")
+    written = yaml.safe_load(rows()[format, key])
+    assert resolved[section][name] == written and type(resolved[section][name]) is type(written)
+
+
+def test_every_key_of_the_preset_is_in_the_table():
+    preset = yaml.safe_load((PRESETS / "paper.yaml").read_text())
+    by_format = {"": preset, **preset.pop("formats")}
+    expected = {
+        (format, f"{section}.{name}")
+        for format, sections in by_format.items()
+        for section, keys in sections.items()
+        for name in keys
+    }
+    assert expected and expected <= set(rows())
+
+
+def test_egolifters_density_control_and_hoi4ds_own_values_are_set():
+    """What the paper takes over from EgoLifter, and what it says of HOI4D."""
+    paper = config.resolve({"preset": "paper"}, PRESETS)
+    for section in ("transient", "splats"):
+        found = paper[section]
+        assert (found["reset_opacity"], found["reset_at_start"], found["prune_screen_px"]) == (0.01, True, 20)
+        assert found["background"] == "white"
+    hoi4d, adt = (config.of_format(paper, name) for name in ("hoi4d", "adt"))
+    assert (hoi4d["masks"]["threshold"], adt["masks"]["threshold"]) == (0.1, 0.02)
+    assert (hoi4d["frames"]["resolution"], adt["frames"]["resolution"]) == (1889, 1408)
