@@ -42,7 +42,7 @@ PATHS: dict[str, dict[str, str]] = {
     "survey": {
         "frames": "the frames artifact",
         "poses": "its poses artifact",
-        "output": "the JSON file to make",
+        "output": "the .json file to make",
     },
     "segments": {
         "frames": "the frames artifact",
@@ -98,33 +98,33 @@ PATHS: dict[str, dict[str, str]] = {
         "features": "its features artifact",
         "splats": "its splats artifact",
         "language": "its language artifact",
-        "output": "the JSON file of scores to make",
+        "output": "the .json file of scores to make",
     },
     "method_metrics": {
         "frames": "the frames artifact",
         "poses": "its poses artifact",
         "annotations": "its annotations artifact",
         "relevancy": "the method's relevancy maps, laid out as docs/other_methods.md says",
-        "output": "the JSON file of scores to make",
+        "output": "the .json file of scores to make",
     },
     "contact_sheet": {
         "frames": "the frames artifact",
         "annotations": "the annotations artifact",
         "poses": "the poses artifact",
-        "output": "the picture to make",
+        "output": "the picture to make, a .png",
     },
     "crops_sheet": {
         "frames": "the frames artifact",
         "segments": "its segments artifact",
         "view_features": "its view features artifact",
         "features": "its features artifact",
-        "output": "the picture to make",
+        "output": "the picture to make, a .png",
     },
     "language_sheet": {
         "poses": "the poses artifact",
         "splats": "the splats artifact",
         "language": "its language artifact",
-        "output": "the picture to make",
+        "output": "the picture to make, a .png",
     },
     "transient_sheet": {
         "frames": "the frames artifact",
@@ -133,17 +133,17 @@ PATHS: dict[str, dict[str, str]] = {
         "segments": "its segments artifact",
         "masks": "the masks artifact",
         "splats": "the splats artifact",
-        "output": "the picture to make",
+        "output": "the picture to make, a .png",
     },
     "segments_sheet": {
         "frames": "the frames artifact",
         "segments": "the segments artifact",
-        "output": "the picture to make",
+        "output": "the picture to make, a .png",
     },
     "splats_sheet": {
         "frames": "the frames artifact",
         "splats": "the splats artifact",
-        "output": "the picture to make",
+        "output": "the picture to make, a .png",
     },
     "queries_sheet": {
         "frames": "the frames artifact",
@@ -153,7 +153,7 @@ PATHS: dict[str, dict[str, str]] = {
         "splats": "its splats artifact",
         "language": "its language artifact",
         "metrics": "the scores of all these",
-        "output": "the picture to make",
+        "output": "the picture to make, a .png",
     },
 }
 """What each stage reads and writes, in the order of its function's arguments."""

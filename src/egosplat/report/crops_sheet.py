@@ -27,7 +27,10 @@ COLUMNS = 12
 """At most so many views of an instance are shown."""
 
 DISTINCT = 6
-"""So many instances are shown that have many views and differ most in what they mean."""
+"""So many instances are shown that are seen often and differ most in what they mean."""
+
+OFTEN = 0.5
+"""This share of all instances, those with the most views, count as seen often: rows of a view or two say little."""
 
 MOST_OUTLIERS = 2
 """So many more are shown, those with the most outliers."""
@@ -123,12 +126,12 @@ def _read(views: Artifact, features: Artifact) -> Table:
 def choose_instances(table: Table) -> list[int]:
     """The instances to show, each of another thing.
 
-    First the one with the most views, then, of those with at least the median number of views, the one that is least
-    alike in meaning to all before it, and so on; at last those with the most outliers.
+    First the one with the most views, then, of those that are seen often, the one that is least alike in meaning to all
+    before it, and so on; at last those with the most outliers.
     """
     views = np.bincount(table.instance, minlength=len(table.level))
     outliers = np.bincount(table.instance[~table.inlier], minlength=len(table.level))
-    often = (views > 0) & (views >= np.median(views[views > 0]) if views.any() else False)
+    often = (views > 0) & (views >= np.quantile(views[views > 0], 1 - OFTEN) if views.any() else False)
     alike = np.full(len(views), -1.0)
     shown: list[int] = []
     while len(shown) < DISTINCT and often.any():
