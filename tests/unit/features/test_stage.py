@@ -11,6 +11,7 @@ from egosplat.errors import UserError
 from egosplat.features import stage
 from egosplat.features.autoencoder import fit_autoencoder
 from egosplat.features.decoding import decode, read_decoder
+from egosplat.features.quality import agreement
 from egosplat.features.vectors import unit
 
 KEYS = defaults()["features"] | {"dims": 3, "epochs": 2}
@@ -124,6 +125,14 @@ def test_codes_decode_with_what_the_artifact_holds(run, compression):
     assert set(told["by_level"]) == {"part", "whole"}
     assert cosines[0].mean() > (0.99 if compression == "linear" else 0.999 if compression == "none" else -1)
     assert (features.read("consistent_code")[1] == 0).all()
+
+
+def test_agreement_is_the_mean_cosine_of_views_with_their_instance():
+    views = np.array([[2.0, 0.0], [0.0, 1.0], [-1.0, 0.0]], np.float32)
+    consistent = np.array([[1.0, 0.0], [0.0, 3.0]], np.float32)
+    assert agreement(views[:2], consistent, np.array([0, 1])) == 1.0
+    assert agreement(views, consistent, np.array([0, 0, 0])) == 0.0
+    assert agreement(views[:0], consistent, np.zeros(0, int)) is None
 
 
 def test_spread_before_and_after(run):

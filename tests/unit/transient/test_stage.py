@@ -34,6 +34,7 @@ def test_what_the_artifact_says(scene):
     assert transient.read("curve/iteration").tolist() == [10, 12]
     probability = transient.read("probability")
     assert probability.shape == (6, 32, 32) and ((probability >= 0) & (probability <= 1)).all()
+    assert transient.facts["mean_probability"] == pytest.approx(probability.astype(float).mean(), abs=1e-3)
     # The frame without a pose too.
     assert probability[5].std() > 0
 

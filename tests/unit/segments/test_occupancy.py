@@ -1,0 +1,21 @@
+"""How much of a video instances fill, and how long they are followed."""
+
+import numpy as np
+
+from egosplat.segments.occupancy import Occupancy
+
+
+def test_figures_count_valid_pixels_frames_and_instances():
+    """Two levels of four pixels, the last not valid: instance 0 in both frames, 1 in the second, 2 in none."""
+    occupancy = Occupancy(3, np.array([[True, True, True, False]]))
+    nothing = np.full((1, 4), -1, np.int32)
+    occupancy.add(np.stack([np.array([[0, -1, -1, -1]], np.int32), nothing]))
+    occupancy.add(np.stack([np.array([[0, 0, -1, -1]], np.int32), np.array([[-1, -1, 1, -1]], np.int32)]))
+    figures = occupancy.figures()
+    assert figures["pixels_without_instance"] == 2 / 6
+    assert figures["instances_per_frame"] == 1.5 and figures["frames_per_instance"] == 1.0
+
+
+def test_of_nothing_there_are_figures():
+    figures = Occupancy(0, np.zeros((1, 4), bool)).figures()
+    assert set(figures.values()) == {0.0}
