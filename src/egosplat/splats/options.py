@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from egosplat.splats.density import DensityControl, DensityOptions
 from egosplat.splats.mcmc import Mcmc, McmcOptions
 from egosplat.splats.population import Population
-from egosplat.splats.schedule import STOCK, STOCK_MCMC, Schedule, scaled
+from egosplat.splats.schedule import STOCK, STOCK_MCMC, Schedule, cut, scaled
 
 
 @dataclass(frozen=True)
@@ -31,13 +31,15 @@ class TrainingOptions:
 
     Attributes:
         render: how they are rendered.
-        iterations: length of the run; the milestones of the stock schedule keep their fraction of it.
+        iterations: length of the run.
         density: ``stock`` (3DGS) or ``mcmc`` (3DGS-MCMC).
         max_gaussians: budget.
         position_lr: learning rate of the means at the start, per unit of scene extent; it ends at 1/100 of it.
         grow_grad2d: gradient of the image position above which ``stock`` lets a Gaussian grow.
         reset_opacity: largest opacity after a reset of ``stock``.
         reset_at_start: whether ``stock`` also resets where density control begins.
+        cuts_schedule: whether a run of another length than the stock schedule's ends in the middle of it, or runs on;
+            else its milestones keep their fraction of the run.
         prune_screen_px: radius on screen above which ``stock`` prunes after the first regular reset [px]; None for any.
         evaluate_every: iterations between two evaluations.
         patience: evaluations without improvement that end the run; 0 for never.
@@ -60,13 +62,15 @@ class TrainingOptions:
     reset_opacity: float = 0.05
     reset_at_start: bool = False
     prune_screen_px: float | None = None
+    cuts_schedule: bool = False
 
     @property
     def schedule(self) -> Schedule:
-        """The stock schedule of the kind of density control, scaled to ``iterations``."""
+        """The stock schedule of the kind of density control, for ``iterations``."""
         stock = STOCK_MCMC if self.density == "mcmc" else replace(STOCK, reset_at_start=self.reset_at_start)
         rates = {"position_lr_init": self.position_lr, "position_lr_final": self.position_lr / 100}
-        return replace(scaled(stock, self.iterations), **rates)
+        fitted = cut if self.cuts_schedule else scaled
+        return replace(fitted(stock, self.iterations), **rates)
 
     def population(self, extent: float) -> Population:
         """Density control of the kind asked for, in a scene of ``extent`` [m]."""

@@ -131,3 +131,19 @@ def scaled(schedule: Schedule, iterations: int) -> Schedule:
         sh_interval=interval("sh_interval"),
         position_lr_steps=part(schedule.position_lr_steps),
     )
+
+
+def cut(schedule: Schedule, iterations: int) -> Schedule:
+    """The first ``iterations`` of a schedule, its milestones and learning rates as they are.
+
+    Raises:
+        ValueError: ``iterations`` is less than 1.
+    """
+    if iterations < 1:
+        raise ValueError(f"a run of {iterations} iterations")
+    return replace(
+        schedule,
+        iterations=iterations,
+        densify_from=min(schedule.densify_from, iterations),
+        densify_until=min(schedule.densify_until, iterations),
+    )

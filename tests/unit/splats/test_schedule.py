@@ -1,8 +1,10 @@
 """What happens when in a training run."""
 
+from dataclasses import replace
+
 import pytest
 
-from egosplat.splats.schedule import STOCK, STOCK_MCMC, Schedule, scaled
+from egosplat.splats.schedule import STOCK, STOCK_MCMC, Schedule, cut, scaled
 
 
 def resets(schedule: Schedule) -> list[int]:
@@ -88,3 +90,28 @@ def test_a_schedule_that_makes_no_sense_is_refused(wrong: dict[str, int]) -> Non
         Schedule(**wrong)
     with pytest.raises(ValueError, match="0 iterations"):
         scaled(STOCK, 0)
+
+
+def test_a_cut_schedule_is_the_beginning_of_the_stock_one():
+    """EgoLifter's 7,000 iterations: growth until the end, the stock learning rates, resets at 500 and 3,000."""
+    begun = cut(replace(STOCK, reset_at_start=True), 7_000)
+    assert resets(begun) == [500, 3_000]
+    grows = densifications(begun)
+    assert (
+        (grows[0], grows[-1]) == (600, 6_900) and begun.prunes_large(3_100) and not begun.prunes_large(3_000)
+    )
+    for iteration in (1, 3_000, 7_000):
+        assert begun.position_lr(iteration, 2.0) == STOCK.position_lr(iteration, 2.0)
+    # Scaled, a run of that length has no regular reset, and so prunes nothing by its size.
+    assert not resets(scaled(STOCK, 7_000))
+    assert cut(STOCK, STOCK.iterations) == STOCK and cut(STOCK, 40_000).densify_until == STOCK.densify_until
+
+
+@pytest.mark.parametrize("iterations", [1, 499, 500, 501])
+def test_a_run_that_ends_before_density_control_has_none(iterations):
+    assert not densifications(cut(STOCK, iterations))
+
+
+def test_a_cut_run_of_no_iteration_is_refused():
+    with pytest.raises(ValueError, match="0 iterations"):
+        cut(STOCK, 0)

@@ -214,6 +214,7 @@ def test_options_scale_the_schedule_of_the_kind_of_density_control():
         and mcmc.densify_until == STOCK_MCMC.densify_until // 10
     )
     assert mcmc.reset_every is None and stock.position_lr_init == 1.6e-4
+    assert replace(OPTIONS, iterations=3000, cuts_schedule=True).schedule.densify_until == 3000
     faster = replace(OPTIONS, position_lr=1e-3).schedule
     assert faster.position_lr_init == 1e-3 and faster.position_lr_final == pytest.approx(1e-5)
 
