@@ -11,6 +11,7 @@ from pathlib import Path
 
 from egosplat.config import Config
 from egosplat.doctor.findings import Finding, Mark
+from egosplat.errors import UserError
 
 GIB = 1024**3
 FREE_DISK_GIB = 5.0
@@ -29,6 +30,7 @@ def machine_findings(config: Config) -> Iterator[Finding]:
     yield _gsplat(config)
     yield _compiler()
     yield _kernels(config)
+    yield _ray_caster()
     yield Finding(Mark.OK, "cores", str(len(os.sched_getaffinity(0))))
     yield _memory()
     yield _disk()
@@ -90,6 +92,17 @@ def _kernels(config: Config) -> Finding:
         return Finding(mark, "kernels", first, advice)
     compiled = ", ".join(variant.name for variant in VARIANTS if (HERE / variant.file).is_file())
     return Finding(Mark.OK, "kernels", f"{library.variant()} (compiled: {compiled})")
+
+
+def _ray_caster() -> Finding:
+    from egosplat.rays import library
+
+    try:
+        library.load()
+    except UserError as error:
+        first, _, advice = str(error).partition("\n")
+        return Finding(Mark.NOTE, "ray caster", first, advice)
+    return Finding(Mark.OK, "ray caster", "compiled")
 
 
 def _memory(meminfo: Path = Path("/proc/meminfo")) -> Finding:

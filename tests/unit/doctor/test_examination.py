@@ -14,6 +14,7 @@ from egosplat.doctor.examination import examine
 from egosplat.doctor.findings import Finding, Mark
 from egosplat.errors import UserError
 from egosplat.kernels import compiling, library
+from egosplat.rays import library as rays
 
 HEADER = "dataset\tscene\tformat\trecording\toptions\n"
 
@@ -186,6 +187,17 @@ def test_kernels_that_do_not_load_are_missing_only_where_they_are_asked_for(fold
     )
     assert "none of this kind for" in (advice := found()["expected time"].advice) and "training" in advice
     assert marks("splats={backend: cpu}")["kernels"] == Mark.MISSING
+
+
+def test_a_ray_caster_that_is_not_compiled_is_told_with_what_to_do(folder, monkeypatch, tmp_path):
+    assert found()["ray caster"] == Finding(Mark.OK, "ray caster", "compiled")
+    monkeypatch.setattr(rays, "HERE", tmp_path)
+    rays.load.cache_clear()
+    try:
+        finding = found()["ray caster"]
+    finally:
+        rays.load.cache_clear()
+    assert finding.mark == Mark.NOTE and rays.LIBRARY in finding.value and "make install" in finding.advice
 
 
 def test_a_machine_without_compiler_is_told_how_to_get_one(folder, monkeypatch):
