@@ -87,7 +87,7 @@ def test_origin_follows_the_metadata(copy):
     (copy / "metadata.json").write_text('{"origin": "synthetic"}')
     assert AdtRecording(copy, **OPTIONS).capture.origin == "synthetic"
     (copy / "metadata.json").write_text("{")
-    with pytest.raises(UserError, match="metadata.json"):
+    with pytest.raises(UserError, match="metadata.json: not readable as JSON"):
         AdtRecording(copy, **OPTIONS)
 
 

@@ -126,13 +126,20 @@ def test_what_labels_mean_depends_on_the_category(root):
 
 
 @pytest.mark.parametrize(
-    "matrix",
-    [np.eye(4), np.full((3, 3), np.nan), np.zeros((3, 3)), MATRIX + np.array([[0, 9, 0], [0, 0, 0], [0, 0, 0]]),
-     MATRIX * [[30], [1], [1]], np.array(["a", "b"]), np.array([{"fx": 1}], dtype=object)],
-)  # fmt: skip
-def test_bad_intrinsics_are_named(root, matrix):
+    "matrix, problem",
+    [
+        (np.eye(4), r"3x3 matrix .*\(4, 4\)"),
+        (np.full((3, 3), np.nan), "not a finite 3x3 matrix"),
+        (np.zeros((3, 3)), "not an intrinsic matrix"),
+        (MATRIX + np.array([[0, 9, 0], [0, 0, 0], [0, 0, 0]]), "not an intrinsic matrix"),
+        (MATRIX * [[30], [1], [1]], "principal point lies outside of the 64x48 px"),
+        (np.array(["a", "b"]), "not a NumPy array that can be read"),
+        (np.array([{"fx": 1}], dtype=object), "not a NumPy array that can be read"),
+    ],
+)
+def test_bad_intrinsics_are_named(root, matrix, problem):
     write_intrinsics(root, matrix)
-    with pytest.raises(UserError, match="intrin.npy"):
+    with pytest.raises(UserError, match=f"intrin.npy: .*{problem}"):
         Hoi4dRecording(root / FOLDER, **OPTIONS)
 
 
@@ -158,7 +165,7 @@ def test_missing_parts_are_named(root):
 
 @pytest.mark.parametrize("resolution", [0, -1, 65])
 def test_a_resolution_out_of_range_is_refused(root, resolution):
-    with pytest.raises(UserError, match="resolution"):
+    with pytest.raises(UserError, match=f"resolution: {resolution} px, but .*image.mp4 is 64 wide"):
         Hoi4dRecording(root / FOLDER, **(OPTIONS | {"resolution": resolution}))
 
 

@@ -100,14 +100,19 @@ def test_a_calibration_beside_the_source_is_used(images, video, kind):
 
 
 @pytest.mark.parametrize(
-    "content",
-    ["", "[1]", "null", json.dumps(CALIBRATION | {"fx": "wide"}), json.dumps(CALIBRATION | {"fx": -1}),
-     json.dumps(CALIBRATION | {"width": 65}), json.dumps(CALIBRATION | {"cx": float("nan")}),
-     json.dumps({"fx": 1}), json.dumps(CALIBRATION | {"fx": 10**400}), "[" * 5000],
-)  # fmt: skip
-def test_a_bad_calibration_is_named(images, content):
+    "content, problem",
+    [
+        *((text, "not an object with the numbers") for text in ("", "[1]", "null", '{"fx": 1}', "[" * 5000)),
+        (json.dumps(CALIBRATION | {"fx": "wide"}), "not an object with the numbers .*'wide'"),
+        (json.dumps(CALIBRATION | {"fx": 10**400}), "not an object with the numbers .*too large"),
+        (json.dumps(CALIBRATION | {"fx": -1}), "fx, fy must be positive"),
+        (json.dumps(CALIBRATION | {"cx": float("nan")}), r"\(cx, cy\) inside the picture"),
+        (json.dumps(CALIBRATION | {"width": 65}), "for 65x48 px, but the pictures are 64x48"),
+    ],
+)
+def test_a_bad_calibration_is_named(images, content, problem):
     (images / "camera.json").write_text(content)
-    with pytest.raises(UserError, match="camera.json"):
+    with pytest.raises(UserError, match=f"camera.json: .*{problem}"):
         PlainRecording(images, **OPTIONS)
 
 

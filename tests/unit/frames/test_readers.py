@@ -34,13 +34,16 @@ def test_an_unknown_format_is_refused(tmp_path):
         open_annotations("aria", tmp_path, camera=CAMERA, upright=True)
 
 
-@pytest.mark.parametrize("format", ["adt", "hoi4d", "plain"])
-def test_a_missing_recording_is_named(tmp_path, format):
-    missing = tmp_path / "missing"
-    with pytest.raises(UserError, match="missing"):
-        open_recording(format, missing, **OPTIONS)
-    with pytest.raises(UserError, match="missing"):
-        open_annotations(format, missing, camera=CAMERA, upright=True)
+@pytest.mark.parametrize(
+    "format, problem",
+    [("adt", "no such folder"), ("hoi4d", "not the name of a HOI4D sequence"), ("plain", "not found")],
+)
+def test_a_missing_recording_is_named_with_what_is_wrong(tmp_path, format, problem):
+    nowhere = tmp_path / "nowhere"
+    with pytest.raises(UserError, match=f"nowhere: {problem}"):
+        open_recording(format, nowhere, **OPTIONS)
+    with pytest.raises(UserError, match=f"nowhere: {problem}"):
+        open_annotations(format, nowhere, camera=CAMERA, upright=True)
 
 
 def test_formats_reach_their_readers(tmp_path, video):
