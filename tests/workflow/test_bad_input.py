@@ -24,7 +24,10 @@ def scene(finished, tmp_path) -> Path:
 
 @pytest.fixture
 def refused(capfd, monkeypatch, tmp_path) -> Callable[..., str]:
-    """Run the command line; it must end with status 2, a short message and nothing new on disk."""
+    """Run the command line; it must end with status 2, a short message and nothing new on disk.
+
+    What it says is returned without the path of the test's folder, which holds the test's name.
+    """
 
     def run(*arguments: object) -> str:
         before = {path for path in tmp_path.rglob("*")}
@@ -37,7 +40,7 @@ def refused(capfd, monkeypatch, tmp_path) -> Callable[..., str]:
         _, colon, message = shown.rpartition("egosplat: ")  # after lines of progress
         assert colon and len(message.strip().splitlines()) <= 2, shown
         assert {path for path in tmp_path.rglob("*")} == before, "something was left behind"
-        return message
+        return message.replace(f"{tmp_path}/", "")
 
     return run
 
@@ -112,73 +115,93 @@ def pictures(folder: Path, count: int = 4, size: int = 64) -> Path:
 
 
 def test_a_missing_recording(scene, refused):
-    assert "nowhere" in refused(*frames(scene, recording=scene / "nowhere"))
+    assert "scene/nowhere: no such folder" in refused(*frames(scene, recording=scene / "nowhere"))
 
 
 def test_a_recording_without_video(scene, refused):
     (scene / "recording/video.vrs").unlink()
-    assert "video.vrs" in refused(*frames(scene))
+    assert "recording/video.vrs: not found" in refused(*frames(scene))
 
 
-@pytest.mark.parametrize("keep", [0, 60, 3000, -500])
-def test_a_truncated_vrs_file(scene, refused, keep):
+@pytest.mark.parametrize(
+    "keep, problem",
+    [(0, "only 0 bytes"), (60, "only 60 bytes"), (3000, "truncated: 3000 bytes"), (-500, "truncated: ")],
+)
+def test_a_truncated_vrs_file(scene, refused, keep, problem):
     file = scene / "recording/video.vrs"
     file.write_bytes(file.read_bytes()[:keep])
-    assert "video.vrs" in refused(*frames(scene))
+    assert f"recording/video.vrs: {problem}" in refused(*frames(scene))
 
 
 def test_a_vrs_file_that_is_something_else(scene, refused):
     (scene / "recording/video.vrs").write_text("hello " * 1000)
-    assert "video.vrs" in refused(*frames(scene))
+    assert "video.vrs: not a VRS file" in refused(*frames(scene))
 
 
 def test_a_truncated_segmentation(scene, refused):
     file = scene / "recording/segmentations_with_skeleton.vrs"
     file.write_bytes(file.read_bytes()[:-500])
-    assert "segmentations_with_skeleton.vrs" in refused(*annotations(scene))
+    assert "segmentations_with_skeleton.vrs: truncated" in refused(*annotations(scene))
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", '{"x": {}}'])
-def test_unreadable_json(scene, refused, text):
+@pytest.mark.parametrize(
+    "text, problem",
+    [
+        ("", "not readable as JSON"),
+        ("{", "not readable as JSON"),
+        ("[]", "holds no instances"),
+        ('{"x": {}}', "instance x lacks"),
+    ],
+)
+def test_unreadable_json(scene, refused, text, problem):
     (scene / "recording/instances.json").write_text(text)
-    assert "instances.json" in refused(*annotations(scene))
+    assert f"recording/instances.json: {problem}" in refused(*annotations(scene))
 
 
 def test_an_empty_video(scene, refused, tmp_path):
     path = tmp_path / "empty.mp4"
     path.touch()
-    assert "empty.mp4" in refused(*frames(scene, recording=path, format="plain"))
+    assert "empty.mp4: not a video" in refused(*frames(scene, recording=path, format="plain"))
 
 
 def test_a_folder_without_pictures(scene, refused, tmp_path):
     (tmp_path / "folder").mkdir()
-    assert "folder" in refused(*frames(scene, recording=tmp_path / "folder", format="plain"))
+    said = refused(*frames(scene, recording=tmp_path / "folder", format="plain"))
+    assert "folder: holds no png, jpg or jpeg image" in said
 
 
 def test_a_picture_of_another_size(scene, refused, tmp_path):
     folder = pictures(tmp_path / "folder")
     cv2.imwrite(str(folder / "2.png"), np.zeros((32, 64, 3), np.uint8))
-    assert "2.png" in refused(*frames(scene, recording=folder, format="plain", resolution=48))
+    assert "folder/2.png: 64x32 px" in refused(
+        *frames(scene, recording=folder, format="plain", resolution=48)
+    )
 
 
 def test_a_broken_picture(scene, refused, tmp_path):
     folder = pictures(tmp_path / "folder")
     (folder / "3.png").write_bytes((folder / "3.png").read_bytes()[:40])
-    assert "3.png" in refused(*frames(scene, recording=folder, format="plain", resolution=48))
+    assert "folder/3.png: not an image" in refused(
+        *frames(scene, recording=folder, format="plain", resolution=48)
+    )
 
 
 def test_a_resolution_that_the_recording_does_not_have(scene, refused, tmp_path):
-    assert "128" in refused(
+    assert "resolution: 128 px, but v.mp4 has 64" in refused(
         *frames(scene, recording=video(tmp_path / "v.mp4"), format="plain", resolution=128)
     )
 
 
 def test_a_time_range_without_frames(scene, refused):
-    assert "start" in refused(*frames(scene, start_s=1000))
+    assert "no frame between start_s and end_s; the last one is at 5.500 s" in refused(
+        *frames(scene, start_s=1000)
+    )
 
 
 def test_more_evaluation_frames_than_there_are(scene, refused):
-    assert "evaluation" in refused(*frames(scene, evaluation_frames=1000))
+    assert "frames.evaluation_frames: 1000 evaluation frames of 12" in refused(
+        *frames(scene, evaluation_frames=1000)
+    )
 
 
 @pytest.mark.parametrize(
@@ -213,36 +236,42 @@ def spoil(file: Path, column: str, value: str, row: int = 5) -> None:
 
 
 @pytest.mark.parametrize(
-    "column, value",
-    [("tx_world_device", "nan"), ("tx_world_device", "far"), ("tracking_timestamp_us", "7")],
+    "column, value, problem",
+    [
+        ("tx_world_device", "nan", "not a finite number"),
+        ("tx_world_device", "far", "not a finite number"),
+        ("tracking_timestamp_us", "7", "tracking_timestamp_us not after that of the row before"),
+    ],
 )
-def test_a_trajectory_with_rubbish(scene, refused, column, value):
+def test_a_trajectory_with_rubbish(scene, refused, column, value, problem):
     spoil(trajectory(scene), column, value)
-    assert "closed_loop_trajectory.csv" in refused(*poses(scene))
+    message = refused(*poses(scene))
+    assert "closed_loop_trajectory.csv, line 7" in message and problem in message
 
 
 def test_a_trajectory_with_zero_quaternions(scene, refused):
     for axis in "xyzw":
         spoil(trajectory(scene), f"q{axis}_world_device", "0")
-    assert "closed_loop_trajectory.csv" in refused(*poses(scene))
+    message = refused(*poses(scene))
+    assert "closed_loop_trajectory.csv, line 7" in message and "quaternion" in message
 
 
 def test_a_trajectory_without_a_column(scene, refused):
     text = trajectory(scene).read_text()
     trajectory(scene).write_text(text.replace("tx_world_device", "x", 1))
-    assert "tx_world_device" in refused(*poses(scene))
+    assert "closed_loop_trajectory.csv has no column tx_world_device" in refused(*poses(scene))
 
 
 def test_a_missing_trajectory_and_missing_points(scene, refused):
     (scene / "recording/mps/slam/semidense_points.csv.gz").unlink()
-    assert "semidense_points.csv.gz" in refused(*poses(scene))
+    assert "mps/slam has no semidense_points.csv.gz" in refused(*poses(scene))
     trajectory(scene).unlink()
-    assert "closed_loop_trajectory.csv" in refused(*poses(scene))
+    assert "closed_loop_trajectory.csv is missing" in refused(*poses(scene))
 
 
 def test_points_that_are_no_gzip(scene, refused):
     (scene / "recording/mps/slam/semidense_points.csv.gz").write_text("uid,graph_uid\n")
-    assert "semidense_points.csv.gz" in refused(*poses(scene))
+    assert "semidense_points.csv.gz is not a readable MPS point cloud" in refused(*poses(scene))
 
 
 def test_points_of_which_none_is_certain(scene, refused):
@@ -250,19 +279,21 @@ def test_points_of_which_none_is_certain(scene, refused):
     lines = gzip.decompress(file.read_bytes()).decode().splitlines()
     bad = [",".join([*line.split(",")[:5], "9.0", "9.0"]) for line in lines[1:]]
     file.write_bytes(gzip.compress("\n".join([lines[0], *bad]).encode()))
-    assert "semidense_points.csv.gz" in refused(*poses(scene))
+    assert f"semidense_points.csv.gz: none of {len(bad)} points passes" in refused(*poses(scene))
 
 
 def test_a_device_trajectory_asked_of_a_plain_recording(scene, refused, plain_frames, tmp_path):
     path = video(tmp_path / "v.mp4")
     changes = {"frames": plain_frames(path), "output": scene / "p.zarr", "method": "device"}
-    assert "poses.method" in refused(*poses(scene, recording=path, **changes))
+    assert "poses.method = device: v.mp4 has no device trajectory" in refused(
+        *poses(scene, recording=path, **changes)
+    )
 
 
 def test_pictures_that_do_not_reconstruct(scene, refused, plain_frames, tmp_path):
     path = video(tmp_path / "v.mp4")
     changes = {"frames": plain_frames(path), "output": scene / "p.zarr"}
-    assert "texture" in refused(*poses(scene, recording=path, **changes))
+    assert "too little texture: 0 of 4 pictures" in refused(*poses(scene, recording=path, **changes))
 
 
 def test_damaged_artifacts(scene, refused):
@@ -295,7 +326,10 @@ def test_a_hoi4d_sequence_without_intrinsics(scene, refused, tmp_path):
     sequence = tmp_path / "ZY20210800001/H1/C11/N58/S376/s02/T2"
     (sequence / "align_rgb").mkdir(parents=True)
     video(sequence / "align_rgb/image.mp4")
-    assert "intrin.npy" in refused(*frames(scene, recording=sequence, format="hoi4d", resolution=64))
+    assert (
+        "no intrinsics. Put HOI4D's camera parameters at camera_params/ZY20210800001/intrin.npy"
+        in refused(*frames(scene, recording=sequence, format="hoi4d", resolution=64))
+    )
 
 
 def test_nothing_to_check(refused, tmp_path):
@@ -311,7 +345,7 @@ def test_plain_annotations_of_the_wrong_size(scene, refused, plain_frames, tmp_p
         "id\tname\tcategory\tmotion_type\n1\tcup_1\tcup\tstatic\n"
     )
     flags = ["--recording", folder, "--frames", plain_frames(folder), "--output", scene / "a.zarr"]
-    assert ".png" in refused("annotations", *flags)
+    assert "annotations/2.png: 10x10 px, but the picture is 64x64" in refused("annotations", *flags)
 
 
 def test_a_full_disk_is_told(scene, refused, monkeypatch):
@@ -319,7 +353,7 @@ def test_a_full_disk_is_told(scene, refused, monkeypatch):
         raise OSError(28, "No space left on device", str(scene / "new.zarr"))
 
     monkeypatch.setattr("egosplat.atomic._sync", full)
-    assert "No space left on device" in refused(*frames(scene, evaluation_frames=2))
+    assert "new.zarr: No space left on device" in refused(*frames(scene, evaluation_frames=2))
 
 
 def test_instances_are_plain_json(scene):
