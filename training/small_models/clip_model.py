@@ -14,14 +14,17 @@ from torch import Tensor
 from torch.nn import functional as F
 
 CONFIG, WEIGHTS, VOCABULARY = "open_clip_config.json", "open_clip_model.safetensors", "bpe.txt.gz"
+WORDS = "words.txt"
 
 _MOST_MERGES = 960
 
 
 def write_description(folder: Path) -> None:
-    """Write the configuration and the vocabulary of the small model."""
+    """Write the configuration, the vocabulary and the known words of the small model."""
     folder.mkdir(parents=True, exist_ok=True)
-    merges = learn_merges(known_words(), _MOST_MERGES)
+    words = known_words()
+    (folder / WORDS).write_text("\n".join(words) + "\n")
+    merges = learn_merges(words, _MOST_MERGES)
     write_vocabulary(folder / VOCABULARY, merges)
     description = {
         "model_cfg": {

@@ -20,6 +20,9 @@ CLIP_CONFIG = "open_clip_config.json"
 CLIP_VOCABULARY = "bpe.txt.gz"
 """In a folder that describes an OpenCLIP model: its architecture, and, if reduced, its byte-pair vocabulary."""
 
+CLIP_WORDS = "words.txt"
+"""In such a folder, optional: the words that the model was trained on, one a line. Queries with other words are refused."""
+
 LOCAL_FOLDER, HUB = "local-dir:", "hf-hub:"
 """How OpenCLIP's own model names call a folder, and a repository to download."""
 

@@ -11,7 +11,7 @@ from torch import nn
 from egosplat.errors import UserError
 from egosplat.json_files import read_json_file
 from egosplat.models.checkpoints import CLIP, find_checkpoint
-from egosplat.models.configs import CLIP_CONFIG, CLIP_VOCABULARY, clip_folder
+from egosplat.models.configs import CLIP_CONFIG, CLIP_VOCABULARY, CLIP_WORDS, clip_folder
 from egosplat.models.devices import Compute, choose_compute
 from egosplat.models.weights import load_weights, read_tensors
 
@@ -68,12 +68,14 @@ class OpenClip:
         preprocessing: what ``encode_image`` wants.
         tokenizer: makes (N, T) int64 tokens of a list of N texts.
         compute: where it runs; all predictions are made within ``compute.inference()``.
+        words: lower-case words that the model was trained on, where its folder lists them; None if it does not.
     """
 
     model: nn.Module
     preprocessing: Preprocessing
     tokenizer: "SimpleTokenizer"
     compute: Compute
+    words: frozenset[str] | None = None
 
 
 def load_open_clip(model: str, checkpoint: str, device: str, precision: str) -> OpenClip:
@@ -98,7 +100,14 @@ def load_open_clip(model: str, checkpoint: str, device: str, precision: str) -> 
         _preprocessing(module, description.get("preprocess_cfg", {})),
         _tokenizer(model, folder, description["model_cfg"]["text_cfg"]),
         compute,
+        _read_words(folder),
     )
+
+
+def _read_words(folder: Path | None) -> frozenset[str] | None:
+    if folder is None or not (path := folder / CLIP_WORDS).is_file():
+        return None
+    return frozenset(path.read_text(encoding="utf-8").split())
 
 
 def read_description(model: str, folder: Path | None) -> dict[str, Any]:

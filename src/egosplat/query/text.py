@@ -1,5 +1,6 @@
 """OpenCLIP's features of phrases."""
 
+import re
 import unicodedata
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -79,6 +80,16 @@ def encode_phrases(clip: OpenClip, phrases: Sequence[str]) -> Tensor:
         if not good:
             raise UserError(f"query {phrase!r}: the model of models.clip_checkpoint makes no direction of it")
     return torch.from_numpy(unit(features)).float()
+
+
+def untaught_words(clip: OpenClip, phrase: str) -> list[str]:
+    """Words of a phrase that the model was not trained on, in order; none where the model lists no words.
+
+    An untrained word has an arbitrary direction, so its relevancy says nothing.
+    """
+    if clip.words is None:
+        return []
+    return [word for word in re.findall(r"[^\W_]+", phrase.lower()) if word not in clip.words]
 
 
 def _check(clip: OpenClip, phrase: str) -> None:

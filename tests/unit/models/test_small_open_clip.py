@@ -105,9 +105,13 @@ def features(clip: OpenClip) -> torch.Tensor:
 def test_it_is_small_and_has_what_it_needs() -> None:
     size = sum(file.stat().st_size for file in SMALL_CLIP.iterdir())
     assert size < 3.45e6
-    assert {"open_clip_config.json", "open_clip_model.safetensors", "bpe.txt.gz", "MODEL_CARD.md"} == {
-        file.name for file in SMALL_CLIP.iterdir()
-    }
+    assert {
+        "open_clip_config.json",
+        "open_clip_model.safetensors",
+        "bpe.txt.gz",
+        "words.txt",
+        "MODEL_CARD.md",
+    } == {file.name for file in SMALL_CLIP.iterdir()}
 
 
 def test_things_are_found_by_their_names(clip: OpenClip, features: torch.Tensor) -> None:
