@@ -362,6 +362,7 @@ def query_command() -> click.Command:
         phrases: tuple[str, ...],
         frame: int | None,
         pose: Path | None,
+        most: int,
         output: Path | None,
         backend: str,
         device: str,
@@ -372,7 +373,7 @@ def query_command() -> click.Command:
         from egosplat.report.query_command import Asking, run
 
         check_scene_folder(folder, ("frames", "poses", "features", "splats", "language"))
-        asking, options = Asking(frame, pose, output), QueryOptions(**keys)
+        asking, options = Asking(frame, pose, most, output), QueryOptions(**keys)
         how = {"backend": backend, "device": device, "precision": precision}
         click.echo(run(folder, phrases, asking, options, **how))
 
@@ -384,10 +385,19 @@ def query_command() -> click.Command:
             click.Argument(["folder"], type=ARTIFACT),
             click.Argument(["phrases"], nargs=-1, required=True),
             click.Option(
-                ["--frame"], type=click.IntRange(min=0), help="Ask in this frame. [default: the middle]"
+                ["--frame"],
+                type=click.IntRange(min=0),
+                help="Ask in this frame alone. [default: the whole scene]",
             ),
             click.Option(
-                ["--pose"], type=ARTIFACT, help='Ask from here: JSON, {"camera_to_world": 4 rows of 4}.'
+                ["--pose"], type=ARTIFACT, help='Ask from here alone: JSON, {"camera_to_world": 4 rows of 4}.'
+            ),
+            click.Option(
+                ["--most"],
+                type=click.IntRange(min=1),
+                default=3,
+                show_default=True,
+                help="Things that an answer of the whole scene names at most.",
             ),
             click.Option(
                 ["--output"], type=ARTIFACT, help="The picture to make. [default: FOLDER/query.png]"

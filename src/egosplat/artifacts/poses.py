@@ -1,5 +1,6 @@
 """What ``poses.zarr`` holds: camera poses and points."""
 
+from egosplat.artifacts.reading import Artifact
 from egosplat.artifacts.schema import Field, Schema
 
 POSES = Schema(
@@ -14,3 +15,8 @@ POSES = Schema(
         "points/rgb": Field(("point", 3), "uint8", "sRGB", "their colours"),
     },
 )
+
+
+def length_unit(poses: Artifact) -> str:
+    """The unit of lengths in the scene's world: ``m``, or ``scene units`` where COLMAP's scale is arbitrary."""
+    return "scene units" if poses.facts.get("notes", {}).get("scale") == "arbitrary" else "m"

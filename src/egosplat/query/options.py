@@ -21,6 +21,7 @@ class QueryOptions:
         segmentation_threshold: a pixel belongs to the mask where its value, brought to 0..1 over the picture, is
             larger (M7 no. 38).
         majority: side of the square in which the mask takes the majority, as the same share; 0 for none.
+        min_score: least score of an answer; below it there is nothing of the kind.
 
     Raises:
         ValueError: a number is out of its range.
@@ -33,6 +34,7 @@ class QueryOptions:
     smoothing: float
     segmentation_threshold: float
     majority: float
+    min_score: float
 
     def __post_init__(self) -> None:
         ranges = {
@@ -43,6 +45,7 @@ class QueryOptions:
             "smoothing": 0.0 <= self.smoothing <= 1.0,
             "segmentation_threshold": 0.0 <= self.segmentation_threshold < 1.0,
             "majority": 0.0 <= self.majority <= 1.0,
+            "min_score": 0.0 <= self.min_score <= 1.0,
         }
         for name, good in ranges.items():
             if not good:
@@ -65,6 +68,7 @@ LANGSPLAT = QueryOptions(
     smoothing=0.0213,
     segmentation_threshold=0.7,
     majority=0.005,
+    min_score=0.5,
 )
 """LangSplat's protocol, which the paper follows: squares of 30 and 7 pixels at the paper's 1408. LangSplat itself also
 decodes what nothing covers."""

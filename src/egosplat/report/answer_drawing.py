@@ -4,8 +4,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from egosplat.query.answer import Answer
-
 DIMMED = 0.35
 """Brightness that is left of what is not in the mask."""
 
@@ -13,12 +11,12 @@ HEAT = 0.65
 """Share of the heat map's colours over the picture."""
 
 
-def draw_heat(axes: Axes, picture: NDArray[np.float32], answer: Answer) -> None:
-    """Lay the relevancy, 0 to 1, over the (H, W, 3) view, 0..1, in grey."""
+def draw_heat(axes: Axes, picture: NDArray[np.float32], relevancy: NDArray[np.float32]) -> None:
+    """Lay an (H, W) relevancy, 0 to 1, over the (H, W, 3) view, 0..1, in grey."""
     axes.imshow(picture.mean(axis=-1), cmap="gray", vmin=0.0, vmax=1.0)
-    axes.imshow(answer.relevancy, cmap="turbo", vmin=0.0, vmax=1.0, alpha=HEAT)
+    axes.imshow(relevancy, cmap="turbo", vmin=0.0, vmax=1.0, alpha=HEAT)
 
 
-def draw_mask(axes: Axes, picture: NDArray[np.float32], answer: Answer) -> None:
-    """Show the (H, W, 3) view, 0..1, dimmed where the mask is not."""
-    axes.imshow(np.where(answer.mask[..., None], picture, DIMMED * picture))
+def draw_mask(axes: Axes, picture: NDArray[np.float32], mask: NDArray[np.bool_]) -> None:
+    """Show the (H, W, 3) view, 0..1, dimmed where the (H, W) mask is not."""
+    axes.imshow(np.where(mask[..., None], picture, DIMMED * picture))

@@ -121,10 +121,10 @@ def _draw_query(cells: NDArray[np.object_], query: ShownQuery, boxes: bool) -> N
     scored, answer = query.scored, query.answer
     photograph.imshow(query.photograph)
     photograph.set_title(f'"{scored.category}", frame {scored.frame}', fontsize=9)
-    draw_heat(heat, query.view, answer)
+    draw_heat(heat, query.view, answer.relevancy)
     said, marker, colour = HIT if scored.hit else MISS
     heat.set_title(f"{said}, relevancy {scored.relevancy:.2f}", fontsize=9, color=colour)
-    draw_mask(mask, query.view, answer)
+    draw_mask(mask, query.view, answer.mask)
     mask.set_title(f"mask: IoU {scored.iou:.2f}", fontsize=9)
     for axes in cells:
         _outline(axes, query.truth)

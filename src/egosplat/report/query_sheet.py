@@ -1,6 +1,7 @@
 """Answers on one page: for each query the place, the relevancy and the mask in the rendered view."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from textwrap import fill
 
@@ -10,7 +11,6 @@ from numpy.typing import NDArray
 
 from egosplat.output_files import picture_kind
 from egosplat.plotting import plt, save_picture
-from egosplat.query.answer import Answer
 from egosplat.report.answer_drawing import draw_heat, draw_mask
 
 QUERY_PICTURE = picture_kind("egosplat query")
@@ -22,50 +22,78 @@ LETTERS_PER_INCH = 11
 """Of the title."""
 
 
-def draw_answers(
-    picture: NDArray[np.float32], answers: Sequence[Answer], levels: Sequence[str], title: str, output: Path
-) -> None:
+@dataclass(frozen=True, eq=False)
+class DrawnAnswer:
+    """An answer with what is drawn of it; nothing but its words where it was refused, or nothing is seen.
+
+    Attributes:
+        phrase: the query's words.
+        score: 0..1.
+        refusal: why there is no answer, or None.
+        where: which view it is, in words.
+        picture: (H, W, 3) float32 in [0, 1], the rendered view, or None.
+        pixel: column and row of the place, or None.
+        relevancy: (H, W) float32 in 0..1.
+        level, mask_level: names of the levels of relevancy and mask.
+        mask: (H, W) bool.
+    """
+
+    phrase: str
+    score: float
+    refusal: str | None = None
+    where: str = ""
+    picture: NDArray[np.float32] | None = None
+    pixel: tuple[int, int] | None = None
+    relevancy: NDArray[np.float32] | None = None
+    level: str = ""
+    mask: NDArray[np.bool_] | None = None
+    mask_level: str = ""
+
+
+def draw_answers(answers: Sequence[DrawnAnswer], title: str, output: Path) -> None:
     """Draw the page as PNG; the file appears when it is complete.
 
     Args:
-        picture: (H, W, 3) float32 in [0, 1], the rendered view.
         answers: a row each, one at least.
-        levels: their names.
         title: above all; lines that are too long are broken.
         output: the file.
     """
-    height, width, _ = picture.shape
+    shapes = [one.picture.shape for one in answers if one.picture is not None]
+    height, width = shapes[0][:2] if shapes else (1, 1)
     cell = CELL * float(np.clip(width / height, 0.6, 1.8))
-    size = (3 * cell, len(answers) * (CELL + 0.35) + 0.6)
-    figure, grid = plt.subplots(len(answers), 3, squeeze=False, figsize=size, layout="constrained")
-    lines = (fill(line, int(LETTERS_PER_INCH * size[0])) for line in title.split("\n"))
+    # A refused query needs a line, not a picture.
+    heights = [0.6 if one.picture is None else CELL + 0.35 for one in answers]
+    figure = plt.figure(figsize=(3 * cell, sum(heights) + 0.8), layout="constrained")
+    grid = figure.subplots(len(answers), 3, squeeze=False, height_ratios=heights)
+    lines = [fill(line, int(LETTERS_PER_INCH * 3 * cell)) for line in title.split("\n")]
     figure.suptitle("\n".join(lines), fontsize=12)
     for cells, answer in zip(grid, answers, strict=True):
-        _draw(cells, picture, answer, levels)
+        _draw(cells, answer)
     save_picture(figure, output, QUERY_PICTURE)
 
 
-def _draw(
-    cells: NDArray[np.object_], picture: NDArray[np.float32], answer: Answer, levels: Sequence[str]
-) -> None:
+def _draw(cells: NDArray[np.object_], answer: DrawnAnswer) -> None:
     place, heat, mask = cells
     for axes in cells:
         axes.set_axis_off()
-    place.imshow(picture)
-    place.set_title(f'"{answer.phrase}": {answer.score:.2f}', fontsize=10)
-    if answer.level is None or answer.mask_level is None:
-        heat.set_title("nothing is seen here", fontsize=10)
+    where = f", {answer.where}" if answer.where else ""
+    words = f'"{answer.phrase}": {answer.score:.2f}{where}'
+    if answer.picture is None:
+        words = f'"{answer.phrase}": {answer.refusal or "nothing is seen here"}'
+        place.text(0.0, 0.5, words, fontsize=10, transform=place.transAxes, clip_on=False)
         return
-    _mark(place, answer)
-    draw_heat(heat, picture, answer)
-    _mark(heat, answer)
-    heat.set_title(f"relevancy 0 to 1, {levels[answer.level]}", fontsize=10)
-    draw_mask(mask, picture, answer)
-    mask.set_title(f"mask, {levels[answer.mask_level]}", fontsize=10)
+    place.set_title(words, fontsize=10)
+    place.imshow(answer.picture)
+    _mark(place, answer.pixel)
+    draw_heat(heat, answer.picture, answer.relevancy)
+    _mark(heat, answer.pixel)
+    heat.set_title(f"relevancy 0 to 1, {answer.level}", fontsize=10)
+    draw_mask(mask, answer.picture, answer.mask)
+    mask.set_title(f"mask, {answer.mask_level}", fontsize=10)
 
 
-def _mark(axes: Axes, answer: Answer) -> None:
-    """A ring around the most relevant pixel."""
-    if answer.pixel is not None:
-        axes.scatter(*answer.pixel, s=130, facecolors="none", edgecolors="black", linewidths=3.5)
-        axes.scatter(*answer.pixel, s=130, facecolors="none", edgecolors="white", linewidths=1.5)
+def _mark(axes: Axes, pixel: tuple[int, int] | None) -> None:
+    """Draw a ring around the place."""
+    if pixel is not None:
+        axes.scatter(*pixel, s=130, facecolors="none", edgecolors="black", linewidths=3.5)
+        axes.scatter(*pixel, s=130, facecolors="none", edgecolors="white", linewidths=1.5)

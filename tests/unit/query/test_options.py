@@ -26,7 +26,8 @@ def test_squares_can_be_left_out():
 
 def test_the_configuration_s_defaults_are_langsplat_s():
     keys = {name: key["default"] for name, key in section_keys("query").items() if name != "backend"}
-    assert QueryOptions(**keys | {"canonical": tuple(keys["canonical"])}) == LANGSPLAT
+    # LangSplat answers everything; its least score is where a query fits as well as the canonical phrases.
+    assert replace(QueryOptions(**keys | {"canonical": tuple(keys["canonical"])}), min_score=0.5) == LANGSPLAT
 
 
 @pytest.mark.parametrize(
@@ -42,6 +43,8 @@ def test_the_configuration_s_defaults_are_langsplat_s():
         ("smoothing", -0.1),
         ("segmentation_threshold", 1.0),
         ("majority", 1.1),
+        ("min_score", -0.1),
+        ("min_score", 1.1),
     ],
 )
 def test_what_is_out_of_range_is_named(name, value):

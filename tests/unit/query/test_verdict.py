@@ -1,0 +1,46 @@
+"""When a query is refused, and how that is said."""
+
+import pytest
+
+from egosplat.models.open_clip_loader import load_open_clip
+from egosplat.query.text import untaught_words
+from egosplat.query.verdict import refusal
+
+
+@pytest.mark.parametrize("score, refused", [(0.549, True), (0.55, False), (1.0, False), (0.0, True)])
+def test_the_limit_itself_is_an_answer(score, refused):
+    assert (refusal(score, [], 0.55) is not None) is refused
+
+
+def test_an_untaught_word_is_refused_whatever_its_score():
+    why = refusal(1.0, ["elephant", "elephant"], 0.55)
+    assert why.count('"elephant"') == 1 and "not trained on" in why
+
+
+def test_a_limit_of_0_refuses_no_score():
+    assert refusal(0.0, [], 0.0) is None
+
+
+@pytest.fixture(scope="module")
+def clip():
+    return load_open_clip("small", "small", "cpu", "float32")
+
+
+@pytest.mark.parametrize(
+    "phrase, words",
+    [
+        ("Green Bottle", []),
+        ("wall-mounted coat rack", []),
+        ("wooden elephant on a couch", ["elephant", "on"]),
+        ("cup of tea", []),
+    ],
+)
+def test_the_small_model_knows_its_own_words(clip, phrase, words):
+    """words.txt lists what captions and glossary taught."""
+    assert untaught_words(clip, phrase) == words
+
+
+def test_a_model_without_a_list_knows_all_words(clip):
+    from dataclasses import replace
+
+    assert untaught_words(replace(clip, words=None), "zeppelin") == []

@@ -1,0 +1,59 @@
+"""The share of a view that each Gaussian fills is the sum of its compositing weights."""
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.geometry import Camera
+from egosplat.language.rendering import Lens, render_values
+from egosplat.query.visibility import visible_shares
+from egosplat.splats.gaussians import Gaussians
+
+CAMERA = Camera(20, 16, 18.0, 18.0, 10.0, 8.0)
+LENS = Lens(near_plane=0.1, antialiased=False, backend="cpu")
+
+
+@pytest.fixture
+def cloud() -> Gaussians:
+    """A translucent Gaussian in front of an opaque one, one aside, one behind the camera."""
+    means = torch.tensor([[0.0, 0.0, 2.0], [0.0, 0.0, 3.0], [0.6, 0.0, 2.0], [0.0, 0.0, -2.0]])
+    return Gaussians(
+        means=means,
+        quats=torch.tensor([[1.0, 0.0, 0.0, 0.0]]).repeat(4, 1),
+        log_scales=torch.full((4, 3), np.log(0.2)),
+        logit_opacities=torch.tensor([0.0, 4.0, 4.0, 4.0]),
+        sh=torch.zeros(4, 1, 3),
+        features=torch.zeros(4, 0),
+    )
+
+
+def window() -> np.ndarray:
+    """The share of the picture that each pixel counts as, written out."""
+    rows, columns = np.sin(np.pi * (np.arange(16) + 0.5) / 16), np.sin(np.pi * (np.arange(20) + 0.5) / 20)
+    return rows[:, None] * columns / (rows.sum() * columns.sum())
+
+
+def test_shares_are_sums_of_compositing_weights(cloud):
+    """Each Gaussian rendered alone in white, behind what hides it, gives the same sum."""
+    (shares,) = visible_shares(cloud, CAMERA, [np.eye(4)], None, LENS)
+    weights, _ = render_values(cloud, torch.eye(4), CAMERA, np.eye(4), LENS)
+    expected = (weights.numpy() * window()[..., None]).sum(axis=(0, 1))
+    np.testing.assert_allclose(shares.numpy(), expected, rtol=1e-4, atol=1e-7)
+    assert shares[3] == 0.0 and 0 < shares.sum() <= 1.0
+
+
+def test_invalid_pixels_show_nothing(cloud):
+    """A lens circle that leaves out the right half hides what is there."""
+    valid = np.ones((16, 20), bool)
+    valid[:, 10:] = False
+    (everything,) = visible_shares(cloud, CAMERA, [np.eye(4)], None, LENS)
+    (half,) = visible_shares(cloud, CAMERA, [np.eye(4)], valid, LENS)
+    assert half[2] < 0.1 * everything[2] and half[0] > 0.3 * everything[0]
+
+
+def test_one_row_a_view(cloud):
+    """A view from behind sees the Gaussian that the first one does not."""
+    behind = np.diag([-1.0, 1.0, -1.0, 1.0])
+    shares = visible_shares(cloud, CAMERA, [np.eye(4), behind], None, LENS)
+    assert shares.shape == (2, 4) and shares[1, 3] > 0 and (shares[1, :3] == 0).all()
+    assert visible_shares(cloud, CAMERA, [], None, LENS).shape == (0, 4)
