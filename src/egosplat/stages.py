@@ -109,7 +109,7 @@ STAGES = {
         ),
         "Ask for everything that is annotated, and score answers and renders.",
         models=("clip_checkpoint", "clip_model", "device", "precision"),
-        sections=("query",),
+        sections=("query", "presence"),
     ),
     "method_metrics": Stage(
         "egosplat.benchmark.other_methods",

@@ -62,7 +62,7 @@ def query_entry(asked: Asked, instances: Sequence[Instance], levels: Sequence[st
         "relevancy": asked.relevancy,
         "level": None if asked.level is None else levels[asked.level],
         "pixel": asked.pixel,
-        "position_m": None if asked.position is None else asked.position.tolist(),
+        "position": None if asked.position is None else asked.position.tolist(),
         "mask_level": None if asked.mask_level is None else levels[asked.mask_level],
         "mask_pixels": asked.mask_pixels,
         "groups": {

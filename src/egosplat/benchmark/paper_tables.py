@@ -7,7 +7,8 @@ from egosplat.benchmark.averages import average, average_chance
 from egosplat.benchmark.paper_layouts import LAYOUTS, Layout, Line
 from egosplat.benchmark.paper_notes import PAPER_NOTES
 from egosplat.benchmark.paper_numbers import AVERAGE, printed
-from egosplat.benchmark.scored_scenes import CHANCE, UNTOUCHED, ScoredScene
+from egosplat.benchmark.presence_counts import presence_counts
+from egosplat.benchmark.scored_scenes import CHANCE, FULL, UNTOUCHED, ScoredScene
 from egosplat.benchmark.series import APARTMENTS, NAMES, OWN, UNTOUCHED_APARTMENTS, Series
 from egosplat.benchmark.tables import PRINTED, REAL, SYNTHETIC, Block, Cell, Column, Note, Row, Table, ranked
 
@@ -33,7 +34,7 @@ def _table(layout: Layout, series: Sequence[Series]) -> Table:
         components=layout.components,
         columns=layout.columns,
         blocks=(_printed_block(layout), *measured),
-        notes=(*_notes_on_the_paper(layout), *_notes_on(measured)),
+        notes=(*_notes_on_the_paper(layout), *_notes_on(measured), *_presence_notes(layout, own)),
         scenes=layout.scenes,
     )
 
@@ -171,3 +172,14 @@ def _notes_on(blocks: Sequence[Block]) -> Iterator[Note]:
             yield Note(
                 "", f"Measured on {on} in egosplat's own evaluation frames; the paper's are not known."
             )
+
+
+def _presence_notes(layout: Layout, series: Sequence[Series]) -> Iterator[Note]:
+    """What each row answers of things that are there and of things that are not, where a table has accuracies."""
+    if not any(column.metric == "accuracy" for column in layout.columns):
+        return
+    for one in series:
+        counts = presence_counts(_scenes_of(layout, one).values())
+        if counts.absent:
+            variant = "" if one.variant == FULL else f", {one.variant}"
+            yield Note("", f"{one.label}{variant}: {counts.told}.")

@@ -14,7 +14,7 @@ from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.lineage import Lineage, lineage
-from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.poses import POSES, length_unit
 from egosplat.artifacts.reading import open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.benchmark.asking import Asked, ask_all
@@ -30,6 +30,7 @@ from egosplat.benchmark.document import (
 from egosplat.benchmark.evaluation import Evaluation, Frame, read_evaluation
 from egosplat.benchmark.intervals import IntervalOptions
 from egosplat.benchmark.making import artifact_entries, models_used, total_cost
+from egosplat.benchmark.presence import ask_presence, presence_entry, presence_phrases
 from egosplat.benchmark.queries import GROUPS, BenchmarkQueries, Query, find_queries
 from egosplat.benchmark.rendering import summarise_rendering
 from egosplat.benchmark.scores import GroupScore, summarise
@@ -66,10 +67,12 @@ def run(
     smoothing: float,
     segmentation_threshold: float,
     majority: float,
+    min_score: float,
     backend: str,
     min_area: float,
     excluded: Sequence[str],
     people: bool,
+    negatives: Sequence[str],
     target: str,
     confidence: float,
     resamples: int,
@@ -100,9 +103,12 @@ def run(
         smoothing=smoothing,
         segmentation_threshold=segmentation_threshold,
         majority=majority,
+        min_score=min_score,
     )
     scene = read_scene(trained, meaning, words, backend)
     asked = list(ask_all(queries, evaluation, scene, texts, options, target))
+    phrases = presence_phrases(queries, evaluation.instances, negatives)
+    presence = presence_entry(ask_presence(*phrases, evaluation, walk, scene, clip, options), min_score)
     scores = summarise([one.score for one in asked], IntervalOptions(confidence, resamples, seed))
     used = list(made_from.found.values())
     notice, alarms = notice_of_artifacts(used), [*alarms_of_all(used), *_alarms(scores["all"])]
@@ -112,12 +118,15 @@ def run(
         "alarms": [asdict(alarm) for alarm in alarms],
         "counts": counts_of(evaluation, words, meaning, made_from),
         "scores": {name: score_entry(score) for name, score in scores.items()},
+        "presence": presence,
+        "length_unit": length_unit(walk),
         "queries": [query_entry(one, evaluation.instances, meaning.facts["levels"]) for one in asked],
         **_rendering(evaluation, asked),
         **_making(made, made_from),
     }
     write_metrics(output, document, METRICS)
     _tell(evaluation.frames, scores)
+    _tell_presence(presence)
     for line in warning_lines(notice, alarms):
         log(line)
 
@@ -178,3 +187,14 @@ def _tell(frames: Sequence[Frame], scores: Mapping[str, GroupScore]) -> None:
             f"{one.middle_pixel:.1%}), mIoU {one.mean_iou:.1%}"
         )
         log(f"{name}: {one.count} queries, {told if one.count else 'nothing to ask for'}")
+
+
+def _tell_presence(presence: Mapping[str, Any]) -> None:
+    present, absent = presence["present"], presence["absent"]
+    if present["asked"]:
+        log(
+            f"whole scene: of {present['asked']} things that are there {present['answered']} are answered, "
+            f"{present['right']} of them rightly"
+        )
+    if absent["asked"]:
+        log(f"whole scene: of {absent['asked']} things that are not there {absent['answered']} are answered")

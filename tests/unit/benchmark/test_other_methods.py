@@ -141,7 +141,7 @@ def test_perfect_maps_have_perfect_scores(tmp_path, scored, perfect):
     book, chair = found["queries"]
     # Of both books one is static: of the groups' truth, the mask covers more.
     assert book["groups"]["static"]["iou"] == pytest.approx(64 / 164)
-    assert chair["level"] == chair["mask_level"] == "level 0" and chair["position_m"] is None
+    assert chair["level"] == chair["mask_level"] == "level 0" and chair["position"] is None
     assert chair["mask_pixels"] == 80 and set(chair["groups"]) == {"static", "all"}
 
 

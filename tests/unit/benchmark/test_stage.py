@@ -56,8 +56,24 @@ def test_everything_is_found(word_scene, scored):
     assert found["scores"]["all"]["random_pixel"] == found["scores"]["all"]["middle_pixel"] == 0.5
     assert [one["groups"]["all"]["middle_hit"] for one in (couch, cup)] == [False, True]
     assert couch["pixel"][0] < 24 <= cup["pixel"][0]
-    assert couch["position_m"][0] < 0 < cup["position_m"][0]
-    assert cup["position_m"][2] == pytest.approx(2.0, abs=0.01)
+    assert couch["position"][0] < 0 < cup["position"][0]
+    assert cup["position"][2] == pytest.approx(2.0, abs=0.01)
+
+
+def test_the_whole_scene_is_asked_for_what_is_there_and_what_is_not(word_scene, scored):
+    """Couch and cup are found on their own halves; absent things are counted, and untaught words are refused."""
+    found = scored(word_scene(), negatives=["couch", "basketball", "spaceship"], min_score=0.6)["presence"]
+    rows = {one["phrase"]: one for one in found["queries"]}
+    assert set(rows) == {"couch", "cup", "basketball", "spaceship"}
+    assert found["present"] == {"asked": 2, "answered": 2, "right": 2, "unverified": 0}
+    assert found["absent"] == {"asked": 2, "answered": 0, "untaught": 1}
+    assert found["separation"] == 1.0 and found["min_score"] == 0.6
+    assert rows["spaceship"]["untaught"] and not rows["spaceship"]["answered"]
+    assert rows["couch"]["right"] and rows["basketball"]["right"] is None
+
+
+def test_positions_have_the_unit_of_the_poses(word_scene, scored):
+    assert scored(word_scene())["length_unit"] == "m"
 
 
 def test_small_checkpoints_on_a_real_recording_are_told_in_the_scores_and_the_log(word_scene, scored, capfd):

@@ -64,7 +64,7 @@ def queries(accuracy: float, count: int = 100) -> list[dict]:
             "frame": number % 10,
             "category": f"thing {number // 10}",
             "relevancy": 0.5,
-            **dict.fromkeys(("level", "pixel", "position_m", "mask_level")),
+            **dict.fromkeys(("level", "pixel", "position", "mask_level")),
             "mask_pixels": 0,
             "groups": {group: result(number) for group in ("static", "all")},
         }
@@ -82,6 +82,8 @@ def scored(tmp_path):
         counts = schema["properties"]["counts"]["properties"]
         document["counts"] = {key: least(part, schema) for key, part in counts.items()}
         dataset, name, *below = place.split("/")
+        document["presence"] = least(schema["properties"]["presence"], schema)
+        document["length_unit"] = "m"
         title = f"{dataset}/{name}" + (f", {below[1]}" if below[:1] == ["variants"] else "")
         document |= {
             "scene": title,
@@ -246,6 +248,20 @@ def test_the_page_shows_the_alarms_of_its_scenes(tables, scored, tmp_path):
     assert all(word in section for word in ("masks.pixels", "few", "most", "Mask &lt;fewer&gt;"))
     tables(scored("adt/scene1"))
     assert 'id="alarms"' not in (tmp_path / "out" / "tables.html").read_text()
+
+
+def test_answers_to_what_is_not_there_stand_beside_the_accuracy(scored, tables, tmp_path):
+    """The counts of scenes are summed in a note below the table."""
+    counts = {"present": {"asked": 20, "answered": 9, "right": 8, "unverified": 1}}
+    counts |= {"absent": {"asked": 30, "answered": 2, "untaught": 10}}
+    presence = counts | {"min_score": 0.5, "separation": 0.9, "queries": []}
+    tables(scored("adt/scene1", presence=presence), scored("adt/scene2", presence=presence))
+    page = (tmp_path / "out" / "adt_accuracy.md").read_text()
+    assert (
+        "18 of 40 things that are there are answered, 16 of them rightly, and 4 of 60 that are not there"
+        in page
+    )
+    assert "that are not there" not in (tmp_path / "out" / "adt_iou.md").read_text()
 
 
 def test_scenes_with_other_models_are_not_averaged_together(tables, scored):

@@ -1,0 +1,75 @@
+"""How things that are there are told from things that are not, and how that is summed up."""
+
+import math
+
+import numpy as np
+import pytest
+
+from egosplat.benchmark.presence import PresenceQuery, is_right, presence_entry, presence_phrases, separation
+from egosplat.benchmark.queries import Query
+from egosplat.frames.recording import Instance
+
+NAMES = ["couch", "cup"]
+
+
+@pytest.mark.parametrize(
+    "present, absent, area",
+    [
+        ([0.9, 0.8], [0.1, 0.2], 1.0),
+        ([0.1, 0.2], [0.9, 0.8], 0.0),
+        ([0.5, 0.5], [0.5], 0.5),
+        ([0.9, 0.3], [0.5, 0.1], 0.75),
+    ],
+)
+def test_separation_counts_ordered_pairs(present, absent, area):
+    """The area is the share of pairs in the right order, ties half."""
+    pairs = [(one > other) + 0.5 * (one == other) for one in present for other in absent]
+    assert separation(present, absent) == pytest.approx(area) == pytest.approx(np.mean(pairs))
+
+
+def test_nothing_to_compare_has_no_separation():
+    assert math.isnan(separation([], [0.5])) and math.isnan(separation([0.5], []))
+
+
+@pytest.mark.parametrize(
+    "shares, category, right",
+    [
+        ([60.0, 20.0, 19.0], "couch", True),
+        ([50.0, 20.0, 30.0], "couch", False),  # half is not more than half
+        ([60.0, 20.0, 19.0], "cup", False),
+        ([3.0, 0.0, 0.0], "couch", None),  # too little is seen
+        ([60.0, 0.0, 0.0], "bed", None),
+    ],
+)
+def test_a_thing_is_right_where_most_of_it_is_the_category(shares, category, right):
+    assert is_right(np.array(shares), NAMES, category) is right
+
+
+def test_phrases_of_the_recording_are_no_negatives():
+    """A category that is annotated is not absent, even where no evaluation frame shows it."""
+    instances = [
+        Instance(1, "Couch_1", "couch", "static", "object"),
+        Instance(2, "Bed_1", "bed", "static", "object"),
+    ]
+    queries = [Query(0, 0, "couch", {"all": (0,)}), Query(1, 4, "couch", {"all": (0,)})]
+    assert presence_phrases(queries, instances, ["bed", "piano", "couch"]) == (["couch"], ["piano"])
+
+
+def test_the_entry_counts_answers():
+    """Refused things are never right; untaught words do not count in the separation."""
+    asked = [
+        PresenceQuery("couch", True, 0.9, True, False, True),
+        PresenceQuery("cup", True, 0.8, True, False, None),
+        PresenceQuery("bed", True, 0.3, False, False, True),
+        PresenceQuery("piano", False, 0.7, True, False, None),
+        PresenceQuery("zeppelin", False, 1.0, False, True, None),
+    ]
+    entry = presence_entry(asked, 0.5)
+    assert entry["present"] == {"asked": 3, "answered": 2, "right": 1, "unverified": 1}
+    assert entry["absent"] == {"asked": 2, "answered": 1, "untaught": 1}
+    assert entry["separation"] == pytest.approx(2 / 3) and len(entry["queries"]) == 5
+
+
+def test_nothing_asked_is_told_as_such():
+    entry = presence_entry([], 0.5)
+    assert entry["present"]["asked"] == entry["absent"]["asked"] == 0 and math.isnan(entry["separation"])

@@ -1,0 +1,54 @@
+"""The limit below which a query is refused: how it is chosen, and what it costs."""
+
+import numpy as np
+import pytest
+from presence import Asked, gather, summary, table
+
+from egosplat.errors import UserError
+
+ASKED = Asked(
+    present=np.array([0.9, 0.8, 0.7, 0.4]),
+    right=np.array([True, True, False, True]),
+    absent=np.array([0.75, 0.3, 0.2, 0.1]),
+    untaught=2,
+)
+
+
+class Scene:
+    """A scored scene with these queries."""
+
+    def __init__(self, *rows: dict) -> None:
+        self.document = {"presence": {"queries": rows}}
+
+
+def row(present: bool, score: float, right: bool | None = None, untaught: bool = False) -> dict:
+    return {"present": present, "score": score, "right": right, "untaught": untaught}
+
+
+def test_shares_at_a_limit():
+    """A score at the limit is an answer; right answers are a share of what is there."""
+    assert ASKED.shares(0.7) == (0.75, 0.5, 0.25)
+    assert ASKED.shares(0.0) == (1.0, 0.75, 1.0) and ASKED.shares(1.01) == (0.0, 0.0, 0.0)
+
+
+def test_the_limit_gains_most():
+    """At 0.4 three right answers cost one false one; at 0.8 two cost none: the smaller of equal ones is taken."""
+    assert ASKED.best_limit() == 0.4
+
+
+def test_untaught_phrases_do_not_count_in_the_curve():
+    asked = gather([Scene(row(True, 0.9, True), row(False, 1.0, untaught=True)), Scene(row(False, 0.2))])
+    assert asked.untaught == 1 and asked.absent.tolist() == [0.2] and asked.right.tolist() == [True]
+
+
+def test_nothing_asked_is_an_error():
+    with pytest.raises(UserError, match="no scene"):
+        gather([Scene(row(False, 0.2))])
+
+
+def test_the_table_has_a_row_a_limit():
+    lines = table({"tuning": ASKED}, [0.7]).splitlines()
+    assert lines[2] == "| 0.70 | 75.0 | 50.0 | 25.0 |"
+    assert "75% of what is there is answered, 50% rightly, and 25% of what is not" in summary(
+        "tuning", ASKED, 0.7
+    )
