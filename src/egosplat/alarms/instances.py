@@ -48,7 +48,7 @@ def segments_alarms(
         yield Alarm(
             "segments.empty_pixels",
             f"up to {MAX_EMPTY_PIXELS:.0%}",
-            f"{empty_pixels:.0%} of the pixels belong to no instance",
+            f"{empty_pixels:.1%} of the pixels belong to no instance",
             f"Nothing there can be asked for: look at segments.png and {_MODEL}",
         )
     if falls_below(instances_per_frame, MIN_INSTANCES_PER_FRAME):

@@ -32,14 +32,14 @@ def frames_alarms(valid_pixels: float | None, blurred: float | None) -> Iterator
         yield Alarm(
             "frames.valid_pixels",
             f"{MIN_VALID_PIXELS:.0%} or more",
-            f"{valid_pixels:.0%} of a picture's pixels show the scene",
+            f"{valid_pixels:.1%} of a picture's pixels show the scene",
             "Look at contact_sheet.png; raise frames.focal, which shows less of the border",
         )
     if exceeds(blurred, MAX_BLURRED):
         yield Alarm(
             "frames.blurred",
             f"up to {MAX_BLURRED:.0%}",
-            f"{blurred:.0%} of the frames are blurred or blank, against the others",
+            f"{blurred:.1%} of the frames are blurred or blank, against the others",
             "They teach little, and may get no pose: leave them out (frames.start_s, end_s), or move the camera slower",
         )
 
@@ -58,7 +58,7 @@ def poses_alarms(
         yield Alarm(
             "poses.registered",
             f"{MIN_REGISTERED:.0%} or more",
-            f"{registered:.0%} of the frames have a pose",
+            f"{registered:.1%} of the frames have a pose",
             "The others are left out of everything; take sharper frames, or a smaller frames.stride",
         )
     if exceeds(reprojection_px, MAX_REPROJECTION_PX):

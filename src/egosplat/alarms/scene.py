@@ -57,7 +57,7 @@ def masks_alarms(transient: int, instances: int, masked_pixels: float | None) ->
         yield Alarm(
             "masks.pixels",
             f"up to {MAX_MASKED_PIXELS:.0%}",
-            f"{masked_pixels:.0%} of all pixels are masked as moving, and not trained on",
+            f"{masked_pixels:.1%} of all pixels are masked as moving, and not trained on",
             _LESS,
         )
 
@@ -69,7 +69,7 @@ def splats_alarms(psnr: NDArray[np.float64]) -> Iterator[Alarm]:
         yield Alarm(
             "splats.psnr",
             f"{MIN_PSNR_DB:g} dB or more",
-            f"held-out frames are rendered with {mean:.1f} dB",
+            f"held-out frames are rendered with {mean:.2f} dB",
             "Look at splats.png: raise splats.iterations and max_gaussians, and check the poses",
         )
 
@@ -80,7 +80,7 @@ def language_alarms(without_code: float | None) -> Iterator[Alarm]:
         yield Alarm(
             "language.without_code",
             f"up to {MAX_WITHOUT_CODE:.0%}",
-            f"{without_code:.0%} of the Gaussians have no code at any level",
+            f"{without_code:.1%} of the Gaussians have no code at any level",
             "Nothing there can be asked for; look at segments.png for pixels without an instance",
         )
 
