@@ -75,7 +75,7 @@ def attempt(case: Case, finished: Path, root: Path, undisturbed: bool = False) -
     after = _seen(root)
     made = tuple(sorted(name for name in {*before, *after} if before.get(name) != after.get(name)))
     ended = os.waitstatus_to_exitcode(status)
-    return Said(ended if ended >= 0 else None, text, made, _digest(box.new))
+    return Said(ended if ended >= 0 else None, text, made, _digest(box.made))
 
 
 def _child(command: Callable[[Sandbox], object], box: Sandbox, report: Path) -> None:

@@ -33,8 +33,13 @@ class Sandbox:
 
     @property
     def new(self) -> Path:
-        """What commands are asked to make."""
+        """What commands that write an artifact are asked to make."""
         return self.folder / "new.zarr"
+
+    @property
+    def made(self) -> Path:
+        """What a command made under the name ``new``, with the suffix of its format; ``new`` where it made nothing."""
+        return next(self.folder.glob("new.*"), self.new)
 
     @property
     def canary(self) -> Path:
@@ -83,8 +88,15 @@ def stage_flags(stage: str, box: Sandbox, **changes: object) -> list[object]:
         for name in PATHS[stage]
         if name not in OPTIONAL.get(stage, ())
     }
-    given["output"] = box.new
+    given["output"] = box.new.with_suffix(_suffix(stage))
     return flags(stage, **(given | SHORT.get(stage, {}) | changes))
+
+
+def _suffix(stage: str) -> str:
+    """Of the file or folder that a stage makes."""
+    if stage.endswith("_sheet"):
+        return ".png"
+    return ".json" if stage in ("survey", "metrics", "method_metrics") else ".zarr"
 
 
 SHORT: dict[str, dict[str, object]] = {

@@ -1,8 +1,12 @@
 """Outputs that would cost something else, and links that lead elsewhere."""
 
+import os
 import random
 import shutil
 from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from PIL import Image
 
 from bad_input_bench.cases import Case, Sandbox, Words, stage_flags
 
@@ -34,6 +38,9 @@ def cases(_: random.Random) -> Iterator[Case]:
     for what in ("here", "up", "the root", "below a file", "a name too long", "what cannot be made"):
         yield _output(f"survey to {what}", "survey", taken[what])
     yield _output("synthetic to a folder of someone else", "synthetic", taken["a folder of someone else"])
+    for command in ("query", "export", "segments_sheet", "survey"):
+        for what in FILES:
+            yield _file(command, what)
     for what, target in {
         "someone else's folder": "folder",
         "a file": "sentinel.txt",
@@ -49,6 +56,32 @@ def _output(what: str, stage: str, output: Callable[[Sandbox], object]) -> Case:
 
     named = ("outside", "scene1", "output", "is no name", "sentinel", "xxx", "/proc", "'.'", "/")
     return Case(FAMILY, what, command, named)
+
+
+SUFFIXES = {"query": ".png", "export": ".ply", "segments_sheet": ".png", "survey": ".json"}
+
+FILES: dict[str, Callable[[Path], object]] = {
+    "a text": lambda path: path.write_text("not yours"),
+    "a picture": lambda path: Image.new("RGB", (2, 2)).save(path, "PNG"),
+    "a scan": lambda path: path.write_bytes(b"ply\nformat ascii 1.0\nelement vertex 0\nend_header\n"),
+    "JSON": lambda path: path.write_text('{"format_version": 1}'),
+    "a folder": lambda path: path.mkdir(),
+    "a pipe": os.mkfifo,
+    "a link to a file": lambda path: path.symlink_to("sentinel.txt"),
+    "a link to a device": lambda path: path.symlink_to("/dev/null"),
+}
+"""Of someone else, under a name with the command's own suffix."""
+
+
+def _file(command: str, what: str) -> Case:
+    def words(box: Sandbox) -> Words:
+        path = box.outside / f"theirs{SUFFIXES[command]}"
+        FILES[what](path)
+        if command in ("query", "export"):
+            return [command, box.scene, *(["cup"] if command == "query" else []), "--output", path]
+        return stage_flags(command, box, output=path)
+
+    return Case(FAMILY, f"{command} to {what} of someone else", words, ("theirs",))
 
 
 def _linked(what: str, target: str) -> Case:

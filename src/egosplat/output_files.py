@@ -106,7 +106,9 @@ def write_text_file(path: Path, text: str, kind: FileKind) -> None:
 
 def _check_replaceable(path: Path, kind: FileKind) -> None:
     if path.suffix.lower() != kind.suffix:
-        raise UserError(f"{path}: {kind.command} writes {kind.suffix} files; end the name in {kind.suffix}")
+        raise UserError(
+            f"{path}: {kind.command} writes {kind.suffix} files; give --output a name that ends so"
+        )
     try:
         status = path.lstat()
     except FileNotFoundError:

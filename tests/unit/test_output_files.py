@@ -170,7 +170,7 @@ def test_a_name_with_another_suffix_is_refused(monkeypatch, capfd, tmp_path, com
             (tmp_path / name).write_text('{"format_version": 1}')
         before = everything(tmp_path)
         status, err = call(monkeypatch, capfd, command, tmp_path, tmp_path / name)
-        assert status == 2 and f"end the name in {suffix}" in err
+        assert status == 2 and f"writes {suffix} files; give --output a name" in err
         assert everything(tmp_path) == before
 
 
