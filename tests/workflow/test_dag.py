@@ -51,3 +51,18 @@ def test_apartments_for_reporting_are_made_by_name_alone(finished):
     one = finished.snakemake("--dry-run", "--config", root, "--", "results/adt/scene6/metrics.json")
     assert one.returncode == 0, one.stderr
     assert "results/adt/scene6/recording" in one.stdout + one.stderr
+
+
+def test_the_tables_hold_scores_of_apartments_for_reporting_once_they_are_there(workdir):
+    """Without them, no apartment is filmed for the tables; with them, they are an input."""
+
+    def plan() -> str:
+        done = workdir.snakemake("--dry-run", "--", "results/benchmark/tables.html")
+        assert done.returncode == 0, done.stderr
+        return done.stdout + done.stderr
+
+    assert "adt/scene7" not in plan()
+    scores = workdir.folder / "results/adt/scene7/metrics.json"
+    scores.parent.mkdir(parents=True)
+    scores.write_text("{}")
+    assert "results/adt/scene7/metrics.json" in plan()

@@ -1,0 +1,82 @@
+"""How often 95 % intervals hold the truth, where the queries of a category are hit or missed together.
+
+    python benchmarks/intervals.py > benchmarks/intervals.md
+
+Categories are drawn that are hit in all of their frames, or in none; shares of scenes differ by a normal distribution. Beside the
+intervals that egosplat tells stand those of Wilson over queries, which take queries for independent.
+"""
+
+from itertools import product
+
+import click
+import numpy as np
+from scipy import stats
+
+from egosplat.benchmark.intervals import Clusters, IntervalOptions, clustered_interval, mean_of_scenes
+from egosplat.progress import track
+
+FRAMES = 4
+"""Queries of a category, about as many as on the apartments."""
+
+CASES = [
+    *product((1,), (3, 6, 10, 22), (0.3, 0.55, 0.85), (0.0,)),
+    *product((2, 5), (22,), (0.3, 0.55, 0.85), (0.0, 0.1, 0.2)),
+]
+"""Scenes, categories of each, share that is hit, standard deviation of the share between scenes."""
+
+OPTIONS = IntervalOptions(confidence=0.95, resamples=1000, seed=0)
+
+
+def draw(
+    rng: np.random.Generator, scenes: int, categories: int, share: float, spread: float
+) -> list[Clusters]:
+    """Scenes whose categories are hit in all of their frames, or in none."""
+    shares = np.clip(rng.normal(share, spread, scenes), 0, 1)
+    return [
+        Clusters(FRAMES * (rng.random(categories) < own), np.full(categories, float(FRAMES)))
+        for own in shares
+    ]
+
+
+def over_queries(scenes: list[Clusters]) -> tuple[float, float]:
+    """Wilson's interval of all queries together."""
+    count = int(sum(scene.counts.sum() for scene in scenes))
+    found = stats.binomtest(round(mean_of_scenes(scenes) * count), count).proportion_ci(method="wilson")
+    return found.low, found.high
+
+
+def row(scenes: int, categories: int, share: float, spread: float, trials: int) -> str:
+    """A case's line: how often each interval holds the truth, and how wide it is in the mean."""
+    rng = np.random.default_rng(0)
+    truth = float(np.clip(rng.normal(share, spread, 1_000_000), 0, 1).mean())
+    found: dict[str, list[tuple[float, float]]] = {"categories": [], "queries": []}
+    for _ in range(trials):
+        drawn = draw(rng, scenes, categories, share, spread)
+        interval = clustered_interval(drawn, OPTIONS)
+        found["categories"].append((interval.low, interval.high))
+        found["queries"].append(over_queries(drawn))
+    cells = []
+    for bounds in map(np.array, found.values()):
+        held = (bounds[:, 0] <= truth) & (truth <= bounds[:, 1])
+        cells += [f"{held.mean():.2f}", f"{np.diff(bounds).mean():.2f}"]
+    return f"| {scenes} | {categories} | {share} | {spread} | {' | '.join(cells)} |"
+
+
+@click.command(help=__doc__)
+@click.option("--trials", default=1000, show_default=True)
+def main(trials: int) -> None:
+    """Print the table."""
+    click.echo(
+        f"# How often intervals hold the truth\n\n`benchmarks/intervals.py`: {trials} draws of each case, {FRAMES} queries of a "
+        "category, all hit or all missed; confidence 0.95. Held: share of draws in which the interval holds the truth.\n"
+    )
+    click.echo(
+        "| scenes | categories of each | share hit | its spread between scenes | over categories: held | width "
+        "| over queries (Wilson): held | width |\n|" + " ---: |" * 8
+    )
+    for case in track(CASES, "drawing"):
+        click.echo(row(*case, trials))
+
+
+if __name__ == "__main__":
+    main()
