@@ -61,6 +61,13 @@ def test_a_machine_with_everything_lacks_nothing(folder):
     assert "mine/a, mine/b: about" in findings["expected time"].value
 
 
+def test_scenes_that_are_made_by_name_alone_cost_nobody_time(folder):
+    table = folder / "config/scenes.tsv"
+    table.write_text(table.read_text() + "\nadt\ts6\tadt\t-\tsynthetic.seed=6\n")
+    assert not any("adt/s6" in finding.value for finding in found().values())
+    assert "stand in for its 1 scenes" in found()["adt recordings"].value
+
+
 def test_another_content_has_another_hash(folder):
     before = found()["SAM2"].value
     torch.save({"weight": torch.full((2,), 7.0)}, folder / "sam2.pt")
