@@ -1,0 +1,71 @@
+"""The stages of a small scene, each run with the reference's artifacts or with those that were made before it."""
+
+from pathlib import Path
+
+from egosplat import config as configuration
+from egosplat.config import stage_values
+from egosplat.progress import log
+from egosplat.stages import stage_function
+
+PRESETS = Path(__file__).resolve().parents[2] / "config" / "presets"
+
+SMALL = {
+    "synthetic": {"size": 256, "fps": 2.0, "seconds": 6.0, "objects": 16},
+    "frames": {"resolution": 128, "evaluation_frames": 3},
+    "segments": {"points_per_side": 10, "image_size": 256},
+    "transient": {"iterations": 60, "resolution": 64, "input_size": 64},
+    "splats": {
+        "masking": "refined",
+        "iterations": 200,
+        "max_points": 4000,
+        "max_gaussians": 8000,
+        "evaluate_every": 100,
+    },
+    "survey": {"min_view_change_deg": 0},
+}
+"""Keys of a scene of some ten pictures."""
+
+INPUTS: dict[str, tuple[str, ...]] = {
+    "synthetic": (),
+    "frames": ("recording",),
+    "annotations": ("recording", "frames"),
+    "poses": ("recording", "frames"),
+    "survey": ("frames", "poses"),
+    "segments": ("frames",),
+    "view_features": ("frames", "segments"),
+    "features": ("view_features",),
+    "transient": ("frames", "poses"),
+    "masks": ("transient", "segments"),
+    "splats": ("frames", "poses", "masks"),
+    "language": ("frames", "poses", "segments", "features", "splats", "masks"),
+    "metrics": ("frames", "poses", "annotations", "features", "splats", "language"),
+}
+"""What each stage takes of what the others make."""
+
+UNUSED = {"splats": ("transient", "segments", "features"), "language": ("transient",)}
+FILES = {"synthetic": "recording", "survey": "survey.json", "metrics": "metrics.json"}
+WORDS = {"frames": {"format": "adt"}, "metrics": {"title": "small"}}
+"""What stages are told beside keys and artifacts."""
+
+
+def file_of(stage: str) -> str:
+    """Name of what a stage makes."""
+    return FILES.get(stage, f"{stage}.zarr")
+
+
+def run_chain(folder: Path, reference: Path | None) -> None:
+    """Run all stages; write to ``folder``, read from ``reference`` or, without one, from ``folder``.
+
+    Raises:
+        UserError: a stage ends with it.
+    """
+    config = configuration.resolve(SMALL, PRESETS)
+    folder.mkdir(parents=True, exist_ok=True)
+    for stage, inputs in INPUTS.items():
+        log(f"{folder.name}: {stage}")
+        source = reference or folder
+        paths = {name: source / (name if name == "recording" else file_of(name)) for name in inputs}
+        paths |= dict.fromkeys(UNUSED.get(stage, ()))
+        stage_function(stage)(
+            **paths, output=folder / file_of(stage), **WORDS.get(stage, {}), **stage_values(stage, config)
+        )

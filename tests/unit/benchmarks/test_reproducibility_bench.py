@@ -1,0 +1,68 @@
+"""What the page of reproducibility calls equal is equal, and what differs is told with its size."""
+
+import json
+
+import numpy as np
+import pytest
+from reproducibility_bench.chain import INPUTS, file_of
+from reproducibility_bench.comparing import differences
+from reproducibility_bench.limits import AVX2, LIMITS, choices
+
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.writing import create
+from egosplat.provenance import begin
+from egosplat.stages import STAGES
+
+
+def poses(path, shift=0.0, registered=(True, True)):
+    with create(path, POSES, begin("poses", {}, "synthetic")) as artifact:
+        matrices = np.tile(np.eye(4), (2, 1, 1))
+        matrices[1, 0, 3] = 2.0 + shift
+        artifact.put("camera_to_world", matrices)
+        artifact.put("registered", np.array(registered))
+        artifact.put("intrinsics", np.eye(3))
+        artifact.put("up", np.array([0.0, -1.0, 0.0]))
+        artifact.put("points/xyz", np.full((3, 3), np.nan))
+        artifact.put("points/rgb", np.zeros((3, 3), np.uint8))
+    return path
+
+
+def test_artifacts_with_the_same_arrays_are_equal(tmp_path):
+    assert differences(poses(tmp_path / "a/poses.zarr"), poses(tmp_path / "b/poses.zarr")) == []
+
+
+def test_differences_of_artifacts_are_measured(tmp_path):
+    one = poses(tmp_path / "a/poses.zarr")
+    (found,) = differences(one, poses(tmp_path / "b/poses.zarr", shift=0.5))
+    assert found.name == "camera_to_world" and found.share == 1 / 32
+    assert found.largest == pytest.approx(0.25)
+    (found,) = differences(one, poses(tmp_path / "c/poses.zarr", registered=(True, False)))
+    assert (found.name, found.share, found.largest) == ("registered", 0.5, None)
+
+
+def test_documents_are_compared_without_what_differs_each_time(tmp_path):
+    document = {"provenance": {"created": "now"}, "scores": [{"psnr": 20.0}, {"level": "whole"}]}
+    one, other = tmp_path / "a.json", tmp_path / "b.json"
+    one.write_text(json.dumps(document))
+    other.write_text(json.dumps(document | {"provenance": {"created": "later"}}))
+    assert differences(one, other) == []
+    other.write_text(json.dumps(document | {"scores": [{"psnr": 16.0}, {"level": "part"}]}))
+    quality, level = differences(one, other)
+    assert (quality.name, quality.largest) == ("scores[0].psnr", pytest.approx(0.2))
+    assert (level.name, level.largest) == ("scores[1].level", None)
+
+
+def test_recordings_are_compared_file_by_file(tmp_path):
+    for name, text in (("a", "1"), ("b", "2")):
+        (tmp_path / name / "mps").mkdir(parents=True)
+        (tmp_path / name / "mps/poses.csv").write_text(text)
+        (tmp_path / name / "same.csv").write_text("3")
+    assert [one.name for one in differences(tmp_path / "a", tmp_path / "b")] == ["mps/poses.csv"]
+
+
+def test_every_limit_is_set_on_the_whole_chain(monkeypatch):
+    """Each stage is there, and what is limited together holds each limit that is set alone."""
+    assert set(INPUTS) <= set(STAGES) and file_of("synthetic") == "recording"
+    alone = [limit for limit in LIMITS if len(limit.variables) == 1 and limit.name != "kernels generic"]
+    assert AVX2.items() >= {item for limit in alone for item in limit.variables.items()}
+    assert set(choices()) == {"kernels", "NumPy", "OpenBLAS", "OpenCV", "PyTorch", "threads"}
