@@ -1,10 +1,10 @@
 """How often queries of what is not there are refused, and queries of what is there are not.
 
-    snakemake --cores 2 results/adt/scene{1..10}/metrics.json
-    python benchmarks/presence.py results/adt/scene{1..5} --untouched results/adt/scene6 --untouched results/adt/scene7
+    snakemake --cores 2 results/adt/scene{1,2,3,4,5}/metrics.json
+    python benchmarks/presence.py results/adt/scene{1,2,3,4,5}
 
-The limit ``query.min_score`` is chosen on the first scenes and reported on the untouched ones. Prints a table, and draws
-the curve with ``--picture``.
+The limit ``query.min_score`` is chosen on the scenes given, but for untouched apartments: on these it is only reported.
+Prints a table, and draws the curve with ``--picture``.
 """
 
 import sys
@@ -73,6 +73,13 @@ def gather(scenes: Sequence[ScoredScene]) -> Asked:
     )
 
 
+def grouped(scenes: Sequence[ScoredScene]) -> dict[str, Asked]:
+    """The queries of the scenes that a limit may be chosen on, and of untouched apartments; without empty groups."""
+    named = {"tuning": False, "untouched": True}
+    own = {name: [one for one in scenes if one.untouched is which] for name, which in named.items()}
+    return {name: gather(chosen) for name, chosen in own.items() if chosen}
+
+
 def table(groups: dict[str, Asked], limits: Sequence[float]) -> str:
     """One row a limit: shares in percent for each group of scenes."""
     titles = [f"{name}: {what}" for name in groups for what in ("answered", "rightly", "absent answered")]
@@ -127,19 +134,11 @@ def draw(groups: dict[str, Asked], limit: float, output: Path) -> None:
     "--limit", type=float, help="Least score to report; by default the one chosen on the first scenes."
 )
 @click.option("--picture", type=click.Path(path_type=Path), help="PNG file to draw.")
-@click.option(
-    "--untouched", multiple=True, type=click.Path(path_type=Path), help="Scenes to report on; repeatable."
-)
-def main(
-    folders: tuple[Path, ...], limit: float | None, picture: Path | None, untouched: tuple[Path, ...]
-) -> None:
+def main(folders: tuple[Path, ...], limit: float | None, picture: Path | None) -> None:
     """Print the table."""
-    named = {"tuning": folders, "untouched": untouched}
-    groups = {
-        name: gather([read_scored_scene(folder / "metrics.json") for folder in own])
-        for name, own in named.items()
-        if own
-    }
+    groups = grouped([read_scored_scene(folder / "metrics.json") for folder in folders])
+    if "tuning" not in groups:
+        raise UserError("only untouched apartments are given, by which nothing is chosen; give others too")
     chosen = groups["tuning"].best_limit()
     limit = chosen if limit is None else limit
     click.echo("Queries of the whole scene: `benchmarks/presence.py`. Shares in percent.\n")

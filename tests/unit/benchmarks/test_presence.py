@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from presence import Asked, gather, summary, table
+from presence import Asked, gather, grouped, summary, table
 
 from egosplat.errors import UserError
 
@@ -17,7 +17,8 @@ ASKED = Asked(
 class Scene:
     """A scored scene with these queries."""
 
-    def __init__(self, *rows: dict) -> None:
+    def __init__(self, *rows: dict, untouched: bool = False) -> None:
+        self.untouched = untouched
         self.document = {"presence": {"queries": rows}}
 
 
@@ -39,6 +40,17 @@ def test_the_limit_gains_most():
 def test_untaught_phrases_do_not_count_in_the_curve():
     asked = gather([Scene(row(True, 0.9, True), row(False, 1.0, untaught=True)), Scene(row(False, 0.2))])
     assert asked.untaught == 1 and asked.absent.tolist() == [0.2] and asked.right.tolist() == [True]
+
+
+def test_no_limit_is_chosen_on_untouched_apartments():
+    """They are told by their names, not by how they are given, and stand apart."""
+    touched, untouched = Scene(row(True, 0.9, True)), Scene(row(True, 0.4, True), untouched=True)
+    groups = grouped([untouched, touched])
+    assert {name: asked.present.tolist() for name, asked in groups.items()} == {
+        "tuning": [0.9],
+        "untouched": [0.4],
+    }
+    assert list(grouped([untouched])) == ["untouched"]
 
 
 def test_nothing_asked_is_an_error():
