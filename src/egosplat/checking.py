@@ -68,7 +68,8 @@ def _provenance(path: Path) -> dict[str, Any]:
     try:
         return configuration.read_json(path, DOCUMENTS[path.name]).get("provenance", {"inputs": {}})
     except UserError as error:
-        raise UserError(f"{error}. Make it anew: {remedy(path)}") from None
+        end = "" if str(error).endswith((".", "?")) else "."
+        raise UserError(f"{error}{end} Make it anew: {remedy(path)}") from None
 
 
 def _digest_of(path: Path) -> str | None:
