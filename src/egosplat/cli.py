@@ -400,7 +400,7 @@ def query_command() -> click.Command:
                 help="Things that an answer of the whole scene names at most.",
             ),
             click.Option(
-                ["--output"], type=ARTIFACT, help="The picture to make. [default: FOLDER/query.png]"
+                ["--output"], type=ARTIFACT, help="The picture to make, .png. [default: FOLDER/query.png]"
             ),
             *(_flag(name, key) for name, key in {**section_keys("query"), **models}.items()),
         ],
