@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -208,8 +209,7 @@ def _category_map(
     """(h, w) int64 index of the category at the centre of each pixel of a smaller camera; C for none, -1 for people and
     for what does not show the scene."""
     own = [-1 if one.instance_type == "human" else names.index(one.category) for one in evaluation.instances]
-    lookup = np.array([*own, len(names)])
-    full = np.where(evaluation.valid, lookup[evaluation.map_of(frame)], -1)
-    rows = ((np.arange(camera.height) + 0.5) * full.shape[0] / camera.height).astype(int)
-    columns = ((np.arange(camera.width) + 0.5) * full.shape[1] / camera.width).astype(int)
-    return full[rows[:, None], columns]
+    lookup = np.array([*own, len(names)], np.int16)
+    full = np.where(evaluation.valid, lookup[evaluation.map_of(frame)], np.int16(-1))
+    size = camera.width, camera.height
+    return cv2.resize(full, size, interpolation=cv2.INTER_NEAREST_EXACT).astype(np.int64)

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -79,9 +80,8 @@ def index_scene(scene: LanguageScene, poses: Artifact, camera: Camera, valid: Ma
     count = min(MOST_VIEWS, len(registered))
     frame = registered[np.linspace(0, len(registered) - 1, count).round().astype(int)]
     small = rendering_camera(camera, VIEW_SIDE)
-    all_poses = poses.read("camera_to_world")
     seen = None if valid is None else _shrunk(valid, small)
-    views = [all_poses[index] for index in track(frame, "looking around", unit="view")]
+    views = track(poses.read("camera_to_world")[frame], "looking around", unit="view")
     shares = visible_shares(scene.gaussians, small, views, seen, scene.lens).cpu().numpy()
     return SceneIndex(scene, _surface(scene, shares), frame)
 
@@ -115,8 +115,7 @@ def _surface(scene: LanguageScene, shares: NDArray[np.float32]) -> Surface:
     return Surface.of(means, radii, shares, scene.share.cpu().numpy())
 
 
-def _shrunk(valid: Mask, camera: Camera) -> NDArray[np.bool_]:
+def _shrunk(valid: Mask, camera: Camera) -> Mask:
     """(h, w) bool: the mask at the pixel centres of a smaller camera."""
-    rows = ((np.arange(camera.height) + 0.5) * valid.shape[0] / camera.height).astype(int)
-    columns = ((np.arange(camera.width) + 0.5) * valid.shape[1] / camera.width).astype(int)
-    return valid[rows[:, None], columns]
+    size = camera.width, camera.height
+    return cv2.resize(valid.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST_EXACT) > 0

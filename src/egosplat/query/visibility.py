@@ -1,6 +1,6 @@
 """How much of each view every Gaussian fills, by its compositing weights."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 import numpy as np
 import torch
@@ -13,7 +13,7 @@ from egosplat.splats.gaussians import Gaussians
 
 
 def visible_shares(
-    gaussians: Gaussians, camera: Camera, poses: Sequence[Array], valid: Mask | None, lens: Lens
+    gaussians: Gaussians, camera: Camera, poses: Iterable[Array], valid: Mask | None, lens: Lens
 ) -> Tensor:
     """Share of each view that every Gaussian fills, with what stands in front of it taken into account.
 
