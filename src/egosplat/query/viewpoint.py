@@ -27,23 +27,22 @@ class Viewpoint:
     valid: Mask | None
 
 
-def frame_viewpoint(frames: Artifact, poses: Artifact, frame: int | None) -> Viewpoint:
-    """The viewpoint of a frame; of None, the middle one of those that have a pose.
+def frame_viewpoint(frames: Artifact, poses: Artifact, frame: int) -> Viewpoint:
+    """The viewpoint of a frame.
 
     Raises:
         UserError: there is no such frame, or it has no pose.
     """
     registered = poses.read("registered")
-    with_pose = np.flatnonzero(registered)
-    if not len(with_pose):
-        raise UserError(f"{poses.path}: no frame has a pose; look at the log of the stage poses")
-    index = int(with_pose[len(with_pose) // 2]) if frame is None else frame
-    if index >= len(registered):
-        raise UserError(f"--frame {index}: there are {len(registered)} frames, 0 to {len(registered) - 1}")
-    if not registered[index]:
-        nearest = with_pose[np.abs(with_pose - index).argmin()]
-        raise UserError(f"--frame {index}: has no pose; the nearest frame that has one is {nearest}")
-    return Viewpoint(f"frame {index}", poses.read("camera_to_world")[index], frames.read("valid"))
+    if frame >= len(registered):
+        raise UserError(f"--frame {frame}: there are {len(registered)} frames, 0 to {len(registered) - 1}")
+    if not registered[frame]:
+        with_pose = np.flatnonzero(registered)
+        if not len(with_pose):
+            raise UserError(f"{poses.path}: no frame has a pose; look at the log of the stage poses")
+        nearest = with_pose[np.abs(with_pose - frame).argmin()]
+        raise UserError(f"--frame {frame}: has no pose; the nearest frame that has one is {nearest}")
+    return Viewpoint(f"frame {frame}", poses.read("camera_to_world")[frame], frames.read("valid"))
 
 
 def file_viewpoint(path: Path) -> Viewpoint:

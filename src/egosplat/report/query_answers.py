@@ -3,6 +3,9 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from egosplat.artifacts.poses import length_unit
 from egosplat.geometry import Array
 from egosplat.progress import track
@@ -84,7 +87,7 @@ def answer_in_scene(question: Question, sources: QuerySources, most: int) -> Ans
 def _scene_rows(
     answer: SceneAnswer, question: Question, index: SceneIndex, levels: Sequence[str]
 ) -> list[tuple[str, ...]]:
-    if why := question.refusal(answer.phrase, answer.score):
+    if why := _why_refused(answer, question):
         return [(answer.phrase, f"{answer.score:.2f}", why)]
     found = [thing for thing in answer.things if thing.score >= question.options.min_score]
     return [
@@ -100,10 +103,15 @@ def _scene_rows(
     ]
 
 
+def _why_refused(answer: SceneAnswer, question: Question) -> str | None:
+    why = question.refusal(answer.phrase, answer.score)
+    return why if why or answer.things else "nothing of the scene has a code"
+
+
 def _draw_thing(
     answer: SceneAnswer, question: Question, index: SceneIndex, sources: QuerySources
 ) -> DrawnAnswer:
-    if why := question.refusal(answer.phrase, answer.score):
+    if why := _why_refused(answer, question):
         return DrawnAnswer(answer.phrase, answer.score, refusal=why)
     thing: Thing = answer.things[0]
     frame = index.best_frame(thing)
@@ -156,7 +164,9 @@ def _view_row(answer: Answer, levels: Sequence[str], why: str | None) -> tuple[s
     )
 
 
-def _draw_view(answer: Answer, levels: Sequence[str], why: str | None, picture) -> DrawnAnswer:
+def _draw_view(
+    answer: Answer, levels: Sequence[str], why: str | None, picture: NDArray[np.float32]
+) -> DrawnAnswer:
     if why or answer.level is None or answer.mask_level is None:
         return DrawnAnswer(answer.phrase, answer.score, refusal=why)
     return DrawnAnswer(

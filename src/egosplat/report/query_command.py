@@ -9,7 +9,7 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.lineage import lineage
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reading import open_artifact, verify
+from egosplat.artifacts.reading import Artifact, open_artifact, verify
 from egosplat.artifacts.schema import Schema
 from egosplat.artifacts.splats import SPLATS
 from egosplat.errors import UserError
@@ -25,6 +25,9 @@ from egosplat.report.query_sheet import QUERY_PICTURE, draw_answers
 from egosplat.report.query_sources import QuerySources
 from egosplat.report.query_table import answers_table
 from egosplat.report.trained_scene import open_trained_scene
+
+_VERIFIED = {"poses": POSES, "features": FEATURES, "splats": SPLATS, "language": LANGUAGE}
+"""Artifacts whose every byte is checked. Of frames.zarr, which may hold gigabytes, only a little is read."""
 
 
 @dataclass(frozen=True)
@@ -103,18 +106,16 @@ def _told(answered: Answered, title: str, output: Path) -> str:
 
 
 def _open(folder: Path) -> QuerySources:
-    """The artifacts of a scene. Frames are not verified: there may be gigabytes, and little of them is read."""
+    """The artifacts of a scene, which belong together."""
     opened = {name: _verified(folder / f"{name}.zarr", schema) for name, schema in _VERIFIED.items()}
     sources = QuerySources(frames=open_artifact(folder / "frames.zarr", FRAMES), **opened)
     lineage([sources.frames, *opened.values()])
     return sources
 
 
-_VERIFIED = {"poses": POSES, "features": FEATURES, "splats": SPLATS, "language": LANGUAGE}
-
-
-def _verified(path: Path, schema: Schema):
-    open_artifact(path, schema)  # says best what is missing or of another kind
+def _verified(path: Path, schema: Schema) -> Artifact:
+    # This says best what is missing, or of another kind.
+    open_artifact(path, schema)
     return verify(path, {schema.name: schema})
 
 

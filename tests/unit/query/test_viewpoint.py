@@ -24,10 +24,6 @@ def test_a_frame_is_seen_within_the_lens_circle(recording):
     np.testing.assert_array_equal(view.camera_to_world, np.eye(4))
 
 
-def test_without_a_frame_it_is_the_middle_one_of_those_with_a_pose(recording):
-    assert frame_viewpoint(*recording, None).name == "frame 1"
-
-
 @pytest.mark.parametrize(
     "frame, said", [(4, "there are 4 frames, 0 to 3"), (3, "has no pose; the nearest .* is 2")]
 )

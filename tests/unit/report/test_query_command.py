@@ -16,6 +16,7 @@ from PIL import Image
 from egosplat import cli
 from egosplat.artifacts.poses import length_unit
 from egosplat.models.suitability import notice
+from egosplat.query.scene_query import SceneAnswer
 from egosplat.report import query_answers
 
 
@@ -113,6 +114,14 @@ def test_what_is_not_there_is_refused(word_scene, query):
     assert "nothing of the kind: the best fit is below 0.60" in basketball
     assert 'nothing of the kind: the OpenCLIP checkpoint was not trained on "spaceship"' in spaceship
     assert columns(couch)[2] == "whole"
+
+
+def test_a_scene_without_codes_has_no_answer_at_any_limit(word_scene, query, monkeypatch):
+    """A least score of 0 refuses nothing, but there may be no thing to name."""
+    monkeypatch.setattr(query_answers, "ask_scene", lambda *_: [SceneAnswer("cup", ())])
+    status, out, err = query(word_scene(), "cup", "--min-score", 0)
+    assert status == 0, err
+    assert columns(out.splitlines()[2]) == ["cup", "0.00", "nothing of the scene has a code"]
 
 
 def test_a_frame_refuses_as_the_scene_does(word_scene, query):
