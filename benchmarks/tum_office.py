@@ -97,7 +97,7 @@ def check_pictures(folder: Path, drawing: Drawing) -> None:
 
 
 def write_recording(pictures: Path, output: Path, drawing: Drawing) -> None:
-    """Write the plain recording (config/README.md).
+    """Write the plain recording (docs/recordings.md).
 
     Raises:
         UserError: a picture is missing or does not fit, or ``output`` exists.

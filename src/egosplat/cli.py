@@ -13,7 +13,7 @@ import click
 import egosplat
 from egosplat.config import schema, section_keys, stage_keys
 from egosplat.errors import UserError
-from egosplat.keys_table import keys_table
+from egosplat.keys_table import keys_page
 from egosplat.orphans import end_with_snakemake
 from egosplat.plain_errors import plain
 from egosplat.scene_folder import check_scene_folder
@@ -334,8 +334,8 @@ def front(tradeoff: Path, output: Path) -> None:
 
 @cli.command()
 def keys() -> None:
-    """Print every configuration key with its default and what it trades, as a Markdown table."""
-    click.echo(keys_table())
+    """Print every configuration key with its default and what it trades, as a Markdown page."""
+    click.echo(keys_page())
 
 
 @cli.command()

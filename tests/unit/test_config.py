@@ -13,7 +13,7 @@ from egosplat import config
 from egosplat.cli import EXTRAS, PATHS
 from egosplat.errors import UserError
 from egosplat.explanations import _ALLOWED
-from egosplat.keys_table import keys_table
+from egosplat.keys_table import FIRST_KEYS, keys_page
 from egosplat.scenes import find_scene, read_scenes, requested_targets
 from egosplat.stages import STAGES, stage_function
 
@@ -73,8 +73,26 @@ def test_the_user_stands_over_the_preset_and_the_preset_over_the_defaults():
     assert resolved["frames"]["focal"] == 460.0
 
 
-def test_the_table_in_the_config_readme_is_that_of_the_schema():
-    assert keys_table() in (ROOT / "config" / "README.md").read_text(), "make it anew: egosplat keys"
+def test_the_reference_page_is_that_of_the_schema():
+    """config/reference.md does not drift from the schema."""
+    page = (ROOT / "config" / "reference.md").read_text(encoding="utf-8")
+    assert page == keys_page() + "\n", "write it again: egosplat keys > config/reference.md"
+
+
+def test_the_reference_page_holds_every_key_once_under_its_section():
+    """No key is lost between the schema and the page, and the ten first keys have links that open."""
+    first, *sections = re.split(r"^## ", keys_page(), flags=re.MULTILINE)[1:]
+    found = {part.splitlines()[0]: re.findall(r"^\| `([^`]+)` \|", part, re.MULTILINE) for part in sections}
+    expected = {"general": []}
+    for section, part in config.schema("config")["properties"].items():
+        if "properties" in part:
+            expected[section] = [f"{section}.{name}" for name in part["properties"]]
+        else:
+            expected["general"].append(section)
+    assert found == expected
+    links = re.findall(r"^\| \[`([^`]+)`\]\(#(\w+)\)", first, re.MULTILINE)
+    assert [path for path, _ in links] == list(FIRST_KEYS) and len(links) == 10
+    assert all(path in found[section] for path, section in links)
 
 
 @pytest.mark.parametrize(
