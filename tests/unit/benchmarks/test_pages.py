@@ -19,8 +19,10 @@ def test_a_page_with_intervals_says_what_they_are_over(name):
     assert "intervals over queries, too narrow" in head or "intervals over categories" in head
 
 
-def test_the_readme_has_no_interval_over_queries_without_a_word():
-    lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
+@pytest.mark.parametrize("page", ["README.md", "benchmarks/README.md", "config/README.md"])
+def test_an_overview_has_no_interval_over_queries_without_a_word(page):
+    """Each interval in an overview says that it is over categories, or too narrow."""
+    lines = (ROOT / page).read_text(encoding="utf-8").splitlines()
     bare = [line for line in lines if re.search(r"\(-?\d+\.\d to \d+\.\d", line) and "too narrow" not in line]
     assert not [line for line in bare if "categories" not in line]
 

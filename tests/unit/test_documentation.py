@@ -1,0 +1,124 @@
+"""The pages for people: their links open, they name every page, and they agree with the code."""
+
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+import egosplat
+from egosplat.artifacts.kinds import SCHEMAS
+from egosplat.stages import STAGES
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDERS = ("docs", "config", "benchmarks", "training", "src")
+PAGES = sorted([*ROOT.glob("*.md"), *(page for name in FOLDERS for page in (ROOT / name).rglob("*.md"))])
+FENCE = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+
+
+def _text(page: Path) -> str:
+    """A page without its blocks of code."""
+    return FENCE.sub("", page.read_text(encoding="utf-8"))
+
+
+def _links(page: Path) -> list[tuple[Path, str]]:
+    """The linked file and the heading in it, for each link within the repository."""
+    found = []
+    for target in LINK.findall(re.sub(r"`[^`\n]*`", "", _text(page))):
+        path, _, heading = target.partition("#")
+        if not re.match(r"\w+:", target):
+            found.append(((page.parent / path).resolve() if path else page, heading))
+    return found
+
+
+def _anchors(page: Path) -> set[str]:
+    """The headings of a page as GitHub writes them in links, and explicit anchors."""
+    text = _text(page)
+    headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    plain = (re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).strip().lower() for heading in headings)
+    slugs = {re.sub(r"[^\w\- ]", "", heading).replace(" ", "-") for heading in plain}
+    return slugs | set(re.findall(r'<a (?:id|name)="([^"]+)"', text))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_links_open(page):
+    """No link of a page leads to a file or heading that is not there."""
+    broken = [
+        f"{path.name}#{heading}"
+        for path, heading in _links(page)
+        if not path.exists() or (heading and path.suffix == ".md" and heading not in _anchors(path))
+    ]
+    assert not broken
+
+
+def test_a_broken_link_is_found(tmp_path):
+    """The search sees a file and a heading that are not there, and skips addresses and code."""
+    page = tmp_path / "page.md"
+    page.write_text(
+        "# A `b` c\n[1](none.md) [2](#a-b-c) [3](#d) [4](https://x.org) `[5](e)`\n```\n[6](f)\n```\n"
+    )
+    assert [(path.name, heading) for path, heading in _links(page)] == [
+        ("none.md", ""),
+        ("page.md", "a-b-c"),
+        ("page.md", "d"),
+    ]
+    assert _anchors(page) == {"a-b-c"}
+
+
+@pytest.mark.parametrize(
+    "index, folder",
+    [("README.md", "docs"), ("docs/index.md", "docs"), ("benchmarks/README.md", "benchmarks")],
+)
+def test_an_index_links_every_page_of_its_folder(index, folder):
+    """Every page of docs/ is in the README's index, every page of benchmarks/ in the list of measurements."""
+    linked = {path for path, _ in _links(ROOT / index)} | {ROOT / index}
+    pages = {page for page in (ROOT / folder).glob("*.md") if page.name != "README.md"}
+    assert sorted(page.name for page in pages - linked) == []
+
+
+def test_the_readme_lists_the_stages_of_the_pipeline():
+    """The pipeline's table has one row for each stage that makes an artifact, in the order of the code."""
+    rows = re.findall(
+        r"^\| `(\w+)` \| `(\w+)[./]", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    made = [name for name in STAGES if not name.endswith("_sheet") and name != "method_metrics"]
+    assert [stage for stage, _ in rows] == made
+    assert [artifact for _, artifact in rows] == ["recording", *made[1:]]
+
+
+@pytest.mark.parametrize("name", SCHEMAS)
+def test_the_conventions_have_every_array(name):
+    """docs/conventions.md names axes, dtype and unit of each array as its schema declares them."""
+    text = (ROOT / "docs" / "conventions.md").read_text(encoding="utf-8")
+    part = text.partition(f"### {name}.zarr\n")[2].partition("\n### ")[0]
+    rows = [line.rpartition(" | ")[0] for line in part.splitlines() if line.startswith("| `")]
+    declared = SCHEMAS[name].fields.items()
+    expected = [
+        f"| `{array}` | {', '.join(map(str, field.dims))} | {field.dtype} | {field.unit}"
+        for array, field in declared
+    ]
+    assert rows == expected
+
+
+def test_the_citation_names_this_version_and_the_paper():
+    """CITATION.cff is of the version that is installed, and cites the paper by the README's title."""
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    readme = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    assert citation["version"] == egosplat.__version__
+    (paper,) = citation["references"]
+    assert readme.count(paper["title"]) >= 1 and len(paper["authors"]) == 7
+
+
+def test_ci_and_the_catalog_use_what_is_there():
+    """The public CI calls targets of the Makefile; the catalog finds the sections that it needs."""
+    ci = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8"))
+    targets = [
+        step["run"].removeprefix("make ")
+        for step in ci["jobs"]["test"]["steps"]
+        if "make " in step.get("run", "")
+    ]
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    assert "test" in targets and all(re.search(rf"^{target}:", makefile, re.MULTILINE) for target in targets)
+    catalog = yaml.safe_load((ROOT / ".snakemake-workflow-catalog.yml").read_text(encoding="utf-8"))
+    assert catalog["usage"]["report"] and "software-stack-deployment" in catalog["usage"]
