@@ -14,7 +14,7 @@ from egosplat.frames.recording import Annotations
 from egosplat.geometry import Camera
 
 MOVED_M = 0.02
-"""An object that stays within this is still, whatever its label (EgoLifter's rule, M7 no. 32)."""
+"""An object that stays within this is still, whatever its label (EgoLifter's rule; docs/method.md#static-dynamic)."""
 
 MAX_AGE_NS = 3_000_000
 

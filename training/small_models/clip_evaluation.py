@@ -150,7 +150,7 @@ class Exam:
         return mean(best == self.truth[asked] * len(COLOURS) + self.colour[asked])
 
     def relevancy(self, which: NDArray[np.bool_]) -> tuple[Score, Score]:
-        """Shares of true names, and of false ones, with a relevancy of one half or more (M2.4)."""
+        """Shares of true names, and of false ones, with a relevancy of one half or more."""
         canonical = self.features[which] @ self.texts(CANONICAL).T
         logits = self.features[which] @ self.texts(self.names).T
         relevant = _TEMPERATURE * (logits - canonical.max(dim=1, keepdim=True).values) >= 0

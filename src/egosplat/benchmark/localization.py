@@ -1,4 +1,4 @@
-"""Whether what is asked for is found at its place (M2.4)."""
+"""Whether what is asked for is found at its place (docs/method.md#scores)."""
 
 from collections.abc import Sequence
 

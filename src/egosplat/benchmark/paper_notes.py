@@ -7,7 +7,7 @@ from egosplat.benchmark.paper_numbers import AVERAGE
 
 @dataclass(frozen=True)
 class PaperNote:
-    """A remark (method_spec 1.4).
+    """A remark on the paper's printed numbers.
 
     Attributes:
         text: the remark.

@@ -1,4 +1,4 @@
-"""What is asked in the benchmark: every category that is seen in an annotated frame (method_spec M7 no. 32-36)."""
+"""The benchmark's queries: every category that an annotated frame shows (docs/method.md#benchmark-queries)."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ class Query:
     """A category in a frame, with all of its instances there.
 
     A category that owns static and dynamic instances in a frame counts once in ``all``, and in each of the other
-    groups with the instances of this kind as the truth (M7 no. 33).
+    groups with the instances of this kind as the truth (docs/method.md#mixed-categories).
 
     Attributes:
         row: of the frame in annotations.zarr.

@@ -1,4 +1,4 @@
-"""How well a held-out photograph is rendered: of all, of static and of dynamic pixels (M3.4)."""
+"""How well a held-out photograph is rendered: of all, of static and of dynamic pixels, as EgoLifter."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -51,7 +51,7 @@ class GroupScore:
         categories: number of categories among them.
         accuracy: share of queries that were found at their place, 0..1.
         accuracy_interval: see ``clustered_interval``; None of a single category.
-        mean_iou: plain mean over queries, as LangSplat's (M7 no. 37), 0..1.
+        mean_iou: plain mean over queries, as LangSplat's (docs/method.md#mean-iou), 0..1.
         mean_iou_interval: the same as of the accuracy.
         random_pixel, middle_pixel: accuracy of a random valid pixel, and of the middle of the picture: chance.
     """

@@ -1,4 +1,4 @@
-"""How well masks cover what is asked for (M2.4)."""
+"""How well masks cover what is asked for: LangSplat's IoU."""
 
 from egosplat.benchmark.queries import Mask
 

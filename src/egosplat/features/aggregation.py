@@ -1,8 +1,8 @@
 """Consistent features: the mean of an instance's views without those that disagree (paper, equations of the section
-"View-Consistent Feature extraction"; M1.1 no. 3).
+"View-Consistent Feature extraction"; docs/method.md#aggregation).
 
 With views F_j, their channel-wise median Ft and their deviations d_j from it, a view counts where
-``d_j <= k * median(d)``; there is no factor 1.4826. What d_j is, the paper leaves open (M7 no. 17):
+``d_j <= k * median(d)``; there is no factor 1.4826. What d_j is, the paper leaves open (docs/method.md#deviation):
 
 - ``element``: |F_j - Ft| in each channel by itself, so that each channel has its own views;
 - ``euclidean``: the length of F_j - Ft;

@@ -1,4 +1,4 @@
-"""LangSplat's autoencoder of features (M2.2), from its description.
+"""LangSplat's autoencoder of features, from its description (docs/method.md#autoencoder).
 
 Its loss takes the cosine over the channels of each feature; LangSplat's own training takes it over the batch, which
 compares a channel's values among unrelated features.

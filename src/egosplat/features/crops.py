@@ -1,4 +1,4 @@
-"""Where instances are in a frame, and the crops that OpenCLIP is shown (M2.1)."""
+"""Where instances are in a frame, and the crops that OpenCLIP is shown (docs/method.md#crops)."""
 
 from dataclasses import dataclass
 

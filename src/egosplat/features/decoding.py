@@ -1,7 +1,7 @@
 """From codes back to features, by plain numbers that an artifact can hold.
 
 A decoder is a chain of affine layers with ReLU between them, whose result is brought to unit norm. That is the decoder
-of LangSplat's autoencoder (M2.2); with one layer it is a basis with a mean, with none it leaves codes as they are.
+of LangSplat's autoencoder; with one layer it is a basis with a mean, with none it leaves codes as they are.
 """
 
 from dataclasses import dataclass

@@ -41,7 +41,7 @@ def agreement(views: Features, consistent: Features, instance: NDArray[np.intege
 def spread(features: Features) -> float | None:
     """Mean cosine between two different ones of (N, D) features; None for fewer than two.
 
-    1 where all are the same, which is what too few dimensions lead to (M8.2).
+    1 where all are the same, which is what too few dimensions lead to (docs/method.md#code-dimensions).
     """
     count = len(features)
     if count < 2:

@@ -24,7 +24,8 @@ def supervise(
         inlier: (R,) views that agree with their instance.
         slipped: (R,) views that take their own feature in place of an average.
         target: one of ``TARGETS``; ``average`` is the paper's.
-        outliers: for an average, what an outlier takes (M7 no. 22): ``consistent``, that alone, or ``average``.
+        outliers: for an average, what an outlier takes: ``consistent``, that alone, or ``average``
+            (docs/method.md#supervision-average).
     """
     if target == "view":
         return own

@@ -118,7 +118,9 @@ def cut_crops(
 
 
 def lies_on_its_side(frames: Artifact) -> bool:
-    """Whether pictures are as Aria's sensor takes them: to be turned clockwise for OpenCLIP (M7 no. 16)."""
+    """Whether pictures lie on their side, as Aria's sensor takes them: OpenCLIP needs them turned clockwise
+    (docs/method.md#upright).
+    """
     return frames.facts["format"] == "adt" and not frames.facts["upright"]
 
 

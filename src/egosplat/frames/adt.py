@@ -1,5 +1,5 @@
 """Aria Digital Twin recordings: the pictures of ``video.vrs``, rectified. Nothing else of a sequence is read
-but ``metadata.json``, for the recording's origin (method_spec M3.3, M5.1)."""
+but ``metadata.json``, for the recording's origin (docs/method.md#adt-files)."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,7 +25,7 @@ from egosplat.geometry import Camera
 RGB_LABEL = "camera-rgb"
 RGB_STREAM = StreamId("214-1")
 EXPOSURE_MIDDLE_AFTER_CAPTURE_NS = 2_500_000
-"""From a capture timestamp to the middle of the picture: half of the rolling shutter (method_spec M3.3)."""
+"""From a capture timestamp to the middle of the picture: half of the rolling shutter (docs/method.md#exposure-time)."""
 
 
 class AdtRecording:

@@ -1,4 +1,4 @@
-"""Aria Digital Twin annotations: the instance of each pixel. For evaluation only (method_spec M5.1)."""
+"""Aria Digital Twin annotations: the instance of each pixel. For evaluation only."""
 
 import itertools
 import os

@@ -1,4 +1,4 @@
-"""HOI4D recordings: the pictures of ``align_rgb/image.mp4`` with their calibration (method_spec M5.2).
+"""HOI4D recordings: the pictures of ``align_rgb/image.mp4`` with their calibration (docs/method.md#hoi4d-files).
 
 A sequence is the folder ``ZY…/H…/C…/N…/S…/s…/T…`` of the dataset. The intrinsics are a download of their
 own: ``camera_params/<ZY…>/intrin.npy`` in the dataset's root folder.

@@ -1,4 +1,4 @@
-"""HOI4D annotations: 2D motion segmentation, hands and handled objects. For evaluation only (method_spec M5.2).
+"""HOI4D annotations: 2D motion segmentation, hands and handled objects. For evaluation only.
 
 Masks are RGB pictures in ``2Dseg/shift_mask`` or ``2Dseg/mask``, ``00000.png`` for the first frame, 15 a
 second. Colours are those of ``voc_color_map``; what label 1, 2, … means depends on the object category

@@ -1,4 +1,4 @@
-"""From an Aria fisheye picture to a pinhole picture, as the paper's ADT preprocessing does (method_spec M3.3).
+"""Rectification of Aria's fisheye pictures, as in EgoLifter's preprocessing of ADT (docs/method.md#rectification).
 
 projectaria-tools computes where each pinhole pixel lies in the fisheye picture, once a recording; OpenCV
 then samples each picture there, which is as accurate as the library's own ``distort_by_calibration``

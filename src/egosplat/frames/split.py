@@ -10,7 +10,7 @@ AUTO = "auto"
 
 _FEWEST_TRAINING_FRAMES = 2
 _MOST_EVALUATION_FRAMES, _FRAMES_PER_EVALUATION_FRAME = 12, 6
-"""Of ``auto``: 12 frames (M7 no. 30), and of recordings with fewer than 72 frames a sixth."""
+"""Of ``auto``: 12 frames (docs/method.md#evaluation-frames), and of recordings with fewer than 72 frames a sixth."""
 
 
 def evaluation_count(wanted: int | str, count: int, annotated: bool) -> int:
@@ -33,7 +33,7 @@ def split_frames(count: int, evaluation: int, holdout: bool) -> tuple[NDArray[np
     """Pick evaluation frames at equal distances: the middle frame of each of ``evaluation`` equal parts.
 
     The ends are not favoured, unlike in sampling that begins with frame 0. Whether evaluation frames are
-    also trained on is open in the paper (method_spec M7 no. 29).
+    also trained on is open in the paper (docs/method.md#holdout).
 
     Args:
         count: number of frames.

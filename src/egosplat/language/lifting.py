@@ -1,4 +1,5 @@
-"""Closed-form lifting: each Gaussian gets the mean of what its pixels mean, weighted as it is rendered (M6.6).
+"""Closed-form lifting: each Gaussian gets the rendering-weighted mean of its pixels' codes
+(docs/method.md#lifting).
 
 A picture is linear in the values of the Gaussians, with the compositing weights as coefficients. The transposed map,
 which is what backpropagation computes, therefore sums what pixels mean over all that a Gaussian is rendered to, in one
@@ -28,7 +29,7 @@ class Lifted:
 
 
 def lift(gaussians: Gaussians, views: TaughtViews, lens: Lens) -> Lifted:
-    """Weighted means over all views: ``f_g = sum w_gp F(p) / sum w_gp`` over the pixels p with a code (M6.6).
+    """Weighted means over all views: ``f_g = sum w_gp F(p) / sum w_gp`` over the pixels p with a code.
 
     w is alpha times transmittance, times 1 - M. A Gaussian that no view shows has share 0.
 

@@ -104,7 +104,7 @@ def _is_joint(splats: Artifact) -> bool:
 
 
 def _joint_codes(splats: Artifact, features: Artifact, lifted: Lifted) -> Tensor:
-    """The codes that the splats were trained with, as they were rendered there: of any norm (M7 no. 9).
+    """The codes that the splats were trained with, as they were rendered there: of any norm (docs/method.md#code-norm).
 
     Raises:
         UserError: they were trained with other features.

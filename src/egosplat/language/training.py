@@ -1,4 +1,4 @@
-"""Codes trained by gradients, the geometry as it is: LangSplat's second stage (M2.3), for all levels at once."""
+"""Codes trained by gradients, the geometry as it is: LangSplat's second stage, for all levels at once."""
 
 import math
 from dataclasses import dataclass, field
@@ -26,7 +26,8 @@ class CodeOptions:
     Attributes:
         iterations: one view each.
         lr: Adam's learning rate.
-        unit_codes: whether each Gaussian's code of a level is brought to unit norm before it is rendered (M7 no. 9).
+        unit_codes: whether each Gaussian's code of a level is brought to unit norm before it is rendered
+            (docs/method.md#code-norm).
         seed: of the order of views.
     """
 
@@ -126,5 +127,5 @@ class CodeTraining:
 
 
 def shown_codes(code: Tensor, unit_codes: bool) -> Tensor:
-    """(N, L, C) codes as they are rendered: of unit norm where that is asked for, 0 where they are 0 (M2.3)."""
+    """(N, L, C) codes as they are rendered: of unit norm where that is asked for, 0 where they are 0."""
     return torch.nn.functional.normalize(code, dim=-1, eps=1e-9) if unit_codes else code

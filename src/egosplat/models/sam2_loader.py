@@ -31,7 +31,7 @@ AS_PREDICTOR = {
     "binarize_mask_from_pts_for_mem_enc": True,
     "fill_hole_area": 8,
 }
-"""What SAM2 sets over a configuration to predict with it (``sam2.build_sam``; method_spec M4)."""
+"""What SAM2 sets over a configuration to predict with it (``sam2.build_sam``)."""
 
 _NO_DESCRIPTION = (AttributeError, KeyError, OSError, RecursionError, TypeError, ValueError)
 """What the readers raise on a file that is YAML, but of something else, or nested without end."""

@@ -40,7 +40,7 @@ def adt_poses(
     max_inv_dist_std: float = 0.001,
     max_dist_std: float = 0.15,
 ) -> Poses:
-    """Poses of the pictures of an ADT recording (method_spec M3.3, M5.1).
+    """Poses of the pictures of an ADT recording (docs/method.md#poses).
 
     ``camera_to_world = world_from_device(t) device_from_camera``. EgoLifter takes the row nearest in time;
     here the pose is interpolated between the two rows around t. A frame outside of the trajectory, or between

@@ -49,7 +49,7 @@ def find_points(folder: Path) -> Path | None:
 
 
 def read_semidense_points(path: Path, max_inv_dist_std: float, max_dist_std: float) -> SemidensePoints:
-    """Read the points that are located well enough (method_spec M3.3).
+    """Read the points that are located well enough (docs/method.md#point-filter).
 
     The file is read in pieces, so that memory holds the kept points and one piece only.
 

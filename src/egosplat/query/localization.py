@@ -1,4 +1,4 @@
-"""Where what is asked for is most likely (M2.4)."""
+"""Where what is asked for is most likely (docs/method.md#localization)."""
 
 from dataclasses import dataclass
 

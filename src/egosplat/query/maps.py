@@ -28,7 +28,7 @@ class Found:
 
 
 def find_in_maps(maps: Map, valid: Mask, options: QueryOptions) -> Found | None:
-    """Read a query's maps, one a level, as LangSplat does (M2.4).
+    """Read a query's maps, one a level, as LangSplat does (docs/method.md#query-levels).
 
     Args:
         maps: (L, h, w) float32 relevancy in 0..1, NaN where nothing is seen; of the picture resized, with pixel centres

@@ -8,18 +8,18 @@ CANONICAL = ("object", "things", "stuff", "texture")
 
 @dataclass(frozen=True)
 class QueryOptions:
-    """How relevancy is computed and read (method_spec M2.4).
+    """How relevancy is computed and read (docs/method.md#queries).
 
     Attributes:
         canonical: phrases that a query is compared with; at least one.
-        temperature: t of the relevancy; the paper's formula has 1, LERF and LangSplat 10 (M7 no. 1); above 0.
+        temperature: t of the relevancy; the paper's formula has 1, LERF and LangSplat 10; above 0.
         resolution: longer side of the picture in which codes are rendered and decoded [px]; 0, or more than the
             camera's, for the camera's own. Maps are then resized to the camera's, in which all else happens.
         min_coverage: a pixel is seen at a level where more of it is covered by something with a code there; of less
             nothing can be said. Above 0, below 1.
         smoothing: side of the box filter, as a share of the picture's longer side; 0 for none.
         segmentation_threshold: a pixel belongs to the mask where its value, brought to 0..1 over the picture, is
-            larger (M7 no. 38).
+            larger.
         majority: side of the square in which the mask takes the majority, as the same share; 0 for none.
         min_score: least score of an answer; below it there is nothing of the kind.
 

@@ -1,4 +1,4 @@
-"""How well what is seen fits what is asked for (paper, "Open-Vocabulary Querying"; LERF; M2.4)."""
+"""How well what is seen fits what is asked for (paper, "Open-Vocabulary Querying"; LERF; docs/method.md#relevancy)."""
 
 import torch
 from torch import Tensor

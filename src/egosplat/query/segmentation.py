@@ -1,4 +1,4 @@
-"""Which pixels show what is asked for (M2.4)."""
+"""Which pixels show what is asked for (docs/method.md#segmentation-threshold)."""
 
 from dataclasses import dataclass
 

@@ -9,7 +9,7 @@ Mask = NDArray[np.bool_]
 
 
 def box_filter(values: Map, size: int) -> Map:
-    """Mean over a square around each pixel, the border mirrored without repeating the outermost pixel (M2.4, M9).
+    """Mean over a square around each pixel, the border mirrored without repeating the outermost pixel.
 
     A square of even side reaches one pixel further to the left and up: of side 30, from -15 to +14. This is OpenCV's
     ``filter2D`` with a constant kernel, by running sums, so that its time does not grow with the size.
@@ -25,7 +25,7 @@ def box_filter(values: Map, size: int) -> Map:
 
 
 def majority(mask: Mask, size: int) -> Mask:
-    """Where more than half of the square around a pixel is set; squares end at the border (M2.4).
+    """Where more than half of the square around a pixel is set; squares end at the border (LangSplat's).
 
     Args:
         mask: (H, W) bool.

@@ -47,7 +47,7 @@ class Texts:
 
 
 def encode_texts(clip: OpenClip, phrases: Sequence[str], canonical: Sequence[str]) -> Texts:
-    """Queries and canonical phrases as the model sees them, word for word, without a template (M2.4).
+    """Encode queries and canonical phrases word for word, without a template (docs/method.md#query-text).
 
     Args:
         clip: the model that made the features which are asked.

@@ -82,8 +82,8 @@ def find_things(
     """The things that fit a query best, told apart in 3D.
 
     At each level relevancy is smoothed over neighbours and brought to 0..1 between its lowest and largest value; what
-    is above the threshold falls into connected parts. This is LangSplat's mask (method_spec M2.4) on Gaussians in place
-    of pixels.
+    is above the threshold falls into connected parts. This is LangSplat's mask on Gaussians in place of pixels
+    (docs/method.md#scene-queries).
 
     The score of a part is its mean relevancy, weighted by visible share, times A / (A + a): A is the share of the view
     that shows it best, a that of LangSplat's box filter. In a picture that filter does the same to what is smaller.

@@ -98,7 +98,7 @@ def _decode(
 
 
 def thin_out(found: Candidates, options: MaskOptions) -> Candidates:
-    """Leave out masks that repeat others: by their boxes, then by LangSplat's filter (method_spec M2.1)."""
+    """Leave out masks that repeat others: by their boxes, then by LangSplat's filter (docs/method.md#mask-filters)."""
     if len(found) == 0:
         return found
     found = found.take(box_nms(found.masks, found.predicted_iou, options.box_nms_thresh))

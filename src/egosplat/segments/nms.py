@@ -1,4 +1,4 @@
-"""Overlap of masks, and thinning them out by it (method_spec M2.1)."""
+"""Overlap of masks, and thinning them out by it (docs/method.md#mask-filters)."""
 
 import torch
 import torchvision

@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 
 LEVELS = ("subpart", "part", "whole")
-"""The levels in the order of SAM2's three masks for one point (method_spec M4, M7 no. 11)."""
+"""The levels in the order of SAM2's three masks for one point (docs/method.md#levels)."""
 
 
 @dataclass(frozen=True)
 class MaskOptions:
-    """Which masks of one picture are kept (method_spec M2.1, the paper's criteria).
+    """Which masks of one picture are kept, by the paper's criteria (docs/method.md#mask-filters).
 
     Attributes:
         points_per_side: of the grid of point prompts.
@@ -35,7 +35,8 @@ class TrackOptions:
     """Which instances are followed, and which of them are kept.
 
     Attributes:
-        key_frames: whether frames after the first are prompted too, where nothing is followed (M7 no. 13).
+        key_frames: whether frames after the first are prompted too, where nothing is followed
+            (docs/method.md#prompting).
         key_frame_stride: frames from one look at what is not covered to the next.
         min_uncovered: a level is prompted anew where a larger share of the picture is not covered.
         new_cover_thresh: a new mask of which more is already covered is dropped.

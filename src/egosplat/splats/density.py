@@ -1,4 +1,4 @@
-"""Density control of 3DGS (Kerbl et al. 2023, section 5; M3.2): clone, split, prune, reset opacities.
+"""Density control of 3DGS (Kerbl et al. 2023, section 5): clone, split, prune, reset opacities.
 
 Opacity resets and the rasterizer's cutoff. A Gaussian gets gradient only from pixels where its alpha is
 1/255 at least, that is within sqrt(2 ln(255 o)) standard deviations, which hold the share 1 - 1 / (255 o)

@@ -18,7 +18,7 @@ SH_C0 = 0.28209479177387814
 """The constant spherical harmonic 1 / (2 sqrt(pi)): colour = SH_C0 * coefficient + 0.5."""
 
 INITIAL_OPACITY = 0.1
-"""3DGS (M3.2)."""
+"""3DGS's."""
 
 _LEAST_SQUARED_DISTANCE = 1e-7
 """To the neighbours [m²], 3DGS's floor: a Gaussian at a duplicated point is 0.3 mm wide, not zero."""
@@ -34,7 +34,7 @@ _REACH = 3.0
 
 
 def scene_extent(camera_to_world: Points) -> float:
-    """Size of the scene [m]: 1.1 times the largest distance of a camera from the mean camera (3DGS, M3.2).
+    """Size of the scene [m]: 1.1 times the largest distance of a camera from the mean camera (3DGS).
 
     Learning rate of the means and the sizes at which Gaussians are split and pruned are fractions of it, so
     it must not vanish where somebody stands still and only turns the head: it is 1 m at least.
@@ -61,7 +61,7 @@ def from_points(
     max_points: int,
     seed: int,
 ) -> Gaussians:
-    """One round Gaussian at each point, as wide as the way to its neighbours (3DGS, M3.2).
+    """One round Gaussian at each point, as wide as the way to its neighbours (3DGS).
 
     Points that are not finite are dropped; of more than ``max_points`` a random subset is kept.
     Opacity 0.1, identity rotation, SH above degree 0 and features zero.

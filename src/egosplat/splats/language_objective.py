@@ -11,7 +11,7 @@ from egosplat.splats.views import Views
 
 
 def code_l1(rendered: Tensor, targets: Targets, weight: Tensor | None) -> Tensor:
-    """L_F-w with d_F = L1: ``mean over all values of weight |F - F̂|``, 0 where there is no target (M2.3).
+    """L_F-w with d_F = L1: ``mean over all values of weight |F - F̂|``, 0 where there is no target.
 
     Args:
         rendered: (L, C, H, W) float32.
@@ -19,7 +19,7 @@ def code_l1(rendered: Tensor, targets: Targets, weight: Tensor | None) -> Tensor
         weight: (H, W) in [0, 1], or None for ones.
 
     Returns:
-        () tensor; pixels that do not count are in the denominator all the same (M7 no. 4).
+        () tensor; pixels that do not count are in the denominator all the same (docs/method.md#loss-denominator).
     """
     counted = targets.known.to(rendered.dtype)
     if weight is not None:

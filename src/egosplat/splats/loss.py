@@ -17,7 +17,7 @@ LARGEST_VALUE = 1e8
 
 
 def l1_ssim(render: Tensor, target: Tensor, weight: Tensor | None, ssim_lambda: float) -> Tensor:
-    """``(1 - ssim_lambda) mean |x - y| + ssim_lambda (1 - mean SSIM(x, y))`` (Kerbl et al. 2023, equation 7; M3.2).
+    """``(1 - ssim_lambda) mean |x - y| + ssim_lambda (1 - mean SSIM(x, y))`` (Kerbl et al. 2023, equation 7).
 
     y is the target and ``x = y + weight * (render - y)``. SSIM (Wang et al. 2004) is that of 3DGS: Gaussian
     window of 11 x 11 pixels and standard deviation 1.5 px, zeros beyond the border, K1 = 0.01, K2 = 0.03, data

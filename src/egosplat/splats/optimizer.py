@@ -15,7 +15,7 @@ _WORTH_GATHERING = 0.5
 
 @dataclass(frozen=True)
 class LearningRates:
-    """Learning rates, stock 3DGS's (Kerbl et al. 2023, M3.2).
+    """Learning rates, stock 3DGS's (Kerbl et al. 2023).
 
     Attributes:
         means: at the start [m]; then ``Adam.means_lr`` follows the schedule.

@@ -9,7 +9,7 @@ _LEAST_PARTS = {"densify_from": 5, "densify_every": 20, "sh_interval": 7}
 
 @dataclass(frozen=True)
 class Schedule:
-    """Milestones in iterations, counted from 1; the defaults are those of 3DGS (Kerbl et al. 2023, M3.2).
+    """Milestones in iterations, counted from 1; the defaults are those of 3DGS (Kerbl et al. 2023).
 
     Attributes:
         iterations: length of the run.
@@ -92,7 +92,7 @@ class Schedule:
 
 
 STOCK = Schedule()
-"""3DGS: 30,000 iterations, density control in the first half (M3.2)."""
+"""3DGS: 30,000 iterations, density control in the first half."""
 
 STOCK_MCMC = Schedule(densify_until=25_000, reset_every=None)
 """3DGS-MCMC (Kheradmand et al. 2024): relocation until 25,000 and no resets."""

@@ -1,4 +1,4 @@
-"""The training loop of 3DGS (Kerbl et al. 2023, M3.2): one photograph an iteration.
+"""The training loop of 3DGS (Kerbl et al. 2023): one photograph an iteration.
 
 The order within an iteration is EgoLifter's and gsplat's: render, loss, gradients, the optimizer's step,
 then density control. (The first 3DGS code changes the Gaussians before the step, which thereby skips those

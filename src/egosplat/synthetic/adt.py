@@ -1,4 +1,4 @@
-"""Writing a synthetic recording as an Aria Digital Twin sequence folder (method_spec M5.1)."""
+"""Writing a synthetic recording as an Aria Digital Twin sequence folder (docs/method.md#adt-files)."""
 
 from collections.abc import Iterator
 from pathlib import Path

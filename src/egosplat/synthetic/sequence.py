@@ -112,4 +112,4 @@ class Sequence:
 
 
 ROLLING_SHUTTER_MIDDLE_NS = 2_500_000
-"""From a capture timestamp to the middle of the picture: half of the rolling shutter (M3.3)."""
+"""From a capture timestamp to the middle of the picture: half of the rolling shutter (docs/method.md#exposure-time)."""

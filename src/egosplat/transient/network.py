@@ -1,4 +1,4 @@
-"""The network H: from one picture, the probability of each pixel that it shows something transient (M3.1).
+"""The network H: how probable it is that a pixel shows something transient (docs/method.md#network).
 
 EgoLifter's: a U-Net on MobileNetV3-Small's features at half its width.
 """

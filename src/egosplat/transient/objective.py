@@ -39,8 +39,8 @@ class InitialOptions:
 class InitialObjective:
     """L_init = mean over pixels of (1 - M) d_I + lambda2 |M|, with d_I the squared difference (the paper's).
 
-    For a constant residual e of a pixel the optimum is M = 0 where e < lambda2, else 1 (M3.1): H never gets
-    there, and how far it gets depends on learning rate and iterations.
+    For a constant residual e of a pixel the optimum is M = 0 where e < lambda2, else 1
+    (docs/method.md#transient-loss). H never gets there, and how far it gets depends on learning rate and iterations.
 
     Attributes:
         net: H.

@@ -32,7 +32,7 @@ from egosplat.transient.pictures import read_reduced_views, reduced, working_siz
 _PATHS = ("frames", "poses", "output", "survey")
 
 POSITION_LR = 1.6e-4
-"""The temporary Gaussians' learning rate of the means: stock 3DGS's (M3.2)."""
+"""The temporary Gaussians' learning rate of the means: stock 3DGS's."""
 
 
 def run(

@@ -95,7 +95,7 @@ def test_without_renormalising_means_stay_as_they_are(run, feature):
 
 
 def test_the_paper_s_reference_value(run):
-    """M9: of 0, 1, 2, 3, 10 the consistent value is 1.5; the average of the view with 10 is 5.75."""
+    """Of 0, 1, 2, 3, 10 the consistent value is 1.5, the average of 10 is 5.75 (docs/method.md#supervision)."""
     feature = np.stack([np.array([0, 1, 2, 3, 10]), np.full(5, 1.0)], axis=1)
     keys = {"renormalise": False, "outliers": "average", "compression": "none"}
     features = run(feature, [0] * 5, [0], **keys)

@@ -1,4 +1,4 @@
-"""Overlaps and the filters made of them: reference values (method_spec M9), ties, and nothing at all."""
+"""Overlaps and the filters made of them: reference values of LangSplat's rules, ties, and nothing at all."""
 
 import pytest
 import torch
