@@ -13,6 +13,16 @@ from egosplat.stages import STAGES
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("docs", "config", "benchmarks", "training", "src")
 PAGES = sorted([*ROOT.glob("*.md"), *(page for name in FOLDERS for page in (ROOT / name).rglob("*.md"))])
+TEXTS = {".md", ".py", ".yaml", ".smk", ".rst", ".tsv", ".h", ".cpp", ".sh"}
+SOURCES = sorted(
+    {*PAGES}
+    | {
+        path
+        for name in (*FOLDERS, "tests", "workflow")
+        for path in (ROOT / name).rglob("*")
+        if path.suffix in TEXTS
+    }
+)
 FENCE = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 
@@ -64,6 +74,25 @@ def test_a_broken_link_is_found(tmp_path):
         ("page.md", "d"),
     ]
     assert _anchors(page) == {"a-b-c"}
+
+
+def test_anchors_that_sources_cite_exist():
+    """Docstrings, comments and descriptions cite headings of docs/ by file and anchor; each of them opens."""
+    cited = {
+        (source.relative_to(ROOT).as_posix(), page, anchor)
+        for source in SOURCES
+        for page, anchor in re.findall(r"\b(docs/\w+\.md)#([\w-]+)", source.read_text(encoding="utf-8"))
+    }
+    assert len(cited) > 50
+    lost = [one for one in cited if not (ROOT / one[1]).is_file() or one[2] not in _anchors(ROOT / one[1])]
+    assert sorted(lost) == []
+
+
+def test_nothing_cites_a_note_that_readers_do_not_have():
+    """Readings of the paper are cited by anchors of docs/method.md, not by numbers of an unpublished note."""
+    citation = re.compile(r"method_spec|\bM[1-9](?:\.[0-9]| no\.)|\(M[1-9]\)")
+    cited = [path for path in SOURCES if citation.search(path.read_text(encoding="utf-8"))]
+    assert [path for path in cited if path != Path(__file__)] == []
 
 
 @pytest.mark.parametrize(
