@@ -1,5 +1,6 @@
 """The reference of all configuration keys as a Markdown page."""
 
+import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -30,6 +31,9 @@ _HEAD = """# All configuration keys
 recipes and the order in which values are searched. A section with the name of a stage holds the command line flags of that stage: a
 changed key reruns that stage and the stages after it. Every stage that loads a model reads `models`. The stage `metrics` and
 `egosplat query` read `query`."""
+
+_PAGE = re.compile(r"\b(?:docs|benchmarks)/\w+\.md(?:#[\w-]+)?")
+"""A page of the repository in a description, from the root."""
 
 _COLUMNS = "| key | default | what it is |\n| --- | --- | --- |"
 
@@ -78,8 +82,8 @@ def _row(name: str, key: Mapping[str, Any], text: str) -> str:
 
 
 def _text(key: Mapping[str, Any]) -> str:
-    """The description on one line."""
-    return " ".join(key["description"].split())
+    """The description on one line; the pages that it cites are links."""
+    return _PAGE.sub(r"[\g<0>](../\g<0>)", " ".join(key["description"].split()))
 
 
 def _choices(key: Mapping[str, Any]) -> str:
