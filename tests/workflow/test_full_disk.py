@@ -24,7 +24,11 @@ def refused(workdir, *targets: str) -> str:
     said = done.stdout + done.stderr
     assert done.returncode != 0, said
     assert "Traceback" not in said, said
-    (told,) = {line.strip() for line in said.splitlines() if line.strip().startswith("egosplat: ")}
+    lines = [line.strip() for line in said.splitlines() if line.strip().startswith("egosplat: ")]
+    # The run repeats a stage's message as its last line, after the name of what was not made.
+    (told,) = {line for line in lines if " was not made. " not in line}
+    message = told.removeprefix("egosplat: ")
+    assert all(line.endswith(f" was not made. {message}") for line in lines if line != told)
     return told
 
 
