@@ -80,7 +80,8 @@ def _draw(cells: NDArray[np.object_], answer: DrawnAnswer) -> None:
     words = f'"{answer.phrase}": {answer.score:.2f}{where}'
     if answer.picture is None:
         words = f'"{answer.phrase}": {answer.refusal or "nothing is seen here"}'
-        place.text(0.0, 0.5, words, fontsize=10, transform=place.transAxes, clip_on=False)
+        # Out of the layout, which would make the first column as wide as the words.
+        place.text(0.0, 0.5, words, fontsize=10, transform=place.transAxes, clip_on=False, in_layout=False)
         return
     place.set_title(words, fontsize=10)
     place.imshow(answer.picture)
