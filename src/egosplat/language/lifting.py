@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from egosplat.language.rendering import Lens, render_values
+from egosplat.language.rendering import Lens, sum_over_pixels
 from egosplat.language.views import TaughtViews
 from egosplat.progress import track
 from egosplat.splats.gaussians import Gaussians
@@ -45,21 +45,14 @@ def lift(gaussians: Gaussians, views: TaughtViews, lens: Lens) -> Lifted:
         counted = targets.known.float() if weight is None else targets.known * weight
         shown = counted.new_ones(counted.shape[1:]) if weight is None else weight
         pixels = torch.cat([(targets.codes * counted[:, None]).flatten(0, 1), counted, shown[None]])
-        part = _summed(gaussians, pixels, views, index, lens)
+        pose = views.camera_to_world[index]
+        part = sum_over_pixels(gaussians, pixels.permute(1, 2, 0), views.camera, pose, lens)
         sums = part if sums is None else sums + part
         seen = targets
     assert sums is not None and seen is not None
     levels, channels = seen.codes.shape[:2]
     code, known, all_ = sums.split([levels * channels, levels, 1], dim=1)
     return _means(code.unflatten(1, (levels, channels)), known, all_)
-
-
-def _summed(gaussians: Gaussians, pixels: Tensor, views: TaughtViews, index: int, lens: Lens) -> Tensor:
-    """(N, X) what (X, H, W) pixels sum to over each Gaussian's weights."""
-    values = torch.zeros(gaussians.count, len(pixels), device=gaussians.means.device, requires_grad=True)
-    image, _ = render_values(gaussians, values, views.camera, views.camera_to_world[index], lens)
-    (sums,) = torch.autograd.grad(image, values, pixels.permute(1, 2, 0))
-    return sums
 
 
 def _means(code: Tensor, known: Tensor, seen: Tensor) -> Lifted:

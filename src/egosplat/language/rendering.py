@@ -84,6 +84,25 @@ def render_values(
     return images[0], alphas[0, ..., 0]
 
 
+def sum_over_pixels(
+    gaussians: Gaussians, image: Tensor, camera: Camera, camera_to_world: NDArray[np.float64], lens: Lens
+) -> Tensor:
+    """The transposed map of ``render_values``: each Gaussian's sum of a picture over its compositing weights.
+
+    Args:
+        gaussians: whose geometry is used.
+        image: (H, W, X) float32 on their device.
+        camera, camera_to_world, lens: as ``render_values``.
+
+    Returns:
+        (N, X) float32.
+    """
+    values = torch.zeros(gaussians.count, image.shape[-1], device=gaussians.means.device, requires_grad=True)
+    rendered, _ = render_values(gaussians, values, camera, camera_to_world, lens)
+    (sums,) = torch.autograd.grad(rendered, values, image)
+    return sums
+
+
 def render_codes(
     gaussians: Gaussians,
     code: Tensor,

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from egosplat.geometry import Array, Camera
-from egosplat.language.rendering import Lens, render_values
+from egosplat.language.rendering import Lens, sum_over_pixels
 from egosplat.query.smoothing import Mask
 from egosplat.splats.gaussians import Gaussians
 
@@ -32,7 +32,7 @@ def visible_shares(
         (V, N) float32 on the device of the Gaussians, each row with a sum of at most about 1.
     """
     ones = torch.from_numpy(_window(camera, valid)).to(gaussians.means.device)
-    rows = [_transposed(gaussians, camera, pose, ones, lens) for pose in poses]
+    rows = [sum_over_pixels(gaussians, ones[..., None], camera, pose, lens)[:, 0] for pose in poses]
     return torch.stack(rows) if rows else ones.new_zeros(0, gaussians.count)
 
 
@@ -42,11 +42,3 @@ def _window(camera: Camera, valid: Mask | None) -> np.ndarray:
     window = np.outer(down, right)
     window /= window.sum()
     return np.where(True if valid is None else valid, window, 0.0).astype(np.float32)
-
-
-def _transposed(gaussians: Gaussians, camera: Camera, pose: Array, image: Tensor, lens: Lens) -> Tensor:
-    """(N,) sum over the pixels of an (H, W) image, each times the weight of the Gaussian there."""
-    values = torch.zeros(gaussians.count, 1, device=gaussians.means.device, requires_grad=True)
-    rendered, _ = render_values(gaussians, values, camera, pose, lens)
-    (sums,) = torch.autograd.grad(rendered, values, image[..., None])
-    return sums[:, 0]

@@ -7,7 +7,7 @@ from pathlib import Path
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.language import LANGUAGE
-from egosplat.artifacts.lineage import lineage
+from egosplat.artifacts.lineage import Lineage, lineage
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reading import Artifact, open_artifact, verify
 from egosplat.artifacts.schema import Schema
@@ -74,7 +74,7 @@ def run(
     """
     output = folder / "query.png" if asking.output is None else asking.output
     check_output(output, QUERY_PICTURE)
-    sources = _open(folder)
+    sources, made_from = _open(folder)
     viewpoint = _viewpoint(sources, asking)
     made_with = sources.features.facts["clip"]
     clip = load_clip_of(sources.features, made_with["model"], made_with["checkpoint"], device, precision)
@@ -89,7 +89,7 @@ def run(
         answered = answer_in_scene(question, sources, asking.most)
     else:
         answered = answer_in_view(question, sources, viewpoint)
-    notice = notice_of_artifacts(lineage([sources.language]).found.values())
+    notice = notice_of_artifacts(made_from.found.values())
     title = f"{folder}, {answered.place}, origin {sources.language.origin}"
     # Below the title, in the table as in the picture.
     return _told(answered, "\n".join(filter(None, (title, notice))), output)
@@ -105,12 +105,11 @@ def _told(answered: Answered, title: str, output: Path) -> str:
     return f"{title}\n{answers_table(answered.columns, answered.rows)}\n{picture}"
 
 
-def _open(folder: Path) -> QuerySources:
-    """The artifacts of a scene, which belong together."""
+def _open(folder: Path) -> tuple[QuerySources, Lineage]:
+    """The artifacts of a scene, which belong together, and all that they were made from."""
     opened = {name: _verified(folder / f"{name}.zarr", schema) for name, schema in _VERIFIED.items()}
     sources = QuerySources(frames=open_artifact(folder / "frames.zarr", FRAMES), **opened)
-    lineage([sources.frames, *opened.values()])
-    return sources
+    return sources, lineage([sources.frames, *opened.values()])
 
 
 def _verified(path: Path, schema: Schema) -> Artifact:

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from textwrap import fill
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,9 +16,6 @@ QUERY_PICTURE = picture_kind("egosplat query")
 
 CELL = 4.0
 """Height of a picture, in inches."""
-
-LETTERS_PER_INCH = 11
-"""Of the title."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +61,7 @@ def draw_answers(answers: Sequence[DrawnAnswer], title: str, output: Path) -> No
     heights = [0.6 if one.picture is None else CELL + 0.35 for one in answers]
     figure = plt.figure(figsize=(3 * cell, sum(heights) + 0.8), layout="constrained")
     grid = figure.subplots(len(answers), 3, squeeze=False, height_ratios=heights)
-    lines = [fill(line, int(LETTERS_PER_INCH * 3 * cell)) for line in title.split("\n")]
-    figure.suptitle("\n".join(lines), fontsize=12)
+    figure.suptitle(title, fontsize=12)
     for cells, answer in zip(grid, answers, strict=True):
         _draw(cells, answer)
     save_picture(figure, output, QUERY_PICTURE)
