@@ -2,7 +2,7 @@
 
 Tracks of things are made wrong in part; then each thing is to be named by the text that is nearest to its feature.
 
-    python training/render_worlds.py data/held_out --worlds 20 --held-out
+    python -m training.render_worlds data/held_out --worlds 20 --held-out
     python benchmarks/aggregation.py data/held_out
 
 writes aggregation.md and aggregation.png beside this file. With --clip-model and --clip-checkpoint for another OpenCLIP
@@ -19,11 +19,10 @@ import torch
 from numpy.typing import NDArray
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent / "training"))
+sys.path.insert(0, str(HERE.parent))
 
 from aggregation_bench.corruption import KINDS, corrupted
 from aggregation_bench.tracks import Features, Tracks, find_tracks
-from small_models.worlds import read_world
 
 from egosplat.atomic import whole_file
 from egosplat.errors import UserError
@@ -37,6 +36,7 @@ from egosplat.models.open_clip_loader import OpenClip, load_open_clip
 from egosplat.plotting import plt
 from egosplat.progress import track
 from egosplat.synthetic.catalogue import CATEGORY_UIDS
+from training.small_models.worlds import read_world
 
 SHARES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
 METHODS = {"view": "each view alone", "none": "mean of all views"} | {
@@ -179,7 +179,7 @@ def main(worlds: Path, clip_model: str, clip_checkpoint: str, epochs: int, outpu
     folders = sorted(folder for folder in worlds.iterdir() if folder.name.isdigit())
     if not folders:
         raise UserError(
-            f"{worlds}: holds no worlds; run training/render_worlds.py {worlds} --worlds 20 --held-out"
+            f"{worlds}: holds no worlds; run python -m training.render_worlds {worlds} --worlds 20 --held-out"
         )
     clip = load_open_clip(clip_model, clip_checkpoint, "cpu", "float32")
     naming = Naming(find_tracks([read_world(folder) for folder in folders], set(CATEGORY_UIDS), clip), clip)

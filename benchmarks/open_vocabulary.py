@@ -1,7 +1,7 @@
 """Phrases that the small OpenCLIP was not taught, asked of finished scenes, against what chance would find.
 
     snakemake --cores 2 results/adt/scene{1,2,3,4,5}/metrics.json
-    PYTHONPATH=training python benchmarks/open_vocabulary.py results/adt/scene{1,2,3,4,5} > benchmarks/open_vocabulary.md
+    PYTHONPATH=. python benchmarks/open_vocabulary.py results/adt/scene{1,2,3,4,5} > benchmarks/open_vocabulary.md
 
 Synonyms that are in no caption, or in neither captions nor the glossary that trains the text tower alone; and colours with
 names ("green bottle"), of which one pair in eight was left out of what the model was shown. Phrases are answered and scored

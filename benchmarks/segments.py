@@ -1,6 +1,6 @@
 """How well whole videos are segmented: SAM2 prompted once or on key frames, and the segmenter without weights.
 
-python training/render_worlds.py data/held_out --worlds 20 --held-out --size 512 --clips 1 --frames 48 --step 0.2
+python -m training.render_worlds data/held_out --worlds 20 --held-out --size 512 --clips 1 --frames 48 --step 0.2
 python benchmarks/segments.py data/held_out --limit 5 \
     --method "SAM2, key frames" --method "SAM2, initial frame" --method classical
 
@@ -18,11 +18,10 @@ import click
 import numpy as np
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent / "training"))
+sys.path.insert(0, str(HERE.parent))
 
 from segmentation_bench.video_scores import VideoScores, score_level
 from segmentation_bench.worlds import LEVELS, read_worlds
-from small_models.worlds import NOTHING, FilmedWorld
 
 from egosplat.config import stage_keys
 from egosplat.errors import UserError
@@ -32,6 +31,7 @@ from egosplat.segments.classical_video import segment_video
 from egosplat.segments.instances import Segmented, settle
 from egosplat.segments.options import MaskOptions, TrackOptions
 from egosplat.segments.tracking import Tracker
+from training.small_models.worlds import NOTHING, FilmedWorld
 
 METHODS: dict[str, dict[str, Any]] = {
     "SAM2, initial frame": {"key_frames": False},

@@ -2,9 +2,9 @@
 
 Prints Markdown: all scores of the first model, and the spread over all of them.
 
-    python training/render_worlds.py data/held_out_crops --worlds 20 --held-out --clips 8 --frames 1
-    python training/cut_crops.py data/held_out_crops data/crops_held_out --worlds 20
-    PYTHONPATH=training python benchmarks/small_open_clip.py data/crops_held_out src/egosplat/models/small_open_clip \
+    python -m training.render_worlds data/held_out_crops --worlds 20 --held-out --clips 8 --frames 1
+    python -m training.cut_crops data/held_out_crops data/crops_held_out --worlds 20
+    PYTHONPATH=. python benchmarks/small_open_clip.py data/crops_held_out src/egosplat/models/small_open_clip \
         > benchmarks/small_open_clip.md
 """
 
@@ -14,9 +14,10 @@ import click
 import numpy as np
 import torch
 from safetensors.torch import load_file
-from small_models.clip_evaluation import Exam, Score, table, worst
-from small_models.clip_model import WEIGHTS, build
-from small_models.crops import Crops, read_crops
+
+from training.small_models.clip_evaluation import Exam, Score, table, worst
+from training.small_models.clip_model import WEIGHTS, build
+from training.small_models.crops import Crops, read_crops
 
 
 def examine(folder: Path, crops: Crops) -> Exam:

@@ -1,6 +1,6 @@
 """How well the small SAM2 segments and follows on held-out worlds, beside the segmenter without weights.
 
-python training/render_worlds.py data/held_out --worlds 20 --held-out --size 512 --clips 1 --frames 48 --step 0.2
+python -m training.render_worlds data/held_out --worlds 20 --held-out --size 512 --clips 1 --frames 48 --step 0.2
 python benchmarks/small_sam2.py data/held_out > benchmarks/small_sam2.md
 """
 
@@ -16,15 +16,15 @@ import numpy as np
 import torch
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent / "training"))
+sys.path.insert(0, str(HERE.parent))
 
 from segmentation_bench.scores import LARGE, Scores, score_everything, score_film, score_points
 from segmentation_bench.segmenters import ClassicalSegmenter, Segmenter, small_sam2
 from segmentation_bench.worlds import LEVELS, SIZES, film, pictures, world_folders
-from small_models.worlds import read_world
 
 from egosplat.errors import UserError
 from egosplat.progress import track
+from training.small_models.worlds import read_world
 
 SEGMENTERS: dict[str, Callable[[str], Segmenter]] = {
     "small SAM2": small_sam2,

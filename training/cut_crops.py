@@ -1,6 +1,6 @@
 """Cut crops of things, parts and subparts out of filmed worlds, for a small OpenCLIP to learn from.
 
-    python training/cut_crops.py data/training data/crops --worlds 240
+    python -m training.cut_crops data/training data/crops --worlds 240
 
 Worlds that are cut already are kept, so that the same command goes on where it was stopped.
 """
@@ -9,9 +9,8 @@ import argparse
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-from small_models.crops import cut_world
-
 from egosplat.progress import track
+from training.small_models.crops import cut_world
 
 
 def main() -> None:

@@ -1,7 +1,7 @@
 """Render the worlds that the small models learn from.
 
-    python training/render_worlds.py data/training --worlds 300
-    python training/render_worlds.py data/held_out --worlds 20 --held-out --size 512 --frames 48 --clips 1
+    python -m training.render_worlds data/training --worlds 300
+    python -m training.render_worlds data/held_out --worlds 20 --held-out --size 512 --frames 48 --clips 1
 
 Worlds that are there already are kept, so that the same command goes on where it was stopped.
 """
@@ -10,9 +10,8 @@ import argparse
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-from small_models.worlds import HELD_OUT_SEEDS, TRAINING_SEEDS, Filming, film_world
-
 from egosplat.progress import track
+from training.small_models.worlds import HELD_OUT_SEEDS, TRAINING_SEEDS, Filming, film_world
 
 
 def main() -> None:

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from small_models.worlds import FilmedWorld
 
 from egosplat.features.crops import cut_crop, find_regions, resize
 from egosplat.features.encoding import encode
 from egosplat.models.open_clip_loader import OpenClip
 from egosplat.progress import track
+from training.small_models.worlds import FilmedWorld
 
 LEAST_SHARE = 0.0004
 """Of the picture, that a view covers at least."""

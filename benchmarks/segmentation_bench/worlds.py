@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from small_models.levels import LEVELS
-from small_models.worlds import NOTHING, FilmedWorld, read_world
 
 from egosplat.errors import UserError
+from training.small_models.levels import LEVELS
+from training.small_models.worlds import NOTHING, FilmedWorld, read_world
 
 SIZES = {"< 0.1 %": 0.0, "0.1-1 %": 0.001, "1-5 %": 0.01, "> 5 %": 0.05}
 """Classes of size by the share of the picture that a mask covers: from here to the next one."""
@@ -66,7 +66,7 @@ def world_folders(folder: Path) -> list[Path]:
     worlds = sorted(folder.glob("[0-9]*"))
     if not worlds:
         raise UserError(
-            f"{folder}: holds no worlds; run training/render_worlds.py {folder} --worlds 20 --held-out "
+            f"{folder}: holds no worlds; run python -m training.render_worlds {folder} --worlds 20 --held-out "
             "--size 512 --clips 1 --frames 48 --step 0.2"
         )
     return worlds

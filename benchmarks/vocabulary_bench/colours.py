@@ -4,8 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from small_models.attributes import COLOURS, find_appearance
-from small_models.captions import MAIN_SHARE, TRACE_SHARE
 
 from egosplat.config import Config
 from egosplat.errors import UserError
@@ -15,6 +13,8 @@ from egosplat.geometry import CLOCKWISE
 from egosplat.synthetic.lens import pinhole_lens
 from egosplat.synthetic.recording import make_renderer
 from egosplat.synthetic.world import World, camera_pose, make_world
+from training.small_models.attributes import COLOURS, find_appearance
+from training.small_models.captions import MAIN_SHARE, TRACE_SHARE
 
 SIDE, MOMENTS = 128, 40
 """Pictures from which it is counted how much is seen of each surface: their side [px], and how many there are."""

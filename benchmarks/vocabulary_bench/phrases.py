@@ -1,7 +1,7 @@
 """Phrases by what the small OpenCLIP was taught of them."""
 
-from small_models.captions import held_out
-from small_models.glossary import COLOUR_GLOSSARY, GLOSSARY
+from training.small_models.captions import held_out
+from training.small_models.glossary import COLOUR_GLOSSARY, GLOSSARY
 
 UNTAUGHT: dict[str, tuple[str, ...]] = {
     "armchair": ("fauteuil",),

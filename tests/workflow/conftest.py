@@ -1,20 +1,18 @@
 """A SLURM for the tests of the cluster profile, where its programs are installed; a disk that can be filled."""
 
-import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from reliability_bench.disk import NoMountError, SmallDisk
 
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[2] / "benchmarks")]
+from tests.support.local_slurm import LocalSlurm, missing_programs
 
 
 @pytest.fixture(scope="module")
-def slurm() -> Iterator["LocalSlurm"]:  # noqa: F821
+def slurm() -> Iterator[LocalSlurm]:
     """One of our own, for a module's tests; skips them, saying so, where SLURM is absent."""
-    from local_slurm import LocalSlurm, missing_programs
-
     if absent := missing_programs():
         pytest.skip(
             f"no SLURM here: {', '.join(absent)} not found; Debian's packages are slurmctld, slurmd, slurm-client, munge"
@@ -24,10 +22,8 @@ def slurm() -> Iterator["LocalSlurm"]:  # noqa: F821
 
 
 @pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator["SmallDisk"]:  # noqa: F821
+def small_disk(tmp_path: Path) -> Iterator[SmallDisk]:
     """A disk of its own; skips the test, saying so, where none may be mounted."""
-    from reliability_bench.disk import NoMountError, SmallDisk
-
     try:
         with SmallDisk(tmp_path / "disk") as disk:
             yield disk

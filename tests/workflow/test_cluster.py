@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 from PIL import Image
-from waiting import wait_for
 
 from egosplat.checking import check_tree
+from tests.support.waiting import wait_for
 
 METRICS = "results/adt/scene1/metrics.json"
 FRAMES = "results/mine/scene/frames.zarr"

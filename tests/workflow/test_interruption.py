@@ -8,9 +8,9 @@ from pathlib import Path
 
 import psutil
 import pytest
-from waiting import wait_for
 
 from egosplat.checking import check_tree
+from tests.support.waiting import wait_for
 
 SCENE = Path("results/adt/scene1")
 

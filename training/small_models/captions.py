@@ -6,10 +6,18 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from small_models.attributes import COLOURS
-from small_models.concepts import PARTS, WHOLES, Concept, kind_concepts, part_concepts, whole_concepts
-from small_models.crops import OWN_ARMS, Crops
-from small_models.levels import LEVELS
+
+from training.small_models.attributes import COLOURS
+from training.small_models.concepts import (
+    PARTS,
+    WHOLES,
+    Concept,
+    kind_concepts,
+    part_concepts,
+    whole_concepts,
+)
+from training.small_models.crops import OWN_ARMS, Crops
+from training.small_models.levels import LEVELS
 
 Truth = NDArray[np.int8]
 """1: true, 0: false, -1: neither."""

@@ -7,17 +7,17 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from open_clip import CLIP, SimpleTokenizer
-from small_models.attributes import COLOURS
-from small_models.captions import Claims, Truth, facts, main_colour, make_claims, unseen_combination
-from small_models.clip_model import encode_texts
-from small_models.clip_views import framed, half_planes, normalised, plain_views, split_patches
-from small_models.concepts import CANONICAL, WHOLES
-from small_models.crops import OWN_ARMS, Crops
-from small_models.glossary import COLOUR_GLOSSARY, GLOSSARY
-from small_models.levels import LEVELS
 from torch import Tensor
 
 from egosplat.synthetic.catalogue import CATEGORY_UIDS
+from training.small_models.attributes import COLOURS
+from training.small_models.captions import Claims, Truth, facts, main_colour, make_claims, unseen_combination
+from training.small_models.clip_model import encode_texts
+from training.small_models.clip_views import framed, half_planes, normalised, plain_views, split_patches
+from training.small_models.concepts import CANONICAL, WHOLES
+from training.small_models.crops import OWN_ARMS, Crops
+from training.small_models.glossary import COLOUR_GLOSSARY, GLOSSARY
+from training.small_models.levels import LEVELS
 
 _BATCH = 512
 _TEMPERATURE = 10.0

@@ -8,10 +8,11 @@ import torch
 from open_clip import CLIP, SimpleTokenizer
 from open_clip.transformer import text_global_pool
 from safetensors.torch import save_file
-from small_models.clip_views import IMAGE_PX, MEAN, STD
-from small_models.clip_vocabulary import SINGLE_TOKENS, known_words, learn_merges, write_vocabulary
 from torch import Tensor
 from torch.nn import functional as F
+
+from training.small_models.clip_views import IMAGE_PX, MEAN, STD
+from training.small_models.clip_vocabulary import SINGLE_TOKENS, known_words, learn_merges, write_vocabulary
 
 CONFIG, WEIGHTS, VOCABULARY = "open_clip_config.json", "open_clip_model.safetensors", "bpe.txt.gz"
 WORDS = "words.txt"

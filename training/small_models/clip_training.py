@@ -10,8 +10,12 @@ from typing import Any
 import numpy as np
 import torch
 from open_clip import CLIP, SimpleTokenizer
-from small_models.attributes import COLOURS
-from small_models.captions import (
+from torch import Tensor
+
+from egosplat.atomic import whole_file
+from egosplat.progress import log, track
+from training.small_models.attributes import COLOURS
+from training.small_models.captions import (
     TEMPLATES,
     Captions,
     bank,
@@ -21,16 +25,12 @@ from small_models.captions import (
     make_claims,
     phrased,
 )
-from small_models.clip_losses import contrastive_loss, neutral_loss, synonym_loss
-from small_models.clip_model import encode_short_text
-from small_models.clip_views import DEFAULT, normalised
-from small_models.concepts import CANONICAL, WHOLES
-from small_models.crops import Crops
-from small_models.glossary import COLOUR_GLOSSARY, GLOSSARY
-from torch import Tensor
-
-from egosplat.atomic import whole_file
-from egosplat.progress import log, track
+from training.small_models.clip_losses import contrastive_loss, neutral_loss, synonym_loss
+from training.small_models.clip_model import encode_short_text
+from training.small_models.clip_views import DEFAULT, normalised
+from training.small_models.concepts import CANONICAL, WHOLES
+from training.small_models.crops import Crops
+from training.small_models.glossary import COLOUR_GLOSSARY, GLOSSARY
 
 _SAVED_EVERY_S = 180.0
 _LOGGED_EVERY = 200

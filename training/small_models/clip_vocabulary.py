@@ -7,10 +7,10 @@ from collections.abc import Iterable
 from itertools import pairwise
 from pathlib import Path
 
-from small_models.attributes import COLOURS
-from small_models.captions import MATERIALS, NOUNS, PATTERNS, TEMPLATES
-from small_models.concepts import CANONICAL, KINDS, PARTS, WHOLES
-from small_models.glossary import COLOUR_GLOSSARY, GLOSSARY
+from training.small_models.attributes import COLOURS
+from training.small_models.captions import MATERIALS, NOUNS, PATTERNS, TEMPLATES
+from training.small_models.concepts import CANONICAL, KINDS, PARTS, WHOLES
+from training.small_models.glossary import COLOUR_GLOSSARY, GLOSSARY
 
 Merge = tuple[str, str]
 

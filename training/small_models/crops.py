@@ -11,12 +11,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from small_models.attributes import Appearance, find_appearance
-from small_models.levels import LEVELS, Levels
-from small_models.rebuilding import rebuild_world
-from small_models.worlds import FilmedWorld, read_world
 
 from egosplat.atomic import whole_file
+from training.small_models.attributes import Appearance, find_appearance
+from training.small_models.levels import LEVELS, Levels
+from training.small_models.rebuilding import rebuild_world
+from training.small_models.worlds import FilmedWorld, read_world
 
 PATCH_PX, INNER_PX = 72, 64
 """Side of a stored patch, and the part of it that the mask's bounding square takes."""

@@ -4,10 +4,10 @@ import json
 from pathlib import Path
 
 import numpy as np
-from small_models.levels import Levels, find_levels
-from small_models.worlds import Filming, make_furnished_world
 
 from egosplat.synthetic.world import World
+from training.small_models.levels import Levels, find_levels
+from training.small_models.worlds import Filming, make_furnished_world
 
 
 def rebuild_world(folder: Path) -> tuple[World, Levels]:

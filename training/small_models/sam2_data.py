@@ -7,9 +7,10 @@ import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from small_models.levels import LEVELS
-from small_models.worlds import FilmedWorld
 from torch import Tensor
+
+from training.small_models.levels import LEVELS
+from training.small_models.worlds import FilmedWorld
 
 SIDE = 256
 """Of the model's picture, where no other is asked for [px]."""

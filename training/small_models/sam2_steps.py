@@ -6,9 +6,10 @@ import numpy as np
 import torch
 import torch.nn.functional as F
 from sam2.modeling.sam2_base import NO_OBJ_SCORE, SAM2Base
-from small_models.sam2_data import Clip, Prompts, Tracks, to_input
-from small_models.sam2_losses import Guides, mask_iou, mask_loss
 from torch import Tensor
+
+from training.small_models.sam2_data import Clip, Prompts, Tracks, to_input
+from training.small_models.sam2_losses import Guides, mask_iou, mask_loss
 
 _LEVEL_WEIGHTS = (0.6, 0.8, 1.2)
 """Of subpart, part and whole: nobody asks for a screw as often as for the table."""

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from small_models.levels import Levels, find_levels
 
 from egosplat.atomic import whole_folder
 from egosplat.errors import UserError
@@ -15,6 +14,7 @@ from egosplat.geometry import CLOCKWISE
 from egosplat.synthetic.lens import pinhole_lens
 from egosplat.synthetic.recording import make_renderer
 from egosplat.synthetic.world import World, camera_pose, make_world
+from training.small_models.levels import Levels, find_levels
 
 FOCAL = 460.0
 """The paper's focal length of rectified pictures, at a side of 1408 px."""

@@ -5,10 +5,6 @@ import re
 import numpy as np
 import open_vocabulary
 import pytest
-from small_models.attributes import COLOURS
-from small_models.captions import held_out
-from small_models.clip_vocabulary import known_words
-from small_models.concepts import WHOLES
 from vocabulary_bench import answering
 from vocabulary_bench.answering import Answered, answer_scene
 from vocabulary_bench.colours import colour_shares, is_doubtful, main_colour
@@ -31,6 +27,10 @@ from egosplat.errors import UserError
 from egosplat.frames.recording import Instance
 from egosplat.synthetic.catalogue import CATEGORY_UIDS
 from egosplat.synthetic.world import make_world
+from training.small_models.attributes import COLOURS
+from training.small_models.captions import held_out
+from training.small_models.clip_vocabulary import known_words
+from training.small_models.concepts import WHOLES
 
 
 def shares_of(**colours: float) -> np.ndarray:

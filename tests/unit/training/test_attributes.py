@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from small_models.attributes import COLOURS, colour_of, colour_shares
-from small_models.captions import MATERIALS, PATTERNS
 
 from egosplat.synthetic.catalogue import CORE, GROUPS, REST
 from egosplat.synthetic.textures import make_texture
+from training.small_models.attributes import COLOURS, colour_of, colour_shares
+from training.small_models.captions import MATERIALS, PATTERNS
 
 KINDS = {kind.prototype: kind for kind in (*CORE, *REST, *(one for group in GROUPS for one in group))}
 

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
-from small_models.attributes import COLOURS
-from small_models.captions import (
+
+from egosplat.synthetic.catalogue import COFFEE_TABLE, CORE, GROUPS, REST
+from training.small_models.attributes import COLOURS
+from training.small_models.captions import (
     bank,
     describe,
     facts,
@@ -13,11 +15,9 @@ from small_models.captions import (
     phrased,
     unseen_combination,
 )
-from small_models.concepts import KINDS, PARTS, WHOLES, Concept
-from small_models.crops import Crops
-from small_models.glossary import GLOSSARY
-
-from egosplat.synthetic.catalogue import COFFEE_TABLE, CORE, GROUPS, REST
+from training.small_models.concepts import KINDS, PARTS, WHOLES, Concept
+from training.small_models.crops import Crops
+from training.small_models.glossary import GLOSSARY
 
 RED, BLUE = COLOURS.index("red"), COLOURS.index("blue")
 

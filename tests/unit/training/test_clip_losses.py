@@ -2,8 +2,9 @@
 
 import pytest
 import torch
-from small_models.clip_losses import contrastive_loss, neutral_loss, synonym_loss
 from torch.nn import functional as F
+
+from training.small_models.clip_losses import contrastive_loss, neutral_loss, synonym_loss
 
 
 def test_with_one_true_caption_each_it_is_cross_entropy_both_ways() -> None:

@@ -5,10 +5,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from small_models.attributes import COLOURS
-from small_models.clip_model import WEIGHTS, build, encode_short_text, save_weights, write_description
-from small_models.clip_training import Schedule, Trainer
-from small_models.crops import PATCH_PX, Crops
+
+from training.small_models.attributes import COLOURS
+from training.small_models.clip_model import (
+    WEIGHTS,
+    build,
+    encode_short_text,
+    save_weights,
+    write_description,
+)
+from training.small_models.clip_training import Schedule, Trainer
+from training.small_models.crops import PATCH_PX, Crops
 
 SCHEDULE = Schedule(steps=4, batch=16, captions=4, warmup=1)
 

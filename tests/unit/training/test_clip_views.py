@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 import torch
-from small_models.clip_views import DEFAULT, IMAGE_PX, framed, half_planes, plain_views, turned_hues
-from small_models.crops import PATCH_PX
+
+from training.small_models.clip_views import DEFAULT, IMAGE_PX, framed, half_planes, plain_views, turned_hues
+from training.small_models.crops import PATCH_PX
 
 
 def rectangle(top: int, bottom: int, left: int, right: int) -> torch.Tensor:

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 from open_clip import SimpleTokenizer
-from small_models.clip_vocabulary import SINGLE_TOKENS, known_words, learn_merges, write_vocabulary
+
+from training.small_models.clip_vocabulary import SINGLE_TOKENS, known_words, learn_merges, write_vocabulary
 
 
 @pytest.fixture(scope="module")

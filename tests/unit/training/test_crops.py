@@ -4,7 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_models.crops import (
+
+from training.small_models.crops import (
     INNER_PX,
     OWN_ARMS,
     PATCH_PX,
@@ -14,8 +15,8 @@ from small_models.crops import (
     plain_name,
     read_crops,
 )
-from small_models.levels import LEVELS
-from small_models.worlds import Filming, film_world, read_world
+from training.small_models.levels import LEVELS
+from training.small_models.worlds import Filming, film_world, read_world
 
 SEED = 31
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 import torch
-from small_models.sam2_data import (
+
+from training.small_models.sam2_data import (
     COARSE,
     FINE,
     SIDE,
@@ -15,7 +16,7 @@ from small_models.sam2_data import (
     to_input,
     vocabulary,
 )
-from small_models.worlds import NOTHING, FilmedWorld
+from training.small_models.worlds import NOTHING, FilmedWorld
 
 
 @pytest.fixture

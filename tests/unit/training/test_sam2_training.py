@@ -6,17 +6,17 @@ import itertools
 import numpy as np
 import pytest
 import torch
-import train_sam2
 from omegaconf import OmegaConf
 from safetensors.torch import save_file
-from small_models import sam2_steps
-from small_models.sam2_losses import Names, PixelPairs, mask_iou, mask_loss
-from small_models.schedule import Average, half_precision, learning_rate, read_state, save_state
-from small_models.worlds import FilmedWorld
-from train_sam2 import Recipe, Run
 
 from egosplat.errors import UserError
 from egosplat.models.sam2_loader import set_image_size
+from training import sam2 as train_sam2
+from training.sam2 import Recipe, Run
+from training.small_models import sam2_steps
+from training.small_models.sam2_losses import Names, PixelPairs, mask_iou, mask_loss
+from training.small_models.schedule import Average, half_precision, learning_rate, read_state, save_state
+from training.small_models.worlds import FilmedWorld
 
 RECIPE = Recipe(
     steps=4,

@@ -1,8 +1,7 @@
 """The word list that is shipped with the small OpenCLIP is the one that training writes."""
 
-from small_models.clip_model import WORDS, write_description
-
 from egosplat.models.configs import CLIP_WORDS, SMALL_CLIP
+from training.small_models.clip_model import WORDS, write_description
 
 
 def test_the_shipped_words_are_those_of_captions_and_glossary(tmp_path):

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from small_models import worlds
-from small_models.levels import find_levels
-from small_models.worlds import NOTHING, Filming, film_world, read_world
 
 from egosplat.synthetic.world import make_world
+from training.small_models import worlds
+from training.small_models.levels import find_levels
+from training.small_models.worlds import NOTHING, Filming, film_world, read_world
 
 SCENES = Path(__file__).resolve().parents[3] / "config/scenes.tsv"
 TINY = Filming(size=64, clips=2, frames=3, step_s=0.3)

@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 from typing import Self
 
-from waiting import wait_for
+from tests.support.waiting import wait_for
 
 PROGRAMS = ("munged", "slurmctld", "slurmd", "sbatch", "srun", "squeue", "scontrol", "sinfo")
 

@@ -1,7 +1,7 @@
 """Train the small SAM2 on rendered worlds.
 
-    python training/render_worlds.py data/training --worlds 300
-    python training/train_sam2.py data/training --output src/egosplat/models/small_sam2 --state data/sam2.pt
+    python -m training.render_worlds data/training --worlds 300
+    python -m training.sam2 data/training --output src/egosplat/models/small_sam2 --state data/sam2.pt
 
 The same command goes on where it was stopped. First single pictures with point prompts, then, in turns with
 them, clips in which masks are followed by memory.
@@ -23,11 +23,6 @@ from hydra.utils import instantiate
 from omegaconf import OmegaConf
 from safetensors.torch import save_file
 from sam2.modeling.sam2_base import SAM2Base
-from small_models.sam2_data import sample_clip, sample_prompts, sample_tracks, vocabulary
-from small_models.sam2_losses import Guides
-from small_models.sam2_steps import Outcome, clip_step, picture_step
-from small_models.schedule import Average, half_precision, learning_rate, read_state, save_state
-from small_models.worlds import FilmedWorld, read_world
 
 from egosplat.atomic import whole_file
 from egosplat.errors import UserError
@@ -35,6 +30,11 @@ from egosplat.models.checkpoints import SAM2
 from egosplat.models.sam2_loader import set_image_size
 from egosplat.models.weights import load_weights, read_tensors
 from egosplat.progress import log
+from training.small_models.sam2_data import sample_clip, sample_prompts, sample_tracks, vocabulary
+from training.small_models.sam2_losses import Guides
+from training.small_models.sam2_steps import Outcome, clip_step, picture_step
+from training.small_models.schedule import Average, half_precision, learning_rate, read_state, save_state
+from training.small_models.worlds import FilmedWorld, read_world
 
 CONFIG = Path(__file__).parents[1] / "src/egosplat/models/small_sam2/sam2.yaml"
 
@@ -92,7 +92,9 @@ def main() -> None:
     torch.set_num_threads(args.threads)
     worlds = [read_world(folder) for folder in sorted(args.worlds.glob("[0-9]*"))]
     if not worlds:
-        raise SystemExit(f"{args.worlds}: holds no worlds; run training/render_worlds.py {args.worlds}")
+        raise SystemExit(
+            f"{args.worlds}: holds no worlds; run python -m training.render_worlds {args.worlds}"
+        )
     log(f"{len(worlds)} worlds, {args.steps} steps")
     try:
         run = Run(recipe_of(args), worlds, args.state, torch.device(args.device), args.start)

@@ -1,6 +1,6 @@
 """Train the small OpenCLIP that comes with egosplat.
 
-    python training/train_open_clip.py data/crops models/small_open_clip --steps 4000
+    python -m training.open_clip data/crops models/small_open_clip --steps 4000
 
 A run that was stopped goes on with the same command: its state is kept beside the model in ``state.pt``.
 """
@@ -9,12 +9,12 @@ import argparse
 from pathlib import Path
 
 import torch
-from small_models.captions import unseen_combination
-from small_models.clip_model import WEIGHTS, build, save_weights, write_description
-from small_models.clip_training import Schedule, Trainer
-from small_models.crops import read_crops
 
 from egosplat.progress import log
+from training.small_models.captions import unseen_combination
+from training.small_models.clip_model import WEIGHTS, build, save_weights, write_description
+from training.small_models.clip_training import Schedule, Trainer
+from training.small_models.crops import read_crops
 
 
 def main() -> None:

@@ -1,0 +1,1 @@
+"""Tests of egosplat; ``tests.support`` holds what several of them use."""

@@ -1,0 +1,1 @@
+"""Scripts that train the small checkpoints: ``python -m training.NAME``."""

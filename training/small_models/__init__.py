@@ -1,0 +1,1 @@
+"""The library of the training scripts: crops, captions, losses and steps."""
