@@ -36,8 +36,8 @@ from egosplat.artifacts.writing import create
 from egosplat.benchmark.scored_scenes import ScoredScene, read_scored_scene
 from egosplat.config import Config, stage_values
 from egosplat.errors import UserError
+from egosplat.pipeline.stages import stage_function
 from egosplat.progress import log, track
-from egosplat.stages import stage_function
 
 PRESETS = Path(__file__).resolve().parents[1] / "config" / "presets"
 TARGETS = ("view", "average")

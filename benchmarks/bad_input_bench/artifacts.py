@@ -9,7 +9,7 @@ from bad_input_bench.cases import UNREAD, Case, Sandbox, Words, stage_flags
 from bad_input_bench.mutations import Break, circular, cut, dangling, fill, flip, lose
 from egosplat.artifacts.integrity import seal
 from egosplat.artifacts.kinds import SCHEMAS
-from egosplat.cli import OPTIONAL, PATHS
+from egosplat.pipeline.stages import STAGES
 
 READERS = ("annotations", "poses", "features", "masks", "splats", "language", "survey", "segments_sheet")
 """Stages that read artifacts, which are quick on the small scene."""
@@ -117,7 +117,7 @@ def _whole(kind: str) -> Iterator[Case]:
 
 def _inputs(stage: str) -> list[str]:
     """The artifacts that a reader is given here."""
-    given = [name for name in PATHS[stage] if name in SCHEMAS and name not in OPTIONAL.get(stage, ())]
+    given = [name for name in STAGES[stage].inputs if name in SCHEMAS]
     return [*given, "masks"] if stage == "language" else given
 
 

@@ -4,6 +4,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from egosplat.pipeline.stages import STAGES
+
 Words = Sequence[object]
 
 UNREAD = "what is broken is not read for it: the result is the same, bit by bit"
@@ -81,22 +83,12 @@ def flags(stage: str, **values: object) -> list[object]:
 
 def stage_flags(stage: str, box: Sandbox, **changes: object) -> list[object]:
     """The command of a stage on the sandbox's scene, short where training is concerned."""
-    from egosplat.cli import OPTIONAL, PATHS
-
-    given: dict[str, object] = {
-        name: box.recording if name == "recording" else box.scene / f"{name}.zarr"
-        for name in PATHS[stage]
-        if name not in OPTIONAL.get(stage, ())
-    }
-    given["output"] = box.new.with_suffix(_suffix(stage))
+    names = {name: STAGES[name].output if name in STAGES else f"{name}.zarr" for name in STAGES[stage].inputs}
+    given: dict[str, object] = {name: box.scene / file for name, file in names.items()}
+    if "recording" in given:
+        given["recording"] = box.recording
+    given["output"] = box.new.with_suffix(Path(STAGES[stage].output).suffix)
     return flags(stage, **(given | SHORT.get(stage, {}) | changes))
-
-
-def _suffix(stage: str) -> str:
-    """Of the file or folder that a stage makes."""
-    if stage.endswith("_sheet"):
-        return ".png"
-    return ".json" if stage in ("survey", "metrics", "method_metrics") else ".zarr"
 
 
 SHORT: dict[str, dict[str, object]] = {

@@ -9,11 +9,10 @@ import yaml
 from jsonschema import Draft202012Validator
 
 from bad_input_bench.cases import Case, Sandbox, Words, stage_flags
-from egosplat.cli import EXTRAS
 from egosplat.config import schema, stage_keys
 from egosplat.doctor.configured import read_configuration
+from egosplat.pipeline.stages import STAGES
 from egosplat.scenes import read_scenes
-from egosplat.stages import STAGES
 
 HUGE = 10**40
 DEEP = 20_000
@@ -153,10 +152,9 @@ def _meet(files: list[Path], options: list[str]) -> None:
 def _flags(rng: random.Random) -> Iterator[Case]:
     """One value of every flag of every stage, on an input that is there."""
     for stage in STAGES:
-        taken = {option.name for option in EXTRAS.get(stage, [])}
         for name, key in stage_keys(stage).items():
             free = key.get("type") in ("boolean", "string") and "enum" not in key
-            if name in taken or free:
+            if free:
                 continue  # a switch has no value, and any text may be a path
             texts = [text for text in map(_as_text, wrong_values(key)) if text and not _may_be(text, key)]
             if texts:

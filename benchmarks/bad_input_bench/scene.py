@@ -8,7 +8,7 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
-from egosplat.stages import STAGES
+from egosplat.pipeline.stages import STAGES
 
 ROOT = Path(__file__).resolve().parents[2]
 TARGETS = ("results/adt/scene1/metrics.json", "results/adt/scene1/survey.json")

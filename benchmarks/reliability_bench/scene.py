@@ -15,7 +15,7 @@ import yaml
 
 from egosplat import config as configuration
 from egosplat.checking import check_tree
-from egosplat.cli import PATHS
+from egosplat.pipeline.stages import STAGES
 from egosplat.variants import inputs_of
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -171,7 +171,7 @@ def _made_from(stage: str) -> set[str]:
     """The stages whose artifacts a stage of the scene reads."""
     if stage == "synthetic":
         return set()
-    recording = {"synthetic"} if "recording" in PATHS[stage] else set()
+    recording = {"synthetic"} if "recording" in STAGES[stage].inputs else set()
     return recording | set(
         inputs_of(stage, configuration.merge(configuration.defaults(), yaml.safe_load(SMALL)))
     )

@@ -4,8 +4,8 @@ from pathlib import Path
 
 from egosplat import config as configuration
 from egosplat.config import stage_values
+from egosplat.pipeline.stages import stage_function
 from egosplat.progress import log
-from egosplat.stages import stage_function
 
 PRESETS = Path(__file__).resolve().parents[2] / "config" / "presets"
 

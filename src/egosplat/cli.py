@@ -15,9 +15,9 @@ from egosplat.config import schema, section_keys, stage_keys
 from egosplat.errors import UserError
 from egosplat.keys_table import keys_page
 from egosplat.orphans import end_with_snakemake
+from egosplat.pipeline.stages import STAGES, path_help, stage_function
 from egosplat.plain_errors import plain
 from egosplat.scene_folder import check_scene_folder
-from egosplat.stages import STAGES, stage_function
 from egosplat.strict_yaml import NO_YAML, load_yaml
 from egosplat.strictness import LARGEST_INTEGER
 
@@ -26,165 +26,14 @@ _LONGEST = 500
 
 ARTIFACT = click.Path(path_type=Path)
 
-PATHS: dict[str, dict[str, str]] = {
-    "synthetic": {"output": "the recording's folder to make"},
-    "frames": {"recording": "the recording's folder or video file", "output": "the frames artifact to make"},
-    "annotations": {
-        "recording": "the recording's folder or video file",
-        "frames": "its frames artifact",
-        "output": "the annotations artifact to make",
-    },
-    "poses": {
-        "recording": "the recording's folder or video file",
-        "frames": "its frames artifact",
-        "output": "the poses artifact to make",
-    },
-    "survey": {
-        "frames": "the frames artifact",
-        "poses": "its poses artifact",
-        "output": "the .json file to make",
-    },
-    "segments": {
-        "frames": "the frames artifact",
-        "survey": "its survey, to learn only from frames that add views (optional)",
-        "output": "the segments artifact to make",
-    },
-    "view_features": {
-        "frames": "the frames artifact",
-        "segments": "its segments artifact",
-        "output": "the view features artifact to make",
-    },
-    "features": {
-        "view_features": "the view features artifact",
-        "output": "the features artifact to make",
-    },
-    "transient": {
-        "frames": "the frames artifact",
-        "poses": "its poses artifact",
-        "survey": "its survey, to learn only from frames that add views (optional)",
-        "output": "the transient artifact to make",
-    },
-    "masks": {
-        "frames": "the frames artifact",
-        "transient": "its transient artifact",
-        "segments": "its segments artifact",
-        "output": "the masks artifact to make",
-    },
-    "splats": {
-        "frames": "the frames artifact",
-        "poses": "its poses artifact",
-        "survey": "its survey, to learn only from frames that add views (optional)",
-        "transient": "its transient artifact, for masking by the network alone (optional)",
-        "masks": "its masks artifact, for refined masking (optional)",
-        "segments": "its segments artifact, for codes trained jointly (optional)",
-        "features": "its features artifact, for codes trained jointly (optional)",
-        "output": "the splats artifact to make",
-    },
-    "language": {
-        "frames": "the frames artifact",
-        "poses": "its poses artifact",
-        "segments": "its segments artifact",
-        "features": "its features artifact",
-        "splats": "its splats artifact",
-        "survey": "its survey, to learn only from frames that add views (optional)",
-        "transient": "its transient artifact, where the splats were masked by the network alone (optional)",
-        "masks": "its masks artifact, where the splats were masked by it (optional)",
-        "output": "the language artifact to make",
-    },
-    "metrics": {
-        "frames": "the frames artifact",
-        "poses": "its poses artifact",
-        "annotations": "its annotations artifact",
-        "features": "its features artifact",
-        "splats": "its splats artifact",
-        "language": "its language artifact",
-        "output": "the .json file of scores to make",
-    },
-    "method_metrics": {
-        "frames": "the frames artifact",
-        "poses": "its poses artifact",
-        "annotations": "its annotations artifact",
-        "relevancy": "the method's relevancy maps, laid out as docs/other_methods.md says",
-        "output": "the .json file of scores to make",
-    },
-    "contact_sheet": {
-        "frames": "the frames artifact",
-        "annotations": "the annotations artifact",
-        "poses": "the poses artifact",
-        "output": "the picture to make, a .png",
-    },
-    "crops_sheet": {
-        "frames": "the frames artifact",
-        "segments": "its segments artifact",
-        "view_features": "its view features artifact",
-        "features": "its features artifact",
-        "output": "the picture to make, a .png",
-    },
-    "language_sheet": {
-        "poses": "the poses artifact",
-        "splats": "the splats artifact",
-        "language": "its language artifact",
-        "output": "the picture to make, a .png",
-    },
-    "transient_sheet": {
-        "frames": "the frames artifact",
-        "poses": "its poses artifact",
-        "transient": "its transient artifact",
-        "segments": "its segments artifact",
-        "masks": "the masks artifact",
-        "splats": "the splats artifact",
-        "output": "the picture to make, a .png",
-    },
-    "segments_sheet": {
-        "frames": "the frames artifact",
-        "segments": "the segments artifact",
-        "output": "the picture to make, a .png",
-    },
-    "splats_sheet": {
-        "frames": "the frames artifact",
-        "splats": "the splats artifact",
-        "output": "the picture to make, a .png",
-    },
-    "queries_sheet": {
-        "frames": "the frames artifact",
-        "poses": "its poses artifact",
-        "annotations": "its annotations artifact",
-        "features": "its features artifact",
-        "splats": "its splats artifact",
-        "language": "its language artifact",
-        "metrics": "the scores of all these",
-        "output": "the picture to make, a .png",
-    },
-}
-"""What each stage reads and writes, in the order of its function's arguments."""
-
-OPTIONAL = {
-    "segments": {"survey"},
-    "transient": {"survey"},
-    "splats": {"survey", "transient", "masks", "segments", "features"},
-    "language": {"survey", "transient", "masks"},
-}
-"""Which of these a stage can do without; it says when it cannot."""
-
-TITLE = click.Option(["--title"], default="scene", show_default=True, help="What the scene is called.")
-
-EXTRAS: dict[str, list[click.Option]] = {
-    "frames": [
-        click.Option(
-            ["--format"],
-            type=click.Choice(schema("scenes")["properties"]["format"]["enum"]),
-            required=True,
-            help="How the recording is laid out on disk.",
-        )
-    ],
-    "metrics": [TITLE],
-    "contact_sheet": [TITLE],
-    "crops_sheet": [TITLE],
-    "language_sheet": [TITLE],
-    "transient_sheet": [TITLE],
-    "segments_sheet": [TITLE],
-    "splats_sheet": [TITLE],
-    "queries_sheet": [TITLE],
+SCENE = {
+    "title": click.Option(["--title"], default="scene", show_default=True, help="Title of the scene."),
+    "format": click.Option(
+        ["--format"],
+        type=click.Choice(schema("scenes")["properties"]["format"]["enum"]),
+        required=True,
+        help="How the recording is laid out on disk.",
+    ),
 }
 """Flags that come from the table of scenes."""
 
@@ -418,22 +267,23 @@ def stage_command(stage: str) -> click.Command:
         log_warnings(stage, values["output"])
 
     return click.Command(
-        stage.replace("_", "-"), callback=call, params=_flags(stage), help=STAGES[stage].about
+        stage.replace("_", "-"), callback=call, params=_flags(stage), help=STAGES[stage].help
     )
 
 
 def _flags(stage: str) -> list[click.Parameter]:
+    about = STAGES[stage]
     paths = [
         click.Option(
             [f"--{name.replace('_', '-')}", name],
             type=ARTIFACT,
-            required=name not in OPTIONAL.get(stage, ()),
-            help=about.capitalize() + ".",
+            required=name not in about.optional,
+            help=text[0].upper() + text[1:] + ".",
         )
-        for name, about in PATHS[stage].items()
+        for name, text in path_help(about).items()
     ]
     keys = (_flag(name, key) for name, key in stage_keys(stage).items())
-    return [*paths, *EXTRAS.get(stage, []), *keys]
+    return [*paths, *(SCENE[name] for name in about.scene), *keys]
 
 
 def _flag(name: str, key: dict[str, Any]) -> click.Option:
@@ -469,15 +319,6 @@ def _range(kind: str, key: dict[str, Any]) -> click.ParamType:
     lower = key.get("exclusiveMinimum", key.get("minimum"))
     upper = key.get("exclusiveMaximum", key.get("maximum", LARGEST_INTEGER if kind == "integer" else None))
     return make(min=lower, max=upper, min_open="exclusiveMinimum" in key, max_open="exclusiveMaximum" in key)
-
-
-EXTRAS["method_metrics"] = [
-    TITLE,
-    *(
-        _flag(name, section_keys("query")[name])
-        for name in ("smoothing", "segmentation_threshold", "majority")
-    ),
-]
 
 
 def main() -> None:

@@ -10,8 +10,8 @@ from egosplat.coercion import Config, coerced
 from egosplat.errors import UserError
 from egosplat.explanations import explained, shortened
 from egosplat.json_files import read_json_file
+from egosplat.pipeline.stages import STAGES
 from egosplat.schema_files import Draft202012Validator, schema
-from egosplat.stages import STAGES
 from egosplat.strict_yaml import NO_YAML, load_yaml, problem
 from egosplat.strictness import StrictValidator
 
@@ -25,12 +25,14 @@ def section_keys(section: str) -> dict[str, dict[str, Any]]:
 
 
 def stage_keys(stage: str) -> dict[str, dict[str, Any]]:
-    """The schema of each key that a stage takes, by name: its own section's, of ``models``, of other sections."""
+    """The schema of each key that a stage takes, by name: of its own section and those that the table of stages names."""
     about = STAGES[stage]
     keys: dict[str, dict[str, Any]] = {}
     for section in (stage, *about.sections):
         keys |= section_keys(section)
-    return keys | {name: section_keys("models")[name] for name in about.models}
+    for section, names in about.keys.items():
+        keys |= {name: section_keys(section)[name] for name in names}
+    return keys
 
 
 def stage_values(stage: str, config: Mapping[str, Any]) -> Config:
@@ -39,7 +41,9 @@ def stage_values(stage: str, config: Mapping[str, Any]) -> Config:
     values: Config = {}
     for section in (stage, *about.sections):
         values |= config.get(section, {})
-    return values | {name: config["models"][name] for name in about.models}
+    for section, names in about.keys.items():
+        values |= {name: config[section][name] for name in names}
+    return values
 
 
 def defaults() -> Config:

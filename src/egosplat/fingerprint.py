@@ -27,7 +27,7 @@ NEUTRAL = {
     "egosplat.fingerprint",
     "egosplat.progress",
     "egosplat.provenance",
-    "egosplat.stages",
+    "egosplat.pipeline.stages",
 }
 """Modules that show or record, but cannot change an array: a better message makes nothing stale."""
 

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 import egosplat
 from egosplat import costs
-from egosplat.stages import STAGES, code_of
+from egosplat.pipeline.stages import STAGES, code_of
 
 
 @dataclass(frozen=True)

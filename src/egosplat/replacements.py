@@ -15,7 +15,7 @@ from egosplat import config as configuration
 from egosplat.config import Config
 from egosplat.decisions import masks_by_survey
 from egosplat.json_files import read_json_file
-from egosplat.stages import STAGES
+from egosplat.pipeline.stages import STAGES
 from egosplat.tradeoff.presets import FILES
 from egosplat.variants import inputs_of
 
@@ -107,9 +107,8 @@ def stages_behind(goals: Iterable[str], config: Config) -> list[str]:
 def _stage_of(name: str) -> str | None:
     if name.startswith("tradeoff/"):
         return "metrics"
-    stem, _, suffix = name.partition(".")
-    stages = (f"{stem}_sheet", stem) if suffix == "png" else (stem,)
-    return next((stage for stage in stages if stage in STAGES and stage != "synthetic"), None)
+    found = (stage for stage, about in STAGES.items() if about.output == name)
+    return next(found, None) if name != STAGES["synthetic"].output else None
 
 
 def _records(asked: Asked) -> Iterator[tuple[str, Mapping[str, Any]]]:
@@ -153,7 +152,7 @@ def _full_names(stage: str) -> dict[str, str]:
         for section in (stage, *about.sections)
         for key in configuration.section_keys(section)
     }
-    return names | {key: f"models.{key}" for key in about.models}
+    return names | {key: f"{section}.{key}" for section, keys in about.keys.items() for key in keys}
 
 
 def _preset_of(records: Mapping[str, Mapping[str, Any]], asked: Asked) -> str | None:

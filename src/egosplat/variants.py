@@ -8,11 +8,10 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from egosplat import config as configuration
-from egosplat.cli import OPTIONAL, PATHS
 from egosplat.config import Config
 from egosplat.decisions import AUTO, leaves_frames_out, masks_by_survey
 from egosplat.errors import UserError
-from egosplat.stages import STAGES
+from egosplat.pipeline.stages import STAGES
 
 OVER = "over"
 """Key of a variant that names another, or a list of others, whose keys its own stand over; later ones over earlier."""
@@ -34,9 +33,9 @@ _CODES: dict[str, tuple[str, ...]] = {"after": (), "joint": ("segments", "featur
 
 def inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     """The stages whose artifacts a stage reads, with a configuration."""
-    always = tuple(name for name in PATHS[stage] if name in STAGES and name not in OPTIONAL.get(stage, ()))
+    always = tuple(name for name in STAGES[stage].inputs if name in STAGES)
     found = always + optional_inputs_of(stage, config)
-    masked = "masks" in OPTIONAL.get(stage, ())
+    masked = "masks" in STAGES[stage].optional
     by_survey = masked and masks_by_survey(config) and "survey" not in found
     return (*found, "survey") if by_survey else found
 
@@ -45,7 +44,7 @@ def optional_inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     """Those of them that other configurations do without."""
     views = ("survey",) if leaves_frames_out(config) else ()
     wanted = views + _MASKS[config["splats"]["masking"]] + _CODES[config["splats"]["language"]]
-    return tuple(name for name in wanted if name in OPTIONAL.get(stage, ()))
+    return tuple(name for name in wanted if name in STAGES[stage].optional)
 
 
 def reaches(stage: str, base: Config, variant: Config) -> bool:

@@ -10,12 +10,11 @@ import pytest
 import yaml
 
 from egosplat import config
-from egosplat.cli import EXTRAS, PATHS
 from egosplat.errors import UserError
 from egosplat.explanations import _ALLOWED
 from egosplat.keys_table import FIRST_KEYS, keys_page
+from egosplat.pipeline.stages import STAGES, path_help, stage_function
 from egosplat.scenes import find_scene, read_scenes, requested_targets
-from egosplat.stages import STAGES, stage_function
 
 ROOT = Path(__file__).resolve().parents[2]
 PRESETS = ROOT / "config" / "presets"
@@ -31,12 +30,12 @@ def test_every_key_has_a_description_and_a_default():
 @pytest.mark.parametrize("stage", STAGES)
 def test_schema_and_stage_function_name_the_same_keys(stage):
     arguments = inspect.signature(stage_function(stage)).parameters
-    extras = [option.name for option in EXTRAS.get(stage, [])]
-    assert set(arguments) == {*PATHS[stage], *extras, *config.stage_keys(stage)}
+    about = STAGES[stage]
+    assert set(arguments) == {*path_help(about), *about.scene, *config.stage_keys(stage)}
     for name, argument in arguments.items():
         # What a key is by default stands in the schema alone; an artifact may be left out.
         assert argument.default is inspect.Parameter.empty or (
-            name in PATHS[stage] and argument.default is None
+            name in about.optional and argument.default is None
         )
 
 
@@ -44,7 +43,9 @@ def test_schema_and_stage_function_name_the_same_keys(stage):
 def test_a_stage_takes_its_sections_and_models(stage):
     about = STAGES[stage]
     names = [name for section in (stage, *about.sections) for name in config.section_keys(section)]
-    assert sorted([*names, *about.models]) == sorted(config.stage_keys(stage))
+    assert sorted([*names, *(key for keys in about.keys.values() for key in keys)]) == sorted(
+        config.stage_keys(stage)
+    )
     values = config.stage_values(stage, config.defaults())
     assert values == {name: key["default"] for name, key in config.stage_keys(stage).items()}
 

@@ -8,7 +8,7 @@ import yaml
 
 import egosplat
 from egosplat.artifacts.kinds import SCHEMAS
-from egosplat.stages import STAGES
+from egosplat.pipeline.stages import STAGES
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("docs", "config", "benchmarks", "training", "src")

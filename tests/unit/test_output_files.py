@@ -17,9 +17,9 @@ from egosplat.benchmark import tables_stage
 from egosplat.errors import UserError
 from egosplat.language.ply import EXPORT, write_ply
 from egosplat.output_files import check_output, output_file, picture_kind, stage_json_kind, write_text_file
+from egosplat.pipeline.stages import STAGES
 from egosplat.plotting import plt, save_picture
 from egosplat.report.query_sheet import QUERY_PICTURE
-from egosplat.stages import STAGES
 
 DOCUMENTS = ("metrics", "method_metrics", "survey")
 """Stages that write JSON; the others but the sheets write artifacts."""
@@ -27,7 +27,7 @@ DOCUMENTS = ("metrics", "method_metrics", "survey")
 
 def stage_words(stage: str) -> list[str]:
     """All inputs of a stage as flags."""
-    paths = [name for name in cli.PATHS[stage] if name != "output"]
+    paths = STAGES[stage].inputs + tuple(STAGES[stage].optional)
     return [word for name in paths for word in (f"--{name.replace('_', '-')}", f"{{folder}}/{name}")]
 
 

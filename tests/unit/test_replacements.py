@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from egosplat import config
+from egosplat.pipeline.stages import STAGES
 from egosplat.replacements import Asked, find_replaced, replacement_notices, stages_behind
-from egosplat.stages import STAGES
 from egosplat.tradeoff.points import with_points
 
 PRESETS = Path(__file__).resolve().parents[2] / "config" / "presets"

@@ -4,7 +4,7 @@ import pytest
 
 from egosplat.config import defaults, merge
 from egosplat.errors import UserError
-from egosplat.stages import STAGES
+from egosplat.pipeline.stages import STAGES
 from egosplat.variants import inputs_of, optional_inputs_of, owner, reaches, variant_config
 
 BASE = defaults()

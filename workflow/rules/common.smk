@@ -14,7 +14,7 @@ from egosplat.errors import UserError
 from egosplat.orphans import STARTED_BY
 from egosplat.scene_notices import left_out_notices, plan_notices
 from egosplat.scenes import check_recording, find_scene, read_scenes, requested_targets
-from egosplat.stages import STAGES
+from egosplat.pipeline.stages import STAGES
 from egosplat.stale_locks import clear_stale_locks
 from egosplat.tradeoff.points import points_of, with_points
 from egosplat.variants import owner, variant_config

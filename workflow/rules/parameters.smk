@@ -11,7 +11,7 @@ from egosplat.artifacts.kept_frames import gaussians_learn_from_all
 from egosplat.artifacts.survey import read_survey
 from egosplat.decisions import decided, leaves_frames_out, masks_by_survey
 from egosplat.models.checkpoints import model_hashes
-from egosplat.stages import code_of
+from egosplat.pipeline.stages import code_of
 from egosplat.variants import optional_inputs_of
 
 

@@ -10,8 +10,8 @@ from egosplat.alarms.scene import language_alarms, masks_alarms, splats_alarms, 
 from egosplat.artifacts.kinds import SCHEMAS
 from egosplat.artifacts.reading import Artifact, open_artifact
 from egosplat.models.suitability import notice_of_artifacts
+from egosplat.pipeline.stages import STAGES
 from egosplat.progress import log
-from egosplat.stages import STAGES
 
 
 def alarms_of(artifact: Artifact) -> list[Alarm]:

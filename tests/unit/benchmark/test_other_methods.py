@@ -22,9 +22,9 @@ from egosplat.benchmark.scored_scenes import PROTOCOL
 from egosplat.config import section_keys
 from egosplat.errors import UserError
 from egosplat.frames.recording import Instance
+from egosplat.pipeline.stages import STAGES
 from egosplat.provenance import begin
 from egosplat.schema_files import schema
-from egosplat.stages import STAGES
 
 HEIGHT, WIDTH, FRAMES_TOTAL = 30, 40, 4
 DOC = Path(__file__).parents[3] / "docs" / "other_methods.md"

@@ -10,8 +10,8 @@ from reproducibility_bench.limits import AVX2, LIMITS, choices
 
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.writing import create
+from egosplat.pipeline.stages import STAGES
 from egosplat.provenance import begin
-from egosplat.stages import STAGES
 
 
 def poses(path, shift=0.0, registered=(True, True)):

@@ -11,7 +11,7 @@ from egosplat.cluster.memory import peak_mb
 from egosplat.cluster.requests import gpus, memory_mb, runtime_min
 from egosplat.cluster.runtime import LEAST_S, MARGIN, expected_s
 from egosplat.config import defaults, resolve
-from egosplat.stages import STAGES
+from egosplat.pipeline.stages import STAGES
 
 ROOT = Path(__file__).resolve().parents[3]
 SCENE = {
