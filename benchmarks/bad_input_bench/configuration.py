@@ -127,8 +127,6 @@ def _options() -> Iterator[Case]:
         "scenes=" + "x" * 300: "xxx",
         "scenes='a\\0b'": "scenes",
         f"frames={{stride: {HUGE}}}": "frames.stride",
-        "budget={minutes: 1}": "budget",
-        "budget={minutes: 1, accuracy: 1}": "budget",
         "data_root={adt: [a]}": "data_root",
         "data_root={nothing: /tmp}": "data_root",
         "[" * 5000: "KEY=VALUE",

@@ -1,4 +1,4 @@
-"""JSON files that the workflow hands on: scores, surveys, trade-offs."""
+"""JSON files that the workflow hands on: scores and surveys."""
 
 import json
 import random
@@ -21,9 +21,6 @@ def cases(_: random.Random) -> Iterator[Case]:
             lambda box: ["tables", box.scene / "metrics.json", "--output", "out"],
         )
         yield _case("survey.json", what, change, _follow)
-        yield _case(
-            "tradeoff.json", what, change, lambda _: ["front", "tradeoff.json", "--output", "front.json"]
-        )
         yield _case("metrics.json", f"{what}, compared", change, _compare)
     odd: dict[str, Callable[[dict], object]] = {
         "another scene": lambda told: told.update(scene="adt/scene2"),
@@ -58,9 +55,6 @@ def cases(_: random.Random) -> Iterator[Case]:
 def _case(file: str, what: str, change: Break, words: Callable[[Sandbox], Words], fine: str = "") -> Case:
     def command(box: Sandbox) -> Words:
         path = box.scene / file
-        if file == "tradeoff.json":
-            path = box.folder / file
-            path.write_text("{}")
         change(path)
         return words(box)
 
@@ -72,7 +66,7 @@ def _follow(box: Sandbox) -> Words:
 
 
 def _compare(box: Sandbox) -> Words:
-    point = {"settings": [], "keys": {}, "metrics": [str(box.scene / "metrics.json")]}
+    point = {"settings": [], "metrics": [str(box.scene / "metrics.json")]}
     return ["tradeoff", "--points", json.dumps([point]), "--output", "out"]
 
 

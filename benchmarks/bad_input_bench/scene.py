@@ -77,7 +77,6 @@ def import_all() -> None:
         "egosplat.models.open_clip_loader",
         "egosplat.models.video_predictor",
         "egosplat.report.query_command",
-        "egosplat.tradeoff.front",
         "egosplat.tradeoff.stage",
         "hydra.utils",
         "open_clip",

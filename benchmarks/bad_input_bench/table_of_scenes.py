@@ -49,7 +49,6 @@ OPTIONS = (
     "frames.stride=;touch${IFS}../outside/canary",
     "nothing.stride=3",
     "frames=3",
-    "budget.minutes=3",
     "preset=fast",
     "scenes.x=3",
     "frames.stride.x=3",

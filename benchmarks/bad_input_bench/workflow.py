@@ -52,7 +52,6 @@ GOOD = HEADER + "mine\tscene90\tplain\t{}\t{}\n"
 DRY = (
     Parsed("--config preset", ("--config", f"preset=$({SMUGGLED})"), "preset"),
     Parsed("--config NaN", ("--config", "frames={start_s: .nan}"), "start_s"),
-    Parsed("--config a budget without a front", ("--config", "budget={minutes: 1}"), "budget"),
     Parsed("config.yaml no YAML", (), CONFIG, CONFIG, "frames: ["),
     Parsed("config.yaml a command", (), CONFIG, CONFIG, f"a: !!python/object/apply:os.system ['{SMUGGLED}']"),
     Parsed(

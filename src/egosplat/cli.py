@@ -170,18 +170,6 @@ def tradeoff(points: list[dict[str, Any]], output: Path) -> None:
 
 
 @cli.command()
-@click.argument("tradeoff", type=ARTIFACT)
-@click.option(
-    "--output", type=ARTIFACT, default=Path("config/front.json"), show_default=True, help="The file to make."
-)
-def front(tradeoff: Path, output: Path) -> None:
-    """Take the Pareto front of TRADEOFF, a scene's tradeoff.json, for the configuration's section budget."""
-    from egosplat.tradeoff.front import run
-
-    run(tradeoff, output)
-
-
-@cli.command()
 def keys() -> None:
     """Print every configuration key with its default and what it trades, as a Markdown page."""
     click.echo(keys_page())

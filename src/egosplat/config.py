@@ -1,11 +1,10 @@
-"""The configuration: defaults, preset, budget, the user's keys and a scene's own, checked against one schema."""
+"""The configuration: defaults, preset, the user's keys and a scene's own, checked against one schema."""
 
 import copy
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from egosplat import budget
 from egosplat.coercion import Config, coerced
 from egosplat.errors import UserError
 from egosplat.explanations import explained, shortened
@@ -52,28 +51,25 @@ def defaults() -> Config:
 
 
 def resolve(user: Mapping[str, Any], presets: Path) -> Config:
-    """The whole configuration: the user's keys over those of the budget, of the preset, and the defaults.
+    """The whole configuration: the user's keys over those of the preset, and the defaults.
 
     Its section ``formats`` holds the keys that scenes of one format take over these: the preset's, but for those that
-    the budget or the user sets for all scenes, and the user's own.
+    the user sets for all scenes, and the user's own.
 
     Args:
         user: what the configuration files and the command line set.
-        presets: the folder of ``fast.yaml``, ``balanced.yaml`` and ``paper.yaml``; ``front.json`` is beside it.
+        presets: the folder of ``fast.yaml``, ``balanced.yaml`` and ``paper.yaml``.
 
     Raises:
-        UserError: names the first key that is unknown or has a value that is not allowed; no front was measured for
-            the budget, or none of its points fits.
+        UserError: names the first key that is unknown or has a value that is not allowed.
     """
     user = coerced(user)
     asked = _filled(user, schema("config"))
     check(asked)
     path = presets / f"{asked['preset']}.yaml"
-    point = budget_point(asked["budget"], presets.parent / "front.json")
     preset = read_yaml(path)
-    above = merge(point["keys"] if point else {}, user)
-    formats = {name: _without(keys, above) for name, keys in preset.get("formats", {}).items()}
-    settings = merge(preset | {"formats": formats}, above)
+    formats = {name: _without(keys, user) for name, keys in preset.get("formats", {}).items()}
+    settings = merge(preset | {"formats": formats}, user)
     resolved = _filled(settings, schema("config"))
     check(resolved, f"preset {path.name}")
     for name in resolved["formats"]:
@@ -92,21 +88,6 @@ def _without(keys: Mapping[str, Any], above: Mapping[str, Any]) -> Config:
         section: {name: value for name, value in part.items() if name not in above.get(section, {})}
         for section, part in keys.items()
     }
-
-
-def budget_point(wanted: Mapping[str, Any], path: Path) -> Config | None:
-    """The point of ``front.json`` that a budget chooses, with its keys; None without a budget.
-
-    Raises:
-        UserError: see ``resolve``.
-    """
-    if not budget.is_set(wanted):
-        return None
-    if not path.exists():
-        raise budget.not_measured(path)
-    point = budget.choose(wanted, read_json(path, "front"), path)
-    check(_filled(point["keys"], schema("config")), f"{path}, {point['label']}")
-    return point
 
 
 def check(values: Mapping[str, Any], where: str = "configuration", against: str = "config") -> None:

@@ -39,6 +39,10 @@ _ALLOWED = {
 """By keyword of JSON schema, with its value: what is allowed."""
 
 
+_REMOVED = {"budget": "set preset to fast, balanced or paper (docs/speed.md)"}
+"""Keys that earlier versions had, and what to use now."""
+
+
 def explained(error: ValidationError) -> str:
     """Which key is wrong, its value, and what is allowed, in one line."""
     key = ".".join(str(part) for part in error.absolute_path)
@@ -59,6 +63,8 @@ def _unknown(error: ValidationError, key: str) -> str:
     unknown = str(min(set(error.instance) - set(known), key=str))
     name, colon, value = unknown.partition(":")
     near = difflib.get_close_matches(name, known, n=1)
+    if not key and unknown in _REMOVED:
+        return f"key {unknown!r} was removed; {_REMOVED[unknown]}"
     if colon and name in known:
         advice = f"write a blank after the colon: {name}: {value[:_LONGEST]}"
     elif near:

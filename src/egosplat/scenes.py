@@ -166,8 +166,6 @@ def _check_roots(config: configuration.Config, rows: list[dict[str, Any]], path:
 
 def _scene(row: dict[str, Any], config: configuration.Config, where: str) -> Scene:
     options = configuration.parse_options(row["options"], where)
-    if "budget" in options:
-        raise UserError(f"{where}: a budget is chosen for all scenes; set it in the configuration")
     own = configuration.merge(configuration.of_format(config, row["format"]), options)
     configuration.check(own, where)
     root = config["data_root"].get(row["dataset"])

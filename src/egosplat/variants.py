@@ -95,11 +95,10 @@ def variant_config(base: Config, name: str, where: str) -> Config:
     configuration.check(merged, f"variant {name}")
     if merged["synthetic"] != base["synthetic"]:
         raise UserError(f"variant {name}: recordings are a scene's own; leave out the section synthetic")
-    for key in ("preset", "budget"):
-        if merged[key] != base[key]:
-            raise UserError(
-                f"variant {name}: {key} is chosen for all; leave it out, and give the keys themselves"
-            )
+    if merged["preset"] != base["preset"]:
+        raise UserError(
+            f"variant {name}: preset is chosen for all; leave it out, and give the keys themselves"
+        )
     return merged
 
 

@@ -22,7 +22,6 @@ PRESETS = Path(__file__).resolve().parents[2] / "config" / "presets"
         ("splats", "sh_degree", "auto", "auto"),
         ("frames", "end_s", "null", None),
         ("frames", "end_s", "4", 4),
-        ("budget", "minutes", "null", None),
         ("data_root", "adt", "null", None),
         ("data_root", "adt", "5", "5"),
         ("tradeoff", "seeds", ["1", "2"], [1, 2]),

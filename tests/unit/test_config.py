@@ -100,7 +100,8 @@ def test_the_reference_page_holds_every_key_once_under_its_section():
     "user, message",
     [
         ({"frames": {"resolutoin": 3}}, "unknown key 'frames.resolutoin'; did you mean 'resolution'?"),
-        ({"xyz": {}}, "unknown key 'xyz'; known keys: preset, budget, scenes"),
+        ({"xyz": {}}, "unknown key 'xyz'; known keys: preset, scenes"),
+        ({"budget": {"minutes": 3}}, "key 'budget' was removed; set preset"),
         (
             {"frames": {"resolution": "big"}},
             "frames.resolution = 'big' is not allowed: must be a whole number",
@@ -237,14 +238,6 @@ def test_a_format_has_keys_of_its_own_between_the_preset_and_the_row(tmp_path):
     assert found(masks={"threshold": 0.5}, formats=own) == [(1408, 0.5), (1889, 0.2), (1889, 0.3)]
 
 
-def test_a_budget_stands_over_a_presets_keys_of_a_format(tmp_path, monkeypatch):
-    point = {"label": "a point", "keys": {"frames": {"resolution": 300}}}
-    monkeypatch.setattr(config, "budget_point", lambda wanted, path: point)
-    resolved = config.resolve({"preset": "paper", "budget": {"minutes": 5}}, PRESETS)
-    hoi4d = config.of_format(resolved, "hoi4d")
-    assert (hoi4d["frames"]["resolution"], hoi4d["masks"]["threshold"]) == (300, 0.1)
-
-
 @pytest.mark.parametrize(
     "formats, message",
     [
@@ -278,7 +271,6 @@ def test_wrong_keys_of_a_format_are_named(formats, message):
             HEADER + "adt\ts\tadt\tr\tframes.strid=3\n",
             "line 2: unknown key 'frames.strid'; did you mean 'stride'",
         ),
-        (HEADER + "adt\ts\tadt\tr\tbudget.minutes=3\n", "line 2: a budget is chosen for all scenes"),
         (
             HEADER + "adt\ts\tadt\tr\tframes.stride=x\n",
             "frames.stride = 'x' is not allowed: must be a whole number",

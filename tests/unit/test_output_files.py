@@ -34,7 +34,6 @@ def stage_words(stage: str) -> list[str]:
 COMMANDS = {
     "query": (".png", ["{folder}", "cup"]),
     "export": (".ply", ["{folder}"]),
-    "front": (".json", ["{folder}/tradeoff.json"]),
     **{stage: (".json", stage_words(stage)) for stage in DOCUMENTS},
     **{stage: (".png", stage_words(stage)) for stage in STAGES if stage.endswith("_sheet")},
 }

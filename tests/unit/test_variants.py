@@ -138,7 +138,6 @@ def test_a_variant_shares_with_what_it_stands_over(name, expected):
         ({"mine": {"splat": {"masking": "none"}}}, "mine", "did you mean 'splats'"),
         ({"mine": {"synthetic": {"seed": 9}}}, "mine", "leave out the section synthetic"),
         ({"mine": {"preset": "fast"}}, "mine", "preset is chosen for all; leave it out"),
-        ({"mine": {"budget": {"minutes": 3}}}, "mine", "budget is chosen for all; leave it out"),
         ({"mine": {"over": "nope"}}, "mine", "no variant 'nope'.*take one of: baseline"),
         ({"a": {"over": "b"}, "b": {"over": "a"}}, "a", "variant a: stands over itself .a, b."),
         (

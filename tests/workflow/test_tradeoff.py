@@ -71,7 +71,7 @@ def test_a_page_of_one_knob_is_made_and_then_up_to_date(workdir):
     assert [one["label"] for one in document["points"]] == ["the scene", "features.dims=4"]
     own, small = document["points"]
     assert own["measures"]["psnr"] == small["measures"]["psnr"]  # the same Gaussians
-    assert (own["keys"]["features"]["dims"], small["keys"]["features"]["dims"]) == (DIMS, 4)
+    assert own["settings"] == [{"knob": "features.dims", "value": DIMS}]
     stages = {
         "frames",
         "poses",
@@ -105,7 +105,7 @@ def test_a_page_of_one_knob_is_made_and_then_up_to_date(workdir):
     [
         (points(features__dim=[4]), "tradeoff.knobs: no key features.dim; did you mean features.dims"),
         (points(features__dims=[0]), "variant features-dims-0: features.dims = 0 is not allowed"),
-        (json.dumps({"budget": {"minutes": 3}}), "front.json does not exist"),
+        (json.dumps({"budget": {"minutes": 3}}), "key 'budget' was removed; set preset"),
     ],
 )
 def test_what_cannot_be_compared_is_told_without_a_traceback(workdir, config, message):

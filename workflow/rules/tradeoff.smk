@@ -17,7 +17,7 @@ def tradeoff_code():
 
 @cache
 def measured_points(dataset, scene):
-    """The points of a scene: their settings, keys, and metrics.json of each of their runs."""
+    """The points of a scene: their settings, and metrics.json of each of their runs."""
     found = find_scene(scenes, dataset, scene)
     return [
         {
@@ -26,7 +26,6 @@ def measured_points(dataset, scene):
                 f"{found.results}/{folder_of_variant(variant)}metrics.json"
                 for variant in point.variants
             ],
-            "keys": point.keys,
         }
         for point in points_of(found.config, f"{dataset}/{scene}")
     ]

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import egosplat
-from egosplat.config import Config, budget_point, merge, read_yaml, resolve
+from egosplat.config import Config, merge, read_yaml, resolve
 from egosplat.errors import UserError
 from egosplat.strict_yaml import NO_YAML, load_yaml
 
@@ -32,11 +32,6 @@ def read_configuration(files: Sequence[Path], options: Sequence[str]) -> tuple[C
     for option in options:
         config = merge(config, _parsed(option))
     return resolve(config, _presets()), [*map(str, read), *options]
-
-
-def chosen_point(config: Config) -> Config | None:
-    """The point of the measured front that the configuration's budget chooses; None without a budget."""
-    return budget_point(config["budget"], _presets().parent / "front.json")
 
 
 def _parsed(option: str) -> Config:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from egosplat.config import Config
-from egosplat.doctor.configured import chosen_point, read_configuration
+from egosplat.doctor.configured import read_configuration
 from egosplat.doctor.findings import Finding, Mark
 from egosplat.doctor.inputs import model_findings, recording_findings, suitability_findings
 from egosplat.doctor.machine import machine_findings
@@ -25,22 +25,13 @@ def examine(files: Sequence[Path], options: Sequence[str]) -> list[Finding]:
     config, sources = read_configuration(files, options)
     origin = ", ".join(sources) or "defaults; there is no config/config.yaml here"
     findings = [Finding(Mark.OK, "configuration", f"preset {config['preset']} ({origin})")]
-    findings += [*_budget(config), *machine_findings(config), *model_findings(config)]
+    findings += [*machine_findings(config), *model_findings(config)]
     try:
         scenes = [scene for scene in read_scenes(config).values() if not scene.by_name]
     except UserError as error:
         return [*findings, Finding(Mark.MISSING, "scenes", str(error))]
     findings += [*recording_findings(config, scenes), *suitability_findings(scenes)]
     return [*findings, *_times(scenes)]
-
-
-def _budget(config: Config) -> Iterator[Finding]:
-    """The point that a budget chooses."""
-    if point := chosen_point(config):
-        measured = (
-            f"{point['label']}, measured at {point['minutes']:g} minutes, accuracy {point['accuracy']:g}"
-        )
-        yield Finding(Mark.OK, "budget", measured)
 
 
 def _times(scenes: list[Scene]) -> Iterator[Finding]:

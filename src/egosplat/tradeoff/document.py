@@ -82,7 +82,6 @@ def _entry(
             for measure, sample in samples.items()
         },
         "stages": point.stage_costs(),
-        "keys": point.keys,
     }
 
 

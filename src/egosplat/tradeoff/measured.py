@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from egosplat import config as configuration
 from egosplat.benchmark.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 from egosplat.benchmark.series import find_series
 from egosplat.errors import UserError
@@ -53,13 +52,11 @@ class MeasuredPoint:
         settings: that come to it.
         runs: one a seed.
         about: data and checkpoints.
-        keys: of the configuration, that other scenes can take.
     """
 
     settings: tuple[Setting, ...]
     runs: tuple[Run, ...]
     about: str
-    keys: configuration.Config
 
     @property
     def label(self) -> str:
@@ -106,8 +103,7 @@ def read_points(points: Sequence[Mapping[str, Any]]) -> list[MeasuredPoint]:
     """Read the scores of points.
 
     Args:
-        points: each with its ``settings``, pairs of knob and value, the paths of its ``metrics``, and its ``keys``;
-            of the first point all keys, of others those in which they differ from it.
+        points: each with its ``settings``, pairs of knob and value, and the paths of its ``metrics``.
 
     Raises:
         UserError: a file cannot be read or has lost an artifact, or the scores cannot be compared.
@@ -125,7 +121,6 @@ def read_points(points: Sequence[Mapping[str, Any]]) -> list[MeasuredPoint]:
             settings=tuple(Setting(*pair) for pair in point["settings"]),
             runs=tuple(runs),
             about=about[runs[0].scored.path],
-            keys=configuration.merge(points[0]["keys"], point["keys"]),
         )
         for point, runs in zip(points, read, strict=True)
     ]

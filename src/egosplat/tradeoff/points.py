@@ -16,7 +16,6 @@ from typing import Any
 from egosplat.config import Config, section_keys
 from egosplat.errors import UserError
 from egosplat.tradeoff.presets import QUESTIONS, preset_keys
-from egosplat.tradeoff.settings import differing, settings_of
 from egosplat.variants import OVER, reaches, variant_config
 
 PRESET = "preset"
@@ -44,12 +43,10 @@ class Point:
     Attributes:
         settings: all that come to this point; of the scene itself each knob's own value.
         variants: one a seed, the scene's own seed first; None is the scene itself.
-        keys: that other scenes can take; of the scene all, of others those in which they differ from it.
     """
 
     settings: list[Setting] = field(default_factory=list)
     variants: list[str | None] = field(default_factory=list)
-    keys: Config = field(default_factory=dict)
 
 
 def with_points(config: Config, presets: Path, format: str) -> Config:
@@ -97,14 +94,13 @@ def points_of(config: Config, where: str) -> list[Point]:
     for seed in seeds:
         if not reaches("metrics", config, variant_config(config, _seed_name(seed), where)):
             raise UserError(f"{where}: tradeoff.seeds: {seed} is the scene's own; give others, or none")
-    scene = Point(list(_own_settings(config)), [None, *map(_seed_name, seeds)], settings_of(config))
+    scene = Point(list(_own_settings(config)), [None, *map(_seed_name, seeds)])
     points = [scene]
     for setting in _settings(config):
         name = variant_name(setting)
-        own = variant_config(config, name, where)
-        if reaches("metrics", config, own):
+        if reaches("metrics", config, variant_config(config, name, where)):
             variants = [name, *(_with_seed(name, seed) for seed in seeds)]
-            points.append(Point([setting], variants, differing(settings_of(own), scene.keys)))
+            points.append(Point([setting], variants))
         elif setting not in scene.settings:
             scene.settings.append(setting)
     return points
@@ -153,7 +149,7 @@ def _check_knob(knob: str) -> None:
         raise UserError(
             f"tradeoff.knobs: with other values of {knob} scores cannot be compared; leave it out"
         )
-    if key == "seed" or section in ("tradeoff", "budget"):
+    if key == "seed" or section == "tradeoff":
         raise UserError(f"tradeoff.knobs: {knob} is no knob; leave it out (seeds stand in tradeoff.seeds)")
 
 

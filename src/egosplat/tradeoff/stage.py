@@ -32,7 +32,7 @@ def run(points: Sequence[Mapping[str, Any]], output: Path) -> None:
     if not isinstance(points, Sequence) or not points or not all(map(_is_point, points)):
         raise UserError(
             "--points: no list of points, at least one, the scene itself: each an object with the lists settings and "
-            "metrics and the object keys"
+            "metrics"
         )
     json, csv, png, html = (output / f"{NAME}.{suffix}" for suffix in ("json", "csv", "png", "html"))
     for path, kind in ((json, TRADEOFF), (csv, TABLE), (png, PICTURE), (html, PAGE)):
@@ -46,7 +46,6 @@ def run(points: Sequence[Mapping[str, Any]], output: Path) -> None:
 
 
 def _is_point(point: object) -> bool:
-    kinds = {"settings": list, "metrics": list, "keys": Mapping}
     return isinstance(point, Mapping) and all(
-        isinstance(point.get(name), kind) for name, kind in kinds.items()
+        isinstance(point.get(name), list) for name in ("settings", "metrics")
     )

@@ -1,11 +1,8 @@
 """The doctor reads the configuration that the workflow would read."""
 
-import json
-
 import pytest
 
-from egosplat.doctor.configured import chosen_point, read_configuration
-from egosplat.doctor.examination import examine
+from egosplat.doctor.configured import read_configuration
 from egosplat.errors import UserError
 
 
@@ -75,17 +72,3 @@ def test_an_unknown_key_inside_a_section_is_named(folder):
 def test_a_file_that_is_not_there_is_told(folder):
     with pytest.raises(UserError, match=r"none.yaml: does not exist"):
         read_configuration([folder / "none.yaml"], [])
-
-
-def test_a_budget_tells_the_point_that_it_chooses(folder):
-    (folder / "config/presets").mkdir(parents=True)
-    (folder / "config/presets/balanced.yaml").write_text("splats: {iterations: 77}")
-    measured = {"scene": "a/b", "origin": "real", "about": "", "machines": [], "seeds": 1, "confidence": 0.9}
-    point = {"label": "rough", "minutes": 2.5, "accuracy": 0.3, "keys": {"splats": {"iterations": 5}}}
-    content = {"format_version": 1, "measured": measured, "points": [point]}
-    (folder / "config/front.json").write_text(json.dumps(content))
-    config, _ = read_configuration([], ["budget={minutes: 3}"])
-    assert config["splats"]["iterations"] == 5 and chosen_point(config)["label"] == "rough"
-    findings = {finding.what: finding for finding in examine([], ["budget={minutes: 3}"])}
-    assert findings["budget"].value == "rough, measured at 2.5 minutes, accuracy 0.3"
-    assert chosen_point(read_configuration([], [])[0]) is None

@@ -117,11 +117,7 @@ def point(scored) -> Callable[..., dict[str, Any]]:
                 (None if scene else name) if seed == 0 else f"seed-{seed}" if scene else f"{name}-seed-{seed}"
             )
             paths.append(scored(variant, accuracy, time, **more))
-        keys: dict[str, dict[str, Any]] = {}
-        for section, dot, key in (knob.partition(".") for knob, _ in settings):
-            if dot:
-                keys[section] = {key: dict(settings)[f"{section}.{key}"]}
-        return {"settings": [list(one) for one in settings], "metrics": paths, "keys": keys}
+        return {"settings": [list(one) for one in settings], "metrics": paths}
 
     return make
 

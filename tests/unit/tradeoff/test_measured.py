@@ -18,7 +18,7 @@ def change(path: str, **changes) -> None:
 
 
 def test_costs_are_of_what_makes_the_scene(scored):
-    (one,) = read_points([{"settings": [], "keys": {}, "metrics": [scored(None, minutes=10.0)]}])
+    (one,) = read_points([{"settings": [], "metrics": [scored(None, minutes=10.0)]}])
     values = {measure.name: one.sample(measure).values for measure in (WALL, CPU, MEMORY, DISK)}
     # The reading of annotations, ten minutes, and the asking are no part of it.
     assert values == {"wall_s": (601.0,), "cpu_s": (1202.0,), "peak_memory_mb": (1100.0,), "disk_mb": (20.0,)}
@@ -29,7 +29,7 @@ def test_costs_are_of_what_makes_the_scene(scored):
 def test_an_interrupted_training_counts_whole(scored):
     path = scored(None, minutes=1.0)
     change(path, training_s=500.0)
-    (one,) = read_points([{"settings": [], "keys": {}, "metrics": [path]}])
+    (one,) = read_points([{"settings": [], "metrics": [path]}])
     assert one.sample(WALL).values == (501.0,)
 
 
@@ -38,7 +38,7 @@ def test_what_is_not_told_is_not_known(scored):
     content = json.loads(Path(path).read_text())
     del content["artifacts"]["splats.zarr"]["cpu_s"]
     Path(path).write_text(json.dumps(content))
-    (one,) = read_points([{"settings": [], "keys": {}, "metrics": [path]}])
+    (one,) = read_points([{"settings": [], "metrics": [path]}])
     assert one.sample(CPU) is None and one.sample(PSNR) is None
     assert one.stage_costs()["splats"]["cpu_s"] is None
     assert one.sample(ACCURACY).step == 1 / 80
@@ -55,7 +55,7 @@ def test_a_lost_artifact_is_named(scored):
     content["artifacts"]["masks.zarr"] = None
     Path(path).write_text(json.dumps(content))
     with pytest.raises(UserError, match="does not know what masks.zarr cost.*\nMake it anew"):
-        read_points([{"settings": [], "keys": {}, "metrics": [path]}])
+        read_points([{"settings": [], "metrics": [path]}])
 
 
 def test_scores_of_other_scenes_or_questions_are_refused(scored, tmp_path):
@@ -64,21 +64,10 @@ def test_scores_of_other_scenes_or_questions_are_refused(scored, tmp_path):
     other.parent.mkdir(parents=True)
     other.write_text(Path(first).read_text().replace("adt/scene1", "adt/scene2"))
     with pytest.raises(UserError, match="is of another scene than"):
-        read_points([{"settings": [], "keys": {}, "metrics": [first, str(other)]}])
+        read_points([{"settings": [], "metrics": [first, str(other)]}])
     stricter = Path(scored("strict"))
     stricter.write_text(stricter.read_text().replace('"target": "box"', '"target": "mask"'))
     with pytest.raises(UserError, match="was scored with metrics.target"):
-        read_points([{"settings": [], "keys": {}, "metrics": [first, str(stricter)]}])
+        read_points([{"settings": [], "metrics": [first, str(stricter)]}])
     with pytest.raises(UserError, match="does not exist"):
-        read_points([{"settings": [], "keys": {}, "metrics": [str(tmp_path / "metrics.json")]}])
-
-
-def test_keys_are_the_scenes_with_what_differs(scored):
-    points = [
-        {"settings": [], "metrics": [scored(None)], "keys": {"splats": {"iterations": 9, "sh_degree": 1}}},
-        {"settings": [], "metrics": [scored("x")], "keys": {"splats": {"iterations": 3}}},
-    ]
-    assert [one.keys["splats"] for one in read_points(points)] == [
-        {"iterations": 9, "sh_degree": 1},
-        {"iterations": 3, "sh_degree": 1},
-    ]
+        read_points([{"settings": [], "metrics": [str(tmp_path / "metrics.json")]}])

@@ -134,7 +134,6 @@ def test_nothing_of_the_scenes_own_preset_is_left(name, below):
         ("frames.evaluation_frames", "scores cannot be compared"),
         ("synthetic.size", "scores cannot be compared"),
         ("splats.seed", "splats.seed is no knob"),
-        ("budget.minutes", "budget.minutes is no knob"),
     ],
 )
 def test_what_is_no_knob_is_refused(knob, message):
@@ -157,23 +156,3 @@ def test_the_scenes_own_seed_is_no_other_seed():
 def test_names_of_points_are_taken():
     with pytest.raises(UserError, match="variants: features-dims-8 is the name of a point"):
         scene(base=merge(defaults(), {"variants": {"features-dims-8": {}}}), features__dims=[8])
-
-
-def test_a_points_keys_make_the_same_of_another_scene():
-    config = scene(
-        presets=["fast"], features__dims=[3], models__precision=["bfloat16"], splats__sh_degree=[0]
-    )
-    own, *others = points_of(config, "adt/scene1")
-    assert own.keys["models"] == {"precision": "auto"} and own.keys["splats"]["iterations"] == 3000
-    for section, key in (("splats", "seed"), ("splats", "backend"), ("frames", "evaluation_frames")):
-        assert key not in own.keys[section]
-    assert {"synthetic", "metrics", "annotations", "tradeoff", "budget"}.isdisjoint(own.keys)
-    assert [point.keys for point in others[1:]] == [
-        {"features": {"dims": 3}},
-        {"models": {"precision": "bfloat16"}},
-        {"splats": {"sh_degree": 0}},
-    ]
-    for point in others:
-        wanted = variant_config(config, point.variants[0], "adt/scene1")
-        found = merge(defaults(), merge(own.keys, point.keys))
-        assert {name: found[name] for name in own.keys} == {name: wanted[name] for name in own.keys}
