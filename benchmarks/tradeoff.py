@@ -53,7 +53,7 @@ def row(point: dict[str, Any], folder: Path, scene: ScoredScene) -> str:
 @click.command(help=__doc__)
 @click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
 def main(folder: Path) -> None:
-    """Print a table and the sentences."""
+    """Print a table."""
     found, scene = (
         read_json_file(folder / "tradeoff/tradeoff.json"),
         read_scored_scene(folder / "metrics.json"),
@@ -67,12 +67,6 @@ def main(folder: Path) -> None:
     click.echo(f"| {' | '.join(HEADINGS)} |\n| --- |{' ---: |' * (len(HEADINGS) - 1)}")
     for point in found["points"]:
         click.echo(row(point, folder, scene))
-    if found["presets"]:
-        click.echo(f"\n{found['presets']}")
-    click.echo("")
-    for knob, sentences in found["knobs"].items():
-        for sentence in sentences:
-            click.echo(f"- `{knob}`: {sentence}")
 
 
 if __name__ == "__main__":

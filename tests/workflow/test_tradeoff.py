@@ -96,7 +96,7 @@ def test_a_page_of_one_knob_is_made_and_then_up_to_date(workdir):
         "metrics": 1,
         "tradeoff": 1,
     }
-    workdir.edit("tradeoff/sentences.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ")
+    workdir.edit("tradeoff/estimates.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ")
     assert planned(workdir, narrow) == {"tradeoff": 1}
 
 

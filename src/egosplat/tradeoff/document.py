@@ -1,4 +1,4 @@
-"""``tradeoff.json``: every point with its numbers, and the sentences about them."""
+"""``tradeoff.json``: every point with its numbers."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -12,24 +12,20 @@ from egosplat.output_files import FileKind, json_kind, write_text_file
 from egosplat.tradeoff.estimates import Chance, Estimate, Sample, front, mean, positive_mean
 from egosplat.tradeoff.measured import MeasuredPoint, chances
 from egosplat.tradeoff.measures import ACCURACY, MEASURES, WALL, Measure
-from egosplat.tradeoff.points import PRESET
-from egosplat.tradeoff.sentences import knob_sentences, presets_sentence
 
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 
-TRADEOFF = json_kind("egosplat tradeoff", "format_version", "points", "presets", "knobs")
+TRADEOFF = json_kind("egosplat tradeoff", "format_version", "points", "seeds")
 
 
 def tradeoff_document(points: Sequence[MeasuredPoint]) -> dict[str, Any]:
-    """All that was measured and found, as plain values; see ``tradeoff.schema.yaml``.
+    """All that was measured, as plain values; see ``tradeoff.schema.yaml``.
 
     Args:
         points: the scene itself first.
     """
     first = points[0].runs[0].scored
     confidence = first.protocol["confidence"]
-    knobs = dict.fromkeys(one.knob for point in points for one in point.settings)
-    knobs.pop(PRESET, None)
     best, chance = front_of(points, WALL.name, ACCURACY.name), chances(points)
     return {
         "format_version": FORMAT_VERSION,
@@ -42,8 +38,6 @@ def tradeoff_document(points: Sequence[MeasuredPoint]) -> dict[str, Any]:
         "chance": {answerer: first.document["scores"]["all"][answerer] for answerer in CHANCE},
         "seeds": len(points[0].runs),
         "points": [_entry(point, chance, confidence, point in best) for point in points],
-        "presets": presets_sentence(points, chance, confidence),
-        "knobs": {knob: knob_sentences(points, knob, chance, confidence) for knob in knobs},
     }
 
 

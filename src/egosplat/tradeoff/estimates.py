@@ -1,4 +1,4 @@
-"""What a few runs with different seeds tell: means, differences and ratios, with intervals."""
+"""What a few runs with different seeds tell: means with intervals."""
 
 import math
 from collections.abc import Sequence
@@ -14,10 +14,6 @@ class Estimate:
     value: float
     low: float | None = None
     high: float | None = None
-
-    def excludes(self, value: float) -> bool:
-        """Whether the interval is known and ``value`` is outside of it."""
-        return self.low is not None and not self.low <= value <= self.high
 
 
 @dataclass(frozen=True)
@@ -96,18 +92,6 @@ def positive_mean(sample: Sample, chance: Chance, confidence: float) -> Estimate
     if bounds.low is None:
         return Estimate(sample.mean)
     return Estimate(sample.mean, sample.mean * math.exp(bounds.low), sample.mean * math.exp(bounds.high))
-
-
-def difference(left: Sample, right: Sample, chance: Chance, confidence: float) -> Estimate:
-    """Mean of ``left`` minus mean of ``right``."""
-    share = 1 / len(left.values) + 1 / len(right.values)
-    return chance.interval(left.mean - right.mean, share, confidence)
-
-
-def ratio(left: Sample, right: Sample, chance: Chance, confidence: float) -> Estimate:
-    """Geometric mean of ``left`` over that of ``right``, of positive values; ``chance`` is that of logarithms."""
-    found = difference(left.logarithms, right.logarithms, chance, confidence)
-    return Estimate(*(None if one is None else math.exp(one) for one in (found.value, found.low, found.high)))
 
 
 def front(points: Sequence[tuple[float, float]]) -> list[int]:

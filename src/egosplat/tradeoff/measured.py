@@ -76,10 +76,6 @@ class MeasuredPoint:
     def queries(self) -> int:
         return self.runs[0].scored.document["scores"]["all"]["count"]
 
-    def setting(self, knob: str) -> Setting | None:
-        """The first setting of a knob that comes to it."""
-        return next((one for one in self.settings if one.knob == knob), None)
-
     def sample(self, measure: Measure) -> Sample | None:
         """A measure in all runs; None where one does not tell it."""
         values = [run.value(measure) for run in self.runs]

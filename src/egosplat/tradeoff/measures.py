@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-from egosplat.tradeoff.estimates import Estimate
-
 
 @dataclass(frozen=True)
 class Measure:
@@ -15,7 +13,7 @@ class Measure:
         unit: in which it is told.
         scale: from the unit in files to that one.
         decimals: that are told.
-        more_is_better: whether it is a gain; else it is a cost, and compared by ratios.
+        more_is_better: whether it is a gain; else it is a cost.
         about: what it is.
     """
 
@@ -30,23 +28,6 @@ class Measure:
     def told(self, value: float | None) -> str:
         """A value in words, ``-`` where there is none."""
         return "-" if value is None else f"{value * self.scale:.{self.decimals}f}"
-
-    def change(self, found: Estimate) -> str:
-        """A ratio of costs or a difference of gains in words, with its interval."""
-        if not self.more_is_better:
-            bounds = "" if found.low is None else f", {_short(found.low)} to {_short(found.high)}"
-            return f"{self.heading} (× {_short(found.value)}{bounds})"
-        unit = {"%": "points"}.get(self.unit, self.unit)
-        bounds = "" if found.low is None else f", {self._signed(found.low)} to {self._signed(found.high)}"
-        return f"{self.heading} ({self._signed(found.value)} {unit}{bounds})"
-
-    def _signed(self, value: float) -> str:
-        return f"{value * self.scale:+.{self.decimals}f}".replace("-", "−")
-
-
-def _short(value: float) -> str:
-    """Of three digits."""
-    return f"{value:.3g}" if value < 1000 else f"{value:.0f}"
 
 
 WALL = Measure(

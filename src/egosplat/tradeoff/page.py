@@ -13,6 +13,7 @@ from egosplat.output_files import text_kind
 from egosplat.pipeline.stages import STAGES
 from egosplat.tradeoff.measured import EVALUATION
 from egosplat.tradeoff.measures import MEASURES, WALL
+from egosplat.tradeoff.points import shown
 
 GENERATOR = "egosplat tradeoff"
 """What the page says that it was made by."""
@@ -31,12 +32,14 @@ def to_html(document: Mapping[str, Any], picture: Path) -> str:
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     points = document["points"]
+    own = [f"{one['knob']}={shown(one['value'])}" for one in points[0]["settings"]]
     measured = {stage for point in points for stage in point["stages"]}
     making = [name for name in STAGES if name in measured and name not in EVALUATION]
     return environment.from_string(template).render(
         document=document,
         generator=GENERATOR,
         points=points,
+        own=own,
         measures=MEASURES,
         wall=WALL,
         stages=making + [name for name in EVALUATION if name in measured],

@@ -1,4 +1,4 @@
-"""Means, differences and ratios of a few runs, and the front."""
+"""Means of a few runs, and the front."""
 
 import math
 
@@ -7,15 +7,12 @@ import pytest
 from scipy import stats
 
 from egosplat.tradeoff.estimates import (
-    Chance,
     Estimate,
     Sample,
-    difference,
     front,
     mean,
     pooled,
     positive_mean,
-    ratio,
 )
 
 LEFT, RIGHT = Sample((3.0, 3.4, 3.1)), Sample((2.0, 2.6))
@@ -26,12 +23,6 @@ def test_a_mean_of_one_point_alone_has_students_interval():
     found = mean(LEFT, pooled([LEFT]), 0.9)
     expected = stats.ttest_1samp(LEFT.values, 0.0).confidence_interval(0.9)
     assert found.value == pytest.approx(9.5 / 3)
-    assert (found.low, found.high) == pytest.approx((expected.low, expected.high))
-
-
-def test_a_difference_of_two_points_alone_has_students_interval():
-    found = difference(LEFT, RIGHT, BOTH, 0.95)
-    expected = stats.ttest_ind(LEFT.values, RIGHT.values).confidence_interval(0.95)
     assert (found.low, found.high) == pytest.approx((expected.low, expected.high))
 
 
@@ -49,13 +40,10 @@ def test_runs_that_points_share_count_once():
     assert pooled([coarse, coarse]).freedom == 2
 
 
-def test_a_ratio_is_a_difference_of_logarithms():
-    left, right = Sample((2.0, 8.0)), Sample((1.0, 1.0))
-    chance = pooled([left.logarithms, right.logarithms])
-    found = ratio(left, right, chance, 0.95)
-    assert found.value == pytest.approx(4.0)
-    assert found.low * found.high == pytest.approx(16.0)
-    around = positive_mean(left, chance, 0.95)
+def test_a_positive_mean_has_the_bounds_of_a_ratio():
+    """The interval of a cost is symmetric in its logarithm."""
+    sample = Sample((2.0, 8.0))
+    around = positive_mean(sample, pooled([sample.logarithms, Sample((0.0, 0.0))]), 0.95)
     assert around.value == 5.0 and around.low * around.high == pytest.approx(25.0)
 
 
@@ -65,14 +53,12 @@ def test_points_that_were_run_once_tell_nothing_of_chance():
     assert chance.freedom == 0
     for found in (mean(once, chance, 0.95), positive_mean(once, chance, 0.95)):
         assert found == Estimate(2.0)
-    for compare in (difference, ratio):
-        found = compare(once, Sample((1.0,)), chance, 0.95)
-        assert found.low is None and found.high is None and not found.excludes(-100.0)
 
 
 def test_a_point_that_was_run_once_is_judged_by_the_others():
-    found = difference(Sample((2.0,)), LEFT, BOTH, 0.95)
-    half = stats.t.ppf(0.975, 3) * math.sqrt(BOTH.variance * (1 + 1 / 3))
+    """A single run takes the variance from the points that were run several times."""
+    found = mean(Sample((2.0,)), BOTH, 0.95)
+    half = stats.t.ppf(0.975, 3) * math.sqrt(BOTH.variance)
     assert found.high - found.value == pytest.approx(half)
 
 
@@ -81,17 +67,13 @@ def test_equal_runs_are_equal_up_to_a_step():
     assert mean(exact, pooled([exact]), 0.95) == Estimate(0.5, 0.5, 0.5)
     chance = pooled([coarse, coarse])
     assert mean(coarse, chance, 0.95).low < 0.5 - 0.0125 / 2
-    near, far = (Sample((value, value), step=0.0125) for value in (0.5125, 0.8))
-    assert not difference(near, coarse, chance, 0.95).excludes(0.0)
-    assert difference(far, coarse, chance, 0.95).excludes(0.0)
-    assert difference(exact, exact, Chance(0.0, 2), 0.95) == Estimate(0.0, 0.0, 0.0)
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say():
     rng = np.random.default_rng(0)
     points = [[Sample(tuple(runs)) for runs in trial] for trial in rng.normal(size=(2000, 6, 2))]
-    found = [difference(trial[1], trial[0], pooled(trial), 0.9) for trial in points]
-    assert 0.88 < sum(not one.excludes(0.0) for one in found) / 2000 < 0.92
+    found = [mean(trial[0], pooled(trial), 0.9) for trial in points]
+    assert 0.88 < sum(one.low <= 0.0 <= one.high for one in found) / 2000 < 0.92
 
 
 @pytest.mark.parametrize(
