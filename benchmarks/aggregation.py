@@ -24,17 +24,16 @@ sys.path.insert(0, str(HERE.parent))
 from aggregation_bench.corruption import KINDS, corrupted
 from aggregation_bench.tracks import Features, Tracks, find_tracks
 
-from egosplat.atomic import whole_file
 from egosplat.errors import UserError
 from egosplat.features.aggregation import NORMS, aggregate
 from egosplat.features.compression import fit
 from egosplat.features.decoding import decode
 from egosplat.features.quality import reconstruction, spread
 from egosplat.features.vectors import unit
-from egosplat.log_axis import plain_numbers
+from egosplat.files import atomic_file
 from egosplat.models.open_clip_loader import OpenClip, load_open_clip
-from egosplat.plotting import plt
 from egosplat.progress import track
+from egosplat.report.figure import label_log_axis, plt
 from egosplat.synthetic.catalogue import CATEGORY_UIDS
 from training.small_models.worlds import read_world
 
@@ -161,10 +160,10 @@ def draw(found: dict[str, NDArray], codes: list[tuple], path: Path) -> None:
         )
     cells[-1].axhline(whole, color="0.5", linestyle="--", label="not compressed")
     cells[-1].set(title="after compression", xlabel="dimensions of a code", xscale="log", ylim=(0, 1))
-    plain_numbers(cells[-1].xaxis)
+    label_log_axis(cells[-1].xaxis)
     cells[-1].legend(fontsize=8)
     cells[-1].grid(alpha=0.3)
-    with whole_file(path) as scratch:
+    with atomic_file(path) as scratch:
         figure.savefig(scratch, dpi=90, format="png")
     plt.close(figure)
 
@@ -184,7 +183,7 @@ def main(worlds: Path, clip_model: str, clip_checkpoint: str, epochs: int, outpu
     clip = load_open_clip(clip_model, clip_checkpoint, "cpu", "float32")
     naming = Naming(find_tracks([read_world(folder) for folder in folders], set(CATEGORY_UIDS), clip), clip)
     found, codes = accuracies(naming), list(compressed(naming, epochs))
-    with whole_file(output) as scratch:
+    with atomic_file(output) as scratch:
         scratch.write_text(markdown(naming, found, codes, clip_model))
     draw(found, codes, output.with_suffix(".png"))
     click.echo(output.read_text())

@@ -16,7 +16,7 @@ import numpy as np
 
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reading import open_artifact
+from egosplat.artifacts.reader import open_artifact
 from egosplat.config import defaults
 from egosplat.errors import UserError
 from egosplat.poses.alignment import trajectory_error

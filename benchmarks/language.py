@@ -23,13 +23,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.splats import SPLATS
-from egosplat.checkpoint import Checkpoint
 from egosplat.config import defaults
 from egosplat.errors import UserError
 from egosplat.features.decoding import Decoder, decode, read_decoder

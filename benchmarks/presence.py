@@ -20,7 +20,7 @@ from egosplat.benchmark.presence import separation
 from egosplat.benchmark.scored_scenes import ScoredScene, read_scored_scene
 from egosplat.errors import UserError
 from egosplat.output_files import picture_kind
-from egosplat.plotting import plt, save_picture
+from egosplat.report.figure import plt, save_figure
 
 PICTURE = picture_kind("benchmarks/presence.py")
 
@@ -125,7 +125,7 @@ def draw(groups: dict[str, Asked], limit: float, output: Path) -> None:
     )
     axes.set_title(f"Dots: least score {limit:.2f}")
     axes.legend(loc="lower right")
-    save_picture(figure, output, PICTURE)
+    save_figure(figure, output, PICTURE)
 
 
 @click.command(help=__doc__)

@@ -18,8 +18,8 @@ from typing import Any
 import click
 from rasterizer_bench import comparison
 
-from egosplat.atomic import whole_file
 from egosplat.errors import UserError
+from egosplat.files import atomic_file
 from egosplat.kernels import library
 
 HERE = Path(__file__).resolve().parent
@@ -38,7 +38,7 @@ def whole() -> None:
         (COMMITTED, json.dumps(results, indent=1) + "\n"),
         (HERE / "rasterizer.md", table.markdown(results, "python benchmarks/rasterizer.py")),
     ):
-        with whole_file(path) as scratch:
+        with atomic_file(path) as scratch:
             scratch.write_text(text)
         click.echo(f"wrote {path}")
 

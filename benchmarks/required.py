@@ -15,7 +15,7 @@ from pathlib import Path
 import click
 from scores_bench.comparing import METHOD, accuracy_difference, iou_difference, paired, psnr, seconds
 
-from egosplat.artifacts.reading import open_artifact
+from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.survey import read_survey
 from egosplat.benchmark.scored_scenes import read_scored_scene

@@ -17,7 +17,7 @@ from scores_bench.comparing import METHOD, accuracy_difference, chance, iou_diff
 
 from egosplat.benchmark.scored_scenes import ScoredScene, read_scored_scene
 from egosplat.errors import UserError
-from egosplat.json_files import read_json_file
+from egosplat.files import read_json
 from egosplat.tradeoff.measures import MEASURES, Measure
 
 HEADINGS = [
@@ -55,7 +55,7 @@ def row(point: dict[str, Any], folder: Path, scene: ScoredScene) -> str:
 def main(folder: Path) -> None:
     """Print a table."""
     found, scene = (
-        read_json_file(folder / "tradeoff/tradeoff.json"),
+        read_json(folder / "tradeoff/tradeoff.json"),
         read_scored_scene(folder / "metrics.json"),
     )
     intervals = f", with {100 * found['confidence']:g} % intervals"

@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from egosplat.artifacts.reading import open_artifact
+from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.errors import UserError
 

@@ -20,7 +20,7 @@ from transient_bench.scores import MaskScores, total
 from transient_bench.truth import Truth, read_truth
 
 from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.errors import UserError

@@ -27,12 +27,12 @@ from scores_bench.comparing import (
 from transient_bench.truth import read_truth
 
 from egosplat import config as configuration
-from egosplat import provenance
+from egosplat.artifacts import provenance
 from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.reading import open_artifact
+from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.splats import SPLATS
-from egosplat.artifacts.writing import create
+from egosplat.artifacts.writer import create
 from egosplat.benchmark.scored_scenes import ScoredScene, read_scored_scene
 from egosplat.config import Config, stage_values
 from egosplat.errors import UserError

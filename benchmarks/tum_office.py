@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from egosplat.atomic import whole_folder
 from egosplat.errors import UserError
-from egosplat.json_files import read_json_file
+from egosplat.files import atomic_directory, read_json
 
 HERE = Path(__file__).resolve().parent / "tum_office"
 RECORDING = Path("data/tum_office")
@@ -105,7 +104,7 @@ def write_recording(pictures: Path, output: Path, drawing: Drawing) -> None:
     if output.exists():
         raise UserError(f"{output}: exists already. Remove it, or give another folder.")
     check_pictures(pictures, drawing)
-    with whole_folder(output) as folder:
+    with atomic_directory(output) as folder:
         for name in drawing.pictures:
             shutil.copyfile(pictures / name, folder / name)
         (folder / "camera.json").write_text(json.dumps(CAMERA) + "\n")
@@ -122,7 +121,7 @@ def write_recording(pictures: Path, output: Path, drawing: Drawing) -> None:
 @click.argument("out", default=RECORDING, type=click.Path(path_type=Path))
 def main(pictures: Path, out: Path) -> None:
     """Make the recording, and tell what to run next."""
-    write_recording(pictures, out, parse_drawing(read_json_file(HERE / "polygons.json")))
+    write_recording(pictures, out, parse_drawing(read_json(HERE / "polygons.json")))
     if out != RECORDING:
         click.echo(f"Write {out} into the column recording of benchmarks/tum_office/scenes.tsv, then run")
     click.echo(

@@ -24,8 +24,8 @@ from omegaconf import OmegaConf
 from safetensors.torch import save_file
 from sam2.modeling.sam2_base import SAM2Base
 
-from egosplat.atomic import whole_file
 from egosplat.errors import UserError
+from egosplat.files import atomic_file
 from egosplat.models.checkpoints import SAM2
 from egosplat.models.sam2_loader import set_image_size
 from egosplat.models.weights import load_weights, read_tensors
@@ -106,7 +106,7 @@ def main() -> None:
     if run.stopped:
         raise SystemExit(f"stopped at step {run.step}; the same command goes on from there")
     args.output.mkdir(parents=True, exist_ok=True)
-    with whole_file(args.output / "model.safetensors") as scratch:
+    with atomic_file(args.output / "model.safetensors") as scratch:
         save_file(half_precision(run.average.weights), scratch)
     log(f"{args.output / 'model.safetensors'} written")
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from bad_input_bench.cases import UNREAD, Case, Sandbox, Words, stage_flags
 from bad_input_bench.mutations import Break, circular, cut, dangling, fill, flip, lose
 from egosplat.artifacts.integrity import seal
-from egosplat.artifacts.kinds import SCHEMAS
+from egosplat.artifacts.registry import SCHEMAS
 from egosplat.pipeline.stages import STAGES
 
 READERS = ("annotations", "poses", "features", "masks", "splats", "language", "survey", "segments_sheet")

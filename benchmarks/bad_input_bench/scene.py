@@ -68,9 +68,9 @@ def import_all() -> None:
     """Import what tries use before they are forked off, so that each takes a second and not ten."""
     for name in (
         *(stage.module for stage in STAGES.values()),
-        "egosplat.artifacts.kinds",
+        "egosplat.artifacts.registry",
         "egosplat.benchmark.tables_stage",
-        "egosplat.checking",
+        "egosplat.artifacts.check",
         "egosplat.cli",
         "egosplat.doctor.examination",
         "egosplat.language.ply",

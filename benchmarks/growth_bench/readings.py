@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from egosplat.artifacts.kinds import SCHEMAS
-from egosplat.artifacts.reading import Artifact, open_any
+from egosplat.artifacts.reader import Artifact, open_any
+from egosplat.artifacts.registry import SCHEMAS
 from egosplat.artifacts.survey import read_survey
 from egosplat.survey.moving import SIDE
 

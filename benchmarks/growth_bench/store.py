@@ -4,7 +4,7 @@ import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from egosplat.atomic import whole_file
+from egosplat.files import atomic_file
 from growth_bench.readings import Run
 
 
@@ -43,7 +43,7 @@ def load(path: Path) -> Measured:
 def save(path: Path, measured: Measured) -> None:
     """Write the file, whole or not at all; a run a line."""
     document = asdict(measured)
-    with whole_file(path) as scratch:
+    with atomic_file(path) as scratch:
         scratch.write_text(_lines(document) + "\n")
 
 

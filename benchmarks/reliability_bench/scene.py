@@ -14,7 +14,7 @@ import psutil
 import yaml
 
 from egosplat import config as configuration
-from egosplat.checking import check_tree
+from egosplat.artifacts.check import check_tree
 from egosplat.pipeline.stages import STAGES
 from egosplat.variants import inputs_of
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.artifacts.kinds import SCHEMAS
-from egosplat.artifacts.reading import open_any
+from egosplat.artifacts.reader import open_any
+from egosplat.artifacts.registry import SCHEMAS
 
 VOLATILE = {"provenance", "artifacts", "costs", "created", "wall_s", "cpu_s", "peak_memory_mb", "digest"}
 """Parts of documents that differ each time."""

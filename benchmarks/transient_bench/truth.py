@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from egosplat.artifacts.reading import Artifact
+from egosplat.artifacts.reader import Artifact
 from egosplat.frames.annotation_readers import open_annotations
 from egosplat.frames.recording import Annotations
 from egosplat.geometry import Camera

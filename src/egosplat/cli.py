@@ -12,11 +12,10 @@ import click
 
 import egosplat
 from egosplat.config import schema, section_keys, stage_keys
-from egosplat.errors import UserError
+from egosplat.errors import UserError, user_message
 from egosplat.keys_table import keys_page
 from egosplat.orphans import end_with_snakemake
 from egosplat.pipeline.stages import STAGES, path_help, stage_function
-from egosplat.plain_errors import plain
 from egosplat.scene_folder import check_scene_folder
 from egosplat.strict_yaml import NO_YAML, load_yaml
 from egosplat.strictness import LARGEST_INTEGER
@@ -118,7 +117,7 @@ def cli() -> None:
 @click.argument("folders", nargs=-1, required=True, type=ARTIFACT)
 def check(folders: tuple[Path, ...]) -> None:
     """Verify every artifact and JSON file below FOLDERS: bytes by checksum, content by schema, inputs by what is there."""
-    from egosplat.checking import check_tree
+    from egosplat.artifacts.check import check_tree
 
     problems = sum(not report.sound for folder in folders for report in check_tree(folder, click.echo))
     if problems:
@@ -324,7 +323,7 @@ def main() -> None:
     except click.Abort:
         sys.exit(_say("interrupted", 130))
     except Exception as error:
-        if (message := plain(error)) is None:
+        if (message := user_message(error)) is None:
             raise
         sys.exit(_say(message))
 

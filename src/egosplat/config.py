@@ -8,7 +8,7 @@ from typing import Any
 from egosplat.coercion import Config, coerced
 from egosplat.errors import UserError
 from egosplat.explanations import explained, shortened
-from egosplat.json_files import read_json_file
+from egosplat.files import read_json
 from egosplat.pipeline.stages import STAGES
 from egosplat.schema_files import Draft202012Validator, schema
 from egosplat.strict_yaml import NO_YAML, load_yaml, problem
@@ -154,14 +154,14 @@ def read_yaml(path: Path) -> Config:
     return content
 
 
-def read_json(path: Path, against: str) -> Config:
+def read_document(path: Path, against: str) -> Config:
     """Read a JSON file that the schema of that name describes.
 
     Raises:
         UserError: it is absent, unreadable, or something else.
     """
     try:
-        content = read_json_file(path)
+        content = read_json(path)
     except FileNotFoundError:
         raise UserError(f"{path}: does not exist") from None
     except (OSError, ValueError) as error:

@@ -1,9 +1,93 @@
-"""The one exception that means: the user can mend this."""
+"""Errors that a user can act on, errors of the operating system, and the text that the command line prints for them."""
+
+import contextlib
+import errno
+import re
+import resource
+from collections.abc import Callable, Iterator
+
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Error numbers of a full disk, an exhausted quota, and a file larger than the limit."""
+
+MAKE_ROOM = "Make room and start the same command again: what is whole already stays"
+"""The advice for ``NO_ROOM``."""
+
+_NO_MEMORY = re.compile(
+    r"out of memory|allocate memory|could not create a primitive$|failed to map segment|can't start new thread"
+)
+# In order: PyTorch on a GPU, PyTorch on a CPU, oneDNN, the library loader, and Python: a thread's stack is memory.
+
+_SYSTEM_ERRORS = {
+    *(errno.EACCES, errno.EPERM),  # rights
+    *(errno.EMFILE, errno.ENFILE, errno.EAGAIN),  # open files and processes
+    *(errno.EIO, errno.ESTALE, errno.ETIMEDOUT),  # a file system that does not answer
+}
 
 
 class UserError(Exception):
-    """A mistake in the input, the configuration or the environment, told in one or two lines.
+    """A mistake in the input, the configuration or the environment, described in one or two lines.
 
     The message names the file or key, what is wrong with it, and what to do. The command line
     prints it without a traceback and exits with status 2. Programming errors are never wrapped in it.
     """
+
+
+def is_out_of_memory(error: Exception) -> bool:
+    """Whether an error means that memory was refused."""
+    if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
+        return True
+    return isinstance(error, (RuntimeError, ImportError, OSError)) and bool(_NO_MEMORY.search(str(error)))
+
+
+def is_system_error(error: Exception) -> bool:
+    """Whether an error comes from the system (memory, rights, open files, file system) and says nothing about a file's
+    content. The same operation may succeed later, or on another machine."""
+    return is_out_of_memory(error) or (isinstance(error, OSError) and error.errno in _SYSTEM_ERRORS)
+
+
+@contextlib.contextmanager
+def reraise_as(
+    describe: Callable[[Exception], UserError], kinds: tuple[type[Exception], ...] = (Exception,)
+) -> Iterator[None]:
+    """Replace errors that a library raises in the block by ``describe(error)``; system errors pass unchanged.
+
+    Args:
+        describe: makes the error to raise.
+        kinds: error classes to replace; all by default, for libraries that raise many.
+    """
+    try:
+        yield
+    except kinds as error:
+        if is_system_error(error):
+            raise
+        raise describe(error) from error
+
+
+def user_message(error: Exception) -> str | None:
+    """What went wrong and what to do, in one or two lines; None for an error in the program, which needs its traceback."""
+    if isinstance(error, UserError):
+        return str(error)
+    if is_out_of_memory(error):
+        what = str(error).partition("\n")[0] or "MemoryError"
+        return f"no memory left ({what}). {_memory_advice()}"
+    if isinstance(error, OSError):
+        return _os_message(error)
+    return None
+
+
+def _memory_advice() -> str:
+    # Some schedulers limit addresses in place of memory; libraries reserve many addresses that they never fill.
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit == resource.RLIM_INFINITY:
+        return "Free some, or see docs/scale.md for what takes less"
+    return f"ulimit -v allows {limit / 1e6:,.0f} MB, and PyTorch's libraries alone map up to 4,000: raise it, or set none"
+
+
+def _os_message(error: OSError) -> str | None:
+    if error.errno in NO_ROOM:
+        what = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+        return f"{what}. {MAKE_ROOM}"
+    # An error without a number or a file comes from a library, not from the system.
+    if error.errno is None or error.filename is None:
+        return None
+    return f"{error.filename}: {error.strerror}. Check the path and its rights"

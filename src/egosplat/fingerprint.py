@@ -20,13 +20,13 @@ from egosplat.cpp_hash import cpp_hash
 
 NEUTRAL = {
     "egosplat",  # holds the version alone
-    "egosplat.atomic",
+    "egosplat.files",
     "egosplat.costs",
     "egosplat.cpp_hash",
     "egosplat.errors",
     "egosplat.fingerprint",
     "egosplat.progress",
-    "egosplat.provenance",
+    "egosplat.artifacts.provenance",
     "egosplat.pipeline.stages",
 }
 """Modules that show or record, but cannot change an array: a better message makes nothing stale."""

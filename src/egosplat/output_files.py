@@ -13,9 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from egosplat.atomic import whole_file
 from egosplat.errors import UserError
-from egosplat.json_files import read_json_file
+from egosplat.files import atomic_file, read_json
 from egosplat.writable import check_writable
 
 SOFTWARE = "Software"
@@ -90,7 +89,7 @@ def output_file(path: Path, kind: FileKind) -> Iterator[Path]:
         UserError: as ``check_output``; what is there may have changed since.
     """
     _check_replaceable(path, kind)
-    with whole_file(path) as scratch:
+    with atomic_file(path) as scratch:
         yield scratch
 
 
@@ -145,7 +144,7 @@ def _begins(path: Path, begin: bytes) -> bool:
 def _json_object(path: Path) -> dict[str, Any]:
     """The object that a file holds; an empty one for anything else."""
     try:
-        document = read_json_file(path)
+        document = read_json(path)
     except ValueError:
         return {}
     return document if isinstance(document, dict) else {}

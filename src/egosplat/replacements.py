@@ -14,7 +14,7 @@ import yaml
 from egosplat import config as configuration
 from egosplat.config import Config
 from egosplat.decisions import masks_by_survey
-from egosplat.json_files import read_json_file
+from egosplat.files import read_json
 from egosplat.pipeline.stages import STAGES
 from egosplat.tradeoff.presets import FILES
 from egosplat.variants import inputs_of
@@ -124,9 +124,9 @@ def _recorded_options(path: Path) -> Mapping[str, Any] | None:
     """The options that an artifact was made with; None where it is absent, or damaged, which its reader tells."""
     try:
         if path.suffix == ".zarr":
-            document = read_json_file(path / "zarr.json")["attributes"]["egosplat"]
+            document = read_json(path / "zarr.json")["attributes"]["egosplat"]
         else:
-            document = read_json_file(path)
+            document = read_json(path)
         return dict(document["provenance"]["options"])
     except (OSError, ValueError, KeyError, TypeError):
         return None

@@ -8,8 +8,7 @@ import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
-from egosplat.atomic import MAKE_ROOM, NO_ROOM
-from egosplat.errors import UserError
+from egosplat.errors import MAKE_ROOM, NO_ROOM, UserError
 
 _ROOM_BYTES = 2**20
 """Logs and notes of a run take less."""

@@ -14,12 +14,12 @@ import yaml
 from safetensors.torch import load_file, save_file
 
 from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.reading import verify
+from egosplat.artifacts.provenance import begin
+from egosplat.artifacts.reader import verify
+from egosplat.artifacts.registry import SCHEMAS
 from egosplat.artifacts.segments import SEGMENTS
-from egosplat.artifacts.writing import create
-from egosplat.checking import SCHEMAS
+from egosplat.artifacts.writer import create
 from egosplat.models.open_clip_loader import build_model
-from egosplat.provenance import begin
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = "results/mine/scene"

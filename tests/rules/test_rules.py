@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from PIL import Image, ImageChops
 
-from egosplat.artifacts.reading import verify
-from egosplat.checking import SCHEMAS
+from egosplat.artifacts.reader import verify
+from egosplat.artifacts.registry import SCHEMAS
 
 SCENE = "results/adt/scene1"
 COSTS = {"created", "wall_s", "cpu_s", "peak_memory_mb", "peak_gpu_memory_mb", "training_s", "disk_mb"}

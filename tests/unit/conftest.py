@@ -15,15 +15,15 @@ from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reading import recorded_digest
+from egosplat.artifacts.provenance import begin
+from egosplat.artifacts.reader import recorded_digest
 from egosplat.artifacts.schema import Schema
 from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.survey import digest_of_frames, write_survey
-from egosplat.artifacts.writing import create
+from egosplat.artifacts.writer import create
 from egosplat.geometry import Camera
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
-from egosplat.provenance import begin
 from egosplat.query.text import encode_phrases
 from egosplat.splats.gaussians import Gaussians
 from egosplat.splats.initialise import from_points

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 import egosplat
-from egosplat.artifacts.kinds import SCHEMAS
+from egosplat.artifacts.registry import SCHEMAS
 from egosplat.pipeline.stages import STAGES
 
 ROOT = Path(__file__).resolve().parents[2]

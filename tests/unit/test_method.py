@@ -8,7 +8,7 @@ from typing import Any
 import yaml
 
 from egosplat import config
-from egosplat.artifacts.kinds import SCHEMAS
+from egosplat.artifacts.registry import SCHEMAS
 from egosplat.schema_files import schema
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -18,7 +18,7 @@ from egosplat.errors import UserError
 from egosplat.language.ply import EXPORT, write_ply
 from egosplat.output_files import check_output, output_file, picture_kind, stage_json_kind, write_text_file
 from egosplat.pipeline.stages import STAGES
-from egosplat.plotting import plt, save_picture
+from egosplat.report.figure import plt, save_figure
 from egosplat.report.query_sheet import QUERY_PICTURE
 
 DOCUMENTS = ("metrics", "method_metrics", "survey")
@@ -46,7 +46,7 @@ def foreign_picture(path: Path) -> None:
 
 def picture_of(command: str) -> Callable[[Path], None]:
     def make(path: Path) -> None:
-        save_picture(plt.figure(), path.with_suffix(".png"), picture_kind(command))
+        save_figure(plt.figure(), path.with_suffix(".png"), picture_kind(command))
         path.with_suffix(".png").rename(path)
 
     return make
@@ -212,7 +212,7 @@ def test_nothing_an_empty_file_and_an_own_picture_are_replaced(tmp_path, make):
 
 
 def picture(path: Path) -> None:
-    save_picture(plt.figure(), path, QUERY_PICTURE)
+    save_figure(plt.figure(), path, QUERY_PICTURE)
 
 
 def test_an_own_ply_is_replaced_one_from_elsewhere_is_not(tmp_path):

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from egosplat.artifacts.integrity import ArtifactError
+from egosplat.artifacts.provenance import begin
 from egosplat.artifacts.schema import Field, Schema
-from egosplat.artifacts.writing import create
-from egosplat.atomic import scratch_folder, whole_file, whole_folder
+from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
-from egosplat.provenance import begin
+from egosplat.files import atomic_directory, atomic_file, scratch_directory
 
 TINY = Schema("tiny", 1, {})
 OTHER = Schema("other", 1, {"a": Field(("n",), "int64", "-", "numbers")})
@@ -75,7 +75,7 @@ def test_a_link_is_replaced_and_what_it_points_to_stays(tmp_path, photos, target
 
 
 @pytest.mark.parametrize("path", ["", ".", "..", "/", "photos/.."])
-@pytest.mark.parametrize("made", [whole_folder, whole_file])
+@pytest.mark.parametrize("made", [atomic_directory, atomic_file])
 def test_a_path_without_a_name_is_refused(monkeypatch, tmp_path, made, path):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(UserError, match=f"{re.escape(str(Path(path)))}: is no name"), made(Path(path)):
@@ -83,7 +83,7 @@ def test_a_path_without_a_name_is_refused(monkeypatch, tmp_path, made, path):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("made", [whole_folder, whole_file])
+@pytest.mark.parametrize("made", [atomic_directory, atomic_file])
 def test_an_error_of_a_full_disk_names_what_was_to_be_made(tmp_path, made):
     """The system names no file where bytes are written, or a hidden one."""
     for filename in (None, "hidden.tmp"):
@@ -94,7 +94,7 @@ def test_an_error_of_a_full_disk_names_what_was_to_be_made(tmp_path, made):
 
 
 def test_an_error_of_reading_keeps_its_own_name(tmp_path):
-    with pytest.raises(FileNotFoundError) as caught, whole_file(tmp_path / "new"):
+    with pytest.raises(FileNotFoundError) as caught, atomic_file(tmp_path / "new"):
         (tmp_path / "absent").read_bytes()
     assert caught.value.filename == str(tmp_path / "absent")
 
@@ -103,13 +103,13 @@ def test_scratch_folders_of_the_dead_are_swept_those_of_the_living_stay(tmp_path
     (tmp_path / "scratch-dead").mkdir()
     (tmp_path / "scratch-dead/file").touch()
     (tmp_path / "other").mkdir()
-    with scratch_folder("scratch-", tmp_path) as living, scratch_folder("scratch-", tmp_path) as mine:
+    with scratch_directory("scratch-", tmp_path) as living, scratch_directory("scratch-", tmp_path) as mine:
         assert sorted(tmp_path.iterdir()) == sorted([tmp_path / "other", living, mine])
     assert [path.name for path in tmp_path.iterdir()] == ["other"]
 
 
 def test_a_link_among_scratch_folders_is_left_alone(tmp_path, photos):
     (tmp_path / "scratch-link").symlink_to(photos)
-    with scratch_folder("scratch-", tmp_path):
+    with scratch_directory("scratch-", tmp_path):
         pass
     assert (photos / "1.jpg").exists()

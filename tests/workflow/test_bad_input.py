@@ -352,7 +352,7 @@ def test_a_full_disk_is_told(scene, refused, monkeypatch):
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device", str(scene / "new.zarr"))
 
-    monkeypatch.setattr("egosplat.atomic._sync", full)
+    monkeypatch.setattr("egosplat.files._sync", full)
     assert "new.zarr: No space left on device" in refused(*frames(scene, evaluation_frames=2))
 
 

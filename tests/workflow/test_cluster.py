@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from PIL import Image
 
-from egosplat.checking import check_tree
+from egosplat.artifacts.check import check_tree
 from tests.support.waiting import wait_for
 
 METRICS = "results/adt/scene1/metrics.json"

@@ -9,7 +9,7 @@ import pytest
 from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reading import open_artifact
+from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.splats import SPLATS
 
 PICTURES = ("results/mine/scene/contact_sheet.png", "results/mine/scene/splats.png")

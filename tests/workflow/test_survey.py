@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.reading import open_artifact
+from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.survey import read_survey

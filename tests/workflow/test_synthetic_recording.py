@@ -9,7 +9,7 @@ import pytest
 from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reading import open_artifact
+from egosplat.artifacts.reader import open_artifact
 from egosplat.config import defaults
 from egosplat.frames import annotations_stage, stage
 from egosplat.frames.adt import EXPOSURE_MIDDLE_AFTER_CAPTURE_NS

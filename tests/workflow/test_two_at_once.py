@@ -4,7 +4,7 @@ from pathlib import Path
 
 from reliability_bench.scene import remove
 
-from egosplat.checking import check_tree
+from egosplat.artifacts.check import check_tree
 
 ROOT = Path(__file__).parents[2]
 SCENE = Path("results/adt/scene1")

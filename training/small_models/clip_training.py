@@ -12,7 +12,7 @@ import torch
 from open_clip import CLIP, SimpleTokenizer
 from torch import Tensor
 
-from egosplat.atomic import whole_file
+from egosplat.files import atomic_file
 from egosplat.progress import log, track
 from training.small_models.attributes import COLOURS
 from training.small_models.captions import (
@@ -219,7 +219,7 @@ class Trainer:
             "torch_rng": self._torch_rng.get_state(),
             "rng": json.dumps(self._rng.bit_generator.state),
         }
-        with whole_file(path) as made:
+        with atomic_file(path) as made:
             torch.save(state, made)
 
     def _load(self, state: dict[str, Any]) -> None:

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.atomic import whole_file
+from egosplat.files import atomic_file
 from training.small_models.attributes import Appearance, find_appearance
 from training.small_models.levels import LEVELS, Levels
 from training.small_models.rebuilding import rebuild_world
@@ -77,7 +77,7 @@ def cut_world(folder: Path, output: Path) -> None:
             wholes[whole] = OWN_ARMS
     table = _Table(filmed, levels, wholes, find_appearance(world.geometry))
     crops = cut_crops(table, world.seed, np.random.default_rng([world.seed, 101]))
-    with whole_file(output) as made, made.open("wb") as file:
+    with atomic_file(output) as made, made.open("wb") as file:
         np.savez(file, **{one.name: getattr(crops, one.name) for one in fields(Crops)})
 
 

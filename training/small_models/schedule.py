@@ -6,8 +6,8 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from egosplat.atomic import whole_file
 from egosplat.errors import UserError
+from egosplat.files import atomic_file
 
 
 def learning_rate(peak: float, step: int, steps: int, warm_up: int, decay: float) -> float:
@@ -42,7 +42,7 @@ class Average:
 
 def save_state(path: Path, **state: Any) -> None:
     """Write everything that a run needs to go on, whole or not at all."""
-    with whole_file(path) as scratch:
+    with atomic_file(path) as scratch:
         torch.save(state, scratch)
 
 

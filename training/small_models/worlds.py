@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.atomic import whole_folder
 from egosplat.errors import UserError
+from egosplat.files import atomic_directory
 from egosplat.frames.rectify import pinhole
 from egosplat.geometry import CLOCKWISE
 from egosplat.synthetic.lens import pinhole_lens
@@ -58,7 +58,7 @@ def film_world(seed: int, filming: Filming, folder: Path) -> None:
         picture = renderer.picture(pose, world.body_poses(seconds), gain, rng)
         rgb.append(picture.rgb)
         subpart.append(np.where(picture.faces >= 0, levels.face_subpart[picture.faces], NOTHING))
-    with whole_folder(folder) as made:
+    with atomic_directory(folder) as made:
         np.save(made / "rgb.npy", np.stack(rgb).reshape(*shape, 3))
         np.save(made / "subpart.npy", np.stack(subpart).astype(np.uint16).reshape(shape))
         (made / "world.json").write_text(json.dumps(_tables(seed, filming, world, levels)))

@@ -7,8 +7,8 @@ from egosplat.alarms.alarm import Alarm, warning_lines
 from egosplat.alarms.instances import features_alarms, segments_alarms, view_features_alarms
 from egosplat.alarms.recording import frames_alarms, poses_alarms
 from egosplat.alarms.scene import language_alarms, masks_alarms, splats_alarms, transient_alarms
-from egosplat.artifacts.kinds import SCHEMAS
-from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.registry import SCHEMAS
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.pipeline.stages import STAGES
 from egosplat.progress import log

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from egosplat.artifacts.schema import Schema
-from egosplat.errors import UserError
-from egosplat.refusals import refused
+from egosplat.errors import UserError, is_system_error
 
 EXAMPLE = "results/adt/scene1/frames.zarr"
 """An artifact's path, for messages."""
@@ -65,7 +64,7 @@ def _kind(metadata: Path) -> str | None:
     try:
         found = re.search(rb'"egosplat".*?"schema":\s*"(\w+)"', metadata.read_bytes(), re.DOTALL)
     except OSError as error:
-        if refused(error):
+        if is_system_error(error):
             raise
         return None
     return found[1].decode() if found else None

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.artifacts.reading import Artifact
+from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.survey import Survey, made_anew, read_survey
 from egosplat.errors import UserError
 

@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from egosplat.artifacts.kinds import SCHEMAS
-from egosplat.artifacts.reading import Artifact, open_any, recorded_digest
+from egosplat.artifacts.reader import Artifact, open_any, recorded_digest
+from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError
 
 

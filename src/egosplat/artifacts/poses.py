@@ -1,6 +1,6 @@
 """What ``poses.zarr`` holds: camera poses and points."""
 
-from egosplat.artifacts.reading import Artifact
+from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schema import Field, Schema
 
 POSES = Schema(

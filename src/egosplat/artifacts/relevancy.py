@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.integrity import digest_of
 from egosplat.artifacts.schema import Field, Schema, check_shape
-from egosplat.errors import UserError
-from egosplat.refusals import told_as
+from egosplat.errors import UserError, reraise_as
 
 RELEVANCY = Schema(
     "relevancy",
@@ -71,7 +70,7 @@ class Relevancy:
         """
         row = self.rows[frame, category]
         where = f"{self.path}: relevancy[{row}], {category!r} in frame {frame}"
-        with told_as(_damaged(f"{where}, cannot be read", "; write it anew")):
+        with reraise_as(_damaged(f"{where}, cannot be read", "; write it anew")):
             values = np.asarray(self._maps[row], np.float32)
         if not ((values >= 0) & (values <= 1) | np.isnan(values)).all():
             raise UserError(
@@ -111,7 +110,7 @@ def _damaged(what: str, advice: str = "") -> Callable[[Exception], UserError]:
 def _open(path: Path) -> tuple[zarr.Group, dict[str, Any]]:
     if not path.exists():
         raise UserError(f"{path}: does not exist. docs/other_methods.md says how it is made")
-    with told_as(_damaged(f"{path}: is no readable Zarr group")):
+    with reraise_as(_damaged(f"{path}: is no readable Zarr group")):
         group = zarr.open_group(path, mode="r")
         attributes = group.attrs.asdict()
     found = (attributes.get("schema"), attributes.get("format_version"))
@@ -124,12 +123,12 @@ def _open(path: Path) -> tuple[zarr.Group, dict[str, Any]]:
 
 
 def _read_frames(path: Path, group: zarr.Group) -> list[int]:
-    with told_as(_damaged(f"{path}: array 'frame' cannot be read", "; write it anew")):
+    with reraise_as(_damaged(f"{path}: array 'frame' cannot be read", "; write it anew")):
         return np.asarray(group["frame"][...]).tolist()
 
 
 def _check_array(path: Path, group: zarr.Group, name: str, declared: Field, sizes: dict[str, int]) -> None:
-    with told_as(_damaged(f"{path}: array {name!r} is unreadable")):
+    with reraise_as(_damaged(f"{path}: array {name!r} is unreadable")):
         array = group.get(name)
     if not isinstance(array, zarr.Array):
         raise UserError(f"{path}: lacks the array {name!r}; see docs/other_methods.md")

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from egosplat.errors import UserError
-from egosplat.json_files import read_json_file
+from egosplat.files import read_json
 from egosplat.output_files import stage_json_kind, write_text_file
 from egosplat.schema_files import Draft202012Validator, schema
 
@@ -36,7 +36,7 @@ def read_survey(path: Path) -> Survey:
         UserError: it is absent, or not what the schema describes.
     """
     try:
-        document = read_json_file(path)
+        document = read_json(path)
     except FileNotFoundError:
         raise UserError(f"{path}: does not exist. Make it: snakemake --cores 2 {path}") from None
     except (OSError, ValueError) as error:

@@ -6,7 +6,7 @@ import numpy as np
 
 from egosplat.artifacts.lineage import Lineage
 from egosplat.artifacts.masks import MASKS
-from egosplat.artifacts.reading import Artifact
+from egosplat.artifacts.reader import Artifact
 from egosplat.benchmark.evaluation import Evaluation
 
 

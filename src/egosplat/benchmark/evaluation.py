@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from egosplat.artifacts.reading import Artifact
+from egosplat.artifacts.reader import Artifact
 from egosplat.benchmark.queries import InstanceMap, Mask, instances_of, read_map
 from egosplat.benchmark.rendering import RegionScore, region_scores, regions
 from egosplat.frames.recording import Instance

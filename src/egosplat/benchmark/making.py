@@ -3,7 +3,7 @@
 from typing import Any
 
 from egosplat.artifacts.lineage import Lineage
-from egosplat.artifacts.reading import Artifact
+from egosplat.artifacts.reader import Artifact
 from egosplat.models.configs import SMALL
 
 _MIB = 2**20

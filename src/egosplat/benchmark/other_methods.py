@@ -12,13 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from egosplat import provenance
 from egosplat.alarms.found import alarms_of_all
+from egosplat.artifacts import provenance
 from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.lineage import lineage
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.provenance import Provenance
+from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.relevancy import Relevancy, open_relevancy
 from egosplat.benchmark.asking import Asked
 from egosplat.benchmark.document import (
@@ -46,7 +47,6 @@ from egosplat.benchmark.scores import score_query, summarise
 from egosplat.errors import UserError
 from egosplat.output_files import check_output
 from egosplat.progress import log, track
-from egosplat.provenance import Provenance
 from egosplat.query.maps import Found, find_in_maps
 from egosplat.query.options import LANGSPLAT, QueryOptions
 

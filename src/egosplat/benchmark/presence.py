@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.stats import rankdata
 
-from egosplat.artifacts.reading import Artifact
+from egosplat.artifacts.reader import Artifact
 from egosplat.benchmark.evaluation import Evaluation, Frame
 from egosplat.benchmark.queries import Query
 from egosplat.frames.recording import Instance

@@ -11,7 +11,7 @@ from egosplat.alarms.alarm import Alarm, warning_lines
 from egosplat.benchmark.intervals import Clusters, cluster, scaled
 from egosplat.benchmark.tables import Cell
 from egosplat.errors import UserError
-from egosplat.json_files import read_json_file
+from egosplat.files import read_json
 
 FULL = "full"
 """The variant of a scene's own folder."""
@@ -160,7 +160,7 @@ def one_line(text: str) -> str:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        return read_json_file(path, parse_constant=_refuse)
+        return read_json(path, parse_constant=_refuse)
     except FileNotFoundError:
         raise UserError(f"{path}: does not exist. Make it: snakemake --cores 2 {path}") from None
     except (OSError, ValueError) as error:

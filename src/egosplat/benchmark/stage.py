@@ -5,17 +5,18 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from egosplat import provenance
 from egosplat.alarms.alarm import Alarm, warning_lines
 from egosplat.alarms.found import alarms_of_all
 from egosplat.alarms.scene import metrics_alarms
+from egosplat.artifacts import provenance
 from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.lineage import Lineage, lineage
 from egosplat.artifacts.poses import POSES, length_unit
-from egosplat.artifacts.reading import open_artifact
+from egosplat.artifacts.provenance import Provenance
+from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.benchmark.asking import Asked, ask_all
 from egosplat.benchmark.counts import counts_of
@@ -37,7 +38,6 @@ from egosplat.benchmark.scores import GroupScore, summarise
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.output_files import check_output
 from egosplat.progress import log
-from egosplat.provenance import Provenance
 from egosplat.query.clip import load_clip_of
 from egosplat.query.options import QueryOptions
 from egosplat.query.scene import read_scene

@@ -6,9 +6,8 @@ from pathlib import Path
 
 from egosplat.config import Config
 from egosplat.doctor.findings import Finding, Mark
-from egosplat.errors import UserError
+from egosplat.errors import UserError, user_message
 from egosplat.models.checkpoints import CLIP, SAM2, Model, find_checkpoint, model_hash
-from egosplat.plain_errors import plain
 from egosplat.scene_notices import scene_notice
 from egosplat.scenes import Scene, is_own
 
@@ -51,7 +50,7 @@ def _model(model: Model, config: Config) -> Finding:
         content = model_hash(model, keys)
         read_tensors(path)
     except (UserError, OSError) as error:
-        first, _, advice = (plain(error) or str(error)).partition("\n")
+        first, _, advice = (user_message(error) or str(error)).partition("\n")
         return Finding(Mark.MISSING, model.name, first, advice)
     size = f"{path.stat().st_size / MIB:.1f} MiB"
     checkpoint = f"checkpoint {keys[model.checkpoint_key]}, {size}, hash {content[:8]}"
@@ -65,12 +64,12 @@ def _encoder(path: Path) -> Finding:
     try:
         read_tensors(path)
     except (UserError, OSError) as error:
-        return Finding(Mark.MISSING, "encoder", f"transient.encoder_weights: {plain(error) or error}")
+        return Finding(Mark.MISSING, "encoder", f"transient.encoder_weights: {user_message(error) or error}")
     return Finding(Mark.OK, "encoder", f"{path}, {path.stat().st_size / MIB:.1f} MiB")
 
 
 def _compute(config: Config) -> Finding:
-    from egosplat.models.devices import choose_compute
+    from egosplat.compute import choose_compute
 
     try:
         compute = choose_compute(config["models"]["device"], config["models"]["precision"])

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional as F
 
+from egosplat.compute import single_thread
 from egosplat.errors import UserError
 from egosplat.features.decoding import Decoder
 from egosplat.progress import log, track
-from egosplat.threads import one_thread
 
 ENCODER, DECODER = (256, 128, 64, 32), (16, 32, 64, 128, 256, 256)
 """Channels of the hidden layers."""
@@ -79,12 +79,12 @@ def fit_autoencoder(
         torch.manual_seed(seed)
         model = Autoencoder(features.shape[1], dims)
     if len(features):
-        with one_thread():
+        with single_thread():
             model.load_state_dict(_trained(model, torch.from_numpy(features), epochs, seed))
     model.eval()
 
     def encode(rows: Features) -> Features:
-        with torch.inference_mode(), one_thread():
+        with torch.inference_mode(), single_thread():
             parts = [model.encode(part) for part in torch.from_numpy(rows).split(_ROWS_AT_ONCE)]
         return torch.cat(parts).numpy() if parts else np.zeros((0, dims), np.float32)
 

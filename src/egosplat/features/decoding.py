@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional as F
 
-from egosplat.artifacts.reading import Artifact
+from egosplat.artifacts.reader import Artifact
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from egosplat import provenance
+from egosplat.artifacts import provenance
 from egosplat.artifacts.features import FEATURES
-from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.provenance import Provenance
+from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.view_features import VIEW_FEATURES
-from egosplat.artifacts.writing import create
+from egosplat.artifacts.writer import create
 from egosplat.features.aggregation import Aggregate, aggregate
 from egosplat.features.compression import Compression, fit
 from egosplat.features.decoding import about, decode
@@ -22,7 +23,6 @@ from egosplat.features.quality import agreement, reconstruction, spread, summary
 from egosplat.features.supervision import agreement_limit, consistent_directions, supervise, vanishing
 from egosplat.features.vectors import unit, usable
 from egosplat.progress import log
-from egosplat.provenance import Provenance
 
 Features = NDArray[np.float32]
 

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat import provenance
+from egosplat.artifacts import provenance
 from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.provenance import Provenance
+from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.view_features import VIEW_FEATURES
-from egosplat.artifacts.writing import create
+from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
 from egosplat.features.encoding import channels, encode
 from egosplat.features.journal import Journal
@@ -30,7 +31,6 @@ from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.configs import SMALL
 from egosplat.models.open_clip_loader import OpenClip, load_open_clip
 from egosplat.progress import log, track
-from egosplat.provenance import Provenance
 
 Features = NDArray[np.float32]
 

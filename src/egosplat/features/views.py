@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.artifacts.reading import Artifact
+from egosplat.artifacts.reader import Artifact
 from egosplat.errors import UserError
 from egosplat.features.crops import Regions, cut_crop, find_regions, resize
 from egosplat.models.open_clip_loader import Preprocessing

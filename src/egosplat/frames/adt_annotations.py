@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from projectaria_tools.projects.adt import AriaDigitalTwinDataPaths, AriaDigitalTwinDataProvider
 
 from egosplat.errors import UserError
+from egosplat.files import read_json
 from egosplat.frames.adt import RGB_STREAM, device_calibration, open_video, rectification
 from egosplat.frames.native_log import captured_log, damage, report
 from egosplat.frames.recording import Instance
 from egosplat.frames.vrs import check_complete, check_log
 from egosplat.geometry import Camera
-from egosplat.json_files import read_json_file
 from egosplat.progress import log
 
 WITH_PEOPLE = "segmentations_with_skeleton.vrs"
@@ -107,7 +107,7 @@ def read_instances(path: Path) -> list[Instance]:
         UserError: the file is missing, is no JSON, or an entry lacks a field or has an unknown value.
     """
     try:
-        entries = read_json_file(path)
+        entries = read_json(path)
     except FileNotFoundError as error:
         raise UserError(f"{path}: not found. Download this file of the recording.") from error
     except (OSError, ValueError) as error:

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat import provenance
+from egosplat.artifacts import provenance
 from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.reading import open_artifact
-from egosplat.artifacts.writing import create
+from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
 from egosplat.frames.annotation_readers import open_annotations
 from egosplat.geometry import Camera

@@ -4,8 +4,8 @@ import os
 from pathlib import Path
 
 from egosplat.errors import UserError
+from egosplat.files import read_json
 from egosplat.frames.recording import Origin
-from egosplat.json_files import read_json_file
 
 
 def recording_origin(format: str, recording: Path) -> Origin:
@@ -18,7 +18,7 @@ def recording_origin(format: str, recording: Path) -> Origin:
     if format != "adt" or not os.path.lexists(path):
         return "real"
     try:
-        metadata = read_json_file(path)
+        metadata = read_json(path)
     except (OSError, ValueError) as error:
         raise UserError(f"{path}: not readable as JSON ({error}). Download it again.") from error
     return "synthetic" if isinstance(metadata, dict) and metadata.get("origin") == "synthetic" else "real"

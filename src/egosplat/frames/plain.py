@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.errors import UserError
+from egosplat.files import read_json
 from egosplat.frames.companions import companion
 from egosplat.frames.images import VALID_MASK, ImageFolder, read_valid
 from egosplat.frames.recording import Capture
@@ -31,7 +32,6 @@ from egosplat.frames.resize import resize_mask, resize_picture
 from egosplat.frames.selection import select_frames
 from egosplat.frames.video import Video
 from egosplat.geometry import Camera
-from egosplat.json_files import read_json_file
 
 FOCAL_PRIOR = 1.2
 """Focal length of an unknown camera in units of the longer side, COLMAP's default: a field of view of 45°."""
@@ -113,7 +113,7 @@ def _read_camera(path: Path, full: Camera) -> Camera | None:
     if not os.path.lexists(path):
         return None
     try:
-        entries = read_json_file(path)
+        entries = read_json(path)
         numbers = [float(entries[key]) for key in _CAMERA_KEYS]
     except (OSError, ValueError, TypeError, KeyError, OverflowError) as error:
         raise UserError(

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from egosplat import provenance
+from egosplat.artifacts import provenance
 from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.writing import create
+from egosplat.artifacts.writer import create
 from egosplat.frames.companions import is_annotated
 from egosplat.frames.readers import open_recording
 from egosplat.frames.sharpness import blurred, sharpness

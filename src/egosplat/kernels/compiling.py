@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from egosplat.atomic import whole_file
+from egosplat.files import atomic_file
 from egosplat.kernels.variants import FLAGS, VARIANTS, Variant, source_hash
 from egosplat.rays import library as rays
 
@@ -105,7 +105,7 @@ def _compile(compiler: list[str], unit: Path, library: Path, flags: Sequence[str
     if library.is_file() and bytes.fromhex(identity) in library.read_bytes():
         library.touch()  # for make: as new as its sources
         return
-    with tempfile.TemporaryDirectory() as scratch, whole_file(library) as path:
+    with tempfile.TemporaryDirectory() as scratch, atomic_file(library) as path:
         compiled, linked = Path(scratch, "unit.o"), Path(scratch, library.name)
         _call([*command, "-c", str(unit), "-o", str(compiled)])
         # Without -fopenmp: the library must bring no OpenMP runtime, see egosplat.kernels.library.

@@ -13,9 +13,8 @@ from pathlib import Path
 
 import torch  # noqa: F401  before the libraries, which need its OpenMP runtime
 
-from egosplat.errors import UserError
+from egosplat.errors import UserError, reraise_as
 from egosplat.kernels.variants import HERE, VARIANTS, Variant, source_hash
-from egosplat.refusals import told_as
 
 ABI = 1
 """Version of the functions' signatures: what ``egosplat_abi`` of a library must return."""
@@ -107,7 +106,7 @@ def open_library(folder: Path, variant: Variant) -> ctypes.CDLL:
     def tell(error: Exception) -> UserError:
         return UserError(f"{path} cannot be loaded ({error}): {_AGAIN}")
 
-    with told_as(tell, (OSError, AttributeError)):
+    with reraise_as(tell, (OSError, AttributeError)):
         library = ctypes.CDLL(str(path))
         library.egosplat_source_hash.restype = ctypes.c_char_p
         compiled_from, abi = library.egosplat_source_hash().decode(), library.egosplat_abi()

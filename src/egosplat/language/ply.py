@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.artifacts.language import LANGUAGE
-from egosplat.artifacts.reading import open_artifact
+from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.errors import UserError
 from egosplat.output_files import check_output, output_file, text_kind

@@ -7,24 +7,24 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from egosplat import provenance
+from egosplat.artifacts import provenance
+from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.kept_frames import kept_frames
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.provenance import Provenance
+from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.splats import SPLATS
-from egosplat.artifacts.writing import create
-from egosplat.checkpoint import Checkpoint
+from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
 from egosplat.language.lifting import Lifted, lift
 from egosplat.language.rendering import Lens, lens_of
 from egosplat.language.training import CodeOptions, CodeTraining, Curve, shown_codes
 from egosplat.language.views import TaughtViews, taught_views
 from egosplat.progress import log
-from egosplat.provenance import Provenance
 from egosplat.splats.device import training_device
 from egosplat.splats.gaussians import Gaussians
 from egosplat.splats.masking import Masking, open_masking

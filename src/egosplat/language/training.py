@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from egosplat.checkpoint import Checkpoint
+from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.errors import UserError
 from egosplat.language.rendering import Lens, render_values
 from egosplat.language.views import TaughtViews

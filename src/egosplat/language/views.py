@@ -8,7 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from egosplat.artifacts.reading import Artifact
+from egosplat.artifacts.reader import Artifact
 from egosplat.geometry import Camera
 from egosplat.splats.masking import Masking
 from egosplat.splats.targets import Targets

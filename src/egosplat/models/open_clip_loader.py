@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from torch import nn
 
+from egosplat.compute import Compute, choose_compute
 from egosplat.errors import UserError
-from egosplat.json_files import read_json_file
+from egosplat.files import read_json
 from egosplat.models.checkpoints import CLIP, find_checkpoint
 from egosplat.models.configs import CLIP_CONFIG, CLIP_VOCABULARY, CLIP_WORDS, clip_folder
-from egosplat.models.devices import Compute, choose_compute
 from egosplat.models.weights import load_weights, read_tensors
 
 if TYPE_CHECKING:
@@ -160,7 +160,7 @@ def build_model(model: str, description: dict[str, Any]) -> nn.Module:
 
 def _read_json(path: Path) -> dict[str, Any]:
     try:
-        content = read_json_file(path)
+        content = read_json(path)
     except ValueError as error:
         raise UserError(f"{path}: cannot be read as JSON ({error})") from None
     parts = content.get("model_cfg") if isinstance(content, dict) else None

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import yaml
 from torch import nn
 
+from egosplat.compute import Compute, choose_compute
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import SAM2, find_checkpoint
 from egosplat.models.configs import sam2_config_file
-from egosplat.models.devices import Compute, choose_compute
 from egosplat.models.weights import load_weights, read_tensors
 
 if TYPE_CHECKING:

@@ -6,9 +6,9 @@ The condition and its sentence are here, and nowhere else.
 from collections.abc import Iterable, Mapping
 from typing import Any, Protocol
 
+from egosplat.artifacts.provenance import joint_origin
 from egosplat.models.checkpoints import CLIP, SAM2
 from egosplat.models.configs import SMALL
-from egosplat.provenance import joint_origin
 
 BRIEF = "which know synthetic apartments alone"
 """Said of small checkpoints in the label of a table's row on a real recording."""

@@ -11,9 +11,8 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from egosplat.errors import UserError
+from egosplat.errors import UserError, is_out_of_memory
 from egosplat.models.checkpoints import Model
-from egosplat.refusals import lacks_memory
 
 PICKLED = (".pt", ".pth", ".bin")
 WRAPPERS = ("model", "state_dict")
@@ -88,7 +87,7 @@ def _read_safetensors(path: Path) -> dict[str, Tensor]:
     try:
         return load_file(path)
     except (SafetensorError, *RUBBISH) as error:
-        if lacks_memory(error):  # never by what the file says: its sizes are held against its own
+        if is_out_of_memory(error):  # never by what the file says: its sizes are held against its own
             raise
         raise _damaged(path) from None
 
@@ -111,7 +110,7 @@ def _read_pickled(path: Path) -> Any:
         raise _damaged(path) from None  # the archive's reader went beyond its end
     except RUBBISH as error:
         # Rubbish may ask for any memory, an archive that is whole to its end only for what it holds.
-        if lacks_memory(error) and zipfile.is_zipfile(path):
+        if is_out_of_memory(error) and zipfile.is_zipfile(path):
             raise
         raise _damaged(path) from None
 

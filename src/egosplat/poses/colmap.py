@@ -19,8 +19,8 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from egosplat.atomic import scratch_folder
 from egosplat.errors import UserError
+from egosplat.files import scratch_directory
 from egosplat.geometry import Camera, invert, make_pose
 from egosplat.poses.colmap_database import Project, check_features
 from egosplat.poses.colmap_mapping import FEWEST_PICTURES, build_models, largest_model
@@ -71,7 +71,7 @@ def colmap_poses(
         UserError: too few pictures, features or matches, no parallax, too small a model, or too full a disk.
     """
     threads = threads or len(os.sched_getaffinity(0))
-    with scratch_folder("egosplat-colmap-", workdir) as folder, _quiet_colmap():
+    with scratch_directory("egosplat-colmap-", workdir) as folder, _quiet_colmap():
         project = Project(folder)
         project.write_pictures(pictures, camera)
         frames = len(project.names)

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
-from egosplat import provenance
+from egosplat.artifacts import provenance
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reading import Artifact, open_artifact
-from egosplat.artifacts.writing import create
+from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
 from egosplat.poses.adt import adt_poses

@@ -1,6 +1,6 @@
 """The OpenCLIP that reads queries: the one that the features were made with."""
 
-from egosplat.artifacts.reading import Artifact
+from egosplat.artifacts.reader import Artifact
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import OpenClip, load_open_clip

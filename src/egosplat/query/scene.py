@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from egosplat.artifacts.reading import Artifact
+from egosplat.artifacts.reader import Artifact
 from egosplat.features.decoding import Decoder, read_decoder
 from egosplat.language.rendering import Lens, lens_of
 from egosplat.splats.device import training_device

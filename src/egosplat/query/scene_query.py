@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from egosplat.artifacts.reading import Artifact
+from egosplat.artifacts.reader import Artifact
 from egosplat.geometry import Camera
 from egosplat.progress import track
 from egosplat.query.asking import rendering_camera

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from egosplat.artifacts.reading import Artifact
+from egosplat.artifacts.reader import Artifact
 from egosplat.errors import UserError
+from egosplat.files import read_json
 from egosplat.geometry import Array, is_rigid
-from egosplat.json_files import read_json_file
 from egosplat.query.smoothing import Mask
 
 
@@ -52,7 +52,7 @@ def file_viewpoint(path: Path) -> Viewpoint:
         UserError: the file cannot be read, or holds no rigid motion.
     """
     try:
-        pose = np.array(read_json_file(path)["camera_to_world"], np.float64)
+        pose = np.array(read_json(path)["camera_to_world"], np.float64)
     except FileNotFoundError:
         raise UserError(f"--pose {path}: does not exist") from None
     except (OSError, ValueError, TypeError, KeyError, OverflowError) as error:

@@ -6,8 +6,7 @@ import hashlib
 from pathlib import Path
 
 from egosplat.cpp_hash import cpp_hash
-from egosplat.errors import UserError
-from egosplat.refusals import told_as
+from egosplat.errors import UserError, reraise_as
 
 HERE = Path(__file__).parent
 """The folder of the library and, in ``source``, of its sources."""
@@ -57,7 +56,7 @@ def open_library(path: Path) -> ctypes.CDLL:
     def tell(error: Exception) -> UserError:
         return UserError(f"{path} cannot be loaded ({error}): {_AGAIN}")
 
-    with told_as(tell, (OSError, AttributeError)):
+    with reraise_as(tell, (OSError, AttributeError)):
         library = ctypes.CDLL(str(path))
         library.rays_source_hash.restype = ctypes.c_char_p
         library.rays_build.restype = _POINTER

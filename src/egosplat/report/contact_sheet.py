@@ -13,11 +13,10 @@ from egosplat.alarms.found import warnings_of
 from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.output_files import check_output, picture_kind
-from egosplat.page_text import add_name
-from egosplat.plotting import plt, save_picture
-from egosplat.report.heading import draw_heading
+from egosplat.report.figure import draw_heading, plt, save_figure
+from egosplat.report.page_text import add_name
 
 PAGE = picture_kind("egosplat contact-sheet")
 
@@ -62,7 +61,7 @@ def run(frames: Path, annotations: Path, poses: Path, output: Path, *, title: st
         cell.set_axis_off()
     _draw_pictures(grid[:above], pictures, shown)
     _draw_annotated_pictures(grid[above:], pictures, labels, rows)
-    save_picture(figure, output, PAGE)
+    save_figure(figure, output, PAGE)
 
 
 def _grid_width(pictures: Artifact, columns: int, rows: int) -> float:

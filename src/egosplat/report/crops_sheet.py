@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from egosplat.alarms.found import warnings_of
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.view_features import VIEW_FEATURES
 from egosplat.errors import UserError
@@ -18,8 +18,7 @@ from egosplat.features.aggregation import disagreement
 from egosplat.features.crops import cut_crop
 from egosplat.features.vectors import unit, usable
 from egosplat.output_files import check_output, picture_kind
-from egosplat.plotting import plt, save_picture
-from egosplat.report.heading import draw_heading
+from egosplat.report.figure import draw_heading, plt, save_figure
 
 PAGE = picture_kind("egosplat crops-sheet")
 
@@ -106,7 +105,7 @@ def run(
         cells = strip.subplots(1, COLUMNS, squeeze=False)[0]
         rows = choose_views(table, instance)
         _draw_views(cells, sources, table, rows, [numbers[row] for row in rows.tolist()])
-    save_picture(figure, output, PAGE)
+    save_figure(figure, output, PAGE)
 
 
 def _read(views: Artifact, features: Artifact) -> Table:

@@ -11,12 +11,11 @@ from scipy.spatial.transform import Rotation
 
 from egosplat.alarms.found import warnings_of
 from egosplat.artifacts.language import LANGUAGE
-from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.geometry import Camera, make_pose
 from egosplat.language.rendering import render_codes
 from egosplat.output_files import check_output, picture_kind
-from egosplat.plotting import plt, save_picture
-from egosplat.report.heading import draw_heading
+from egosplat.report.figure import draw_heading, plt, save_figure
 from egosplat.report.trained_scene import TrainedScene, check_made_from, open_trained_scene
 
 PAGE = picture_kind("egosplat language-sheet")
@@ -74,7 +73,7 @@ def run(poses: Path, splats: Path, language: Path, output: Path, *, title: str) 
     figure, grid = plt.subplots(1 + len(levels), TURNS, squeeze=False, figsize=size, layout="constrained")
     draw_heading(figure, f"{title}: {_summary(meaning)}", warnings_of(meaning))
     _draw_views(grid, scene, meaning, camera)
-    save_picture(figure, output, PAGE)
+    save_figure(figure, output, PAGE)
 
 
 def _reduced(camera: Camera) -> Camera:

@@ -14,7 +14,7 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.lineage import lineage
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.benchmark.evaluation import Evaluation, read_evaluation
 from egosplat.benchmark.localization import bounding_boxes

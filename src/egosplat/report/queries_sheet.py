@@ -13,9 +13,8 @@ from egosplat.benchmark.scored_scenes import CHANCE, ScoredScene, read_scored_sc
 from egosplat.benchmark.series import find_series
 from egosplat.benchmark.tables import Cell
 from egosplat.output_files import check_output, picture_kind
-from egosplat.plotting import plt, save_picture
 from egosplat.report.answer_drawing import draw_heat, draw_mask
-from egosplat.report.heading import draw_heading
+from egosplat.report.figure import draw_heading, plt, save_figure
 from egosplat.report.queries_asking import ShownQuery, ask_again, open_sources
 from egosplat.report.queries_choice import best_and_worst, scored_queries
 
@@ -68,7 +67,7 @@ def run(
         figure.set_size_inches(6 * CELL, CELL)
         figure.text(0.5, 0.4, "No annotated frame with a pose shows anything to ask for.", ha="center")
     draw_heading(figure, f"{title}: {summary(scored)}", scored.warnings)
-    save_picture(figure, output, PAGE)
+    save_figure(figure, output, PAGE)
 
 
 def summary(scored: ScoredScene) -> str:

@@ -9,7 +9,7 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.lineage import Lineage, lineage
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reading import Artifact, open_artifact, verify
+from egosplat.artifacts.reader import Artifact, open_artifact, verify
 from egosplat.artifacts.schema import Schema
 from egosplat.artifacts.splats import SPLATS
 from egosplat.errors import UserError

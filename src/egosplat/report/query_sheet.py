@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from egosplat.output_files import picture_kind
-from egosplat.plotting import plt, save_picture
 from egosplat.report.answer_drawing import draw_heat, draw_mask
+from egosplat.report.figure import plt, save_figure
 
 QUERY_PICTURE = picture_kind("egosplat query")
 
@@ -64,7 +64,7 @@ def draw_answers(answers: Sequence[DrawnAnswer], title: str, output: Path) -> No
     figure.suptitle(title, fontsize=12)
     for cells, answer in zip(grid, answers, strict=True):
         _draw(cells, answer)
-    save_picture(figure, output, QUERY_PICTURE)
+    save_figure(figure, output, QUERY_PICTURE)
 
 
 def _draw(cells: NDArray[np.object_], answer: DrawnAnswer) -> None:

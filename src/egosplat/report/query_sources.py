@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from egosplat.artifacts.reading import Artifact
+from egosplat.artifacts.reader import Artifact
 
 
 @dataclass(frozen=True)

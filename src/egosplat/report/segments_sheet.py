@@ -9,12 +9,11 @@ from numpy.typing import NDArray
 
 from egosplat.alarms.found import warnings_of
 from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.errors import UserError
 from egosplat.output_files import check_output, picture_kind
-from egosplat.plotting import plt, save_picture
-from egosplat.report.heading import draw_heading
+from egosplat.report.figure import draw_heading, plt, save_figure
 
 PAGE = picture_kind("egosplat segments-sheet")
 
@@ -52,7 +51,7 @@ def run(frames: Path, segments: Path, output: Path, *, title: str) -> None:
             seen = len(np.unique(labels[level][labels[level] >= 0]))
             told = f"{name}: repeats {repeats[name]}" if name in repeats else f"{name}: {seen} instances"
             _show(grid[1 + level, column], tinted(picture, labels[level], colours), told)
-    save_picture(figure, output, PAGE)
+    save_figure(figure, output, PAGE)
 
 
 def _summary(found: Artifact) -> str:

@@ -8,12 +8,10 @@ from numpy.typing import NDArray
 
 from egosplat.alarms.found import warnings_of
 from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
-from egosplat.log_axis import plain_numbers
 from egosplat.output_files import check_output, picture_kind
-from egosplat.plotting import plt, save_picture
-from egosplat.report.heading import draw_heading
+from egosplat.report.figure import draw_heading, label_log_axis, plt, save_figure
 
 PAGE = picture_kind("egosplat splats-sheet")
 
@@ -46,7 +44,7 @@ def run(frames: Path, splats: Path, output: Path, *, title: str) -> None:
         _draw_frame(grid[:, column], pictures, trained, row)
     if not shown:
         grid[0, 0].set_title("no frame was held out", loc="left")
-    save_picture(figure, output, PAGE)
+    save_figure(figure, output, PAGE)
 
 
 def _spread(count: int) -> list[int]:
@@ -81,7 +79,7 @@ def _draw_curves(axes: NDArray[np.object_], trained: Artifact) -> None:
     above.semilogy(iteration, trained.read("curve/loss"), color="0.75", linewidth=0.8)
     above.semilogy(iteration, _smoothed(trained.read("curve/loss")), color="tab:blue")
     above.set(ylabel="loss")
-    plain_numbers(above.yaxis)
+    label_log_axis(above.yaxis)
     _draw_psnr(middle, trained)
     below.plot(iteration, trained.read("curve/gaussians"), color="tab:green")
     below.set(ylabel="Gaussians", xlabel="iteration", ylim=(0, None))

@@ -8,7 +8,7 @@ import torch
 from numpy.typing import NDArray
 
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.errors import UserError
 from egosplat.geometry import Camera

@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 from egosplat.alarms.found import warnings_of
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.masks import MASKS
-from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.output_files import check_output, picture_kind
-from egosplat.page_text import add_name
-from egosplat.plotting import plt, save_picture
-from egosplat.report.heading import draw_heading
+from egosplat.report.figure import draw_heading, plt, save_figure
+from egosplat.report.page_text import add_name
 from egosplat.report.trained_scene import TrainedScene, check_made_from, open_trained_scene
 
 PAGE = picture_kind("egosplat transient-sheet")
@@ -88,7 +87,7 @@ def run(
     above, below = figure.subfigures(2, 1, height_ratios=(pictures, CHART))
     _draw_frames(above, sources, shown, columns)
     _draw_scores(below.subplots(), sources.masks, sources.segments)
-    save_picture(figure, output, PAGE)
+    save_figure(figure, output, PAGE)
 
 
 def _open(frames: Path, poses: Path, transient: Path, segments: Path, masks: Path, splats: Path) -> _Sources:

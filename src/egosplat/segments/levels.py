@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
-from egosplat.checkpoint import State
+from egosplat.artifacts.checkpoint import State
 from egosplat.segments.following import Group
 from egosplat.segments.merging import Overlaps
 from egosplat.segments.remembering import moved

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat import provenance
+from egosplat.artifacts import provenance
+from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.kept_frames import kept_frames
-from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
-from egosplat.artifacts.writing import Writer, create
-from egosplat.checkpoint import Checkpoint
+from egosplat.artifacts.writer import Writer, create
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import SAM2, model_hash
 from egosplat.progress import log, track

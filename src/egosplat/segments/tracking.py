@@ -7,7 +7,7 @@ import torch
 import torch.nn.functional as F
 from numpy.typing import NDArray
 
-from egosplat.checkpoint import Checkpoint, State
+from egosplat.artifacts.checkpoint import Checkpoint, State
 from egosplat.models.sam2_loader import Sam2
 from egosplat.progress import log, track
 from egosplat.segments.candidates import Candidates, grid_points, matches, only_new, prompt, thin_out

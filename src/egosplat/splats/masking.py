@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.artifacts.masks import MASKS
-from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.errors import UserError
 

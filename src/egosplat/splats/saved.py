@@ -3,8 +3,8 @@
 import numpy as np
 import torch
 
-from egosplat.artifacts.reading import Artifact
-from egosplat.artifacts.writing import Writer
+from egosplat.artifacts.reader import Artifact
+from egosplat.artifacts.writer import Writer
 from egosplat.errors import UserError
 from egosplat.splats.gaussians import Gaussians
 from egosplat.splats.state import Curves

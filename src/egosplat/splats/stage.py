@@ -6,19 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from egosplat import provenance
+from egosplat.artifacts import provenance
+from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.kept_frames import frames_for_gaussians
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.provenance import Provenance
+from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.splats import SPLATS
-from egosplat.artifacts.writing import create
-from egosplat.checkpoint import Checkpoint
+from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
 from egosplat.progress import log
-from egosplat.provenance import Provenance
 from egosplat.rasterize.contract import MAX_SH_DEGREE
 from egosplat.splats.device import rasterizer_used, training_device
 from egosplat.splats.evaluate import Scores, evaluate

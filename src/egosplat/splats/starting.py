@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.artifacts.reading import Artifact
+from egosplat.artifacts.reader import Artifact
 from egosplat.errors import UserError
 from egosplat.progress import log
 from egosplat.splats.covering import Colours, covered

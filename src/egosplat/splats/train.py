@@ -15,7 +15,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from egosplat.checkpoint import Checkpoint
+from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.errors import UserError
 from egosplat.progress import log, track
 from egosplat.splats.evaluate import evaluate

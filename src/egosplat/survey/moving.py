@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.artifacts.reading import Artifact
+from egosplat.artifacts.reader import Artifact
 from egosplat.geometry import Array, Camera
 from egosplat.progress import track
 from egosplat.survey.depth import depth_quantile, seen_depths

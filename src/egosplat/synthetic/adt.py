@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from egosplat.atomic import whole_folder
 from egosplat.errors import UserError
+from egosplat.files import atomic_directory
 from egosplat.progress import track
 from egosplat.synthetic.adt_documents import write_documents
 from egosplat.synthetic.adt_images import create_images
@@ -34,7 +34,7 @@ def write_sequence(sequence: Sequence, folder: Path, *, jpeg_quality: int = 95) 
     """
     if folder.exists():
         raise UserError(f"{folder}: exists already and is not replaced; give another --output")
-    with whole_folder(folder) as scratch:
+    with atomic_directory(folder) as scratch:
         truth = TruthTables(sequence)
         captures: list[int] = []
         with create_images(scratch, sequence, jpeg_quality) as images:

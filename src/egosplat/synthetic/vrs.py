@@ -21,7 +21,7 @@ from typing import BinaryIO, Literal
 
 from numcodecs import zstd
 
-from egosplat.atomic import whole_file
+from egosplat.files import atomic_file
 from egosplat.synthetic.vrs_layout import CONFIGURATION, IMAGE_DATA
 
 _FILE_HEADER = struct.Struct("<8sQIIqqqQQQ4s4s")
@@ -85,7 +85,7 @@ def create_vrs(path: Path, tags: Mapping[str, str], streams: Sequence[ImageStrea
         tags: the file's tags.
         streams: all that the file will hold.
     """
-    with whole_file(path) as scratch, scratch.open("wb") as file:
+    with atomic_file(path) as scratch, scratch.open("wb") as file:
         writer = VrsWriter(file, tags, streams)
         yield writer
         writer.finish()

@@ -6,9 +6,8 @@ from typing import Any
 
 from matplotlib.axes import Axes
 
-from egosplat.log_axis import plain_numbers
 from egosplat.output_files import picture_kind
-from egosplat.plotting import plt, save_picture
+from egosplat.report.figure import label_log_axis, plt, save_figure
 from egosplat.tradeoff.estimates import front
 from egosplat.tradeoff.measures import ACCURACY, MEAN_IOU, MEMORY, WALL, Measure
 from egosplat.tradeoff.points import PRESET
@@ -31,7 +30,7 @@ def draw(document: Mapping[str, Any], output: Path) -> None:
     figure.suptitle(f"{document['scene']}: speed against accuracy, {document['about']}", fontsize=13)
     for axes, (cost, gain) in zip(figure.subplots(1, len(PANELS)), PANELS, strict=True):
         _draw_panel(axes, document["points"], cost, gain)
-    save_picture(figure, output, PICTURE)
+    save_figure(figure, output, PICTURE)
 
 
 def _draw_panel(axes: Axes, points: Sequence[Mapping[str, Any]], cost: Measure, gain: Measure) -> None:
@@ -53,7 +52,7 @@ def _draw_panel(axes: Axes, points: Sequence[Mapping[str, Any]], cost: Measure, 
     axes.set(xlabel=f"{cost.heading} [{cost.unit}]", ylabel=f"{gain.heading} [{gain.unit}]")
     if places:
         axes.set_xscale("log")
-        plain_numbers(axes.xaxis)
+        label_log_axis(axes.xaxis)
     axes.grid(alpha=0.3, which="both")
     axes.margins(x=0.3)
 

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat import provenance
+from egosplat.artifacts import provenance
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.masks import MASKS
-from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.transient import TRANSIENT
-from egosplat.artifacts.writing import create
+from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
 from egosplat.progress import log, track
 from egosplat.transient.refinement import InstanceScores, refined_mask, transient_instances

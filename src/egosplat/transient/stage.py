@@ -6,17 +6,18 @@ from typing import Any
 import numpy as np
 import torch
 
-from egosplat import provenance
+from egosplat.artifacts import provenance
+from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.kept_frames import kept_frames
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reading import Artifact, open_artifact
+from egosplat.artifacts.provenance import Provenance
+from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.transient import TRANSIENT
-from egosplat.artifacts.writing import Writer, create
-from egosplat.checkpoint import Checkpoint
+from egosplat.artifacts.writer import Writer, create
+from egosplat.compute import single_thread
 from egosplat.models.checkpoints import content_hash
 from egosplat.progress import log, track
-from egosplat.provenance import Provenance
 from egosplat.splats.device import rasterizer_used, training_device
 from egosplat.splats.initialise import scene_extent
 from egosplat.splats.options import RenderOptions, TrainingOptions
@@ -24,7 +25,6 @@ from egosplat.splats.starting import starting_gaussians
 from egosplat.splats.state import TrainingState
 from egosplat.splats.train import Photographs, resume_and_train
 from egosplat.splats.views import Mask, check_belong_together, split_views
-from egosplat.threads import one_thread
 from egosplat.transient.network import TransientNet, make_network
 from egosplat.transient.objective import InitialObjective, InitialOptions
 from egosplat.transient.pictures import read_reduced_views, reduced, working_size
@@ -117,7 +117,7 @@ def run(
     objective = InitialObjective(net, initial, views.device)
     state = TrainingState(start, options, scene_extent(views.camera_to_world), objective)
     checkpoint = Checkpoint(output, provenance.key_of(made), checkpoint_s)
-    with one_thread():
+    with single_thread():
         resume_and_train(state, photographs, options, checkpoint)
     with create(output, TRANSIENT, made) as artifact:
         _put_curves(artifact, state, objective)

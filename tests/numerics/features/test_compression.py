@@ -7,9 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from egosplat.artifacts.features import FEATURES
-from egosplat.artifacts.reading import open_artifact
+from egosplat.artifacts.provenance import begin
+from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.view_features import VIEW_FEATURES
-from egosplat.artifacts.writing import create
+from egosplat.artifacts.writer import create
 from egosplat.config import defaults
 from egosplat.errors import UserError
 from egosplat.features import autoencoder, stage
@@ -17,7 +18,6 @@ from egosplat.features.compression import fit
 from egosplat.features.decoding import Decoder, decode
 from egosplat.features.quality import reconstruction, spread
 from egosplat.features.vectors import unit
-from egosplat.provenance import begin
 
 WIDTH = 16
 KINDS = pytest.mark.parametrize("kind", ["none", "linear", "autoencoder"])

@@ -8,16 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from egosplat import atomic, provenance
+from egosplat import files
+from egosplat.artifacts import provenance
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reading import Artifact, recorded_digest, verify
+from egosplat.artifacts.provenance import begin
+from egosplat.artifacts.reader import Artifact, recorded_digest, verify
+from egosplat.artifacts.registry import SCHEMAS
 from egosplat.artifacts.transient import TRANSIENT
-from egosplat.artifacts.writing import create
-from egosplat.checking import SCHEMAS
+from egosplat.artifacts.writer import create
 from egosplat.config import defaults
 from egosplat.geometry import Camera
-from egosplat.provenance import begin
 from egosplat.splats import stage
 
 SIZE, FRAME_COUNT = 20, 7
@@ -38,7 +39,7 @@ NOTHING = dict.fromkeys(("transient", "masks", "segments", "features"))
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Neither hash the code of the stage nor wait for the disk, which here takes longer than all else."""
     monkeypatch.setattr(provenance, "code_of", lambda stage: "0")
-    monkeypatch.setattr(atomic, "_sync_one", lambda path: None)
+    monkeypatch.setattr(files, "_sync_one", lambda path: None)
 
 
 @pytest.fixture

@@ -8,11 +8,11 @@ import pytest
 
 from egosplat import cli
 from egosplat.alarms.found import alarms_of, alarms_of_all, log_warnings
-from egosplat.artifacts.kinds import SCHEMAS
-from egosplat.artifacts.reading import Artifact, open_artifact
-from egosplat.artifacts.writing import create
+from egosplat.artifacts.provenance import Provenance, begin
+from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.writer import create
 from egosplat.models.suitability import notice
-from egosplat.provenance import Provenance, begin
 
 FIGURES = {"pixels_without_instance": 0.6, "instances_per_frame": 2.0, "frames_per_instance": 2.0}
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from egosplat.artifacts.annotations import ANNOTATIONS
-from egosplat.artifacts.reading import Artifact, open_artifact
-from egosplat.artifacts.writing import create
+from egosplat.artifacts.provenance import begin
+from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.writer import create
 from egosplat.frames.recording import Instance
-from egosplat.provenance import begin
 
 HEIGHT, WIDTH = 30, 40
 

@@ -15,15 +15,15 @@ from jsonschema import Draft202012Validator
 from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.provenance import begin
 from egosplat.artifacts.relevancy import open_relevancy
-from egosplat.artifacts.writing import create
+from egosplat.artifacts.writer import create
 from egosplat.benchmark import other_methods
 from egosplat.benchmark.scored_scenes import PROTOCOL
 from egosplat.config import section_keys
 from egosplat.errors import UserError
 from egosplat.frames.recording import Instance
 from egosplat.pipeline.stages import STAGES
-from egosplat.provenance import begin
 from egosplat.schema_files import schema
 
 HEIGHT, WIDTH, FRAMES_TOTAL = 30, 40, 4

@@ -7,10 +7,10 @@ import shutil
 import pytest
 from jsonschema import Draft202012Validator, ValidationError
 
+from egosplat.artifacts.check import check_tree
 from egosplat.benchmark import stage
 from egosplat.benchmark.document import METRICS, finite, write_metrics
 from egosplat.benchmark.queries import GROUPS
-from egosplat.checking import check_tree
 from egosplat.config import stage_keys
 from egosplat.errors import UserError
 from egosplat.models.suitability import notice

@@ -9,9 +9,9 @@ from reproducibility_bench.comparing import differences
 from reproducibility_bench.limits import AVX2, LIMITS, choices
 
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.writing import create
+from egosplat.artifacts.provenance import begin
+from egosplat.artifacts.writer import create
 from egosplat.pipeline.stages import STAGES
-from egosplat.provenance import begin
 
 
 def poses(path, shift=0.0, registered=(True, True)):

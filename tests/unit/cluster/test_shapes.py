@@ -49,7 +49,7 @@ def test_a_size_that_no_input_tells_is_no_missing_file(artifacts):
 
 
 def test_the_headers_are_those_of_the_artifacts_as_they_are_written():
-    from egosplat.artifacts.kinds import SCHEMAS
+    from egosplat.artifacts.registry import SCHEMAS
     from egosplat.cluster.shapes import _TOLD_BY
 
     names = {

@@ -12,12 +12,12 @@ import torch
 from safetensors.torch import save_file
 
 from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.reading import recorded_digest
+from egosplat.artifacts.provenance import begin
+from egosplat.artifacts.reader import recorded_digest
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.view_features import VIEW_FEATURES
-from egosplat.artifacts.writing import create
+from egosplat.artifacts.writer import create
 from egosplat.models.open_clip_loader import build_model
-from egosplat.provenance import begin
 
 SIZE = 40
 FRAME_COUNT = 5

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from egosplat.artifacts.provenance import begin, key_of
 from egosplat.features.journal import Journal
-from egosplat.provenance import begin, key_of
 
 KEY = b"k" * 32
 

@@ -12,10 +12,10 @@ import pytest
 import torch
 from PIL import Image
 
-from egosplat.artifacts.reading import open_artifact, verify
+from egosplat.artifacts.reader import open_artifact, verify
+from egosplat.artifacts.registry import SCHEMAS
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.view_features import VIEW_FEATURES
-from egosplat.checking import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.features import view_features_stage as stage
 from egosplat.models.checkpoints import CLIP, model_hash

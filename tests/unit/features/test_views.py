@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.reading import open_artifact
+from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.errors import UserError
 from egosplat.features.views import check_belong_together, cut_crops, find_views, spread

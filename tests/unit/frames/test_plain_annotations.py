@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.reading import open_artifact
+from egosplat.artifacts.reader import open_artifact
 from egosplat.config import check, defaults, merge
 from egosplat.errors import UserError
 from egosplat.frames import annotations_stage, stage

@@ -12,13 +12,13 @@ from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reading import Artifact, open_artifact, recorded_digest
+from egosplat.artifacts.provenance import begin
+from egosplat.artifacts.reader import Artifact, open_artifact, recorded_digest
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.transient import TRANSIENT
-from egosplat.artifacts.writing import create
+from egosplat.artifacts.writer import create
 from egosplat.geometry import Camera
 from egosplat.language.rendering import Lens
-from egosplat.provenance import begin
 from egosplat.splats.gaussians import Gaussians
 from egosplat.splats.initialise import from_points
 from egosplat.splats.render import render

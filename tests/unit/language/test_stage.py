@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from egosplat.artifacts.reading import verify
-from egosplat.checking import SCHEMAS
+from egosplat.artifacts.reader import verify
+from egosplat.artifacts.registry import SCHEMAS
 from egosplat.config import defaults
 from egosplat.errors import UserError
 from egosplat.language import stage

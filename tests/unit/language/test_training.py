@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from egosplat.checkpoint import Checkpoint
+from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.errors import UserError
 from egosplat.language.training import CodeOptions, CodeTraining, shown_codes
 from egosplat.language.views import taught_views

@@ -9,7 +9,7 @@ import torch
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reading import open_artifact
+from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.geometry import Camera
 from egosplat.query.options import LANGSPLAT

@@ -7,7 +7,7 @@ import pytest
 
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reading import open_artifact
+from egosplat.artifacts.reader import open_artifact
 from egosplat.errors import UserError
 from egosplat.query.viewpoint import file_viewpoint, frame_viewpoint
 

@@ -6,14 +6,14 @@ from itertools import combinations
 import pytest
 from matplotlib.figure import Figure
 
-from egosplat import plotting
+from egosplat.report import figure
 
 
 @pytest.fixture
 def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     """Figures as they were saved."""
     figures: list[Figure] = []
-    monkeypatch.setattr(plotting.plt, "close", figures.append)
+    monkeypatch.setattr(figure.plt, "close", figures.append)
     return figures
 
 

@@ -9,9 +9,9 @@ from PIL import Image
 from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.writing import create
+from egosplat.artifacts.provenance import begin
+from egosplat.artifacts.writer import create
 from egosplat.geometry import Camera
-from egosplat.provenance import begin
 from egosplat.report.contact_sheet import ground_axes, overlay, run
 
 HEIGHT, WIDTH = 24, 24

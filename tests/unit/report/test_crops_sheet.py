@@ -6,12 +6,12 @@ from PIL import Image
 
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.provenance import begin
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.view_features import VIEW_FEATURES
-from egosplat.artifacts.writing import create
+from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
 from egosplat.features.aggregation import NORMS, aggregate
-from egosplat.provenance import begin
 from egosplat.report.crops_sheet import (
     COLUMNS,
     DISTINCT,

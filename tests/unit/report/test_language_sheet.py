@@ -9,12 +9,12 @@ from scipy.spatial.transform import Rotation
 
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reading import recorded_digest
+from egosplat.artifacts.provenance import begin
+from egosplat.artifacts.reader import recorded_digest
 from egosplat.artifacts.splats import SPLATS
-from egosplat.artifacts.writing import create
+from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
 from egosplat.geometry import Camera, is_rigid, make_pose
-from egosplat.provenance import begin
 from egosplat.report.language_sheet import UNKNOWN, choose_place, principal_colours, run, turned_right
 
 CAMERA = Camera(36, 24, 18.0, 18.0, 18.0, 12.0)

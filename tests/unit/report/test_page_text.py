@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from egosplat.page_text import NAME, add_name, arrange_texts
-from egosplat.plotting import plt
+from egosplat.report.figure import plt
+from egosplat.report.page_text import NAME, add_name, arrange_texts
 
 TITLE = "evaluated, frame 123: 45 instances"
 

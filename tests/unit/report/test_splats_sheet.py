@@ -7,10 +7,10 @@ import pytest
 from PIL import Image
 
 from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.provenance import begin
 from egosplat.artifacts.splats import SPLATS
-from egosplat.artifacts.writing import create
+from egosplat.artifacts.writer import create
 from egosplat.geometry import Camera
-from egosplat.provenance import begin
 from egosplat.report.splats_sheet import error_map, run
 
 HEIGHT, WIDTH = 20, 30

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reading import recorded_digest
+from egosplat.artifacts.provenance import begin
+from egosplat.artifacts.reader import recorded_digest
 from egosplat.artifacts.splats import SPLATS
-from egosplat.artifacts.writing import create
+from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
-from egosplat.provenance import begin
 from egosplat.report.trained_scene import open_trained_scene
 
 CAMERA = Camera(16, 12, 12.0, 12.0, 8.0, 6.0)

@@ -10,14 +10,14 @@ from PIL import Image
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reading import recorded_digest
+from egosplat.artifacts.provenance import begin
+from egosplat.artifacts.reader import recorded_digest
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.transient import TRANSIENT
-from egosplat.artifacts.writing import create
+from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
-from egosplat.provenance import begin
 from egosplat.report.transient_sheet import LABELS, MOVING, PICTURES, choose_frames, label_places, run
 
 HEIGHT, WIDTH = 20, 30

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from egosplat.models.devices import choose_compute
+from egosplat.compute import choose_compute
 from egosplat.segments.nms import areas, box_nms, boxes, intersections, mask_iou, mask_nms, stability_score
 
 LIMITS = {"iou_thresh": 0.8, "score_thresh": 0.7, "inner_thresh": 0.5}

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from egosplat import provenance
+from egosplat.artifacts import provenance
 from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.reading import open_artifact
+from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.segments import SEGMENTS
-from egosplat.artifacts.writing import create
+from egosplat.artifacts.writer import create
 from egosplat.config import stage_keys
 from egosplat.errors import UserError
 from egosplat.segments import stage

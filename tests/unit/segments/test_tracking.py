@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.checkpoint import Checkpoint
+from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.compute import choose_compute
 from egosplat.models.configs import SMALL_SAM2
-from egosplat.models.devices import choose_compute
 from egosplat.models.sam2_loader import Sam2, build_predictor, set_image_size
 from egosplat.segments import merging, tracking
 from egosplat.segments.candidates import grid_points, matches, only_new, prompt, thin_out

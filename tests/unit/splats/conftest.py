@@ -10,9 +10,9 @@ import torch
 
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.writing import create
+from egosplat.artifacts.provenance import begin
+from egosplat.artifacts.writer import create
 from egosplat.geometry import Camera
-from egosplat.provenance import begin
 from egosplat.splats.gaussians import Gaussians
 from egosplat.splats.initialise import from_points
 from egosplat.splats.render import render

@@ -14,8 +14,8 @@ import torch
 
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.kept_frames import frames_for_gaussians
-from egosplat.artifacts.reading import open_artifact, verify
-from egosplat.checking import SCHEMAS
+from egosplat.artifacts.reader import open_artifact, verify
+from egosplat.artifacts.registry import SCHEMAS
 from egosplat.config import defaults
 from egosplat.errors import UserError
 from egosplat.splats import stage

@@ -6,7 +6,7 @@ import torch
 
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reading import open_artifact
+from egosplat.artifacts.reader import open_artifact
 from egosplat.splats.gaussians import Gaussians
 from egosplat.splats.masking import open_masking
 from egosplat.splats.starting import starting_gaussians

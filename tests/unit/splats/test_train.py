@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.checkpoint import Checkpoint
+from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
 from egosplat.splats import objective

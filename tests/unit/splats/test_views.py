@@ -6,7 +6,7 @@ import torch
 
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reading import open_artifact
+from egosplat.artifacts.reader import open_artifact
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
 from egosplat.splats.masking import Masking

@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.writing import create
+from egosplat.artifacts.provenance import begin
+from egosplat.artifacts.writer import create
 from egosplat.geometry import Camera, make_pose
-from egosplat.provenance import begin
 
 SIZE = 160
 CAMERA = Camera(SIZE, SIZE, 120.0, 120.0, SIZE / 2, SIZE / 2)

@@ -5,7 +5,7 @@ import pytest
 
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reading import open_artifact
+from egosplat.artifacts.reader import open_artifact
 from egosplat.survey.moving import Motion, choose_pairs, is_static, measure_motion
 
 SECOND = 1_000_000_000

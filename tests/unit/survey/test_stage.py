@@ -7,7 +7,7 @@ import pytest
 
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.kept_frames import kept_frames
-from egosplat.artifacts.reading import open_artifact, recorded_digest
+from egosplat.artifacts.reader import open_artifact, recorded_digest
 from egosplat.artifacts.survey import read_survey
 from egosplat.config import defaults, merge, stage_keys
 from egosplat.decisions import decided

@@ -10,10 +10,10 @@ import torch
 
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.provenance import begin
 from egosplat.artifacts.segments import SEGMENTS
-from egosplat.artifacts.writing import create
+from egosplat.artifacts.writer import create
 from egosplat.geometry import Camera
-from egosplat.provenance import begin
 from egosplat.splats.views import Views
 
 SIZE = 32

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from egosplat.artifacts.reading import open_artifact, verify
+from egosplat.artifacts.provenance import begin
+from egosplat.artifacts.reader import open_artifact, verify
+from egosplat.artifacts.registry import SCHEMAS
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.transient import TRANSIENT
-from egosplat.artifacts.writing import create
-from egosplat.checking import SCHEMAS
+from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
-from egosplat.provenance import begin
 from egosplat.transient import masks_stage
 
 SIZE, FRAME_COUNT = 32, 6

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.artifacts.reading import verify
-from egosplat.checking import SCHEMAS
-from egosplat.checkpoint import Checkpoint
+from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.artifacts.reader import verify
+from egosplat.artifacts.registry import SCHEMAS
 from egosplat.config import defaults
 from egosplat.errors import UserError
 from egosplat.transient import stage

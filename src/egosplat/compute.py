@@ -1,4 +1,4 @@
-"""Where models run, and in which number type they multiply."""
+"""Device, number type and threads of PyTorch's computations."""
 
 import contextlib
 from collections.abc import Iterator
@@ -11,12 +11,12 @@ from egosplat.errors import UserError
 
 @dataclass(frozen=True)
 class Compute:
-    """Where and in which number type a model runs.
+    """Device and number type of a model.
 
     Attributes:
-        device: where its weights lie.
-        dtype: of its matrix products and convolutions: float32 or bfloat16. Weights, and what is sensitive
-            (norms, positions), stay in float32.
+        device: holds the model's weights.
+        dtype: number type of matrix products and convolutions: float32 or bfloat16. Weights and sensitive operations
+            (norms, positions) stay in float32.
     """
 
     device: torch.device
@@ -24,21 +24,21 @@ class Compute:
 
     @contextlib.contextmanager
     def inference(self) -> Iterator[None]:
-        """Within, nothing is recorded for gradients, and models multiply in ``dtype``."""
+        """Record no gradients in the block, and let models multiply in ``dtype``."""
         mixed = self.dtype != torch.float32
         with torch.inference_mode(), torch.autocast(self.device.type, self.dtype, enabled=mixed):
             yield
 
 
 def choose_compute(device: str, precision: str) -> Compute:
-    """Where to run, from the keys of the configuration.
+    """Device and number type for the configuration keys ``models.device`` and ``models.precision``.
 
     Args:
-        device: ``auto`` (a GPU where there is one), ``cpu`` or ``cuda``.
-        precision: ``auto`` (bfloat16 on a GPU that has it, else float32), ``float32`` or ``bfloat16``.
+        device: ``auto`` (a GPU if there is one), ``cpu`` or ``cuda``.
+        precision: ``auto`` (bfloat16 on a GPU that supports it, else float32), ``float32`` or ``bfloat16``.
 
     Raises:
-        UserError: there is no GPU for ``cuda``, or one without bfloat16 for ``bfloat16``.
+        UserError: ``cuda`` without a GPU, or ``bfloat16`` on a GPU without it.
     """
     gpu = torch.cuda.is_available()
     if device == "cuda" and not gpu:
@@ -55,3 +55,16 @@ def _dtype(kind: str, precision: str) -> torch.dtype:
     if precision == "auto":
         return torch.float32
     raise UserError("models.precision = bfloat16: this GPU has no bfloat16; set it to auto or float32")
+
+
+@contextlib.contextmanager
+def single_thread() -> Iterator[None]:
+    """Let PyTorch and the kernels compute with one thread in the block."""
+    # With more threads oneDNN's gradients of 1 x 1 convolutions differ from run to run, whatever
+    # torch.backends.mkldnn.deterministic is.
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

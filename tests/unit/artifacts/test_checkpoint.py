@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 import torch
 
-from egosplat.checkpoint import Checkpoint
-from egosplat.provenance import begin, key_of
+from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.artifacts.provenance import begin, key_of
 
 NOW = 1e-9
 
@@ -58,7 +58,7 @@ def test_a_full_disk_does_not_end_training(tmp_path, capsys, monkeypatch):
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("egosplat.atomic._sync_one", full)
+    monkeypatch.setattr("egosplat.files._sync_one", full)
     checkpoint.save_if_due(lambda: state(2.0))
     assert "no checkpoint" in capsys.readouterr().err
     assert float(checkpoint.load()["tensor"][0, 0]) == 1.0  # the last whole one

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.integrity import ArtifactError, absent, damaged, digest_of, remedy, seal
 from egosplat.artifacts.schema import Field, Schema, check_shape
-from egosplat.refusals import told_as
+from egosplat.errors import reraise_as
 
 
 class Artifact:
@@ -72,7 +72,7 @@ class Artifact:
             where = "" if array.nchunks == 1 else f", chunk {first // array.chunks[0]}"
             return damaged(self.path, f"array {name!r}{where} cannot be read ({_reason(error)})")
 
-        with told_as(tell, (ValueError, RuntimeError, OSError, KeyError)):
+        with reraise_as(tell, (ValueError, RuntimeError, OSError, KeyError)):
             return np.asarray(array[selection])
 
 
@@ -87,7 +87,7 @@ def open_artifact(path: Path, schema: Schema) -> Artifact:
 
     Raises:
         ArtifactError: it is absent, of another kind or version, or damaged; says how to make it anew.
-        OSError, MemoryError, RuntimeError: the system refuses to read it, see ``egosplat.refusals``; so all that read.
+        OSError, MemoryError, RuntimeError: the system refuses to read it, see ``egosplat.errors``; so all that read.
     """
     return _checked_artifact(path, schema, *_open(path))
 
@@ -157,7 +157,7 @@ def _open(path: Path) -> tuple[zarr.Group, dict[str, Any]]:
             )
         return damaged(path, f"is no readable Zarr group ({type(error).__name__})")
 
-    with told_as(tell):
+    with reraise_as(tell):
         group = zarr.open_group(path, mode="r")
         attributes = group.attrs.asdict()["egosplat"]
     if not isinstance(attributes, dict) or attributes.get("seal") != seal(attributes):
@@ -170,7 +170,7 @@ def _check_array(path: Path, group: zarr.Group, name: str, declared: Field, size
         unreadable = f"unreadable ({type(error).__name__})"
         return damaged(path, f"array {name!r} is {'missing' if isinstance(error, KeyError) else unreadable}")
 
-    with told_as(tell):
+    with reraise_as(tell):
         array = group[name]
     if array.dtype != np.dtype(declared.dtype):
         raise damaged(path, f"array {name!r} is {array.dtype}, not {declared.dtype}")

@@ -4,11 +4,11 @@ import shutil
 
 import pytest
 
-from egosplat.artifacts.kinds import SCHEMAS
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.lineage import lineage
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reading import open_any, open_artifact
+from egosplat.artifacts.reader import open_any, open_artifact
+from egosplat.artifacts.registry import SCHEMAS
 from egosplat.artifacts.splats import SPLATS
 from egosplat.errors import UserError
 

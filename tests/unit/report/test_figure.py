@@ -1,9 +1,9 @@
-"""A page's heading: its lines fit, and the page grows by those of warnings."""
+"""Headings fit their page, which grows by warnings; logarithmic axes have plain numbers."""
 
+import matplotlib
 import pytest
 
-from egosplat.plotting import plt
-from egosplat.report.heading import draw_heading
+from egosplat.report.figure import draw_heading, label_log_axis, plt
 
 
 @pytest.fixture
@@ -31,3 +31,14 @@ def test_lines_fit_the_page_however_long_and_no_word_is_lost(figure):
     box = figure._suptitle.get_window_extent()
     assert 0 <= box.x0 and box.x1 <= figure.bbox.width and box.y1 <= figure.bbox.height
     assert figure.get_suptitle().split()[1:] == words
+
+
+def test_labels_are_numbers_and_no_formulas():
+    with matplotlib.rc_context({"text.parse_math": False}):
+        figure, axes = plt.subplots()
+        axes.semilogy([1, 2, 3], [0.03, 0.2, 1.5])
+        label_log_axis(axes.yaxis)
+        figure.canvas.draw()
+        labels = [label.get_text() for label in axes.get_yticklabels(which="both") if label.get_text()]
+    plt.close(figure)
+    assert {"0.05", "0.1", "0.2", "1"} <= set(labels) and not any("$" in label for label in labels)

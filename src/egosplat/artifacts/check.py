@@ -7,10 +7,9 @@ from typing import Any
 
 from egosplat import config as configuration
 from egosplat.artifacts.integrity import remedy
-from egosplat.artifacts.kinds import SCHEMAS
-from egosplat.artifacts.reading import recorded_digest, verify
-from egosplat.errors import UserError
-from egosplat.plain_errors import plain
+from egosplat.artifacts.reader import recorded_digest, verify
+from egosplat.artifacts.registry import SCHEMAS
+from egosplat.errors import UserError, user_message
 
 DOCUMENTS = {"metrics.json": "metrics", "survey.json": "survey", "tradeoff.json": "tradeoff"}
 """The schema of each JSON file of results."""
@@ -56,7 +55,7 @@ def _problem(path: Path) -> str:
     try:
         return _changed_input(path, _provenance(path))
     except (UserError, OSError) as error:
-        return plain(error) or f"{path}: {error}"
+        return user_message(error) or f"{path}: {error}"
 
 
 def _provenance(path: Path) -> dict[str, Any]:
@@ -66,7 +65,7 @@ def _provenance(path: Path) -> dict[str, Any]:
     if not path.is_file():
         raise UserError(f"{path}: is no regular file; make it anew: {remedy(path)}")
     try:
-        return configuration.read_json(path, DOCUMENTS[path.name]).get("provenance", {"inputs": {}})
+        return configuration.read_document(path, DOCUMENTS[path.name]).get("provenance", {"inputs": {}})
     except UserError as error:
         end = "" if str(error).endswith((".", "?")) else "."
         raise UserError(f"{error}{end} Make it anew: {remedy(path)}") from None

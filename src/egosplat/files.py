@@ -1,33 +1,28 @@
-"""Folders and files that are whole or absent.
+"""Atomic files and directories, and JSON files.
 
-What is being made stands under a hidden name beside its final path and is renamed into place when it is
-complete. A killed writer leaves only the hidden name, which the next writer of the same path sweeps away.
+A writer works under a hidden name next to the final path and renames into place when everything is written. A killed
+writer leaves only the hidden name, which the next writer of the same path removes.
 """
 
 import contextlib
-import errno
 import fcntl
+import json
 import os
 import shutil
 import tempfile
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
-from egosplat.errors import UserError
-
-NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-"""A full disk, a quota that is used up, a file larger than may be."""
-
-MAKE_ROOM = "Make room and start the same command again: what is whole already stays"
-"""What to do about them."""
+from egosplat.errors import NO_ROOM, UserError
 
 
 @contextlib.contextmanager
-def whole_folder(path: Path) -> Iterator[Path]:
-    """Yield an empty folder, which becomes ``path`` when the block ends without error, else vanishes.
+def atomic_directory(path: Path) -> Iterator[Path]:
+    """Yield an empty directory that becomes ``path`` when the block ends without error; otherwise it is removed.
 
-    A folder that stands at ``path`` already is replaced at that moment.
+    Whatever ``path`` held before is replaced at that moment.
     """
     scratch = _begin(path)
     scratch.mkdir()
@@ -41,8 +36,8 @@ def whole_folder(path: Path) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
-    """Yield the name of a file to write, which becomes ``path`` when the block ends without error."""
+def atomic_file(path: Path) -> Iterator[Path]:
+    """Yield the name of a file to write; it becomes ``path`` when the block ends without error."""
     scratch = _begin(path)
     scratch.touch(exist_ok=False)
     with _named(path), _locked(scratch):
@@ -55,12 +50,12 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
-def scratch_folder(prefix: str, parent: Path | None = None) -> Iterator[Path]:
-    """Yield an empty folder that vanishes when the block ends, and sweep away what killed processes left of such.
+def scratch_directory(prefix: str, parent: Path | None = None) -> Iterator[Path]:
+    """Yield an empty directory that is removed when the block ends. Also remove those that killed processes left.
 
     Args:
-        prefix: its name begins with, which is for this use alone; parent: where it is made; None: the system's folder of
-            temporary files.
+        prefix: first part of the directory's name; no other use may share it.
+        parent: where the directory is made. None: the system's directory for temporary files.
     """
     parent = parent or Path(tempfile.gettempdir())
     for left in parent.glob(f"{prefix}*"):
@@ -68,6 +63,23 @@ def scratch_folder(prefix: str, parent: Path | None = None) -> Iterator[Path]:
             shutil.rmtree(left)
     with tempfile.TemporaryDirectory(prefix=prefix, dir=parent) as name, _locked(Path(name)):
         yield Path(name)
+
+
+def read_json(path: Path, parse_constant: Callable[[str], Any] | None = None) -> Any:
+    """The content of a JSON file in UTF-8.
+
+    Args:
+        path: the file.
+        parse_constant: see ``json.loads``.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: the file is not JSON, or nested too deeply.
+    """
+    try:
+        return json.loads(path.read_text(encoding="utf-8"), parse_constant=parse_constant)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
 
 
 def _begin(path: Path) -> Path:
@@ -84,7 +96,7 @@ def _beside(path: Path) -> Path:
 
 @contextlib.contextmanager
 def _named(path: Path) -> Iterator[None]:
-    """Name ``path`` in an error of a full disk: the operating system names no file where bytes are written."""
+    """Add ``path`` to an error about a full disk: the operating system names no file when a write fails."""
     try:
         yield
     except OSError as error:
@@ -95,7 +107,7 @@ def _named(path: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _locked(scratch: Path) -> Iterator[None]:
-    """Hold the lock of a file or folder, which ends with the process: how the dead are told from the living."""
+    """Hold a lock on a file or directory. It ends with the process, so a lock that can be taken marks a killed writer."""
     handle = os.open(scratch, os.O_RDONLY)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -105,14 +117,14 @@ def _locked(scratch: Path) -> Iterator[None]:
 
 
 def _sweep(path: Path) -> None:
-    """Remove what killed writers of ``path`` left."""
+    """Remove the scratch files and directories of killed writers of ``path``."""
     for left in path.parent.glob(f".{path.name}.????????.tmp"):
         with contextlib.suppress(OSError), _locked(left):
             shutil.rmtree(left) if left.is_dir() else left.unlink()
 
 
 def _sync(root: Path) -> None:
-    """Bring files, then folders, to the disk: a rename must not outlive the bytes it stands for."""
+    """Flush files, then directories, to the disk, so that a rename never reaches it before its bytes."""
     for folder, _, files in os.walk(root, topdown=False):
         for entry in [*(os.path.join(folder, name) for name in files), folder]:
             _sync_one(entry)
@@ -127,9 +139,9 @@ def _sync_one(path: str | Path) -> None:
 
 
 def _publish(scratch: Path, path: Path) -> None:
-    """Rename into place; what stood there is moved aside first, so ``path`` is whole or absent throughout.
+    """Rename into place. An existing ``path`` is moved away first, so ``path`` is complete or absent at any moment.
 
-    Of a link the link is replaced, and what it points to stays.
+    A symbolic link is replaced itself; its target stays.
     """
     if not os.path.lexists(path):
         os.rename(scratch, path)

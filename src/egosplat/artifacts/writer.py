@@ -1,4 +1,4 @@
-"""Writing an artifact: whole or not at all (``egosplat.atomic``), so a path that exists is complete."""
+"""Writing an artifact: whole or not at all (``egosplat.files``), so a path that exists is complete."""
 
 import contextlib
 import json
@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from zarr.codecs import Crc32cCodec, ZstdCodec
 
 from egosplat.artifacts.integrity import check_replaceable, digest_of, seal
+from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.schema import Field, Schema, check_shape
-from egosplat.atomic import whole_folder
-from egosplat.provenance import Provenance
+from egosplat.files import atomic_directory
 
 
 class Writer:
@@ -100,7 +100,7 @@ def create(path: Path, schema: Schema, provenance: Provenance) -> Iterator[Write
         provenance: how it is made; its clock is stopped at the end of the block.
     """
     check_replaceable(path, schema)
-    with whole_folder(path) as scratch:
+    with atomic_directory(path) as scratch:
         # Mode "w" would make the folder anew, without its lock.
         writer = Writer(zarr.open_group(scratch, mode="a"), schema)
         yield writer

@@ -15,7 +15,7 @@ from typing import Any
 
 import torch
 
-from egosplat.atomic import whole_file
+from egosplat.files import atomic_file
 from egosplat.progress import log
 
 State = dict[str, Any]
@@ -72,6 +72,6 @@ class Checkpoint:
         stream = io.BytesIO()
         torch.save({"key": self._key, "state": state}, stream)
         body = stream.getbuffer()
-        with whole_file(self.file) as scratch, scratch.open("wb") as file:
+        with atomic_file(self.file) as scratch, scratch.open("wb") as file:
             file.write(hashlib.sha256(body).digest())
             file.write(body)

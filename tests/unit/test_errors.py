@@ -1,4 +1,4 @@
-"""What goes wrong outside of the program is told in a line; an error in it keeps its traceback."""
+"""Which errors are the system's, and what the command line prints for an error."""
 
 import errno
 import os
@@ -10,24 +10,23 @@ import pytest
 import torch
 from PIL import UnidentifiedImageError
 
-from egosplat.errors import UserError
-from egosplat.plain_errors import plain
+from egosplat.errors import UserError, is_out_of_memory, is_system_error, user_message
 
 MORE_THAN_THERE_IS = 2**60
 
 
 def test_a_users_mistake_is_its_own_message():
-    assert plain(UserError("config.yaml: has no key 'a'")) == "config.yaml: has no key 'a'"
+    assert user_message(UserError("config.yaml: has no key 'a'")) == "config.yaml: has no key 'a'"
 
 
 def test_a_file_that_may_not_be_read_is_named():
     error = PermissionError(errno.EACCES, "Permission denied", "a.png")
-    assert plain(error) == "a.png: Permission denied. Check the path and its rights"
+    assert user_message(error) == "a.png: Permission denied. Check the path and its rights"
 
 
 @pytest.mark.parametrize("filename", ["results/splats.zarr", None])
 def test_a_full_disk(filename):
-    told = plain(OSError(errno.ENOSPC, "No space left on device", filename))
+    told = user_message(OSError(errno.ENOSPC, "No space left on device", filename))
     where = f"{filename}: " if filename else ""
     assert (
         told
@@ -46,7 +45,7 @@ def test_a_full_disk(filename):
 def test_a_lack_of_memory(allocate):
     with pytest.raises((MemoryError, RuntimeError)) as caught:
         allocate()
-    told = plain(caught.value)
+    told = user_message(caught.value)
     assert told.startswith("no memory left (") and "scale.md" in told and "\n" not in told
 
 
@@ -59,7 +58,10 @@ def test_a_lack_of_memory(allocate):
     ],
 )
 def test_a_lack_of_memory_for_processes_and_libraries(error):
-    assert plain(error) == f"no memory left ({error}). Free some, or see docs/scale.md for what takes less"
+    assert (
+        user_message(error)
+        == f"no memory left ({error}). Free some, or see docs/scale.md for what takes less"
+    )
 
 
 LIMITED = """
@@ -87,7 +89,7 @@ def test_a_limit_on_addresses_is_named(tmp_path):
 
 
 def test_a_gpus_lack_of_memory():
-    assert "no memory left" in plain(
+    assert "no memory left" in user_message(
         torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2.00 GiB.\n...")
     )
 
@@ -97,4 +99,42 @@ def test_a_gpus_lack_of_memory():
     [ValueError("a"), RuntimeError("a"), UnidentifiedImageError("a"), OSError("a"), OSError(errno.EIO, "a")],
 )
 def test_what_keeps_its_traceback(error):
-    assert plain(error) is None
+    assert user_message(error) is None
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        MemoryError(),
+        OSError(errno.ENOMEM, "Cannot allocate memory"),
+        OSError("libraster.so: failed to map segment from shared object"),
+        ImportError("libtorch_cpu.so: failed to map segment from shared object"),
+        RuntimeError("can't start new thread"),
+        RuntimeError("could not create a primitive"),
+        RuntimeError("unable to mmap 8 bytes from file <a>: Cannot allocate memory (12)"),
+        torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2.00 GiB."),
+    ],
+)
+def test_memory(error):
+    assert is_out_of_memory(error) and is_system_error(error)
+
+
+@pytest.mark.parametrize("number", [errno.EACCES, errno.EMFILE, errno.EIO, errno.ESTALE])
+def test_rights_open_files_and_file_systems(number):
+    error = OSError(number, "refused", "a")
+    assert is_system_error(error) and not is_out_of_memory(error)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        FileNotFoundError(errno.ENOENT, "No such file", "a"),
+        NotADirectoryError(errno.ENOTDIR, "Not a directory", "a"),
+        OSError("broken data stream"),
+        RuntimeError("checksum mismatch"),
+        ValueError("cannot allocate memory"),
+        UserError("out of memory"),
+    ],
+)
+def test_what_a_file_holds(error):
+    assert not is_system_error(error)

@@ -1,10 +1,10 @@
-"""Where models run, and in which number type."""
+"""Device, number type and threads of computations."""
 
 import pytest
 import torch
 
+from egosplat.compute import Compute, choose_compute, single_thread
 from egosplat.errors import UserError
-from egosplat.models.devices import Compute, choose_compute
 
 CPU, CUDA = torch.device("cpu"), torch.device("cuda")
 
@@ -52,3 +52,15 @@ def test_products_are_of_the_number_type_and_nothing_is_recorded(dtype):
         result = layer(torch.ones(2, 4))
     assert result.dtype == dtype and not result.requires_grad
     assert layer(torch.ones(2, 4)).dtype == torch.float32, "the setting outlived its block"
+
+
+def test_one_thread_and_then_as_many_as_before():
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        with pytest.raises(RuntimeError, match="inside"), single_thread():
+            assert torch.get_num_threads() == 1
+            raise RuntimeError("inside")
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(before)

@@ -12,16 +12,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from egosplat import checking
+from egosplat.artifacts.check import check_tree
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.integrity import ArtifactError
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reading import open_artifact, verify
+from egosplat.artifacts.provenance import Provenance
+from egosplat.artifacts.reader import open_artifact, verify
+from egosplat.artifacts.registry import SCHEMAS
 from egosplat.artifacts.schema import Field, Schema
 from egosplat.artifacts.view_features import VIEW_FEATURES
-from egosplat.artifacts.writing import create
-from egosplat.checking import SCHEMAS, check_tree
-from egosplat.provenance import Provenance
+from egosplat.artifacts.writer import create
 
 TINY = Schema(
     "tiny",
@@ -39,7 +39,7 @@ VIEWS = 8
 
 @pytest.fixture(autouse=True)
 def known(monkeypatch):
-    monkeypatch.setitem(checking.SCHEMAS, "tiny", TINY)
+    monkeypatch.setitem(SCHEMAS, "tiny", TINY)
 
 
 def made(inputs=None) -> Provenance:
@@ -301,8 +301,8 @@ KILLED = """
 import signal, sys, time, numpy as np
 from pathlib import Path
 from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.writing import create
-from egosplat.provenance import begin
+from egosplat.artifacts.writer import create
+from egosplat.artifacts.provenance import begin
 signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in what a shell runs in the background
 with create(Path(sys.argv[1]), FRAMES, begin("frames", {}, "real")) as artifact:
     artifact.allocate("rgb", (3, 8, 8, 3))

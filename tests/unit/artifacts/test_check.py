@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+from egosplat.artifacts.check import DOCUMENTS, check_tree
 from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.writing import create
-from egosplat.checking import DOCUMENTS, check_tree
+from egosplat.artifacts.provenance import begin
+from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
-from egosplat.provenance import begin
 
 
 @pytest.fixture

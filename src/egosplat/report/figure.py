@@ -1,0 +1,62 @@
+"""Figures: matplotlib without a screen, headings, logarithmic axes, and writing to PNG."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+matplotlib.rcParams["text.parse_math"] = False  # a name may hold dollars
+
+from matplotlib import pyplot as plt
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+from egosplat.output_files import SOFTWARE, FileKind, output_file
+from egosplat.report.page_text import HEADING_WIDTH, arrange_texts, wrap_text
+
+__all__ = ["draw_heading", "label_log_axis", "plt", "save_figure"]
+
+DPI = 90
+
+_LINE = 0.2
+"""Height of a line of 12 points [inches]."""
+
+
+def draw_heading(figure: Figure, title: str, warnings: Sequence[str], fontsize: int = 12) -> None:
+    """Write the title with the warnings below it. Long lines are wrapped, and the figure grows by the added lines.
+
+    Args:
+        figure: has its final size, except for the height of warnings.
+        title: one or more lines.
+        warnings: notices and alarms, one line each.
+        fontsize: in points.
+    """
+    heading = figure.suptitle("\n".join((title, *warnings)), fontsize=fontsize)
+    wrap_text(heading, HEADING_WIDTH * figure.bbox.width)
+    added = heading.get_text().count("\n") - title.count("\n")
+    width, height = figure.get_size_inches()
+    figure.set_size_inches(width, height + _LINE * fontsize / 12 * added)
+
+
+def label_log_axis(axis: Axis) -> None:
+    """Label a logarithmic axis with plain numbers."""
+    # Matplotlib's own labels are formulas, which are not rendered here: see text.parse_math above.
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def save_figure(figure: Figure, output: Path, kind: FileKind) -> None:
+    """Write a figure as PNG, marked with the command that made it, and close it. The file is complete or absent.
+
+    Long titles are wrapped first, and names are moved inside their images.
+
+    Raises:
+        UserError: ``output`` exists and was not written by the command.
+    """
+    arrange_texts(figure)
+    with output_file(output, kind) as scratch:
+        figure.savefig(scratch, dpi=DPI, format="png", metadata={SOFTWARE: kind.command})
+    plt.close(figure)
