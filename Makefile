@@ -30,7 +30,7 @@ $(INSTALLED): requirements.lock pyproject.toml
 	touch $@
 
 # Without a compiler the file stays away, and each call tries again.
-$(COMPILED): $(INSTALLED) setup.py $(addprefix $(KERNELS)/,variants.py compiling.py) $(RAYS)/library.py $(wildcard $(KERNELS)/source/* $(RAYS)/source/*)
+$(COMPILED): $(INSTALLED) setup.py $(addprefix $(KERNELS)/,targets.py compiling.py) $(RAYS)/library.py $(wildcard $(KERNELS)/source/* $(RAYS)/source/*)
 	@echo "Compiling the C++ kernels: about a minute."
 	$(BIN)/python -m pip install --quiet --no-build-isolation --no-deps --editable .
 	@$(BIN)/python -c 'from egosplat.kernels.library import why_not; print(why_not() or "The C++ kernels are ready.")'

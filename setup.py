@@ -17,7 +17,7 @@ KERNELS, RAYS = "egosplat/kernels", "egosplat/rays"
 sys.path.insert(0, str(ROOT / "src"))
 
 from egosplat.kernels.compiling import compile_kernels, compile_rays
-from egosplat.kernels.variants import VARIANTS
+from egosplat.kernels.targets import VARIANTS
 from egosplat.rays.library import LIBRARY
 
 

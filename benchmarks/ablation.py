@@ -25,10 +25,10 @@ from scores_bench.comparing import (
     told,
 )
 
-from egosplat.benchmark.averages import average, average_chance
-from egosplat.benchmark.scored_scenes import CHANCE, ScoredScene, check_protocol, read_scored_scene
-from egosplat.benchmark.tables import Cell, number
 from egosplat.errors import UserError
+from egosplat.tables.averages import average, average_chance
+from egosplat.tables.scored_scenes import CHANCE, ScoredScene, check_protocol, read_scored_scene
+from egosplat.tables.table import Cell, number
 
 VARIANTS = {
     "baseline": "variants/baseline/",

@@ -24,17 +24,17 @@ sys.path.insert(0, str(HERE.parent))
 from aggregation_bench.corruption import KINDS, corrupted
 from aggregation_bench.tracks import Features, Tracks, find_tracks
 
+from egosplat.codes.decoder import decode
+from egosplat.codes.vectors import unit
 from egosplat.errors import UserError
 from egosplat.features.aggregation import NORMS, aggregate
 from egosplat.features.compression import fit
-from egosplat.features.decoding import decode
 from egosplat.features.quality import reconstruction, spread
-from egosplat.features.vectors import unit
 from egosplat.files import atomic_file
 from egosplat.models.open_clip_loader import OpenClip, load_open_clip
 from egosplat.progress import track
 from egosplat.report.figure import label_log_axis, plt
-from egosplat.synthetic.catalogue import CATEGORY_UIDS
+from egosplat.synthetic.objects.catalogue import CATEGORY_UIDS
 from training.small_models.worlds import read_world
 
 SHARES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)

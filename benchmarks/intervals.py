@@ -12,7 +12,7 @@ import click
 import numpy as np
 from scipy import stats
 
-from egosplat.benchmark.intervals import Clusters, IntervalOptions, clustered_interval, mean_of_scenes
+from egosplat.evaluation.intervals import Clusters, IntervalOptions, clustered_interval, mean_of_scenes
 from egosplat.progress import track
 
 FRAMES = 4

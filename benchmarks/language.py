@@ -30,18 +30,18 @@ from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.splats import SPLATS
+from egosplat.codes.decoder import Decoder, decode, read_decoder
+from egosplat.codes.rendering import Lens, lens_of, render_codes
+from egosplat.codes.targets import CodeTargets, Targets
 from egosplat.config import defaults
 from egosplat.errors import UserError
-from egosplat.features.decoding import Decoder, decode, read_decoder
+from egosplat.gaussians.io import read_gaussians
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.pixel_weights import open_masking
 from egosplat.language.lifting import lift
-from egosplat.language.rendering import Lens, lens_of, render_codes
 from egosplat.language.training import CodeOptions, CodeTraining
 from egosplat.language.views import TaughtViews, taught_views
 from egosplat.progress import log
-from egosplat.splats.gaussians import Gaussians
-from egosplat.splats.masking import open_masking
-from egosplat.splats.saved import read_gaussians
-from egosplat.splats.targets import CodeTargets, Targets
 
 CPU = torch.device("cpu")
 HEADER = (

@@ -21,7 +21,9 @@ from vocabulary_bench.answering import Answered, answer_scene
 from vocabulary_bench.phrases import KINDS, LEFT_OUT_PAIR, NAME
 from vocabulary_bench.questions import TARGETS, TOLD_APART
 
-from egosplat.benchmark.intervals import (
+from egosplat.doctor.configured import read_configuration
+from egosplat.errors import UserError
+from egosplat.evaluation.intervals import (
     RESAMPLING,
     Clusters,
     bounds_of,
@@ -30,12 +32,10 @@ from egosplat.benchmark.intervals import (
     mean_of_scenes,
     scaled,
 )
-from egosplat.benchmark.scored_scenes import UNTOUCHED
-from egosplat.benchmark.tables import Cell
-from egosplat.doctor.configured import read_configuration
-from egosplat.errors import UserError
 from egosplat.progress import log
 from egosplat.scenes import find_scene, read_scenes
+from egosplat.tables.scored_scenes import UNTOUCHED
+from egosplat.tables.table import Cell
 
 HEADER = (
     "| what is meant | asked by | queries | phrases | categories | accuracy | a random pixel | the middle of the picture | mIoU "

@@ -16,11 +16,11 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.benchmark.presence import separation
-from egosplat.benchmark.scored_scenes import ScoredScene, read_scored_scene
 from egosplat.errors import UserError
+from egosplat.evaluation.presence import separation
 from egosplat.output_files import picture_kind
 from egosplat.report.figure import plt, save_figure
+from egosplat.tables.scored_scenes import ScoredScene, read_scored_scene
 
 PICTURE = picture_kind("benchmarks/presence.py")
 

@@ -27,10 +27,10 @@ from egosplat.config import stage_keys
 from egosplat.errors import UserError
 from egosplat.models.sam2_loader import load_sam2
 from egosplat.progress import log
-from egosplat.segments.classical_video import segment_video
+from egosplat.segments.classical.video import segment_video
 from egosplat.segments.instances import Segmented, settle
 from egosplat.segments.options import MaskOptions, TrackOptions
-from egosplat.segments.tracking import Tracker
+from egosplat.segments.tracker import Tracker
 from training.small_models.worlds import NOTHING, FilmedWorld
 
 METHODS: dict[str, dict[str, Any]] = {

@@ -22,7 +22,7 @@ import torch
 from egosplat.models.sam2_loader import load_sam2
 from egosplat.progress import log
 from egosplat.segments.options import LEVELS, MaskOptions, TrackOptions
-from egosplat.segments.tracking import Tracker
+from egosplat.segments.tracker import Tracker
 
 POINTS = ((12, 60), (24, 60), (48, 60), (96, 60), (24, 15), (24, 120), (24, 240))
 """Frames, and instances of all levels together."""

@@ -15,9 +15,9 @@ from typing import Any
 import click
 from scores_bench.comparing import METHOD, accuracy_difference, chance, iou_difference, paired
 
-from egosplat.benchmark.scored_scenes import ScoredScene, read_scored_scene
 from egosplat.errors import UserError
 from egosplat.files import read_json
+from egosplat.tables.scored_scenes import ScoredScene, read_scored_scene
 from egosplat.tradeoff.measures import MEASURES, Measure
 
 HEADINGS = [

@@ -33,11 +33,11 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.writer import create
-from egosplat.benchmark.scored_scenes import ScoredScene, read_scored_scene
 from egosplat.config import Config, stage_values
 from egosplat.errors import UserError
 from egosplat.pipeline.stages import stage_function
 from egosplat.progress import log, track
+from egosplat.tables.scored_scenes import ScoredScene, read_scored_scene
 
 PRESETS = Path(__file__).resolve().parents[1] / "config" / "presets"
 TARGETS = ("view", "average")

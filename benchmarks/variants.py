@@ -19,8 +19,8 @@ from scores_bench.comparing import (
     seconds,
 )
 
-from egosplat.benchmark.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 from egosplat.errors import UserError
+from egosplat.tables.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 
 HEADER = (
     "| scene | variant | queries | CPU-s, the scene's | the variant's | accuracy, the scene's | the variant's | difference "

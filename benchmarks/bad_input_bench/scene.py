@@ -69,7 +69,7 @@ def import_all() -> None:
     for name in (
         *(stage.module for stage in STAGES.values()),
         "egosplat.artifacts.registry",
-        "egosplat.benchmark.tables_stage",
+        "egosplat.tables.stage",
         "egosplat.artifacts.check",
         "egosplat.cli",
         "egosplat.doctor.examination",

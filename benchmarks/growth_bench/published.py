@@ -16,9 +16,9 @@ from segments_growth import KEEP_ALL
 
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.models.sam2_loader import Sam2, load_sam2
-from egosplat.segments.candidates import prompt
-from egosplat.segments.encoding import Encoded, encode
-from egosplat.segments.following import Follower
+from egosplat.segments.image_encoder import Encoded, encode
+from egosplat.segments.prompts import prompt
+from egosplat.segments.propagation import Follower
 
 OBJECTS, PROMPTS, CROPS = 2, 4, 4
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from egosplat.errors import UserError
 from egosplat.kernels import library
-from egosplat.kernels.variants import HERE, VARIANTS
+from egosplat.kernels.targets import HERE, VARIANTS
 from rasterizer_bench import rasterizers
 from rasterizer_bench.timing import Turn, start_worker, summary, take_turns
 

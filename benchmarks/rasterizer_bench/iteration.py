@@ -7,17 +7,17 @@ from unittest import mock
 import numpy as np
 import torch
 
+from egosplat.gaussians import trainer as train
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.objective import L1Ssim
+from egosplat.gaussians.optimizer import Adam, LearningRates
+from egosplat.gaussians.options import RenderOptions, TrainingOptions
+from egosplat.gaussians.render import render
+from egosplat.gaussians.schedule import Schedule
+from egosplat.gaussians.training_state import TrainingState
+from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
 from egosplat.rasterize import cpu
-from egosplat.splats import train
-from egosplat.splats.gaussians import Gaussians
-from egosplat.splats.objective import L1Ssim
-from egosplat.splats.optimizer import Adam, LearningRates
-from egosplat.splats.options import RenderOptions, TrainingOptions
-from egosplat.splats.render import render
-from egosplat.splats.schedule import Schedule
-from egosplat.splats.state import TrainingState
-from egosplat.splats.views import Views
 from rasterizer_bench.scenes import NEAR_PLANE, SCENES, Scene, channels, make_scene
 from rasterizer_bench.timing import PhaseClock
 

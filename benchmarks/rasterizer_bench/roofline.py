@@ -8,7 +8,7 @@ from pathlib import Path
 
 from egosplat.errors import UserError
 from egosplat.kernels.compiling import find_compiler
-from egosplat.kernels.variants import VARIANTS
+from egosplat.kernels.targets import VARIANTS
 
 _SOURCE = Path(__file__).with_name("fma.cpp")
 _VECTOR_BYTES = {"avx512": 64, "avx2": 32, "generic": 16}

@@ -129,7 +129,7 @@ def _iterations(rows: Rows) -> str:
     ]
     header = ("scene", "variant", *PHASES, "all", "two threads [ms]")
     return (
-        "## A training iteration, one thread [CPU-ms]\n\n`egosplat.splats.train.iterate`: SH of degree 3, L1 + SSIM, Adam; "
+        "## A training iteration, one thread [CPU-ms]\n\n`egosplat.gaussians.trainer.iterate`: SH of degree 3, L1 + SSIM, Adam; "
         "eight cameras in turn. Phases are medians.\n\n" + _table(header, lines)
     )
 

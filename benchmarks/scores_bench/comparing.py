@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from egosplat.benchmark.averages import average_chance
-from egosplat.benchmark.intervals import (
+from egosplat.errors import UserError
+from egosplat.evaluation.intervals import (
     RESAMPLING,
     Clusters,
     cluster,
@@ -12,9 +12,9 @@ from egosplat.benchmark.intervals import (
     mcnemar,
     mean_of_scenes,
 )
-from egosplat.benchmark.scored_scenes import CHANCE, ScoredScene
-from egosplat.benchmark.tables import Cell
-from egosplat.errors import UserError
+from egosplat.tables.averages import average_chance
+from egosplat.tables.scored_scenes import CHANCE, ScoredScene
+from egosplat.tables.table import Cell
 
 SCORES = (("accuracy", "all"), ("accuracy", "static"), ("accuracy", "dynamic"), ("mean_iou", "all"))
 """Those that tables show: name and group of queries."""

@@ -14,7 +14,7 @@ from PIL import Image
 
 from egosplat.config import section_keys
 from egosplat.models.sam2_loader import Sam2, load_sam2
-from egosplat.segments import classical
+from egosplat.segments.classical.segmenter import segmenter as classical
 from segmentation_bench.worlds import Film, Picture
 
 Masks = NDArray[np.bool_]

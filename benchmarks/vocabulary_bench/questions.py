@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from egosplat.benchmark.queries import InstanceMap, Query
+from egosplat.evaluation.queries import InstanceMap, Query
 from vocabulary_bench.colours import Shares, is_doubtful, main_colour
 from vocabulary_bench.phrases import colour_phrases, synonym_phrases
 

@@ -146,7 +146,7 @@ def export(scene: Path, output: Path | None, codes: bool) -> None:
 )
 def tables(metrics: tuple[Path, ...], output: Path, pictures: tuple[Path, ...]) -> None:
     """Lay METRICS, files metrics.json of scenes, out as the paper's tables, its printed numbers beside."""
-    from egosplat.benchmark.tables_stage import run
+    from egosplat.tables.stage import run
 
     run(metrics, output, pictures=pictures)
 

@@ -21,13 +21,13 @@ from egosplat.artifacts.schema import Schema
 from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.survey import digest_of_frames, write_survey
 from egosplat.artifacts.writer import create
+from egosplat.gaussians.initialization import from_points
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import render
 from egosplat.geometry import Camera
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.query.text import encode_phrases
-from egosplat.splats.gaussians import Gaussians
-from egosplat.splats.initialise import from_points
-from egosplat.splats.render import render
 
 SIZE = 48
 CAMERA = Camera(SIZE, SIZE, 44.0, 44.0, SIZE / 2, SIZE / 2)

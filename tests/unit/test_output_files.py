@@ -13,13 +13,13 @@ import pytest
 from PIL import Image
 
 from egosplat import cli
-from egosplat.benchmark import tables_stage
 from egosplat.errors import UserError
 from egosplat.language.ply import EXPORT, write_ply
 from egosplat.output_files import check_output, output_file, picture_kind, stage_json_kind, write_text_file
 from egosplat.pipeline.stages import STAGES
 from egosplat.report.figure import plt, save_figure
 from egosplat.report.query_sheet import QUERY_PICTURE
+from egosplat.tables import stage as tables_stage
 
 DOCUMENTS = ("metrics", "method_metrics", "survey")
 """Stages that write JSON; the others but the sheets write artifacts."""

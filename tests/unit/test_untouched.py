@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from egosplat import config
-from egosplat.benchmark.scored_scenes import UNTOUCHED
 from egosplat.scenes import Scene, read_scenes
+from egosplat.tables.scored_scenes import UNTOUCHED
 
 ROOT = Path(__file__).resolve().parents[2]
 TABLE = ROOT / "config" / "scenes.tsv"

@@ -57,7 +57,7 @@ def test_a_changed_key_reruns_its_stage_and_what_follows(workdir, config, expect
     "module, old, new, expected",
     [
         ("poses/adt.py", "\ndef adt_poses", "\nCHANGED = 1\n\n\ndef adt_poses", AFTER_POSES),
-        ("splats/train.py", "RECORD_EVERY = 10", "RECORD_EVERY = 20", AFTER_TRANSIENT),
+        ("gaussians/trainer.py", "RECORD_EVERY = 10", "RECORD_EVERY = 20", AFTER_TRANSIENT),
         ("segments/merging.py", "MIN_COMMON_FRAMES = 2", "MIN_COMMON_FRAMES = 3", AFTER_SEGMENTS),
         ("features/aggregation.py", "\nNORMS = (", "\nCHANGED = 1\nNORMS = (", AFTER_FEATURES),
         (
@@ -71,7 +71,7 @@ def test_a_changed_key_reruns_its_stage_and_what_follows(workdir, config, expect
         ("transient/refinement.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_MASKS),
         ("language/lifting.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_LANGUAGE),
         ("query/localization.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_QUERIES),
-        ("benchmark/scores.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_QUERIES),
+        ("evaluation/scores.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_QUERIES),
         ("report/queries_choice.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", {"queries_sheet"}),
         ("report/splats_sheet.py", "PICTURES = 4", "PICTURES = 3", {"splats_sheet"}),
         (
@@ -81,10 +81,10 @@ def test_a_changed_key_reruns_its_stage_and_what_follows(workdir, config, expect
             {"annotations", "contact_sheet", *AFTER_QUERIES},
         ),
         ("report/contact_sheet.py", "PICTURES = 8", "PICTURES = 6", {"contact_sheet"}),
-        ("poses/colmap.py", "\ndef colmap_poses", "\n# why\ndef colmap_poses", set()),
+        ("poses/colmap/pipeline.py", "\ndef colmap_poses", "\n# why\ndef colmap_poses", set()),
         ("poses/adt.py", '"""', '"""New words. ', set()),
         ("progress.py", "_SECONDS_BETWEEN_LINES = 10.0", "_SECONDS_BETWEEN_LINES = 5.0", set()),
-        ("synthetic/textures.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", {"synthetic", *AFTER_FRAMES}),
+        ("synthetic/objects/textures.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", {"synthetic", *AFTER_FRAMES}),
         ("frames/split.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_FRAMES),
         ("features/crops.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_VIEWS),
         ("transient/network.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_TRANSIENT),

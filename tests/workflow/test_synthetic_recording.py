@@ -16,10 +16,10 @@ from egosplat.frames.adt import EXPOSURE_MIDDLE_AFTER_CAPTURE_NS
 from egosplat.geometry import CLOCKWISE, Camera, invert, rotation_angle, transform
 from egosplat.poses import stage as poses_stage
 from egosplat.poses.alignment import trajectory_error
-from egosplat.synthetic.adt import write_sequence
-from egosplat.synthetic.aria import device_from_camera
+from egosplat.synthetic.adt_format.adt import write_sequence
+from egosplat.synthetic.adt_format.aria import device_from_camera
+from egosplat.synthetic.adt_format.sequence import ROLLING_SHUTTER_MIDDLE_NS, Sequence
 from egosplat.synthetic.recording import make_sequence
-from egosplat.synthetic.sequence import ROLLING_SHUTTER_MIDDLE_NS, Sequence
 
 KEYS = defaults()
 

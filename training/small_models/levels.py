@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from egosplat.synthetic.raycasting import Geometry
-from egosplat.synthetic.world import World
+from egosplat.synthetic.camera.raycasting import Geometry
+from egosplat.synthetic.world.world import World
 
 Ints = NDArray[np.int32]
 

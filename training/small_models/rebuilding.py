@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from egosplat.synthetic.world import World
+from egosplat.synthetic.world.world import World
 from training.small_models.levels import Levels, find_levels
 from training.small_models.worlds import Filming, make_furnished_world
 

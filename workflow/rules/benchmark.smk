@@ -20,7 +20,7 @@ ABLATIONS = ("baseline", "aggregation", "initial")
 def tables_code():
     """Content hash of the code that lays out tables."""
     return code_hash(
-        "egosplat.benchmark.tables_stage", ("jinja2", "jsonschema", "pandas")
+        "egosplat.tables.stage", ("jinja2", "jsonschema", "pandas")
     )
 
 

@@ -69,8 +69,8 @@ def _time(expected: Estimate, names: list[str]) -> Finding:
 
 def _rasterizer(config: Config) -> str:
     """The kernels' variant if they will render, else the kind of backend."""
+    from egosplat.gaussians.device import training_device
     from egosplat.kernels import library
-    from egosplat.splats.device import training_device
 
     backend = config["splats"]["backend"]
     try:

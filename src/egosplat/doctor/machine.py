@@ -84,7 +84,7 @@ def _compiler() -> Finding:
 
 def _kernels(config: Config) -> Finding:
     from egosplat.kernels import library
-    from egosplat.kernels.variants import HERE, VARIANTS
+    from egosplat.kernels.targets import HERE, VARIANTS
 
     if problem := library.why_not():
         first, _, advice = problem.partition("\n")

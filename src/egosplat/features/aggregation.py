@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.features.vectors import unit
+from egosplat.codes.vectors import unit
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

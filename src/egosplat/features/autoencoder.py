@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional as F
 
+from egosplat.codes.decoder import Decoder
 from egosplat.compute import single_thread
 from egosplat.errors import UserError
-from egosplat.features.decoding import Decoder
 from egosplat.progress import log, track
 
 ENCODER, DECODER = (256, 128, 64, 32), (16, 32, 64, 128, 256, 256)

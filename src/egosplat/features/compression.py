@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.codes.decoder import Decoder
 from egosplat.errors import UserError
 from egosplat.features.autoencoder import fit_autoencoder
-from egosplat.features.decoding import Decoder
 from egosplat.features.dimensions import Need, needed_dims
 
 Features = NDArray[np.float32]

@@ -4,7 +4,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from egosplat.features.vectors import unit, usable
+from egosplat.codes.vectors import unit, usable
 from egosplat.models.open_clip_loader import OpenClip
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from egosplat.features.decoding import Decoder, decode
-from egosplat.features.vectors import unit
+from egosplat.codes.decoder import Decoder, decode
+from egosplat.codes.vectors import unit
 
 Features = NDArray[np.float32]
 

@@ -15,13 +15,13 @@ from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.view_features import VIEW_FEATURES
 from egosplat.artifacts.writer import create
+from egosplat.codes.decoder import about, decode
+from egosplat.codes.vectors import unit, usable
 from egosplat.features.aggregation import Aggregate, aggregate
 from egosplat.features.compression import Compression, fit
-from egosplat.features.decoding import about, decode
 from egosplat.features.dimensions import SHARE, Need
 from egosplat.features.quality import agreement, reconstruction, spread, summary
 from egosplat.features.supervision import agreement_limit, consistent_directions, supervise, vanishing
-from egosplat.features.vectors import unit, usable
 from egosplat.progress import log
 
 Features = NDArray[np.float32]

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.features.vectors import unit
+from egosplat.codes.vectors import unit
 
 Floats = NDArray[np.floating]
 Bools = NDArray[np.bool_]

@@ -16,10 +16,10 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.view_features import VIEW_FEATURES
 from egosplat.artifacts.writer import create
+from egosplat.codes.vectors import usable
 from egosplat.errors import UserError
 from egosplat.features.encoding import channels, encode
 from egosplat.features.journal import Journal
-from egosplat.features.vectors import usable
 from egosplat.features.views import (
     Views,
     check_belong_together,

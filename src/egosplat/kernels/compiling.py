@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from egosplat.files import atomic_file
-from egosplat.kernels.variants import FLAGS, VARIANTS, Variant, source_hash
+from egosplat.kernels.targets import FLAGS, VARIANTS, Variant, source_hash
 from egosplat.rays import library as rays
 
 COMPILERS = ("g++", "c++", "clang++")

@@ -14,7 +14,7 @@ from pathlib import Path
 import torch  # noqa: F401  before the libraries, which need its OpenMP runtime
 
 from egosplat.errors import UserError, reraise_as
-from egosplat.kernels.variants import HERE, VARIANTS, Variant, source_hash
+from egosplat.kernels.targets import HERE, VARIANTS, Variant, source_hash
 
 ABI = 1
 """Version of the functions' signatures: what ``egosplat_abi`` of a library must return."""

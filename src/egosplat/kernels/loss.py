@@ -14,7 +14,7 @@ _INT, _DOUBLE, _POINTER = ctypes.c_int, ctypes.c_double, ctypes.c_void_p
 
 
 def l1_ssim(render: Tensor, target: Tensor, weight: Tensor | None, ssim_lambda: float) -> Tensor:
-    """The loss that ``egosplat.splats.loss`` defines, differentiable by the render alone.
+    """The loss that ``egosplat.gaussians.loss`` defines, differentiable by the render alone.
 
     The numbers are the same for any number of threads.
 

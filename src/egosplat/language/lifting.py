@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from egosplat.language.rendering import Lens, sum_over_pixels
+from egosplat.codes.rendering import Lens, sum_over_pixels
+from egosplat.gaussians.model import Gaussians
 from egosplat.language.views import TaughtViews
 from egosplat.progress import track
-from egosplat.splats.gaussians import Gaussians
 
 _LEAST_WEIGHT = 1e-3
 """Pixels that a Gaussian must have filled, in all views together, to have been seen."""

@@ -10,10 +10,10 @@ from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.errors import UserError
+from egosplat.gaussians.io import read_gaussians
+from egosplat.gaussians.model import Gaussians
 from egosplat.output_files import check_output, output_file, text_kind
 from egosplat.progress import log
-from egosplat.splats.gaussians import Gaussians
-from egosplat.splats.saved import read_gaussians
 
 Columns = dict[str, NDArray[np.float32]]
 

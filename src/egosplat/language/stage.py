@@ -19,18 +19,18 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.writer import create
+from egosplat.codes.rendering import Lens, lens_of
+from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
+from egosplat.gaussians.device import training_device
+from egosplat.gaussians.io import read_gaussians
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.pixel_weights import Masking, open_masking
+from egosplat.gaussians.training_views import check_belong_together
 from egosplat.language.lifting import Lifted, lift
-from egosplat.language.rendering import Lens, lens_of
 from egosplat.language.training import CodeOptions, CodeTraining, Curve, shown_codes
 from egosplat.language.views import TaughtViews, taught_views
 from egosplat.progress import log
-from egosplat.splats.device import training_device
-from egosplat.splats.gaussians import Gaussians
-from egosplat.splats.masking import Masking, open_masking
-from egosplat.splats.saved import read_gaussians
-from egosplat.splats.targets import CodeTargets
-from egosplat.splats.views import check_belong_together
 
 _PATHS = ("frames", "poses", "segments", "features", "splats", "output", "survey", "transient", "masks")
 

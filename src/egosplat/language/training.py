@@ -8,12 +8,12 @@ import torch
 from torch import Tensor
 
 from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.codes.joint_objective import code_l1
+from egosplat.codes.rendering import Lens, render_values
 from egosplat.errors import UserError
-from egosplat.language.rendering import Lens, render_values
+from egosplat.gaussians.model import Gaussians
 from egosplat.language.views import TaughtViews
 from egosplat.progress import track
-from egosplat.splats.gaussians import Gaussians
-from egosplat.splats.language_objective import code_l1
 
 RECORD_EVERY = 10
 """Iterations a record; a checkpoint is written at one, too."""

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.artifacts.reader import Artifact
+from egosplat.codes.targets import Targets
+from egosplat.gaussians.pixel_weights import Masking
+from egosplat.gaussians.training_views import pixel_weight, read_valid, split_views
 from egosplat.geometry import Camera
-from egosplat.splats.masking import Masking
-from egosplat.splats.targets import Targets
-from egosplat.splats.views import pixel_weight, read_valid, split_views
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +24,7 @@ class TaughtViews:
         camera_to_world: (V, 4, 4) float64, OpenCV axes, metres.
         camera: of all views.
         targets: gives what the pixels of a frame shall show.
-        valid: see ``egosplat.splats.views.Views``.
+        valid: see ``egosplat.gaussians.training_views.Views``.
         masking: what moves in each frame.
         device: where everything is to be.
     """

@@ -5,7 +5,7 @@ from typing import Any
 from sam2.sam2_video_predictor import SAM2VideoPredictor
 from torch import Tensor
 
-from egosplat.models.holes import fill_holes
+from egosplat.models.mask_holes import fill_holes
 
 
 class VideoPredictor(SAM2VideoPredictor):

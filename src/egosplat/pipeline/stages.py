@@ -176,7 +176,7 @@ _STAGES = (
     ),
     Stage(
         "metrics",
-        "egosplat.benchmark.stage",
+        "egosplat.evaluation.stage",
         "Query everything that is annotated, and score the answers and the renders.",
         output="metrics.json",
         inputs=("frames", "poses", "annotations", "features", "splats", "language"),
@@ -195,7 +195,7 @@ _STAGES = (
     ),
     Stage(
         "method_metrics",
-        "egosplat.benchmark.other_methods",
+        "egosplat.evaluation.external",
         "Score another method's relevancy maps as egosplat's own.",
         output="method_metrics.json",
         inputs=("frames", "poses", "annotations", "relevancy"),

@@ -12,7 +12,7 @@ from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
 from egosplat.poses.adt import adt_poses
-from egosplat.poses.colmap import colmap_poses
+from egosplat.poses.colmap.pipeline import colmap_poses
 from egosplat.poses.result import Poses
 from egosplat.progress import log
 

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from egosplat.features.decoding import Decoder
+from egosplat.codes.decoder import Decoder
 from egosplat.geometry import Array, Camera
 from egosplat.query.maps import Found, find_in_maps
 from egosplat.query.options import QueryOptions

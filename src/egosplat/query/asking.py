@@ -4,14 +4,14 @@ from collections.abc import Iterator
 
 import torch
 
+from egosplat.codes.rendering import render_codes
+from egosplat.gaussians.render import render
 from egosplat.geometry import Array, Camera
-from egosplat.language.rendering import render_codes
 from egosplat.query.answer import Answer, View, answer_from_codes
 from egosplat.query.options import QueryOptions
 from egosplat.query.scene import LanguageScene
 from egosplat.query.smoothing import Mask
 from egosplat.query.text import Texts
-from egosplat.splats.render import render
 
 
 def ask(

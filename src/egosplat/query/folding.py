@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from egosplat.features.decoding import Decoder
+from egosplat.codes.decoder import Decoder
 
 
 def fold(decoder: Decoder, directions: Tensor) -> tuple[Decoder, Tensor]:

@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from egosplat.features.decoding import Decoder, decode
+from egosplat.codes.decoder import Decoder, decode
 from egosplat.query.folding import fold
 from egosplat.query.text import Texts
 

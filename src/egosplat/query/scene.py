@@ -6,11 +6,11 @@ import torch
 from torch import Tensor
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.features.decoding import Decoder, read_decoder
-from egosplat.language.rendering import Lens, lens_of
-from egosplat.splats.device import training_device
-from egosplat.splats.gaussians import Gaussians
-from egosplat.splats.saved import read_gaussians
+from egosplat.codes.decoder import Decoder, read_decoder
+from egosplat.codes.rendering import Lens, lens_of
+from egosplat.gaussians.device import training_device
+from egosplat.gaussians.io import read_gaussians
+from egosplat.gaussians.model import Gaussians
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from egosplat.codes.vectors import unit, usable
 from egosplat.errors import UserError
-from egosplat.features.vectors import unit, usable
 from egosplat.models.open_clip_loader import OpenClip
 
 _SPECIAL_TOKENS = 2

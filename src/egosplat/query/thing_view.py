@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import torch
 
+from egosplat.codes.rendering import render_codes, render_values
 from egosplat.geometry import Array, Camera
-from egosplat.language.rendering import render_codes, render_values
 from egosplat.query.asking import rendering_camera
 from egosplat.query.options import QueryOptions
 from egosplat.query.relevancy import relevancy_maps

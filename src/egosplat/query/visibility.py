@@ -6,10 +6,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from egosplat.codes.rendering import Lens, sum_over_pixels
+from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Array, Camera
-from egosplat.language.rendering import Lens, sum_over_pixels
 from egosplat.query.smoothing import Mask
-from egosplat.splats.gaussians import Gaussians
 
 
 def visible_shares(

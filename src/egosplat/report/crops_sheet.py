@@ -13,10 +13,10 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.view_features import VIEW_FEATURES
+from egosplat.codes.vectors import unit, usable
 from egosplat.errors import UserError
 from egosplat.features.aggregation import disagreement
 from egosplat.features.crops import cut_crop
-from egosplat.features.vectors import unit, usable
 from egosplat.output_files import check_output, picture_kind
 from egosplat.report.figure import draw_heading, plt, save_figure
 

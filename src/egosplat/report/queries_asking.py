@@ -16,11 +16,10 @@ from egosplat.artifacts.lineage import lineage
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
-from egosplat.benchmark.evaluation import Evaluation, read_evaluation
-from egosplat.benchmark.localization import bounding_boxes
-from egosplat.benchmark.queries import BenchmarkQueries, Query, find_queries
-from egosplat.benchmark.scored_scenes import ScoredScene
 from egosplat.errors import UserError
+from egosplat.evaluation.evaluation_frames import Evaluation, read_evaluation
+from egosplat.evaluation.localization import bounding_boxes
+from egosplat.evaluation.queries import BenchmarkQueries, Query, find_queries
 from egosplat.query.answer import Answer
 from egosplat.query.asking import ask
 from egosplat.query.clip import load_clip_of
@@ -29,6 +28,7 @@ from egosplat.query.scene import read_scene
 from egosplat.query.text import encode_texts
 from egosplat.report.queries_choice import ScoredQuery
 from egosplat.report.trained_scene import open_trained_scene
+from egosplat.tables.scored_scenes import ScoredScene
 
 _SCHEMAS = (FRAMES, POSES, ANNOTATIONS, FEATURES, SPLATS, LANGUAGE)
 

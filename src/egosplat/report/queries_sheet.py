@@ -9,14 +9,14 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from egosplat.benchmark.scored_scenes import CHANCE, ScoredScene, read_scored_scene
-from egosplat.benchmark.series import find_series
-from egosplat.benchmark.tables import Cell
 from egosplat.output_files import check_output, picture_kind
 from egosplat.report.answer_drawing import draw_heat, draw_mask
 from egosplat.report.figure import draw_heading, plt, save_figure
 from egosplat.report.queries_asking import ShownQuery, ask_again, open_sources
 from egosplat.report.queries_choice import best_and_worst, scored_queries
+from egosplat.tables.scored_scenes import CHANCE, ScoredScene, read_scored_scene
+from egosplat.tables.series import find_series
+from egosplat.tables.table import Cell
 
 PAGE = picture_kind("egosplat queries-sheet")
 

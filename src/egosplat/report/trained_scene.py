@@ -11,10 +11,10 @@ from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.errors import UserError
+from egosplat.gaussians.io import read_gaussians
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import render
 from egosplat.geometry import Camera
-from egosplat.splats.gaussians import Gaussians
-from egosplat.splats.render import render
-from egosplat.splats.saved import read_gaussians
 
 
 @dataclass(frozen=True, eq=False)

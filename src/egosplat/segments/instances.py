@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.segments.labels import LabelMaps
+from egosplat.segments.label_maps import LabelMaps
 from egosplat.segments.merging import kept, merged
 
 

@@ -6,9 +6,9 @@ import torch
 from torch import Tensor
 
 from egosplat.artifacts.checkpoint import State
-from egosplat.segments.following import Group
+from egosplat.segments.memory import moved
 from egosplat.segments.merging import Overlaps
-from egosplat.segments.remembering import moved
+from egosplat.segments.propagation import Group
 
 Seen = tuple[list[int], Tensor]
 """Numbers of K instances and their (K, M, M) float32 logits, or bool masks, in one frame."""

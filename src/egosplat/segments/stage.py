@@ -17,11 +17,11 @@ from egosplat.artifacts.writer import Writer, create
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import SAM2, model_hash
 from egosplat.progress import log, track
-from egosplat.segments.classical_video import segment_video
+from egosplat.segments.classical.video import segment_video
+from egosplat.segments.duplicate_levels import repeated_levels, without
 from egosplat.segments.instances import Segmented, Settled, settle
 from egosplat.segments.occupancy import Occupancy
 from egosplat.segments.options import LEVELS, MaskOptions, TrackOptions
-from egosplat.segments.repetition import repeated_levels, without
 
 CHECKPOINT_S = 60.0
 """Between two checkpoints [s]."""
@@ -137,7 +137,7 @@ def _by_sam2(
 ) -> Segmented:
     # Only here: the classical segmenter does without torch, which takes seconds to import.
     from egosplat.models.sam2_loader import load_sam2
-    from egosplat.segments.tracking import Tracker
+    from egosplat.segments.tracker import Tracker
 
     sam2, valid = load_sam2(*model), video.source.read("valid")
     return Tracker(sam2, video.picture, len(video.frame), valid, masks, tracks).run(checkpoint)

@@ -17,23 +17,21 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.writer import create
+from egosplat.codes.joint_objective import JointLanguage, with_codes
+from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
-from egosplat.progress import log
-from egosplat.rasterize.contract import MAX_SH_DEGREE
-from egosplat.splats.device import rasterizer_used, training_device
-from egosplat.splats.evaluate import Scores, evaluate
-from egosplat.splats.gaussians import Gaussians
-from egosplat.splats.initialise import scene_extent
-from egosplat.splats.language_objective import JointLanguage, with_codes
-from egosplat.splats.masking import Masking, open_masking
-from egosplat.splats.objective import L1Ssim, Objective
-from egosplat.splats.options import RenderOptions, TrainingOptions
-from egosplat.splats.saved import put_curves, put_gaussians
-from egosplat.splats.starting import starting_gaussians
-from egosplat.splats.state import TrainingState
-from egosplat.splats.targets import CodeTargets
-from egosplat.splats.train import Photographs, resume_and_train
-from egosplat.splats.views import (
+from egosplat.gaussians.device import rasterizer_used, training_device
+from egosplat.gaussians.evaluation import Scores, evaluate
+from egosplat.gaussians.initialization import scene_extent
+from egosplat.gaussians.io import put_curves, put_gaussians
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.objective import L1Ssim, Objective
+from egosplat.gaussians.options import RenderOptions, TrainingOptions
+from egosplat.gaussians.pixel_weights import Masking, open_masking
+from egosplat.gaussians.starting_points import starting_gaussians
+from egosplat.gaussians.trainer import Photographs, resume_and_train
+from egosplat.gaussians.training_state import TrainingState
+from egosplat.gaussians.training_views import (
     Mask,
     Split,
     Views,
@@ -42,6 +40,8 @@ from egosplat.splats.views import (
     set_aside,
     split_views,
 )
+from egosplat.progress import log
+from egosplat.rasterize.contract import MAX_SH_DEGREE
 
 _PATHS = ("frames", "poses", "output", "survey", "transient", "masks", "segments", "features")
 

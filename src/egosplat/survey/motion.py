@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.dense_flow import agree, find_flow, padded, pixel_grid
 from egosplat.geometry import Array
+from egosplat.optical_flow import agree, find_flow, padded, pixel_grid
 from egosplat.survey.epipolar import epipole, longest_flow, miss_distance, rotation_homography
 
 Bools = NDArray[np.bool_]

@@ -5,12 +5,12 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.synthetic.lens import Lens, make_lens
-from egosplat.synthetic.lighting import make_lights
-from egosplat.synthetic.points import semidense_points
-from egosplat.synthetic.render import Renderer
-from egosplat.synthetic.sequence import ROLLING_SHUTTER_MIDDLE_NS, Frame, Sequence
-from egosplat.synthetic.world import World, camera_pose, make_world
+from egosplat.synthetic.adt_format.points import semidense_points
+from egosplat.synthetic.adt_format.sequence import ROLLING_SHUTTER_MIDDLE_NS, Frame, Sequence
+from egosplat.synthetic.camera.lens import Lens, make_lens
+from egosplat.synthetic.camera.lighting import make_lights
+from egosplat.synthetic.camera.render import Renderer
+from egosplat.synthetic.world.world import World, camera_pose, make_world
 
 Array = NDArray[np.float64]
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from egosplat.synthetic.adt import write_sequence
+from egosplat.synthetic.adt_format.adt import write_sequence
 from egosplat.synthetic.recording import make_sequence
 
 

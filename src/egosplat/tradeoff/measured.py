@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from egosplat.benchmark.scored_scenes import ScoredScene, check_protocol, read_scored_scene
-from egosplat.benchmark.series import find_series
 from egosplat.errors import UserError
+from egosplat.tables.scored_scenes import ScoredScene, check_protocol, read_scored_scene
+from egosplat.tables.series import find_series
 from egosplat.tradeoff.estimates import Chance, Sample, pooled
 from egosplat.tradeoff.measures import ACCURACY, COSTS, MEAN_IOU, MEASURES, PSNR, WALL, Measure
 from egosplat.tradeoff.points import PRESET, Setting, shown

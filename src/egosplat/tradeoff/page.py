@@ -7,10 +7,10 @@ from typing import Any
 
 from jinja2 import Environment, StrictUndefined
 
-from egosplat.benchmark.scored_scenes import CHANCE
-from egosplat.benchmark.tables_page import read_picture
 from egosplat.output_files import text_kind
 from egosplat.pipeline.stages import STAGES
+from egosplat.tables.page import read_picture
+from egosplat.tables.scored_scenes import CHANCE
 from egosplat.tradeoff.measured import EVALUATION
 from egosplat.tradeoff.measures import MEASURES, WALL
 from egosplat.tradeoff.points import shown

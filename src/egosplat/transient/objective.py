@@ -9,8 +9,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from egosplat.splats.loss import l2
-from egosplat.splats.views import Views
+from egosplat.gaussians.loss import l2
+from egosplat.gaussians.training_views import Views
 from egosplat.transient.network import TransientNet
 
 CHANNELS = {"mean": 1.0, "sum": 3.0}
@@ -58,7 +58,7 @@ class InitialObjective:
         self._iteration = 0
 
     def loss(self, image: Tensor, views: Views, index: int) -> Tensor:
-        """L_init of one picture; see ``egosplat.splats.objective.Objective``."""
+        """L_init of one picture; see ``egosplat.gaussians.objective.Objective``."""
         picture = views.picture(index)
         factor = CHANNELS[self._options.residual]
         self._iteration += 1

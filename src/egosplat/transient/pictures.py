@@ -6,8 +6,8 @@ import torch
 from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
+from egosplat.gaussians.training_views import Mask, Views
 from egosplat.geometry import Camera
-from egosplat.splats.views import Mask, Views
 
 
 def working_size(height: int, width: int, resolution: int) -> tuple[int, int]:

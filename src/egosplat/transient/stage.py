@@ -16,15 +16,15 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.artifacts.writer import Writer, create
 from egosplat.compute import single_thread
+from egosplat.gaussians.device import rasterizer_used, training_device
+from egosplat.gaussians.initialization import scene_extent
+from egosplat.gaussians.options import RenderOptions, TrainingOptions
+from egosplat.gaussians.starting_points import starting_gaussians
+from egosplat.gaussians.trainer import Photographs, resume_and_train
+from egosplat.gaussians.training_state import TrainingState
+from egosplat.gaussians.training_views import Mask, check_belong_together, split_views
 from egosplat.models.checkpoints import content_hash
 from egosplat.progress import log, track
-from egosplat.splats.device import rasterizer_used, training_device
-from egosplat.splats.initialise import scene_extent
-from egosplat.splats.options import RenderOptions, TrainingOptions
-from egosplat.splats.starting import starting_gaussians
-from egosplat.splats.state import TrainingState
-from egosplat.splats.train import Photographs, resume_and_train
-from egosplat.splats.views import Mask, check_belong_together, split_views
 from egosplat.transient.network import TransientNet, make_network
 from egosplat.transient.objective import InitialObjective, InitialOptions
 from egosplat.transient.pictures import read_reduced_views, reduced, working_size

@@ -6,7 +6,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from egosplat.features.decoding import Decoder
+from egosplat.codes.decoder import Decoder
 from egosplat.query.folding import fold
 from egosplat.query.options import LANGSPLAT, QueryOptions
 from egosplat.query.relevancy import relevancy, relevancy_maps

@@ -5,8 +5,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from egosplat.splats.gaussians import Gaussians
-from egosplat.splats.optimizer import Adam, LearningRates
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.optimizer import Adam, LearningRates
 
 TURNS = st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: sum(v * v for v in q) > 1e-2)
 MODES = pytest.mark.parametrize("mode", ["classic", "antialiased"])

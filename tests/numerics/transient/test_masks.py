@@ -6,8 +6,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from egosplat.splats.loss import l1_ssim, l2
-from egosplat.splats.views import pixel_weight
+from egosplat.gaussians.loss import l1_ssim, l2
+from egosplat.gaussians.training_views import pixel_weight
 from egosplat.transient.refinement import InstanceScores, refined_mask, transient_instances
 
 SIZE = 12

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
+from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
-from egosplat.splats.views import Views
 from egosplat.transient.network import make_network
 from egosplat.transient.objective import InitialObjective, InitialOptions
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from egosplat.benchmark.intervals import (
+from egosplat.evaluation.intervals import (
     Clusters,
     IntervalOptions,
     cluster,

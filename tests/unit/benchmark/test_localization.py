@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from egosplat.benchmark.localization import bounding_boxes, is_hit, middle_hit, random_hit, target_area
+from egosplat.evaluation.localization import bounding_boxes, is_hit, middle_hit, random_hit, target_area
 
 NOWHERE = np.zeros((0, 2), np.int64)
 

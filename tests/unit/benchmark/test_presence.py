@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from egosplat.benchmark.presence import PresenceQuery, is_right, presence_entry, presence_phrases, separation
-from egosplat.benchmark.queries import Query
+from egosplat.evaluation.presence import PresenceQuery, is_right, presence_entry, presence_phrases, separation
+from egosplat.evaluation.queries import Query
 from egosplat.frames.recording import Instance
 
 NAMES = ["couch", "cup"]

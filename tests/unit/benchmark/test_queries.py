@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from egosplat.benchmark.queries import BenchmarkQueries, Query, categories, find_queries, read_map
+from egosplat.evaluation.queries import BenchmarkQueries, Query, categories, find_queries, read_map
 
 ALL = BenchmarkQueries(min_area=0.0, excluded=(), people=True)
 

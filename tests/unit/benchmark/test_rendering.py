@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.benchmark.rendering import (
+from egosplat.evaluation.rendering import (
     RegionScore,
     RenderingScore,
     region_scores,

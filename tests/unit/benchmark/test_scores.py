@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from egosplat.benchmark.intervals import IntervalOptions
-from egosplat.benchmark.queries import BenchmarkQueries, Query, categories
-from egosplat.benchmark.scores import QueryScore, Result, score_query, summarise
+from egosplat.evaluation.intervals import IntervalOptions
+from egosplat.evaluation.queries import BenchmarkQueries, Query, categories
+from egosplat.evaluation.scores import QueryScore, Result, score_query, summarise
 
 OPTIONS = IntervalOptions(confidence=0.95, resamples=200, seed=0)
 

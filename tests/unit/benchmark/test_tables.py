@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from egosplat.benchmark.averages import average, average_chance
-from egosplat.benchmark.intervals import RESAMPLING, clustered_interval
-from egosplat.benchmark.paper_layouts import LAYOUTS
-from egosplat.benchmark.paper_numbers import METHODS, SCENES, printed
-from egosplat.benchmark.paper_tables import paper_tables
-from egosplat.benchmark.scored_scenes import ScoredScene
-from egosplat.benchmark.tables import Cell, Row, aside, number, ranked
+from egosplat.evaluation.intervals import RESAMPLING, clustered_interval
+from egosplat.tables.averages import average, average_chance
+from egosplat.tables.paper_layouts import LAYOUTS
+from egosplat.tables.paper_numbers import METHODS, SCENES, printed
+from egosplat.tables.paper_tables import paper_tables
+from egosplat.tables.scored_scenes import ScoredScene
+from egosplat.tables.table import Cell, Row, aside, number, ranked
 
 
 def row(*cells: Cell) -> Row:

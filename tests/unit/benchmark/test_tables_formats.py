@@ -7,13 +7,13 @@ from html.parser import HTMLParser
 import pandas as pd
 import pytest
 
-from egosplat.benchmark.tables import Block, Cell, Column, Note, Row, Table
-from egosplat.benchmark.tables_csv import to_csv
-from egosplat.benchmark.tables_latex import escape as latex
-from egosplat.benchmark.tables_latex import to_latex
-from egosplat.benchmark.tables_markdown import escape as markdown
-from egosplat.benchmark.tables_markdown import to_markdown
-from egosplat.benchmark.tables_page import Picture, to_html
+from egosplat.tables.csv_format import to_csv
+from egosplat.tables.latex_format import escape as latex
+from egosplat.tables.latex_format import to_latex
+from egosplat.tables.markdown_format import escape as markdown
+from egosplat.tables.markdown_format import to_markdown
+from egosplat.tables.page import Picture, to_html
+from egosplat.tables.table import Block, Cell, Column, Note, Row, Table
 
 HOSTILE = '<script>alert("1")</script> & \\input{x} | a_b % $x$ #1 ~ ^ *b* `c` [d](e)'
 

@@ -8,10 +8,10 @@ import pandas as pd
 import pytest
 
 from egosplat import config as configuration
-from egosplat.benchmark.scored_scenes import one_line, read_scored_scene
-from egosplat.benchmark.tables_stage import run
 from egosplat.errors import UserError
 from egosplat.models.suitability import BRIEF, notice
+from egosplat.tables.scored_scenes import one_line, read_scored_scene
+from egosplat.tables.stage import run
 
 NAN = float("nan")
 NAMES = ("adt_accuracy", "adt_iou", "adt_ablation", "hoi4d", "adt_transient")

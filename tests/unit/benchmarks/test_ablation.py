@@ -6,8 +6,8 @@ import pytest
 from ablation import COMPARED, VARIANTS, differences, page, table
 from scores_bench.comparing import accuracy_difference, iou_difference, paired, queries_of, told
 
-from egosplat.benchmark.scored_scenes import ScoredScene
-from egosplat.benchmark.tables import Cell
+from egosplat.tables.scored_scenes import ScoredScene
+from egosplat.tables.table import Cell
 
 OPTIONS = {"options": {"confidence": 0.95}}
 

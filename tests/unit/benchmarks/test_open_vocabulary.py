@@ -21,12 +21,12 @@ from vocabulary_bench.phrases import (
 from vocabulary_bench.questions import COLOURED, TOLD_APART, WORDS, Question, find_questions
 
 from egosplat import config as configuration
-from egosplat.benchmark.queries import Query
-from egosplat.benchmark.scores import Result
 from egosplat.errors import UserError
+from egosplat.evaluation.queries import Query
+from egosplat.evaluation.scores import Result
 from egosplat.frames.recording import Instance
-from egosplat.synthetic.catalogue import CATEGORY_UIDS
-from egosplat.synthetic.world import make_world
+from egosplat.synthetic.objects.catalogue import CATEGORY_UIDS
+from egosplat.synthetic.world.world import make_world
 from training.small_models.attributes import COLOURS
 from training.small_models.captions import held_out
 from training.small_models.clip_vocabulary import known_words

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import torch
 
+from egosplat.codes.decoder import Decoder, decode
+from egosplat.codes.vectors import unit
 from egosplat.errors import UserError
 from egosplat.features.autoencoder import BATCH, Autoencoder, batches, loss
 from egosplat.features.compression import fit
-from egosplat.features.decoding import Decoder, decode
 from egosplat.features.quality import reconstruction, spread, summary
-from egosplat.features.vectors import unit
 
 
 def rows(count: int, channels: int, rank: int, seed: int = 0) -> np.ndarray:

@@ -21,7 +21,7 @@ from egosplat.frames.adt import AdtRecording, rectification
 from egosplat.frames.adt_annotations import AdtAnnotations
 from egosplat.frames.rectify import pinhole
 from egosplat.frames.upright import clockwise_turns, turns_of
-from egosplat.synthetic.aria import calibration_json
+from egosplat.synthetic.adt_format.aria import calibration_json
 
 RGB = "camera-rgb"
 BUILDS = [

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from egosplat.kernels import library
-from egosplat.kernels.variants import HERE, VARIANTS
+from egosplat.kernels.targets import HERE, VARIANTS
 
 
 @pytest.fixture(params=VARIANTS, ids=lambda variant: variant.name)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from egosplat.kernels.compiling import compile_kernels
-from egosplat.kernels.variants import VARIANTS, Variant, source_hash
+from egosplat.kernels.targets import VARIANTS, Variant, source_hash
 
 GENERIC = VARIANTS[-1:]
 SOURCE = """

@@ -13,7 +13,7 @@ from egosplat.errors import UserError
 from egosplat.kernels import library
 from egosplat.kernels.compiling import compile_kernels
 from egosplat.kernels.library import choose, cpu_features, open_library
-from egosplat.kernels.variants import HERE, VARIANTS
+from egosplat.kernels.targets import HERE, VARIANTS
 
 AVX512, AVX2, GENERIC = VARIANTS
 SOURCE = f"""
@@ -138,10 +138,10 @@ def test_a_library_runs_in_the_threads_of_torch(folder):
 
 def test_a_library_brings_no_openmp_runtime_of_its_own(folder):
     code = (
-        "import sys; from pathlib import Path; from egosplat.kernels import library, variants\n"
+        "import sys; from pathlib import Path; from egosplat.kernels import library, targets\n"
         "def runtimes(): return {line.split()[-1] for line in open('/proc/self/maps') if 'gomp' in line}\n"
         "before = runtimes()\n"
-        "library.open_library(Path(sys.argv[1]), variants.VARIANTS[-1]).egosplat_team()\n"
+        "library.open_library(Path(sys.argv[1]), targets.VARIANTS[-1]).egosplat_team()\n"
         "assert before and runtimes() == before, (before, runtimes())"
     )
     done = subprocess.run([sys.executable, "-c", code, folder], capture_output=True, text=True, check=False)

@@ -7,9 +7,9 @@ import pytest
 import torch
 from torch import Tensor
 
+from egosplat.gaussians.loss import torch_l1_ssim
 from egosplat.kernels import library
 from egosplat.kernels.loss import l1_ssim
-from egosplat.splats.loss import torch_l1_ssim
 
 pytestmark = pytest.mark.skipif(library.why_not() is not None, reason="the kernels are not built")
 

@@ -17,11 +17,11 @@ from egosplat.artifacts.reader import Artifact, open_artifact, recorded_digest
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.artifacts.writer import create
+from egosplat.codes.rendering import Lens
+from egosplat.gaussians.initialization import from_points
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import render
 from egosplat.geometry import Camera
-from egosplat.language.rendering import Lens
-from egosplat.splats.gaussians import Gaussians
-from egosplat.splats.initialise import from_points
-from egosplat.splats.render import render
 
 SIZE = 24
 FRAME_COUNT = 5

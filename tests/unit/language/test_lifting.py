@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import torch
 
+from egosplat.codes.rendering import render_codes, render_values
+from egosplat.codes.targets import CodeTargets
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.pixel_weights import Masking, open_masking
 from egosplat.language.lifting import lift
-from egosplat.language.rendering import render_codes, render_values
 from egosplat.language.views import TaughtViews, taught_views
-from egosplat.splats.gaussians import Gaussians
-from egosplat.splats.masking import Masking, open_masking
-from egosplat.splats.targets import CodeTargets
 
 CPU = torch.device("cpu")
 

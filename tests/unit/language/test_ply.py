@@ -6,8 +6,8 @@ import torch
 import trimesh
 
 from egosplat.errors import UserError
+from egosplat.gaussians.model import Gaussians
 from egosplat.language.ply import code_columns, export, geometry_columns, write_ply
-from egosplat.splats.gaussians import Gaussians
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@
 
 import torch
 
-from egosplat.splats.targets import CodeTargets
+from egosplat.codes.targets import CodeTargets
 
 CPU = torch.device("cpu")
 

@@ -4,12 +4,12 @@ import pytest
 import torch
 
 from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.codes.joint_objective import code_l1
+from egosplat.codes.targets import CodeTargets, Targets
 from egosplat.errors import UserError
+from egosplat.gaussians.pixel_weights import Masking
 from egosplat.language.training import CodeOptions, CodeTraining, shown_codes
 from egosplat.language.views import taught_views
-from egosplat.splats.language_objective import code_l1
-from egosplat.splats.masking import Masking
-from egosplat.splats.targets import CodeTargets, Targets
 
 CPU = torch.device("cpu")
 OPTIONS = CodeOptions(iterations=60, lr=0.05, unit_codes=False, seed=0)

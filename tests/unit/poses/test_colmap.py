@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
 from egosplat.poses.alignment import trajectory_error
-from egosplat.poses.colmap import LARGEST_ERROR_PX, SHORTEST_TRACK, colmap_poses, kept_points
-from egosplat.poses.colmap_database import Project
-from egosplat.poses.colmap_mapping import ranges, too_few
-from egosplat.poses.colmap_pairs import every_pair, sequential_pairs
+from egosplat.poses.colmap.database import Project
+from egosplat.poses.colmap.mapping import ranges, too_few
+from egosplat.poses.colmap.pairs import every_pair, sequential_pairs
+from egosplat.poses.colmap.pipeline import LARGEST_ERROR_PX, SHORTEST_TRACK, colmap_poses, kept_points
 from egosplat.poses.result import Poses
 
 Pictures = list[NDArray[np.uint8]]

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.features.decoding import Decoder
+from egosplat.codes.decoder import Decoder
+from egosplat.codes.rendering import Lens
+from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Camera
-from egosplat.language.rendering import Lens
 from egosplat.query.asking import ask, rendering_camera, view_of
 from egosplat.query.options import LANGSPLAT
 from egosplat.query.scene import LanguageScene
 from egosplat.query.text import Texts
-from egosplat.splats.gaussians import Gaussians
 
 CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)
 LENS = Lens(near_plane=0.1, antialiased=False, backend="auto")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.features.decoding import Decoder, decode
+from egosplat.codes.decoder import Decoder, decode
 from egosplat.query.folding import fold
 
 

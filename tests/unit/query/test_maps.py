@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.features.decoding import Decoder
+from egosplat.codes.decoder import Decoder
 from egosplat.geometry import Camera
 from egosplat.query.answer import View, answer_from_codes
 from egosplat.query.maps import find_in_maps

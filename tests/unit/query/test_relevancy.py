@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.features.decoding import Decoder, decode
+from egosplat.codes.decoder import Decoder, decode
 from egosplat.query import relevancy as module
 from egosplat.query.relevancy import relevancy, relevancy_maps
 from egosplat.query.text import Texts

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import torch
 
+from egosplat.codes.rendering import Lens, render_values
+from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Camera
-from egosplat.language.rendering import Lens, render_values
 from egosplat.query.visibility import visible_shares
-from egosplat.splats.gaussians import Gaussians
 
 CAMERA = Camera(20, 16, 18.0, 18.0, 10.0, 8.0)
 LENS = Lens(near_plane=0.1, antialiased=False, backend="cpu")

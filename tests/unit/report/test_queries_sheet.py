@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from egosplat.benchmark import stage
-from egosplat.benchmark.scored_scenes import read_scored_scene
-from egosplat.benchmark.segmentation import iou
 from egosplat.config import stage_keys
 from egosplat.errors import UserError
+from egosplat.evaluation import stage
+from egosplat.evaluation.segmentation import iou
 from egosplat.report import queries_asking
 from egosplat.report.queries_asking import ask_again, open_sources
 from egosplat.report.queries_choice import ScoredQuery, best_and_worst, scored_queries
 from egosplat.report.queries_sheet import run, summary
+from egosplat.tables.scored_scenes import read_scored_scene
 
 NAMES = ("frames", "poses", "annotations", "features", "splats", "language")
 GREEN, RED = (34, 139, 34), (255, 0, 0)

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from egosplat.segments.classical import ClassicalOptions, segment
+from egosplat.segments.classical.segmenter import ClassicalOptions, segment
 
 OPTIONS = ClassicalOptions()
 

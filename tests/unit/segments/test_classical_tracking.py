@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from egosplat.segments.classical import (
+from egosplat.segments.classical.segmenter import (
     LEVELS,
     ClassicalOptions,
     follow,
@@ -13,7 +13,7 @@ from egosplat.segments.classical import (
     track,
     track_levels,
 )
-from egosplat.segments.classical_tracking import open_tracks
+from egosplat.segments.classical.tracking import open_tracks
 
 OPTIONS = ClassicalOptions()
 SIDE = 128

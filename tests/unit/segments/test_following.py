@@ -8,8 +8,8 @@ from PIL import Image
 from egosplat.compute import choose_compute
 from egosplat.models.configs import SMALL_SAM2
 from egosplat.models.sam2_loader import Sam2, build_predictor, set_image_size
-from egosplat.segments.encoding import encode
-from egosplat.segments.following import Follower, restarted
+from egosplat.segments.image_encoder import encode
+from egosplat.segments.propagation import Follower, restarted
 
 FRAMES = 5
 

@@ -4,9 +4,9 @@ import numpy as np
 import torch
 
 from egosplat.segments.instances import frames_seen
-from egosplat.segments.labels import LabelMaps
+from egosplat.segments.label_maps import LabelMaps
+from egosplat.segments.label_painting import paint
 from egosplat.segments.merging import Overlaps, kept, merged, union_of
-from egosplat.segments.painting import paint
 
 
 def masks(*columns: tuple[int, int]) -> torch.Tensor:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from egosplat.segments.labels import LabelMaps
-from egosplat.segments.repetition import repeated_levels, without
+from egosplat.segments.duplicate_levels import repeated_levels, without
+from egosplat.segments.label_maps import LabelMaps
 
 EACH = 25
 """Instances of a level, one a row."""

@@ -12,7 +12,7 @@ from egosplat.config import stage_keys
 from egosplat.errors import UserError
 from egosplat.segments import stage
 from egosplat.segments.instances import Instance, Segmented
-from egosplat.segments.labels import LabelMaps
+from egosplat.segments.label_maps import LabelMaps
 
 COUNT, SIDE = 6, 64
 

@@ -11,13 +11,14 @@ from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.compute import choose_compute
 from egosplat.models.configs import SMALL_SAM2
 from egosplat.models.sam2_loader import Sam2, build_predictor, set_image_size
-from egosplat.segments import merging, tracking
-from egosplat.segments.candidates import grid_points, matches, only_new, prompt, thin_out
-from egosplat.segments.encoding import encode
-from egosplat.segments.following import Follower
+from egosplat.segments import merging
+from egosplat.segments import tracker as tracking
+from egosplat.segments.image_encoder import encode
 from egosplat.segments.nms import intersections
 from egosplat.segments.options import LEVELS, MaskOptions, TrackOptions
-from egosplat.segments.tracking import Tracker
+from egosplat.segments.prompts import grid_points, matches, only_new, prompt, thin_out
+from egosplat.segments.propagation import Follower
+from egosplat.segments.tracker import Tracker
 
 MASKS = MaskOptions(4, 0.0, 0.0, 0.1, 0.7, 0.8, 0.0, 0.0, 0.001)
 TRACKS = TrackOptions(True, 2, 0.05, 0.5, 0.9, 1, 6, 0.8, 1, 4)

@@ -18,9 +18,9 @@ from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.config import defaults
 from egosplat.errors import UserError
+from egosplat.gaussians import trainer as training
+from egosplat.gaussians.io import STORED, read_gaussians
 from egosplat.splats import stage
-from egosplat.splats import train as training
-from egosplat.splats.saved import STORED, read_gaussians
 
 KEYS = defaults()["splats"] | {
     "masking": "none",

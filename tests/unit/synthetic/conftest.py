@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from egosplat.synthetic.apartment import Apartment, make_apartment
-from egosplat.synthetic.lens import make_lens
+from egosplat.synthetic.adt_format.sequence import Frame, Sequence
+from egosplat.synthetic.camera.lens import make_lens
+from egosplat.synthetic.camera.render import Renderer
 from egosplat.synthetic.recording import film, make_renderer
-from egosplat.synthetic.render import Renderer
-from egosplat.synthetic.sequence import Frame, Sequence
-from egosplat.synthetic.world import World, make_world
+from egosplat.synthetic.world.apartment import Apartment, make_apartment
+from egosplat.synthetic.world.world import World, make_world
 
 SIZE, FPS, SECONDS, OBJECTS = 192, 2.5, 16.0, 24
 

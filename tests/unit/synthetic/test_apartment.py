@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from egosplat.geometry import transform
-from egosplat.synthetic.apartment import make_apartment
-from egosplat.synthetic.catalogue import CATEGORY_UIDS
-from egosplat.synthetic.lighting import face_normals
-from egosplat.synthetic.model import bounds_at, boxes_touch
-from egosplat.synthetic.raycasting import Body, body_scene, build_geometry
+from egosplat.synthetic.camera.lighting import face_normals
+from egosplat.synthetic.camera.raycasting import Body, body_scene, build_geometry
+from egosplat.synthetic.objects.catalogue import CATEGORY_UIDS
+from egosplat.synthetic.objects.model import bounds_at, boxes_touch
+from egosplat.synthetic.world.apartment import make_apartment
 
 DIRECTIONS = np.random.default_rng(1).normal(size=(9, 3)).astype(np.float32)
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)

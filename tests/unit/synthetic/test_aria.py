@@ -5,7 +5,12 @@ import pytest
 from projectaria_tools.core.calibration import CameraCalibration, device_calibration_from_json_string
 
 from egosplat.geometry import is_rigid
-from egosplat.synthetic.aria import RGB_LABEL, calibration_json, camera_calibration, device_from_camera
+from egosplat.synthetic.adt_format.aria import (
+    RGB_LABEL,
+    calibration_json,
+    camera_calibration,
+    device_from_camera,
+)
 
 SIZES = [64, 352, 500, 512, 704, 1408]
 

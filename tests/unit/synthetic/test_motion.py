@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from egosplat.geometry import invert, is_rigid, rotation_angle, transform
-from egosplat.synthetic.aria import device_from_camera
-from egosplat.synthetic.smooth import SmoothTrack, control_times, limited, smoothstep
-from egosplat.synthetic.world import camera_pose
+from egosplat.synthetic.adt_format.aria import device_from_camera
+from egosplat.synthetic.people.smooth import SmoothTrack, control_times, limited, smoothstep
+from egosplat.synthetic.world.world import camera_pose
 
 STEP_S = 1e-3
 

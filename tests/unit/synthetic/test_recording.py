@@ -8,10 +8,10 @@ from projectaria_tools.core.stream_id import StreamId
 from projectaria_tools.projects.adt import AriaDigitalTwinDataPathsProvider, AriaDigitalTwinDataProvider
 
 from egosplat.geometry import invert, transform
-from egosplat.synthetic.adt import write_sequence
-from egosplat.synthetic.aria import DEVICE_SERIAL
+from egosplat.synthetic.adt_format.adt import write_sequence
+from egosplat.synthetic.adt_format.aria import DEVICE_SERIAL
 from egosplat.synthetic.recording import film, make_sequence
-from egosplat.synthetic.world import make_world
+from egosplat.synthetic.world.world import make_world
 
 TINY = {"name": "tiny", "seed": 8, "size": 64, "fps": 1.5, "seconds": 4.0, "objects": 16}
 

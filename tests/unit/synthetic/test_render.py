@@ -5,17 +5,17 @@ import pytest
 
 from egosplat.frames.rectify import Rectification, pinhole
 from egosplat.geometry import from_aria_pixels, invert, make_pose, to_aria_pixels, transform
-from egosplat.synthetic.aria import camera_calibration
-from egosplat.synthetic.atlas import Atlas
-from egosplat.synthetic.lens import make_lens, pinhole_lens
-from egosplat.synthetic.lighting import Lights
-from egosplat.synthetic.raycasting import Body, body_scene, build_geometry
-from egosplat.synthetic.render import Renderer
-from egosplat.synthetic.sensor import tone, untone
-from egosplat.synthetic.sequence import ROLLING_SHUTTER_MIDDLE_NS
-from egosplat.synthetic.shapes import Part, box, sheet
-from egosplat.synthetic.textures import make_texture
-from egosplat.synthetic.world import camera_pose
+from egosplat.synthetic.adt_format.aria import camera_calibration
+from egosplat.synthetic.adt_format.sequence import ROLLING_SHUTTER_MIDDLE_NS
+from egosplat.synthetic.camera.lens import make_lens, pinhole_lens
+from egosplat.synthetic.camera.lighting import Lights
+from egosplat.synthetic.camera.raycasting import Body, body_scene, build_geometry
+from egosplat.synthetic.camera.render import Renderer
+from egosplat.synthetic.camera.sensor import tone, untone
+from egosplat.synthetic.objects.atlas import Atlas
+from egosplat.synthetic.objects.shapes import Part, box, sheet
+from egosplat.synthetic.objects.textures import make_texture
+from egosplat.synthetic.world.world import camera_pose
 
 SIZE = 192
 GREY = make_texture(np.full((16, 16, 3), 0.5), 1.0)

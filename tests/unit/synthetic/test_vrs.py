@@ -7,8 +7,8 @@ import pytest
 from projectaria_tools.core import data_provider
 from projectaria_tools.core.stream_id import StreamId
 
-from egosplat.synthetic.vrs import ImageStream, create_vrs
-from egosplat.synthetic.vrs_layout import DataLayout
+from egosplat.synthetic.adt_format.vrs import ImageStream, create_vrs
+from egosplat.synthetic.adt_format.vrs_layout import DataLayout
 
 WIDTH, HEIGHT = 20, 12
 TAGS = {"device_type": "Aria", "origin": "a test"}

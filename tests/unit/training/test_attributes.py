@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from egosplat.synthetic.catalogue import CORE, GROUPS, REST
-from egosplat.synthetic.textures import make_texture
+from egosplat.synthetic.objects.catalogue import CORE, GROUPS, REST
+from egosplat.synthetic.objects.textures import make_texture
 from training.small_models.attributes import COLOURS, colour_of, colour_shares
 from training.small_models.captions import MATERIALS, PATTERNS
 

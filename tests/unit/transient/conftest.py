@@ -13,8 +13,8 @@ from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.provenance import begin
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.writer import create
+from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
-from egosplat.splats.views import Views
 
 SIZE = 32
 FRAME_COUNT = 6

@@ -1,0 +1,69 @@
+"""Whether what is asked for is found at its place (docs/method.md#scores)."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.evaluation.queries import InstanceMap, Mask
+
+TARGETS = ("box", "mask")
+"""What has to be hit: an instance's bounding box, as in LangSplat, or its pixels."""
+
+
+def target_area(instance_map: InstanceMap, instances: Sequence[int], target: str) -> Mask:
+    """(H, W) bool: the pixels that hit any of the instances.
+
+    Args:
+        instance_map: (H, W) int32.
+        instances: indices in it.
+        target: one of ``TARGETS``.
+
+    Raises:
+        ValueError: the target is unknown.
+    """
+    match target:
+        case "mask":
+            return np.isin(instance_map, instances)
+        case "box":
+            area = np.zeros(instance_map.shape, np.bool_)
+            for x0, y0, x1, y1 in bounding_boxes(instance_map, instances):
+                area[y0 : y1 + 1, x0 : x1 + 1] = True
+            return area
+    raise ValueError(f"target {target!r} is none of {TARGETS}")
+
+
+def is_hit(candidates: NDArray[np.int64], area: Mask) -> bool:
+    """Whether any of the (K, 2) candidates, column and row, lies in the (H, W) area; none of no candidate."""
+    columns, rows = candidates.T
+    return bool(area[rows, columns].any())
+
+
+def random_hit(area: Mask, valid: Mask | None) -> float:
+    """Probability that a random valid pixel hits, 0..1: what pointing anywhere is worth.
+
+    Args:
+        area: (H, W) bool, see ``target_area``.
+        valid: (H, W) bool pixels that show the scene, at least one; None for all.
+    """
+    return float((area if valid is None else area[valid]).mean())
+
+
+def middle_hit(area: Mask) -> bool:
+    """Whether the middle of the picture hits: pixel (W // 2, H // 2), whatever is asked."""
+    height, width = area.shape
+    return bool(area[height // 2, width // 2])
+
+
+def bounding_boxes(instance_map: InstanceMap, instances: Sequence[int]) -> NDArray[np.int64]:
+    """Boxes of what is seen of each instance, those that are not seen left out.
+
+    Returns:
+        (B, 4) int64 x0, y0, x1, y1, the first and last column and row [px].
+    """
+    boxes = []
+    for instance in instances:
+        rows, columns = np.nonzero(instance_map == instance)
+        if len(rows):
+            boxes.append((columns.min(), rows.min(), columns.max(), rows.max()))
+    return np.array(boxes, np.int64).reshape(-1, 4)

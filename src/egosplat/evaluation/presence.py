@@ -1,0 +1,215 @@
+"""Queries asked of the whole scene, of things that are there and of things that are not."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.stats import rankdata
+
+from egosplat.artifacts.reader import Artifact
+from egosplat.codes.rendering import render_values
+from egosplat.evaluation.evaluation_frames import Evaluation, Frame
+from egosplat.evaluation.queries import Query
+from egosplat.frames.recording import Instance
+from egosplat.geometry import Camera
+from egosplat.models.open_clip_loader import OpenClip
+from egosplat.query.asking import rendering_camera
+from egosplat.query.options import QueryOptions
+from egosplat.query.scene import LanguageScene
+from egosplat.query.scene_query import ask_scene, index_scene
+from egosplat.query.text import encode_texts, untaught_words
+from egosplat.query.things import Thing
+from egosplat.query.verdict import refusal
+
+LABEL_SIDE = 256
+"""Longer side of the views in which things are compared with annotations [px]."""
+
+LEAST_PIXELS = 4.0
+"""A thing of which the evaluation frames show less, at that size, cannot be compared."""
+
+
+@dataclass(frozen=True)
+class PresenceQuery:
+    """One phrase that was asked of the whole scene.
+
+    Attributes:
+        phrase: what was asked.
+        present: whether the recording has such a thing.
+        score: of the best thing, 0..1.
+        answered: whether it was not refused.
+        untaught: whether the model was not trained on one of its words.
+        right: whether most of the thing that is named belongs to the category; None of an absent one, of one without
+            any thing, and where no evaluation frame shows the thing.
+    """
+
+    phrase: str
+    present: bool
+    score: float
+    answered: bool
+    untaught: bool
+    right: bool | None
+
+
+def presence_phrases(
+    queries: Sequence[Query], instances: Sequence[Instance], negatives: Sequence[str]
+) -> tuple[list[str], list[str]]:
+    """The phrases of things that are there, and of things that are not.
+
+    Args:
+        queries: of the evaluation frames.
+        instances: of the whole recording.
+        negatives: phrases that may name something absent; those that are a category of the recording are dropped.
+
+    Returns:
+        The categories of the queries, sorted; the negatives that are left, in their order.
+    """
+    named = {one.category for one in instances}
+    return sorted({query.category for query in queries}), [one for one in negatives if one not in named]
+
+
+def ask_presence(
+    present: Sequence[str],
+    absent: Sequence[str],
+    evaluation: Evaluation,
+    poses: Artifact,
+    scene: LanguageScene,
+    clip: OpenClip,
+    options: QueryOptions,
+) -> list[PresenceQuery]:
+    """Ask the whole scene for what is there and for what is not.
+
+    Args:
+        present, absent: phrases, see ``presence_phrases``.
+        evaluation: the frames whose annotations say what a thing is.
+        poses: the poses artifact, from whose frames the scene is looked at.
+        scene: is asked.
+        clip: the model that its features were made with.
+        options: how queries are answered.
+    """
+    phrases = [*present, *absent]
+    if not phrases:
+        return []
+    index = index_scene(scene, poses, evaluation.camera, evaluation.valid)
+    texts = encode_texts(clip, phrases, options.canonical)
+    answers = list(ask_scene(index, texts, options, most=1))
+    best = {answer.phrase: answer.things[0] for answer in answers[: len(present)] if answer.things}
+    shares, names = annotated_shares(scene, list(best.values()), evaluation)
+    right = {phrase: is_right(row, names, phrase) for phrase, row in zip(best, shares, strict=True)}
+    return [
+        PresenceQuery(
+            phrase=answer.phrase,
+            present=number < len(present),
+            score=answer.score,
+            answered=refusal(answer.score, untaught := untaught_words(clip, answer.phrase), options.min_score)
+            is None,
+            untaught=bool(untaught),
+            right=right.get(answer.phrase) if number < len(present) else None,
+        )
+        for number, answer in enumerate(answers)
+    ]
+
+
+def presence_entry(queries: Sequence[PresenceQuery], min_score: float) -> dict[str, Any]:
+    """What ``metrics.json`` tells of them.
+
+    Args:
+        queries: all of them.
+        min_score: least score of an answer.
+    """
+    present, absent = ([one for one in queries if one.present is there] for there in (True, False))
+    # Untaught words are refused whatever their score, so their scores say nothing of the limit.
+    taught = [one.score for one in absent if not one.untaught]
+    return {
+        "min_score": min_score,
+        "separation": separation([one.score for one in present], taught),
+        "present": {
+            "asked": len(present),
+            "answered": sum(one.answered for one in present),
+            "right": sum(one.answered and one.right is True for one in present),
+            "unverified": sum(one.answered and one.right is None for one in present),
+        },
+        "absent": {
+            "asked": len(absent),
+            "answered": sum(one.answered for one in absent),
+            "untaught": sum(one.untaught for one in absent),
+        },
+        "queries": [asdict(one) for one in queries],
+    }
+
+
+def annotated_shares(
+    scene: LanguageScene, things: Sequence[Thing], evaluation: Evaluation
+) -> tuple[NDArray[np.float64], list[str]]:
+    """How much of each thing lies on each annotated category, over the evaluation frames.
+
+    Args:
+        scene: that the things are of.
+        things: T of them.
+        evaluation: the frames with their annotations. Pixels of people do not count: they are not in the Gaussians.
+
+    Returns:
+        (T, C + 1) float64 pixels, the last column on nothing that is annotated; names of the C categories.
+    """
+    names = sorted({one.category for one in evaluation.instances})
+    total = np.zeros((len(things), len(names) + 1))
+    if not things:
+        return total, names
+    camera = rendering_camera(evaluation.camera, LABEL_SIDE)
+    members = _indicators(things, scene)
+    for frame in (one for one in evaluation.frames if one.asked):
+        category = _category_map(evaluation, frame, names, camera)
+        pose = evaluation.camera_to_world[frame.index]
+        with torch.inference_mode():
+            filled, _ = render_values(scene.gaussians, members, camera, pose, scene.lens)
+        pixels, counted = filled.cpu().numpy().reshape(-1, len(things)), category.ravel() >= 0
+        onehot = np.eye(len(names) + 1)[category.ravel()[counted]]
+        total += pixels[counted].T.astype(np.float64) @ onehot
+    return total, names
+
+
+def is_right(shares: NDArray[np.float64], names: Sequence[str], category: str) -> bool | None:
+    """Whether more than half of a thing belongs to a category; None where too little of it is seen.
+
+    Args:
+        shares: (C + 1,) row of ``annotated_shares``.
+        names: of the categories.
+        category: which should be the largest.
+    """
+    if shares.sum() < LEAST_PIXELS or category not in names:
+        return None
+    return bool(shares[list(names).index(category)] > 0.5 * shares.sum())
+
+
+def separation(present: Sequence[float], absent: Sequence[float]) -> float:
+    """Area under the ROC curve: how often a present thing scores higher than an absent one, ties half.
+
+    NaN where either is empty.
+    """
+    if not len(present) or not len(absent):
+        return float("nan")
+    ranks = rankdata(np.concatenate([present, absent]))[: len(present)]
+    return float((ranks.mean() - (len(present) + 1) / 2) / len(absent))
+
+
+def _indicators(things: Sequence[Thing], scene: LanguageScene) -> torch.Tensor:
+    """(N, T) 1 where a Gaussian belongs to a thing."""
+    values = torch.zeros(scene.gaussians.count, len(things))
+    for column, thing in enumerate(things):
+        values[torch.from_numpy(thing.members), column] = 1.0
+    return values.to(scene.code.device)
+
+
+def _category_map(
+    evaluation: Evaluation, frame: Frame, names: Sequence[str], camera: Camera
+) -> NDArray[np.int64]:
+    """(h, w) int64 index of the category at the centre of each pixel of a smaller camera; C for none, -1 for people and
+    for what does not show the scene."""
+    own = [-1 if one.instance_type == "human" else names.index(one.category) for one in evaluation.instances]
+    lookup = np.array([*own, len(names)], np.int16)
+    full = np.where(evaluation.valid, lookup[evaluation.map_of(frame)], np.int16(-1))
+    size = camera.width, camera.height
+    return cv2.resize(full, size, interpolation=cv2.INTER_NEAREST_EXACT).astype(np.int64)

@@ -1,0 +1,86 @@
+"""How well Gaussians render photographs: PSNR and SSIM of the pictures as they are stored, with 8 bits."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.options import RenderOptions
+from egosplat.gaussians.render import render
+from egosplat.gaussians.training_views import Views
+from egosplat.image_quality import mean_similarity, psnr, similarity
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Of V pictures: PSNR [dB] and SSIM, (V,) float64 each; NaN of a picture without a valid pixel, or window."""
+
+    psnr: NDArray[np.float64]
+    ssim: NDArray[np.float64]
+
+    @property
+    def mean_psnr(self) -> float:
+        """Of the pictures that have one; NaN where there is none."""
+        return _mean(self.psnr)
+
+    @property
+    def mean_ssim(self) -> float:
+        """Of the pictures that have one; NaN where there is none."""
+        return _mean(self.ssim)
+
+
+def _mean(values: NDArray[np.float64]) -> float:
+    known = values[~np.isnan(values)]
+    return float(known.mean()) if len(known) else float("nan")
+
+
+@torch.no_grad()
+def evaluate(
+    gaussians: Gaussians,
+    views: Views,
+    options: RenderOptions,
+    sh_degree: int,
+    show: Callable[[int, NDArray[np.uint8]], object] = lambda index, picture: None,
+) -> Scores:
+    """Render and score every view.
+
+    Args:
+        gaussians: to be rendered, on the device of the views.
+        views: what they are compared with; may be empty.
+        options: how to render; a random background is black here.
+        sh_degree: degree in use.
+        show: is given the index and the rendered (H, W, 3) uint8 picture of each view.
+    """
+    scores = np.empty((len(views), 2))
+    for index in range(len(views)):
+        picture = (rendered(gaussians, views, index, options, sh_degree) * 255.0).round().to(torch.uint8)
+        scores[index] = _scores(picture, views.pictures[index].to(views.device), views.weight(index))
+        show(index, picture.cpu().numpy())
+    return Scores(scores[:, 0], scores[:, 1])
+
+
+def rendered(
+    gaussians: Gaussians, views: Views, index: int, options: RenderOptions, sh_degree: int
+) -> Tensor:
+    """(H, W, 3) float32 picture of a view, clamped to [0, 1]."""
+    image, _, _ = render(
+        gaussians,
+        views.camera,
+        views.camera_to_world[index],
+        sh_degree=sh_degree,
+        background=torch.ones(3) if options.background == "white" else None,
+        near_plane=options.near_plane,
+        antialiased=options.antialiased,
+        backend=options.backend,
+    )
+    return image[..., :3].clamp(0.0, 1.0)
+
+
+def _scores(picture: Tensor, truth: Tensor, weight: Tensor | None) -> tuple[float, float]:
+    """PSNR [dB] and SSIM of (H, W, 3) uint8 pictures; pixels whose weight (H, W) is below a half are invalid."""
+    valid = torch.ones_like(truth[..., 0], dtype=torch.bool) if weight is None else weight >= 0.5
+    return psnr(picture, truth, valid), mean_similarity(similarity(picture, truth, valid), valid)

@@ -1,0 +1,43 @@
+"""Gaussians and the result of their training in an artifact."""
+
+import numpy as np
+import torch
+
+from egosplat.artifacts.reader import Artifact
+from egosplat.artifacts.writer import Writer
+from egosplat.errors import UserError
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.training_state import Curves
+
+STORED = ("means", "quats", "log_scales", "logit_opacities", "sh", "features")
+
+
+def put_gaussians(artifact: Writer, gaussians: Gaussians) -> None:
+    """Store the parameters; what is not finite, which no picture shows, is left out.
+
+    Raises:
+        UserError: nothing is left.
+    """
+    whole = gaussians.finite()
+    if not whole.any():
+        raise UserError("splats: training left no finite Gaussian; lower splats.position_lr")
+    kept = gaussians.detach().select(whole)
+    for name in STORED:
+        artifact.put(name, getattr(kept, name).cpu().numpy())
+
+
+def read_gaussians(artifact: Artifact) -> Gaussians:
+    """The Gaussians of a splats artifact, on the CPU and not requiring gradients; without features, not to render them."""
+    stored = {name: torch.from_numpy(artifact.read(name)) for name in STORED if name != "features"}
+    return Gaussians(**stored, features=torch.zeros(len(stored["means"]), 0))
+
+
+def put_curves(artifact: Writer, curves: Curves) -> None:
+    """Store how training went, without the seconds, which differ between equal runs."""
+    artifact.put("curve/iteration", np.array(curves.iteration, np.int64))
+    artifact.put("curve/loss", np.array(curves.loss, np.float64))
+    artifact.put("curve/gaussians", np.array(curves.gaussians, np.int64))
+    artifact.put("history/iteration", np.array(curves.evaluated, np.int64))
+    artifact.put("history/psnr", np.array(curves.psnr, np.float64))
+    artifact.put("history/ssim", np.array(curves.ssim, np.float64))
+    artifact.put("history/validation_psnr", np.array(curves.validation_psnr, np.float64))

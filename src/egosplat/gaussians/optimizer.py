@@ -1,0 +1,203 @@
+"""Adam over Gaussians, whose number changes while they are trained."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from egosplat.gaussians.adam import adam_step, broken_rows
+from egosplat.gaussians.model import PARAMETERS, Gaussians, as_rows
+
+_WORTH_GATHERING = 0.5
+"""Rows are gathered for the update only where fewer than this share of them have ever had a gradient."""
+
+
+@dataclass(frozen=True)
+class LearningRates:
+    """Learning rates, stock 3DGS's (Kerbl et al. 2023).
+
+    Attributes:
+        means: at the start [m]; then ``Adam.means_lr`` follows the schedule.
+        quats, log_scales, logit_opacities: of the raw parameters.
+        sh_dc: of SH coefficient 0.
+        sh_rest: of the other SH coefficients.
+        features: of the features.
+    """
+
+    means: float
+    quats: float = 0.001
+    log_scales: float = 0.005
+    logit_opacities: float = 0.05
+    sh_dc: float = 0.0025
+    sh_rest: float = 0.0025 / 20
+    features: float = 0.0025
+
+
+class Adam:
+    """Adam (Kingma & Ba 2015) with one step count for all rows, as ``torch.optim.Adam`` in 3DGS.
+
+    A row is one Gaussian. New rows join with zero moments at the common step count. A row whose gradient and
+    moments are zero stays as it is. A row with a gradient that is not finite, in any parameter, is left
+    out of that step, moments and all, and counted, so that no NaN ever enters the Gaussians.
+
+    Attributes:
+        gaussians: what is optimised, in place; float32 leaves in contiguous memory.
+        means_lr: learning rate of the means [m], set by the caller before each step.
+        step_count: steps taken.
+        skipped_rows: rows left out for a gradient that is not finite, summed over all steps.
+    """
+
+    def __init__(self, gaussians: Gaussians, learning_rates: LearningRates) -> None:
+        self._exp_avg = {name: torch.zeros_like(p.detach()) for name, p in gaussians.parameters().items()}
+        self._exp_avg_sq = {name: torch.zeros_like(p.detach()) for name, p in gaussians.parameters().items()}
+        self._ever_visible = torch.zeros(gaussians.count, dtype=torch.bool, device=gaussians.means.device)
+        self.attach(gaussians)
+        self.learning_rates = learning_rates
+        self.means_lr = learning_rates.means
+        self.step_count = 0
+        self.skipped_rows = 0
+
+    @torch.no_grad()
+    def step(self, visible: Tensor | None) -> None:
+        """One update of all parameters from their ``grad``; a gradient of None counts as zero.
+
+        Args:
+            visible: (N,) bool: a superset of the rows that have a gradient now, or None where that may be
+                all of them (a regulariser reaches every row). Rows that were never visible have zero
+                gradient and zero moments and are left out, which changes nothing but the time.
+
+        Raises:
+            ValueError: ``visible`` has another shape.
+        """
+        self._note_visible(visible)
+        self.step_count += 1
+        grads = {name: _gradient_rows(p) for name, p in self.gaussians.parameters().items()}
+        broken = broken_rows(list(grads.values()))
+        self.skipped_rows += len(broken)
+        before = [tensor[broken] for tensor in self._state()]
+        rows = self._rows_to_step()
+        for name in PARAMETERS:
+            self._step_parameter(name, grads[name], rows)
+        # Rows do not mix: a broken one has only harmed itself, and is put back.
+        for tensor, kept in zip(self._state(), before, strict=True):
+            tensor[broken] = kept
+
+    def zero_grad(self) -> None:
+        """Forget all gradients."""
+        for parameter in self.gaussians.parameters().values():
+            parameter.grad = None
+
+    def attach(self, gaussians: Gaussians) -> None:
+        """Go on with other Gaussians, after ``select`` and ``append`` have done to the moments the same.
+
+        Raises:
+            ValueError: their number is not that of the moments, or a parameter is not contiguous.
+        """
+        if gaussians.count != len(self._ever_visible):
+            raise ValueError(f"{gaussians.count} Gaussians for the moments of {len(self._ever_visible)}")
+        for name, parameter in gaussians.parameters().items():
+            if not parameter.is_contiguous():
+                raise ValueError(f"{name} {tuple(parameter.shape)} is not contiguous")
+        self.gaussians = gaussians
+
+    def select(self, index: Tensor) -> None:
+        """Keep the moments of the rows at ``index``, (N,) bool or (M,) int64; ``attach`` must follow."""
+        for moments in (self._exp_avg, self._exp_avg_sq):
+            for name in PARAMETERS:
+                moments[name] = moments[name][index]
+        self._ever_visible = self._ever_visible[index]
+
+    def append(self, count: int) -> None:
+        """Add ``count`` rows with zero moments at the end; ``attach`` must follow."""
+        for moments in (self._exp_avg, self._exp_avg_sq):
+            for name in PARAMETERS:
+                moments[name] = _with_zero_rows(moments[name], count)
+        self._ever_visible = _with_zero_rows(self._ever_visible, count)
+
+    def truncate_sh(self, coefficients: int) -> None:
+        """Keep the moments of the first SH coefficients alone; ``attach`` must follow."""
+        for moments in (self._exp_avg, self._exp_avg_sq):
+            moments["sh"] = moments["sh"][:, :coefficients].contiguous()
+
+    def reset_moments(self, name: str, index: Tensor | None = None) -> None:
+        """Set the moments of one parameter to zero, in all rows or in those at ``index``."""
+        for moments in (self._exp_avg, self._exp_avg_sq):
+            moments[name][slice(None) if index is None else index] = 0.0
+
+    def state_dict(self) -> dict[str, Any]:
+        """All that ``load_state_dict`` needs to go on: copies of the moments, and plain numbers."""
+        return {
+            "exp_avg": {name: tensor.clone() for name, tensor in self._exp_avg.items()},
+            "exp_avg_sq": {name: tensor.clone() for name, tensor in self._exp_avg_sq.items()},
+            "ever_visible": self._ever_visible.clone(),
+            "means_lr": self.means_lr,
+            "step_count": self.step_count,
+            "skipped_rows": self.skipped_rows,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from ``state_dict``; the Gaussians of that moment must be attached.
+
+        Raises:
+            ValueError: moments of other shapes than the Gaussians.
+        """
+        for name, parameter in self.gaussians.parameters().items():
+            for moments in (state["exp_avg"], state["exp_avg_sq"]):
+                if moments[name].shape != parameter.shape:
+                    raise ValueError(f"moments of {name}: {moments[name].shape}, not {parameter.shape}")
+        device = self.gaussians.means.device
+        self._exp_avg = {name: state["exp_avg"][name].to(device, copy=True) for name in PARAMETERS}
+        self._exp_avg_sq = {name: state["exp_avg_sq"][name].to(device, copy=True) for name in PARAMETERS}
+        self._ever_visible = state["ever_visible"].to(device, copy=True)
+        self.means_lr = state["means_lr"]
+        self.step_count, self.skipped_rows = state["step_count"], state["skipped_rows"]
+
+    def _note_visible(self, visible: Tensor | None) -> None:
+        if visible is None:
+            self._ever_visible.fill_(True)
+        elif visible.shape != self._ever_visible.shape:
+            raise ValueError(f"visible: shape {tuple(visible.shape)}, not {tuple(self._ever_visible.shape)}")
+        else:
+            self._ever_visible |= visible
+
+    def _state(self) -> list[Tensor]:
+        """Every tensor that a step changes."""
+        parameters = [parameter.detach() for parameter in self.gaussians.parameters().values()]
+        return [*parameters, *self._exp_avg.values(), *self._exp_avg_sq.values()]
+
+    def _rows_to_step(self) -> Tensor | None:
+        """Indices of the rows that need an update, or None to step all without gathering them."""
+        if self._ever_visible.float().mean() >= _WORTH_GATHERING:
+            return None
+        return self._ever_visible.nonzero().squeeze(1)
+
+    def _step_parameter(self, name: str, grad: Tensor, rows: Tensor | None) -> None:
+        state = getattr(self.gaussians, name).detach(), self._exp_avg[name], self._exp_avg_sq[name]
+        param, exp_avg, exp_avg_sq = map(as_rows, state)
+        if rows is None:
+            adam_step(param, grad, exp_avg, exp_avg_sq, self._rates(name), self.step_count)
+            return
+        gathered = param[rows], exp_avg[rows], exp_avg_sq[rows]
+        adam_step(gathered[0], grad[rows], gathered[1], gathered[2], self._rates(name), self.step_count)
+        param[rows], exp_avg[rows], exp_avg_sq[rows] = gathered
+
+    def _rates(self, name: str) -> float | Tensor:
+        """The learning rate of a parameter; for ``sh`` (3 K,) float32, one a column."""
+        if name == "means":
+            return self.means_lr
+        if name != "sh":
+            return getattr(self.learning_rates, name)
+        rates = torch.full(self.gaussians.sh.shape[1:], self.learning_rates.sh_rest)
+        rates[0] = self.learning_rates.sh_dc
+        return rates.flatten().to(self.gaussians.sh.device)
+
+
+def _gradient_rows(parameter: Tensor) -> Tensor:
+    """(N, columns) gradient, contiguous; zeros where there is none."""
+    grad = torch.zeros_like(parameter) if parameter.grad is None else parameter.grad
+    return as_rows(grad.contiguous())
+
+
+def _with_zero_rows(tensor: Tensor, count: int) -> Tensor:
+    return torch.cat([tensor, tensor.new_zeros(count, *tensor.shape[1:])])

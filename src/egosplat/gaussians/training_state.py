@@ -1,0 +1,132 @@
+"""All that changes while Gaussians are trained, so that a checkpoint of it loses nothing."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import torch
+
+from egosplat.gaussians.early_stop import EarlyStop
+from egosplat.gaussians.model import PARAMETERS, Gaussians
+from egosplat.gaussians.objective import Objective
+from egosplat.gaussians.optimizer import Adam, LearningRates
+from egosplat.gaussians.options import TrainingOptions
+from egosplat.gaussians.population import Population
+from egosplat.gaussians.view_dependence import DegreeSearch
+
+
+@dataclass
+class Curves:
+    """How training went; lists of one length each for records and for evaluations.
+
+    Attributes:
+        iteration, loss, gaussians: of each record: its last iteration, its mean loss, the number then.
+        evaluated: iteration of each evaluation.
+        psnr, ssim: mean over the held-out views; NaN without any.
+        validation_psnr: mean over the validation views; NaN without any.
+        seconds: of training until then; the only numbers that differ between equal runs.
+    """
+
+    iteration: list[int] = field(default_factory=list)
+    loss: list[float] = field(default_factory=list)
+    gaussians: list[int] = field(default_factory=list)
+    evaluated: list[int] = field(default_factory=list)
+    psnr: list[float] = field(default_factory=list)
+    ssim: list[float] = field(default_factory=list)
+    validation_psnr: list[float] = field(default_factory=list)
+    seconds: list[float] = field(default_factory=list)
+
+
+class TrainingState:
+    """Where a training run stands.
+
+    Attributes:
+        gaussians: leaves, attached to ``optimizer``.
+        optimizer, population, objective: see there.
+        generator: of everything random in training, on the CPU.
+        order: views still to come in this epoch, the next one last.
+        early_stop, degree_search: see there.
+        curves: see there.
+        iteration: the last one done.
+        seconds: of training so far.
+        loss_sum: of the iterations since the last record, on the Gaussians' device.
+        bad_records: records in a row whose loss is not finite.
+    """
+
+    def __init__(
+        self, start: Gaussians, options: TrainingOptions, extent: float, objective: Objective
+    ) -> None:
+        """The state before the first iteration; ``start`` is used itself. ``extent``: of the scene [m]."""
+        self.gaussians = start.requires_grad_()
+        self.optimizer = Adam(start, LearningRates(means=options.position_lr * extent))
+        self.population: Population = options.population(extent)
+        self.objective = objective
+        self.generator = torch.Generator().manual_seed(options.seed)
+        self.order: list[int] = []
+        self.early_stop = EarlyStop(options.patience, options.min_improvement)
+        self.degree_search = DegreeSearch(open=options.searches_degree)
+        self.curves = Curves()
+        self.iteration = 0
+        self.seconds = 0.0
+        self.loss_sum = start.means.new_zeros(())
+        self.bad_records = 0
+        self.extent = extent
+
+    def next_view(self, views: Sequence[int]) -> int:
+        """The next of ``views``: a random permutation of all in each epoch."""
+        if not self.order:
+            order = torch.randperm(len(views), generator=self.generator)
+            self.order = [int(views[position]) for position in order]
+        return self.order.pop()
+
+    def replace_sh(self, gaussians: Gaussians) -> None:
+        """Go on with the same Gaussians but for their SH coefficients, of which there are fewer."""
+        self.gaussians = gaussians.requires_grad_()
+        self.optimizer.truncate_sh(gaussians.sh.shape[1])
+        self.optimizer.attach(self.gaussians)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Tensors, numbers, and lists and dictionaries of them, for ``load_state_dict``."""
+        return {
+            "gaussians": self.gaussians.detach().parameters(),
+            "optimizer": self.optimizer.state_dict(),
+            "population": self.population.state_dict(),
+            "objective": self.objective.state_dict(),
+            "generator": self.generator.get_state(),
+            "order": list(self.order),
+            "early_stop": self.early_stop.state_dict(),
+            "degree_search": self.degree_search.state_dict(),
+            "curves": {one.name: list(getattr(self.curves, one.name)) for one in fields(Curves)},
+            "loss_sum": self.loss_sum,
+            **{name: getattr(self, name) for name in _NUMBERS},
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from ``state_dict``, on the device of the Gaussians that this was made with."""
+        device = self.gaussians.means.device
+        state = _moved(state, device)
+        self.gaussians = Gaussians(**{name: state["gaussians"][name] for name in PARAMETERS}).requires_grad_()
+        self.optimizer = Adam(self.gaussians, self.optimizer.learning_rates)
+        self.optimizer.load_state_dict(state["optimizer"])
+        self.population.load_state_dict(state["population"])
+        self.objective.load_state_dict(state["objective"])
+        self.generator.set_state(state["generator"].cpu())
+        self.order = state["order"]
+        self.early_stop.load_state_dict(state["early_stop"])
+        self.degree_search = DegreeSearch(**state["degree_search"])
+        self.curves = Curves(**state["curves"])
+        self.loss_sum = state["loss_sum"]
+        for name in _NUMBERS:
+            setattr(self, name, state[name])
+
+
+_NUMBERS = ("iteration", "seconds", "bad_records")
+
+
+def _moved(value: Any, device: torch.device) -> Any:
+    """The same nested lists and dictionaries with all tensors on ``device``."""
+    if isinstance(value, torch.Tensor):
+        return value.to(device)
+    if isinstance(value, dict):
+        return {key: _moved(item, device) for key, item in value.items()}
+    return [_moved(item, device) for item in value] if isinstance(value, list) else value

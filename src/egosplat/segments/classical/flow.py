@@ -1,0 +1,94 @@
+"""Where the pixels of a picture were in the picture before."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.optical_flow import agree, find_flow, padded, pixel_grid
+from egosplat.segments.classical.motion import find_motion, move
+from egosplat.segments.classical.options import ClassicalOptions
+from egosplat.segments.classical.working_image import make_working
+
+Floats = NDArray[np.float32]
+
+_SURROUNDINGS = 2.0
+"""Sigma of the Gaussian over which colours are compared, at the nominal side [px]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Origins:
+    """Where the pixels of a picture come from.
+
+    Attributes:
+        rows, columns: (H, W) int64 pixel of the previous picture that each pixel shows.
+        known: (H, W) bool: that pixel is in the previous picture and was not hidden there.
+    """
+
+    rows: NDArray[np.int64]
+    columns: NDArray[np.int64]
+    known: NDArray[np.bool_]
+
+    def look_up(self, values: NDArray[np.generic]) -> NDArray[np.generic]:
+        """(..., H, W) of the previous picture -> of this one; meaningless where ``known`` is not."""
+        return values[..., self.rows, self.columns]
+
+
+def find_origins(
+    previous: NDArray[np.uint8],
+    current: NDArray[np.uint8],
+    valid: NDArray[np.bool_],
+    options: ClassicalOptions,
+) -> Origins:
+    """Follow every pixel back by dense inverse search (Kroeger et al. 2016), with a forward-backward check.
+
+    Args:
+        previous, current: (H, W, 3) uint8 RGB.
+        valid: (H, W) bool, of both; nothing outside has an influence, or is an origin.
+        options: see ``ClassicalOptions``.
+    """
+    height, width = valid.shape
+    small = [make_working(one, valid, options.flow_side) for one in (previous, current)]
+    colours = [cv2.cvtColor(one.rgb, cv2.COLOR_RGB2LAB) for one in small]
+    before, now = (np.rint(one[..., 0] * 2.55).astype(np.uint8) for one in colours)
+    motion = find_motion(now, before)
+    backward, forward = _flow(now, before, motion), _flow(before, now, np.linalg.inv(motion))
+    shape = small[0].valid.shape
+    agrees = agree(backward, forward, options.flow_error * small[0].unit)
+    agrees &= _look_alike(*colours, backward, small[0].unit, options)
+    scale = np.array([width / shape[1], height / shape[0]], dtype=np.float32)
+    if (height, width) != shape:
+        backward = cv2.resize(backward, (width, height), interpolation=cv2.INTER_LINEAR)
+        agrees = cv2.resize(agrees.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0
+    rows, columns = np.indices(valid.shape)
+    rows = np.rint(rows + backward[..., 1] * scale[1]).astype(np.int64)
+    columns = np.rint(columns + backward[..., 0] * scale[0]).astype(np.int64)
+    within = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+    rows, columns = rows.clip(0, height - 1), columns.clip(0, width - 1)
+    return Origins(rows, columns, agrees & within & valid & valid[rows, columns])
+
+
+def _look_alike(
+    before: Floats, now: Floats, backward: Floats, unit: float, options: ClassicalOptions
+) -> NDArray[np.bool_]:
+    """(h, w): a pixel's surroundings have the colour (CIELAB) that they had where the flow leads back to."""
+    ends = pixel_grid(*now.shape[:2]) + backward
+    warped = cv2.remap(before, ends, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    apart = cv2.GaussianBlur(now - warped, (0, 0), _SURROUNDINGS * unit)
+    apart[..., 0] *= options.lightness_weight
+    return np.linalg.norm(apart, axis=2) <= options.colour_error
+
+
+def _flow(source: NDArray[np.uint8], target: NDArray[np.uint8], motion: NDArray[np.float64]) -> Floats:
+    """(h, w, 2) float32: what each pixel of ``source`` moves by, to the right and down, in ``target`` [px].
+
+    The motion of the camera, a homography, is taken out first: between two frames of a turning head it is more
+    than what the search finds among repeating textures.
+    """
+    height, width = source.shape
+    source, target = padded(source), padded(target)
+    start = pixel_grid(*source.shape)
+    moved = move(start, motion)
+    target = cv2.remap(target, moved, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return (move(start + find_flow(source, target), motion) - start)[:height, :width]

@@ -1,0 +1,79 @@
+"""Given masks followed from frame to frame."""
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.segments.classical.flow import find_origins
+from egosplat.segments.classical.options import ClassicalOptions
+from egosplat.segments.classical.partition import partition
+from egosplat.segments.classical.working_image import check_map
+
+Masks = NDArray[np.bool_]
+
+
+def follow(
+    masks: Masks, pictures: Iterable[NDArray[np.uint8]], valid: NDArray[np.bool_], options: ClassicalOptions
+) -> Iterator[Masks]:
+    """Follow masks, which may overlap, by optical flow and the fine regions of each frame.
+
+    A fine region of which most pixels come from inside a mask belongs to it whole, one of which few do not at
+    all; where a region is split the pixels decide. Holds two frames at a time.
+
+    Args:
+        masks: (K, H, W) bool of the first picture.
+        pictures: (H, W, 3) uint8 RGB each.
+        valid: (H, W) bool, of all pictures.
+        options: see ``ClassicalOptions``.
+
+    Yields:
+        (K, H, W) bool for each picture; the first are ``masks`` within ``valid``.
+
+    Raises:
+        ValueError: wrong shape or element type.
+    """
+    if masks.ndim != 3:
+        raise ValueError(f"masks are (K, H, W) bool, not {masks.shape} {masks.dtype}")
+    check_map(masks, np.dtype(bool), (len(masks), *valid.shape), "masks")
+    check_map(valid, np.dtype(bool), masks.shape[1:], "valid")
+    return _follow(masks & valid, pictures, valid, options)
+
+
+def _follow(
+    masks: Masks, pictures: Iterable[NDArray[np.uint8]], valid: NDArray[np.bool_], options: ClassicalOptions
+) -> Iterator[Masks]:
+    previous = None
+    for picture in pictures:
+        regions = partition(picture, valid, options)[0]
+        if previous is not None:
+            origins = find_origins(previous, picture, valid, options)
+            brought = origins.look_up(masks) & origins.known
+            masks = np.zeros_like(masks)
+            for mask, one in zip(masks, brought, strict=True):
+                mask[:] = snap(one, origins.known, regions, options)
+        previous = picture
+        yield masks
+
+
+def snap(mask: Masks, known: Masks, regions: NDArray[np.int32], options: ClassicalOptions) -> Masks:
+    """Fit a mask to regions.
+
+    Args:
+        mask: (H, W) bool.
+        known: (H, W) bool: where the mask says anything.
+        regions: (H, W) int32, -1 outside of the valid pixels.
+        options: its ``least_support`` and ``purity``.
+
+    Returns:
+        (H, W) bool.
+    """
+    count = int(regions.max(initial=-1)) + 1
+    size = np.bincount(regions[regions >= 0], minlength=count)
+    voters = np.bincount(regions[known & (regions >= 0)], minlength=count)
+    yes = np.bincount(regions[mask & known & (regions >= 0)], minlength=count)
+    decided = (voters > 0) & (voters >= options.least_support * size)
+    # The last entry is that of pixels without a region, which index -1 finds.
+    taken = np.append(decided & (yes >= options.purity * voters), False)
+    left = np.append(decided & (voters - yes >= options.purity * voters), True)
+    return taken[regions] | (mask & known & ~left[regions])

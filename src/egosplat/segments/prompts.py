@@ -1,0 +1,135 @@
+"""Masks of one picture from a grid of point prompts, at three levels, thinned out."""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from egosplat.models.sam2_loader import Sam2
+from egosplat.segments.image_encoder import Encoded
+from egosplat.segments.nms import areas, box_nms, intersections, mask_iou, mask_nms, stability_score
+from egosplat.segments.options import LEVELS, MaskOptions
+
+_POINTS_A_BATCH = 64
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Masks of one level.
+
+    Attributes:
+        logits: (N, M, M) float32, in the model's own masks' size.
+        predicted_iou, stability: (N,) float32.
+    """
+
+    logits: Tensor
+    predicted_iou: Tensor
+    stability: Tensor
+
+    def __len__(self) -> int:
+        return len(self.logits)
+
+    @property
+    def masks(self) -> Tensor:
+        """(N, M, M) bool."""
+        return self.logits > 0
+
+    @property
+    def scores(self) -> Tensor:
+        """(N,) predicted IoU times stability: by this LangSplat ranks masks."""
+        return self.predicted_iou * self.stability
+
+    def take(self, chosen: Tensor) -> "Candidates":
+        """Some of them: by (K,) indices or a (N,) bool mask."""
+        return Candidates(self.logits[chosen], self.predicted_iou[chosen], self.stability[chosen])
+
+
+def grid_points(points_per_side: int) -> Tensor:
+    """(P, 2) float32 x, y as shares of the picture's sides, at the middles of a square grid's cells."""
+    steps = (torch.arange(points_per_side) + 0.5) / points_per_side
+    return torch.cartesian_prod(steps, steps).flip(1).contiguous()
+
+
+def prompt(sam2: Sam2, encoded: Encoded, points: Tensor, options: MaskOptions) -> list[Candidates]:
+    """What SAM2 finds at some points: its three masks each, apart by level, those of low quality left out.
+
+    Args:
+        points: (P, 2) x, y as shares of the picture's sides.
+
+    Returns:
+        Candidates of each level, in the points' order.
+    """
+    batches = [_decode(sam2, encoded, batch, options) for batch in points.split(_POINTS_A_BATCH)]
+    return [
+        Candidates(*(torch.cat([batch[name][level] for batch in batches]) for name in range(3)))
+        for level in range(len(LEVELS))
+    ]
+
+
+def _decode(
+    sam2: Sam2, encoded: Encoded, points: Tensor, options: MaskOptions
+) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:
+    """Logits, predicted IoU and stability by level for a batch of points, only good masks."""
+    model, device = sam2.video_predictor, sam2.compute.device
+    places = (points * model.image_size)[:, None].to(device)
+    kinds = torch.ones(len(points), 1, dtype=torch.int32, device=device)
+    sparse, dense = model.sam_prompt_encoder(points=(places, kinds), boxes=None, masks=None)
+    image = encoded.image(2)
+    if model.directly_add_no_mem_embed:
+        image = image + model.no_mem_embed.reshape(1, -1, 1, 1)
+    logits, ious, _, _ = model.sam_mask_decoder(
+        image_embeddings=image,
+        image_pe=model.sam_prompt_encoder.get_dense_pe(),
+        sparse_prompt_embeddings=sparse,
+        dense_prompt_embeddings=dense,
+        multimask_output=True,
+        repeat_image=True,
+        high_res_features=[encoded.image(0), encoded.image(1)],
+    )
+    kept: tuple[list[Tensor], list[Tensor], list[Tensor]] = ([], [], [])
+    for level in range(len(LEVELS)):
+        mask, iou = logits[:, level].float(), ious[:, level].float()
+        stable = stability_score(mask, options.stability_score_offset)
+        large = areas(mask > 0) >= max(1.0, options.min_area * mask[0].numel())
+        good = (iou > options.pred_iou_thresh) & (stable >= options.stability_score_thresh) & large
+        for values, each in zip(kept, (mask, iou, stable), strict=True):
+            values.append(each[good])
+    return kept
+
+
+def thin_out(found: Candidates, options: MaskOptions) -> Candidates:
+    """Leave out masks that repeat others: by their boxes, then by LangSplat's filter (docs/method.md#mask-filters)."""
+    if len(found) == 0:
+        return found
+    found = found.take(box_nms(found.masks, found.predicted_iou, options.box_nms_thresh))
+    kept = mask_nms(
+        found.masks,
+        found.scores,
+        iou_thresh=options.nms_iou_thresh,
+        score_thresh=options.nms_score_thresh,
+        inner_thresh=options.nms_inner_thresh,
+    )
+    return found.take(kept)
+
+
+def only_new(found: Candidates, followed: Tensor, cover_thresh: float, iou_thresh: float) -> Candidates:
+    """Leave out masks of what is followed already.
+
+    Args:
+        followed: (K, M, M) bool masks of the level's instances in this picture.
+        cover_thresh: masks of which a larger share is covered are dropped; iou_thresh: also those that overlap
+            an instance more.
+    """
+    if len(found) == 0 or len(followed) == 0:
+        return found
+    covered = intersections(found.masks, followed.any(0)[None])[:, 0] / areas(found.masks).clamp(min=1.0)
+    repeats = mask_iou(found.masks, followed).amax(1) > iou_thresh
+    return found.take((covered <= cover_thresh) & ~repeats)
+
+
+def matches(masks: Tensor, others: Tensor, least_iou: float) -> Tensor:
+    """(N, M, M) and (K, M, M) bool masks -> (N,) which of the others each looks most like; -1 below ``least_iou``."""
+    if len(masks) == 0 or len(others) == 0:
+        return torch.full((len(masks),), -1, dtype=torch.int64, device=masks.device)
+    iou, place = mask_iou(masks, others).max(1)
+    return torch.where(iou >= least_iou, place, -1)

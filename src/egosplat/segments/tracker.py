@@ -1,0 +1,211 @@
+"""SAM2 over a whole video: forwards, with new prompts where nothing is followed, then backwards."""
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from numpy.typing import NDArray
+
+from egosplat.artifacts.checkpoint import Checkpoint, State
+from egosplat.models.sam2_loader import Sam2
+from egosplat.progress import log, track
+from egosplat.segments.image_encoder import Encoded, encode
+from egosplat.segments.instances import Instance, Segmented
+from egosplat.segments.label_maps import LabelMaps
+from egosplat.segments.label_painting import paint
+from egosplat.segments.levels import Level, Seen, show_shared, together
+from egosplat.segments.merging import union_of
+from egosplat.segments.options import LEVELS, MaskOptions, TrackOptions
+from egosplat.segments.prompts import Candidates, grid_points, matches, only_new, prompt, thin_out
+from egosplat.segments.propagation import Follower, restarted
+
+
+class Tracker:
+    """Segments a video with SAM2 at all levels at once, so that each frame is encoded once each way."""
+
+    def __init__(
+        self,
+        sam2: Sam2,
+        pictures: Callable[[int], NDArray[np.uint8]],
+        frames: int,
+        valid: NDArray[np.bool_],
+        masks: MaskOptions,
+        tracks: TrackOptions,
+    ) -> None:
+        """Prepare.
+
+        Args:
+            pictures: (H, W, 3) uint8 RGB of a frame, by its index.
+            frames: how many there are; valid: (H, W) bool.
+        """
+        self._sam2, self._pictures, self._frames, self._valid = sam2, pictures, frames, valid
+        self._masks, self._tracks = masks, tracks
+        self._levels = [Level() for _ in LEVELS]
+        self._instances: list[Instance] = []
+        self._labels = LabelMaps((len(LEVELS), *valid.shape))
+        self._follower = Follower(sam2, frames, tracks.absent_stride)
+        self._key_frames: list[int] = []
+        self._ahead = self._back = 0
+        side = sam2.video_predictor.image_size // 4
+        inside = torch.from_numpy(valid)[None, None].float()
+        self._inside = (F.interpolate(inside, (side, side), mode="area")[0, 0] > 0.5).to(sam2.compute.device)
+
+    def run(self, checkpoint: Checkpoint | None = None) -> Segmented:
+        """Work through the video, both ways; from the checkpoint on where there is one."""
+        if checkpoint is not None and (saved := checkpoint.load()) is not None:
+            self.load_state_dict(saved)
+            log(f"following goes on after {self._ahead} frames forwards and {self._back} backwards")
+        with self._sam2.compute.inference():
+            for frame in track(range(self._ahead, self._frames), "following instances forwards"):
+                self._forwards(frame)
+                self._ahead += 1
+                self._save(checkpoint)
+            if not self._back:
+                for level in self._levels:
+                    level.groups = [restarted(group) for group in level.groups]
+            last = max((group.first_frame for level in self._levels for group in level.groups), default=0)
+            for frame in track(range(last - 1 - self._back, -1, -1), "following instances backwards"):
+                self._backwards(frame)
+                self._back += 1
+                self._save(checkpoint)
+        same = [
+            pair
+            for level in self._levels
+            for pair in level.overlaps.same(self._tracks.merge_iou, self._frames)
+        ]
+        return Segmented(self._labels, self._instances, same, {"key_frames": self._key_frames})
+
+    def state_dict(self) -> State:
+        """How far it has come, as tensors, numbers, lists and dictionaries."""
+        return {
+            "ahead": self._ahead,
+            "back": self._back,
+            "key_frames": self._key_frames,
+            "instances": [vars(instance) for instance in self._instances],
+            "labels": self._labels.state_dict(),
+            "levels": [level.state_dict() for level in self._levels],
+        }
+
+    def load_state_dict(self, state: State) -> None:
+        """Go on from what ``state_dict`` gave."""
+        self._ahead, self._back = state["ahead"], state["back"]
+        self._key_frames = state["key_frames"]
+        self._instances = [Instance(**values) for values in state["instances"]]
+        self._labels.load_state_dict(state["labels"])
+        for level, saved in zip(self._levels, state["levels"], strict=True):
+            level.load_state_dict(saved, self._sam2.compute.device)
+
+    def _save(self, checkpoint: Checkpoint | None) -> None:
+        if checkpoint is not None:
+            checkpoint.save_if_due(self.state_dict)
+
+    def _forwards(self, frame: int) -> None:
+        encoded = encode(self._sam2, self._pictures(frame))
+        seen = [
+            [(group.ids, self._follower.step(encoded, frame, group, reverse=False)) for group in level.groups]
+            for level in self._levels
+        ]
+        show_shared(self._levels, seen)
+        if frame == 0 or (self._tracks.key_frames and frame % self._tracks.key_frame_stride == 0):
+            self._look_for_more(encoded, frame, seen)
+        for level, found in zip(self._levels, seen, strict=True):
+            level.overlaps.add(*together(found, self._inside))
+        self._labels[frame] = np.stack([self._paint(found) for found in seen])
+
+    def _backwards(self, frame: int) -> None:
+        encoded = encode(self._sam2, self._pictures(frame))
+        labels = self._labels[frame]
+        seen = [
+            [
+                (group.ids, self._follower.step(encoded, frame, group, reverse=True))
+                for group in level.groups
+                if group.first_frame > frame
+            ]
+            for level in self._levels
+        ]
+        show_shared(self._levels, seen)
+        for number, (level, found) in enumerate(zip(self._levels, seen, strict=True)):
+            back = together(found, self._inside)
+            level.overlaps.add(*back)
+            level.overlaps.add_between(*back, *self._as_masks(labels[number]))
+            # What was followed forwards was found earlier, and stays.
+            labels[number] = np.where(labels[number] >= 0, labels[number], self._paint(found))
+        self._labels[frame] = labels
+
+    def _look_for_more(self, encoded: Encoded, frame: int, seen: list[list[Seen]]) -> None:
+        """Prompt where a level is not covered, and begin to follow what is new there."""
+        followed = [together(found, self._inside)[1] for found in seen]
+        free = [self._inside & ~union_of(masks) for masks in followed]
+        least = self._tracks.min_uncovered * float(self._inside.sum())
+        asked = [number for number, place in enumerate(free) if float(place.sum()) > least]
+        points = grid_points(self._masks.points_per_side)
+        side = self._inside.shape[0]
+        columns, rows = (points * side).long().T.to(self._inside.device)
+        wanted = torch.zeros(len(points), dtype=torch.bool, device=self._inside.device)
+        for number in asked:
+            wanted |= free[number][rows, columns]
+        if not wanted.any():
+            return
+        self._key_frames.append(frame)
+        found = prompt(self._sam2, encoded, points[wanted.cpu()], self._masks)
+        begun: Seen = [], self._inside.new_zeros(0, *self._inside.shape)
+        for number in reversed(asked):
+            new = thin_out(found[number], self._masks)
+            new = only_new(new, followed[number], self._tracks.new_cover_thresh, self._masks.nms_iou_thresh)
+            new = new.take(new.scores.argsort(descending=True, stable=True)[: self._room(number)])
+            alike = matches(new.masks, begun[1], self._tracks.share_iou)
+            self._begin_shared(
+                frame,
+                number,
+                new.take(alike >= 0),
+                [begun[0][place] for place in alike[alike >= 0].tolist()],
+                seen[number],
+            )
+            ids = self._begin(encoded, frame, number, new.take(alike < 0), seen[number])
+            begun = begun[0] + ids, torch.cat([begun[1], new.take(alike < 0).masks])
+
+    def _room(self, level: int) -> int:
+        return max(0, self._tracks.max_instances - self._levels[level].instances)
+
+    def _begin(
+        self, encoded: Encoded, frame: int, level: int, new: Candidates, seen: list[Seen]
+    ) -> list[int]:
+        """Begin to follow; the numbers of the instances."""
+        ids = self._add_instances(frame, level, new)
+        for first in range(0, len(ids), self._tracks.batch):
+            some = slice(first, first + self._tracks.batch)
+            self._levels[level].groups.append(
+                self._follower.begin(encoded, frame, ids[some], new.logits[some])
+            )
+            seen.append((ids[some], new.logits[some]))
+        return ids
+
+    def _begin_shared(
+        self, frame: int, level: int, new: Candidates, followed: list[int], seen: list[Seen]
+    ) -> None:
+        """Note instances that are ``followed`` for another level already, as these numbers."""
+        ids = self._add_instances(frame, level, new)
+        if ids:
+            self._levels[level].shared |= dict(zip(ids, followed, strict=True))
+            seen.append((ids, new.logits))
+
+    def _add_instances(self, frame: int, level: int, new: Candidates) -> list[int]:
+        facts = zip(new.predicted_iou.tolist(), new.stability.tolist(), strict=True)
+        first = len(self._instances)
+        self._instances += [Instance(level, frame, iou, stability) for iou, stability in facts]
+        return list(range(first, len(self._instances)))
+
+    def _paint(self, seen: list[Seen]) -> NDArray[np.int32]:
+        return paint(seen, self._valid, self._sam2.compute.device)
+
+    def _as_masks(self, labels: NDArray[np.int32]) -> Seen:
+        """What a label map shows, as masks of the model's own size."""
+        side = self._inside.shape[0]
+        rows, columns = ((np.arange(side) + 0.5) * length / side for length in labels.shape)
+        small = torch.from_numpy(labels[np.ix_(rows.astype(int), columns.astype(int))]).to(
+            self._inside.device
+        )
+        ids = [number for number in small.unique().tolist() if number >= 0]
+        masks = small == torch.tensor(ids, dtype=small.dtype, device=small.device)[:, None, None]
+        return ids, masks

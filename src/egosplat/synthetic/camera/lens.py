@@ -1,0 +1,82 @@
+"""The rays of a camera's pixels: of Aria's lens as its calibration has it, or of a pinhole."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.geometry import CLOCKWISE, Camera, rotate, to_aria_pixels
+from egosplat.synthetic.adt_format.aria import camera_calibration
+
+Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Lens:
+    """Rays of a square picture.
+
+    Attributes:
+        size: its side [px].
+        valid: (H, W) bool, within the lens circle.
+        directions: (N, 3) float32 unit rays of the valid pixels' centres, camera axes, row by row.
+        right, down: (N, 3) float32 change of the ray to the next pixel's.
+        angle: (N,) float32 angle that a pixel covers [rad].
+        radius: (N,) float32 distance from the principal point as a share of the circle's radius.
+    """
+
+    size: int
+    valid: NDArray[np.bool_]
+    directions: Floats
+    right: Floats
+    down: Floats
+    angle: Floats
+    radius: Floats
+
+
+@lru_cache(maxsize=4)
+def make_lens(size: int) -> Lens:
+    """Aria's, for pictures of ``size`` x ``size`` pixels; kept, as each pixel takes microseconds to unproject."""
+    calibration = camera_calibration(size)
+    centres = to_aria_pixels(_centres(size, size))
+    rays = np.array([calibration.unproject_no_checks(pixel) for pixel in centres.reshape(-1, 2)])
+    return _lens(rays.reshape(*centres.shape[:2], 3), _radius(size, centres))
+
+
+@lru_cache(maxsize=4)
+def pinhole_lens(camera: Camera) -> Lens:
+    """A square pinhole camera behind Aria's lens: what a rectified, upright picture shows, without resampling."""
+    centres = _centres(camera.width, camera.height)
+    focal, middle = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
+    rays = np.dstack([(centres - middle) / focal, np.ones(centres.shape[:2])])
+    # Upright pixels on the sensor: the lens is as good as symmetric, but the quarter turn costs nothing.
+    sensor = rotate(CLOCKWISE[:3, :3], rays)
+    calibration = camera_calibration(camera.width)
+    pixels = np.array([calibration.project_no_checks(ray) for ray in sensor.reshape(-1, 3)])
+    return _lens(rays, _radius(camera.width, pixels.reshape(centres.shape)))
+
+
+def _centres(width: int, height: int) -> NDArray[np.float64]:
+    """(H + 2, W + 2, 2) pixel centres with a margin of one all around, so that every pixel has neighbours."""
+    return np.stack(np.meshgrid(np.arange(-1, width + 1) + 0.5, np.arange(-1, height + 1) + 0.5), axis=-1)
+
+
+def _radius(size: int, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distance of projectaria-tools' pixels from the principal point as a share of the lens circle's radius."""
+    calibration = camera_calibration(size)
+    away = np.linalg.norm(pixels - calibration.get_principal_point(), axis=-1)
+    return away / calibration.get_valid_radius()
+
+
+def _lens(rays: NDArray[np.float64], radius: NDArray[np.float64]) -> Lens:
+    """A lens of (H + 2, W + 2, 3) rays, of any length, and (H + 2, W + 2) radii, both with a margin of one."""
+    rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+    right = 0.5 * (rays[1:-1, 2:] - rays[1:-1, :-2])
+    down = 0.5 * (rays[2:, 1:-1] - rays[:-2, 1:-1])
+    angle = np.sqrt(np.linalg.norm(right, axis=-1) * np.linalg.norm(down, axis=-1))
+    share = radius[1:-1, 1:-1]
+    valid = share <= 1.0
+    images = (rays[1:-1, 1:-1], right, down, angle, share)
+    return Lens(
+        len(valid), valid, *(np.ascontiguousarray(image[valid], dtype=np.float32) for image in images)
+    )

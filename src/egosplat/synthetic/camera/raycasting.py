@@ -1,0 +1,183 @@
+"""All surfaces of a scene in arrays, rigid body by rigid body, and the casting of rays at them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.geometry import rotate, transform
+from egosplat.rays.triangles import Triangles
+from egosplat.synthetic.objects.shapes import Part
+from egosplat.synthetic.objects.textures import Texture
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+Ints = NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """Parts that move as one, belonging to one instance.
+
+    Attributes:
+        instance_id: whose pixels these are; parts: in the body's axes.
+        pose: (4, 4) ``world_from_body``, where it stays or begins.
+        role: ``static`` (never moves), ``thing`` (is moved), ``person`` (a limb).
+    """
+
+    instance_id: int
+    parts: tuple[Part, ...]
+    pose: Array
+    role: str
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """Surfaces of many bodies; static ones in world axes, others in their own.
+
+    Attributes:
+        bodies: what the arrays hold, in order: static ones first, then things, then people's limbs.
+        vertices, normals: (V, 3) float32; uv: (V, 2) float32.
+        faces: (F, 3) int32; face_part: (F,) int32 running number of the part.
+        body_faces, body_vertices: (B + 1,) first face and vertex of each body, and the end.
+        part_names: "instance id/part"; part_body, part_texture: (P,) int32; part_glow: (P,) float32.
+        textures: by their number, each once.
+    """
+
+    bodies: tuple[Body, ...]
+    vertices: Floats
+    normals: Floats
+    uv: Floats
+    faces: Ints
+    face_part: Ints
+    body_faces: Ints
+    body_vertices: Ints
+    part_names: tuple[str, ...]
+    part_body: Ints
+    part_texture: Ints
+    part_glow: Floats
+    textures: tuple[Texture, ...]
+
+    def group(self, role: str) -> tuple[int, int]:
+        """First and last + 1 of the bodies of a role."""
+        numbers = [number for number, body in enumerate(self.bodies) if body.role == role]
+        return (numbers[0], numbers[-1] + 1) if numbers else (0, 0)
+
+
+def build_geometry(bodies: Sequence[Body]) -> Geometry:
+    """Gather bodies' surfaces."""
+    order = {"static": 0, "thing": 1, "person": 2}
+    ordered = sorted(bodies, key=lambda body: order[body.role])
+    parts = [(number, part) for number, body in enumerate(ordered) for part in body.parts]
+    shapes = [_in_place(ordered[number], part) for number, part in parts]
+    starts = np.cumsum([0, *(len(vertices) for vertices, _ in shapes)])
+    counts = [len(part.shape.faces) for _, part in parts]
+    part_body = np.array([number for number, _ in parts], dtype=np.int32)
+    numbers = {
+        texture: number for number, texture in enumerate(dict.fromkeys(part.texture for _, part in parts))
+    }
+    ends = np.searchsorted(part_body, np.arange(len(ordered) + 1))
+    return Geometry(
+        tuple(ordered),
+        np.concatenate([vertices for vertices, _ in shapes]).astype(np.float32),
+        np.concatenate([normals for _, normals in shapes]).astype(np.float32),
+        np.concatenate([part.shape.uv for _, part in parts]).astype(np.float32),
+        np.concatenate(
+            [part.shape.faces + start for (_, part), start in zip(parts, starts, strict=False)]
+        ).astype(np.int32),
+        np.repeat(np.arange(len(parts)), counts).astype(np.int32),
+        np.cumsum([0, *counts])[ends].astype(np.int32),
+        starts[ends].astype(np.int32),
+        tuple(f"{ordered[number].instance_id}/{part.name}" for number, part in parts),
+        part_body,
+        np.array([numbers[part.texture] for _, part in parts], dtype=np.int32),
+        np.array([part.glow for _, part in parts], dtype=np.float32),
+        tuple(numbers),
+    )
+
+
+def _in_place(body: Body, part: Part) -> tuple[Array, Array]:
+    if body.role != "static":
+        return part.shape.vertices, part.shape.normals
+    return transform(body.pose, part.shape.vertices), rotate(body.pose[:3, :3], part.shape.normals)
+
+
+@dataclass(frozen=True, eq=False)
+class Hits:
+    """Where rays first meet a surface.
+
+    Attributes:
+        face: (N,) int32 number of the face in the geometry, -1 for none.
+        distance: (N,) float32 along the ray, infinite for none; u, v: (N,) float32 barycentric.
+    """
+
+    face: Ints
+    distance: Floats
+    u: Floats
+    v: Floats
+
+
+class RayScene:
+    """Something that rays can be cast at: some faces of a geometry, where they are at the moment."""
+
+    def __init__(self, vertices: Floats, faces: Ints, first_face: int) -> None:
+        self._triangles = Triangles(vertices, faces)
+        self._first_face = first_face
+        self.centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+        self.reach = float(np.linalg.norm(vertices - self.centre, axis=1).max())
+
+    def cast(self, origins: Floats, directions: Floats) -> Hits:
+        """First hits of rays from (N, 3) or (3,) origins along (N, 3) unit directions."""
+        face, distance, u, v = self._triangles.cast(origins, directions)
+        return Hits(np.where(face < 0, -1, face + self._first_face).astype(np.int32), distance, u, v)
+
+    def blocks(self, origins: Floats, directions: Floats, distances: Floats) -> NDArray[np.bool_]:
+        """Whether anything lies between (N, 3) origins and ``distances`` [m] along (N, 3) unit directions."""
+        return self._triangles.blocks(origins, directions, distances)
+
+    def may_meet(self, origin: Floats, directions: Floats) -> NDArray[np.bool_]:
+        """Which of (N, 3) unit directions from a point come near enough to be worth casting."""
+        way = self.centre - origin
+        distance = float(np.linalg.norm(way, axis=-1))
+        if distance <= self.reach * 1.001:
+            return np.ones(len(directions), dtype=bool)
+        return (directions * (way / distance).astype(np.float32)).sum(axis=1) >= np.sqrt(
+            1 - (self.reach / distance) ** 2
+        ) - 1e-4
+
+
+def static_scene(geometry: Geometry) -> RayScene:
+    """All that never moves."""
+    return body_scene(geometry, *geometry.group("static"))
+
+
+def body_scene(geometry: Geometry, first: int, last: int) -> RayScene:
+    """Bodies ``first`` to ``last`` - 1 in the axes in which the geometry has them."""
+    start, end = geometry.body_vertices[[first, last]]
+    faces = geometry.faces[geometry.body_faces[first] : geometry.body_faces[last]] - start
+    return RayScene(geometry.vertices[start:end], faces, int(geometry.body_faces[first]))
+
+
+def posed_scene(geometry: Geometry, first: int, last: int, poses: dict[int, Array]) -> RayScene:
+    """Moving bodies ``first`` to ``last`` - 1 where ``poses`` (by body number) says."""
+    vertices = [
+        rotate(
+            poses[number][:3, :3].astype(np.float32),
+            geometry.vertices[slice(*geometry.body_vertices[[number, number + 1]])],
+        )
+        + poses[number][:3, 3].astype(np.float32)
+        for number in range(first, last)
+    ]
+    faces = (
+        geometry.faces[geometry.body_faces[first] : geometry.body_faces[last]] - geometry.body_vertices[first]
+    )
+    return RayScene(np.concatenate(vertices), faces, int(geometry.body_faces[first]))
+
+
+def interpolated(geometry: Geometry, hits: Hits, values: Floats) -> Floats:
+    """(N, D) values where rays hit, of (V, D) values at the geometry's vertices."""
+    corners = np.take(geometry.faces, hits.face, axis=0)
+    weights = (1 - hits.u - hits.v, hits.u, hits.v)
+    terms = (np.take(values, corners[:, k], axis=0) * weight[:, None] for k, weight in enumerate(weights))
+    return sum(terms, np.zeros((), dtype=np.float32))

@@ -1,0 +1,286 @@
+"""Pictures, labels and depth of a scene through the camera's lens, by casting rays."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.geometry import rotate
+from egosplat.synthetic.adt_format.sequence import View
+from egosplat.synthetic.camera.lens import Lens
+from egosplat.synthetic.camera.lighting import Lights, bake, face_normals
+from egosplat.synthetic.camera.raycasting import (
+    Floats,
+    Geometry,
+    Hits,
+    RayScene,
+    body_scene,
+    interpolated,
+    posed_scene,
+    static_scene,
+)
+from egosplat.synthetic.camera.sensor import develop, tone, untone
+from egosplat.synthetic.objects.atlas import Atlas
+
+Array = NDArray[np.float64]
+
+_SUBPIXELS = ((-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125))
+_VISIBILITY_RAYS = 2500
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """One rendering and its truth as ADT records it.
+
+    Attributes:
+        rgb: (H, W, 3) uint8, with people.
+        with_people, without_people: labels and depth.
+    """
+
+    rgb: NDArray[np.uint8]
+    with_people: View
+    without_people: View
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """One rendering alone, with people.
+
+    Attributes:
+        rgb: (H, W, 3) uint8.
+        faces: (H, W) int32 number of the geometry's face that is seen, -1 for none.
+    """
+
+    rgb: NDArray[np.uint8]
+    faces: NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False)
+class _Scenes:
+    """What rays are cast at in one shot: all that never moves, each thing that does and each person by id.
+
+    ``full`` is all of it in few pieces.
+    """
+
+    static: RayScene
+    things: dict[int, RayScene]
+    people: dict[int, RayScene]
+
+    full: list[RayScene]
+
+
+class Renderer:
+    """Renders one geometry, many times.
+
+    Attributes:
+        geometry: what there is; lens: through which it is seen.
+        atlas: its textures; static: its surfaces that never move.
+    """
+
+    def __init__(self, geometry: Geometry, lights: Lights, lens: Lens, rng: np.random.Generator) -> None:
+        """Bake the light that does not change.
+
+        Args:
+            geometry: what there is; lights: what lights it; lens: through which it is seen.
+            rng: for the directions of the light rays.
+        """
+        self.geometry = geometry
+        self.lens = lens
+        self._lights = lights
+        self.atlas = Atlas(geometry.textures)
+        self.static = static_scene(geometry)
+        self._baked = bake(geometry, self.static, self.atlas, lights, rng)
+        self._ids = np.array([body.instance_id for body in geometry.bodies], dtype=np.uint64)
+        self._static_alone: dict[int, RayScene] = {}
+
+    def shoot(
+        self, world_from_camera: Array, poses: dict[int, Array], gain: float, rng: np.random.Generator
+    ) -> Shot:
+        """Render the scene and its truth.
+
+        Args:
+            world_from_camera: (4, 4) pose of the camera, in the axes that the lens has.
+            poses: (4, 4) pose of every body that moves, by its number in the geometry.
+            gain: factor on all brightness; rng: for the sensor's noise.
+        """
+        scenes, turn, origin, rays = self._prepare(world_from_camera, poses)
+        empty = self._cast([scenes.static, *scenes.things.values()], origin, rays)
+        full = empty
+        for person in scenes.people.values():
+            full = self._nearer(full, person, origin, rays)
+        without = self._view(scenes, empty, origin, rays)
+        return Shot(
+            self._develop(scenes, full, poses, origin, turn, gain, rng),
+            self._view(scenes, full, origin, rays) if scenes.people else without,
+            without,
+        )
+
+    def picture(
+        self, world_from_camera: Array, poses: dict[int, Array], gain: float, rng: np.random.Generator
+    ) -> Picture:
+        """Render the scene and which surface each pixel shows; the arguments are ``shoot``'s."""
+        scenes, turn, origin, rays = self._prepare(world_from_camera, poses)
+        hits = self._cast(scenes.full, origin, rays)
+        rgb = self._develop(scenes, hits, poses, origin, turn, gain, rng)
+        return Picture(rgb, self._image(hits.face, np.int32, -1))
+
+    def _prepare(
+        self, world_from_camera: Array, poses: dict[int, Array]
+    ) -> tuple[_Scenes, Floats, Floats, Floats]:
+        """What is looked at, ``world_from_camera``'s rotation and origin, and the rays in the world."""
+        pose = world_from_camera.astype(np.float32)
+        return self._scenes(poses), pose[:3, :3], pose[:3, 3], rotate(pose[:3, :3], self.lens.directions)
+
+    def _develop(
+        self,
+        scenes: _Scenes,
+        hits: Hits,
+        poses: dict[int, Array],
+        origin: Floats,
+        turn: Floats,
+        gain: float,
+        rng: np.random.Generator,
+    ) -> NDArray[np.uint8]:
+        """The picture of what rays have hit."""
+        rotations = self._rotations(poses)
+        rays = rotate(turn, self.lens.directions)
+        radiance = self._shade(scenes, rotations, hits, origin, rays, self.lens.angle)
+        self._soften(scenes, rotations, hits, radiance, origin, turn)
+        return self._image(develop(radiance, self.lens.radius, gain, rng), np.uint8)
+
+    def _cast(self, scenes: list[RayScene], origin: Floats, rays: Floats) -> Hits:
+        hits = scenes[0].cast(origin, rays)
+        for scene in scenes[1:]:
+            hits = self._nearer(hits, scene, origin, rays)
+        return hits
+
+    def _nearer(self, hits: Hits, scene: RayScene, origin: Floats, rays: Floats) -> Hits:
+        """The hits with those of another scene that come before them."""
+        asked = np.flatnonzero(scene.may_meet(origin, rays))
+        other = scene.cast(origin, rays[asked])
+        closer = other.distance < hits.distance[asked]
+        merged = Hits(hits.face.copy(), hits.distance.copy(), hits.u.copy(), hits.v.copy())
+        for name in ("face", "distance", "u", "v"):
+            getattr(merged, name)[asked[closer]] = getattr(other, name)[closer]
+        return merged
+
+    def _image(self, values: NDArray, dtype: type, outside: int = 0) -> NDArray:
+        """Values of the valid pixels as an image."""
+        image = np.full((*self.lens.valid.shape, *values.shape[1:]), outside, dtype=dtype)
+        image[self.lens.valid] = values
+        return image
+
+    def _scenes(self, poses: dict[int, Array]) -> _Scenes:
+        geometry = self.geometry
+        first, last = geometry.group("static")[1], len(geometry.bodies)
+        moving = [posed_scene(geometry, first, last, poses)] if last > first else []
+        things, people = (self._posed(role, poses) for role in ("thing", "person"))
+        return _Scenes(self.static, things, people, [self.static, *moving])
+
+    def _posed(self, role: str, poses: dict[int, Array]) -> dict[int, RayScene]:
+        """The moving instances of a role where they are now, by instance id."""
+        first, last = self.geometry.group(role)
+        scenes = {}
+        for uid in np.unique(self._ids[first:last]).tolist():
+            bodies = np.flatnonzero(self._ids == uid)
+            scenes[uid] = posed_scene(self.geometry, int(bodies[0]), int(bodies[-1]) + 1, poses)
+        return scenes
+
+    def _view(self, scenes: _Scenes, hits: Hits, origin: Floats, rays: Floats) -> View:
+        body = self.geometry.part_body[self.geometry.face_part[hits.face]]
+        ids = np.where(hits.face >= 0, self._ids[body], 0).astype(np.uint64)
+        depth = np.where(hits.face >= 0, hits.distance * self.lens.directions[:, 2], 0)
+        millimetres = np.clip(np.round(depth * 1000.0), 0, 65535)
+        visibility = self._visibility(scenes, ids, origin, rays)
+        return View(self._image(ids, np.uint64), self._image(millimetres, np.uint16), visibility)
+
+    def _visibility(
+        self, scenes: _Scenes, ids: NDArray[np.uint64], origin: Floats, rays: Floats
+    ) -> dict[int, float]:
+        """Share of each instance's pixels that nothing hides, from a sample of them where there are many."""
+        shares: dict[int, float] = {}
+        for uid in np.unique(ids[ids > 0]).tolist():
+            scene = scenes.things.get(uid) or scenes.people.get(uid) or self._alone(uid)
+            asked = np.flatnonzero(scene.may_meet(origin, rays))
+            seen = ids[asked] == uid
+            stride = max(1, min(len(asked) // _VISIBILITY_RAYS, int(seen.sum()) // 300))
+            asked, seen = asked[::stride], seen[::stride]
+            covered = scene.cast(origin, rays[asked]).face >= 0
+            shares[uid] = float(seen.sum() / max(1, (covered | seen).sum()))
+        return shares
+
+    def _alone(self, uid: int) -> RayScene:
+        """A static instance by itself."""
+        if uid not in self._static_alone:
+            body = int(np.flatnonzero(self._ids == uid)[0])
+            self._static_alone[uid] = body_scene(self.geometry, body, body + 1)
+        return self._static_alone[uid]
+
+    def _rotations(self, poses: dict[int, Array]) -> Floats:
+        """(B, 3, 3) ``world_from_body`` rotations as the geometry's arrays need them."""
+        rotations = np.tile(np.eye(3, dtype=np.float32), (len(self.geometry.bodies), 1, 1))
+        for number, pose in poses.items():
+            rotations[number] = pose[:3, :3]
+        return rotations
+
+    def _shade(
+        self, scenes: _Scenes, rotations: Floats, hits: Hits, origin: Floats, rays: Floats, angle: Floats
+    ) -> Floats:
+        """(N, 3) radiance in linear light."""
+        geometry = self.geometry
+        part = geometry.face_part[hits.face]
+        normals, uv, light = (
+            interpolated(geometry, hits, values) for values in (geometry.normals, geometry.uv, self._baked)
+        )
+        body = geometry.part_body[part]
+        moved = np.flatnonzero(body >= geometry.group("static")[1])
+        normals[moved] = np.einsum("nij,nj->ni", rotations[body[moved]], normals[moved])
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+        facing = np.einsum("ni,ni->n", normals, rays)
+        normals[facing > 0] *= -1
+        distance = np.where(np.isfinite(hits.distance), hits.distance, 0)
+        points = origin + distance[:, None] * rays
+        light += self._lights.direct(scenes.full, points, normals)
+        footprint = distance * angle / np.sqrt(np.maximum(np.abs(facing), 0.12))
+        albedo = self.atlas.albedo(geometry.part_texture[part], uv, footprint)
+        radiance = albedo * (light / np.float32(np.pi) + geometry.part_glow[part][:, None])
+        radiance[hits.face < 0] = 0
+        return radiance
+
+    def _soften(
+        self, scenes: _Scenes, rotations: Floats, hits: Hits, radiance: Floats, origin: Floats, turn: Floats
+    ) -> None:
+        """Give pixels on edges the mean of four rays."""
+        lens = self.lens
+        edge = np.flatnonzero(self._on_edge(hits, rotations))
+        total = np.zeros((len(edge), 3), dtype=np.float32)
+        for dx, dy in _SUBPIXELS:
+            rays = (
+                lens.directions[edge] + np.float32(dx) * lens.right[edge] + np.float32(dy) * lens.down[edge]
+            )
+            rays = rotate(turn, rays / np.linalg.norm(rays, axis=1, keepdims=True))
+            found = self._cast(scenes.full, origin, rays)
+            total += tone(self._shade(scenes, rotations, found, origin, rays, lens.angle[edge]))
+        radiance[edge] = untone(total / len(_SUBPIXELS))
+
+    def _on_edge(self, hits: Hits, rotations: Floats) -> NDArray[np.bool_]:
+        """Pixels next to another part, or to a bend of the same one, or to something farther away."""
+        geometry = self.geometry
+        part = self._image(np.where(hits.face >= 0, geometry.face_part[hits.face], -1), np.int32, -2)
+        inverse = self._image(1 / np.maximum(hits.distance, 0.05), np.float32)
+        normals = self._image(self._flat_normals(hits, rotations), np.float32)
+        edge = np.zeros(part.shape, dtype=bool)
+        for here, there in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+            bend = np.einsum("hwi,hwi->hw", normals[here], normals[there]) < 0.85
+            jump = np.abs(inverse[here] - inverse[there]) > 0.12 * np.minimum(inverse[here], inverse[there])
+            differs = (part[here] != part[there]) | bend | jump
+            edge[here] |= differs
+            edge[there] |= differs
+        return edge[self.lens.valid]
+
+    def _flat_normals(self, hits: Hits, rotations: Floats) -> Floats:
+        body = self.geometry.part_body[self.geometry.face_part[hits.face]]
+        normals = face_normals(self.geometry, hits.face, np.zeros((len(body), 3), dtype=np.float32))
+        moved = np.flatnonzero(body >= self.geometry.group("static")[1])
+        normals[moved] = np.einsum("nij,nj->ni", rotations[body[moved]], normals[moved])
+        return normals

@@ -1,0 +1,131 @@
+"""What people do: carry a thing from where it stands to another piece of furniture."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.synthetic.objects.catalogue import TV_STAND
+from egosplat.synthetic.objects.model import Surface, bounds_at
+from egosplat.synthetic.objects.textures import Rng
+from egosplat.synthetic.people.smooth import smoothstep
+from egosplat.synthetic.world.apartment import Apartment
+from egosplat.synthetic.world.floorplan import FloorPlan
+from egosplat.synthetic.world.layout import Layout, Placed, on_surface
+
+Array = NDArray[np.float64]
+
+_REACH_M = 0.78
+_TRIES = 400
+REACHING_S = 0.9
+"""From beginning to stretch the arm to the grip, and from the release to the arm's rest."""
+LIFTING_S = 0.7
+
+
+@dataclass(frozen=True)
+class Errand:
+    """A thing, where it is to go, and where one stands to take it and to put it down.
+
+    Attributes:
+        thing: as placed at first; target: (4, 4) pose at the end; support: number of what it stands on then.
+        pick_stand, put_stand: (2,) x and z.
+        route: (N, 2) the way between them.
+    """
+
+    thing: Placed
+    target: Array
+    support: int
+    pick_stand: Array
+    put_stand: Array
+    route: Array
+
+    @property
+    def walk_m(self) -> float:
+        """Length of the way."""
+        return length_of(self.route)
+
+
+@dataclass(frozen=True)
+class Job:
+    """An errand in time: seconds of the grip and of the release."""
+
+    errand: Errand
+    grip_s: float
+    release_s: float
+
+    def reach(self, times: Array) -> Array:
+        """(N,) 0..1: how far the arms are stretched towards the thing or hold it."""
+        return smoothstep((times - self.grip_s) / REACHING_S + 1) * smoothstep(
+            (self.release_s - times) / REACHING_S + 1
+        )
+
+    def bend(self, times: Array) -> tuple[Array, Array]:
+        """(N,) 0..1 each: how far one bends for taking it, and for putting it down."""
+        return tuple(
+            smoothstep((times - moment) / REACHING_S + 1) * smoothstep((moment - times) / REACHING_S + 1)
+            for moment in (self.grip_s, self.release_s)
+        )  # type: ignore[return-value]
+
+    def held(self, times: Array) -> Array:
+        """(N,) 0..1: from standing at rest to being carried and back."""
+        return smoothstep((times - self.grip_s) / LIFTING_S) * smoothstep(
+            (self.release_s - times) / LIFTING_S
+        )
+
+
+def length_of(route: Array) -> float:
+    """Of a line through (N, 2) places [m]."""
+    return float(np.linalg.norm(np.diff(route, axis=0), axis=1).sum())
+
+
+def find_errands(apartment: Apartment, rng: Rng, count: int) -> list[Errand]:
+    """Up to ``count`` errands that can be run, in random order."""
+    layout = Layout(apartment.room, list(apartment.things))
+    things = [thing for thing in apartment.things if thing.kind.hand]
+    carriable = [thing for thing in things if _in_reach(apartment, thing.support, thing.surface)]
+    surfaces = [
+        (thing, surface)
+        for thing in apartment.things
+        for surface in thing.model.surfaces
+        if _in_reach(apartment, thing.number, surface)
+    ]
+    errands: list[Errand] = []
+    for _ in range(_TRIES if carriable else 0):
+        thing = carriable[rng.integers(len(carriable))]
+        support, surface = surfaces[rng.integers(len(surfaces))]
+        errand = _errand(layout, apartment.plan, thing, support, surface, rng)
+        if errand is not None:
+            errands.append(errand)
+        if len(errands) == count:
+            break
+    return errands
+
+
+def _in_reach(apartment: Apartment, support: int | None, surface: Surface | None) -> bool:
+    """Whether one can put something there without meeting a shelf above or the television."""
+    if support is None or surface is None:
+        return False
+    kind = apartment.things[support].kind
+    return (
+        surface.use in ("table", "soft")
+        and surface.height < 1.0
+        and kind.place != "wall"
+        and kind != TV_STAND
+    )
+
+
+def _errand(
+    layout: Layout, plan: FloorPlan, thing: Placed, support: Placed, surface: Surface, rng: Rng
+) -> Errand | None:
+    if support.number == thing.support:
+        return None
+    target = on_surface(support, surface, thing.kind, thing.model, rng)
+    if target is None or not layout.is_free(
+        np.stack(bounds_at(thing.model, target)), {support.number, thing.number}
+    ):
+        return None
+    ends = [pose[[0, 2], 3] for pose in (thing.pose, target)]
+    stands = [plan.nearest(end) for end in ends]
+    if max(np.linalg.norm(end - stand, axis=-1) for end, stand in zip(ends, stands, strict=True)) > _REACH_M:
+        return None
+    return Errand(thing, target, support.number, stands[0], stands[1], plan.route(stands[0], stands[1]))

@@ -1,0 +1,128 @@
+"""A walk: places and headings over time, along routes that keep off the furniture."""
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from egosplat.synthetic.people.jobs import Job
+from egosplat.synthetic.people.smooth import STEP_S, SmoothTrack, control_times, limited
+from egosplat.synthetic.world.floorplan import FloorPlan
+
+Array = NDArray[np.float64]
+
+_SHOULDER_M, _ARM_M = 1.38, 0.5
+_SPACING_M = 0.03
+_TURN_PER_S = 2.2
+
+
+@dataclass(frozen=True)
+class Route:
+    """A line through the room with even spacing.
+
+    Attributes:
+        places: (N, 2) x and z.
+        stops: (S,) distance from the beginning to the stops that it was made from [m].
+    """
+
+    places: Array
+    stops: Array
+
+    @property
+    def length(self) -> float:
+        """In metres."""
+        return (len(self.places) - 1) * _SPACING_M
+
+    def at(self, along: Array) -> Array:
+        """(K, 2) places by distance from the beginning [m], held at the ends."""
+        grid = np.arange(len(self.places)) * _SPACING_M
+        return np.stack([np.interp(along, grid, self.places[:, axis]) for axis in (0, 1)], axis=-1)
+
+
+def make_route(plan: FloorPlan, stops: list[Array]) -> Route:
+    """A route through stops, its corners rounded as far as the furniture lets it."""
+    legs = [plan.route(a, b) for a, b in itertools.pairwise(stops)]
+    line = np.concatenate([stops[0][None], *(leg[1:] for leg in legs)])
+    steps = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    grid = np.arange(0.0, steps[-1] + _SPACING_M, _SPACING_M)
+    even = np.stack([np.interp(grid, steps, line[:, axis]) for axis in (0, 1)], axis=-1)
+    for blur_m in (0.22, 0.15, 0.1, 0.06):
+        smooth = gaussian_filter1d(even, blur_m / _SPACING_M, axis=0, mode="nearest")
+        if plan.clearance_at(smooth).min() > 0.2:
+            break
+    ends = np.cumsum([0, *(len(leg) - 1 for leg in legs)])
+    return Route(smooth, steps[ends])
+
+
+@dataclass(frozen=True)
+class Walk:
+    """Where somebody is.
+
+    Attributes:
+        controls: (K, 6) the track's control points.
+        track: time [s] -> x, z, heading [rad], distance walked [m], how far the shoulders come down, and
+            forward [m].
+    """
+
+    track: SmoothTrack
+    controls: Array
+
+    def facing(self, times: Array, headings: Array) -> "Walk":
+        """The same walk with other headings, given at the (K,) ``control_times``."""
+        controls = self.controls.copy()
+        controls[:, 2] = headings
+        return Walk(SmoothTrack(times, controls), controls)
+
+    def place(self, times: Array) -> Array:
+        """(N, 2) x and z."""
+        return self.track(times)[:, :2]
+
+
+def make_walk(
+    route: Route,
+    times: Array,
+    along: Array,
+    jobs: list[Job],
+    duration: tuple[float, float],
+    behind_m: float = 0.0,
+) -> Walk:
+    """Walk a route.
+
+    Args:
+        route: the way; times, along: (M,) when which distance along it is reached, linear between.
+        jobs: what is done on the way; one turns to the thing and bends for it.
+        duration: first and last second that the walk has to cover.
+        behind_m: how far the shoulders are behind the place that walks the route.
+    """
+    grid = control_times(*duration)
+    where = np.interp(grid, times, along)
+    # Beyond its ends the walk goes on at the same speed, so that it does not begin with a jerk.
+    places = route.at(where)
+    ahead = route.at(where + 0.25) - route.at(where - 0.25)
+    heading = np.arctan2(ahead[:, 0], ahead[:, 1])
+    crouch, lean = np.zeros(len(grid)), np.zeros(len(grid))
+    for job in jobs:
+        ends = (job.errand.thing.pose[:3, 3], job.errand.target[:3, 3])
+        stands = (job.errand.pick_stand, job.errand.put_stand)
+        for share, end, stand, moment in zip(
+            job.bend(grid), ends, stands, (job.grip_s, job.release_s), strict=True
+        ):
+            distance = float(np.linalg.norm(end[[0, 2]] - stand, axis=-1)) + behind_m
+            down, forward = _bend_for(distance, float(end[1]))
+            crouch, lean = np.maximum(crouch, share * down), np.maximum(lean, share * forward)
+            near = np.abs(grid - moment) < 0.9
+            way = end[[0, 2]] - places[near]
+            heading[near] = np.arctan2(way[:, 0], way[:, 1])
+    heading = limited(heading, _TURN_PER_S * STEP_S)
+    controls = np.column_stack([places, heading, where, crouch, lean])
+    return Walk(SmoothTrack(grid, controls), controls)
+
+
+def _bend_for(distance: float, height: float) -> tuple[float, float]:
+    """How far the shoulders must come down and forward [m] to reach a thing."""
+    forward = float(np.clip(distance - 0.3, 0, 0.45))
+    left = distance - forward
+    drop = np.sqrt(max(_ARM_M**2 - left**2, 0.01))
+    return float(np.clip(_SHOULDER_M - (height + 0.05 + drop), 0, 0.7)), forward

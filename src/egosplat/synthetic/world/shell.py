@@ -1,0 +1,151 @@
+"""The surfaces of the room: floor, walls with their openings, ceiling, and the corridor behind the door."""
+
+import itertools
+
+import numpy as np
+
+from egosplat.synthetic.objects.materials import some_paint, some_plastic, some_wood
+from egosplat.synthetic.objects.pictures import random_colour
+from egosplat.synthetic.objects.shapes import Part, Shape, cylinder, join, sheet
+from egosplat.synthetic.objects.textures import Colour, Rng, make_texture, motifs, noise, planks
+from egosplat.synthetic.world.corridor import corridor_parts
+from egosplat.synthetic.world.openings import block, window_parts
+from egosplat.synthetic.world.room import Opening, Room
+
+_UP = np.array([0.0, 1.0, 0.0])
+
+
+def build_shell(room: Room, rng: Rng) -> list[Part]:
+    """The parts of the instance ``ApartmentEnv``, in world axes."""
+    parts = [
+        _floor(room, rng),
+        _rug(room, rng),
+        _ceiling(room, rng),
+        *_lamp(room, rng),
+        *_walls(room, rng),
+        *_skirting(room, rng),
+    ]
+    for opening in room.windows:
+        parts += window_parts(room, opening, rng)
+    return parts + corridor_parts(room, rng)
+
+
+def _floor(room: Room, rng: Rng) -> Part:
+    w, d = room.width, room.depth
+    boards = planks(
+        rng,
+        [(0.55, 0.36, 0.2), (0.42, 0.27, 0.16), (0.68, 0.5, 0.32), (0.5, 0.42, 0.36)][rng.integers(4)],
+        (1024, 1024),
+        26,
+    )
+    return Part(
+        "floor",
+        sheet((-w / 2, 0, -d / 2), (w, 0, 0), (0, 0, d), 0.12),
+        make_texture(boards, w, d, surface="wood"),
+    )
+
+
+def _rug(room: Room, rng: Rng) -> Part:
+    w, d = rng.uniform(1.8, 2.4), rng.uniform(1.4, 1.8)
+    x, z = rng.uniform(-0.15, 0.15) * room.width, rng.uniform(-0.15, 0.15) * room.depth
+    ground = random_colour(rng, (0.3, 0.7), (0.3, 0.7))
+    colours = [random_colour(rng, (0.2, 0.8), (0.3, 0.95)) for _ in range(4)]
+    picture = motifs(rng, ground, colours, (512, 704), 220, (7, 30))
+    for inset, tint in ((0, colours[0]), (12, (0.9, 0.87, 0.78)), (20, ground)):
+        for line in (picture[inset : inset + 10], picture[-inset - 10 : len(picture) - inset]):
+            line[:] = tint
+        for line in (picture[:, inset : inset + 10], picture[:, -inset - 10 : picture.shape[1] - inset]):
+            line[:] = tint
+    picture *= 1 + 0.12 * noise(rng, picture.shape[:2], 0.5)[..., None]
+    return Part(
+        "rug",
+        sheet((x - w / 2, 0.006, z - d / 2), (w, 0, 0), (0, 0, d)),
+        make_texture(picture, w, d, surface="flowered cloth"),
+    )
+
+
+def _ceiling(room: Room, rng: Rng) -> Part:
+    """Plaster with a faint painted pattern, so that it too can be recognised."""
+    w, d = room.width, room.depth
+    white = (0.9, 0.88, 0.84)
+    tints = [(0.84, 0.81, 0.76), (0.86, 0.83, 0.8), (0.78, 0.76, 0.73)]
+    picture = (
+        motifs(rng, white, tints, (768, 768), 700, (4, 14))
+        * (1 + 0.03 * noise(rng, (768, 768), 0.8))[..., None]
+    )
+    return Part(
+        "ceiling",
+        sheet((-w / 2, room.height, d / 2), (w, 0, 0), (0, 0, -d)),
+        make_texture(picture, w, d, surface="plaster"),
+    )
+
+
+def _lamp(room: Room, rng: Rng) -> list[Part]:
+    white = some_plastic(rng, (0.98, 0.94, 0.82))
+    disc = cylinder(0.2, room.height - 0.09, room.height - 0.04, 28)
+    return [
+        Part("lamp", disc, white, glow=2.2),
+        Part("lamp base", cylinder(0.1, room.height - 0.04, room.height), some_paint(rng)),
+    ]
+
+
+def _walls(room: Room, rng: Rng) -> list[Part]:
+    """Four walls in two papers; no two places of a wall look alike."""
+    grounds = [random_colour(rng, (0.06, 0.3), (0.78, 0.95)) for _ in range(2)]
+    inks = [
+        [_faint(random_colour(rng, (0.2, 0.6), (0.3, 0.85)), ground) for _ in range(3)] for ground in grounds
+    ]
+    sizes = [(3, int(rng.integers(7, 17))) for _ in range(2)]
+    parts = []
+    for wall in range(4):
+        paper = int(rng.random() < 0.5)
+        length = room.length(wall)
+        picture = motifs(
+            rng, grounds[paper], inks[paper], (512, 1024), 11_000 // sizes[paper][1], sizes[paper]
+        )
+        picture *= 1 + 0.05 * noise(rng, (512, 1024), 0.7)[..., None]
+        holes = [opening for opening in room.openings if opening.wall == wall]
+        parts.append(
+            Part(
+                f"wall {wall}",
+                _with_holes(room, wall, holes),
+                make_texture(picture, length, room.height, surface="flowered paper"),
+            )
+        )
+    return parts
+
+
+def _faint(ink: Colour, ground: Colour) -> Colour:
+    """Half way to the ground's colour: paper must not outshine what stands before it."""
+    red, green, blue = (0.55 * a + 0.45 * b for a, b in zip(ink, ground, strict=True))
+    return red, green, blue
+
+
+def _with_holes(room: Room, wall: int, holes: list[Opening]) -> Shape:
+    """A wall around its openings; the texture runs on across the pieces."""
+    cuts = sorted({0.0, room.length(wall), *(cut for hole in holes for cut in (hole.left, hole.right))})
+    pieces = []
+    for left, right in itertools.pairwise(cuts):
+        inside = [hole for hole in holes if hole.left <= left and right <= hole.right]
+        spans = [(hole.bottom, hole.top) for hole in inside] or [(room.height, room.height)]
+        for low, high in ((0.0, spans[0][0]), (spans[0][1], room.height)):
+            if high - low > 1e-9:
+                pieces.append(_piece(room, wall, (left, right), (low, high)))
+    return join(pieces)
+
+
+def _piece(room: Room, wall: int, along: tuple[float, float], heights: tuple[float, float]) -> Shape:
+    corner = room.at(wall, along[0], heights[1])
+    flat = sheet(corner, room.right(wall) * (along[1] - along[0]), -_UP * (heights[1] - heights[0]), 0.14)
+    return Shape(flat.vertices, flat.normals, flat.uv + (along[0], room.height - heights[1]), flat.faces)
+
+
+def _skirting(room: Room, rng: Rng) -> list[Part]:
+    pieces = []
+    for wall in range(4):
+        gap = (room.door.left - 0.06, room.door.right + 0.06) if room.door.wall == wall else (0.0, 0.0)
+        spans = [(0.0, gap[0]), (gap[1], room.length(wall))] if gap[1] else [(0.0, room.length(wall))]
+        pieces += [
+            block(room, wall, span, (0.0, 0.08), (0.0, 0.012)) for span in spans if span[1] - span[0] > 0.01
+        ]
+    return [Part("skirting", join(pieces), some_wood(rng))]

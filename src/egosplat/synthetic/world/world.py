@@ -1,0 +1,161 @@
+"""A furnished apartment, who is in it, and where everything is at any moment."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.errors import UserError
+from egosplat.synthetic.adt_format.sequence import Instance
+from egosplat.synthetic.camera.raycasting import Body, Geometry, build_geometry
+from egosplat.synthetic.objects.catalogue import random_ids
+from egosplat.synthetic.people.jobs import Errand, find_errands
+from egosplat.synthetic.people.limbs import random_clothes
+from egosplat.synthetic.people.motion import HeadMotion, plan_head
+from egosplat.synthetic.people.people import Person, make_other, make_wearer, plan_other
+from egosplat.synthetic.world.apartment import Apartment, make_apartment
+
+Array = NDArray[np.float64]
+
+MOTIONS = {"none": 0.0, "low": 0.25, "high": 1.0}
+"""Names for some amounts of motion."""
+
+_OTHER_FROM_S = 7.0
+"""Work of less time than this is done by the wearer alone."""
+_HOMES, _PLANS, _ERRANDS = 8, 6, 30
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """Everything that is true of a recording, before anything is rendered.
+
+    Attributes:
+        apartment: the room and its things; head: the wearer's; people: who else moves, and the wearer's arms.
+        geometry: all surfaces; seed: of whatever is left to chance in rendering; start_ns: of the recording.
+    """
+
+    apartment: Apartment
+    head: HeadMotion
+    people: tuple[Person, ...]
+    geometry: Geometry
+    seed: int
+    start_ns: int
+
+    @property
+    def instances(self) -> list[Instance]:
+        """Of the shell, the things and the people."""
+        return [*self.apartment.instances, *(person.instance for person in self.people)]
+
+    def moved_things(self, seconds: float) -> dict[int, Array]:
+        """(4, 4) poses of the things that anybody carries at some time, by their number."""
+        return {
+            number: pose for person in self.people for number, pose in person.thing_poses(seconds).items()
+        }
+
+    def thing_poses(self, seconds: float) -> dict[int, Array]:
+        """(4, 4) pose of every thing labelled dynamic, by instance id."""
+        moved = self.moved_things(seconds)
+        things = zip(self.apartment.instances[1:], self.apartment.things, strict=True)
+        return {
+            one.instance_id: moved.get(thing.number, thing.pose)
+            for one, thing in things
+            if one.motion_type == "dynamic"
+        }
+
+    def body_poses(self, seconds: float) -> dict[int, Array]:
+        """(4, 4) pose of every body that is not static, by its number in the geometry."""
+        moved = self.moved_things(seconds)
+        uid_of = {
+            thing.number: one.instance_id
+            for one, thing in zip(self.apartment.instances[1:], self.apartment.things, strict=True)
+        }
+        by_id = {uid_of[number]: iter([pose]) for number, pose in moved.items()}
+        by_id |= {
+            person.instance.instance_id: iter(person.limb_poses(seconds, moved)) for person in self.people
+        }
+        first = self.geometry.group("static")[1]
+        return {
+            number: next(by_id[body.instance_id])
+            for number, body in enumerate(self.geometry.bodies)
+            if number >= first
+        }
+
+
+def make_world(*, seed: int, seconds: float, objects: int, motion: float | str) -> World:
+    """Everything but the pictures; the parameters are ``make_sequence``'s."""
+    share = MOTIONS[motion] if isinstance(motion, str) else float(motion)
+    if not 0 <= share <= 1:
+        raise ValueError(f"motion is {motion}, not within 0..1")
+    layout_rng, motion_rng, people_rng = (np.random.default_rng([seed, stream]) for stream in range(3))
+    apartment, errands = _apartment(layout_rng, objects, share > 0)
+    head, people = _plan_motion(apartment, errands, motion_rng, people_rng, seconds, share * seconds)
+    carried = {job.errand.thing.number for person in people for job in person.jobs}
+    bodies = [Body(apartment.instances[0].instance_id, apartment.shell, np.eye(4), "static")]
+    for one, thing in zip(apartment.instances[1:], apartment.things, strict=True):
+        role = "thing" if thing.number in carried else "static"
+        bodies.append(Body(one.instance_id, thing.model.parts, thing.pose, role))
+    bodies += [body for person in people for body in person.bodies()]
+    start_ns = 80_000_000_000_000 + int(motion_rng.integers(20_000_000_000_000))
+    return World(apartment, head, people, build_geometry(bodies), seed, start_ns)
+
+
+def _apartment(rng: np.random.Generator, objects: int, at_work: bool) -> tuple[Apartment, list[Errand]]:
+    """An apartment and, if people are to be ``at_work`` in it, some errands: one at least."""
+    for _ in range(_HOMES):
+        apartment = make_apartment(rng, objects)
+        errands = find_errands(apartment, rng, _ERRANDS) if at_work else []
+        if errands or not at_work:
+            return apartment, errands
+    raise UserError(
+        f"synthetic.objects = {objects}: in {_HOMES} apartments nothing can be carried. Take another number or seed"
+    )
+
+
+def _plan_motion(
+    apartment: Apartment,
+    errands: list[Errand],
+    rng: np.random.Generator,
+    people_rng: np.random.Generator,
+    seconds: float,
+    work_s: float,
+) -> tuple[HeadMotion, tuple[Person, ...]]:
+    """The wearer's way and who else is there, for ``work_s`` seconds of work.
+
+    Not every way of the wearer leaves room for a second person; a few are tried.
+    """
+    wanted = 0 if work_s <= 0 else 1 if work_s < _OTHER_FROM_S else 2
+    wanted_m = float(np.clip(0.5 * (work_s - 3.0), 0.8, 3.0))
+    for _ in range(_PLANS):
+        few = [errands[k] for k in rng.integers(len(errands), size=8)] if errands else []
+        errand = min(few, key=lambda one: abs(one.walk_m - wanted_m), default=None)
+        head = plan_head(apartment, rng, seconds, errand)
+        people = _people(apartment, errands, people_rng, head, seconds, work_s)
+        if len(people) >= wanted:
+            break
+    return head, people
+
+
+def _people(
+    apartment: Apartment,
+    errands: list[Errand],
+    rng: np.random.Generator,
+    head: HeadMotion,
+    seconds: float,
+    work_s: float,
+) -> tuple[Person, ...]:
+    """The wearer and, if there is work for longer, somebody else; nobody where there is no work."""
+    if work_s <= 0:
+        return ()
+    used = {one.instance_id for one in apartment.instances}
+    ids = [uid for uid in random_ids(rng, 4) if uid not in used]
+    people = [make_wearer(ids[0], head, random_clothes(rng))]
+    if work_s >= _OTHER_FROM_S:
+        plan = plan_other(apartment, errands, rng, head, seconds, work_s)
+        if plan is not None:
+            people.append(make_other(ids[1], plan, random_clothes(rng)))
+    return tuple(people)
+
+
+def camera_pose(world: World, seconds: float) -> Array:
+    """(4, 4) ``world_from_camera``, sensor orientation, at a moment of the recording."""
+    return world.head.world_from_camera(np.array([seconds]))[0]

@@ -1,0 +1,87 @@
+"""All tables on one HTML page that needs nothing beside itself."""
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+from jinja2 import Environment, StrictUndefined
+
+from egosplat.errors import UserError
+from egosplat.output_files import text_kind
+from egosplat.tables.scored_scenes import ScoredScene
+from egosplat.tables.series import Series
+from egosplat.tables.table import Table, aside, number
+
+GENERATOR = "egosplat tables"
+"""What the page says that it was made by."""
+
+HTML = text_kind(GENERATOR, ".html", mark=f'<meta name="generator" content="{GENERATOR}">')
+
+_KINDS = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture of a scene.
+
+    Attributes:
+        name: what stands below it.
+        address: the picture itself, as a data URI.
+    """
+
+    name: str
+    address: str
+
+
+@dataclass(frozen=True)
+class Source:
+    """A scene's scores, with the row that they are in."""
+
+    series: Series
+    scene: ScoredScene
+
+
+def read_picture(path: Path) -> Picture:
+    """Read a PNG or JPEG file; below ``results`` its name is the path from there.
+
+    Raises:
+        UserError: it cannot be read, or is of another kind.
+    """
+    if path.suffix.lower() not in _KINDS:
+        raise UserError(f"{path}: is no picture for the page; give {', '.join(_KINDS)}")
+    try:
+        content = base64.b64encode(path.read_bytes()).decode("ascii")
+    except FileNotFoundError:
+        raise UserError(f"{path}: does not exist. Make it: snakemake --cores 2 {path}") from None
+    name = path.as_posix().rpartition("results/")[2]
+    return Picture(name, f"data:{_KINDS[path.suffix.lower()]};base64,{content}")
+
+
+def to_html(
+    tables: Sequence[Table], series: Sequence[Series], pictures: Sequence[Picture], confidence: float | None
+) -> str:
+    """The page.
+
+    Args:
+        tables: in order.
+        series: that their measured rows are made of.
+        pictures: of scenes.
+        confidence: of the intervals, such as 0.95; None where there is no interval.
+    """
+    template = (resources.files("egosplat") / "tables" / "tables.html.j2").read_text(encoding="utf-8")
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    return environment.from_string(template).render(
+        tables=tables,
+        generator=GENERATOR,
+        sources=[Source(one, scene) for one in series for scene in one.scenes.values()],
+        alarmed=[scene for one in series for scene in one.scenes.values() if scene.document["alarms"]],
+        pictures=pictures,
+        confidence=None if confidence is None else f"{100 * confidence:g} %",
+        told=sorted({one.about for one in series}),
+        number=number,
+        aside=aside,
+    )

@@ -1,0 +1,151 @@
+"""How the paper lays its five tables out."""
+
+from dataclasses import dataclass
+
+from egosplat.evaluation.queries import GROUPS
+from egosplat.tables.paper_numbers import AVERAGE, METHODS, METRICS, SCENES
+from egosplat.tables.scored_scenes import FULL, UNTOUCHED, ScoredScene
+from egosplat.tables.series import OWN
+from egosplat.tables.table import METRIC_NAMES, Column
+
+_SHORT = {"static": "St.", "dynamic": "Dy.", "all": "All"}
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of a table.
+
+    Attributes:
+        printed: the method's name among the paper's numbers.
+        variant: of egosplat that it is, or None for none of them.
+        steps: which components it has, in an ablation.
+    """
+
+    printed: str
+    variant: str | None
+    steps: tuple[bool, ...] = ()
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How a table of the paper is laid out.
+
+    Attributes:
+        name: of its files.
+        caption: says what it shows.
+        numbers: the name of the table among the paper's numbers.
+        dataset: of the scenes.
+        scenes: that count in it.
+        columns, lines: in the paper's order.
+        components: headings of an ablation's ticks.
+    """
+
+    name: str
+    caption: str
+    numbers: str
+    dataset: str
+    scenes: tuple[str, ...]
+    columns: tuple[Column, ...]
+    lines: tuple[Line, ...]
+    components: tuple[str, ...] = ()
+
+    @property
+    def own_lines(self) -> tuple[Line, ...]:
+        """The lines of egosplat."""
+        return tuple(line for line in self.lines if line.variant is not None)
+
+    def scenes_of(self, untouched: bool) -> tuple[str, ...]:
+        """The scenes that count; untouched apartments have a place in averages alone."""
+        if not untouched:
+            return self.scenes
+        averaged = any(column.scene == AVERAGE for column in self.columns)
+        return UNTOUCHED if averaged and self.dataset == "adt" else ()
+
+
+def _by_scene(metric: str) -> tuple[Column, ...]:
+    headings = {scene: f"scene {scene.removeprefix('scene')}" for scene in SCENES["adt"]} | {AVERAGE: "avg"}
+    return tuple(
+        Column(scene, metric, group, over, _SHORT[group])
+        for scene, over in headings.items()
+        for group in GROUPS
+    )
+
+
+def _by_metric(scene: str) -> tuple[Column, ...]:
+    return tuple(
+        Column(scene, metric, group, f"{METRIC_NAMES[metric]} (%)", group.capitalize())
+        for metric in METRICS
+        for group in GROUPS
+    )
+
+
+_METHOD_LINES = tuple(Line(method, FULL if method == OWN else None) for method in METHODS)
+
+LAYOUTS = (
+    Layout(
+        "adt_accuracy",
+        "Localization accuracy (%) on ADT, of static (St.), dynamic (Dy.) and all targets.",
+        "adt",
+        "adt",
+        SCENES["adt"],
+        _by_scene("accuracy"),
+        _METHOD_LINES,
+    ),
+    Layout(
+        "adt_iou",
+        "Segmentation IoU (%) on ADT, of static (St.), dynamic (Dy.) and all targets.",
+        "adt",
+        "adt",
+        SCENES["adt"],
+        _by_scene("mean_iou"),
+        _METHOD_LINES,
+    ),
+    Layout(
+        "adt_ablation",
+        "Ablation on ADT, mean over scenes.",
+        "adt-ablation",
+        "adt",
+        SCENES["adt"],
+        _by_metric(AVERAGE),
+        (
+            Line("baseline", "baseline", (False, False)),
+            Line("aggregation", "aggregation", (True, False)),
+            Line("full", FULL, (True, True)),
+        ),
+        ("Multi-view aggregation", "Transient prediction"),
+    ),
+    Layout(
+        "hoi4d",
+        "Localization accuracy and segmentation IoU (%) on HOI4D, mean over scenes.",
+        "hoi4d",
+        "hoi4d",
+        SCENES["hoi4d"],
+        tuple(Column(AVERAGE, metric, "all", "", METRIC_NAMES[metric]) for metric in METRICS),
+        _METHOD_LINES,
+    ),
+    Layout(
+        "adt_transient",
+        "Ablation of the transient prediction on scene 1 of ADT.",
+        "adt-transient",
+        "adt",
+        ("scene1",),
+        _by_metric("scene1"),
+        (
+            Line("none", "aggregation", (False, False)),
+            Line("initial", "initial", (True, False)),
+            Line("refined", FULL, (True, True)),
+        ),
+        ("Initial stage", "Refinement stage"),
+    ),
+)
+"""The five tables, in the paper's order."""
+
+
+def in_a_table(scene: ScoredScene) -> bool:
+    """Whether any table has a place for a scene's scores."""
+    return any(
+        layout.dataset == scene.dataset
+        and scene.scene in layout.scenes_of(scene.untouched)
+        and scene.variant in {line.variant for line in layout.own_lines}
+        for layout in LAYOUTS
+    )

@@ -1,0 +1,185 @@
+"""The paper's five tables: what it prints, and below what was measured here."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from string import ascii_lowercase
+
+from egosplat.evaluation.presence_counts import presence_counts
+from egosplat.tables.averages import average, average_chance
+from egosplat.tables.paper_layouts import LAYOUTS, Layout, Line
+from egosplat.tables.paper_notes import PAPER_NOTES
+from egosplat.tables.paper_numbers import AVERAGE, printed
+from egosplat.tables.scored_scenes import CHANCE, FULL, UNTOUCHED, ScoredScene
+from egosplat.tables.series import APARTMENTS, NAMES, OWN, UNTOUCHED_APARTMENTS, Series
+from egosplat.tables.table import PRINTED, REAL, SYNTHETIC, Block, Cell, Column, Note, Row, Table, ranked
+
+INTERVALS = (
+    "Intervals tell how far other categories could move a number, and of an average other scenes too: categories are "
+    "resampled, not queries, because the queries of one category are one thing seen from several frames. A score of a "
+    "single category has none."
+)
+
+
+def paper_tables(series: Sequence[Series]) -> list[Table]:
+    """All five, with a row for each of the series that belongs to them."""
+    return [_table(layout, series) for layout in LAYOUTS]
+
+
+def _table(layout: Layout, series: Sequence[Series]) -> Table:
+    own = [one for one in series if one.dataset == layout.dataset and _scenes_of(layout, one)]
+    measured = _measured_blocks(layout, own)
+    apart = f" The last rows are of {APARTMENTS}, not of {NAMES[layout.dataset]}."
+    return Table(
+        name=layout.name,
+        caption=layout.caption + (apart if any(block.kind == SYNTHETIC for block in measured) else ""),
+        components=layout.components,
+        columns=layout.columns,
+        blocks=(_printed_block(layout), *measured),
+        notes=(*_notes_on_the_paper(layout), *_notes_on(measured), *_presence_notes(layout, own)),
+        scenes=layout.scenes,
+    )
+
+
+def _printed_block(layout: Layout) -> Block:
+    name = NAMES[layout.dataset]
+    rows = []
+    for line in layout.lines:
+        method = OWN if layout.components else line.printed
+        cells = tuple(_printed_cell(layout, line, column) for column in layout.columns)
+        label, variant = f"{method} (paper, {name})", line.printed if line.steps else ""
+        rows.append(Row(label, method, name, "the paper's", variant, line.steps, cells))
+    return Block(PRINTED, f"Printed in the paper, on {name}", ranked(rows))
+
+
+def _printed_cell(layout: Layout, line: Line, column: Column) -> Cell:
+    key = (column.scene, line.printed, column.metric, column.group)
+    notes = zip(PAPER_NOTES[layout.name], _notes_on_the_paper(layout), strict=True)
+    mark = next((note.mark for remark, note in notes if key in remark.cells), "")
+    return Cell(percent=printed(layout.numbers, *key), mark=mark)
+
+
+def _notes_on_the_paper(layout: Layout) -> list[Note]:
+    """The remarks on a table; those on some of its cells have a letter."""
+    letters = iter(ascii_lowercase)
+    return [Note(next(letters) if one.cells else "", one.text) for one in PAPER_NOTES[layout.name]]
+
+
+def _measured_blocks(layout: Layout, series: Sequence[Series]) -> list[Block]:
+    name = NAMES[layout.dataset]
+    titles = {
+        (REAL, False): f"Measured by egosplat's benchmark, on {name}",
+        (SYNTHETIC, False): f"Measured on {APARTMENTS}: not {name}, comparable with no row above",
+        (SYNTHETIC, True): (
+            f"Measured on {UNTOUCHED_APARTMENTS} ({UNTOUCHED[0]} to {UNTOUCHED[-1]}), by which nothing was chosen: "
+            f"not {name}, comparable with no row above"
+        ),
+    }
+    rows = {
+        kind: _rows(layout, [one for one in series if (one.origin, one.untouched) == kind]) for kind in titles
+    }
+    if not any(rows.values()):
+        rows[REAL, False] = [_empty_row(layout, line, name) for line in layout.own_lines]
+    return [Block(kind[0], titles[kind], own) for kind, own in rows.items() if own]
+
+
+def _rows(layout: Layout, series: Sequence[Series]) -> tuple[Row, ...]:
+    """Rows of one block, then what chance is worth; in an ablation, a line of which nothing is known has no numbers."""
+    known = {line: [one for one in series if _belongs(one, line)] for line in layout.own_lines}
+    rows: list[Row] = []
+    for line, own in known.items():
+        rows += [_row(layout, line, one) for one in own]
+        if not own and any(known.values()):
+            rows.append(_empty_row(layout, line, series[0].data))
+    if not rows:
+        return ()
+    # A mark of the best on a synthetic row could be taken for the best of the table.
+    own = tuple(rows) if series[0].origin == SYNTHETIC else ranked(rows)
+    return (*own, *_chance_rows(layout, series))
+
+
+def _chance_rows(layout: Layout, series: Sequence[Series]) -> Iterator[Row]:
+    """The accuracy of those of ``CHANCE`` on the scenes of a block."""
+    if not any(column.metric == "accuracy" for column in layout.columns):
+        return
+    scenes: dict[str, ScoredScene] = {}
+    for one in series:
+        scenes = _scenes_of(layout, one) | scenes
+    for answerer, name in CHANCE.items():
+        label, steps = f"Chance: {name} ({series[0].data})", (False,) * len(layout.components)
+        cells = tuple(_chance_cell(column, scenes, answerer) for column in layout.columns)
+        yield Row(label, name, series[0].data, "", "", steps, cells)
+
+
+def _chance_cell(column: Column, scenes: Mapping[str, ScoredScene], answerer: str) -> Cell:
+    if column.metric != "accuracy":
+        return Cell()
+    if column.scene == AVERAGE:
+        return average_chance(scenes, answerer, column.group)
+    scene = scenes.get(column.scene)
+    return scene.chance(answerer, column.group) if scene else Cell()
+
+
+def _belongs(series: Series, line: Line) -> bool:
+    """Whether scores are of a line; other methods have none in an ablation of egosplat."""
+    return series.variant == line.variant and (series.own or not line.steps)
+
+
+def _row(layout: Layout, line: Line, series: Series) -> Row:
+    scenes = _scenes_of(layout, series)
+
+    cells = tuple(_cell(column, scenes) for column in layout.columns)
+    return Row(
+        label=series.label,
+        method=series.method,
+        data=series.data,
+        checkpoints=series.checkpoints,
+        variant=series.variant,
+        steps=line.steps,
+        cells=cells,
+        notice=series.notice or "",
+    )
+
+
+def _cell(column: Column, scenes: Mapping[str, ScoredScene]) -> Cell:
+    if column.scene == AVERAGE:
+        return average(scenes, column.metric, column.group)
+    scene = scenes.get(column.scene)
+    return scene.cell(column.metric, column.group) if scene else Cell()
+
+
+def _scenes_of(layout: Layout, series: Series) -> dict[str, ScoredScene]:
+    """Those of a series that count in a table."""
+    names = layout.scenes_of(series.untouched)
+    return {name: series.scenes[name] for name in names if name in series.scenes}
+
+
+def _empty_row(layout: Layout, line: Line, data: str) -> Row:
+    cells = tuple(Cell() for _ in layout.columns)
+    label = f"{OWN} (egosplat, {data}: not measured)"
+    return Row(label, OWN, data, "", line.variant or "", line.steps, cells)
+
+
+def _notes_on(blocks: Sequence[Block]) -> Iterator[Note]:
+    """What has to be known of measured blocks."""
+    notices = dict.fromkeys(row.notice for block in blocks for row in block.rows if row.notice)
+    yield from (Note("", f"{told[0].upper()}{told[1:]}.") for told in notices)
+    if any(cell.interval for block in blocks for row in block.rows for cell in row.cells):
+        yield Note("", INTERVALS)
+    for block in blocks:
+        on = block.rows[0].data
+        if len({row.scenes for row in block.rows if row.scenes}) > 1:
+            yield Note("", f"Averages on {on} are over different scenes, and not comparable.")
+        if block.kind == REAL and any(cell.queries for row in block.rows for cell in row.cells):
+            yield Note(
+                "", f"Measured on {on} in egosplat's own evaluation frames; the paper's are not known."
+            )
+
+
+def _presence_notes(layout: Layout, series: Sequence[Series]) -> Iterator[Note]:
+    """What each row answers of things that are there and of things that are not, where a table has accuracies."""
+    if not any(column.metric == "accuracy" for column in layout.columns):
+        return
+    for one in series:
+        counts = presence_counts(_scenes_of(layout, one).values())
+        if counts.absent:
+            variant = "" if one.variant == FULL else f", {one.variant}"
+            yield Note("", f"{one.label}{variant}: {counts.told}.")

@@ -1,0 +1,57 @@
+"""Stage ``tables``: the paper's tables, with what was measured below what it prints."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from egosplat.output_files import check_output, write_text_file
+from egosplat.progress import log
+from egosplat.tables.csv_format import CSV, to_csv
+from egosplat.tables.latex_format import LATEX, to_latex
+from egosplat.tables.markdown_format import MARKDOWN, to_markdown
+from egosplat.tables.page import HTML, read_picture, to_html
+from egosplat.tables.paper_layouts import LAYOUTS, in_a_table
+from egosplat.tables.paper_tables import paper_tables
+from egosplat.tables.scored_scenes import ScoredScene, check_protocol, read_scored_scene
+from egosplat.tables.series import find_series
+
+PAGE = "tables.html"
+
+_FORMATS = ((CSV, to_csv), (MARKDOWN, to_markdown), (LATEX, to_latex))
+
+
+def run(metrics: Sequence[Path], output: Path, *, pictures: Sequence[Path]) -> None:
+    """Write each of ``egosplat.tables.paper_layouts.LAYOUTS`` as CSV, Markdown and LaTeX, and all on one page.
+
+    Each file appears when it is complete. The same inputs make the same bytes.
+
+    Args:
+        metrics: ``metrics.json`` files, of egosplat's variants and of other methods; see ``read_scored_scene``. What no
+            table has a place for is told and left out.
+        output: the folder of the files, made where it is not there.
+        pictures: PNG or JPEG files of scenes, which the page ends with.
+
+    Raises:
+        UserError: a file cannot be read, two have the scores of the same, they were not scored alike, or a file would replace
+            something else.
+    """
+    kinds = {output / f"{layout.name}{kind.suffix}": kind for layout in LAYOUTS for kind, _ in _FORMATS}
+    for path, kind in (*kinds.items(), (output / PAGE, HTML)):
+        check_output(path, kind)
+    scenes = _with_a_place([read_scored_scene(path) for path in metrics])
+    check_protocol(scenes)
+    series = find_series(scenes)
+    tables = paper_tables(series)
+    confidence = next((scene.protocol["confidence"] for scene in scenes), None)
+    page = to_html(tables, series, [read_picture(path) for path in pictures], confidence)
+    for table in tables:
+        for kind, form in _FORMATS:
+            write_text_file(output / f"{table.name}{kind.suffix}", form(table), kind)
+    write_text_file(output / PAGE, page, HTML)
+    log(f"{len(scenes)} scored scenes in {len(tables)} tables: {output / PAGE}")
+
+
+def _with_a_place(scenes: Sequence[ScoredScene]) -> list[ScoredScene]:
+    for one in scenes:
+        if not in_a_table(one):
+            log(f"{one.path}: no table has a place for {one.dataset}/{one.scene}, variant {one.variant}")
+    return [one for one in scenes if in_a_table(one)]

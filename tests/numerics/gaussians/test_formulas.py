@@ -1,0 +1,272 @@
+"""The loss, Adam, relocation and the Gaussians' start, against float64 and beyond its reach."""
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from egosplat.errors import UserError
+from egosplat.gaussians.adam import BETA1, BETA2, EPS, LARGEST_GRADIENT, adam_step, broken_rows
+from egosplat.gaussians.initialization import from_points, neighbour_distance
+from egosplat.gaussians.loss import LARGEST_VALUE, l1_ssim, l2, torch_l1_ssim
+from egosplat.gaussians.mcmc import add_noise
+from egosplat.gaussians.model import Gaussians, rotation_matrices
+from egosplat.gaussians.optimizer import Adam, LearningRates
+from egosplat.gaussians.relocation import draw_hosts, most_copies, relocated
+from egosplat.gaussians.strategy import reset_opacities
+
+SIZE = 20
+
+
+def values_and_gradients(
+    render: torch.Tensor, target: torch.Tensor, weight: torch.Tensor | None
+) -> list[tuple]:
+    """Loss and gradient as training has them, and by the definition in float64."""
+    results = []
+    for function, dtype in ((l1_ssim, torch.float32), (torch_l1_ssim, torch.float64)):
+        leaf = render.detach().to(dtype).requires_grad_()
+        loss = function(leaf, target.to(dtype), None if weight is None else weight.to(dtype), 0.2)
+        loss.backward()
+        results.append((loss.item(), leaf.grad.double()))
+    return results
+
+
+def errors(render: torch.Tensor, target: torch.Tensor, weight: torch.Tensor | None) -> tuple[float, float]:
+    (found, gradient), (truth, expected) = values_and_gradients(render, target, weight)
+    return abs(found - truth) / truth, float((gradient - expected).norm() / expected.norm())
+
+
+@pytest.mark.numerics(
+    "loss: pictures of noise 1 to 1e8 times as bright as the photograph",
+    within=1e-6,
+    outside="values beyond 1e8, or not finite: weight 0",
+)
+@given(exponent=st.floats(0, 8), seed=st.integers(0, 99))
+def test_loss_of_noise(measured, exponent, seed):
+    generator = torch.Generator().manual_seed(seed)
+    render, target = torch.rand(2, SIZE, SIZE, 3, generator=generator)
+    for error in errors(render * 10.0**exponent, target, None):
+        measured(error)
+
+
+@pytest.mark.numerics(
+    "loss: a picture of one colour (0 to 1e3) against another, where variances cancel", within=1e-3
+)
+@pytest.mark.parametrize("level", [0.0, 1e-3, 0.3, 1.0, 10.0, 1e3])
+def test_loss_of_one_colour(measured, level):
+    for error in errors(torch.full((SIZE, SIZE, 3), level), torch.full((SIZE, SIZE, 3), 0.5), None):
+        measured(error)
+
+
+@pytest.mark.numerics(
+    "loss: a picture that is the photograph, of one colour or of noise", within=1e-6, outside="absolute"
+)
+@pytest.mark.parametrize("noise", [0.0, 1.0])
+def test_loss_of_equal_pictures(measured, noise):
+    target = 0.5 + noise * (torch.rand(SIZE, SIZE, 3, generator=torch.Generator().manual_seed(0)) - 0.5)
+    (found, gradient), _ = values_and_gradients(target, target, None)
+    measured(abs(found))
+    measured(float(gradient.norm()))
+
+
+@pytest.mark.numerics("loss: pictures of 1x1 px and of 1x40 px", within=1e-5)
+@pytest.mark.parametrize("shape", [(1, 1), (1, 40), (40, 1)])
+def test_loss_of_few_pixels(measured, shape):
+    render, target = torch.rand(2, *shape, 3, generator=torch.Generator().manual_seed(0))
+    for error in errors(render, target, None):
+        measured(error)
+
+
+@pytest.mark.numerics(
+    "loss: NaN, infinity and 1e9 in render, photograph or weight",
+    within=1e-6,
+    outside="as if that pixel weighed 0",
+)
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 10 * LARGEST_VALUE])
+@pytest.mark.parametrize("which", ["render", "target", "weight"])
+def test_loss_of_broken_numbers(measured, value, which):
+    generator = torch.Generator().manual_seed(0)
+    given_ = {name: torch.rand(SIZE, SIZE, 3, generator=generator) for name in ("render", "target")}
+    given_["weight"] = torch.rand(SIZE, SIZE, generator=generator)
+    clean = {name: tensor.clone() for name, tensor in given_.items()}
+    clean["weight"][7, 9] = 0.0
+    given_[which][7, 9] = value
+    (found, gradient), _ = values_and_gradients(**given_)
+    (truth, expected), _ = values_and_gradients(**clean)
+    if which == "target":
+        # A broken photograph is as a black one there, also to its neighbours' SSIM.
+        clean["target"][7, 9] = 0.0
+        (truth, expected), _ = values_and_gradients(**clean)
+    assert gradient.isfinite().all() and not gradient[7, 9].any()
+    measured(abs(found - truth))
+    measured(float((gradient - expected).norm()))
+    assert l2(**given_).isfinite() and torch_l1_ssim(**given_, ssim_lambda=0.2).isfinite()
+
+
+@pytest.mark.numerics(
+    "Adam: 20 steps with gradients of 1e-18 to 1e17, against float64",
+    within=1e-5,
+    outside="below 1e-23 squares vanish in float32",
+)
+@given(exponent=st.floats(-18, 17), seed=st.integers(0, 99))
+def test_adam(measured, exponent, seed):
+    generator = torch.Generator().manual_seed(seed)
+    grads = torch.randn(20, 6, 3, generator=generator) * 10.0**exponent
+    param, first, second = torch.zeros(6, 3), torch.zeros(6, 3), torch.zeros(6, 3)
+    exact = [torch.zeros(6, 3, dtype=torch.float64) for _ in range(3)]
+    for step, grad in enumerate(grads, 1):
+        adam_step(param, grad, first, second, 0.01, step)
+        wide = grad.double()
+        exact[1] = BETA1 * exact[1] + (1 - BETA1) * wide
+        exact[2] = BETA2 * exact[2] + (1 - BETA2) * wide**2
+        denominator = (exact[2] / (1 - BETA2**step)).sqrt() + EPS
+        exact[0] = exact[0] - 0.01 * exact[1] / (1 - BETA1**step) / denominator
+    measured(float((param - exact[0]).norm() / exact[0].norm()))
+
+
+@pytest.mark.numerics(
+    "Adam: a gradient of NaN, infinity or beyond 1e18 in one of 5 Gaussians",
+    outside="that Gaussian is left out of the step and counted; the others move",
+)
+@pytest.mark.parametrize("value", [math.nan, math.inf, 2 * LARGEST_GRADIENT])
+def test_adam_of_broken_gradients(value):
+    assert broken_rows([torch.tensor([[0.0], [value]]), torch.zeros(2, 3)]).tolist() == [1]
+    gaussians = some(5).requires_grad_()
+    optimizer = Adam(gaussians, LearningRates(means=0.1))
+    before = gaussians.means.detach().clone()
+    gaussians.means.grad = torch.ones(5, 3)
+    gaussians.sh.grad = torch.zeros_like(gaussians.sh)
+    gaussians.sh.grad[2, 0, 1] = value
+    optimizer.step(None)
+    moved = (gaussians.means.detach() != before).any(dim=1)
+    assert moved.tolist() == [True, True, False, True, True] and optimizer.skipped_rows == 1
+
+
+def some(count: int, **changes: torch.Tensor) -> Gaussians:
+    """Gaussians at random places."""
+    values = {
+        "means": torch.rand(count, 3, generator=torch.Generator().manual_seed(0)),
+        "quats": torch.tensor([[1.0, 0, 0, 0]]).repeat(count, 1),
+        "log_scales": torch.full((count, 3), -2.0),
+        "logit_opacities": torch.zeros(count),
+        "sh": torch.zeros(count, 1, 3),
+        "features": torch.zeros(count, 0),
+    }
+    return Gaussians(**values | changes)
+
+
+@pytest.mark.numerics(
+    "relocation: opacities of 0.005 to 1 - 1e-6, 1 to 40 copies, against exact fractions",
+    within=1e-9,
+    outside="opacity 1 counts as 1 - 1e-6",
+)
+@given(opacity=st.floats(0.005, 1 - 1e-6), copies=st.integers(1, 40))
+def test_relocation(measured, opacity, copies):
+    stored = torch.tensor([opacity])
+    new, factor = relocated(stored, torch.tensor([copies]))
+    shared = Fraction(1) - Fraction(math.exp(math.log1p(-min(stored.double().item(), 1 - 1e-6)) / copies))
+    total = sum(
+        math.comb(copies, k + 1) * (-1) ** k * shared ** (k + 1) * Fraction(1 / math.sqrt(k + 1))
+        for k in range(copies)
+    )
+    measured(abs(new.item() - float(shared)) / float(shared))
+    measured(abs(factor.item() * float(total) / min(stored.double().item(), 1 - 1e-6) - 1))
+
+
+@pytest.mark.numerics(
+    "relocation: opacities of 0 and 1, a million copies", outside="finite; a host stays above 0.005"
+)
+def test_relocation_at_its_ends():
+    new, factor = relocated(torch.tensor([1.0, 1.0, 1e-30]), torch.tensor([1, 1_000_000, 3]))
+    assert new.isfinite().all() and factor.isfinite().all() and ((new > 0) & (new < 1)).all()
+    assert most_copies(torch.tensor([1.0]).double(), 0.005).isfinite().all()
+    generator = torch.Generator().manual_seed(0)
+    opacities = torch.tensor([1.0, 0.0, 0.006])
+    hosts = draw_hosts(opacities, opacities > 0.005, 10_000, 0.005, generator)
+    shared, _ = relocated(opacities[hosts], torch.bincount(hosts, minlength=3)[hosts] + 1)
+    assert len(hosts) and (shared > 0.005).all()
+    with pytest.raises(UserError, match="opaque enough"):
+        draw_hosts(opacities, opacities > 2, 1, 0.005, generator)
+
+
+@pytest.mark.numerics(
+    "noise on Gaussians whose scale has run away to 1e30 m or to infinity", outside="none is added to them"
+)
+def test_noise_on_what_ran_away():
+    gaussians = some(
+        3,
+        log_scales=torch.tensor([[-2.0] * 3, [70.0] * 3, [1e3] * 3]),
+        logit_opacities=torch.full((3,), -9.0),
+    )
+    before = gaussians.means.clone()
+    add_noise(gaussians, 80.0, 0.005, torch.Generator().manual_seed(0))
+    assert gaussians.means.isfinite().all() and (gaussians.means != before).any(dim=1).tolist() == [
+        True,
+        False,
+        False,
+    ]
+
+
+@pytest.mark.numerics(
+    "opacity resets of opacities that float32 rounds to 0 and 1",
+    within=1e-6,
+    outside="0.05 at most; logits stay finite",
+)
+def test_resets(measured):
+    gaussians = some(4, logit_opacities=torch.tensor([-200.0, -3.0, 3.0, 200.0])).requires_grad_()
+    reset_opacities(gaussians, Adam(gaussians, LearningRates(means=0.1)), 0.05)
+    assert gaussians.logit_opacities.isfinite().all()
+    expected = [0.0, 1 / (1 + math.exp(3)), 0.05, 0.05]
+    measured(
+        float(
+            (gaussians.opacities.detach().double() - torch.tensor(expected, dtype=torch.float64)).abs().max()
+        )
+    )
+
+
+@pytest.mark.numerics(
+    "starting sizes: 2 to 60 points 1e-3 to 1e6 m apart, against extended precision",
+    within=1e-6,
+    outside="0.3 mm at least, so also for points in one place; 0.1 m for one alone",
+)
+@given(seed=st.integers(0, 999), count=st.integers(2, 60), exponent=st.floats(-3, 6))
+def test_starting_sizes(measured, seed, count, exponent):
+    points = np.random.default_rng(seed).normal(size=(count, 3)) * 10.0**exponent
+    start = from_points(
+        points, np.zeros((count, 3), np.uint8), sh_degree=0, feature_channels=0, max_points=99, seed=0
+    )
+    distance = np.sort(np.linalg.norm(points[:, None] - points[None], axis=2), axis=1)[:, 1:4].astype(
+        np.longdouble
+    )
+    truth = np.sqrt(np.maximum((distance**2).mean(axis=1), 1e-7)).astype(float)
+    measured(np.abs(neighbour_distance(points) / truth - 1).max())
+    measured(float((start.scales[:, 0].double() / torch.from_numpy(truth) - 1).abs().max()) / 10)
+    assert neighbour_distance(points[:1]) == [0.1] and neighbour_distance(points[:0]).shape == (0,)
+
+
+@pytest.mark.numerics(
+    "turns of split Gaussians: quaternions of length 1e-10 to 1e15, against float64",
+    within=1e-6,
+    outside="of length 0: the identity",
+)
+@given(exponent=st.floats(-10, 15), seed=st.integers(0, 99))
+def test_turns_of_gaussians(measured, exponent, seed):
+    quats = torch.randn(4, 4, generator=torch.Generator().manual_seed(seed)) * 10.0**exponent
+    measured(float((rotation_matrices(quats) - rotation_matrices(quats.double())).abs().max()))
+    assert torch.equal(rotation_matrices(torch.zeros(1, 4))[0], torch.eye(3))
+
+
+@pytest.mark.numerics(
+    "starting points with NaN, infinity, or 3.5e38 m", outside="left out; without any other: UserError"
+)
+@pytest.mark.parametrize("value", [math.nan, math.inf, -3.5e38])
+def test_starting_points_beyond_float32(value):
+    keys = {"sh_degree": 0, "feature_channels": 0, "max_points": 9, "seed": 0}
+    points = np.array([[0.0, 0.0, 2.0], [0.0, value, 2.0]])
+    assert from_points(points, np.zeros((2, 3), np.uint8), **keys).count == 1
+    with pytest.raises(UserError, match="no finite point"):
+        from_points(points[1:], np.zeros((1, 3), np.uint8), **keys)

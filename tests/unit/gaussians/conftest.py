@@ -1,0 +1,87 @@
+"""A small scene with pictures of known Gaussians, as artifacts and as views."""
+
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.provenance import begin
+from egosplat.artifacts.writer import create
+from egosplat.gaussians.initialization import from_points
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import render
+from egosplat.geometry import Camera
+
+SIZE = 24
+FRAME_COUNT = 9
+HELD_OUT = 4
+CAMERA = Camera(SIZE, SIZE, 22.0, 22.0, SIZE / 2, SIZE / 2)
+
+
+@pytest.fixture(scope="session")
+def points() -> tuple[np.ndarray, np.ndarray]:
+    """(40, 3) points of a wavy wall 2 m in front of the cameras, and their colours."""
+    rng = np.random.default_rng(0)
+    xyz = rng.uniform([-1.5, -1.5, 1.8], [1.5, 1.5, 2.2], (40, 3))
+    return xyz, rng.integers(256, size=(40, 3), dtype=np.uint8)
+
+
+@pytest.fixture(scope="session")
+def truth(points) -> Gaussians:
+    """The Gaussians in the pictures: opaque, at ``points``."""
+    gaussians = from_points(*points, sh_degree=0, feature_channels=0, max_points=1000, seed=0)
+    gaussians.logit_opacities.fill_(3.0)
+    return gaussians
+
+
+@pytest.fixture(scope="session")
+def camera_to_world() -> np.ndarray:
+    """(9, 4, 4) a step to the right for each frame, looking ahead."""
+    poses = np.tile(np.eye(4), (FRAME_COUNT, 1, 1))
+    poses[:, 0, 3] = np.linspace(-0.4, 0.4, FRAME_COUNT)
+    return poses
+
+
+@pytest.fixture(scope="session")
+def pictures(truth, camera_to_world) -> np.ndarray:
+    """(9, 24, 24, 3) uint8."""
+    options = {"sh_degree": 0, "background": None, "near_plane": 0.1, "antialiased": False}
+    images = [render(truth, CAMERA, pose, backend="auto", **options)[0] for pose in camera_to_world]
+    return (torch.stack(images).clamp(0, 1) * 255).round().to(torch.uint8).numpy()
+
+
+@pytest.fixture
+def scene(tmp_path, points, camera_to_world, pictures) -> Callable[..., Path]:
+    """``scene(**changes)``: a folder with frames.zarr and poses.zarr; changes replace arrays."""
+
+    def make(**changes: np.ndarray) -> Path:
+        held_out = np.arange(FRAME_COUNT) == HELD_OUT
+        arrays = {
+            "rgb": pictures,
+            "valid": np.ones((SIZE, SIZE), bool),
+            "timestamp_ns": np.arange(FRAME_COUNT) * 100_000_000,
+            "exposure_middle_ns": np.arange(FRAME_COUNT) * 100_000_000,
+            "train": ~held_out,
+            "evaluation": held_out,
+            "camera_to_world": camera_to_world,
+            "registered": np.ones(FRAME_COUNT, bool),
+            "intrinsics": CAMERA.matrix,
+            "up": np.array([0.0, -1.0, 0.0]),
+            "points/xyz": points[0],
+            "points/rgb": points[1],
+        } | changes
+        facts = {"recording": "a recording", "camera": asdict(CAMERA), "notes": {}}
+        for schema in (FRAMES, POSES):
+            made = begin(schema.name, {}, "synthetic")
+            with create(tmp_path / f"{schema.name}.zarr", schema, made) as artifact:
+                for name in schema.fields:
+                    artifact.put(name, arrays[name])
+                artifact.facts = facts
+        return tmp_path
+
+    return make

@@ -1,0 +1,89 @@
+"""Tests of the points that are added where photographs show none."""
+
+import numpy as np
+import pytest
+
+from egosplat.gaussians.densify_init import CELLS, covered
+from egosplat.geometry import Camera, invert, transform
+
+CAMERA = Camera(96, 48, 60.0, 60.0, 48.0, 24.0)
+POSE = np.eye(4)
+ALL = np.ones((48, 96), bool)
+
+
+def wall(depth: float, left_half: bool) -> tuple[np.ndarray, np.ndarray]:
+    """A point in the middle of every cell, or of those of the left half alone."""
+    side = 96 / CELLS
+    columns, rows = np.meshgrid(np.arange(CELLS) + 0.5, np.arange(CELLS // 2) + 0.5)
+    pixels = np.stack([columns.ravel(), rows.ravel()], axis=1) * side
+    if left_half:
+        pixels = pixels[pixels[:, 0] < 48]
+    rays = (pixels - (CAMERA.cx, CAMERA.cy)) / (CAMERA.fx, CAMERA.fy)
+    return np.column_stack([rays, np.ones(len(rays))]) * depth, np.zeros((len(rays), 3), np.uint8)
+
+
+def picture() -> np.ndarray:
+    """One whose pixels tell their column and row."""
+    rows, columns = np.mgrid[:48, :96]
+    return np.stack([columns, rows, np.full_like(rows, 7)], axis=-1).astype(np.uint8)[None]
+
+
+def cover(xyz, rgb, poses=POSE[None], valid=ALL, pictures=None):
+    shown = picture() if pictures is None else pictures
+    return covered(xyz, rgb, CAMERA, poses, shown, valid, near_plane=0.1)
+
+
+def test_nothing_is_added_where_every_cell_shows_a_point():
+    xyz, rgb = wall(3.0, left_half=False)
+    every, colours = cover(xyz, rgb)
+    np.testing.assert_array_equal(every, xyz)
+    np.testing.assert_array_equal(colours, rgb)
+
+
+def test_empty_cells_get_a_point_as_far_away_as_those_beside_it_in_the_photograph_s_colour():
+    xyz, rgb = wall(3.0, left_half=True)
+    every, colours = cover(xyz, rgb)
+    new, shown = every[len(xyz) :], colours[len(xyz) :]
+    assert len(new) == CELLS * CELLS // 4
+    np.testing.assert_allclose(new[:, 2], 3.0)
+    pixels = CAMERA.project(new)
+    assert (pixels[:, 0] >= 48).all()
+    np.testing.assert_allclose(shown[:, :2], pixels, atol=1.0)
+
+
+def test_the_nearest_cell_s_median_decides():
+    xyz, rgb = wall(3.0, left_half=True)
+    nearer = np.concatenate([xyz, xyz * 2, xyz * 2.5])
+    every, _ = cover(nearer, np.concatenate([rgb] * 3))
+    np.testing.assert_allclose(every[len(nearer) :, 2], 6.0)
+
+
+def test_the_points_of_one_photograph_count_for_the_next():
+    xyz, rgb = wall(3.0, left_half=True)
+    once, _ = cover(xyz, rgb)
+    twice, _ = cover(xyz, rgb, np.stack([POSE, POSE]), pictures=np.concatenate([picture()] * 2))
+    assert len(twice) == len(once)
+
+
+def test_points_are_in_the_world_s_frame():
+    pose = np.eye(4)
+    pose[:3, :3] = [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]
+    pose[:3, 3] = (5.0, -2.0, 1.0)
+    xyz, rgb = wall(3.0, left_half=True)
+    here, _ = cover(xyz, rgb)
+    there, _ = cover(transform(pose, xyz), rgb, pose[None])
+    np.testing.assert_allclose(transform(invert(pose), there), here, atol=1e-12)
+
+
+def test_pixels_that_show_nothing_get_no_point():
+    valid = ALL.copy()
+    valid[:, 48:] = False
+    xyz, rgb = wall(3.0, left_half=True)
+    assert len(cover(xyz, rgb, valid=valid)[0]) == len(xyz)
+
+
+@pytest.mark.parametrize(
+    "behind", [np.empty((0, 3)), np.array([[0.0, 0.0, -2.0]]), np.array([[0.0, 0.0, 0.05]])]
+)
+def test_a_photograph_without_points_gets_none(behind):
+    assert len(cover(behind, np.zeros((len(behind), 3), np.uint8))[0]) == len(behind)

@@ -1,0 +1,77 @@
+"""PSNR and SSIM of renders."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.evaluation.rendering import region_scores
+from egosplat.gaussians.evaluation import evaluate, rendered
+from egosplat.gaussians.options import RenderOptions
+from egosplat.gaussians.training_views import Views
+from egosplat.geometry import Camera
+
+OPTIONS = RenderOptions(near_plane=0.1, background="black", antialiased=False, backend="auto")
+
+
+@pytest.fixture
+def views(pictures, camera_to_world) -> Views:
+    camera = Camera(24, 24, 22.0, 22.0, 12.0, 12.0)
+    rows = np.array([2, 6])
+    device = torch.device("cpu")
+    return Views(rows, torch.from_numpy(pictures[rows]), camera_to_world[rows], None, None, camera, device)
+
+
+def test_the_benchmark_has_the_same_scores_of_the_same_render(truth, views):
+    """splats.png and metrics.json tell one number: with invalid pixels, and a render that is not perfect."""
+    valid = np.hypot(*(np.mgrid[:24, :24] - 11.5)) < 10
+    lens = replace(views, valid=torch.from_numpy(valid).float())
+    moved = views.camera_to_world.copy()
+    moved[:, 1, 3] += 0.1
+    renders = {}
+    scores = evaluate(truth, replace(lens, camera_to_world=moved), OPTIONS, 0, renders.__setitem__)
+    for index, render in renders.items():
+        found = region_scores(render, views.pictures[index].numpy(), valid, {"all": valid})["all"]
+        assert (found.psnr, found.ssim) == (scores.psnr[index], scores.ssim[index])
+        assert 10 < found.psnr < 40 and found.ssim < 0.99
+
+
+def test_pixels_of_no_weight_do_not_count(truth, views):
+    weight = torch.ones(24, 24)
+    weight[:, :8] = 0.0
+    expected = evaluate(truth, replace(views, valid=weight), OPTIONS, 0)
+    spoilt = views.pictures.clone()
+    spoilt[:, :, :8] = 255
+    found = evaluate(truth, replace(views, valid=weight, pictures=spoilt), OPTIONS, 0)
+    assert (found.psnr == expected.psnr).all() and (found.ssim == expected.ssim).all()
+    assert evaluate(truth, replace(views, pictures=spoilt), OPTIONS, 0).psnr.max() < expected.psnr.min()
+
+
+def test_the_true_gaussians_render_the_pictures(truth, views):
+    shown = {}
+    scores = evaluate(truth, views, OPTIONS, 0, shown.__setitem__)
+    assert scores.psnr.min() > 50 and scores.ssim.min() > 0.999  # pictures have 8 bits
+    assert scores.mean_psnr == pytest.approx(scores.psnr.mean())
+    assert sorted(shown) == [0, 1] and shown[1].dtype == np.uint8
+    np.testing.assert_array_equal(shown[1], views.pictures[1].numpy())
+    moved = views.camera_to_world.copy()
+    moved[:, 1, 3] += 0.3
+    worse = evaluate(truth, replace(views, camera_to_world=moved), OPTIONS, 0)
+    assert worse.psnr.max() < scores.psnr.min() - 10
+
+
+@pytest.mark.parametrize("background, value", [("black", 0.0), ("random", 0.0), ("white", 1.0)])
+def test_the_background_of_evaluation(truth, views, background, value):
+    behind = truth.select(torch.arange(1))
+    behind.means[:, 2] = -5.0
+    options = RenderOptions(near_plane=0.1, background=background, antialiased=False, backend="auto")
+    image = rendered(behind, views, 0, options, 0)
+    assert image.shape == (24, 24, 3) and bool((image == value).all())
+
+
+def test_without_views_the_means_are_not_a_number(truth, views):
+    none = replace(views, frame=views.frame[:0], pictures=views.pictures[:0])
+    scores = evaluate(truth, none, OPTIONS, 0)
+    assert math.isnan(scores.mean_psnr) and math.isnan(scores.mean_ssim)

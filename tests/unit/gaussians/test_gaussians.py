@@ -1,0 +1,162 @@
+"""The Gaussians' container, and one camera's picture of them."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+
+from egosplat.gaussians.model import PARAMETERS, Gaussians, as_rows, rotation_matrices
+from egosplat.gaussians.render import render
+from egosplat.geometry import Camera, make_pose
+
+
+def make(n: int, degree: int = 1, channels: int = 2, seed: int = 0) -> Gaussians:
+    generator = torch.Generator().manual_seed(seed)
+    shapes = [(n, 3), (n, 4), (n, 3), (n,), (n, (degree + 1) ** 2, 3), (n, channels)]
+    return Gaussians(*(torch.randn(shape, generator=generator) for shape in shapes))
+
+
+def test_activations_invert_the_raw_parameters() -> None:
+    gaussians = make(5)
+    torch.testing.assert_close(gaussians.scales.log(), gaussians.log_scales)
+    torch.testing.assert_close(gaussians.opacities.logit(), gaussians.logit_opacities, rtol=1e-4, atol=1e-5)
+    assert gaussians.count == 5
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+def test_sh_degree_is_read_from_the_coefficients(degree: int) -> None:
+    assert make(2, degree=degree).sh_degree == degree
+
+
+def test_select_takes_masks_and_repeated_indices() -> None:
+    gaussians = make(4)
+    masked = gaussians.select(torch.tensor([True, False, False, True]))
+    picked = gaussians.select(torch.tensor([3, 0, 3]))
+    for name, tensor in gaussians.parameters().items():
+        assert torch.equal(getattr(masked, name), torch.stack([tensor[0], tensor[3]]))
+        assert torch.equal(getattr(picked, name), torch.stack([tensor[3], tensor[0], tensor[3]]))
+
+
+def test_concatenate_keeps_the_order_and_takes_empty_parts() -> None:
+    first, second = make(2, seed=1), make(3, seed=2)
+    joined = Gaussians.concatenate([first, make(0), second])
+    assert joined.count == 5
+    assert torch.equal(joined.means[:2], first.means) and torch.equal(joined.sh[2:], second.sh)
+
+
+def test_gradients_are_asked_for_and_detached() -> None:
+    gaussians = make(3)
+    assert gaussians.requires_grad_() is gaussians
+    assert all(tensor.requires_grad and tensor.is_leaf for tensor in gaussians.parameters().values())
+    detached = gaussians.detach()
+    assert not any(tensor.requires_grad for tensor in detached.parameters().values())
+    assert detached.means.data_ptr() == gaussians.means.data_ptr()
+
+
+@pytest.mark.parametrize("name", PARAMETERS)
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_finite_sees_every_parameter(name: str, value: float) -> None:
+    gaussians = make(3)
+    getattr(gaussians, name)[1].fill_(value)
+    assert gaussians.finite().tolist() == [True, False, True]
+
+
+def test_finite_sees_a_scale_that_overflows() -> None:
+    gaussians = make(2)
+    gaussians.log_scales[0, 2] = 100.0
+    assert gaussians.finite().tolist() == [False, True]
+
+
+def test_no_gaussians_and_no_features_are_fine() -> None:
+    gaussians = make(0, channels=0)
+    assert gaussians.count == 0 and gaussians.finite().shape == (0,)
+    assert as_rows(gaussians.sh).shape == (0, 12) and as_rows(gaussians.logit_opacities).shape == (0, 1)
+
+
+@pytest.mark.parametrize(
+    ("name", "tensor"),
+    [
+        ("quats", torch.zeros(3, 3)),
+        ("logit_opacities", torch.zeros(3, 1)),
+        ("sh", torch.zeros(3, 5, 3)),
+        ("sh", torch.zeros(3, 4)),
+        ("features", torch.zeros(2, 7)),
+        ("means", torch.zeros(3, 3, dtype=torch.float64)),
+    ],
+)
+def test_tensors_that_do_not_fit_are_refused(name: str, tensor: torch.Tensor) -> None:
+    with pytest.raises(ValueError, match=name if tensor.dtype == torch.float32 else "float"):
+        Gaussians(**(make(3).parameters() | {name: tensor}))
+
+
+def test_rotations_agree_with_scipy_for_any_length() -> None:
+    quats = torch.randn(20, 4, generator=torch.Generator().manual_seed(3)) * 5
+    expected = Rotation.from_quat(quats.double().numpy(), scalar_first=True).as_matrix()
+    np.testing.assert_allclose(rotation_matrices(quats).numpy(), expected, atol=2e-6)
+    assert torch.equal(rotation_matrices(torch.zeros(1, 4))[0], torch.eye(3))
+
+
+CAMERA = Camera(32, 24, 20.0, 20.0, 16.5, 12.5)
+
+
+def one_in_front(colour: float, feature: float) -> Gaussians:
+    gaussians = make(1, degree=0, channels=1)
+    gaussians.means[:] = torch.tensor([0.0, 0.0, 2.0])
+    gaussians.log_scales.fill_(math.log(0.2))
+    gaussians.logit_opacities.fill_(math.log(0.8 / 0.2))
+    gaussians.sh.fill_((colour - 0.5) / 0.28209479177387814)
+    gaussians.features.fill_(feature)
+    return gaussians.requires_grad_()
+
+
+def picture(gaussians: Gaussians, pose: np.ndarray, mode: str, background: torch.Tensor | None):
+    return render(
+        gaussians,
+        CAMERA,
+        pose,
+        sh_degree=0,
+        background=background,
+        near_plane=0.1,
+        antialiased=False,
+        backend="reference",
+        render_mode=mode,
+    )
+
+
+def test_render_puts_colour_feature_and_depth_behind_one_another() -> None:
+    image, alpha, meta = picture(one_in_front(0.9, 4.0), np.eye(4), "RGB+ED", torch.tensor([0.0, 0.5, 1.0]))
+    assert image.shape == (24, 32, 5) and alpha.shape == (24, 32, 1) and meta["radii"].shape == (1, 1, 2)
+    # The Gaussian's centre is the centre of pixel (16, 12); behind features there is nothing.
+    expected = [0.72, 0.72 + 0.2 * 0.5, 0.72 + 0.2, 0.8 * 4.0, 2.0]
+    torch.testing.assert_close(image[12, 16], torch.tensor(expected), rtol=1e-4, atol=1e-4)
+    torch.testing.assert_close(image[0, 0, :4], torch.tensor([0.0, 0.5, 1.0, 0.0]))
+
+
+def test_render_of_depth_alone() -> None:
+    image, _, _ = picture(one_in_front(0.9, 4.0), np.eye(4), "ED", torch.ones(3))
+    torch.testing.assert_close(image[12, 16], torch.tensor([2.0]), rtol=1e-4, atol=1e-4)
+
+
+def test_render_inverts_the_pose_before_it_loses_digits(monkeypatch: pytest.MonkeyPatch) -> None:
+    given = []
+    monkeypatch.setattr(
+        "egosplat.gaussians.render.rasterization",
+        lambda *tensors, **_: given.append(tensors[5]) or (torch.zeros(1), torch.zeros(1), {}),
+    )
+    turn = Rotation.from_euler("xyz", [20, 130, -50], degrees=True).as_matrix()
+    pose = make_pose(turn, np.array([40_000.0, -30_000.0, 5_000.0]))
+    picture(one_in_front(0.9, 4.0), pose, "RGB", None)
+    assert torch.equal(given[0][0], torch.from_numpy(np.linalg.inv(pose)).float())
+    assert not torch.equal(given[0][0], torch.linalg.inv(torch.from_numpy(pose).float()))
+
+
+def test_gradients_reach_all_raw_parameters() -> None:
+    gaussians = one_in_front(0.9, 4.0)
+    image, _, meta = picture(gaussians, np.eye(4), "RGB", None)
+    meta["means2d"].retain_grad()
+    (image[10, 14] ** 2).sum().backward()
+    for name in ("means", "log_scales", "logit_opacities", "sh", "features"):
+        assert getattr(gaussians, name).grad.abs().max() > 0, name
+    assert meta["means2d"].grad.shape == (1, 1, 2)

@@ -1,0 +1,143 @@
+"""The Gaussians that training starts from."""
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.errors import UserError
+from egosplat.gaussians.initialization import (
+    SH_C0,
+    from_points,
+    neighbour_distance,
+    random_points,
+    scene_extent,
+    seen,
+)
+from egosplat.gaussians.model import Gaussians
+from egosplat.geometry import Camera, invert, make_pose, transform
+
+CAMERA = Camera(64, 48, 40.0, 40.0, 32.0, 24.0)
+
+
+def start(xyz: np.ndarray, rgb: np.ndarray | None = None, **options: int) -> Gaussians:
+    rgb = np.full(xyz.shape, 128, dtype=np.uint8) if rgb is None else rgb
+    options = {"sh_degree": 2, "feature_channels": 3, "max_points": 1000, "seed": 0} | options
+    return from_points(xyz, rgb, **options)
+
+
+def poses(*centres: tuple[float, float, float]) -> np.ndarray:
+    return make_pose(np.eye(3), np.array(centres))
+
+
+def test_gaussians_from_points_have_the_stock_values() -> None:
+    xyz = np.random.default_rng(0).uniform(-1, 1, (50, 3))
+    rgb = np.random.default_rng(1).integers(256, size=(50, 3), dtype=np.uint8)
+    gaussians = start(xyz, rgb)
+    np.testing.assert_allclose(gaussians.means.numpy(), xyz, rtol=1e-6)
+    np.testing.assert_allclose(gaussians.sh[:, 0].numpy() * SH_C0 + 0.5, rgb / 255.0, atol=1e-6)
+    assert gaussians.sh.shape == (50, 9, 3) and not gaussians.sh[:, 1:].any()
+    assert gaussians.features.shape == (50, 3) and not gaussians.features.any()
+    torch.testing.assert_close(gaussians.opacities, torch.full((50,), 0.1))
+    assert (gaussians.quats == torch.tensor([1.0, 0.0, 0.0, 0.0])).all()
+    assert bool(gaussians.finite().all())
+
+
+def test_scale_is_the_distance_to_the_three_nearest_others() -> None:
+    xyz = np.array([[0.0, 0, 0], [1.0, 0, 0], [0, 2.0, 0], [0, 0, 3.0], [50.0, 0, 0]])
+    scales = start(xyz).scales
+    torch.testing.assert_close(scales[0], torch.full((3,), np.sqrt((1 + 4 + 9) / 3), dtype=torch.float32))
+
+
+@pytest.mark.parametrize(("count", "expected"), [(1, 0.1), (2, 2.0), (3, 2.0)])
+def test_few_points_take_the_neighbours_that_there_are(count: int, expected: float) -> None:
+    triangle = np.array([[0.0, 0, 0], [2.0, 0, 0], [1.0, np.sqrt(3), 0]])[:count]
+    np.testing.assert_allclose(neighbour_distance(triangle), expected)
+    assert start(triangle).count == count
+
+
+def test_duplicates_get_a_small_scale_and_not_zero() -> None:
+    gaussians = start(np.zeros((10, 3)))
+    np.testing.assert_allclose(gaussians.scales.numpy(), np.sqrt(1e-7), rtol=1e-4)
+    assert bool(gaussians.finite().all())
+
+
+def test_points_that_are_not_finite_are_dropped_with_their_colours() -> None:
+    xyz = np.arange(15.0).reshape(5, 3)
+    xyz[1, 2], xyz[3, 0] = np.nan, np.inf
+    rgb = np.repeat(np.arange(5, dtype=np.uint8)[:, None] * 50, 3, axis=1)
+    gaussians = start(xyz, rgb)
+    np.testing.assert_allclose(gaussians.means.numpy(), xyz[[0, 2, 4]])
+    np.testing.assert_allclose(
+        gaussians.sh[:, 0, 0].numpy() * SH_C0 + 0.5, [0, 100 / 255, 200 / 255], atol=1e-6
+    )
+
+
+def test_budget_keeps_a_seeded_subset() -> None:
+    xyz = np.random.default_rng(0).normal(size=(100, 3))
+    one, same, other = (start(xyz, max_points=20, seed=seed) for seed in (1, 1, 2))
+    assert one.count == 20
+    assert torch.equal(one.means, same.means) and not torch.equal(one.means, other.means)
+    rows = {tuple(row) for row in xyz.astype(np.float32).tolist()}
+    assert len({tuple(row) for row in one.means.tolist()} & rows) == 20
+    assert start(xyz, max_points=100).count == 100
+
+
+def test_nothing_to_start_from_is_told() -> None:
+    with pytest.raises(UserError, match="no finite point"):
+        start(np.full((3, 3), np.nan))
+    with pytest.raises(UserError, match="no finite point"):
+        start(np.zeros((0, 3)))
+
+
+@pytest.mark.parametrize("rgb", [np.zeros((4, 3)), np.zeros((3, 3), np.uint8)])
+def test_colours_that_do_not_fit_are_refused(rgb: np.ndarray) -> None:
+    with pytest.raises(ValueError, match="uint8"):
+        start(np.zeros((4, 3)), rgb)
+
+
+def test_scene_extent_is_the_way_from_the_mean_camera_with_a_floor() -> None:
+    assert scene_extent(poses((0, 0, 0), (10, 0, 0), (5, 0, 0))) == pytest.approx(5.5)
+    assert scene_extent(poses((3, 3, 3))) == 1.0
+    assert scene_extent(poses((0, 0, 0), (0.1, 0, 0))) == 1.0
+
+
+def test_scene_extent_refuses_unregistered_frames() -> None:
+    broken = poses((0, 0, 0), (1, 0, 0))
+    broken[1] = np.nan
+    for bad in (broken, broken[:0]):
+        with pytest.raises(ValueError, match="pose"):
+            scene_extent(bad)
+
+
+def test_seen_asks_all_cameras() -> None:
+    points = np.array(
+        [[0, 0, 2.0], [0, 0, -2.0], [0, 0, 0.05], [9.0, 0, 2.0], [5.0, 0, 2.0], [np.nan, 0, 2.0]]
+    )
+    one = seen(points, CAMERA, poses((0, 0, 0)), near_plane=0.1)
+    two = seen(points, CAMERA, poses((0, 0, 0), (5, 0, 0)), near_plane=0.1)
+    assert one.tolist() == [True, False, False, False, False, False]
+    assert two.tolist() == [True, False, False, False, True, False]
+    assert seen(points[:0], CAMERA, poses((0, 0, 0)), near_plane=0.1).shape == (0,)
+
+
+def test_random_points_can_all_be_seen_and_follow_the_seed() -> None:
+    cameras = poses((0, 0, 0), (40, 0, 0))
+    points, rgb = random_points(500, CAMERA, cameras, near_plane=0.1, seed=4)
+    assert points.shape == (500, 3) and rgb.shape == (500, 3) and rgb.dtype == np.uint8
+    assert seen(points, CAMERA, cameras, near_plane=0.1).all()
+    for camera in cameras:
+        assert seen(points, CAMERA, camera[None], near_plane=0.1).mean() > 0.3
+    again, _ = random_points(500, CAMERA, cameras, near_plane=0.1, seed=4)
+    other, _ = random_points(500, CAMERA, cameras, near_plane=0.1, seed=5)
+    assert np.array_equal(points, again) and not np.array_equal(points, other)
+    assert start(points, rgb).count == 500
+
+
+def test_random_points_fill_the_pyramid_evenly() -> None:
+    camera_to_world = poses((0, 0, 0))
+    points, _ = random_points(8000, CAMERA, camera_to_world, near_plane=0.1, seed=0)
+    local = transform(invert(camera_to_world[0]), points)
+    # Half of the volume lies beyond far / 2^(1/3); far is near_plane + 3 extents of 1 m.
+    assert np.mean(local[:, 2] > 3.1 / 2 ** (1 / 3)) == pytest.approx(0.5, abs=0.02)
+    u = CAMERA.project(local)[:, 0]
+    assert np.mean(u < 16) == pytest.approx(0.25, abs=0.02)

@@ -1,0 +1,232 @@
+"""Adam over Gaussians: the same numbers as torch's, and nothing that is not finite."""
+
+import math
+
+import pytest
+import torch
+
+from egosplat.gaussians import adam
+from egosplat.gaussians.model import PARAMETERS, Gaussians
+from egosplat.gaussians.optimizer import Adam, LearningRates
+from egosplat.kernels import library
+
+RATES = LearningRates(means=1e-3)
+
+
+@pytest.fixture(params=["torch", "fused"], autouse=True)
+def implementation(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Every test runs with plain torch and, where it is built, with the kernel."""
+    if request.param == "fused" and library.why_not() is not None:
+        pytest.skip(f"no kernels: {library.why_not()}")
+    monkeypatch.setattr(adam, "_can_fuse", lambda param: request.param == "fused")
+    return request.param
+
+
+def make(n: int, channels: int = 2) -> Gaussians:
+    generator = torch.Generator().manual_seed(7)
+    shapes = [(n, 3), (n, 4), (n, 3), (n,), (n, 9, 3), (n, channels)]
+    return Gaussians(*(torch.randn(shape, generator=generator) for shape in shapes)).requires_grad_()
+
+
+def copy(gaussians: Gaussians) -> Gaussians:
+    return Gaussians(
+        **{name: p.detach().clone() for name, p in gaussians.parameters().items()}
+    ).requires_grad_()
+
+
+def set_gradients(gaussians: Gaussians, seed: int, scale: float = 1.0) -> None:
+    generator = torch.Generator().manual_seed(seed)
+    for parameter in gaussians.parameters().values():
+        parameter.grad = torch.randn(parameter.shape, generator=generator) * scale
+
+
+def torch_adam(gaussians: Gaussians) -> tuple[torch.optim.Adam, dict[str, torch.Tensor]]:
+    """The stock optimizer, with SH in two tensors as 3DGS keeps them."""
+    leaves = {name: p.detach().clone().requires_grad_() for name, p in gaussians.parameters().items()}
+    sh = leaves.pop("sh").detach()
+    leaves |= {"dc": sh[:, :1].clone().requires_grad_(), "rest": sh[:, 1:].clone().requires_grad_()}
+    rates = {"means": 1e-3, "quats": 0.001, "log_scales": 0.005, "logit_opacities": 0.05, "features": 0.0025}
+    rates |= {"dc": 0.0025, "rest": 0.000125}
+    groups = [{"params": [leaves[name]], "lr": rate} for name, rate in rates.items()]
+    return torch.optim.Adam(groups, betas=(0.9, 0.999), eps=1e-15), leaves
+
+
+@pytest.mark.parametrize("scale", [1e-12, 1e-6, 1.0, 1e6])
+def test_steps_equal_torchs_adam(scale: float) -> None:
+    gaussians = make(11)
+    reference, leaves = torch_adam(gaussians)
+    optimizer = Adam(gaussians, RATES)
+    for step in range(20):
+        set_gradients(gaussians, step, scale)
+        for name, leaf in leaves.items():
+            parts = {"dc": gaussians.sh.grad[:, :1], "rest": gaussians.sh.grad[:, 1:]}
+            leaf.grad = parts[name].clone() if name in parts else getattr(gaussians, name).grad.clone()
+        reference.step()
+        optimizer.step(None)
+    for name, leaf in leaves.items():
+        mine = {"dc": gaussians.sh[:, :1], "rest": gaussians.sh[:, 1:]}.get(
+            name, getattr(gaussians, name, None)
+        )
+        torch.testing.assert_close(mine, leaf, rtol=1e-5, atol=1e-5 * 0.05)
+    assert optimizer.step_count == 20
+
+
+def test_means_follow_the_rate_that_is_set() -> None:
+    gaussians = make(2)
+    before = gaussians.means.detach().clone()
+    optimizer = Adam(gaussians, RATES)
+    optimizer.means_lr = 0.25
+    set_gradients(gaussians, 0)
+    optimizer.step(None)
+    # The first step of Adam is as long as the learning rate.
+    torch.testing.assert_close((gaussians.means - before).abs(), torch.full((2, 3), 0.25))
+
+
+@pytest.mark.parametrize("share", [0.1, 0.9])
+def test_rows_that_were_never_visible_change_nothing_but_time(share: float) -> None:
+    one, other = make(40), make(40)
+    known, unknown = Adam(one, RATES), Adam(other, RATES)
+    for step in range(4):
+        visible = torch.rand(40, generator=torch.Generator().manual_seed(step)) < share
+        for gaussians in (one, other):
+            set_gradients(gaussians, step)
+            for parameter in gaussians.parameters().values():
+                parameter.grad[~visible] = 0.0
+        known.step(visible)
+        unknown.step(None)
+    for name in PARAMETERS:
+        torch.testing.assert_close(getattr(one, name), getattr(other, name), rtol=1e-6, atol=1e-7)
+
+
+def test_a_row_without_gradient_and_moments_stays_and_one_with_moments_moves_on() -> None:
+    gaussians = make(3)
+    optimizer = Adam(gaussians, RATES)
+    set_gradients(gaussians, 0)
+    for parameter in gaussians.parameters().values():
+        parameter.grad[0] = 0.0
+    before = copy(gaussians)
+    optimizer.step(None)
+    after = copy(gaussians)
+    optimizer.zero_grad()
+    assert gaussians.means.grad is None
+    optimizer.step(None)
+    for name in PARAMETERS:
+        start, middle, end = (getattr(g, name) for g in (before, after, gaussians))
+        assert torch.equal(start[0], end[0])
+        assert not torch.equal(start[1], middle[1]) and not torch.equal(middle[1], end[1])
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e30, -1e30])
+@pytest.mark.parametrize("name", PARAMETERS)
+@pytest.mark.parametrize("gathered", [False, True])
+def test_a_broken_gradient_leaves_its_row_alone(value: float, name: str, gathered: bool) -> None:
+    gaussians, visible = make(10), torch.arange(10) < (4 if gathered else 10)
+    sound = copy(gaussians)
+    optimizer, reference = Adam(gaussians, RATES), Adam(sound, RATES)
+    for step, broken in enumerate([False, True, False]):
+        for each in (gaussians, sound):
+            set_gradients(each, step)
+            for parameter in each.parameters().values():
+                parameter.grad[~visible] = 0.0
+        if broken:
+            getattr(gaussians, name).grad[2].flatten()[-1] = value
+            if getattr(gaussians, name).ndim == 1:
+                getattr(gaussians, name).grad[2] = value
+            at_break = copy(gaussians), optimizer.state_dict()
+        optimizer.step(visible)
+        reference.step(visible)
+        if broken:
+            state = optimizer.state_dict()
+            for p in PARAMETERS:
+                assert torch.equal(getattr(gaussians, p)[2], getattr(at_break[0], p)[2])
+                for moments in ("exp_avg", "exp_avg_sq"):
+                    assert torch.equal(state[moments][p][2], at_break[1][moments][p][2])
+    assert optimizer.skipped_rows == 1 and reference.skipped_rows == 0
+    assert bool(gaussians.finite().all())
+    others = torch.arange(10) != 2
+    for p in PARAMETERS:
+        assert torch.equal(getattr(gaussians, p)[others], getattr(sound, p)[others])
+
+
+def test_the_largest_gradients_that_are_taken_keep_everything_finite() -> None:
+    gaussians = make(4)
+    optimizer = Adam(gaussians, RATES)
+    for scale in (1e17, 1e-38, 1e17):
+        set_gradients(gaussians, 1, scale)
+        optimizer.step(None)
+    state = optimizer.state_dict()
+    assert optimizer.skipped_rows == 0 and bool(gaussians.finite().all())
+    for moments in ("exp_avg", "exp_avg_sq"):
+        assert all(bool(tensor.isfinite().all()) for tensor in state[moments].values())
+
+
+def test_surgery_moves_moments_with_their_rows() -> None:
+    gaussians = make(5)
+    optimizer = Adam(gaussians, RATES)
+    set_gradients(gaussians, 0)
+    optimizer.step(None)
+    before = optimizer.state_dict()
+    keep = torch.tensor([True, False, True, True, False])
+    optimizer.select(keep)
+    optimizer.append(2)
+    with pytest.raises(ValueError, match="3 Gaussians for the moments of 5"):
+        optimizer.attach(gaussians.detach().select(keep))
+    optimizer.attach(
+        Gaussians.concatenate([gaussians.detach().select(keep), make(2).detach()]).requires_grad_()
+    )
+    after = optimizer.state_dict()
+    for moments in ("exp_avg", "exp_avg_sq"):
+        for name in PARAMETERS:
+            assert torch.equal(after[moments][name][:3], before[moments][name][keep])
+            assert not after[moments][name][3:].any()
+    set_gradients(optimizer.gaussians, 1)
+    optimizer.step(None)
+    assert bool(optimizer.gaussians.finite().all())
+
+
+def test_reset_moments_of_all_rows_or_of_some() -> None:
+    gaussians = make(4)
+    optimizer = Adam(gaussians, RATES)
+    set_gradients(gaussians, 0)
+    optimizer.step(None)
+    optimizer.reset_moments("quats", torch.tensor([1, 3]))
+    optimizer.reset_moments("logit_opacities")
+    state = optimizer.state_dict()
+    for moments in ("exp_avg", "exp_avg_sq"):
+        assert [bool(row.any()) for row in state[moments]["quats"]] == [True, False, True, False]
+        assert not state[moments]["logit_opacities"].any() and state[moments]["means"].all()
+
+
+def test_a_loaded_state_goes_on_as_if_nothing_had_happened() -> None:
+    gaussians = make(6)
+    optimizer = Adam(gaussians, RATES)
+    set_gradients(gaussians, 0)
+    gaussians.means.grad[0] = math.nan
+    optimizer.step(None)
+    resumed = Adam(copy(gaussians), RATES)
+    resumed.load_state_dict(optimizer.state_dict())
+    for each in (optimizer, resumed):
+        set_gradients(each.gaussians, 1)
+        each.step(None)
+    for name in PARAMETERS:
+        assert torch.equal(getattr(optimizer.gaussians, name), getattr(resumed.gaussians, name))
+    assert (resumed.step_count, resumed.skipped_rows) == (2, 1)
+    with pytest.raises(ValueError, match="moments of means"):
+        Adam(make(5), RATES).load_state_dict(optimizer.state_dict())
+
+
+def test_no_gaussians_and_no_features() -> None:
+    for gaussians in (make(0), make(3, channels=0)):
+        optimizer = Adam(gaussians, RATES)
+        set_gradients(gaussians, 0)
+        optimizer.step(torch.ones(gaussians.count, dtype=torch.bool))
+        assert bool(gaussians.finite().all())
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    with pytest.raises(ValueError, match="visible"):
+        Adam(make(3), RATES).step(torch.ones(2, dtype=torch.bool))
+    strided = make(3).detach()
+    strided.means = torch.zeros(3, 3).T
+    with pytest.raises(ValueError, match="means .* not contiguous"):
+        Adam(strided, RATES)

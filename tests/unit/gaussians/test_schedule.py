@@ -1,0 +1,117 @@
+"""What happens when in a training run."""
+
+from dataclasses import replace
+
+import pytest
+
+from egosplat.gaussians.schedule import STOCK, STOCK_MCMC, Schedule, cut, scaled
+
+
+def resets(schedule: Schedule) -> list[int]:
+    return [i for i in range(schedule.iterations + 1) if schedule.resets_opacity(i)]
+
+
+def densifications(schedule: Schedule) -> list[int]:
+    return [i for i in range(schedule.iterations + 1) if schedule.densifies(i)]
+
+
+def test_stock_milestones_are_those_of_3dgs() -> None:
+    assert densifications(STOCK) == list(range(600, 15_000, 100))
+    assert resets(STOCK) == [3_000, 6_000, 9_000, 12_000]
+    assert [STOCK.prunes_large(i) for i in (2_900, 3_000, 3_100)] == [False, False, True]
+    assert resets(STOCK_MCMC) == [] and densifications(STOCK_MCMC)[-1] == 24_900
+
+
+def test_position_learning_rate_falls_log_linearly_with_extent() -> None:
+    assert STOCK.position_lr(0, 2.0) == pytest.approx(3.2e-4)
+    assert STOCK.position_lr(15_000, 1.0) == pytest.approx(1.6e-5)
+    assert STOCK.position_lr(30_000, 1.0) == pytest.approx(1.6e-6)
+    assert STOCK.position_lr(90_000, 1.0) == pytest.approx(1.6e-6)
+
+
+def test_sh_degree_grows_up_to_the_highest() -> None:
+    degrees = [STOCK.sh_degree(i, 3) for i in (1, 999, 1_000, 2_500, 3_000, 30_000)]
+    assert degrees == [0, 0, 1, 2, 3, 3]
+    assert STOCK.sh_degree(30_000, 1) == 1
+
+
+def test_scaled_to_its_own_length_is_the_same() -> None:
+    assert scaled(STOCK, 30_000) == STOCK
+    assert scaled(STOCK_MCMC, 30_000) == STOCK_MCMC
+
+
+def test_scaled_to_7000_keeps_fractions_but_shortens_no_interval() -> None:
+    short = scaled(STOCK, 7_000)
+    assert (short.densify_from, short.densify_until, short.densify_every) == (500, 3_500, 100)
+    assert (short.sh_interval, short.position_lr_steps) == (1_000, 7_000)
+    assert resets(short) == []
+    assert not any(short.prunes_large(i) for i in range(1, 7_001))
+    assert resets(scaled(STOCK, 12_000)) == [3_000]
+
+
+def test_of_a_very_short_run_an_interval_is_a_part() -> None:
+    short = scaled(STOCK, 700)
+    assert (short.densify_from, short.densify_until, short.densify_every) == (140, 350, 35)
+    assert short.sh_interval == 100
+
+
+@pytest.mark.parametrize("iterations", [1, 2, 3, 10, 31, 300, 999, 4_000, 7_000, 30_000, 100_001])
+def test_density_control_ends_by_half_time_and_no_reset_comes_late(iterations: int) -> None:
+    schedule = scaled(STOCK, iterations)
+    assert schedule.densify_until <= max(iterations / 2, 1)
+    assert all(i <= schedule.densify_until - 3_000 for i in resets(schedule))
+    assert schedule.position_lr(iterations, 1.0) == pytest.approx(1.6e-6)
+
+
+def test_a_longer_run_stretches() -> None:
+    assert scaled(STOCK, 60_000).densify_every == 200
+    assert resets(scaled(STOCK, 60_000)) == [6_000, 12_000, 18_000, 24_000]
+
+
+def test_white_background_reset_at_the_start() -> None:
+    schedule = Schedule(reset_at_start=True)
+    assert resets(schedule) == [500, 3_000, 6_000, 9_000, 12_000]
+    assert not Schedule(reset_at_start=True, densify_from=0).resets_opacity(0)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"densify_from": 16_000},
+        {"densify_until": 40_000},
+        {"densify_every": 0},
+        {"reset_every": 0},
+        {"position_lr_final": 0.0},
+        {"position_lr_steps": 0},
+    ],
+)
+def test_a_schedule_that_makes_no_sense_is_refused(wrong: dict[str, int]) -> None:
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        Schedule(**wrong)
+    with pytest.raises(ValueError, match="0 iterations"):
+        scaled(STOCK, 0)
+
+
+def test_a_cut_schedule_is_the_beginning_of_the_stock_one():
+    """EgoLifter's 7,000 iterations: growth until the end, the stock learning rates, resets at 500 and 3,000."""
+    begun = cut(replace(STOCK, reset_at_start=True), 7_000)
+    assert resets(begun) == [500, 3_000]
+    grows = densifications(begun)
+    assert (
+        (grows[0], grows[-1]) == (600, 6_900) and begun.prunes_large(3_100) and not begun.prunes_large(3_000)
+    )
+    for iteration in (1, 3_000, 7_000):
+        assert begun.position_lr(iteration, 2.0) == STOCK.position_lr(iteration, 2.0)
+    # Scaled, a run of that length has no regular reset, and so prunes nothing by its size.
+    assert not resets(scaled(STOCK, 7_000))
+    assert cut(STOCK, STOCK.iterations) == STOCK and cut(STOCK, 40_000).densify_until == STOCK.densify_until
+
+
+@pytest.mark.parametrize("iterations", [1, 499, 500, 501])
+def test_a_run_that_ends_before_density_control_has_none(iterations):
+    assert not densifications(cut(STOCK, iterations))
+
+
+def test_a_cut_run_of_no_iteration_is_refused():
+    with pytest.raises(ValueError, match="0 iterations"):
+        cut(STOCK, 0)

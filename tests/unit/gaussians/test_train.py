@@ -1,0 +1,262 @@
+"""The training loop."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.errors import UserError
+from egosplat.gaussians import objective
+from egosplat.gaussians.initialization import from_points
+from egosplat.gaussians.model import PARAMETERS, Gaussians
+from egosplat.gaussians.objective import L1Ssim
+from egosplat.gaussians.options import RenderOptions, TrainingOptions
+from egosplat.gaussians.render import render
+from egosplat.gaussians.schedule import STOCK, STOCK_MCMC
+from egosplat.gaussians.trainer import Photographs, draw_background, record, regularisation, train
+from egosplat.gaussians.training_state import TrainingState
+from egosplat.gaussians.training_views import Views
+from egosplat.geometry import Camera
+
+OPTIONS = TrainingOptions(
+    render=RenderOptions(near_plane=0.1, background="black", antialiased=False, backend="auto"),
+    iterations=60,
+    density="stock",
+    max_gaussians=80,
+    position_lr=1.6e-4,
+    grow_grad2d=2e-4,
+    evaluate_every=20,
+    patience=0,
+    min_improvement=0.05,
+    seed=3,
+)
+EXTENT = 1.0
+
+
+@pytest.fixture
+def photographs(pictures, camera_to_world) -> Photographs:
+    def views(*rows: int) -> Views:
+        frame = np.array(rows, np.int64)
+        camera, device = Camera(24, 24, 22.0, 22.0, 12.0, 12.0), torch.device("cpu")
+        some = torch.from_numpy(pictures[frame])
+        return Views(frame, some, camera_to_world[frame], None, None, camera, device)
+
+    return Photographs(training=views(0, 1, 3, 5, 7, 8), validation=views(), held_out=views(4), aside=views())
+
+
+@pytest.fixture
+def start(points) -> Gaussians:
+    xyz, rgb = points
+    grey = np.full_like(rgb, 128)
+    return from_points(xyz, grey, sh_degree=1, feature_channels=0, max_points=1000, seed=0)
+
+
+@pytest.fixture
+def trained(photographs, start, tmp_path):
+    """``trained(...)``: the state after training a copy of the same start; keywords change the options."""
+
+    def run(photographs: Photographs = photographs, checkpoint: Checkpoint | None = None, **changes: object):
+        options = replace(OPTIONS, **changes)
+        state = TrainingState(start.select(torch.arange(start.count)), options, EXTENT, L1Ssim(0.2))
+        train(state, photographs, options, checkpoint or Checkpoint(tmp_path / "none.zarr", "", 3600.0))
+        return state
+
+    return run
+
+
+def same(left: Gaussians, right: Gaussians) -> bool:
+    pairs = ((getattr(left, name), getattr(right, name)) for name in PARAMETERS)
+    return left.count == right.count and all(torch.equal(*pair) for pair in pairs)
+
+
+@pytest.mark.parametrize("density", ["stock", "mcmc"])
+def test_training_learns_the_pictures(trained, density):
+    state = trained(iterations=200, density=density, evaluate_every=100)
+    curves = state.curves
+    assert curves.evaluated == [100, 200] and curves.psnr[1] > curves.psnr[0]
+    assert curves.psnr[1] > 24.0 and curves.ssim[1] > 0.8
+    assert curves.iteration == list(range(10, 201, 10)) and curves.loss[-1] < 0.3 * curves.loss[0]
+    assert state.gaussians.count == curves.gaussians[-1] <= 80
+    assert curves.gaussians[-1] > curves.gaussians[0]
+    assert all(math.isnan(psnr) for psnr in curves.validation_psnr)
+
+
+def test_the_seed_decides(trained):
+    first, second, other = trained(), trained(), trained(seed=4)
+    assert same(first.gaussians, second.gaussians) and first.curves.loss == second.curves.loss
+    assert not same(first.gaussians, other.gaussians)
+
+
+class Stopped(Exception):
+    pass
+
+
+class StoppingCheckpoint(Checkpoint):
+    """Ends training as a kill would, right after the checkpoint of one iteration."""
+
+    def __init__(self, folder, at: int) -> None:
+        super().__init__(folder / "splats.zarr", "key", 1e-9)
+        self.at = at
+
+    def save_if_due(self, state) -> None:
+        super().save_if_due(state)
+        if state()["iteration"] == self.at:
+            raise Stopped
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"density": "mcmc"},
+        {"patience": 5, "min_improvement": 0.0},
+        {"searches_degree": True, "min_improvement": 100.0},
+    ],
+    ids=["stock", "mcmc", "early stopping", "SH degree searched"],
+)
+def test_a_resumed_run_ends_as_an_unbroken_one(trained, start, photographs, tmp_path, changes):
+    changes |= {"render": replace(OPTIONS.render, background="random")}
+    if "patience" in changes:
+        photographs = replace(photographs, validation=photographs.held_out)
+    if "searches_degree" in changes:
+        photographs = replace(photographs, aside=photographs.held_out)
+    unbroken = trained(photographs, **changes)
+    with pytest.raises(Stopped):
+        trained(photographs, StoppingCheckpoint(tmp_path, at=40), **changes)
+    checkpoint = StoppingCheckpoint(tmp_path, at=-1)
+    options = replace(OPTIONS, **changes)
+    state = TrainingState(start, options, EXTENT, L1Ssim(0.2))
+    state.load_state_dict(checkpoint.load())
+    assert state.iteration == 40 and not same(state.gaussians, unbroken.gaussians)
+    train(state, photographs, options, checkpoint)
+    assert same(state.gaussians, unbroken.gaussians)
+    assert state.curves.loss == unbroken.curves.loss and state.curves.psnr == unbroken.curves.psnr
+    assert state.early_stop.best_psnr == unbroken.early_stop.best_psnr
+    if state.early_stop.best is not None:
+        assert same(state.early_stop.best, unbroken.early_stop.best)
+
+
+def test_every_view_comes_once_an_epoch(start):
+    state = TrainingState(start, OPTIONS, EXTENT, L1Ssim(0.2))
+    epochs = [[state.next_view(range(6)) for _ in range(6)] for _ in range(3)]
+    assert all(sorted(epoch) == list(range(6)) for epoch in epochs)
+    assert epochs[0] != epochs[1] or epochs[1] != epochs[2]
+
+
+def test_pixels_outside_the_lens_circle_do_not_matter(trained, photographs):
+    weight = torch.ones(24, 24)
+    weight[:, :14] = 0.0
+    views = replace(photographs.training, valid=weight)
+    other = views.pictures.clone()
+    other[:, :, :4] = 255  # windows of SSIM that have a valid pixel begin at column 4
+    dark = trained(replace(photographs, training=views))
+    bright = trained(replace(photographs, training=replace(views, pictures=other)))
+    assert same(dark.gaussians, bright.gaussians)
+    unmasked = trained(replace(photographs, training=replace(views, valid=None, pictures=other)))
+    assert not same(dark.gaussians, unmasked.gaussians)
+
+
+def test_it_stops_early_and_keeps_the_best(trained, photographs, capsys):
+    watched = replace(photographs, validation=photographs.held_out)
+    state = trained(watched, iterations=400, evaluate_every=50, patience=2, min_improvement=100.0)
+    # Density control ends at 200: that evaluation is the first that counts.
+    assert state.iteration == 300 and "no improvement in 2 evaluations" in capsys.readouterr().err
+    assert state.early_stop.best_iteration in (200, 250, 300)
+    assert state.early_stop.best_psnr == max(state.curves.validation_psnr[-3:])
+
+
+def test_without_patience_nothing_is_kept(trained):
+    assert trained().early_stop.best is None
+
+
+def test_a_loss_that_stays_not_finite_ends_training(start):
+    state = TrainingState(start, OPTIONS, EXTENT, L1Ssim(0.2))
+    for iteration, loss in ((10, math.nan), (20, math.inf), (30, 1.0), (40, math.nan), (50, math.nan)):
+        state.iteration, state.loss_sum = iteration, torch.tensor(loss)
+        record(state)
+    state.iteration, state.loss_sum = 60, torch.tensor(math.nan)
+    with pytest.raises(UserError, match=r"diverged at iteration 60 .*position_lr"):
+        record(state)
+
+
+def test_a_loss_that_is_not_finite_leaves_the_gaussians_alone(trained, start, monkeypatch):
+    monkeypatch.setattr(objective, "l1_ssim", lambda image, *_: image.mean() * float("nan"))
+    state = trained(iterations=20)
+    assert same(state.gaussians, start) and state.bad_records == 2 and state.optimizer.skipped_rows > 0
+
+
+def test_a_scene_that_no_camera_sees_is_survived(trained, start):
+    start.means[:, 2] = -3.0
+    assert same(trained(iterations=15).gaussians, start)
+
+
+def test_backgrounds():
+    generator = torch.Generator().manual_seed(0)
+    assert draw_background("black", generator) is None
+    assert torch.equal(draw_background("white", generator), torch.ones(3))
+    first, second = draw_background("random", generator), draw_background("random", generator)
+    assert first.shape == (3,) and not torch.equal(first, second)
+
+
+def test_regularisation_is_of_the_means(start):
+    assert regularisation(start, 0.0, 0.0) is None
+    expected = 0.5 * 0.1 + 2.0 * start.scales.mean()
+    assert float(regularisation(start, 0.5, 2.0)) == pytest.approx(float(expected))
+
+
+def test_options_scale_the_schedule_of_the_kind_of_density_control():
+    stock, mcmc = (replace(OPTIONS, iterations=3000, density=kind).schedule for kind in ("stock", "mcmc"))
+    assert (
+        stock.densify_until == STOCK.densify_until // 10
+        and mcmc.densify_until == STOCK_MCMC.densify_until // 10
+    )
+    assert mcmc.reset_every is None and stock.position_lr_init == 1.6e-4
+    assert replace(OPTIONS, iterations=3000, cuts_schedule=True).schedule.densify_until == 3000
+    faster = replace(OPTIONS, position_lr=1e-3).schedule
+    assert faster.position_lr_init == 1e-3 and faster.position_lr_final == pytest.approx(1e-5)
+
+
+def test_options_reach_density_control(trained):
+    """EgoLifter's: a reset at the start, another opacity after a reset, and pruning by the size on screen."""
+    options = replace(
+        OPTIONS, iterations=30_000, reset_at_start=True, reset_opacity=0.01, prune_screen_px=20.0
+    )
+    found = options.population(EXTENT)
+    assert (found.options.reset_opacity, found.options.prune_screen_px) == (0.01, 20.0)
+    resets = [i for i in range(1, 30_001) if found.schedule.resets_opacity(i)]
+    assert resets == [500, 3_000, 6_000, 9_000, 12_000]
+    stock = replace(OPTIONS, iterations=30_000)
+    assert not stock.schedule.resets_opacity(500)
+    assert stock.population(EXTENT).options.prune_screen_px is None
+    # In training: opacities are lowered where density control begins, and not otherwise.
+    short = {"iterations": 5, "evaluate_every": 5}
+    begins = replace(OPTIONS, **short).schedule.densify_from
+    assert 0 < begins <= 5
+    lowered = trained(**short, reset_at_start=True, reset_opacity=0.02).gaussians.opacities
+    assert lowered.max().item() < 0.08 < trained(**short).gaussians.opacities.min().item()
+
+
+def test_what_is_large_on_screen_is_pruned_with_the_renderers_own_radii(trained):
+    """Radii come from the renderer; with a limit below them nothing that is seen would be left."""
+    state = trained(iterations=12, evaluate_every=12)
+    _, _, meta = render(
+        state.gaussians,
+        Camera(24, 24, 22.0, 22.0, 12.0, 12.0),
+        np.eye(4),
+        sh_degree=0,
+        background=None,
+        near_plane=0.1,
+        antialiased=False,
+        backend="auto",
+    )
+    density = replace(OPTIONS, iterations=30_000, prune_screen_px=float(meta["radii"].max()) - 1).population(
+        EXTENT
+    )
+    density.observe(torch.zeros(1, state.gaussians.count, 2), meta["radii"], 24, 24)
+    seen_large = (meta["radii"].amax(dim=(0, 2)) > meta["radii"].max() - 1).sum()
+    left = density.step(3_100, state.gaussians, state.optimizer, state.generator)
+    transparent = int((state.gaussians.opacities < 0.005).sum())
+    assert left.count == state.gaussians.count - int(seen_large) - transparent and int(seen_large) > 0

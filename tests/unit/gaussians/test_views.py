@@ -1,0 +1,82 @@
+"""Photographs with poses, and which of them does what."""
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reader import open_artifact
+from egosplat.errors import UserError
+from egosplat.gaussians.pixel_weights import Masking
+from egosplat.gaussians.training_views import check_belong_together, read_views, split_views
+from egosplat.geometry import Camera
+
+CPU = torch.device("cpu")
+NOTHING = Masking(None, "")
+
+
+def mask(count: int, *rows: int) -> np.ndarray:
+    return np.isin(np.arange(count), rows)
+
+
+def opened(folder):
+    return open_artifact(folder / "frames.zarr", FRAMES), open_artifact(folder / "poses.zarr", POSES)
+
+
+def test_only_frames_with_a_pose_are_used_and_evaluated_frames_are_not_trained_on():
+    split = split_views(mask(6, 0, 1, 2, 5), mask(6, 3, 4, 5), mask(6, 0, 2, 3, 5), validate=False)
+    assert np.flatnonzero(split.training).tolist() == [0, 2, 5]
+    assert np.flatnonzero(split.held_out).tolist() == [3]  # 4 has no pose, 5 is trained on
+    assert not split.validation.any()
+
+
+@pytest.mark.parametrize("count, aside", [(2, [1]), (4, [2]), (8, [4]), (20, [4, 12])])
+def test_validation_is_taken_from_the_training_frames(count, aside):
+    split = split_views(np.ones(count, bool), np.zeros(count, bool), np.ones(count, bool), validate=True)
+    assert np.flatnonzero(split.validation).tolist() == aside
+    assert (split.training ^ split.validation).all() and split.training.any()
+
+
+def test_too_few_views_are_refused():
+    with pytest.raises(UserError, match="none of 2 training frames has a pose"):
+        split_views(mask(3, 0, 1), mask(3, 2), mask(3, 2), validate=False)
+    with pytest.raises(UserError, match="patience: needs 2 training frames"):
+        split_views(mask(3, 0, 1), mask(3, 2), mask(3, 1, 2), validate=True)
+
+
+def test_views_are_the_chosen_frames(scene, pictures, camera_to_world):
+    intrinsics = Camera(24, 24, 30.0, 31.0, 11.0, 13.0).matrix
+    views = read_views(*opened(scene(intrinsics=intrinsics)), mask(9, 1, 7), NOTHING, CPU)
+    assert len(views) == 2 and views.frame.tolist() == [1, 7]
+    np.testing.assert_array_equal(views.pictures.numpy(), pictures[[1, 7]])
+    np.testing.assert_array_equal(views.camera_to_world, camera_to_world[[1, 7]])
+    # The poses artifact's, which COLMAP may have refined, not that of the frames.
+    assert views.camera == Camera(24, 24, 30.0, 31.0, 11.0, 13.0)
+    picture = views.picture(1)
+    assert picture.dtype == torch.float32 and float(picture.max()) <= 1.0
+    np.testing.assert_allclose(picture.numpy(), pictures[7] / 255, atol=1e-7)
+
+
+def test_the_weight_is_the_lens_circle(scene):
+    valid = np.ones((24, 24), bool)
+    assert read_views(*opened(scene()), mask(9, 0), NOTHING, CPU).valid is None
+    valid[:3, 5] = False
+    weight = read_views(*opened(scene(valid=valid)), mask(9, 0), NOTHING, CPU).valid
+    assert weight.dtype == torch.float32
+    np.testing.assert_array_equal(weight.numpy(), valid)
+
+
+def test_no_views_can_be_read(scene):
+    assert len(read_views(*opened(scene()), mask(9), NOTHING, CPU)) == 0
+
+
+def test_poses_of_other_frames_are_refused(scene, camera_to_world):
+    check_belong_together(*opened(scene()))
+    other = {"camera_to_world": camera_to_world[:5], "registered": np.ones(5, bool)}
+    with pytest.raises(UserError, match=r"poses.zarr: was made from other frames"):
+        check_belong_together(*opened(scene(**other)))
+    frames, poses = opened(scene())
+    poses.provenance["inputs"]["frames.zarr"] = "the digest of others"
+    with pytest.raises(UserError, match=r"make it anew: snakemake --cores 2 \S+poses.zarr"):
+        check_belong_together(frames, poses)
