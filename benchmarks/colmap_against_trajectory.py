@@ -17,8 +17,8 @@ import numpy as np
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
-from egosplat.config import defaults
 from egosplat.errors import UserError
+from egosplat.pipeline.config import defaults
 from egosplat.poses.alignment import trajectory_error
 from egosplat.poses.stage import run
 

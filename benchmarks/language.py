@@ -33,7 +33,6 @@ from egosplat.artifacts.splats import SPLATS
 from egosplat.codes.decoder import Decoder, decode, read_decoder
 from egosplat.codes.rendering import Lens, lens_of, render_codes
 from egosplat.codes.targets import CodeTargets, Targets
-from egosplat.config import defaults
 from egosplat.errors import UserError
 from egosplat.gaussians.io import read_gaussians
 from egosplat.gaussians.model import Gaussians
@@ -41,6 +40,7 @@ from egosplat.gaussians.pixel_weights import open_masking
 from egosplat.language.lifting import lift
 from egosplat.language.training import CodeOptions, CodeTraining
 from egosplat.language.views import TaughtViews, taught_views
+from egosplat.pipeline.config import defaults
 from egosplat.progress import log
 
 CPU = torch.device("cpu")

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import click
 
-from egosplat import config as configuration
 from egosplat.cluster.memory import peak_mb
 from egosplat.cluster.shapes import Shapes
-from egosplat.config import Config
+from egosplat.pipeline import config as configuration
+from egosplat.pipeline.config import Config
 from egosplat.progress import log
 
 SIZES = ("frames", "pixels", "instances", "views", "gaussians")

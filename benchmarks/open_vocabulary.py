@@ -32,8 +32,8 @@ from egosplat.evaluation.intervals import (
     mean_of_scenes,
     scaled,
 )
+from egosplat.pipeline.scenes import find_scene, read_scenes
 from egosplat.progress import log
-from egosplat.scenes import find_scene, read_scenes
 from egosplat.tables.scored_scenes import UNTOUCHED
 from egosplat.tables.table import Cell
 

@@ -17,8 +17,8 @@ from scores_bench.comparing import METHOD, accuracy_difference, iou_difference, 
 
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.segments import SEGMENTS
-from egosplat.artifacts.survey import read_survey
 from egosplat.errors import UserError
+from egosplat.pipeline.survey_file import read_survey
 from egosplat.tables.scored_scenes import read_scored_scene
 
 ANYWAY = "variants/anyway"

@@ -23,9 +23,9 @@ sys.path.insert(0, str(HERE.parent))
 from segmentation_bench.video_scores import VideoScores, score_level
 from segmentation_bench.worlds import LEVELS, read_worlds
 
-from egosplat.config import stage_keys
 from egosplat.errors import UserError
 from egosplat.models.sam2_loader import load_sam2
+from egosplat.pipeline.config import stage_keys
 from egosplat.progress import log
 from egosplat.segments.classical.video import segment_video
 from egosplat.segments.instances import Segmented, settle

@@ -26,15 +26,15 @@ from scores_bench.comparing import (
 )
 from transient_bench.truth import read_truth
 
-from egosplat import config as configuration
 from egosplat.artifacts import provenance
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.writer import create
-from egosplat.config import Config, stage_values
 from egosplat.errors import UserError
+from egosplat.pipeline import config as configuration
+from egosplat.pipeline.config import Config, stage_values
 from egosplat.pipeline.stages import stage_function
 from egosplat.progress import log, track
 from egosplat.tables.scored_scenes import ScoredScene, read_scored_scene

@@ -9,10 +9,10 @@ import yaml
 from jsonschema import Draft202012Validator
 
 from bad_input_bench.cases import Case, Sandbox, Words, stage_flags
-from egosplat.config import schema, stage_keys
 from egosplat.doctor.configured import read_configuration
+from egosplat.pipeline.config import schema, stage_keys
+from egosplat.pipeline.scenes import read_scenes
 from egosplat.pipeline.stages import STAGES
-from egosplat.scenes import read_scenes
 
 HUGE = 10**40
 DEEP = 20_000

@@ -126,8 +126,8 @@ def _read(name: str, path: Callable[[Sandbox], Path], named: tuple[str, ...], fi
     """The table is read, and the recordings of its scenes are looked for, as the workflow begins."""
 
     def command(box: Sandbox) -> Callable[[], object]:
-        from egosplat.config import defaults
-        from egosplat.scenes import check_recording, read_scenes
+        from egosplat.pipeline.config import defaults
+        from egosplat.pipeline.scenes import check_recording, read_scenes
 
         config = defaults() | {"scenes": str(path(box))}
         if fine:

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import yaml
 
-from egosplat import config as configuration
-from egosplat.config import Config
-from egosplat.decisions import leaves_frames_out, masks_by_survey
+from egosplat.pipeline import config as configuration
+from egosplat.pipeline.config import Config
+from egosplat.pipeline.dag import leaves_frames_out, masks_by_survey
 from growth_bench.assumptions import Assumptions
 from growth_bench.fitting import Fit, Term
 from growth_bench.laws import CPU, DISK, LAWS, MEMORY, ONCE

@@ -8,7 +8,7 @@ from typing import Any
 
 from egosplat.artifacts.reader import Artifact, open_any
 from egosplat.artifacts.registry import SCHEMAS
-from egosplat.artifacts.survey import read_survey
+from egosplat.pipeline.survey_file import read_survey
 from egosplat.survey.moving import SIDE
 
 Sizes = dict[str, float]

@@ -13,10 +13,10 @@ import pandas as pd
 import psutil
 import yaml
 
-from egosplat import config as configuration
 from egosplat.artifacts.check import check_tree
+from egosplat.pipeline import config as configuration
 from egosplat.pipeline.stages import STAGES
-from egosplat.variants import inputs_of
+from egosplat.pipeline.variants import inputs_of
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = Path("results/adt/scene1")

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from egosplat import config as configuration
-from egosplat.config import stage_values
+from egosplat.pipeline import config as configuration
+from egosplat.pipeline.config import stage_values
 from egosplat.pipeline.stages import stage_function
 from egosplat.progress import log
 

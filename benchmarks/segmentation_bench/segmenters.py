@@ -12,8 +12,8 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image
 
-from egosplat.config import section_keys
 from egosplat.models.sam2_loader import Sam2, load_sam2
+from egosplat.pipeline.config import section_keys
 from egosplat.segments.classical.segmenter import segmenter as classical
 from segmentation_bench.worlds import Film, Picture
 

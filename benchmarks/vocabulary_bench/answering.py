@@ -12,11 +12,11 @@ from egosplat.artifacts.lineage import lineage
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
-from egosplat.config import Config, stage_values
 from egosplat.errors import UserError
 from egosplat.evaluation.evaluation_frames import Evaluation, read_evaluation
 from egosplat.evaluation.queries import BenchmarkQueries, find_queries
 from egosplat.evaluation.scores import Result, score_query
+from egosplat.pipeline.config import Config, stage_values
 from egosplat.progress import track
 from egosplat.query.asking import ask
 from egosplat.query.clip import load_clip_of

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.config import Config
 from egosplat.errors import UserError
 from egosplat.frames.recording import Instance
 from egosplat.frames.rectify import pinhole
 from egosplat.geometry import CLOCKWISE
+from egosplat.pipeline.config import Config
 from egosplat.synthetic.camera.lens import pinhole_lens
 from egosplat.synthetic.recording import make_renderer
 from egosplat.synthetic.world.world import World, camera_pose, make_world

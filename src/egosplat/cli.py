@@ -11,14 +11,14 @@ from typing import Any
 import click
 
 import egosplat
-from egosplat.config import schema, section_keys, stage_keys
 from egosplat.errors import UserError, user_message
-from egosplat.keys_table import keys_page
-from egosplat.orphans import end_with_snakemake
+from egosplat.pipeline.config import schema, section_keys, stage_keys
+from egosplat.pipeline.config_table import keys_page
+from egosplat.pipeline.process_guards import end_with_snakemake
+from egosplat.pipeline.scene_folder import check_scene_folder
 from egosplat.pipeline.stages import STAGES, path_help, stage_function
-from egosplat.scene_folder import check_scene_folder
-from egosplat.strict_yaml import NO_YAML, load_yaml
-from egosplat.strictness import LARGEST_INTEGER
+from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml
+from egosplat.pipeline.validation import LARGEST_INTEGER
 
 _LONGEST = 500
 """Half of the longest message about a flag [letters]."""

@@ -15,7 +15,7 @@ from typing import Any
 
 from egosplat.errors import UserError
 from egosplat.files import atomic_file, read_json
-from egosplat.writable import check_writable
+from egosplat.pipeline.process_guards import check_writable
 
 SOFTWARE = "Software"
 """The keyword of PNG's text chunk that names the program."""

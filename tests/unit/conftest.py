@@ -19,7 +19,6 @@ from egosplat.artifacts.provenance import begin
 from egosplat.artifacts.reader import recorded_digest
 from egosplat.artifacts.schema import Schema
 from egosplat.artifacts.splats import SPLATS
-from egosplat.artifacts.survey import digest_of_frames, write_survey
 from egosplat.artifacts.writer import create
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians
@@ -27,6 +26,7 @@ from egosplat.gaussians.render import render
 from egosplat.geometry import Camera
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
+from egosplat.pipeline.survey_file import digest_of_frames, write_survey
 from egosplat.query.text import encode_phrases
 
 SIZE = 48

@@ -7,9 +7,9 @@ from typing import Any
 
 import yaml
 
-from egosplat import config
 from egosplat.artifacts.registry import SCHEMAS
-from egosplat.schema_files import schema
+from egosplat.pipeline import config
+from egosplat.pipeline.validation import schema
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from egosplat import config
+from egosplat.pipeline import config
 
 ROOT = Path(__file__).resolve().parents[2]
 PRESETS = ROOT / "config" / "presets"

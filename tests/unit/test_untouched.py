@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from egosplat import config
-from egosplat.scenes import Scene, read_scenes
+from egosplat.pipeline import config
+from egosplat.pipeline.scenes import Scene, read_scenes
 from egosplat.tables.scored_scenes import UNTOUCHED
 
 ROOT = Path(__file__).resolve().parents[2]

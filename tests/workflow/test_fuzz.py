@@ -8,12 +8,12 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from egosplat import config
-from egosplat.config import schema
 from egosplat.doctor.configured import read_configuration
 from egosplat.errors import UserError
-from egosplat.scenes import check_recording, read_scenes
-from egosplat.strictness import LARGEST_INTEGER
+from egosplat.pipeline import config
+from egosplat.pipeline.config import schema
+from egosplat.pipeline.scenes import check_recording, read_scenes
+from egosplat.pipeline.validation import LARGEST_INTEGER
 
 ROOT = Path(__file__).resolve().parents[2]
 PRESETS = ROOT / "config" / "presets"

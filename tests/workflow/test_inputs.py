@@ -5,7 +5,7 @@ import json
 import pytest
 from PIL import Image
 
-from egosplat.config import defaults, stage_values
+from egosplat.pipeline.config import defaults, stage_values
 
 FRAMES = "results/mine/scene/frames.zarr"
 

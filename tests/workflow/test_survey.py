@@ -11,7 +11,7 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.splats import SPLATS
-from egosplat.artifacts.survey import read_survey
+from egosplat.pipeline.survey_file import read_survey
 
 SCENE = "results/adt/scene1"
 SURVEY, METRICS, TRANSIENT = f"{SCENE}/survey.json", f"{SCENE}/metrics.json", f"{SCENE}/transient.png"

@@ -10,10 +10,10 @@ from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
-from egosplat.config import defaults
 from egosplat.frames import annotations_stage, stage
 from egosplat.frames.adt import EXPOSURE_MIDDLE_AFTER_CAPTURE_NS
 from egosplat.geometry import CLOCKWISE, Camera, invert, rotation_angle, transform
+from egosplat.pipeline.config import defaults
 from egosplat.poses import stage as poses_stage
 from egosplat.poses.alignment import trajectory_error
 from egosplat.synthetic.adt_format.adt import write_sequence

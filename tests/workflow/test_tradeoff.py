@@ -6,7 +6,7 @@ from collections import Counter
 
 import pytest
 
-from egosplat.config import defaults
+from egosplat.pipeline.config import defaults
 
 SCENE = "results/adt/scene1"
 DIMS = defaults()["features"]["dims"]

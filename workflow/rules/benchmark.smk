@@ -3,12 +3,12 @@ How well a scene is found, outlined and rendered.
 
 REQUIRED INPUTS: frames.zarr, poses.zarr, annotations.zarr, features.zarr, splats.zarr, language.zarr; what these were
 made from is looked at beside them, for its time and memory.
-OUTPUTS: metrics.json, as src/egosplat/schemas/metrics.schema.yaml describes it; of all scenes results/benchmark/.
+OUTPUTS: metrics.json, as src/egosplat/pipeline/schemas/metrics.schema.yaml describes it; of all scenes results/benchmark/.
 TOOLS: OpenCLIP, PyTorch, egosplat's kernels or gsplat; Jinja2.
 """
 
 import egosplat
-from egosplat.fingerprint import code_hash
+from egosplat.pipeline.code_hash import code_hash
 
 PACKAGE = Path(egosplat.__file__).parent
 
@@ -19,9 +19,7 @@ ABLATIONS = ("baseline", "aggregation", "initial")
 
 def tables_code():
     """Content hash of the code that lays out tables."""
-    return code_hash(
-        "egosplat.tables.stage", ("jinja2", "jsonschema", "pandas")
-    )
+    return code_hash("egosplat.tables.stage", ("jinja2", "jsonschema", "pandas"))
 
 
 def scores_of_scenes(_):

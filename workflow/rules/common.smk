@@ -9,15 +9,20 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-from egosplat import config as configuration
+from egosplat.pipeline import config as configuration
 from egosplat.errors import UserError
-from egosplat.orphans import STARTED_BY
-from egosplat.scene_notices import left_out_notices, plan_notices
-from egosplat.scenes import check_recording, find_scene, read_scenes, requested_targets
+from egosplat.pipeline.process_guards import STARTED_BY
+from egosplat.doctor.notices import left_out_notices, plan_notices
+from egosplat.pipeline.scenes import (
+    check_recording,
+    find_scene,
+    read_scenes,
+    requested_targets,
+)
 from egosplat.pipeline.stages import STAGES
-from egosplat.stale_locks import clear_stale_locks
+from egosplat.pipeline.process_guards import clear_stale_locks
 from egosplat.tradeoff.points import points_of, with_points
-from egosplat.variants import owner, variant_config
+from egosplat.pipeline.variants import owner, variant_config
 
 
 def check_target(target):

@@ -7,12 +7,12 @@ it executes: Snakemake reruns it when one of them changes, and not when somethin
 
 import json
 
-from egosplat.artifacts.kept_frames import gaussians_learn_from_all
-from egosplat.artifacts.survey import read_survey
-from egosplat.decisions import decided, leaves_frames_out, masks_by_survey
+from egosplat.pipeline.survey_file import gaussians_learn_from_all
+from egosplat.pipeline.survey_file import read_survey
+from egosplat.pipeline.dag import decided, leaves_frames_out, masks_by_survey
 from egosplat.models.checkpoints import model_hashes
 from egosplat.pipeline.stages import code_of
-from egosplat.variants import optional_inputs_of
+from egosplat.pipeline.variants import optional_inputs_of
 
 
 def path_of(stage, wildcards):

@@ -2,8 +2,8 @@
 What a run replaces is told before it begins, of a dry run too; it asks nothing and stops nothing.
 """
 
-from egosplat.replacements import Asked, replacement_notices
-from egosplat.writable import only_plans
+from egosplat.pipeline.replacements import Asked, replacement_notices
+from egosplat.pipeline.process_guards import only_plans
 
 
 @cache

@@ -4,7 +4,7 @@ What is made of every scene where nothing else is asked for.
 snakemake --report shows what is there of it: it need not wait for the scenes that are not finished.
 """
 
-from egosplat.writable import only_reports
+from egosplat.pipeline.process_guards import only_reports
 
 REPORTS = only_reports(sys.argv)
 

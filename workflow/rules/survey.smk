@@ -2,7 +2,7 @@
 What a scene requires: does anything move, which frames add views.
 
 REQUIRED INPUTS: frames.zarr, poses.zarr. Never annotations.zarr.
-OUTPUTS: survey.json, as src/egosplat/schemas/survey.schema.yaml describes it.
+OUTPUTS: survey.json, as src/egosplat/pipeline/schemas/survey.schema.yaml describes it.
 TOOLS: OpenCV.
 
 A checkpoint: which rules follow depends on what it finds. Until it has run, a plan shows what may follow. Rules that

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from egosplat import config as configuration
 from egosplat.artifacts.integrity import remedy
 from egosplat.artifacts.reader import recorded_digest, verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError, user_message
+from egosplat.pipeline import config as configuration
 
 DOCUMENTS = {"metrics.json": "metrics", "survey.json": "survey", "tradeoff.json": "tradeoff"}
 """The schema of each JSON file of results."""

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.artifacts.survey import Survey, made_anew, read_survey
 from egosplat.errors import UserError
+from egosplat.pipeline.survey_file import Survey, gaussians_learn_from_all, made_anew, read_survey
 
 
 def kept_frames(frames: Artifact, survey: Path | None) -> tuple[NDArray[np.bool_], dict[str, str]]:
@@ -24,15 +24,6 @@ def kept_frames(frames: Artifact, survey: Path | None) -> tuple[NDArray[np.bool_
         UserError: the survey cannot be read, or is of other frames.
     """
     return _kept(frames, None if survey is None else _survey_of(frames, survey))
-
-
-def gaussians_learn_from_all(survey: Survey, masking: str) -> bool:
-    """Whether Gaussians are trained on what a survey leaves out, too: where nothing moves, and nothing is masked.
-
-    Their training has as many iterations of however many frames, so leaving some out saves nothing there. Where
-    something moves only frames that stay are segmented, and so masked; the others would teach what moves.
-    """
-    return masking == "none" and survey["motion"]["static"]
 
 
 def frames_for_gaussians(

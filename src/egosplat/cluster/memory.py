@@ -8,10 +8,10 @@ segments_growth.md, rasterizer.md, published_models.md.
 from collections.abc import Callable
 
 from egosplat.cluster.shapes import Shapes
-from egosplat.config import Config
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import CLIP, SAM2, Model, find_checkpoint
 from egosplat.models.configs import sam2_side
+from egosplat.pipeline.config import Config
 
 MB = 1e6
 

@@ -5,7 +5,7 @@ import math
 from egosplat.cluster.memory import peak_mb
 from egosplat.cluster.runtime import expected_s
 from egosplat.cluster.shapes import Shapes
-from egosplat.config import Config, stage_values
+from egosplat.pipeline.config import Config, stage_values
 
 ROOM = 1.3
 """Times the law: 30 % are for what it does not know."""

@@ -10,9 +10,9 @@ from collections.abc import Callable
 
 from egosplat.cluster.memory import LEVELS, PUBLISHED_SIDE, SMALL_SIDE, sam2_input_side
 from egosplat.cluster.shapes import Shapes
-from egosplat.config import Config
 from egosplat.doctor.times import ITERATION_S, estimate
 from egosplat.models.configs import SMALL
+from egosplat.pipeline.config import Config
 
 MARGIN = 3.0
 """Slower machines, and file systems that are busy."""

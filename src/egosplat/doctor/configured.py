@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import egosplat
-from egosplat.config import Config, merge, read_yaml, resolve
 from egosplat.errors import UserError
-from egosplat.strict_yaml import NO_YAML, load_yaml
+from egosplat.pipeline.config import Config, merge, read_yaml, resolve
+from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml
 
 SHIPPED = Path("config/config.yaml")
 """What the workflow reads first, relative to the working directory."""

@@ -3,14 +3,14 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from egosplat.config import Config
 from egosplat.doctor.configured import read_configuration
 from egosplat.doctor.findings import Finding, Mark
 from egosplat.doctor.inputs import model_findings, recording_findings, suitability_findings
 from egosplat.doctor.machine import machine_findings
 from egosplat.doctor.times import MEASURED_ON, Estimate, estimate, spoken
 from egosplat.errors import UserError
-from egosplat.scenes import Scene, read_scenes
+from egosplat.pipeline.config import Config
+from egosplat.pipeline.scenes import Scene, read_scenes
 
 
 def examine(files: Sequence[Path], options: Sequence[str]) -> list[Finding]:

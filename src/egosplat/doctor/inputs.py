@@ -4,12 +4,12 @@ from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
 
-from egosplat.config import Config
 from egosplat.doctor.findings import Finding, Mark
+from egosplat.doctor.notices import scene_notice
 from egosplat.errors import UserError, user_message
 from egosplat.models.checkpoints import CLIP, SAM2, Model, find_checkpoint, model_hash
-from egosplat.scene_notices import scene_notice
-from egosplat.scenes import Scene, is_own
+from egosplat.pipeline.config import Config
+from egosplat.pipeline.scenes import Scene, is_own
 
 MIB = 1024**2
 

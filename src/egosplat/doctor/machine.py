@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
 
-from egosplat.config import Config
 from egosplat.doctor.findings import Finding, Mark
 from egosplat.errors import UserError
+from egosplat.pipeline.config import Config
 
 GIB = 1024**3
 FREE_DISK_GIB = 5.0

@@ -6,8 +6,8 @@ Measured on two cores with AVX-512 that other work shared, at the preset balance
 
 from dataclasses import dataclass
 
-from egosplat.config import Config
 from egosplat.models.configs import SMALL, sam2_side
+from egosplat.pipeline.config import Config
 
 MEASURED_ON = "two cores with AVX-512"
 

@@ -14,7 +14,7 @@ from egosplat.evaluation.run_queries import Asked
 from egosplat.evaluation.scores import GroupScore
 from egosplat.frames.recording import Instance
 from egosplat.output_files import FileKind, stage_json_kind, write_text_file
-from egosplat.schema_files import Draft202012Validator, schema
+from egosplat.pipeline.validation import Draft202012Validator, schema
 
 FORMAT_VERSION = 3
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 
-from egosplat.fingerprint import code_hash
+from egosplat.pipeline.code_hash import code_hash
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ import functools
 import hashlib
 from pathlib import Path
 
-from egosplat.cpp_hash import cpp_hash
 from egosplat.errors import UserError, reraise_as
+from egosplat.kernels.source_hash import cpp_hash
 
 HERE = Path(__file__).parent
 """The folder of the library and, in ``source``, of its sources."""

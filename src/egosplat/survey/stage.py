@@ -10,10 +10,10 @@ from egosplat.artifacts import provenance
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.survey import FORMAT_VERSION, SURVEY, digest_of_frames, write_survey
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
 from egosplat.output_files import check_output
+from egosplat.pipeline.survey_file import FORMAT_VERSION, SURVEY, digest_of_frames, write_survey
 from egosplat.progress import log
 from egosplat.survey.moving import Motion, is_static, measure_motion
 from egosplat.survey.views import choose_views, median_depths

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from egosplat import config as configuration
 from egosplat.alarms.alarm import Alarm, warning_lines
 from egosplat.errors import UserError
 from egosplat.evaluation.intervals import Clusters, cluster, scaled
 from egosplat.files import read_json
+from egosplat.pipeline import config as configuration
 from egosplat.tables.table import Cell
 
 FULL = "full"

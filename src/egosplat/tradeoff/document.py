@@ -6,8 +6,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from egosplat import config as configuration
 from egosplat.output_files import FileKind, json_kind, write_text_file
+from egosplat.pipeline import config as configuration
 from egosplat.tables.scored_scenes import CHANCE
 from egosplat.tradeoff.estimates import Chance, Estimate, Sample, front, mean, positive_mean
 from egosplat.tradeoff.measured import MeasuredPoint, chances

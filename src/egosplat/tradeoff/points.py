@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from egosplat.config import Config, section_keys
 from egosplat.errors import UserError
+from egosplat.pipeline.config import Config, section_keys
+from egosplat.pipeline.variants import OVER, reaches, variant_config
 from egosplat.tradeoff.presets import QUESTIONS, preset_keys
-from egosplat.variants import OVER, reaches, variant_config
 
 PRESET = "preset"
 """The knob whose values are presets."""

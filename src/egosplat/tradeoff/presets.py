@@ -4,7 +4,7 @@ import functools
 from collections.abc import Iterator
 from pathlib import Path
 
-from egosplat.config import Config, of_format, read_yaml, resolve
+from egosplat.pipeline.config import Config, of_format, read_yaml, resolve
 
 FILES = {"fast": "fast", "balanced": "balanced", "paper_scaled": "paper"}
 """By name: the preset file that the keys are of."""

@@ -13,11 +13,11 @@ from egosplat.artifacts.view_features import VIEW_FEATURES
 from egosplat.artifacts.writer import create
 from egosplat.codes.decoder import Decoder, decode
 from egosplat.codes.vectors import unit
-from egosplat.config import defaults
 from egosplat.errors import UserError
 from egosplat.features import autoencoder, stage
 from egosplat.features.compression import fit
 from egosplat.features.quality import reconstruction, spread
+from egosplat.pipeline.config import defaults
 
 WIDTH = 16
 KINDS = pytest.mark.parametrize("kind", ["none", "linear", "autoencoder"])

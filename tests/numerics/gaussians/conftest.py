@@ -17,8 +17,8 @@ from egosplat.artifacts.reader import Artifact, recorded_digest, verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.artifacts.writer import create
-from egosplat.config import defaults
 from egosplat.geometry import Camera
+from egosplat.pipeline.config import defaults
 from egosplat.splats import stage
 
 SIZE, FRAME_COUNT = 20, 7

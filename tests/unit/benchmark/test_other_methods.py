@@ -18,12 +18,12 @@ from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.provenance import begin
 from egosplat.artifacts.relevancy import open_relevancy
 from egosplat.artifacts.writer import create
-from egosplat.config import section_keys
 from egosplat.errors import UserError
 from egosplat.evaluation import external as other_methods
 from egosplat.frames.recording import Instance
+from egosplat.pipeline.config import section_keys
 from egosplat.pipeline.stages import STAGES
-from egosplat.schema_files import schema
+from egosplat.pipeline.validation import schema
 from egosplat.tables.scored_scenes import PROTOCOL
 
 HEIGHT, WIDTH, FRAMES_TOTAL = 30, 40, 4

@@ -8,13 +8,13 @@ import pytest
 from jsonschema import Draft202012Validator, ValidationError
 
 from egosplat.artifacts.check import check_tree
-from egosplat.config import stage_keys
 from egosplat.errors import UserError
 from egosplat.evaluation import stage
 from egosplat.evaluation.document import METRICS, finite, write_metrics
 from egosplat.evaluation.queries import GROUPS
 from egosplat.models.suitability import notice
-from egosplat.schema_files import schema
+from egosplat.pipeline.config import stage_keys
+from egosplat.pipeline.validation import schema
 
 NAMES = ("frames", "poses", "annotations", "features", "splats", "language")
 

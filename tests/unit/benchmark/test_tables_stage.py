@@ -7,9 +7,9 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from egosplat import config as configuration
 from egosplat.errors import UserError
 from egosplat.models.suitability import BRIEF, notice
+from egosplat.pipeline import config as configuration
 from egosplat.tables.scored_scenes import one_line, read_scored_scene
 from egosplat.tables.stage import run
 

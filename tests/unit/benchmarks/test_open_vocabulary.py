@@ -20,11 +20,11 @@ from vocabulary_bench.phrases import (
 )
 from vocabulary_bench.questions import COLOURED, TOLD_APART, WORDS, Question, find_questions
 
-from egosplat import config as configuration
 from egosplat.errors import UserError
 from egosplat.evaluation.queries import Query
 from egosplat.evaluation.scores import Result
 from egosplat.frames.recording import Instance
+from egosplat.pipeline import config as configuration
 from egosplat.synthetic.objects.catalogue import CATEGORY_UIDS
 from egosplat.synthetic.world.world import make_world
 from training.small_models.attributes import COLOURS

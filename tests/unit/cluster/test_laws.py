@@ -10,7 +10,7 @@ import pytest
 from egosplat.cluster.memory import peak_mb
 from egosplat.cluster.requests import gpus, memory_mb, runtime_min
 from egosplat.cluster.runtime import LEAST_S, MARGIN, expected_s
-from egosplat.config import defaults, resolve
+from egosplat.pipeline.config import defaults, resolve
 from egosplat.pipeline.stages import STAGES
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from egosplat.config import defaults, resolve
 from egosplat.doctor.times import estimate, spoken
+from egosplat.pipeline.config import defaults, resolve
 
 ROOT = Path(__file__).resolve().parents[3]
 

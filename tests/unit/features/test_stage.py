@@ -8,11 +8,11 @@ from egosplat.artifacts.reader import verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.codes.decoder import decode, read_decoder
 from egosplat.codes.vectors import unit
-from egosplat.config import defaults
 from egosplat.errors import UserError
 from egosplat.features import stage
 from egosplat.features.autoencoder import fit_autoencoder
 from egosplat.features.quality import agreement
+from egosplat.pipeline.config import defaults
 
 KEYS = defaults()["features"] | {"dims": 3, "epochs": 2}
 INSTANCE = [0] * 7 + [2] * 2 + [3]

@@ -8,13 +8,13 @@ from PIL import Image
 
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reader import open_artifact
-from egosplat.config import check, defaults, merge
 from egosplat.errors import UserError
 from egosplat.frames import annotations_stage, stage
 from egosplat.frames.plain import PlainRecording
 from egosplat.frames.plain_annotations import PlainAnnotations
 from egosplat.frames.recording import Instance
 from egosplat.geometry import Camera
+from egosplat.pipeline.config import check, defaults, merge
 
 OPTIONS = {"resolution": 32, "stride": 1, "start_s": 0.0, "end_s": None}
 CAMERA = Camera(32, 24, 38.4, 38.4, 16.0, 12.0)

@@ -8,13 +8,13 @@ import torch
 
 from egosplat.artifacts.reader import verify
 from egosplat.artifacts.registry import SCHEMAS
-from egosplat.config import defaults
 from egosplat.errors import UserError
 from egosplat.gaussians.options import RenderOptions
 from egosplat.gaussians.render import render
 from egosplat.gaussians.training_views import Views
 from egosplat.gaussians.view_dependence import DegreeSearch, mean_basis, settle_degree, without_degree
 from egosplat.geometry import Camera
+from egosplat.pipeline.config import defaults
 from egosplat.rasterize.sh_reference import spherical_harmonics
 from egosplat.splats import stage
 

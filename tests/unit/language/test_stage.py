@@ -8,9 +8,9 @@ import pytest
 
 from egosplat.artifacts.reader import verify
 from egosplat.artifacts.registry import SCHEMAS
-from egosplat.config import defaults
 from egosplat.errors import UserError
 from egosplat.language import stage
+from egosplat.pipeline.config import defaults
 from egosplat.splats import stage as splats_stage
 
 KEYS = defaults()["language"] | {"iterations": 20, "lr": 0.02}

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from egosplat.config import resolve
 from egosplat.errors import UserError
 from egosplat.models import checkpoints
 from egosplat.models.checkpoints import CLIP, SAM2, content_hash, find_checkpoint, model_hash, model_hashes
+from egosplat.pipeline.config import resolve
 
 PRESETS = Path(__file__).resolve().parents[3] / "config" / "presets"
 

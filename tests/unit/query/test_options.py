@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from egosplat.config import section_keys
+from egosplat.pipeline.config import section_keys
 from egosplat.query.options import CANONICAL, LANGSPLAT, QueryOptions
 
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from egosplat.config import stage_keys
 from egosplat.errors import UserError
 from egosplat.evaluation import stage
 from egosplat.evaluation.segmentation import iou
+from egosplat.pipeline.config import stage_keys
 from egosplat.report import queries_asking
 from egosplat.report.queries_asking import ask_again, open_sources
 from egosplat.report.queries_choice import ScoredQuery, best_and_worst, scored_queries

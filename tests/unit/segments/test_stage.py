@@ -8,8 +8,8 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.writer import create
-from egosplat.config import stage_keys
 from egosplat.errors import UserError
+from egosplat.pipeline.config import stage_keys
 from egosplat.segments import stage
 from egosplat.segments.instances import Instance, Segmented
 from egosplat.segments.label_maps import LabelMaps

@@ -16,10 +16,10 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.kept_frames import frames_for_gaussians
 from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.registry import SCHEMAS
-from egosplat.config import defaults
 from egosplat.errors import UserError
 from egosplat.gaussians import trainer as training
 from egosplat.gaussians.io import STORED, read_gaussians
+from egosplat.pipeline.config import defaults
 from egosplat.splats import stage
 
 KEYS = defaults()["splats"] | {

@@ -8,10 +8,10 @@ import pytest
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.kept_frames import kept_frames
 from egosplat.artifacts.reader import open_artifact, recorded_digest
-from egosplat.artifacts.survey import read_survey
-from egosplat.config import defaults, merge, stage_keys
-from egosplat.decisions import decided
 from egosplat.errors import UserError
+from egosplat.pipeline.config import defaults, merge, stage_keys
+from egosplat.pipeline.dag import decided
+from egosplat.pipeline.survey_file import read_survey
 from egosplat.survey import stage
 
 KEYS = {name: key["default"] for name, key in stage_keys("survey").items()}

@@ -9,8 +9,8 @@ import torch
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.reader import verify
 from egosplat.artifacts.registry import SCHEMAS
-from egosplat.config import defaults
 from egosplat.errors import UserError
+from egosplat.pipeline.config import defaults
 from egosplat.transient import stage
 from egosplat.transient.network import make_network
 

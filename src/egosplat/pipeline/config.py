@@ -1,18 +1,16 @@
 """The configuration: defaults, preset, the user's keys and a scene's own, checked against one schema."""
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from egosplat.coercion import Config, coerced
 from egosplat.errors import UserError
-from egosplat.explanations import explained, shortened
 from egosplat.files import read_json
+from egosplat.pipeline.coercion import Config, coerced
 from egosplat.pipeline.stages import STAGES
-from egosplat.schema_files import Draft202012Validator, schema
-from egosplat.strict_yaml import NO_YAML, load_yaml, problem
-from egosplat.strictness import StrictValidator
+from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml, problem
+from egosplat.pipeline.validation import Draft202012Validator, StrictValidator, explained, schema, shortened
 
 _VALIDATORS = {"config": StrictValidator, "scenes": StrictValidator}
 """Of what people write; JSON files follow JSON's own rules."""
@@ -152,6 +150,17 @@ def read_yaml(path: Path) -> Config:
     if not isinstance(content, dict):
         raise UserError(f"{path}: holds {type(content).__name__}, not keys with values")
     return content
+
+
+def check_config_files(paths: Iterable[Path]) -> None:
+    """Check that each configuration file is YAML in which no key stands twice; Snakemake takes the last and says nothing.
+
+    Raises:
+        UserError: names the file and the line.
+    """
+    for path in paths:
+        if path.suffix != ".json":
+            read_yaml(path)
 
 
 def read_document(path: Path, against: str) -> Config:

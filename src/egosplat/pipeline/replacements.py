@@ -11,13 +11,13 @@ from typing import Any
 
 import yaml
 
-from egosplat import config as configuration
-from egosplat.config import Config
-from egosplat.decisions import masks_by_survey
 from egosplat.files import read_json
+from egosplat.pipeline import config as configuration
+from egosplat.pipeline.config import Config
+from egosplat.pipeline.dag import masks_by_survey
 from egosplat.pipeline.stages import STAGES
+from egosplat.pipeline.variants import inputs_of
 from egosplat.tradeoff.presets import FILES
-from egosplat.variants import inputs_of
 
 NAMED = 4
 """So many keys are named in a message, and so many scenes."""

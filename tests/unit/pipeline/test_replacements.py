@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from egosplat import config
+from egosplat.pipeline import config
+from egosplat.pipeline.replacements import Asked, find_replaced, replacement_notices, stages_behind
 from egosplat.pipeline.stages import STAGES
-from egosplat.replacements import Asked, find_replaced, replacement_notices, stages_behind
 from egosplat.tradeoff.points import with_points
 
-PRESETS = Path(__file__).resolve().parents[2] / "config" / "presets"
+PRESETS = Path(__file__).resolve().parents[3] / "config" / "presets"
 MADE = (
     "frames",
     "annotations",
@@ -161,6 +161,6 @@ def test_the_stages_behind_the_scores_are_those_that_they_are_made_from():
 
 
 def test_neither_zarr_nor_torch_is_imported_for_it():
-    told = "import sys, egosplat.replacements; print(sorted({'zarr', 'torch', 'cv2'} & set(sys.modules)))"
+    told = "import sys, egosplat.pipeline.replacements; print(sorted({'zarr', 'torch', 'cv2'} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"

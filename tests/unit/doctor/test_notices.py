@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from egosplat import config as configuration
-from egosplat.scene_notices import left_out_notices, plan_notices, scene_notice
-from egosplat.scenes import Scene, requested_targets
+from egosplat.doctor.notices import left_out_notices, plan_notices, scene_notice
+from egosplat.pipeline import config as configuration
+from egosplat.pipeline.scenes import Scene, requested_targets
 
 
 @pytest.fixture

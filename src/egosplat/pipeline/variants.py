@@ -7,10 +7,10 @@ else it is the scene's, or that of a variant which it stands over. So variants s
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from egosplat import config as configuration
-from egosplat.config import Config
-from egosplat.decisions import AUTO, leaves_frames_out, masks_by_survey
 from egosplat.errors import UserError
+from egosplat.pipeline import config as configuration
+from egosplat.pipeline.config import Config
+from egosplat.pipeline.dag import AUTO, leaves_frames_out, masks_by_survey
 from egosplat.pipeline.stages import STAGES
 
 OVER = "over"

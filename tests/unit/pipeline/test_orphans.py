@@ -5,11 +5,11 @@ import subprocess
 import sys
 import time
 
-from egosplat.orphans import STARTED_BY
+from egosplat.pipeline.process_guards import STARTED_BY
 
 STAGE = """
 import time
-from egosplat.orphans import end_with_snakemake
+from egosplat.pipeline.process_guards import end_with_snakemake
 end_with_snakemake()
 print("begun", flush=True)
 time.sleep(30)

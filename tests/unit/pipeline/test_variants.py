@@ -2,10 +2,10 @@
 
 import pytest
 
-from egosplat.config import defaults, merge
 from egosplat.errors import UserError
+from egosplat.pipeline.config import defaults, merge
 from egosplat.pipeline.stages import STAGES
-from egosplat.variants import inputs_of, optional_inputs_of, owner, reaches, variant_config
+from egosplat.pipeline.variants import inputs_of, optional_inputs_of, owner, reaches, variant_config
 
 BASE = defaults()
 

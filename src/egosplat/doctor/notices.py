@@ -2,12 +2,12 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from egosplat.config import Config
 from egosplat.errors import UserError
 from egosplat.frames.origin import recording_origin
 from egosplat.models.suitability import configured_checkpoints, notice
-from egosplat.scenes import Scene, Target, is_own
-from egosplat.variants import variant_config
+from egosplat.pipeline.config import Config
+from egosplat.pipeline.scenes import Scene, Target, is_own
+from egosplat.pipeline.variants import variant_config
 
 NAMED = 5
 """So many scenes that are left out are named."""

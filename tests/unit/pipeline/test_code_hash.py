@@ -6,8 +6,8 @@ import textwrap
 
 import pytest
 
-from egosplat import fingerprint
-from egosplat.fingerprint import code_hash, modules_of
+from egosplat.pipeline import code_hash as fingerprint
+from egosplat.pipeline.code_hash import code_hash, modules_of
 from egosplat.pipeline.stages import STAGES, code_of
 
 FILES = {
@@ -129,5 +129,11 @@ def test_hashing_imports_nothing_that_a_stage_needs():
         "print(*[name for name in sys.modules if name.startswith('egosplat.') or name in ('numpy', 'cv2')])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    imported = {"egosplat.cpp_hash", "egosplat.fingerprint", "egosplat.pipeline", "egosplat.pipeline.stages"}
+    imported = {
+        "egosplat.kernels",
+        "egosplat.kernels.source_hash",
+        "egosplat.pipeline.code_hash",
+        "egosplat.pipeline",
+        "egosplat.pipeline.stages",
+    }
     assert set(done.stdout.split()) == imported

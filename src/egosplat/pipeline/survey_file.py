@@ -9,7 +9,7 @@ from typing import Any
 from egosplat.errors import UserError
 from egosplat.files import read_json
 from egosplat.output_files import stage_json_kind, write_text_file
-from egosplat.schema_files import Draft202012Validator, schema
+from egosplat.pipeline.validation import Draft202012Validator, schema
 
 FORMAT_VERSION = 1
 
@@ -47,6 +47,15 @@ def read_survey(path: Path) -> Survey:
             f"{path}: is no survey of this egosplat: {key}: {error.message[:200]}. {made_anew(path)}"
         )
     return document
+
+
+def gaussians_learn_from_all(survey: Survey, masking: str) -> bool:
+    """Whether Gaussians are trained on what a survey leaves out, too: where nothing moves, and nothing is masked.
+
+    Their training has as many iterations of however many frames, so leaving some out saves nothing there. Where
+    something moves only frames that stay are segmented, and so masked; the others would teach what moves.
+    """
+    return masking == "none" and survey["motion"]["static"]
 
 
 def digest_of_frames(kept: Iterable[int]) -> str:

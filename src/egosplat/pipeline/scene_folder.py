@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from egosplat.errors import UserError
-from egosplat.scenes import requested_targets
+from egosplat.pipeline.scenes import requested_targets
 
 EXAMPLE = "results/adt/scene1"
 """Of such a folder, for messages."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import yaml
 
-from egosplat.config import schema
+from egosplat.pipeline.config import schema
 
 FIRST_KEYS = (
     "preset",
@@ -27,7 +27,7 @@ _GENERAL = "general"
 
 _HEAD = """# All configuration keys
 
-`egosplat keys > config/reference.md` writes this page from `src/egosplat/schemas/config.schema.yaml`. [README.md](README.md) has
+`egosplat keys > config/reference.md` writes this page from `src/egosplat/pipeline/schemas/config.schema.yaml`. [README.md](README.md) has
 recipes and the order in which values are searched. A section with the name of a stage holds the command line flags of that stage: a
 changed key reruns that stage and the stages after it. Every stage that loads a model reads `models`. The stage `metrics` and
 `egosplat query` read `query`."""

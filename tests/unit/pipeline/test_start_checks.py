@@ -3,7 +3,8 @@
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.start_checks import check_config_files, check_cores
+from egosplat.pipeline.config import check_config_files
+from egosplat.pipeline.process_guards import check_cores
 
 
 @pytest.mark.parametrize(

@@ -2,9 +2,9 @@
 
 import pytest
 
-from egosplat.config import read_yaml
 from egosplat.errors import UserError
-from egosplat.strict_yaml import load_yaml
+from egosplat.pipeline.config import read_yaml
+from egosplat.pipeline.strict_yaml import load_yaml
 
 TWICE = [
     (

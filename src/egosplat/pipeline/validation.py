@@ -1,14 +1,85 @@
-"""What is wrong with a configuration, in words."""
+"""Validation: JSON schemas of configuration, scenes and JSON artifacts, and what is wrong with a value in words."""
 
 import difflib
+import functools
 import math
-from collections.abc import Mapping
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from importlib import resources
 from typing import Any
 
 import yaml
 
-from egosplat.schema_files import ValidationError
-from egosplat.strictness import LARGEST_INTEGER
+
+@contextmanager
+def _absent(name: str) -> Iterator[None]:
+    """While this holds, an import of the module fails, unless it was imported before."""
+    hidden = name not in sys.modules
+    if hidden:
+        sys.modules[name] = None  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        if hidden:
+            del sys.modules[name]
+
+
+# jsonschema imports a checker of each format whose library is installed. rfc3987_syntax builds a grammar on
+# import, which takes a second; no schema here names a format.
+with _absent("rfc3987_syntax"):
+    from jsonschema import Draft202012Validator, TypeChecker, ValidationError
+    from jsonschema.validators import extend
+
+__all__ = [
+    "LARGEST_INTEGER",
+    "Draft202012Validator",
+    "StrictValidator",
+    "ValidationError",
+    "explained",
+    "schema",
+    "shortened",
+]
+
+
+@functools.cache
+def schema(name: str) -> dict[str, Any]:
+    """The schema of that name: ``config``, ``scenes``, or that of a JSON file."""
+    return yaml.safe_load((resources.files(__package__) / "schemas" / f"{name}.schema.yaml").read_text())
+
+
+LARGEST_INTEGER = 2**31 - 1
+"""That a key may have: libraries take no larger seeds, and nothing is counted further."""
+
+
+def _is_integer(_: TypeChecker, value: object) -> bool:
+    """Not 3.0 either, which no flag of a stage takes."""
+    return isinstance(value, int) and not isinstance(value, bool) and abs(value) <= LARGEST_INTEGER
+
+
+def _is_number(checker: TypeChecker, value: object) -> bool:
+    """NaN would pass every bound, and infinity most."""
+    return _is_integer(checker, value) or (isinstance(value, float) and math.isfinite(value))
+
+
+def _matches(
+    _: Draft202012Validator, pattern: str, value: object, __: Mapping[str, Any]
+) -> Iterator[ValidationError]:
+    """The whole of a text: Python's $ lets a newline follow."""
+    if isinstance(value, str) and not re.fullmatch(pattern, value):
+        yield ValidationError(f"{value!r} does not match {pattern!r}")
+
+
+StrictValidator = extend(
+    Draft202012Validator,
+    validators={"pattern": _matches},
+    type_checker=Draft202012Validator.TYPE_CHECKER.redefine_many(
+        {"integer": _is_integer, "number": _is_number}
+    ),
+)
+"""Numbers are finite, whole ones of 32 bits and not written 3.0; a pattern is of the whole text."""
+
 
 _LONGEST = 80
 """Of a value in a message [letters]."""

@@ -4,7 +4,7 @@ import pytest
 
 from egosplat import cli
 from egosplat.errors import UserError
-from egosplat.scene_folder import check_scene_folder
+from egosplat.pipeline.scene_folder import check_scene_folder
 
 STAGES = ("frames", "poses", "features", "splats", "language")
 SCENE = "results/adt/scene1"

@@ -7,7 +7,7 @@ import tempfile
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.writable import check_writable, only_looks, only_reports
+from egosplat.pipeline.process_guards import check_writable, only_looks, only_reports
 
 
 def test_nothing_is_left_where_all_is_well(tmp_path):

@@ -6,7 +6,7 @@ import pytest
 from snakemake.logging import DefaultFormatter
 from snakemake_interface_logger_plugins.common import LogEvent
 
-from egosplat.failures import MOST, ShortErrors, last_message, shorten_errors
+from egosplat.pipeline.failures import MOST, ShortErrors, last_message, shorten_errors
 
 
 @pytest.mark.parametrize(

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from egosplat.coercion import coerced
-from egosplat.config import resolve
 from egosplat.errors import UserError
+from egosplat.pipeline.coercion import coerced
+from egosplat.pipeline.config import resolve
 
-PRESETS = Path(__file__).resolve().parents[2] / "config" / "presets"
+PRESETS = Path(__file__).resolve().parents[3] / "config" / "presets"
 
 
 @pytest.mark.parametrize(

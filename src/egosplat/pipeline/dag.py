@@ -1,7 +1,7 @@
 """What a survey decides, in place of the configuration's ``auto``; an explicit value stands over it."""
 
-from egosplat.artifacts.survey import Survey
-from egosplat.config import Config, merge
+from egosplat.pipeline.config import Config, merge
+from egosplat.pipeline.survey_file import Survey
 
 AUTO = "auto"
 

@@ -4,8 +4,8 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from egosplat.schema_files import schema
-from egosplat.strict_yaml import NO_YAML, load_yaml
+from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml
+from egosplat.pipeline.validation import schema
 
 Config = dict[str, Any]
 

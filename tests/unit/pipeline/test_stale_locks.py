@@ -4,12 +4,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-from egosplat.stale_locks import clear_stale_locks
+from egosplat.pipeline.process_guards import clear_stale_locks
 
 HOLD = """
 import sys
 from pathlib import Path
-from egosplat.stale_locks import clear_stale_locks
+from egosplat.pipeline.process_guards import clear_stale_locks
 print(clear_stale_locks(Path(sys.argv[1])), flush=True)
 sys.stdin.read()
 """

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from egosplat import config as configuration
 from egosplat.errors import UserError
+from egosplat.pipeline import config as configuration
 
 PAPER_DATASETS = ("adt", "hoi4d")
 """Whose rows are in the table that comes with egosplat, recordings or not."""

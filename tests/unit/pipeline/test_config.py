@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 import yaml
 
-from egosplat import config
 from egosplat.errors import UserError
-from egosplat.explanations import _ALLOWED
-from egosplat.keys_table import FIRST_KEYS, keys_page
+from egosplat.pipeline import config
+from egosplat.pipeline.config_table import FIRST_KEYS, keys_page
+from egosplat.pipeline.scenes import find_scene, read_scenes, requested_targets
 from egosplat.pipeline.stages import STAGES, path_help, stage_function
-from egosplat.scenes import find_scene, read_scenes, requested_targets
+from egosplat.pipeline.validation import _ALLOWED
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 PRESETS = ROOT / "config" / "presets"
 
 
@@ -313,6 +313,6 @@ def test_scenes_are_found_on_a_command_line():
 
 
 def test_starting_builds_no_grammar_for_formats_that_no_schema_names():
-    told = "import sys, egosplat.config; print('rfc3987_syntax' in sys.modules)"
+    told = "import sys, egosplat.pipeline.config; print('rfc3987_syntax' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True)
     assert done.stdout == "False\n"

@@ -16,15 +16,18 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from egosplat.cpp_hash import cpp_hash
+from egosplat.kernels.source_hash import cpp_hash
 
 NEUTRAL = {
     "egosplat",  # holds the version alone
     "egosplat.files",
     "egosplat.costs",
-    "egosplat.cpp_hash",
+    "egosplat.kernels.source_hash",
     "egosplat.errors",
-    "egosplat.fingerprint",
+    "egosplat.pipeline",
+    "egosplat.pipeline.code_hash",
+    "egosplat.pipeline.process_guards",
+    "egosplat.pipeline.validation",
     "egosplat.progress",
     "egosplat.artifacts.provenance",
     "egosplat.pipeline.stages",
