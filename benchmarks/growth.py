@@ -1,12 +1,13 @@
-"""How time, memory and disk of each stage grow with frames, pixels, instances and Gaussians.
+"""Measure how time, memory and disk of each stage grow with frames, pixels, instances and Gaussians.
 
     python benchmarks/growth.py measure benchmarks/growth.json
     python benchmarks/growth.py check benchmarks/growth.json results/adt/scene1 --recorded-side 704
     python benchmarks/growth.py report benchmarks/growth.json > docs/scale.md
+    python benchmarks/growth.py coefficients benchmarks/growth.json > src/egosplat/cost_model/coefficients.json
 
-The pipeline is run on small synthetic apartments, one factor changed at a time; laws are fitted to what each artifact says
-of its making, and extrapolated. What ``measure`` finds in the file is not measured again. ``check`` adds a finished scene
-that no law is fitted to, to hold the laws against.
+The pipeline runs on small synthetic apartments, one factor changed at a time. Laws are fitted to the costs in each
+artifact's provenance, and extrapolated. ``measure`` skips points that the file already has. ``check`` adds a finished
+scene that no law is fitted to.
 """
 
 import json
@@ -20,11 +21,12 @@ from tempfile import TemporaryDirectory
 import click
 from growth_bench import scene, store
 from growth_bench.assumptions import Assumptions
+from growth_bench.coefficients import coefficients
 from growth_bench.design import POINTS, Point
 from growth_bench.page import page
 from growth_bench.readings import Run, read_runs
 
-from egosplat import costs
+from egosplat.artifacts import usage
 from egosplat.progress import log
 
 BENCHMARKS = Path(__file__).resolve().parent
@@ -32,7 +34,7 @@ BENCHMARKS = Path(__file__).resolve().parent
 
 @click.group(help=__doc__)
 def main() -> None:
-    """Measure and report are apart: the page can be made anew in a second."""
+    """Measuring takes minutes; the page and the coefficients are written from the file in a second."""
 
 
 @main.command()
@@ -40,9 +42,9 @@ def main() -> None:
 @click.option("--work", type=click.Path(path_type=Path), help="Where the pipeline runs; a temporary folder.")
 @click.option("--most", default=len(POINTS), show_default=True, help="Points that are measured in this call.")
 def measure(results: Path, work: Path | None, most: int) -> None:
-    """Measure what RESULTS lacks, one job at a time on one thread."""
+    """Measure the points that RESULTS lacks, one job at a time on one thread."""
     measured = store.load(results)
-    measured.machine = costs.machine()
+    measured.machine = usage.machine()
     left = [point for point in POINTS if point.name not in measured.points][:most]
     with TemporaryDirectory() as folder:
         place = work or Path(folder)
@@ -65,7 +67,7 @@ def _measured(place: Path, point: Point) -> list[Run]:
         point.name,
         scene.recorded_side(point),
     )
-    # Stages that only came along for a later one, as they do not depend on the factor, say nothing more of it.
+    # Stages that a later one needs, and that do not depend on the factor, are no new points.
     return [run for run in runs if run.stage in point.stages]
 
 
@@ -107,8 +109,15 @@ def _assumptions(command: click.Command) -> click.Command:
 @click.argument("results", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @_assumptions
 def report(results: Path, **assumed: float) -> None:
-    """Print the page of RESULTS; what is assumed for the extrapolation can be changed."""
+    """Print the page docs/scale.md from RESULTS; each assumption is an option."""
     click.echo(page(store.load(results), Assumptions(**assumed)), nl=False)
+
+
+@main.command("coefficients")
+@click.argument("results", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+def print_coefficients(results: Path) -> None:
+    """Print the table of the cost model that follows from RESULTS."""
+    click.echo(json.dumps(coefficients(store.load(results)), indent=1))
 
 
 if __name__ == "__main__":

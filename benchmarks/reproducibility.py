@@ -19,7 +19,7 @@ from reproducibility_bench.chain import INPUTS, file_of, run_chain
 from reproducibility_bench.comparing import Difference, differences
 from reproducibility_bench.limits import LIMITS, REFERENCE, Limit, choices
 
-from egosplat import costs
+from egosplat.artifacts import usage
 from egosplat.errors import UserError
 from egosplat.progress import log
 
@@ -103,7 +103,7 @@ def page(work: Path) -> str:
         [
             "# Which results are the same on another processor",
             "",
-            f"Written by `benchmarks/reproducibility.py` on: {costs.machine()}.",
+            f"Written by `benchmarks/reproducibility.py` on: {usage.machine()}.",
             "",
             READING.read_text().strip(),
             "",

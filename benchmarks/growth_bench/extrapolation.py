@@ -1,33 +1,21 @@
-"""From the fitted laws to a sequence at the paper's settings, and to all of them on a cluster."""
+"""Extrapolate the fitted laws to one sequence at the paper's settings, and to all sequences on a cluster."""
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import yaml
 
+from egosplat.cost_model.laws import CPU, DISK, MEMORY
+from egosplat.cost_model.sizes import Sizes as SceneSizes
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.config import Config
 from egosplat.pipeline.dag import leaves_frames_out, masks_by_survey
 from growth_bench.assumptions import Assumptions
-from growth_bench.fitting import Fit, Term
-from growth_bench.laws import CPU, DISK, LAWS, MEMORY, ONCE
+from growth_bench.fitting import Fit
+from growth_bench.laws import LAWS
 from growth_bench.readings import Sizes
 from growth_bench.scene import ROOT
-
-CHANNELS = 512
-"""Of ViT-B-16's features."""
-
-LEVELS = 3
-
-SAM2_MB, CLIP_MB = 1861.0, 1922.0
-"""Peak memory with the paper's models, without what is remembered (benchmarks/published_models.md) [MiB]."""
-
-REMEMBERED_MB = 19.2
-"""Of an instance that SAM2 follows at 1024 pixels: 1.2 at 256, by area (``egosplat.cluster.memory``) [MiB]."""
-
-ABSENT_STRIDE = 3
-"""``segments.absent_stride``: where it is not seen, an instance is looked for in every third frame."""
 
 NETWORK, RASTERIZER = "network_speedup", "rasterizer_speedup"
 ON_GPU = {
@@ -38,12 +26,12 @@ ON_GPU = {
     "language": RASTERIZER,
     "metrics": RASTERIZER,
 }
-"""The stages that use a GPU, and the assumption that tells by how much it is faster."""
+"""The stages that use a GPU, and the assumption that holds its speed-up."""
 
 
 @dataclass(frozen=True)
 class Extent:
-    """What a law says, and the least and the most that laws say which lack one point each."""
+    """The value of a law, and the smallest and largest of the laws that are fitted without one point."""
 
     value: float
     low: float
@@ -52,12 +40,12 @@ class Extent:
 
 @dataclass(frozen=True)
 class Cost:
-    """What a stage is expected to take.
+    """The expected cost of a stage.
 
     Attributes:
         cpu_s: processor time without a GPU [s].
-        memory_mb, disk_mb: peak memory and what it writes [MiB].
-        gpu_s: on a GPU, as assumed [s]; None of stages that use none.
+        memory_mb, disk_mb: peak memory and size of its artifact [MiB].
+        gpu_s: assumed time on a GPU [s]; None for stages that use none.
     """
 
     cpu_s: Extent
@@ -68,11 +56,11 @@ class Cost:
 
 @dataclass(frozen=True)
 class Cluster:
-    """All sequences on GPUs, each from its first stage to its last on one of them.
+    """All sequences on GPUs, each sequence on one GPU.
 
     Attributes:
-        cpu_s, gpu_s: of all of them together; disk_mb: that they fill.
-        rounds: sequences that one GPU works off; wall_s: until the last one ends, if nothing waits.
+        cpu_s, gpu_s: sums over all sequences [s]; disk_mb: their artifacts [MiB].
+        rounds: sequences of one GPU; wall_s: time until the last one ends, without waiting for a scheduler [s].
     """
 
     cpu_s: float
@@ -83,77 +71,36 @@ class Cluster:
 
 
 def paper_config() -> Config:
-    """The defaults with the preset ``paper`` over them."""
+    """The configuration of the preset ``paper``."""
     preset = yaml.safe_load((ROOT / "config/presets/paper.yaml").read_text())
     return configuration.merge(configuration.defaults(), preset)
 
 
 def paper_sizes(assumed: Assumptions) -> Sizes:
-    """Sizes of a sequence at the paper's settings, by the names of ``readings.sizes_of``."""
+    """The sizes of a sequence at the paper's settings that are in a law, by name."""
     config = paper_config()
-    splats, initial = config["splats"], config["transient"]
-    pixels, training = config["frames"]["resolution"] ** 2, assumed.frames - assumed.evaluated
-    codes = LEVELS * config["features"]["dims"]
-    return {
+    training = assumed.frames - assumed.evaluated
+    given = {
         "frames": assumed.frames,
-        "kept": assumed.frames,
         "training": training,
         "evaluated": assumed.evaluated,
-        "pixels": pixels,
-        "recorded_pixels": pixels,
+        "pixels": config["frames"]["resolution"] ** 2,
         "points": assumed.points,
         "instances": assumed.instances,
-        "followed": assumed.instances,
-        "prompts": config["segments"]["points_per_side"] ** 2,
+        "tracked": assumed.instances,
+        "prompts": config["segments"]["points_per_side"] ** 2,  # the preset prompts the first frame alone
         "views": assumed.instances * assumed.visible * training,
-        "channels": CHANNELS,
-        "codes": codes,
-        "joint": codes if splats["language"] == "joint" else 0,
-        "autoencoder": int(config["features"]["compression"] == "autoencoder"),
-        "epochs": config["features"]["epochs"],
-        "initial_iterations": initial["iterations"],
-        "network_iterations": initial["iterations"] - round(initial["warmup"] * initial["iterations"]),
-        "initial_pixels": min(initial["resolution"] ** 2, pixels),
-        "network_pixels": initial["input_size"] ** 2,
-        "initial_gaussians": min(assumed.gaussians, initial["max_gaussians"]),
-        "iterations": splats["iterations"],
-        "gaussians": min(assumed.gaussians, splats["max_gaussians"]),
-        "mean_gaussians": min(assumed.gaussians, splats["max_gaussians"]),
+        "initial_gaussians": min(assumed.gaussians, config["transient"]["max_gaussians"]),
+        "gaussians": min(assumed.gaussians, config["splats"]["max_gaussians"]),
         "queries": assumed.queries,
     }
-
-
-def with_paper_models(
-    fits: Mapping[str, Mapping[str, Fit]], published: Mapping[str, float], assumed: Assumptions
-) -> dict[str, dict[str, Fit]]:
-    """The laws with the paper's models in place of the small ones: their own unit costs instead of fitted ones.
-
-    Instances of the first frame are followed forwards alone, each where it is seen, else in every third frame.
-    """
-    looked_for = assumed.visible + (1 - assumed.visible) / ABSENT_STRIDE
-    units: dict[tuple[str, str], dict[Term, float]] = {
-        ("segments", CPU): {
-            ("kept",): published["picture"],
-            ("prompts",): published["prompt"],
-            ("kept", "followed"): published["followed"] * looked_for,
-        },
-        ("segments", MEMORY): {ONCE: SAM2_MB, ("followed",): REMEMBERED_MB},
-        ("view_features", CPU): {("views",): published["crop"]},
-        ("view_features", MEMORY): {ONCE: CLIP_MB},
-    }
-    found = {stage: dict(laws) for stage, laws in fits.items()}
-    for (stage, measure), known in units.items():
-        law = found[stage][measure]
-        found[stage][measure] = replace(
-            law,
-            coefficients={**law.coefficients, **known},
-            without=tuple({**one, **known} for one in law.without),
-        )
-    return found
+    sizes = SceneSizes(config, given=given)
+    names = (name for laws in LAWS.values() for terms in laws.values() for term in terms for name in term)
+    return {name: sizes[name] for name in dict.fromkeys(names)}
 
 
 def stages_of(config: Config) -> list[str]:
-    """The stages of ``laws.LAWS`` that a configuration asks for: the survey is made only where it decides something."""
+    """The stages of ``laws.LAWS`` that a configuration needs; the survey only where it decides something."""
     surveyed = masks_by_survey(config) or leaves_frames_out(config)
     return [stage for stage in LAWS if stage != "survey" or surveyed]
 
@@ -161,7 +108,7 @@ def stages_of(config: Config) -> list[str]:
 def costs_of(
     fits: Mapping[str, Mapping[str, Fit]], stages: Iterable[str], sizes: Sizes, assumed: Assumptions
 ) -> dict[str, Cost]:
-    """What each of some stages takes of a scene of these sizes, also on a GPU."""
+    """The cost of each stage for a scene of these sizes, also on a GPU."""
     found = {}
     for stage in stages:
         cpu, memory, disk = (
@@ -174,7 +121,7 @@ def costs_of(
 
 
 def on_cluster(costs: Mapping[str, Cost], assumed: Assumptions) -> Cluster:
-    """All sequences, with one core beside each GPU for the stages that use none."""
+    """All sequences, with one core for each GPU that runs the stages without GPU."""
     gpu_s = sum(cost.gpu_s for cost in costs.values() if cost.gpu_s is not None)
     beside = sum(cost.cpu_s.value for cost in costs.values() if cost.gpu_s is None)
     rounds = math.ceil(assumed.sequences / assumed.gpus)

@@ -1,4 +1,4 @@
-"""Laws of few terms, none of them negative, fitted to relative errors; and how wrong they are."""
+"""Fit laws of few terms, no coefficient negative, by least squares of relative errors; and their errors."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-Values = NDArray[np.float64]
+from egosplat.cost_model.laws import Term, evaluate
 
-Term = tuple[str, ...]
-"""Names of the sizes that it is the product of; () is a constant."""
+Values = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -20,9 +19,9 @@ class Fit:
 
     Attributes:
         coefficients: by term, at least 0.
-        errors: of each point, (law - measured) / measured.
-        left_out: the same of laws fitted without that point, which is predicted.
-        without: those laws' coefficients.
+        errors: (law - measured) / measured at each point.
+        left_out: the same error of the law that is fitted without that point.
+        without: the coefficients of those laws.
     """
 
     coefficients: Mapping[Term, float]
@@ -31,45 +30,38 @@ class Fit:
     without: tuple[Mapping[Term, float], ...]
 
     def at(self, sizes: Mapping[str, float]) -> float:
-        """What the law says of a scene."""
+        """The value of the law."""
         return evaluate(self.coefficients, sizes)
 
     def between(self, sizes: Mapping[str, float]) -> tuple[float, float]:
-        """The least and the most that laws say which were fitted without one of the points."""
+        """The smallest and the largest value of the laws that are fitted without one of the points."""
         found = [evaluate(law, sizes) for law in self.without]
         return min(found), max(found)
-
-
-def evaluate(law: Mapping[Term, float], sizes: Mapping[str, float]) -> float:
-    """The law's value; sizes of terms that are 0 need not be known."""
-    return math.fsum(
-        factor * math.prod(sizes[name] for name in term) for term, factor in law.items() if factor
-    )
 
 
 def fit(
     terms: Sequence[Term],
     sizes: Sequence[Mapping[str, float]],
     measured: Sequence[float],
-    least: Mapping[Term, float] | None = None,
+    known: Mapping[Term, float] | None = None,
 ) -> Fit:
     """Fit a law to points.
 
     Args:
-        terms: of the law; sizes: of each point; measured: what was, positive.
-        least: what coefficients are at least; 0 of those that it does not have.
+        terms: of the law; sizes: of each point; measured: values at each point, positive.
+        known: coefficients that are not fitted.
 
     Raises:
-        ValueError: there are fewer points than two, or one is not positive.
+        ValueError: there are fewer than two points, or a measured value is not positive.
     """
     values = np.asarray(measured, float)
     if len(values) < 2 or not (values > 0).all():
         raise ValueError("a law needs two points or more, all positive")
     design = np.array([[math.prod(own[name] for name in term) for term in terms] for own in sizes], float)
-    floor = np.array([(least or {}).get(term, 0.0) for term in terms])
-    weights = _solve(design, values, floor)
+    fixed = np.array([(known or {}).get(term, np.nan) for term in terms])
+    weights = _solve(design, values, fixed)
     others = [np.arange(len(values)) != index for index in range(len(values))]
-    without = [_solve(design[rest], values[rest], floor) for rest in others]
+    without = [_solve(design[rest], values[rest], fixed) for rest in others]
     left_out = [float(row @ law / value - 1) for row, law, value in zip(design, without, values, strict=True)]
     return Fit(
         dict(zip(terms, weights.tolist(), strict=True)),
@@ -79,15 +71,17 @@ def fit(
     )
 
 
-def _solve(design: Values, values: Values, floor: Values) -> Values:
-    """Least squares of relative residuals, no coefficient below its floor; of a term that no point has, that."""
+def _solve(design: Values, values: Values, fixed: Values) -> Values:
+    """Least squares of relative residuals, no coefficient below 0; ``fixed`` ones, where they are not NaN, stay."""
     relative = design / values[:, None]
-    scale = relative.max(axis=0)
-    scale[scale == 0] = 1.0
-    return floor + nnls(relative / scale, 1.0 - relative @ floor)[0] / scale
+    weights, free = np.nan_to_num(fixed), np.isnan(fixed)
+    scale = relative[:, free].max(axis=0)
+    scale[scale == 0] = 1.0  # a term that no point has gets the coefficient 0
+    weights[free] = nnls(relative[:, free] / scale, 1.0 - relative @ weights)[0] / scale
+    return weights
 
 
 def median_and_worst(errors: Sequence[float]) -> tuple[float, float]:
-    """Of relative errors, whatever their sign."""
+    """Median and maximum of the errors' absolute values."""
     sizes = np.abs(errors)
     return float(np.median(sizes)), float(sizes.max())

@@ -1,9 +1,9 @@
-"""The page ``docs/scale.md``: what was measured, what follows, and how far that reaches."""
+"""The page docs/scale.md: the laws, the extrapolation, and its limits."""
 
 from collections.abc import Mapping
 from dataclasses import fields
 
-from egosplat.cluster.memory import peak_mb
+from egosplat.cost_model.laws import CPU, DISK, MEMORY
 from growth_bench import tables
 from growth_bench.assumptions import Assumptions
 from growth_bench.design import POINTS
@@ -15,28 +15,19 @@ from growth_bench.extrapolation import (
     paper_config,
     paper_sizes,
     stages_of,
-    with_paper_models,
 )
-from growth_bench.laws import CPU, DISK, MEMORY, fit_all
+from growth_bench.laws import fit_all
 from growth_bench.readings import Run, Sizes
 from growth_bench.store import Measured
-
-
-class GivenShapes:
-    """Sizes that are known, in place of those that a job's inputs tell (``egosplat.cluster.shapes.Shapes``)."""
-
-    def __init__(self, sizes: Sizes) -> None:
-        self.__dict__.update(sizes)
+from growth_bench.unfitted import with_paper_models
 
 
 def page(measured: Measured, assumed: Assumptions) -> str:
     """Markdown."""
     fits = fit_all(measured.runs)
-    sizes, config = paper_sizes(assumed), paper_config()
+    sizes = paper_sizes(assumed)
     paper_fits = with_paper_models(fits, measured.published, assumed)
-    costs = costs_of(paper_fits, stages_of(config), sizes, assumed)
-    shapes = GivenShapes(sizes)
-    expected = {stage: peak_mb(stage, config, shapes) for stage in costs}
+    costs = costs_of(paper_fits, stages_of(paper_config()), sizes, assumed)
     checks = {name: joint_sizes(runs) for name, runs in measured.checks.items()}
     parts = [
         _beginning(measured),
@@ -46,38 +37,46 @@ def page(measured: Measured, assumed: Assumptions) -> str:
         *_checks(fits, measured.checks),
         "## One ADT sequence at the paper's settings",
         _sequence_text(measured, costs, assumed),
-        tables.sequence(costs, expected),
+        tables.sequence(costs),
         f"## All {assumed.sequences} sequences on {assumed.gpus} GPUs",
-        _cluster_text(on_cluster(costs, assumed), assumed),
-        "## How far this reaches",
+        _cluster_text(on_cluster(costs, assumed)),
+        "## Limits",
         REACH_TEXT,
         tables.reach(measured.runs, checks, sizes),
-        "## What is assumed",
+        "## Assumptions",
         _assumed(assumed),
     ]
     return "\n\n".join(parts) + "\n"
 
 
 LAWS_TEXT = (
-    "Each law is a sum of terms over which the stage's code loops, no coefficient below 0, fitted by least squares of "
-    "relative errors; of training pictures, three bytes a pixel are held at least. *k* is a thousand. *kept* are frames "
-    "that the survey does not leave out, *training* those of them that learn, *evaluated* those that are asked about; "
-    "*prompts* points that SAM2 was asked at; *followed* instances before those are left out that are seen too briefly, or "
-    "are one with another; *autoencoder* is 1 where codes are an autoencoder's, else 0; *codes* numbers of a code at all "
-    "levels together, *joint* the same where Gaussians learned them with their geometry, else 0; *initial* and "
-    "*network* are the stage `transient`'s temporary Gaussians and its network. **Left out** are errors of laws that were "
-    "fitted without the point that they predict: of a point that alone has a size, that is an extrapolation."
+    "A law is a sum of terms; each term stands for a loop in the stage's code. Coefficients are at least 0 and fitted "
+    "by least squares of relative errors. Three coefficients of memory follow from the code and are not fitted: three "
+    "bytes for each pixel of a training frame (`transient`, `splats`), and four float32 copies of each view's feature "
+    "(`view_features`). *k* is a thousand.\n\n"
+    "| size | meaning |\n| --- | --- |\n"
+    "| kept, training | frames that the survey keeps; those of them that are trained on |\n"
+    "| evaluated | frames that the benchmark scores |\n"
+    "| prompts | point prompts of SAM2 |\n"
+    "| tracked | instances that SAM2 tracks, before short and duplicate ones are removed |\n"
+    "| sam2 area | area of SAM2's input, relative to the model's own |\n"
+    "| autoencoder | 1 if the autoencoder compresses the features, else 0 |\n"
+    "| codes | numbers in a code, all levels together |\n"
+    "| joint | as codes if Gaussians learn codes with their geometry, else 0 |\n"
+    "| initial, network | the temporary Gaussians and the network of the stage `transient` |\n\n"
+    "**Held out** are the errors of laws that are fitted without the point that they predict. Where that point alone "
+    "has a size, this is an extrapolation."
 )
 
 REACH_TEXT = (
-    "Of each size what was measured, in the stages whose laws have it, and what the extrapolations go to. A law that was "
-    "measured to one size says at fifty times of it what its terms say, and nothing of what begins only there: caches "
-    "that no longer hold a picture, disks that are full, opacity that changes how many Gaussians a pixel shows."
+    "The measured range of each size, over the stages whose laws contain it, and the sizes that the laws are "
+    "extrapolated to. The laws do not know effects that begin only at larger sizes: caches that no longer hold a "
+    "frame, full disks, or a change of opacity that changes how many Gaussians a pixel shows."
 )
 
 
 def joint_sizes(runs: list[Run]) -> Sizes:
-    """Those of a scene, as its runs all have them."""
+    """The sizes of a scene, joined over its runs."""
     return {name: value for run in runs for name, value in run.sizes.items()}
 
 
@@ -85,12 +84,14 @@ def _beginning(measured: Measured) -> str:
     seconds = sum(run.cpu_s for run in measured.runs)
     return (
         "# How the pipeline grows\n\n"
-        "Made by `python benchmarks/growth.py report benchmarks/growth.json`, which takes every number below from that "
-        "file. The pipeline was run on small synthetic apartments with the small models, one factor changed at a "
-        f"time and once all of them: {len(measured.points)} points of {len(POINTS)}, {len(measured.runs)} runs of stages, "
-        f"{seconds:.0f} CPU-seconds of stages' work, one thread of {measured.machine.partition(', ')[0]}, with other work on "
-        "the machine. CPU time and peak memory are what each artifact's provenance says, without the start of Python and its libraries (some "
-        "seconds a stage). No GPU was there to be measured."
+        "`python benchmarks/growth.py report benchmarks/growth.json` writes this page. The same laws are in "
+        "[coefficients.json](../src/egosplat/cost_model/coefficients.json), which the cluster profile and `egosplat doctor` "
+        "read; `python benchmarks/growth.py coefficients benchmarks/growth.json` writes it.\n\n"
+        "The pipeline ran on small synthetic apartments with the small models. One factor was changed at a time, and "
+        f"all of them once: {len(measured.points)} of {len(POINTS)} points, {len(measured.runs)} runs of stages, "
+        f"{seconds:.0f} CPU-seconds, one thread of {measured.machine.partition(', ')[0]}, with other work on the machine. CPU time "
+        "and peak memory come from each artifact's provenance and leave out the start of Python and its libraries (some "
+        "seconds a stage). No GPU was measured."
     )
 
 
@@ -103,13 +104,12 @@ def _checks(fits: tables.Fits, checks: dict[str, list[Run]]) -> list[str]:
     if not checks:
         return []
     text = (
-        "A finished scene that no law was fitted to, on two threads: what the laws say of its sizes, "
-        "beside what its artifacts say they took. Together they come closer than each by itself, because errors cancel. No "
-        "coefficient was fitted to it, but it is no blind test: some terms of `survey`, `segments`, `view_features` "
-        "and `features`, and the point where all factors are large, were added after laws had been held against it."
+        "A finished scene that no law was fitted to, on two threads: the laws' predictions and the measured values. The sums "
+        "are closer than single stages because errors cancel. This is no blind test: some terms of `survey`, `segments`, "
+        "`view_features` and `features`, and the point where all factors are large, were added after a comparison with it."
     )
     parts = [f"### {name}\n\n{tables.held_against(fits, runs)}" for name, runs in checks.items()]
-    return ["## Held against a larger scene", text, *parts]
+    return ["## Checked on a larger scene", text, *parts]
 
 
 def _sequence_text(measured: Measured, costs: Mapping[str, Cost], assumed: Assumptions) -> str:
@@ -117,30 +117,27 @@ def _sequence_text(measured: Measured, costs: Mapping[str, Cost], assumed: Assum
     share = costs["segments"].cpu_s.value / sum(cost.cpu_s.value for cost in costs.values())
     return (
         f"{assumed.frames:,} frames of 1408 × 1408, `preset: paper`: the laws above, with the paper's models in place of "
-        f"the small ones. These were measured apart, with random weights, on one thread: SAM2.1 hiera_b+ takes "
-        f"{units['picture']:.2f} CPU-s for a picture, {units['prompt']:.3f} for a prompt and {units['followed']:.2f} for an "
-        f"instance that is followed into a frame, its memory full; ViT-B-16 {units['crop']:.2f} for a crop. The preset asks "
-        "for no survey.\n\n"
-        "**CPU-hours** are measured and extrapolated, on one core; *least to most* is what laws say which lack one of "
-        f"the points. {share:.0%} of them are `segments`, nearly all of it SAM2's attention to what it remembers of each "
-        "instance: they grow with `--instances` and `--frames`, and a stride of frames divides them. **GPU-hours** are "
-        "CPU-hours divided by an *assumed* factor, and no measurement. **Memory** is main memory of a run without a GPU; "
-        "of a GPU's own nothing is known here. Where its least and most lie far apart, what grows was too little to be "
-        "told beside what PyTorch takes, and the scheduler's law (`egosplat.cluster.memory`, before its margin, with "
-        f"the preset's budget of {paper_config()['splats']['max_gaussians']:,} Gaussians; of `poses` COLMAP's) is the better "
-        "guide. So it is for `view_features`, whose memory flattens from a few hundred views on, as the larger scene "
-        "shows. Nothing was masked in what was measured: in `splats`, masks add a byte a pixel and training frame."
+        "the small ones. Their unit costs were measured apart, with random weights, on one thread. SAM2.1 hiera_b+ takes "
+        f"{units['picture']:.2f} CPU-s for a frame, {units['prompt']:.3f} for a prompt and {units['tracked']:.2f} for a "
+        f"tracked instance in a frame, with its memory full; ViT-B-16 takes {units['crop']:.2f} for a crop. The preset needs "
+        "no survey.\n\n"
+        "**CPU-hours** are extrapolated from measurements, on one core. *Lowest to highest* is the range of the laws that are "
+        f"fitted without one of the points. `segments` takes {share:.0%} of them, nearly all for SAM2's attention to the memory of "
+        "each instance: they grow with `--instances` and `--frames`, and a stride of frames divides them. **GPU-hours** are "
+        "CPU-hours divided by an *assumed* factor; they are not measured. **Memory** is main memory of a run without a GPU; "
+        "memory of a GPU is not known. Nothing was masked in these runs: masks add a byte a pixel and training frame to `splats`.\n\n"
+        "A job asks the scheduler for this memory and a margin ([cluster.md](cluster.md#what-jobs-ask-for)), computed for as many "
+        "instances and Gaussians as the configuration allows."
     )
 
 
-def _cluster_text(cluster: Cluster, assumed: Assumptions) -> str:
+def _cluster_text(cluster: Cluster) -> str:
     return (
-        f"- **{tables.hours(cluster.cpu_s)} CPU-hours** without any GPU, as extrapolated.\n"
-        f"- **{tables.hours(cluster.gpu_s)} GPU-hours**, as assumed.\n"
-        f"- **{tables.hours(cluster.wall_s)} hours** on the clock: each GPU works off at most {cluster.rounds} sequences, one "
-        "after the other, with one core beside it for the stages that use no GPU, and nothing waits for file systems "
-        "or schedulers.\n"
-        f"- **{tables.number(cluster.disk_mb / 1024**2)} TiB** of artifacts, beside the recordings."
+        f"- **{tables.hours(cluster.cpu_s)} CPU-hours** without any GPU, extrapolated.\n"
+        f"- **{tables.hours(cluster.gpu_s)} GPU-hours**, assumed.\n"
+        f"- **{tables.hours(cluster.wall_s)} hours** on the clock: each GPU processes at most {cluster.rounds} sequences, one "
+        "after the other, with one core for the stages that use no GPU, and without waiting for file systems or schedulers.\n"
+        f"- **{tables.number(cluster.disk_mb / 1024**2)} TiB** of artifacts, without the recordings."
     )
 
 
@@ -154,9 +151,9 @@ def _assumed(assumed: Assumptions) -> str:
         for one in fields(Assumptions)
     ]
     return (
-        "None of these was measured. Each is an option of `report`, which takes a second: "
-        "`python benchmarks/growth.py report benchmarks/growth.json --network-speedup 400`. The two factors' defaults are guesses "
-        "from peaks: the paper's card, an RTX 3090, has 35,600 GFLOP/s by its data sheet, a core 117 "
-        "([measured](../benchmarks/rasterizer.md)), 300 times less; of that, two thirds for networks, a sixth for rendering.\n\n"
-        + tables.table(("option", "what", "assumed here"), rows, words=2)
+        "None of these is measured. Each is an option of `report`: "
+        "`python benchmarks/growth.py report benchmarks/growth.json --network-speedup 400`. The defaults of the two speed-ups follow from "
+        "peak rates: an RTX 3090, the paper's card, has 35,600 GFLOP/s by its data sheet, a core 117 "
+        "([measured](../benchmarks/rasterizer.md)), 300 times less. Networks are assumed to reach two thirds of that ratio, "
+        "rendering a sixth.\n\n" + tables.table(("option", "meaning", "assumed value"), rows, words=2)
     )

@@ -1,7 +1,7 @@
-"""What the paper's models take for one picture, one prompt, one instance in one frame, and one crop.
+"""Time of the paper's models for one frame, one prompt, one tracked instance in one frame, and one crop.
 
-Random weights take as long as any. The pipeline cannot be run with them on sizes that fit here; these unit costs take the
-place of the small models' in what is extrapolated to the paper's settings.
+The weights are random, which does not change the time. These unit costs replace those of the small models where laws are
+extrapolated to the paper's settings.
 """
 
 import sys
@@ -26,7 +26,7 @@ _ANY = replace(KEEP_ALL, points_per_side=2)
 
 
 def measure() -> dict[str, float]:
-    """Processor time of one thread [s], by unit: ``picture``, ``prompt``, ``followed`` and ``crop``."""
+    """Processor time of one thread [s], by unit: ``picture``, ``prompt``, ``tracked`` and ``crop``."""
     torch.set_num_threads(1)
     with TemporaryDirectory() as folder:
         file = Path(folder) / "weights.pt"
@@ -44,11 +44,11 @@ def _sam2(sam2: Sam2) -> dict[str, float]:
         encode(sam2, picture)  # what the first call alone takes is not told
         encoded, picture_s = timed(lambda: encode(sam2, picture))
         _, prompt_s = timed(lambda: prompt(sam2, encoded, torch.from_numpy(points[:PROMPTS]), _ANY))
-        followed_s = _followed(sam2, encoded)
-    return {"picture": picture_s, "prompt": prompt_s / PROMPTS, "followed": followed_s}
+        tracked_s = _tracked(sam2, encoded)
+    return {"picture": picture_s, "prompt": prompt_s / PROMPTS, "tracked": tracked_s}
 
 
-def _followed(sam2: Sam2, encoded: Encoded) -> float:
+def _tracked(sam2: Sam2, encoded: Encoded) -> float:
     """Seconds of an object in a frame; the same picture is every frame, which costs what others cost."""
     memories = sam2.video_predictor.num_maskmem
     follower = Follower(sam2, 100)

@@ -1,4 +1,4 @@
-"""What finished artifacts say: how large the scene is, and what each stage took."""
+"""Read from finished artifacts how large the scene is and what each stage took."""
 
 import json
 import math
@@ -62,10 +62,11 @@ def sizes_of(artifacts: dict[str, Artifact], documents: dict[str, Path]) -> Size
         artifacts: by stage; documents: ``survey.json`` and ``metrics.json``, by stage.
 
     Returns:
-        Numbers by name. ``kept`` are frames that the survey does not leave out, ``training`` those of them that learn;
-        ``pairs`` of frames are what the survey compares; ``prompts`` points that SAM2 was asked at; ``followed`` are
-        instances before those are left out that are seen too briefly; ``codes`` numbers of a code, of all levels together, and ``joint``
-        the same where Gaussians learned them with their geometry, else 0; ``mean_gaussians`` is over their training.
+        Numbers by name. ``kept`` counts the frames that the survey keeps, ``training`` those of them that are trained
+        on, ``pairs`` the frame pairs that the survey compares, ``prompts`` the point prompts of SAM2, ``tracked``
+        the instances before short and duplicate ones are removed, ``codes`` the numbers in a code at all levels
+        together. ``joint`` equals ``codes`` where Gaussians learn codes with their geometry, else 0.
+        ``mean_gaussians`` is the mean over the training.
     """
     readers = {
         "frames": _pictures,
@@ -105,8 +106,12 @@ def _pictures(one: Artifact) -> Sizes:
 def _segments(one: Artifact) -> Sizes:
     looks = len(one.facts.get("key_frames", ()))
     side = one.provenance["options"]["points_per_side"]
-    found = one.facts["found"]
-    return {"instances": one.shape("instances/level")[0], "followed": found, "prompts": looks * side**2}
+    return {
+        "instances": one.shape("instances/level")[0],
+        "tracked": one.facts["found"],
+        "sam2_area": 1,  # all points run the small SAM2 at its own size
+        "prompts": looks * side**2,
+    }
 
 
 def _codes(one: Artifact) -> Sizes:

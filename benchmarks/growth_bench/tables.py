@@ -1,11 +1,11 @@
-"""The tables of the page, in Markdown."""
+"""The tables of docs/scale.md, in Markdown."""
 
 from collections.abc import Callable, Mapping, Sequence
 
-from egosplat.cluster.memory import MB
+from egosplat.cost_model.laws import CPU, DISK, MEMORY, Term
 from growth_bench.extrapolation import ON_GPU, Cost
-from growth_bench.fitting import Fit, Term, median_and_worst
-from growth_bench.laws import CPU, DISK, LAWS, MEMORY
+from growth_bench.fitting import Fit, median_and_worst
+from growth_bench.laws import LAWS
 from growth_bench.readings import Run, Sizes
 
 Fits = Mapping[str, Mapping[str, Fit]]
@@ -13,25 +13,25 @@ Fits = Mapping[str, Mapping[str, Fit]]
 UNITS = {CPU: "s", MEMORY: "MiB", DISK: "MiB"}
 
 _THOUSANDS = ("pixels", "gaussians", "points")
-"""Sizes whose coefficients are told for a thousand of them."""
+"""Sizes whose coefficients are printed per thousand."""
 
 
 def table(columns: Sequence[str], rows: Sequence[Sequence[str]], words: int = 1) -> str:
-    """A table whose first ``words`` columns are words, and the others numbers."""
+    """A table whose first ``words`` columns are text and whose other columns are numbers."""
     marks = ["---"] * words + ["---:"] * (len(columns) - words)
     return "\n".join(f"| {' | '.join(row)} |" for row in [columns, marks, *rows])
 
 
 def laws(fits: Fits, measure: str) -> str:
-    """Of each stage its law of a measure, and how wrong that is."""
+    """The law of each stage for one measure, and its errors."""
     columns = (
         "stage",
         f"law [{UNITS[measure]}]",
         "points",
         "median error",
         "worst",
-        "left out: median",
-        "left out: worst",
+        "held out: median",
+        "held out: worst",
     )
     return table(columns, [_law_row(stage, own[measure]) for stage, own in fits.items()], words=2)
 
@@ -42,7 +42,7 @@ def _law_row(stage: str, law: Fit) -> list[str]:
 
 
 def in_words(coefficients: Mapping[Term, float]) -> str:
-    """A law as a formula, without the terms that count nothing."""
+    """A law as a formula, without terms whose coefficient is 0."""
     parts = [_term(term, factor) for term, factor in coefficients.items() if factor > 0]
     return " + ".join(parts) or "0"
 
@@ -50,21 +50,21 @@ def in_words(coefficients: Mapping[Term, float]) -> str:
 def _term(term: Term, factor: float) -> str:
     for name in term:
         factor *= 1000.0 if is_in_thousands(name) else 1.0
-    return " · ".join([f"{factor:.3g}", *map(spoken, term)])
+    return " · ".join([f"{factor:.3g}", *map(named, term)])
 
 
 def is_in_thousands(name: str) -> bool:
-    """Whether a size's coefficients are told for a thousand of it."""
+    """Whether coefficients of this size are printed per thousand."""
     return name.endswith(_THOUSANDS)
 
 
-def spoken(name: str) -> str:
-    """A size as it is called in a formula."""
+def named(name: str) -> str:
+    """The name of a size in a formula."""
     return ("k " if is_in_thousands(name) else "") + name.replace("_", " ")
 
 
 def held_against(fits: Fits, runs: Sequence[Run]) -> str:
-    """What the laws say of a scene that none was fitted to, beside what it took."""
+    """The laws' predictions for a scene that none was fitted to, and the measured values."""
     measures = {CPU: "CPU [s]", MEMORY: "memory [MiB]", DISK: "disk [MiB]"}
     columns = ["stage"]
     for title in measures.values():
@@ -84,23 +84,18 @@ def held_against(fits: Fits, runs: Sequence[Run]) -> str:
     return table(columns, [*rows, last])
 
 
-def sequence(costs: Mapping[str, Cost], expected: Mapping[str, float]) -> str:
-    """What each stage takes of one sequence.
-
-    Args:
-        expected: memory by stage that ``egosplat.cluster.memory`` expects [MB].
-    """
+def sequence(costs: Mapping[str, Cost]) -> str:
+    """The cost of each stage for one sequence."""
     columns = (
         "stage",
         "CPU-hours",
-        "least to most",
+        "lowest to highest",
         "memory [GiB]",
-        "least to most",
-        "scheduler's law [GiB]",
+        "lowest to highest",
         "disk [GiB]",
         "GPU-hours, as assumed",
     )
-    rows = [_sequence_row(stage, cost, expected[stage]) for stage, cost in costs.items()]
+    rows = [_sequence_row(stage, cost) for stage, cost in costs.items()]
     everything = list(costs.values())
     total = [
         "together (memory: the most)",
@@ -108,14 +103,13 @@ def sequence(costs: Mapping[str, Cost], expected: Mapping[str, float]) -> str:
         span(hours, sum(cost.cpu_s.low for cost in everything), sum(cost.cpu_s.high for cost in everything)),
         gib(max(cost.memory_mb.value for cost in everything)),
         "",
-        gib(max(expected.values()) * MB / 2**20),
         gib(sum(cost.disk_mb.value for cost in everything)),
         hours(sum(cost.gpu_s or 0.0 for cost in everything)),
     ]
     return table(columns, [*rows, total])
 
 
-def _sequence_row(stage: str, cost: Cost, expected: float) -> list[str]:
+def _sequence_row(stage: str, cost: Cost) -> list[str]:
     memory = cost.memory_mb
     return [
         stage,
@@ -123,14 +117,13 @@ def _sequence_row(stage: str, cost: Cost, expected: float) -> list[str]:
         span(hours, cost.cpu_s.low, cost.cpu_s.high),
         gib(memory.value),
         span(gib, memory.low, memory.high),
-        gib(expected * MB / 2**20),
         gib(cost.disk_mb.value),
         "none" if cost.gpu_s is None else f"{hours(cost.gpu_s)} ({ON_GPU[stage].replace('_', ' ')})",
     ]
 
 
 def reach(runs: Sequence[Run], checked: Mapping[str, Sizes], paper: Sizes) -> str:
-    """How far each size goes beyond what was measured."""
+    """How far the extrapolation goes beyond the measured range of each size."""
     columns = ["size", "measured: least", "most"]
     for name in [*checked, "paper's settings"]:
         columns += [name, "times the most"]
@@ -156,25 +149,25 @@ def _reached(value: float | None, most: float) -> list[str]:
 
 
 def number(value: float) -> str:
-    """Three digits that count, with commas."""
+    """Three significant digits, thousands separated by commas."""
     if value >= 100:
         return f"{value:,.0f}"
     return f"{value:.3g}"
 
 
-def span(told: Callable[[float], str], low: float, high: float) -> str:
-    """From one value to another; one alone where they are told alike."""
-    ends = dict.fromkeys((told(low), told(high)))
+def span(text_of: Callable[[float], str], low: float, high: float) -> str:
+    """Two values as ``a to b``; one where both read the same."""
+    ends = dict.fromkeys((text_of(low), text_of(high)))
     return " to ".join(ends)
 
 
 def hours(seconds: float) -> str:
-    """Hours, with three digits that count; the smallest by a bound."""
+    """Hours with three significant digits; ``< 0.01`` for less."""
     return _from_a_hundredth(seconds / 3600)
 
 
 def gib(mebibytes: float) -> str:
-    """The same of GiB."""
+    """GiB, written as ``hours``."""
     return _from_a_hundredth(mebibytes / 1024)
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import egosplat
-from egosplat import costs
+from egosplat.artifacts import usage
 from egosplat.pipeline.stages import STAGES, code_of
 
 
@@ -49,12 +49,12 @@ class Provenance:
         values = {key: value for key, value in asdict(self).items() if not key.startswith("started")}
         cost = {
             "wall_s": time.perf_counter() - self.started,
-            "cpu_s": costs.cpu_seconds() - self.started_cpu,
-            "peak_memory_mb": costs.peak_memory_mb(),
-            "peak_gpu_memory_mb": costs.peak_gpu_memory_mb(),
+            "cpu_s": usage.cpu_seconds() - self.started_cpu,
+            "peak_memory_mb": usage.peak_memory_mb(),
+            "peak_gpu_memory_mb": usage.peak_gpu_memory_mb(),
         }
         told = {key: None if value is None else round(value, 3) for key, value in cost.items()}
-        return values | {"machine": costs.machine()} | told
+        return values | {"machine": usage.machine()} | told
 
 
 class Made(Protocol):
@@ -100,7 +100,7 @@ def begin(
         versions=versions,
         created=datetime.now(UTC).isoformat(timespec="seconds"),
         started=time.perf_counter(),
-        started_cpu=costs.cpu_seconds(),
+        started_cpu=usage.cpu_seconds(),
     )
 
 

@@ -1,13 +1,14 @@
 """What this machine and a configuration can do: ``egosplat doctor``."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
+from egosplat.cost_model.laws import MEASURED_ON
 from egosplat.doctor.configured import read_configuration
 from egosplat.doctor.findings import Finding, Mark
 from egosplat.doctor.inputs import model_findings, recording_findings, suitability_findings
 from egosplat.doctor.machine import machine_findings
-from egosplat.doctor.times import MEASURED_ON, Estimate, estimate, spoken
+from egosplat.doctor.times import duration, estimate
 from egosplat.errors import UserError
 from egosplat.pipeline.config import Config
 from egosplat.pipeline.scenes import Scene, read_scenes
@@ -35,36 +36,40 @@ def examine(files: Sequence[Path], options: Sequence[str]) -> list[Finding]:
 
 
 def _times(scenes: list[Scene]) -> Iterator[Finding]:
-    """The expected time of every scene whose recording is there or can be made; alike ones on one line."""
-    groups: dict[Estimate, list[str]] = {}
+    """The expected time of every scene whose recording exists or can be made; equal ones share a line."""
+    groups: dict[tuple[tuple[str, float | None], ...], list[str]] = {}
     for scene in scenes:
         if scene.synthetic or scene.recording.exists():
-            expected = estimate(scene.config, scene.synthetic, _rasterizer(scene.config))
-            groups.setdefault(expected, []).append(f"{scene.dataset}/{scene.scene}")
+            expected = estimate(
+                scene.config, scene.synthetic, _rasterizer(scene.config), _models_device(scene.config)
+            )
+            groups.setdefault(tuple(expected.items()), []).append(f"{scene.dataset}/{scene.scene}")
     if not groups:
         yield Finding(Mark.NOTE, "expected time", "no scene of the table has a recording")
     for expected, names in groups.items():
-        yield _time(expected, names)
+        yield _time(dict(expected), names)
 
 
-def _time(expected: Estimate, names: list[str]) -> Finding:
-    parts = {
-        "filming": expected.synthetic,
-        "reading": expected.reading,
-        "segments": expected.segments,
-        "what moves": expected.transient,
-        "training": expected.splats,
-        "asking": expected.asking,
-    }
-    known = {name: seconds for name, seconds in parts.items() if seconds}
-    told = ", ".join(f"{name} {spoken(seconds)}" for name, seconds in known.items())
-    unknown = [name for name, seconds in parts.items() if seconds is None]
+def _time(expected: Mapping[str, float | None], names: list[str]) -> Finding:
+    known = {part: seconds for part, seconds in expected.items() if seconds}
+    parts = ", ".join(f"{part} {duration(seconds)}" for part, seconds in known.items())
+    unknown = [part for part, seconds in expected.items() if seconds is None]
     each = " each" if len(names) > 1 else ""
-    value = f"about {spoken(sum(known.values()))}{each} ({told})" if known else "not known"
-    advice = f"Scaled from figures measured on {MEASURED_ON}"
+    value = f"about {duration(sum(known.values()))}{each} ({parts})" if known else "not known"
+    advice = f"Extrapolated from measurements on {MEASURED_ON}"
     if unknown:
-        advice += f"; none of this kind for {', '.join(unknown)}"
+        advice += f"; not known: {', '.join(unknown)}"
     return Finding(Mark.NOTE, "expected time", f"{', '.join(names)}: {value}", advice)
+
+
+def _models_device(config: Config) -> str:
+    """The type of the device that runs SAM2 and OpenCLIP; ``cuda`` where a GPU is asked for and missing."""
+    from egosplat.compute import choose_compute
+
+    try:
+        return choose_compute(config["models"]["device"], config["models"]["precision"]).device.type
+    except UserError:
+        return config["models"]["device"]
 
 
 def _rasterizer(config: Config) -> str:

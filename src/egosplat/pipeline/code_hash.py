@@ -21,7 +21,7 @@ from egosplat.kernels.source_hash import cpp_hash
 NEUTRAL = {
     "egosplat",  # holds the version alone
     "egosplat.files",
-    "egosplat.costs",
+    "egosplat.artifacts.usage",
     "egosplat.kernels.source_hash",
     "egosplat.errors",
     "egosplat.pipeline",

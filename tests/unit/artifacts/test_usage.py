@@ -1,4 +1,4 @@
-"""What a process has taken."""
+"""Time and memory in each artifact's provenance: the tables and docs/scale.md report them."""
 
 import subprocess
 import sys
@@ -7,7 +7,7 @@ import types
 
 import numpy as np
 
-from egosplat import costs
+from egosplat.artifacts import usage
 
 
 def work() -> None:
@@ -16,28 +16,31 @@ def work() -> None:
 
 
 def test_time_of_threads_and_children_counts():
-    start = costs.cpu_seconds()
+    """COLMAP and Snakemake's children compute in other processes and threads."""
+    start = usage.cpu_seconds()
     thread = threading.Thread(target=work)
     thread.start()
     thread.join()
-    after_thread = costs.cpu_seconds()
+    after_thread = usage.cpu_seconds()
     subprocess.run([sys.executable, "-c", "sum(range(3_000_000))"], check=True)
     assert after_thread - start > 0.05
-    assert costs.cpu_seconds() - after_thread > 0.02
+    assert usage.cpu_seconds() - after_thread > 0.02
 
 
 def test_memory_grows_by_what_is_held():
+    """The peak is that of the process itself, in MiB."""
     code = (
-        "from egosplat import costs; before = costs.peak_memory_mb(); held = b'x' * (100 * 2**20);"
-        "print(costs.peak_memory_mb() - before)"
+        "from egosplat.artifacts import usage; before = usage.peak_memory_mb(); held = b'x' * (100 * 2**20);"
+        "print(usage.peak_memory_mb() - before)"
     )
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert 90 < float(done.stdout) < 120
 
 
 def test_a_gpu_counts_where_it_was_used(monkeypatch):
+    """Memory of all GPUs is summed; a process without PyTorch has none."""
     monkeypatch.setitem(sys.modules, "torch", None)
-    assert costs.peak_gpu_memory_mb() is None and "core" in costs.machine()
+    assert usage.peak_gpu_memory_mb() is None and "core" in usage.machine()
     cuda = types.SimpleNamespace(
         is_initialized=lambda: True,
         device_count=lambda: 2,
@@ -45,10 +48,11 @@ def test_a_gpu_counts_where_it_was_used(monkeypatch):
         get_device_name=lambda: "a GPU",
     )
     monkeypatch.setitem(sys.modules, "torch", types.SimpleNamespace(cuda=cuda))
-    assert costs.peak_gpu_memory_mb() == 3.0 and costs.machine().endswith(", a GPU")
+    assert usage.peak_gpu_memory_mb() == 3.0 and usage.machine().endswith(", a GPU")
 
 
-def test_a_processor_without_a_name_is_told_by_its_kind(tmp_path):
-    assert costs._processor(tmp_path / "absent")
+def test_a_processor_without_a_name_is_named_by_its_architecture(tmp_path):
+    """ARM machines have no model name in /proc/cpuinfo."""
+    assert usage._processor(tmp_path / "absent")
     (tmp_path / "cpuinfo").write_text("processor\t: 0\nmodel name\t: Some CPU\n")
-    assert costs._processor(tmp_path / "cpuinfo") == "Some CPU"
+    assert usage._processor(tmp_path / "cpuinfo") == "Some CPU"

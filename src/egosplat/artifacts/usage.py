@@ -1,4 +1,4 @@
-"""What a process has taken so far: time on the processor, memory, and of which machine."""
+"""Processor time and memory that a process has used so far, and the machine that it runs on."""
 
 import functools
 import os
@@ -19,17 +19,15 @@ def cpu_seconds() -> float:
 
 
 def peak_memory_mb(status: Path = Path("/proc/self/status")) -> float:
-    """The most main memory that this process has had at a time [MiB].
-
-    Linux tells it of the program alone; what ``getrusage`` tells begins with that of the process which started it.
-    """
+    """Peak of main memory of this process [MiB]."""
+    # Linux counts the program alone; getrusage starts from the peak of the process that started it.
     lines = status.read_text().splitlines() if status.is_file() else []
     peaks = (int(line.split()[1]) for line in lines if line.startswith("VmHWM:"))
     return next(peaks, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) / _KIB
 
 
 def peak_gpu_memory_mb() -> float | None:
-    """The most memory that PyTorch has had on its GPUs [MiB]; None where it has used none."""
+    """Peak of the memory that PyTorch used on its GPUs [MiB]; None where it used none."""
     cuda = _used_cuda()
     if cuda is None:
         return None
@@ -37,7 +35,7 @@ def peak_gpu_memory_mb() -> float | None:
 
 
 def machine() -> str:
-    """The processor, the cores that this process may use, and the GPU that PyTorch has used, in words."""
+    """The processor, the cores that this process may use, and the GPU that PyTorch used, as one line."""
     cores = len(os.sched_getaffinity(0))
     cuda = _used_cuda()
     gpu = "" if cuda is None else f", {cuda.get_device_name()}"
@@ -45,14 +43,14 @@ def machine() -> str:
 
 
 def _used_cuda() -> Any:
-    """``torch.cuda``, where this process has computed with it."""
+    """``torch.cuda`` where this process has used it, else None."""
     torch = sys.modules.get("torch")
     return torch.cuda if torch is not None and torch.cuda.is_initialized() else None
 
 
 @functools.cache
 def _processor(cpuinfo: Path = Path("/proc/cpuinfo")) -> str:
-    """The processor's name; of a machine that does not tell it, its kind."""
+    """The processor's name, or its architecture where the machine has no name for it."""
     lines = cpuinfo.read_text().splitlines() if cpuinfo.is_file() else []
     names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
     return next(names, platform.machine())

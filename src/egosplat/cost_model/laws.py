@@ -1,0 +1,122 @@
+"""Expected memory and time of a stage, from the sizes of a scene.
+
+A law is a sum of terms, each a coefficient times a product of sizes (see ``sizes``). ``coefficients.json`` holds them:
+
+- ``laws``: by name, the ``source`` of the coefficients, which measures are ``assumed``, and the laws themselves. ``cpu_s`` is processor time on one core
+  without a GPU [s], ``peak_memory_mb`` main memory without a GPU [MiB], ``disk_mb`` the artifact's size [MiB]. A term is
+  written as its sizes joined by ``*``; ``1`` is the constant. Most laws are fitted to benchmarks/growth.json: small
+  synthetic apartments, the small models, one thread of an Intel Xeon with AVX-512.
+- ``busy_cores``: the cores that a stage kept busy on two cores; 1 for stages that are not listed.
+- ``rasterizer``: time with each variant of the C++ kernels against AVX-512, from benchmarks/rasterizer.md.
+- ``gpu_speedup``: time on one core against time on a GPU. **Assumed**; no GPU was measured.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from egosplat.models.configs import SMALL
+from egosplat.pipeline.config import Config
+
+Term = tuple[str, ...]
+"""The names of the sizes that a term multiplies; () is the constant."""
+
+CPU, MEMORY, DISK = "cpu_s", "peak_memory_mb", "disk_mb"
+
+MEASURED_ON = "two cores with AVX-512"
+
+START_S = 4.0
+"""Start of Python and its libraries, which ``cpu_s`` leaves out: 2.7 to 4 s on the log of a whole run."""
+
+_RENDERS = frozenset({"transient", "splats", "language", "language_trained", "metrics", "metrics_published"})
+"""Laws whose time depends on the rasterizer."""
+
+
+def law_of(stage: str, config: Config, *, colmap: bool = False) -> str:
+    """The name of the law that holds for a stage under a configuration.
+
+    Args:
+        stage: one of ``STAGES``.
+        config: the scene's whole configuration.
+        colmap: whether COLMAP finds the poses; else they are read from the device's trajectory.
+    """
+    models = config["models"]
+    small_clip = models["clip_model"] == SMALL
+    if stage == "poses" and colmap:
+        return "poses_colmap"
+    if stage == "segments" and config["segments"]["segmenter"] == "classical":
+        return "segments_classical"
+    if stage == "segments" and models["sam2_config"] != SMALL:
+        return "segments_published"
+    if stage == "language" and config["language"]["method"] == "trained":
+        return "language_trained"
+    if stage == "queries_sheet":  # answers queries as metrics does
+        stage = "metrics"
+    if stage in ("view_features", "metrics") and not small_clip:
+        return f"{stage}_published"
+    return stage
+
+
+def memory_mib(law: str, sizes: Mapping[str, float]) -> float:
+    """Expected peak of main memory without a GPU [MiB].
+
+    Args:
+        law: a name that ``law_of`` returns.
+        sizes: of the scene; ``sizes.Sizes`` or a plain mapping.
+    """
+    return evaluate(laws()[law][MEMORY], sizes)
+
+
+def seconds(law: str, sizes: Mapping[str, float], rasterizer: str = "avx512") -> float:
+    """Expected time on the clock on two cores without a GPU [s].
+
+    Args:
+        law, sizes: as in ``memory_mib``.
+        rasterizer: the variant of the C++ kernels, ``avx512``, ``avx2`` or ``generic``.
+    """
+    slower = table()["rasterizer"][rasterizer] if law in _RENDERS else 1.0
+    return START_S + slower * evaluate(laws()[law][CPU], sizes) / table()["busy_cores"].get(law, 1.0)
+
+
+def gpu_seconds(law: str, sizes: Mapping[str, float]) -> float:
+    """Time of a stage on a GPU [s]: that of one core divided by an assumed factor, not a measurement."""
+    kind = "rasterizer" if law in _RENDERS else "network"
+    return START_S + evaluate(laws()[law][CPU], sizes) / table()["gpu_speedup"][kind]
+
+
+def evaluate(law: Mapping[Term, float], sizes: Mapping[str, float]) -> float:
+    """The value of a law; sizes of terms whose coefficient is 0 need not be known."""
+    return math.fsum(
+        factor * math.prod(sizes[name] for name in term) for term, factor in law.items() if factor
+    )
+
+
+def is_assumed(law: str, measure: str) -> bool:
+    """Whether a measure (``CPU``, ``MEMORY``, ``DISK``) of a law is assumed, not measured."""
+    return measure in table()["laws"][law].get("assumed", ())
+
+
+@cache
+def table() -> dict[str, Any]:
+    """The content of ``coefficients.json``."""
+    return json.loads((Path(__file__).parent / "coefficients.json").read_text())
+
+
+@cache
+def laws() -> dict[str, dict[str, dict[Term, float]]]:
+    """The coefficients of all laws: by name, by measure (``CPU``, ``MEMORY``, ``DISK``), by term."""
+    return {
+        name: {
+            measure: {_term(text): factor for text, factor in law.items()}
+            for measure, law in entry.items()
+            if measure in (CPU, MEMORY, DISK)
+        }
+        for name, entry in table()["laws"].items()
+    }
+
+
+def _term(text: str) -> Term:
+    return () if text == "1" else tuple(text.split("*"))

@@ -1,0 +1,76 @@
+"""Memory, time and GPUs that a job asks a scheduler for: the expected cost, a margin, and more at each further attempt."""
+
+import math
+from collections.abc import Iterable
+
+from egosplat.cost_model.laws import gpu_seconds, law_of, memory_mib, seconds
+from egosplat.cost_model.sizes import UNKNOWN_FRAMES, Sizes
+from egosplat.pipeline.config import Config, stage_values
+
+MEMORY_MARGIN = 1.3
+"""Times the expected memory. On the largest finished scene that no law was fitted to, stages took up to 1.1 times it."""
+
+SNAKEMAKE_MB = 700.0
+"""The two Snakemakes beside the stage's process: one submits, one runs the job's command [MB]."""
+
+CUDA_MB = 3000.0
+"""CUDA's libraries and context in a process that uses a GPU [MB]. Assumed."""
+
+TIME_MARGIN = 3.0
+"""Times the expected time: slower machines, busy file systems. It costs nothing when a job ends earlier."""
+
+LEAST_S, MOST_S = 600.0, 86_400.0
+"""Python starts slowly from a network file system. A stage that is stopped after a day resumes from its checkpoint."""
+
+GPU_MARGIN = 4.0
+"""Times the time on a GPU, whose speed is assumed."""
+
+_ON_GPU = {"auto", "cuda"}
+
+
+def memory_mb(stage: str, config: Config, inputs: Iterable[str], attempt: int) -> int:
+    """Memory to ask for, a multiple of 100 [MB].
+
+    Args:
+        stage: one of ``STAGES``.
+        config: the scene's whole configuration.
+        inputs: paths of the job's inputs.
+        attempt: 1 at first; the n-th asks for n times as much.
+
+    Raises:
+        FileNotFoundError, LookupError: see ``Sizes``.
+    """
+    sizes = _sizes(stage, config, inputs, at_most=True)
+    stage_mb = memory_mib(_law(stage, config, sizes), sizes) * 2**20 / 1e6
+    cuda_mb = CUDA_MB if gpus(stage, config) else 0.0
+    return attempt * 100 * math.ceil((SNAKEMAKE_MB + MEMORY_MARGIN * (stage_mb + cuda_mb)) / 100)
+
+
+def runtime_min(stage: str, config: Config, inputs: Iterable[str], attempt: int) -> int:
+    """Time to ask for, in whole minutes, a day at most; arguments and errors as for ``memory_mb``."""
+    sizes = _sizes(stage, config, inputs, at_most=False)
+    law = _law(stage, config, sizes)
+    if law in ("segments_published", "view_features_published") and gpus(stage, config):
+        expected = GPU_MARGIN * gpu_seconds(law, sizes)
+    else:
+        # With a GPU these are far too long; without AVX on the node they are not.
+        expected = seconds(law, sizes, "generic")
+    return attempt * math.ceil(min(LEAST_S + TIME_MARGIN * expected, MOST_S) / 60)
+
+
+def gpus(stage: str, config: Config) -> int:
+    """GPUs that a job of the stage can use: 1 where a key of it lets models or rendering run on one, else 0."""
+    if stage == "segments" and config["segments"]["segmenter"] == "classical":
+        return 0
+    values = stage_values(stage, config)
+    return int(any(values.get(key) in _ON_GPU for key in ("device", "backend")))
+
+
+def _sizes(stage: str, config: Config, inputs: Iterable[str], at_most: bool) -> Sizes:
+    # The job that reads a recording has no input that tells how long it is.
+    unread = {"frames": UNKNOWN_FRAMES, "pixels": config["frames"]["resolution"] ** 2}
+    return Sizes(config, inputs, unread if stage == "frames" else None, at_most)
+
+
+def _law(stage: str, config: Config, sizes: Sizes) -> str:
+    return law_of(stage, config, colmap=stage == "poses" and sizes.colmap)

@@ -1,0 +1,192 @@
+"""The sizes of a scene on which memory and time of its stages depend."""
+
+import errno
+import json
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from egosplat.errors import UserError
+from egosplat.models.configs import SMALL, sam2_side
+from egosplat.pipeline.config import Config
+
+LEVELS = 3
+"""Levels of instances."""
+
+SAM2_SIDE = 1024
+"""Side of the square to which the published SAM2 resize frames [px]."""
+
+TYPICAL_TRACKED = 150
+"""Instances that SAM2 tracks in a furnished apartment, all levels together: 134 in adt/scene1."""
+
+UNKNOWN_FRAMES = 3600
+"""Frames of a recording that is not read yet: two minutes at ADT's 30 a second."""
+
+RECORDED_PIXELS = 1408**2
+"""Pixels of a recorded frame; ADT's. No artifact stores the recording's own size."""
+
+_IN_ARTIFACTS: dict[str, tuple[tuple[str, str, slice], ...]] = {
+    "frames": (("frames", "rgb", slice(0, 1)), ("segments", "labels", slice(0, 1))),
+    "pixels": (("frames", "rgb", slice(1, 3)), ("segments", "labels", slice(2, 4))),
+    "points": (("poses", "points/xyz", slice(0, 1)),),
+    "instances": (("segments", "instances/level", slice(0, 1)),),
+    "views": (("view_features", "feature", slice(0, 1)),),
+    "channels": (("view_features", "feature", slice(1, 2)),),
+    "dims": (("features", "code", slice(1, 2)),),
+    "gaussians": (("splats", "means", slice(0, 1)),),
+}
+"""By size: the artifacts that have it, the array, and the axes whose product it is."""
+
+
+class Sizes(Mapping[str, float]):
+    """The sizes of a scene by name: those given, else those in the headers of a job's inputs, else the configuration's.
+
+    A header is a JSON file of 1 kB, read only when a size in it is asked for.
+
+    Args:
+        config: the scene's whole configuration.
+        inputs: paths of a job's inputs; those that are no artifact are ignored.
+        given: sizes that are known otherwise.
+        at_most: whether instances that are not known count as the most that the configuration allows
+            (``segments.max_instances``), not as a typical number.
+
+    Raises:
+        FileNotFoundError: (when asked for a size) the input that has it is not made yet; ``filename`` is its path.
+        LookupError: (when asked for a size) neither an input nor the configuration has it.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        inputs: Iterable[str] = (),
+        given: Mapping[str, float] | None = None,
+        at_most: bool = False,
+    ) -> None:
+        self._config = config
+        self._paths = {Path(path).stem: path for path in inputs if Path(path).suffix == ".zarr"}
+        self._given = given or {}
+        self._at_most = at_most
+
+    def __getitem__(self, name: str) -> float:
+        if name in self._given:
+            return self._given[name]
+        for artifact, array, axes in _IN_ARTIFACTS.get(name, ()):
+            if artifact in self._paths:
+                shape = _header(self._paths[artifact], array)["shape"]
+                return math.prod(shape[axes])
+        if name in _FROM_CONFIG:
+            return _FROM_CONFIG[name](self._config, self)
+        raise LookupError(f"no input of the job has its {name}: {', '.join(self._paths) or 'none'}")
+
+    def __iter__(self) -> Iterator[str]:
+        return iter({**_IN_ARTIFACTS, **_FROM_CONFIG, **self._given})
+
+    def __len__(self) -> int:
+        return len(list(iter(self)))
+
+    @property
+    def most_tracked(self) -> int:
+        """Instances of all levels that may be tracked."""
+        allowed = LEVELS * self._config["segments"]["max_instances"]
+        return allowed if self._at_most else min(TYPICAL_TRACKED, allowed)
+
+    @property
+    def colmap(self) -> bool:
+        """Whether COLMAP finds the poses of these frames.
+
+        Raises:
+            FileNotFoundError: the frames are not made yet.
+        """
+        if self._config["poses"]["method"] == "colmap":
+            return True
+        if "frames" not in self._paths:
+            return False
+        facts = _header(self._paths["frames"], "")["attributes"]["egosplat"]["facts"]
+        return facts["device_from_camera"] is None
+
+
+def _header(path: str, array: str) -> dict[str, Any]:
+    try:
+        return json.loads((Path(path) / array / "zarr.json").read_text())
+    except OSError:
+        raise FileNotFoundError(errno.ENOENT, "is still to be made", path) from None
+
+
+def _evaluated(config: Config, sizes: Sizes) -> float:
+    count = config["frames"]["evaluation_frames"]
+    return 12 if count == "auto" else count
+
+
+def _prompts(config: Config, sizes: Sizes) -> float:
+    """A grid of points in each frame that is searched for new instances."""
+    keys = config["segments"]
+    return (1 + sizes["frames"] / keys["key_frame_stride"]) * keys["points_per_side"] ** 2
+
+
+def _views(config: Config, sizes: Sizes) -> float:
+    """An instance is seen in half of the frames; 0.55 in adt/scene1."""
+    most = config["view_features"]["max_views"] or sizes["frames"]
+    return sizes["instances"] * min(sizes["frames"] / 2, most)
+
+
+def _dims(config: Config, _: Sizes) -> float:
+    dims = config["features"]["dims"]
+    return 32 if dims == "auto" else dims  # more than scenes take
+
+
+def _sam2_area(config: Config, _: Sizes) -> float:
+    own = 320 if config["models"]["sam2_config"] == SMALL else SAM2_SIDE
+    try:
+        side = config["segments"]["image_size"] or sam2_side(config["models"]["sam2_config"])
+    except UserError:  # the stage itself reports it
+        side = own
+    return (side / own) ** 2
+
+
+def _network_iterations(config: Config, _: Sizes) -> float:
+    keys = config["transient"]
+    return keys["iterations"] - round(keys["warmup"] * keys["iterations"])
+
+
+def _autoencoder(config: Config, _: Sizes) -> float:
+    return float(config["features"]["compression"] == "autoencoder")
+
+
+_FROM_CONFIG: dict[str, Callable[[Config, Sizes], float]] = {
+    # The recording. Frames that the survey drops, and those that are evaluated, count as kept and trained on.
+    "recorded_pixels": lambda config, _: RECORDED_PIXELS,
+    "filmed_frames": lambda config, _: config["synthetic"]["seconds"] * config["synthetic"]["fps"],
+    "filmed_pixels": lambda config, _: config["synthetic"]["size"] ** 2,
+    "kept": lambda _, sizes: sizes["frames"],
+    "training": lambda _, sizes: sizes["frames"],
+    "pairs": lambda _, sizes: sizes["frames"],
+    "surveyed_pixels": lambda _, sizes: min(sizes["pixels"], 256**2),  # egosplat.survey.moving.SIDE
+    "evaluated": _evaluated,
+    "points": lambda *_: 1_000_000,
+    # Instances and what is known of them.
+    "prompts": _prompts,
+    "tracked": lambda _, sizes: sizes.most_tracked,
+    "instances": lambda _, sizes: sizes.most_tracked / 2,  # 72 of 134 in adt/scene1
+    "sam2_area": _sam2_area,
+    "views": _views,
+    "channels": lambda config, _: 128 if config["models"]["clip_model"] == SMALL else 512,
+    "dims": _dims,
+    "codes": lambda _, sizes: LEVELS * sizes["dims"],
+    "autoencoder": _autoencoder,
+    "epochs": lambda config, _: config["features"]["epochs"] * _autoencoder(config, _),
+    "queries": lambda *_: 150,
+    # The transient network and its temporary Gaussians.
+    "initial_iterations": lambda config, _: config["transient"]["iterations"],
+    "network_iterations": _network_iterations,
+    "initial_pixels": lambda config, sizes: min(config["transient"]["resolution"] ** 2, sizes["pixels"]),
+    "network_pixels": lambda config, _: config["transient"]["input_size"] ** 2,
+    "initial_gaussians": lambda config, _: config["transient"]["max_gaussians"],
+    # Gaussians; density control reaches its budget.
+    "iterations": lambda config, _: config["splats"]["iterations"],
+    "gaussians": lambda config, _: config["splats"]["max_gaussians"],
+    "mean_gaussians": lambda _, sizes: sizes["gaussians"],
+    "joint": lambda config, sizes: sizes["codes"] if config["splats"]["language"] == "joint" else 0,
+    "language_iterations": lambda config, _: config["language"]["iterations"],
+}
+"""By size: its value where no input has it."""

@@ -1,0 +1,181 @@
+"""The laws of memory and time: they grow with a scene, and the law fits how a stage runs."""
+
+import copy
+import json
+from pathlib import Path
+
+import pytest
+
+from egosplat.cost_model.laws import gpu_seconds, law_of, laws, memory_mib, seconds
+from egosplat.cost_model.sizes import Sizes
+from egosplat.pipeline.config import defaults, resolve
+from egosplat.pipeline.stages import STAGES
+
+ROOT = Path(__file__).resolve().parents[3]
+SCENE = {
+    "frames": 120,
+    "pixels": 512**2,
+    "instances": 72,
+    "views": 4000,
+    "channels": 512,
+    "gaussians": 100_000,
+}
+MEMORY_GROWS_WITH = {
+    "synthetic": (),
+    "frames": ("pixels",),
+    "annotations": ("pixels",),
+    "survey": ("pixels",),
+    "poses": ("frames",),
+    "segments": ("pixels",),
+    "view_features": ("pixels", "views", "channels"),
+    "features": ("views", "channels"),
+    "transient": ("frames", "pixels"),
+    "masks": ("pixels",),
+    "splats": ("frames", "pixels", "gaussians"),
+    "language": ("pixels", "gaussians"),
+    "metrics": ("pixels", "gaussians"),
+    "contact_sheet": ("pixels",),
+    "segments_sheet": ("pixels",),
+    "crops_sheet": ("pixels",),
+    "splats_sheet": ("pixels",),
+    "transient_sheet": ("gaussians",),
+    "language_sheet": ("gaussians",),
+    "queries_sheet": ("pixels", "gaussians"),
+}
+"""The sizes that the memory of each stage grows with."""
+
+
+def with_keys(section: str, **keys: object) -> dict:
+    config = copy.deepcopy(defaults())
+    config[section] |= keys
+    return config
+
+
+def memory(stage: str, config: dict | None = None, **sizes: float) -> float:
+    config = config or defaults()
+    return memory_mib(law_of(stage, config), Sizes(config, given=SCENE | sizes))
+
+
+def time(stage: str, config: dict | None = None, **sizes: float) -> float:
+    config = config or defaults()
+    return seconds(law_of(stage, config), Sizes(config, given=SCENE | sizes))
+
+
+def test_every_stage_of_the_workflow_has_a_law():
+    """A new stage cannot be forgotten. Stages that no rule runs need no law."""
+    assert set(MEMORY_GROWS_WITH) == set(STAGES) - {"method_metrics"}
+    assert {law_of(stage, defaults()) for stage in MEMORY_GROWS_WITH} <= set(laws())
+
+
+@pytest.mark.parametrize("stage", MEMORY_GROWS_WITH)
+def test_memory_grows_with_the_sizes_that_a_stage_holds(stage):
+    """A larger scene asks for more memory, in those stages that hold what is larger, and in no other."""
+    grows = {name for name, size in SCENE.items() if memory(stage, **{name: 2 * size}) > memory(stage)}
+    assert grows == set(MEMORY_GROWS_WITH[stage])
+
+
+@pytest.mark.parametrize("stage", MEMORY_GROWS_WITH)
+def test_no_size_makes_a_stage_cheaper(stage):
+    """Every law is monotone in every size."""
+    for name, size in SCENE.items():
+        assert memory(stage, **{name: 2 * size}) >= memory(stage)
+        assert time(stage, **{name: 2 * size}) >= time(stage)
+
+
+@pytest.mark.parametrize(
+    "stage, section, key, more",
+    [
+        ("splats", "splats", "language", "joint"),
+        ("transient", "transient", "max_gaussians", 200_000),
+        ("transient", "transient", "resolution", 256),
+        ("segments", "segments", "image_size", 512),
+        ("segments", "models", "sam2_config", "sam2.1_hiera_b+"),
+        ("view_features", "models", "clip_model", "ViT-B-16"),
+        ("metrics", "models", "clip_model", "ViT-B-16"),
+        ("synthetic", "synthetic", "size", 1408),
+        ("language", "features", "dims", 32),
+        ("language", "features", "dims", "auto"),
+        ("language", "language", "method", "trained"),
+    ],
+)
+def test_keys_that_enlarge_a_job_raise_its_memory(stage, section, key, more):
+    """The configuration's own sizes and models are part of the cost."""
+    assert memory(stage, with_keys(section, **{key: more})) > memory(stage)
+
+
+@pytest.mark.parametrize(
+    "stage, section, key, more",
+    [
+        ("splats", "splats", "iterations", 30_000),
+        ("transient", "transient", "iterations", 7000),
+        ("segments", "segments", "image_size", 640),
+        ("segments", "segments", "points_per_side", 64),
+        ("segments", "models", "sam2_config", "sam2.1_hiera_b+"),
+        ("view_features", "models", "clip_model", "ViT-B-16"),
+        ("language", "language", "method", "trained"),
+        ("synthetic", "synthetic", "seconds", 60.0),
+    ],
+)
+def test_keys_that_lengthen_a_job_raise_its_time(stage, section, key, more):
+    """As for memory."""
+    assert time(stage, with_keys(section, **{key: more})) > time(stage)
+
+
+def test_training_time_is_proportional_to_its_iterations():
+    """A known point: start-up apart, twice the iterations take twice the time."""
+    once, twice = (time("splats", with_keys("splats", iterations=n)) for n in (10_000, 20_000))
+    more = time("splats", with_keys("splats", iterations=30_000))
+    assert more - twice == pytest.approx(twice - once)
+
+
+def test_a_trajectory_takes_less_than_colmap():
+    """Poses that are read must not ask for COLMAP's memory and time."""
+    sizes = Sizes(defaults(), given=SCENE)
+    read, found = law_of("poses", defaults()), law_of("poses", defaults(), colmap=True)
+    assert memory_mib(read, sizes) < memory_mib(found, sizes) / 5
+    assert seconds(read, sizes) < seconds(found, sizes) / 5
+
+
+def test_the_time_of_sam2_grows_with_the_area_of_its_input():
+    """segments.image_size doubled: four times the time of tracking."""
+    law = {term: factor for term, factor in laws()["segments"]["cpu_s"].items() if "sam2_area" in term}
+    assert law
+    areas = [Sizes(with_keys("segments", image_size=side))["sam2_area"] for side in (320, 640)]
+    assert areas == [1.0, 4.0]
+
+
+def test_slower_kernels_take_longer_only_where_gaussians_are_rendered():
+    """A processor without AVX-512 slows the rasterizer down, not SAM2."""
+    sizes = Sizes(defaults(), given=SCENE)
+    assert seconds("splats", sizes, "generic") > seconds("splats", sizes, "avx2") > seconds("splats", sizes)
+    assert seconds("segments", sizes, "generic") == seconds("segments", sizes)
+
+
+def test_a_gpu_is_assumed_to_be_faster():
+    """The assumed factors divide the time of one core."""
+    sizes = Sizes(defaults(), given=SCENE)
+    assert gpu_seconds("segments_published", sizes) < seconds("segments_published", sizes) / 50
+    assert gpu_seconds("splats", sizes) < seconds("splats", sizes) / 10
+
+
+def test_laws_predict_the_larger_scene_that_they_were_not_fitted_to():
+    """The shipped table agrees with a finished scene: the jobs' margins, 1.3 and 3, cover it."""
+    measured = json.loads((ROOT / "benchmarks/growth.json").read_text())["checks"]["adt/scene1"]
+    assert len(measured) == 12
+    for run in measured:
+        law = law_of(run["stage"], defaults())
+        sizes = run["sizes"] | {"frames": 120}
+        assert run["peak_memory_mb"] < 1.3 * memory_mib(law, sizes), run["stage"]
+        assert memory_mib(law, sizes) < 1.3 * run["peak_memory_mb"], run["stage"]
+        assert run["cpu_s"] < 3 * seconds(law, sizes), run["stage"]
+
+
+def test_presets_cost_more_in_the_order_of_their_names():
+    """fast < balanced < paper, in each stage whose keys they change."""
+    presets = [resolve({"preset": name}, ROOT / "config/presets") for name in ("fast", "balanced", "paper")]
+    for stage in ("synthetic", "segments", "transient", "splats"):
+        costs = []
+        for config in presets:
+            given = {"frames": 120, "pixels": config["frames"]["resolution"] ** 2}
+            costs.append(seconds(law_of(stage, config), Sizes(config, given=given)))
+        assert costs == sorted(costs) and costs[0] < costs[2], stage
