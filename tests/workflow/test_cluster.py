@@ -65,9 +65,9 @@ def photographs(one_scene, tmp_path):
 
 @pytest.fixture
 def greedy(photographs):
-    """One whose stage ``frames`` takes 1.5 GB more than it should, for long enough to be seen."""
+    """One whose stage ``frames`` takes 1 GB more than it should, for long enough to be seen."""
     return photographs(
-        "    import time\n    taken = b'1' * 1_500_000_000\n    time.sleep(5)\n    del taken\n"
+        "    import time\n    taken = b'1' * 1_000_000_000\n    time.sleep(5)\n    del taken\n"
     )
 
 

@@ -1,4 +1,4 @@
-"""The configuration as the workflow would read it."""
+"""Read the configuration as the workflow reads it."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,18 +9,18 @@ from egosplat.pipeline.config import Config, merge, read_yaml, resolve
 from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml
 
 SHIPPED = Path("config/config.yaml")
-"""What the workflow reads first, relative to the working directory."""
+"""The file that the workflow reads first, relative to the working directory."""
 
 PRESETS = Path("config/presets")
 
 
 def read_configuration(files: Sequence[Path], options: Sequence[str]) -> tuple[Config, list[str]]:
-    """The whole configuration, as Snakemake would make it of the same options, and where it comes from.
+    """The whole configuration that Snakemake makes of the same options, and its sources.
 
     Args:
-        files: of ``--configfile``; a later one stands over an earlier one, all over config/config.yaml.
-        options: of ``--config``, as ``preset=fast``, ``models={device: cpu}`` or ``models.device=cpu``; they stand
-            over the files.
+        files: of ``--configfile``; later ones override earlier ones, all override config/config.yaml.
+        options: of ``--config``, as ``preset=fast``, ``models={device: cpu}`` or ``models.device=cpu``; they
+            override the files.
 
     Raises:
         UserError: a file or an option cannot be read, or a key or value is not allowed.
@@ -43,7 +43,7 @@ def _parsed(option: str) -> Config:
     names = key.split(".")
     if not (equals and all(names)) or (content is None and value != "null"):
         raise UserError(
-            f"--config {option[:80]}: is not of the form KEY=VALUE, as in preset=fast or splats.iterations=5"
+            f"--config {option[:80]}: not of the form KEY=VALUE, as in preset=fast or splats.iterations=5"
         )
     for name in reversed(names):
         content = {name: content}
@@ -51,5 +51,5 @@ def _parsed(option: str) -> Config:
 
 
 def _presets() -> Path:
-    """The presets beside the working directory's configuration, else those of the source tree."""
+    """The presets of the working directory, else those of the source tree."""
     return PRESETS if PRESETS.is_dir() else Path(egosplat.__file__).resolve().parents[2] / PRESETS

@@ -1,4 +1,4 @@
-"""What this machine and a configuration can do: ``egosplat doctor``."""
+"""``egosplat doctor``: check whether this machine can run a configuration, and estimate how long it takes."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -73,7 +73,7 @@ def _models_device(config: Config) -> str:
 
 
 def _rasterizer(config: Config) -> str:
-    """The kernels' variant if they will render, else the kind of backend."""
+    """The variant of the C++ kernels if they render, else the name of the backend."""
     from egosplat.gaussians.device import training_device
     from egosplat.kernels import library
 

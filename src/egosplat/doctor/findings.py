@@ -1,4 +1,4 @@
-"""What the doctor finds, and how it is told: one aligned line each, in plain text."""
+"""Findings of the doctor, and the page that lists them in aligned plain text."""
 
 import textwrap
 from collections.abc import Sequence
@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 WIDTH = 110
-"""Of the page, in characters; a path or an address is not broken."""
+"""Of the page, in characters. Paths and addresses are not broken."""
 
 
 class Mark(StrEnum):
-    """What a finding means for the configuration."""
+    """Whether the configuration can run with what was found."""
 
     OK = "ok"
     NOTE = "note"
@@ -19,13 +19,13 @@ class Mark(StrEnum):
 
 @dataclass(frozen=True)
 class Finding:
-    """One line of the page.
+    """One entry of the page.
 
     Attributes:
-        mark: ``missing`` where the configuration needs what is not there.
-        what: of what it speaks.
+        mark: ``missing`` if the configuration needs something that is absent.
+        what: the subject.
         value: what was found.
-        advice: what to do, where something is to be done.
+        advice: what to do; empty if nothing.
     """
 
     mark: Mark
@@ -35,7 +35,7 @@ class Finding:
 
 
 def page(findings: Sequence[Finding]) -> str:
-    """The findings as aligned lines, and at last how many things are missing."""
+    """The findings as aligned lines, followed by the number of missing things."""
     what = max(len(finding.what) for finding in findings)
     mark = max(len(mark) for mark in Mark)
     lines = [line for finding in findings for line in _lines(finding, mark, what)]

@@ -1,4 +1,4 @@
-"""What the configuration asks for and finds on disk: models and recordings."""
+"""Check the models and recordings that the configuration names."""
 
 from collections.abc import Iterator
 from itertools import groupby
@@ -14,11 +14,11 @@ from egosplat.pipeline.scenes import Scene, is_own
 MIB = 1024**2
 
 NAMED = 5
-"""So many recordings that are not there are named."""
+"""The number of missing recordings that are named."""
 
 
 def model_findings(config: Config) -> Iterator[Finding]:
-    """Each model's architecture and checkpoint, which is read, and where models run."""
+    """The architecture and checkpoint of each model, and the device that runs them. Checkpoints are read."""
     yield from (_model(model, config) for model in (SAM2, CLIP))
     if weights := config["transient"]["encoder_weights"]:
         yield _encoder(Path(weights).expanduser())
@@ -26,7 +26,7 @@ def model_findings(config: Config) -> Iterator[Finding]:
 
 
 def recording_findings(config: Config, scenes: list[Scene]) -> Iterator[Finding]:
-    """For each dataset of the table of scenes, which of its recordings are there."""
+    """For each dataset in the table of scenes, which of its recordings exist."""
     for dataset, rows in groupby(
         sorted(scenes, key=lambda scene: scene.dataset), lambda scene: scene.dataset
     ):
@@ -34,7 +34,7 @@ def recording_findings(config: Config, scenes: list[Scene]) -> Iterator[Finding]
 
 
 def suitability_findings(scenes: list[Scene]) -> Iterator[Finding]:
-    """For each scene whose recording is real and is there: that small checkpoints do not know it."""
+    """A warning for each real recording that the small checkpoints were not trained for."""
     for scene in scenes:
         if told := scene_notice(scene):
             first, _, advice = told.partition(". ")
@@ -58,7 +58,7 @@ def _model(model: Model, config: Config) -> Finding:
 
 
 def _encoder(path: Path) -> Finding:
-    """Of the transient network's own weights, where some are set."""
+    """The weights of the transient network's encoder."""
     from egosplat.models.weights import read_tensors
 
     try:
@@ -81,7 +81,7 @@ def _compute(config: Config) -> Finding:
 def _recordings(dataset: str, root: str | None, scenes: list[Scene]) -> Finding:
     what = f"{dataset} recordings"
     if all(scene.synthetic for scene in scenes):
-        stand_in = f"no data_root.{dataset}: synthetic apartments stand in for its {len(scenes)} scenes"
+        stand_in = f"data_root.{dataset} is not set: synthetic apartments replace its {len(scenes)} scenes"
         return Finding(Mark.OK, what, stand_in)
     absent = [scene for scene in scenes if not scene.synthetic and not scene.recording.exists()]
     found = f"{len(scenes) - len(absent)} of {len(scenes)} below {root or Path.cwd()}"
@@ -91,5 +91,5 @@ def _recordings(dataset: str, root: str | None, scenes: list[Scene]) -> Finding:
         return Finding(Mark.NOTE, what, f"none; data_root.{dataset} is not set")
     names = ", ".join(f"{scene.scene} ({scene.recording})" for scene in absent[:NAMED])
     more = f" and {len(absent) - NAMED} more" if len(absent) > NAMED else ""
-    advice = f"Put them there, set data_root.{dataset} to the folder that holds them, or take their rows out of the table"
-    return Finding(Mark.MISSING, what, f"{found}; not there: {names}{more}", advice)
+    advice = f"Copy them there, set data_root.{dataset} to their folder, or remove their rows from the table of scenes"
+    return Finding(Mark.MISSING, what, f"{found}; missing: {names}{more}", advice)

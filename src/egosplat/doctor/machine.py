@@ -1,4 +1,4 @@
-"""What this machine is and has."""
+"""Check the hardware and software of this machine."""
 
 import os
 import platform
@@ -15,11 +15,11 @@ from egosplat.pipeline.config import Config
 
 GIB = 1024**3
 FREE_DISK_GIB = 5.0
-"""Below, the doctor warns: a scene of the balanced preset takes about 0.2 GiB, one of the paper's size far more."""
+"""Less free space is noted. A scene takes 0.2 GiB with the preset balanced, 22 GiB with the preset paper."""
 
 
 def machine_findings(config: Config) -> Iterator[Finding]:
-    """Python, PyTorch, the GPU, compiler and kernels, processor, memory and disk; and whether they suffice."""
+    """Python, PyTorch, GPU, compiler, kernels, processor, memory and disk, and whether they suffice."""
     import torch
 
     yield Finding(
@@ -45,7 +45,7 @@ def _gpu(config: Config) -> Finding:
     keys = [f"{section}.{key}" for section, key in _asking_for("cuda", config)]
     if keys:
         return Finding(Mark.MISSING, "GPU", "PyTorch finds none", f"Set {' and '.join(keys)} to auto")
-    return Finding(Mark.NOTE, "GPU", "PyTorch finds none: everything runs on the CPU")
+    return Finding(Mark.NOTE, "GPU", "PyTorch finds none; everything runs on the CPU")
 
 
 def _gsplat(config: Config) -> Finding:
@@ -75,7 +75,7 @@ def _compiler() -> Finding:
 
     command = find_compiler()
     if command is None:
-        advice = "To compile the kernels anew, install one: apt install g++"
+        advice = "To recompile the kernels, install one: apt install g++"
         return Finding(Mark.NOTE, "C++ compiler", "none found", advice)
     done = subprocess.run([command[0], "--version"], capture_output=True, text=True, check=False)
     said = done.stdout.splitlines() or ["of unknown version"]
@@ -124,6 +124,6 @@ def _disk() -> Finding:
 
 
 def _asking_for(device: str, config: Config) -> list[tuple[str, str]]:
-    """The keys that ask for a device by name."""
+    """The keys that name a device."""
     keys = (("splats", "backend"), ("models", "device"))
     return [(section, key) for section, key in keys if config[section][key] == device]

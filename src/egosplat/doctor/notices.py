@@ -1,4 +1,4 @@
-"""What a plan and ``egosplat doctor`` say of scenes before anything is made: small checkpoints on a real recording."""
+"""Warnings about scenes before a run starts: small checkpoints on a real recording, missing recordings."""
 
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -10,11 +10,11 @@ from egosplat.pipeline.scenes import Scene, Target, is_own
 from egosplat.pipeline.variants import variant_config
 
 NAMED = 5
-"""So many scenes that are left out are named."""
+"""The number of skipped scenes that are named."""
 
 
 def scene_notice(scene: Scene, config: Config | None = None) -> str | None:
-    """The notice of a scene whose recording is there; None where models and recording fit, or it is not there.
+    """The warning for a scene; None if the models suit its recording, or the recording does not exist.
 
     Args:
         scene: of the table of scenes.
@@ -25,16 +25,16 @@ def scene_notice(scene: Scene, config: Config | None = None) -> str | None:
     try:
         origin = recording_origin(scene.format, scene.recording)
     except UserError:
-        return None  # the stage frames tells what is wrong with the recording
+        return None  # the stage frames reports what is wrong with the recording
     return notice(origin, configured_checkpoints(config or scene.config))
 
 
 def plan_notices(scenes: Mapping[tuple[str, str], Scene], targets: Sequence[Target]) -> list[str]:
-    """One line for each different notice of what is asked for, with the names of its scenes.
+    """One line for each distinct warning about the targets, with the names of its scenes.
 
     Args:
         scenes: all of the table, by dataset and name.
-        targets: asked for below ``results``; none stands for every scene.
+        targets: below ``results``; empty for every scene.
     """
     found: dict[str, list[str]] = {}
     for name, told in _asked(scenes, targets):
@@ -44,7 +44,7 @@ def plan_notices(scenes: Mapping[tuple[str, str], Scene], targets: Sequence[Targ
 
 
 def left_out_notices(scenes: Mapping[tuple[str, str], Scene], targets: Sequence[Target]) -> list[str]:
-    """A line that names a user's own rows whose recording is not there, where everything is asked for.
+    """A line that names the user's own rows without recording, if all scenes are targets.
 
     Args:
         scenes, targets: as ``plan_notices``; a target of a scene without its recording is an error of its own.
@@ -58,7 +58,7 @@ def left_out_notices(scenes: Mapping[tuple[str, str], Scene], targets: Sequence[
         return []
     names = ", ".join(f"{one.dataset}/{one.scene} ({one.recording})" for one in absent[:NAMED])
     more = f" and {len(absent) - NAMED} more" if len(absent) > NAMED else ""
-    return [f"left out, for their recordings are not there: {names}{more}"]
+    return [f"skipped, their recordings are missing: {names}{more}"]
 
 
 def _asked(

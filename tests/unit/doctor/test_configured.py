@@ -13,12 +13,14 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_without_any_file_there_are_the_defaults(folder):
+def test_defaults_hold_without_a_file(folder):
+    """The doctor runs in an empty folder."""
     config, sources = read_configuration([], [])
     assert config["preset"] == "balanced" and sources == []
 
 
-def test_options_stand_over_files_and_later_files_over_earlier_ones(folder):
+def test_options_override_files_and_later_files_earlier_ones(folder):
+    """The order of precedence is that of Snakemake."""
     (folder / "config").mkdir()
     (folder / "config/config.yaml").write_text("preset: fast\nsplats: {iterations: 1, seed: 1}\n")
     for name, seed in (("a", 2), ("b", 3)):
@@ -35,14 +37,16 @@ def test_options_stand_over_files_and_later_files_over_earlier_ones(folder):
 
 
 def test_presets_of_the_working_directory_come_first(folder):
+    """Users may edit their copy."""
     (folder / "config/presets").mkdir(parents=True)
     (folder / "config/presets/balanced.yaml").write_text("splats: {iterations: 77}")
     assert read_configuration([], [])[0]["splats"]["iterations"] == 77
 
 
 @pytest.mark.parametrize("option", ["fast", "=fast", "preset=", "models={a: [", ".a=1", "splats.=1"])
-def test_an_option_of_another_form_is_told(folder, option):
-    with pytest.raises(UserError, match="is not of the form KEY=VALUE, as in preset=fast"):
+def test_a_malformed_option_is_an_error(folder, option):
+    """The message shows the form."""
+    with pytest.raises(UserError, match="not of the form KEY=VALUE"):
         read_configuration([], [option])
 
 
@@ -59,16 +63,19 @@ def test_an_option_of_another_form_is_told(folder, option):
         (["variants.mine.splats.iterations=7"], "variants", "mine", {"splats": {"iterations": 7}}),
     ],
 )
-def test_keys_inside_a_section_may_be_given_with_a_point(folder, options, section, key, value):
+def test_keys_of_a_section_may_be_written_with_a_dot(folder, options, section, key, value):
+    """section.key=value is short for section={key: value}."""
     config, _ = read_configuration([], options)
     assert config[section][key] == value and config["splats"]["seed"] == 0
 
 
-def test_an_unknown_key_inside_a_section_is_named(folder):
+def test_an_unknown_key_of_a_section_is_named(folder):
+    """A typo comes with the nearest key."""
     with pytest.raises(UserError, match="unknown key 'splats.iteration'; did you mean 'iterations'"):
         read_configuration([], ["splats.iteration=5"])
 
 
-def test_a_file_that_is_not_there_is_told(folder):
+def test_a_missing_file_is_named(folder):
+    """A file of --configfile must exist."""
     with pytest.raises(UserError, match=r"none.yaml: does not exist"):
         read_configuration([folder / "none.yaml"], [])

@@ -1,4 +1,4 @@
-"""What the doctor finds on a machine, and the status that ``egosplat doctor`` ends with."""
+"""The findings of ``egosplat doctor`` on a machine, and its exit status."""
 
 import subprocess
 from importlib import metadata
@@ -51,30 +51,34 @@ def marks(*options: str) -> dict[str, Mark]:
     return {what: finding.mark for what, finding in found(*options).items()}
 
 
-def test_a_machine_with_everything_lacks_nothing(folder):
+def test_nothing_is_missing_on_a_complete_machine(folder):
+    """No false alarm: everything that the configuration needs is found and named."""
     findings = found()
     assert Mark.MISSING not in {finding.mark for finding in findings.values()}
     assert "preset balanced (config/config.yaml)" in findings["configuration"].value
     assert "sam2.yaml, checkpoint sam2.pt, 0.0 MiB, hash " in findings["SAM2"].value
     assert findings["models run on"].value == "cpu, float32"
-    assert "synthetic apartments stand in for its 1 scenes" in findings["adt recordings"].value
+    assert "synthetic apartments replace its 1 scenes" in findings["adt recordings"].value
     assert "mine/a, mine/b: about" in findings["expected time"].value
 
 
-def test_scenes_that_are_made_by_name_alone_cost_nobody_time(folder):
+def test_scenes_that_run_only_by_name_are_not_estimated(folder):
+    """A run of everything leaves them out, so must the estimate."""
     table = folder / "config/scenes.tsv"
     table.write_text(table.read_text() + "\nadt\ts6\tadt\t-\tsynthetic.seed=6\n")
     assert not any("adt/s6" in finding.value for finding in found().values())
-    assert "stand in for its 1 scenes" in found()["adt recordings"].value
+    assert "synthetic apartments replace its 1 scenes" in found()["adt recordings"].value
 
 
-def test_another_content_has_another_hash(folder):
+def test_the_hash_follows_the_content_of_a_checkpoint(folder):
+    """Two files of one name are told apart."""
     before = found()["SAM2"].value
     torch.save({"weight": torch.full((2,), 7.0)}, folder / "sam2.pt")
     assert found()["SAM2"].value != before
 
 
-def test_a_missing_checkpoint_is_told_with_what_to_do(folder):
+def test_a_missing_checkpoint_comes_with_its_address(folder):
+    """The user learns where to download it."""
     (folder / "clip.bin").unlink()
     finding = found()["OpenCLIP"]
     assert finding.mark == Mark.MISSING and "there is no file clip.bin" in finding.value
@@ -82,7 +86,8 @@ def test_a_missing_checkpoint_is_told_with_what_to_do(folder):
     assert marks()["SAM2"] == Mark.OK
 
 
-def test_a_gpu_that_is_asked_for_is_missing_and_one_that_is_not_is_noted(folder):
+def test_a_missing_gpu_is_an_error_only_where_keys_ask_for_it(folder):
+    """auto runs on the CPU; cuda cannot."""
     assert marks()["GPU"] == Mark.NOTE
     asked = found("models={device: cuda}", "splats={backend: cuda}")
     assert asked["GPU"].mark == Mark.MISSING
@@ -90,7 +95,8 @@ def test_a_gpu_that_is_asked_for_is_missing_and_one_that_is_not_is_noted(folder)
     assert asked["models run on"].mark == Mark.MISSING
 
 
-def test_recordings_are_counted_and_the_absent_named(folder):
+def test_missing_recordings_are_counted_and_named(folder):
+    """The user sees which files to copy."""
     data = folder / "data"
     asked = f"data_root={{mine: {data}}}"
     finding = found(asked)["mine recordings"]
@@ -124,9 +130,8 @@ PLAIN, HOI4D, ADT = "mine\ts\tplain\t{}\t", "hoi4d\ts\thoi4d\t{}\t", "adt\ts\tad
         ("other\ts\tadt\tseq1\t", None, Mark.MISSING),
     ],
 )
-def test_a_row_whose_recording_is_not_there_is_an_error_where_it_is_asked_for(
-    folder, monkeypatch, row, root, mark
-):
+def test_a_missing_recording_is_an_error_for_rows_of_the_user(folder, monkeypatch, row, root, mark):
+    """The rows of the shipped table are no error while data_root is not set."""
     monkeypatch.setenv("HOME", str(folder))
     (folder / "videos").mkdir()
     (folder / "videos/a.mp4").touch()
@@ -137,6 +142,7 @@ def test_a_row_whose_recording_is_not_there_is_an_error_where_it_is_asked_for(
 
 
 def test_an_address_is_no_recording(folder):
+    """egosplat downloads nothing."""
     (folder / "config/scenes.tsv").write_text(HEADER + PLAIN.format("https://example.com/a.mp4") + "\n")
     finding = found()["scenes"]
     assert finding.mark == Mark.MISSING and "line 2" in finding.value and "is an address" in finding.value
@@ -150,13 +156,16 @@ def test_an_address_is_no_recording(folder):
         ("clip.bin", b"version https://git-lfs.github.com/spec/v1\n", "clip.bin: is no whole checkpoint"),
     ],
 )
-def test_a_checkpoint_that_cannot_be_read_is_an_error(folder, file, content, said):
+def test_a_damaged_checkpoint_is_an_error(folder, file, content, said):
+    """Found now, not after an hour of segmenting."""
     (folder / file).write_bytes(content)
     finding = found()["SAM2" if file == "sam2.pt" else "OpenCLIP"]
     assert finding.mark == Mark.MISSING and said in finding.value
 
 
-def test_a_checkpoint_that_may_not_be_read_is_one_of_the_findings(folder, monkeypatch):
+def test_a_checkpoint_without_read_permission_is_a_finding(folder, monkeypatch):
+    """The other findings are still printed."""
+
     def refuse(*_):
         raise PermissionError(13, "Permission denied", "sam2.pt")
 
@@ -164,7 +173,8 @@ def test_a_checkpoint_that_may_not_be_read_is_one_of_the_findings(folder, monkey
     assert found()["SAM2"].mark == Mark.MISSING and "Permission denied" in found()["SAM2"].value
 
 
-def test_weights_of_the_encoder_that_cannot_be_read_are_an_error(folder):
+def test_missing_encoder_weights_are_an_error(folder):
+    """transient.encoder_weights is checked only where it is set."""
     assert "encoder" not in found()
     asked = f"transient.encoder_weights={folder / 'encoder.pt'}"
     assert found(asked)["encoder"].mark == Mark.MISSING
@@ -172,7 +182,8 @@ def test_weights_of_the_encoder_that_cannot_be_read_are_an_error(folder):
     assert found(asked)["encoder"].mark == Mark.OK
 
 
-def test_small_checkpoints_are_told_of_each_real_scene_that_is_there(folder):
+def test_small_checkpoints_are_noted_for_each_real_scene(folder):
+    """They know only synthetic apartments; poor results need not surprise."""
     for name in ("a.mp4", "b.mp4"):
         (folder / name).touch()
     assert "mine/a" not in found(), "these models are not the small ones"
@@ -186,7 +197,8 @@ def test_small_checkpoints_are_told_of_each_real_scene_that_is_there(folder):
     assert "mine/b" not in found(small)
 
 
-def test_kernels_that_do_not_load_are_missing_only_where_they_are_asked_for(folder, monkeypatch):
+def test_kernels_that_do_not_load_are_an_error_only_where_keys_ask_for_them(folder, monkeypatch):
+    """Without kernels the reference renders, and no time is estimated."""
     monkeypatch.setattr(library, "why_not", lambda: "The C++ kernels are not compiled.\nRun make install")
     monkeypatch.setattr(library, "is_usable", lambda: False)
     assert found()["kernels"] == Finding(
@@ -196,7 +208,8 @@ def test_kernels_that_do_not_load_are_missing_only_where_they_are_asked_for(fold
     assert marks("splats={backend: cpu}")["kernels"] == Mark.MISSING
 
 
-def test_a_ray_caster_that_is_not_compiled_is_told_with_what_to_do(folder, monkeypatch, tmp_path):
+def test_a_ray_caster_that_is_not_compiled_comes_with_a_remedy(folder, monkeypatch, tmp_path):
+    """Only synthetic recordings need it."""
     assert found()["ray caster"] == Finding(Mark.OK, "ray caster", "compiled")
     monkeypatch.setattr(rays, "HERE", tmp_path)
     rays.load.cache_clear()
@@ -207,12 +220,15 @@ def test_a_ray_caster_that_is_not_compiled_is_told_with_what_to_do(folder, monke
     assert finding.mark == Mark.NOTE and rays.LIBRARY in finding.value and "make install" in finding.advice
 
 
-def test_a_machine_without_compiler_is_told_how_to_get_one(folder, monkeypatch):
+def test_a_missing_compiler_comes_with_a_remedy(folder, monkeypatch):
+    """The command to install one is printed."""
     monkeypatch.setattr(compiling, "find_compiler", lambda: None)
     assert found()["C++ compiler"].advice.endswith("apt install g++")
 
 
-def test_a_gpu_without_gsplat_is_told_how_to_get_it(folder, monkeypatch):
+def test_a_gpu_without_gsplat_comes_with_a_remedy(folder, monkeypatch):
+    """Training falls back to the CPU, which is slow, unless splats.backend forbids it."""
+
     def absent(name: str) -> str:
         raise metadata.PackageNotFoundError(name)
 
@@ -224,7 +240,8 @@ def test_a_gpu_without_gsplat_is_told_how_to_get_it(folder, monkeypatch):
 
 
 @pytest.mark.parametrize(("version", "problem"), [("1.6.0", "too new"), ("1.5.2", "too old")])
-def test_a_gsplat_that_cannot_be_used_is_told_with_the_one_to_install(version, problem, monkeypatch):
+def test_an_unsupported_gsplat_comes_with_the_supported_one(version, problem, monkeypatch):
+    """A wrong version is found before training starts."""
     monkeypatch.setattr(metadata, "version", lambda name: version)
     config = {"splats": {"backend": "auto"}}
     for gpu, mark in ((True, Mark.MISSING), (False, Mark.NOTE)):
@@ -236,30 +253,35 @@ def test_a_gsplat_that_cannot_be_used_is_told_with_the_one_to_install(version, p
     assert machine._gsplat(config).mark == Mark.OK
 
 
-def test_memory_is_read_from_what_linux_says(tmp_path):
+def test_memory_is_read_from_meminfo(tmp_path):
+    """Available memory counts, not free memory."""
     path = tmp_path / "meminfo"
     path.write_text(f"MemTotal: {8 * 1024**2} kB\nMemFree: 1 kB\nMemAvailable: {3 * 1024**2} kB\n")
     assert machine._memory(path).value == "3.0 of 8.0 GiB free"
     assert "GiB" in machine._memory(tmp_path / "none").value
 
 
-def test_little_room_on_the_disk_is_noted(folder, monkeypatch):
+def test_little_free_disk_is_noted(folder, monkeypatch):
+    """A full disk stops a run."""
     usage = type("Usage", (), {"free": 1024**3})
     monkeypatch.setattr(machine.shutil, "disk_usage", lambda _: usage)
     assert marks()["disk"] == Mark.NOTE
 
 
-def test_a_wrong_table_is_one_of_the_findings(folder):
+def test_a_wrong_table_of_scenes_is_a_finding(folder):
+    """The machine is examined all the same."""
     (folder / "config/scenes.tsv").write_text("dataset\n")
     assert found()["scenes"].mark == Mark.MISSING
 
 
-def test_without_any_recording_no_time_is_told(folder):
+def test_no_time_is_estimated_without_a_recording(folder):
+    """There is nothing to run."""
     (folder / "config/scenes.tsv").write_text(HEADER + "mine\ta\tplain\tnone.mp4\t\n")
     assert found()["expected time"].value == "no scene of the table has a recording"
 
 
-def test_every_scene_s_time_is_told_and_alike_ones_share_a_line(folder):
+def test_each_scene_has_a_time_and_equal_ones_share_a_line(folder):
+    """Scenes of different length take different times."""
     rows = [f"adt\ts{seed}\tadt\tseq\tsynthetic.seed={seed}" for seed in (1, 2)]
     rows += ["adt\tlong\tadt\tseq\tsynthetic.seed=3 synthetic.seconds=240", "mine\ta\tplain\ta.mp4\t"]
     (folder / "config/scenes.tsv").write_text(HEADER + "\n".join([*rows, "mine\tx\tplain\tnone.mp4\t"]))
@@ -268,7 +290,8 @@ def test_every_scene_s_time_is_told_and_alike_ones_share_a_line(folder):
     assert " each (" in times[0] and " each (" not in times[1]
 
 
-def test_a_wrong_configuration_is_told_as_everywhere(folder):
+def test_a_wrong_configuration_is_an_error(folder):
+    """As in a run; the key is named."""
     with pytest.raises(UserError, match="unknown key 'models.sam'"):
         examine([], ["models={sam: small}"])
 
@@ -283,7 +306,8 @@ def run(monkeypatch, capsys, *words: object) -> tuple[object, str]:
     return 0, capsys.readouterr().out
 
 
-def test_the_status_says_whether_something_is_missing(folder, monkeypatch, capsys):
+def test_the_exit_status_is_1_where_something_is_missing(folder, monkeypatch, capsys):
+    """Scripts can rely on it."""
     status, text = run(monkeypatch, capsys)
     assert status == 0 and text.endswith("Nothing is missing.\n") and "\x1b" not in text
     (folder / "more.yaml").write_text("models: {sam2_checkpoint: /nowhere.pt}")
@@ -291,7 +315,8 @@ def test_the_status_says_whether_something_is_missing(folder, monkeypatch, capsy
     assert status == 1 and "missing  SAM2 " in text and "preset fast" in text
 
 
-def test_the_shipped_configurations_are_examined(monkeypatch):
+def test_the_shipped_presets_are_examined(monkeypatch):
+    """Each preset can be examined in the source tree."""
     root = Path(__file__).resolve().parents[3]
     monkeypatch.chdir(root)
     for preset in ("fast", "balanced", "paper"):
@@ -299,12 +324,14 @@ def test_the_shipped_configurations_are_examined(monkeypatch):
 
 
 def test_nothing_is_written(folder):
+    """The doctor only reads."""
     before = sorted(folder.rglob("*"))
     examine([], [])
     assert sorted(folder.rglob("*")) == before
 
 
-def test_a_compiler_that_says_nothing_is_still_one(folder, monkeypatch):
+def test_a_compiler_without_version_is_accepted(folder, monkeypatch):
+    """cc may print nothing."""
     silent = subprocess.CompletedProcess([], 1, "", "")
     monkeypatch.setattr(machine.subprocess, "run", lambda *_, **__: silent)
     monkeypatch.setattr(compiling, "find_compiler", lambda: ["cc"])

@@ -9,7 +9,8 @@ FINDINGS = [
 ]
 
 
-def test_marks_names_and_values_stand_in_columns():
+def test_marks_names_and_values_are_aligned():
+    """The page can be read at a glance."""
     lines = page(FINDINGS).splitlines()
     assert lines[0] == "ok       cores          2"
     assert lines[1] == "missing  a longer name  nothing there"
@@ -18,10 +19,12 @@ def test_marks_names_and_values_stand_in_columns():
 
 
 def test_long_values_are_wrapped_and_paths_are_not():
+    """A path must stay one piece to be copied."""
     path = "/a" * 100
     assert max(map(len, page(FINDINGS).splitlines())) <= WIDTH
     assert path in page([Finding(Mark.OK, "where", f"at {path}")])
 
 
-def test_nothing_missing_is_said():
+def test_the_last_line_says_that_nothing_is_missing():
+    """The verdict stands in the last line."""
     assert page(FINDINGS[:1]).splitlines()[-1] == "Nothing is missing."

@@ -35,29 +35,33 @@ def planned(table, *words: str) -> list[str]:
     return plan_notices(table, requested_targets(list(words)))
 
 
-def test_without_a_target_all_real_scenes_with_small_checkpoints_are_named_on_one_line(table):
+def test_all_real_scenes_with_small_checkpoints_share_a_line(table):
+    """Without targets, one line names every scene that the small checkpoints do not suit."""
     (line,) = planned(table)
     assert line == f"mine/a, mine/b: {scene_notice(table['mine', 'a'])}" and "\n" not in line
 
 
 @pytest.mark.parametrize("name", ["absent", "rich"])
-def test_a_scene_that_is_not_there_or_has_published_models_is_not_named(table, name):
+def test_missing_scenes_and_published_models_are_not_named(table, name):
+    """No warning where none is due."""
     assert planned(table, f"results/mine/{name}/metrics.json") == []
 
 
 @pytest.mark.parametrize("name", ["made", "kept"])
-def test_a_synthetic_recording_is_not_named_wherever_it_lies(table, name):
+def test_a_synthetic_recording_is_not_named(table, name):
+    """The small checkpoints were trained on it, wherever it is stored."""
     assert scene_notice(table["adt", name]) is None
 
 
-def test_what_is_asked_for_decides_and_a_variant_by_its_own_models(table):
+def test_only_targets_are_named_and_variants_by_their_own_models(table):
+    """A variant may use other models than its scene."""
     (line,) = planned(table, "results/mine/b/splats.png", "results/mine/b/metrics.json")
     assert line.startswith("mine/b: ")
     assert planned(table, "results/mine/b/variants/published/metrics.json") == []
 
 
-def test_a_run_of_everything_names_the_user_s_rows_that_it_leaves_out(table):
-    """The table's rows of the paper's datasets wait for a root, and what is asked for by name is refused elsewhere."""
+def test_skipped_rows_of_the_user_are_named(table):
+    """A run of everything skips rows without recording; the user must see it."""
     (line,) = left_out_notices(table, [])
     assert "mine/absent (" in line and "none.mp4)" in line and "mine/a " not in line and "adt" not in line
     waiting = Scene("hoi4d", "s", "hoi4d", Path("nowhere"), False, configuration.defaults())
