@@ -102,7 +102,12 @@ def test_nothing_cites_a_note_that_readers_do_not_have():
 def test_an_index_links_every_page_of_its_folder(index, folder):
     """Every page of docs/ is in the README's index, every page of benchmarks/ in the list of measurements."""
     linked = {path for path, _ in _links(ROOT / index)} | {ROOT / index}
-    pages = {page for page in (ROOT / folder).glob("*.md") if page.name != "README.md"}
+    top = ROOT / folder
+    pages = {
+        page
+        for page in (*top.glob("*.md"), *top.glob("*/README.md"))
+        if page.parent != top or page.name != "README.md"
+    }
     assert sorted(page.name for page in pages - linked) == []
 
 

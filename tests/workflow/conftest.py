@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from reliability_bench.disk import NoMountError, SmallDisk
 
+from benchmarks.robustness.small_disk import NoMountError, SmallDisk
 from tests.support.local_slurm import LocalSlurm, missing_programs
 
 

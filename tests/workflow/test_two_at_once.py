@@ -2,8 +2,7 @@
 
 from pathlib import Path
 
-from reliability_bench.scene import remove
-
+from benchmarks.robustness.scene import remove
 from egosplat.artifacts.check import check_tree
 
 ROOT = Path(__file__).parents[2]

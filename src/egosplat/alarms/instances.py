@@ -6,21 +6,21 @@ from egosplat.alarms.alarm import Alarm, exceeds, falls_below
 
 MAX_EMPTY_PIXELS = 0.5
 """Share of valid pixels without an instance. In synthetic apartments a level leaves 1 to 25 % without (the last with
-prompts in the first frame alone, benchmarks/segments.md); 10 % have none at any level, in two series of photographs 4 and
+prompts in the first frame alone, benchmarks/segments/README.md); 10 % have none at any level, in two series of photographs 4 and
 6 %."""
 
 MIN_INSTANCES_PER_FRAME = 3.0
 """One a level. A synthetic apartment has 38, two series of photographs 28 and 63."""
 
 MIN_FRAMES_PER_INSTANCE = 5.0
-"""Outliers are told apart from three views on; benchmarks/aggregation.md has things with 6 to 48 views. Of 48 frames of a synthetic apartment it is 31."""
+"""Outliers are told apart from three views on; benchmarks/aggregation/README.md has things with 6 to 48 views. Of 48 frames of a synthetic apartment it is 31."""
 
 MAX_LOST_VIEWS = 0.01
 """Share of the views without a finite feature. None is lost in float32."""
 
 MAX_OUTLIERS = 0.25
 """Share of the views. The median absolute deviation tells outliers up to a share of 30 to 40 %
-(benchmarks/aggregation.md); the limit lies below, and above the few per cent that chance leaves out."""
+(benchmarks/aggregation/README.md); the limit lies below, and above the few per cent that chance leaves out."""
 
 MIN_AGREEMENT = 0.5
 """See ``agreement_of``: half way between the views of different instances and equal ones. It is 0.68 and 0.76 in synthetic
@@ -28,7 +28,7 @@ apartments; with the small checkpoints, 0.55 and 0.48 in two series of photograp
 
 MIN_RECONSTRUCTION = 0.9
 """Mean cosine. Codes of 16 numbers reach 0.98; at 0.88 every third thing that its features name is named something
-else, at 0.92 every fourth (benchmarks/aggregation.md)."""
+else, at 0.92 every fourth (benchmarks/aggregation/README.md)."""
 
 _MODEL = "set models.sam2_config and models.sam2_checkpoint to a SAM2 that knows such pictures"
 

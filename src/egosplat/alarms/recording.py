@@ -14,7 +14,7 @@ synthetic apartment and two series of photographs; COLMAP loses such frames, and
 
 MIN_REGISTERED = 0.9
 """Share of the frames with a pose. All have one in five synthetic apartments by COLMAP
-(benchmarks/colmap_against_trajectory.md), in two series of photographs and with a device's trajectory."""
+(benchmarks/colmap/README.md), in two series of photographs and with a device's trajectory."""
 
 MAX_REPROJECTION_PX = 1.0
 """Mean over the observations of COLMAP's points [px]. It is 0.25 to 0.30 in synthetic apartments and 0.35 to 0.81 in

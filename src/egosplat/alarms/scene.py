@@ -17,11 +17,11 @@ MAX_MASKED_INSTANCES = 0.5
 
 MAX_MASKED_PIXELS = 0.25
 """Share of all pixels of all frames. In synthetic apartments with people it is 1 to 4 %, of the network alone 8 %
-(from benchmarks/transient.md: precision, and the share of what is still that is masked)."""
+(from benchmarks/transient/README.md: precision, and the share of what is still that is masked)."""
 
 MIN_PSNR_DB = 20.0
-"""An error of a tenth of the range in every pixel. Synthetic apartments have 26 to 30 dB (benchmarks/ablation.md),
-17 photographs of a desk 22.7 (benchmarks/tradeoff.md)."""
+"""An error of a tenth of the range in every pixel. Synthetic apartments have 26 to 30 dB (benchmarks/ablation/README.md),
+17 photographs of a desk 22.7 (benchmarks/tradeoff/README.md)."""
 
 MAX_WITHOUT_CODE = 0.25
 """Share of the Gaussians. It is below 2 % with instances of every kind: a Gaussian is seen from many frames."""

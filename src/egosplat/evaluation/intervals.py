@@ -89,7 +89,7 @@ def clustered_interval(
     Of several, scenes are resampled first, then the categories of each drawn scene. The interval is the bootstrap's
     percentile interval, expanded for the small number K of categories in all: its tails are those of Student's
     distribution times sqrt(K / (K - 1)) (Hesterberg 2015, "What teachers should know about the bootstrap"). Of few scenes
-    that differ by themselves it is too narrow; benchmarks/intervals.md says by how much.
+    that differ by themselves it is too narrow; benchmarks/intervals/README.md says by how much.
 
     Of so few categories that even their smallest and largest cover less than the confidence (of six 97 %, of five 94 %),
     it is Student's interval around the mean, with the bootstrap's spread. Where all categories of all scenes have one

@@ -32,7 +32,7 @@ recipes and the order in which values are searched. A section with the name of a
 changed key reruns that stage and the stages after it. Every stage that loads a model reads `models`. The stage `metrics` and
 `egosplat query` read `query`."""
 
-_PAGE = re.compile(r"\b(?:docs|benchmarks)/\w+\.md(?:#[\w-]+)?")
+_PAGE = re.compile(r"\b(?:docs|benchmarks)(?:/\w+)+\.md(?:#[\w-]+)?")
 """A page of the repository in a description, from the root."""
 
 _COLUMNS = "| key | default | what it is |\n| --- | --- | --- |"

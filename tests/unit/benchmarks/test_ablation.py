@@ -3,9 +3,9 @@
 from pathlib import Path
 
 import pytest
-from ablation import COMPARED, VARIANTS, differences, page, table
-from scores_bench.comparing import accuracy_difference, iou_difference, paired, queries_of, told
 
+from benchmarks.ablation.__main__ import COMPARED, VARIANTS, differences, page, table
+from benchmarks.scores import accuracy_difference, iou_difference, paired, queries_of, told
 from egosplat.tables.scored_scenes import ScoredScene
 from egosplat.tables.table import Cell
 

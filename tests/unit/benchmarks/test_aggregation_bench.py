@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from aggregation_bench.corruption import KINDS, corrupted
-from aggregation_bench.tracks import Tracks, slid
+
+from benchmarks.aggregation.corruption import KINDS, corrupted
+from benchmarks.aggregation.tracks import Tracks, slid
 
 VIEWS = 10
 

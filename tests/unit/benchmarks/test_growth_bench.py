@@ -2,24 +2,21 @@
 
 import importlib
 import random
-from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from benchmarks.common import ROOT
 from egosplat.cost_model.laws import evaluate, table
-
-BENCHMARKS = Path(__file__).resolve().parents[3] / "benchmarks"
 
 TRUE = {(): 2.0, ("frames",): 0.5, ("frames", "pixels"): 3e-4}
 """Coefficients by term."""
 
 
 @pytest.fixture
-def bench(monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    return lambda name: importlib.import_module(f"growth_bench.{name}")
+def bench():
+    return lambda name: importlib.import_module(f"benchmarks.growth.{name}")
 
 
 def scenes(count: int = 8) -> list[dict[str, float]]:
@@ -204,7 +201,7 @@ def test_gpu_hours_follow_from_what_is_assumed(bench, measured):
 
 def test_the_shipped_table_is_the_one_that_the_measurements_give(bench):
     """After a new measurement the table must be written again: jobs and doctor read it, not growth.json."""
-    measured = bench("store").load(BENCHMARKS / "growth.json")
+    measured = bench("store").load(ROOT / "benchmarks/growth/growth.json")
     written, shipped = bench("coefficients").coefficients(measured), table()
     assert shipped | {"laws": None} == written | {"laws": None}
     assert shipped["laws"].keys() == written["laws"].keys()
@@ -219,8 +216,7 @@ def test_the_shipped_table_is_the_one_that_the_measurements_give(bench):
 
 
 def test_the_report_takes_each_assumption_as_an_option(bench, measured, tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    growth = importlib.import_module("growth")
+    growth = importlib.import_module("benchmarks.growth.__main__")
     bench("store").save(tmp_path / "growth.json", measured)
     done = CliRunner().invoke(growth.main, ["report", str(tmp_path / "growth.json"), "--frames", "7200"])
     assert done.exit_code == 0, done.output
@@ -228,8 +224,11 @@ def test_the_report_takes_each_assumption_as_an_option(bench, measured, tmp_path
 
 
 def test_what_was_measured_is_not_measured_again(bench, measured, tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    growth, store, path = importlib.import_module("growth"), bench("store"), tmp_path / "growth.json"
+    growth, store, path = (
+        importlib.import_module("benchmarks.growth.__main__"),
+        bench("store"),
+        tmp_path / "growth.json",
+    )
     lost = {name: measured.points.pop(name) for name in ("frames-12", "joint-3")}
     store.save(path, measured)
     asked = []

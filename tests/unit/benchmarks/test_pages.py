@@ -13,7 +13,7 @@ INTERVAL = re.compile(r"\([+−-]?\d+\.\d to [+−-]?\d+\.\d\)")
 @pytest.mark.parametrize("name", SCORES)
 def test_a_page_with_intervals_says_what_they_are_over(name):
     """Over categories; or over queries, and then that they are too narrow."""
-    text = (ROOT / "benchmarks" / f"{name}.md").read_text(encoding="utf-8")
+    text = (ROOT / "benchmarks" / name / "README.md").read_text(encoding="utf-8")
     assert INTERVAL.search(text)
     head = text[: text.index("| --- |")].casefold()
     assert "intervals over queries, too narrow" in head or "intervals over categories" in head
@@ -34,7 +34,7 @@ def test_an_overview_has_no_interval_over_queries_without_a_word(page):
 def test_claims_that_were_not_shown_are_gone(claim):
     pages = [
         ROOT / "README.md",
-        *(ROOT / "benchmarks").glob("*.md"),
+        *(ROOT / "benchmarks").rglob("*.md"),
         *(ROOT / "docs").glob("*.md"),
         ROOT / "config/README.md",
     ]

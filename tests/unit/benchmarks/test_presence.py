@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from presence import Asked, gather, grouped, summary, table
 
+from benchmarks.presence.__main__ import Asked, gather, grouped, summary, table
 from egosplat.errors import UserError
 
 ASKED = Asked(
@@ -61,6 +61,6 @@ def test_nothing_asked_is_an_error():
 def test_the_table_has_a_row_a_limit():
     lines = table({"tuning": ASKED}, [0.7]).splitlines()
     assert lines[2] == "| 0.70 | 75.0 | 50.0 | 25.0 |"
-    assert "75% of what is there is answered, 50% rightly, and 25% of what is not" in summary(
+    assert "75% of present things are answered, 50% rightly, and 25% of absent ones" in summary(
         "tuning", ASKED, 0.7
     )

@@ -1,22 +1,18 @@
 """The bench compares like with like, on the scenes that it says, and notices a lost lead."""
 
 import importlib
-from pathlib import Path
 from types import ModuleType
 
 import pytest
 import torch
-
-BENCHMARKS = Path(__file__).resolve().parents[3] / "benchmarks"
 
 CHANNELS = 3
 """Of all problems: Numba compiles the peer anew for each number."""
 
 
 @pytest.fixture
-def bench(monkeypatch: pytest.MonkeyPatch):
+def bench():
     """Imports a module of the bench."""
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
 
     def load(name: str) -> ModuleType:
         return importlib.import_module(name)
@@ -35,7 +31,7 @@ def threads():
 @pytest.mark.parametrize("number_of_threads", [1, 2])
 def test_numba_peer_agrees_with_the_reference(bench, threads, number_of_threads: int) -> None:
     pytest.importorskip("numba")
-    scenes, rasterizers = bench("rasterizer_bench.scenes"), bench("rasterizer_bench.rasterizers")
+    scenes, rasterizers = bench("benchmarks.rasterizer.scenes"), bench("benchmarks.rasterizer.rasterizers")
     torch.set_num_threads(number_of_threads)
     # No multiple of the tile's size; opaque enough that pixels end early and alpha is clamped.
     scene = scenes.make_scene(600, 45, 37)
@@ -51,8 +47,8 @@ def test_numba_peer_agrees_with_the_reference(bench, threads, number_of_threads:
 
 def test_counted_pairs_are_those_that_the_reference_composites(bench) -> None:
     pytest.importorskip("numba")
-    scenes = bench("rasterizer_bench.scenes")
-    numba_rasterizer = bench("rasterizer_bench.numba_rasterizer")
+    scenes = bench("benchmarks.rasterizer.scenes")
+    numba_rasterizer = bench("benchmarks.rasterizer.numba_rasterizer")
     problem = scenes.make_problem(scenes.make_scene(40, 32, 16), CHANNELS)
     columns, rows = torch.meshgrid(torch.arange(32) + 0.5, torch.arange(16) + 0.5, indexing="xy")
     transmittance, running, expected = torch.ones(16, 32), torch.ones(16, 32, dtype=torch.bool), 0
@@ -73,8 +69,8 @@ def test_counted_pairs_are_those_that_the_reference_composites(bench) -> None:
 
 def test_scenes_are_repeatable_rooms_with_the_overdraw_of_trained_ones(bench) -> None:
     pytest.importorskip("numba")
-    scenes = bench("rasterizer_bench.scenes")
-    numba_rasterizer = bench("rasterizer_bench.numba_rasterizer")
+    scenes = bench("benchmarks.rasterizer.scenes")
+    numba_rasterizer = bench("benchmarks.rasterizer.numba_rasterizer")
     scene, again = scenes.make_scene(10_000, 64, 48), scenes.make_scene(10_000, 64, 48)
     assert torch.equal(scene.means, again.means)
     assert not torch.equal(scene.means, scenes.make_scene(10_000, 64, 48, seed=1).means)
@@ -86,7 +82,7 @@ def test_scenes_are_repeatable_rooms_with_the_overdraw_of_trained_ones(bench) ->
 
 
 def test_a_lost_lead_is_named(bench) -> None:
-    rasterizer = bench("rasterizer")
+    rasterizer = bench("benchmarks.rasterizer.__main__")
 
     def rows(kernel_ms: float) -> list[dict]:
         return [

@@ -4,10 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from reproducibility_bench.chain import INPUTS, file_of
-from reproducibility_bench.comparing import differences
-from reproducibility_bench.limits import AVX2, LIMITS, choices
 
+from benchmarks.reproducibility.chain import INPUTS, file_of
+from benchmarks.reproducibility.comparing import differences
+from benchmarks.reproducibility.limits import AVX2, LIMITS, choices
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.provenance import begin
 from egosplat.artifacts.writer import create

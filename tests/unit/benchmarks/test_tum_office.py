@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import yaml
 from PIL import Image
-from tum_office import HERE, Drawing, Outline, parse_drawing, rasterize, write_recording
 
+from benchmarks.tum_office.__main__ import HERE, Drawing, Outline, parse_drawing, rasterize, write_recording
 from egosplat.errors import UserError
 from egosplat.frames.plain import PlainRecording
 from egosplat.frames.plain_annotations import PlainAnnotations, read_instances

@@ -1,47 +1,38 @@
 """Scores of segmented videos: perfect is perfect, switches and fragments are counted."""
 
-import importlib
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-BENCHMARKS = Path(__file__).resolve().parents[3] / "benchmarks"
-
-
-@pytest.fixture
-def scores(monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    return importlib.import_module("segmentation_bench.video_scores")
+from benchmarks.segments.video_scores import score_level
 
 
 def video(columns: list[int], frames: int = 6) -> list[np.ndarray]:
     return [np.repeat(np.array(columns, np.int32)[None], 10, axis=0) for _ in range(frames)]
 
 
-def test_the_truth_is_perfect_whatever_it_is_called(scores):
+def test_the_truth_is_perfect_whatever_it_is_called():
     true = video([0] * 5 + [1] * 5 + [-1] * 2)
-    found = scores.score_level(zip(true, video([7] * 5 + [3] * 5 + [-1] * 2), strict=True))
+    found = score_level(zip(true, video([7] * 5 + [3] * 5 + [-1] * 2), strict=True))
     assert (found.instances, found.found) == (2, 2)
     assert (found.coverage, found.iou, found.switches, found.fragments, found.held) == (1, 1, 0, 1, 1)
 
 
-def test_switches_and_fragments(scores):
+def test_switches_and_fragments():
     true = video([0] * 5 + [1] * 5)
     found = [np.where(one == 0, 4 if frame % 2 else 5, 1).astype(np.int32) for frame, one in enumerate(true)]
-    result = scores.score_level(zip(true, found, strict=True))
+    result = score_level(zip(true, found, strict=True))
     assert result.switches == 2.5, "five for one of two"
     assert result.fragments == 1.5 and result.held == 1 and result.iou == pytest.approx(0.75)
 
 
-def test_nothing_found_is_nothing(scores):
-    result = scores.score_level(zip(video([0] * 8), video([-1] * 8), strict=True))
+def test_nothing_found_is_nothing():
+    result = score_level(zip(video([0] * 8), video([-1] * 8), strict=True))
     assert (result.found, result.coverage, result.iou, result.fragments, result.held) == (0, 0, 0, 0, 0)
 
 
-def test_what_is_tiny_or_brief_is_not_judged(scores):
+def test_what_is_tiny_or_brief_is_not_judged():
     true = video([0] * 9 + [1])
     for frame in true[2:]:
         frame[frame == 1] = 0
-    result = scores.score_level(zip(true, true, strict=True))
+    result = score_level(zip(true, true, strict=True))
     assert result.instances == 1

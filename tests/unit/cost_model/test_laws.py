@@ -160,7 +160,7 @@ def test_a_gpu_is_assumed_to_be_faster():
 
 def test_laws_predict_the_larger_scene_that_they_were_not_fitted_to():
     """The shipped table agrees with a finished scene: the jobs' margins, 1.3 and 3, cover it."""
-    measured = json.loads((ROOT / "benchmarks/growth.json").read_text())["checks"]["adt/scene1"]
+    measured = json.loads((ROOT / "benchmarks/growth/growth.json").read_text())["checks"]["adt/scene1"]
     assert len(measured) == 12
     for run in measured:
         law = law_of(run["stage"], defaults())

@@ -1,0 +1,71 @@
+"""Code that several benchmarks share: command lines, tables, time and processes."""
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from egosplat.errors import UserError
+
+ROOT = Path(__file__).resolve().parents[1]
+"""The repository."""
+
+MIB = 2**20
+
+T = TypeVar("T")
+
+
+class _Command(click.Command):
+    """A command that reports a ``UserError`` in one line, without a traceback."""
+
+    def invoke(self, context: click.Context) -> Any:
+        try:
+            return super().invoke(context)
+        except UserError as error:
+            raise click.ClickException(str(error)) from error
+
+
+def command(about: str | None) -> Callable[[Callable[..., None]], click.Command]:
+    """Decorator that makes a function a benchmark's command line; ``about`` is its help text."""
+    return click.command(cls=_Command, help=about)
+
+
+scene_folders = click.argument(
+    "folders", nargs=-1, required=True, type=click.Path(exists=True, file_okay=False, path_type=Path)
+)
+"""Decorator: one or more folders of scenes, as ``folders``."""
+
+
+def scene_name(folder: Path) -> str:
+    """Dataset and scene, such as ``adt/scene1``."""
+    return f"{folder.parent.name}/{folder.name}"
+
+
+def markdown(columns: Sequence[str], rows: Iterable[Sequence[object]], words: int = 1) -> str:
+    """A Markdown table. The first ``words`` columns are aligned to the left, the others to the right."""
+    marks = ["---"] * words + ["---:"] * (len(columns) - words)
+    return "\n".join(f"| {' | '.join(map(str, row))} |" for row in [columns, marks, *rows])
+
+
+def timed(call: Callable[..., T], *arguments: Any) -> tuple[T, float]:
+    """The result of a call, and its processor time over all threads [s]."""
+    start = time.process_time()
+    return call(*arguments), time.process_time() - start
+
+
+def output_of(module: str, *arguments: object, **environment: str) -> str:
+    """Standard output of ``python -m MODULE ARGUMENTS``, run in a process of its own."""
+    done = subprocess.run(
+        [sys.executable, "-m", module, *map(str, arguments)],
+        check=True,
+        cwd=ROOT,
+        env=os.environ | environment,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    return done.stdout

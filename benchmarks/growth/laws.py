@@ -1,0 +1,114 @@
+"""The terms of each stage's law; their coefficients are fitted to the measured runs."""
+
+from collections.abc import Mapping
+
+from benchmarks.growth.fitting import Fit, fit
+from benchmarks.growth.readings import Run
+from egosplat.cost_model.laws import CPU, DISK, MEMORY, Term
+
+ONCE: Term = ()
+
+LAWS: Mapping[str, Mapping[str, tuple[Term, ...]]] = {
+    "frames": {
+        CPU: (("frames", "recorded_pixels"), ("frames", "pixels")),
+        MEMORY: (ONCE, ("recorded_pixels",), ("pixels",)),
+        DISK: (("frames", "pixels"), ONCE),
+    },
+    "annotations": {
+        CPU: (ONCE, ("evaluated", "recorded_pixels"), ("evaluated", "pixels")),
+        MEMORY: (ONCE, ("recorded_pixels",), ("pixels",)),
+        DISK: (("evaluated", "pixels"), ONCE),
+    },
+    "poses": {
+        CPU: (("points",), ("frames",)),
+        MEMORY: (ONCE, ("frames",)),
+        DISK: (("points",), ("frames",)),
+    },
+    "survey": {
+        CPU: (("pairs",), ("pairs", "surveyed_pixels"), ("frames",)),
+        MEMORY: (ONCE, ("pixels",)),
+        DISK: (ONCE, ("frames",), ("pairs",)),
+    },
+    "segments": {
+        CPU: (("kept", "sam2_area"), ("prompts",), ("kept", "tracked", "sam2_area"), ("kept", "pixels")),
+        MEMORY: (ONCE, ("tracked", "sam2_area"), ("pixels",), ("kept", "pixels")),
+        DISK: (ONCE, ("kept", "pixels"), ("kept", "instances")),
+    },
+    "view_features": {
+        CPU: (ONCE, ("views",), ("views", "pixels")),
+        MEMORY: (ONCE, ("views", "channels"), ("pixels",)),
+        DISK: (ONCE, ("views", "channels")),
+    },
+    "features": {
+        CPU: (ONCE, ("views", "channels"), ("autoencoder",), ("views", "epochs")),
+        MEMORY: (ONCE, ("views", "channels"), ("autoencoder",)),
+        DISK: (ONCE, ("views", "channels"), ("autoencoder",)),
+    },
+    "transient": {
+        CPU: (
+            ("initial_iterations",),
+            ("initial_iterations", "initial_pixels"),
+            ("initial_iterations", "initial_gaussians"),
+            ("network_iterations", "network_pixels"),
+            ("frames", "pixels"),
+        ),
+        MEMORY: (ONCE, ("training", "initial_pixels"), ("initial_pixels",), ("initial_gaussians",), ("network_pixels",), ("pixels",)),
+        DISK: (ONCE, ("frames", "pixels")),
+    },
+    "masks": {
+        CPU: (ONCE, ("frames", "pixels")),
+        MEMORY: (ONCE, ("pixels",)),
+        DISK: (ONCE, ("frames", "pixels")),
+    },
+    "splats": {
+        CPU: (
+            ("iterations",),
+            ("iterations", "pixels"),
+            ("iterations", "mean_gaussians"),
+            ("iterations", "pixels", "joint"),
+            ("iterations", "mean_gaussians", "joint"),
+        ),
+        MEMORY: (ONCE, ("training", "pixels"), ("pixels",), ("gaussians",), ("pixels", "joint"), ("gaussians", "joint")),
+        DISK: (ONCE, ("gaussians",), ("gaussians", "joint"), ("evaluated", "pixels")),
+    },
+    "language": {
+        CPU: (ONCE, ("training", "pixels", "codes"), ("training", "gaussians", "codes"), ("training", "gaussians")),
+        MEMORY: (ONCE, ("pixels", "codes"), ("gaussians", "codes")),
+        DISK: (ONCE, ("gaussians", "codes")),
+    },
+    "metrics": {
+        CPU: (ONCE, ("evaluated", "pixels"), ("queries", "pixels"), ("evaluated", "gaussians")),
+        MEMORY: (ONCE, ("pixels",), ("gaussians",)),
+        DISK: (ONCE, ("queries",)),
+    },
+}  # fmt: skip
+"""By stage and measure. A term stands for a loop in the stage's code."""
+
+BYTE = 1 / 2**20
+"""One byte a pixel [MiB]."""
+
+KNOWN: Mapping[tuple[str, str], Mapping[Term, float]] = {
+    # Training frames are held as three bytes a pixel, features as four copies of float32. The small sizes that are
+    # measured hardly show either; a view's share of batches in work would pass for its features.
+    ("transient", MEMORY): {("training", "initial_pixels"): 3 * BYTE},
+    ("splats", MEMORY): {("training", "pixels"): 3 * BYTE},
+    ("view_features", MEMORY): {("views", "channels"): 16 * BYTE},
+}
+"""By stage and measure: coefficients that follow from the code and are not fitted."""
+
+
+def fit_all(runs: list[Run]) -> dict[str, dict[str, Fit]]:
+    """The laws of all measured stages, by stage and measure."""
+    found: dict[str, dict[str, Fit]] = {}
+    for stage, laws in LAWS.items():
+        own = [run for run in runs if run.stage == stage]
+        found[stage] = {
+            measure: fit(
+                terms,
+                [run.sizes for run in own],
+                [getattr(run, measure) for run in own],
+                KNOWN.get((stage, measure)),
+            )
+            for measure, terms in laws.items()
+        }
+    return found

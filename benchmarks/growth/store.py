@@ -1,0 +1,61 @@
+"""The file of what was measured: written after each point, so that a measurement that was stopped goes on."""
+
+import json
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from benchmarks.growth.readings import Run
+from egosplat.files import atomic_file
+
+
+@dataclass
+class Measured:
+    """All that was measured so far.
+
+    Attributes:
+        machine: in words.
+        points: the runs of each point of the design, by its name.
+        checks: the same of scenes that no law is fitted to.
+        published: seconds by unit; see ``benchmarks.growth.published``.
+    """
+
+    machine: str = ""
+    points: dict[str, list[Run]] = field(default_factory=dict)
+    checks: dict[str, list[Run]] = field(default_factory=dict)
+    published: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def runs(self) -> list[Run]:
+        """Of all points."""
+        return [run for runs in self.points.values() for run in runs]
+
+
+def load(path: Path) -> Measured:
+    """What a file holds; nothing where it is not there yet."""
+    if not path.exists():
+        return Measured()
+    document = json.loads(path.read_text())
+    for kind in ("points", "checks"):
+        document[kind] = {name: [Run(**run) for run in runs] for name, runs in document[kind].items()}
+    return Measured(**document)
+
+
+def save(path: Path, measured: Measured) -> None:
+    """Write the file, whole or not at all; a run a line."""
+    document = asdict(measured)
+    with atomic_file(path) as scratch:
+        scratch.write_text(_lines(document) + "\n")
+
+
+def _lines(document: dict) -> str:
+    parts = []
+    for name, value in document.items():
+        if name in ("points", "checks"):
+            groups = (
+                f"  {json.dumps(key)}: [\n   " + ",\n   ".join(map(json.dumps, runs)) + "\n  ]"
+                for key, runs in value.items()
+            )
+            parts.append(f" {json.dumps(name)}: {{\n" + ",\n".join(groups) + "\n }")
+        else:
+            parts.append(f" {json.dumps(name)}: {json.dumps(value)}")
+    return "{\n" + ",\n".join(parts) + "\n}"

@@ -1,0 +1,176 @@
+"""Ways to put codes on Gaussians: lifted in closed form, trained at three levels at once, or one model for each level.
+
+    snakemake --cores 2 results/adt/scene2/language.zarr
+    python -m benchmarks.language results/adt/scene2 --iterations 100 > benchmarks/language/README.md
+
+Takes the artifacts of scenes whose Gaussians were trained without codes. Measures processor time and memory of each way in a
+process of its own, and the cosine between decoded rendered codes and the consistent features of the segments in held-out views.
+"""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import click
+import numpy as np
+import torch
+from torch import Tensor
+
+from benchmarks.common import command, markdown, output_of, scene_folders, scene_name, timed
+from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.artifacts.features import FEATURES
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.segments import SEGMENTS
+from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.usage import peak_memory_mb
+from egosplat.codes.decoder import Decoder, decode, read_decoder
+from egosplat.codes.rendering import Lens, lens_of, render_codes
+from egosplat.codes.targets import CodeTargets, Targets
+from egosplat.gaussians.io import read_gaussians
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.pixel_weights import open_masking
+from egosplat.language.lifting import lift
+from egosplat.language.training import CodeOptions, CodeTraining
+from egosplat.language.views import TaughtViews, taught_views
+from egosplat.pipeline.config import defaults
+from egosplat.progress import log
+
+CPU = torch.device("cpu")
+LIFTED, TOGETHER, APART = "lifted", "trained, three levels at once", "trained, one level a model"
+WAYS = {LIFTED: (3, 1), TOGETHER: (3, 1), APART: (1, 3)}
+"""Levels of a model, and number of models."""
+
+COLUMNS = (
+    "scene",
+    "way",
+    "levels a model",
+    "models",
+    "CPU time [s]",
+    "peak memory [MB]",
+    "cosine, held out, by level",
+    "mean",
+)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Inputs from which a scene's codes are computed."""
+
+    gaussians: Gaussians
+    lens: Lens
+    decoder: Decoder
+    views: TaughtViews
+    targets: CodeTargets
+    segments: Artifact
+    features: Artifact
+    frames: Artifact
+    poses: Artifact
+
+
+def read(folder: Path) -> Scene:
+    """Open a scene's artifacts."""
+    kinds = {"frames": FRAMES, "poses": POSES, "segments": SEGMENTS, "features": FEATURES, "splats": SPLATS}
+    found = {name: open_artifact(folder / f"{name}.zarr", schema) for name, schema in kinds.items()}
+    splats = found.pop("splats")
+    masking = open_masking(
+        splats.provenance["options"]["masking"],
+        found["frames"],
+        transient=folder / "transient.zarr",
+        masks=folder / "masks.zarr",
+    )
+    targets = CodeTargets(found["segments"], found["features"], CPU)
+    views = taught_views(found["frames"], found["poses"], targets.of, masking, CPU)
+    decoder = read_decoder(found["features"])
+    return Scene(read_gaussians(splats), lens_of(splats, "auto"), decoder, views, targets, **found)
+
+
+def of_level(targets: Callable[[int], Targets], level: int) -> Callable[[int], Targets]:
+    """The targets of one level alone."""
+
+    def found(frame: int) -> Targets:
+        every = targets(frame)
+        return Targets(every.codes[level : level + 1], every.known[level : level + 1])
+
+    return found
+
+
+def trained(scene: Scene, views: TaughtViews, levels: int, iterations: int) -> Tensor:
+    """Codes trained by gradients."""
+    keys = defaults()["language"]
+    options = CodeOptions(iterations, keys["lr"], keys["unit_codes"], keys["seed"])
+    training = CodeTraining(scene.gaussians, levels, scene.targets.channels, options)
+    with TemporaryDirectory() as folder:
+        training.run(scene.gaussians, views, scene.lens, Checkpoint(Path(folder) / "x", "", 1e9))
+    return training.code.detach()
+
+
+def codes(scene: Scene, way: str, iterations: int) -> Tensor:
+    """Codes by one of the ways of training."""
+    levels = len(scene.targets.levels)
+    if way == TOGETHER:
+        return trained(scene, scene.views, levels, iterations)
+    views = [replace(scene.views, targets=of_level(scene.targets.of, level)) for level in range(levels)]
+    return torch.cat([trained(scene, own, 1, iterations) for own in views], dim=1)
+
+
+def cosines(scene: Scene, code: Tensor, share: Tensor) -> list[float]:
+    """Mean cosine of rendered and consistent features over pixels of held-out views, by level."""
+    held_out = scene.frames.read("evaluation") & ~scene.frames.read("train") & scene.poses.read("registered")
+    poses = scene.poses.read("camera_to_world")
+    features = torch.from_numpy(scene.features.read("consistent"))
+    seen = torch.from_numpy(scene.features.read("views") > 0)
+    how = {name: getattr(scene.lens, name) for name in ("near_plane", "antialiased", "backend")}
+    found: list[list[Tensor]] = [[] for _ in range(code.shape[1])]
+    for frame in np.flatnonzero(held_out):
+        with torch.no_grad():
+            rendered = render_codes(scene.gaussians, code, share, scene.views.camera, poses[frame], **how)
+        labels = torch.from_numpy(scene.segments.row("labels", int(frame))).long()
+        for level, cosine in enumerate(found):
+            known = (labels[level] >= 0) & seen[labels[level]]
+            wanted = torch.nn.functional.normalize(features[labels[level][known]], dim=-1)
+            cosine.append((decode(rendered.codes[level][known], scene.decoder) * wanted).sum(-1))
+    return [float(torch.cat(one).mean()) for one in found]
+
+
+def measure(folder: Path, way: str, iterations: int) -> dict[str, object]:
+    """Measure one way in this process."""
+    scene = read(folder)
+    found, seconds = timed(lift, scene.gaussians, scene.views, scene.lens)
+    code = found.code
+    if way != LIFTED:
+        code, seconds = timed(codes, scene, way, iterations)
+    return {"seconds": seconds, "peak_mb": peak_memory_mb(), "cosines": cosines(scene, code, found.share)}
+
+
+def row(folder: Path, way: str, iterations: int) -> list[object]:
+    """A row of the table, measured in a process of its own."""
+    log(f"{folder}: {way}")
+    output = output_of("benchmarks.language", folder.resolve(), "--iterations", iterations, "--way", way)
+    found = json.loads(output.splitlines()[-1])
+    by_level = " ".join(f"{one:.3f}" for one in found["cosines"])
+    times = [f"{found['seconds']:.1f}", f"{found['peak_mb']:.0f}"]
+    return [scene_name(folder), way, *WAYS[way], *times, by_level, f"{np.mean(found['cosines']):.3f}"]
+
+
+@command(__doc__)
+@scene_folders
+@click.option("--iterations", default=1000, show_default=True, help="Of each training.")
+@click.option("--way", type=click.Choice(list(WAYS)), hidden=True)
+def main(folders: tuple[Path, ...], iterations: int, way: str | None) -> None:
+    """Print the table; with a way, one measurement as JSON."""
+    if way is not None:
+        click.echo(json.dumps(measure(folders[0], way, iterations)))
+        return
+    rows = [row(folder, name, iterations) for folder in folders for name in WAYS]
+    click.echo(
+        f"# Codes on Gaussians\n\n`python -m benchmarks.language`, {iterations:,} iterations where codes are trained.\n"
+    )
+    click.echo(markdown(COLUMNS, rows, words=2))
+
+
+if __name__ == "__main__":
+    main()

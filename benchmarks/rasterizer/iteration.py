@@ -1,0 +1,148 @@
+"""A whole training iteration, as training does it, by phases; and the memory that it takes."""
+
+from functools import lru_cache
+from pathlib import Path
+from unittest import mock
+
+import numpy as np
+import torch
+
+from benchmarks.rasterizer.scenes import NEAR_PLANE, SCENES, Scene, channels, make_scene
+from benchmarks.rasterizer.timing import PhaseClock
+from egosplat.gaussians import trainer as train
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.objective import L1Ssim
+from egosplat.gaussians.optimizer import Adam, LearningRates
+from egosplat.gaussians.options import RenderOptions, TrainingOptions
+from egosplat.gaussians.render import render
+from egosplat.gaussians.schedule import Schedule
+from egosplat.gaussians.training_state import TrainingState
+from egosplat.gaussians.training_views import Views
+from egosplat.geometry import Camera
+from egosplat.rasterize import cpu
+
+PHASES = (
+    "projection, SH",
+    "raster forward",
+    "loss",
+    "raster backward",
+    "projection backward",
+    "density statistics",
+    "Adam",
+)
+
+_SH_CONSTANT = 0.28209479
+_SH_COEFFICIENTS = 16
+_NO_DENSITY_CONTROL = Schedule(densify_from=30_000, densify_until=30_000, reset_every=None, sh_interval=1)
+_OPTIONS = TrainingOptions(
+    render=RenderOptions(near_plane=NEAR_PLANE, background="black", antialiased=False, backend="cpu"),
+    iterations=30_000,
+    density="stock",
+    max_gaussians=1_000_000,
+    position_lr=1.6e-4,
+    grow_grad2d=2e-4,
+    evaluate_every=30_000,
+    patience=0,
+    min_improvement=0.0,
+    seed=0,
+)
+
+
+class Training:
+    """Training that leaves the scene as it is: learning rates are zero, so that every iteration costs the same."""
+
+    def __init__(self, scene: Scene, features: int) -> None:
+        gaussians = _gaussians(scene, features)
+        self.views = _views(scene, gaussians)
+        self.state = TrainingState(gaussians, _OPTIONS, extent=0.0, objective=L1Ssim(0.2))
+        self.state.optimizer = Adam(gaussians, LearningRates(*[0.0] * 7))
+        # From here on all SH coefficients are in use.
+        self.state.iteration = 3
+
+    def iterate(self) -> None:
+        """One iteration."""
+        train.iterate(self.state, self.views, range(len(self.views)), _OPTIONS, _NO_DENSITY_CONTROL)
+
+
+def sample_phases(scene: str, threads: int) -> dict[str, float]:
+    """Processor time of one iteration by ``PHASES`` [ms], and ``wall``: all of it on the clock [ms]."""
+    torch.set_num_threads(threads)
+    training, clock = _training(scene), PhaseClock()
+    project_forward, raster_forward, loss, raster_backward, project_backward, statistics, adam = PHASES
+    population, observe = training.state.population, training.state.population.observe
+
+    def observed(*arguments: object) -> None:
+        clock.mark(project_backward)
+        observe(*arguments)
+        clock.mark(statistics)
+
+    with (
+        mock.patch.object(
+            cpu, "project", clock.around(cpu.project, project_forward, raster_backward, project_backward)
+        ),
+        mock.patch.object(
+            cpu, "composite", clock.around(cpu.composite, raster_forward, loss, raster_backward)
+        ),
+        mock.patch.object(population, "observe", observed),
+    ):
+        clock.start()
+        training.iterate()
+        clock.mark(adam)
+    return {**clock.cpu_ms, "wall": clock.wall_ms}
+
+
+def peak_bytes(gaussians: int, width: int, height: int, channel_count: int) -> int:
+    """Memory that training takes at most, beyond what the process took before; for a process of its own."""
+    torch.set_num_threads(1)
+    Training(make_scene(500, 64, 48), channel_count - 3).iterate()
+    before = _memory("VmRSS")
+    training = Training(make_scene(gaussians, width, height), channel_count - 3)
+    # The peak starts anew: making the scene may have taken more. (ru_maxrss would hold even the parent's.)
+    Path("/proc/self/clear_refs").write_text("5")
+    for _ in range(2):
+        training.iterate()
+    return _memory("VmHWM") - before
+
+
+@lru_cache(maxsize=1)
+def _training(scene: str) -> Training:
+    training = Training(make_scene(*SCENES[scene]), 0)
+    # Once each view, so that all Gaussians that some view shows have moments.
+    for _ in range(len(training.views)):
+        training.iterate()
+    return training
+
+
+def _gaussians(scene: Scene, features: int) -> Gaussians:
+    noise = torch.Generator().manual_seed(0)
+    sh = 0.05 * torch.randn(len(scene.means), _SH_COEFFICIENTS, 3, generator=noise)
+    sh[:, 0] = (scene.colors - 0.5) / _SH_CONSTANT
+    return Gaussians(
+        means=scene.means.clone(),
+        quats=scene.quats.clone(),
+        log_scales=scene.scales.log(),
+        logit_opacities=scene.opacities.logit(),
+        sh=sh,
+        features=channels(scene, 3 + features)[:, 3:].contiguous(),
+    )
+
+
+def _views(scene: Scene, gaussians: Gaussians) -> Views:
+    """Photographs from all cameras: the scene itself, with some noise so that there is something to learn."""
+    camera = Camera.from_matrix(scene.K.double().numpy(), scene.width, scene.height)
+    camera_to_world = np.linalg.inv(scene.viewmats.double().numpy())
+    noise = torch.Generator().manual_seed(1)
+    pictures = []
+    for pose in camera_to_world:
+        options = {"near_plane": NEAR_PLANE, "antialiased": False, "backend": "cpu"}
+        image, _, _ = render(gaussians, camera, pose, sh_degree=3, background=None, **options)
+        seen = image[..., :3] + 0.05 * torch.randn(camera.height, camera.width, 3, generator=noise)
+        pictures.append((255.0 * seen.clamp(0.0, 1.0)).round().to(torch.uint8))
+    frame = np.arange(len(pictures), dtype=np.int64)
+    return Views(frame, torch.stack(pictures), camera_to_world, None, None, camera, torch.device("cpu"))
+
+
+def _memory(key: str) -> int:
+    """A line of /proc/self/status [bytes]."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(1024 * int(line.split()[1]) for line in lines if line.startswith(f"{key}:"))

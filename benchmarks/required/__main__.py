@@ -1,0 +1,60 @@
+"""Processor time saved, and scores lost, by computing only what a scene requires.
+
+    S="results/adt/still results/adt/still_few results/adt/people results/adt/people_few results/adt/slow"
+    snakemake --cores 2 --configfile benchmarks/required/config.yaml -- \
+        $(for s in $S; do echo $s/metrics.json $s/variants/anyway/metrics.json; done)
+    python -m benchmarks.required $S > benchmarks/required/README.md
+
+The variant `anyway` keeps all frames and levels, uses 32 dimensions, and always trains the transient network and makes masks.
+Times are processor times of all stages behind a scene's scores, with the survey.
+"""
+
+from pathlib import Path
+
+import click
+
+from benchmarks.common import command, markdown, scene_folders, scene_name
+from benchmarks.scores import METHOD, accuracy_difference, iou_difference, paired, psnr, seconds
+from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.segments import SEGMENTS
+from egosplat.pipeline.survey_file import read_survey
+from egosplat.tables.scored_scenes import read_scored_scene
+
+
+def row(folder: Path) -> dict[str, object]:
+    """A scene's cells by column."""
+    own, anyway = (read_scored_scene(folder / below / "metrics.json") for below in ("", "variants/anyway"))
+    survey = read_survey(folder / "survey.json")
+    facts = open_artifact(folder / "segments.zarr", SEGMENTS).facts
+    pair = paired(own, anyway)
+    took, would = seconds(own) + survey["provenance"]["cpu_s"], seconds(anyway)
+    return {
+        "scene": scene_name(folder),
+        "motion": "nothing" if survey["motion"]["static"] else "something",
+        "levels": ", ".join(name for name in facts["levels"] if facts["instances"][name]),
+        "queried objects": own.document["counts"]["annotated_instances"],
+        "frames left out": f"{len(survey['views']['left_out'])} of {survey['poses']['frames']}",
+        "dimensions": own.document["counts"]["code_channels"],
+        "CPU-s": f"{took:.0f}",
+        "anyway": f"{would:.0f}",
+        "saved": f"{1 - took / would:.0%}",
+        "accuracy": accuracy_difference([pair]),
+        "mIoU": iou_difference([pair]),
+        "static PSNR": f"{psnr(own, 'static') - psnr(anyway, 'static'):+.2f}",
+    }
+
+
+@command(__doc__)
+@scene_folders
+def main(folders: tuple[Path, ...]) -> None:
+    """Print the table."""
+    rows = [row(folder) for folder in folders]
+    click.echo(
+        "# Only what a scene requires\n\nAgainst computing everything: `python -m benchmarks.required`. Differences on the "
+        f"same queries in percentage points and dB; above 0, the scene is better than `anyway`. {METHOD}\n"
+    )
+    click.echo(markdown(list(rows[0]), [list(one.values()) for one in rows], words=3))
+
+
+if __name__ == "__main__":
+    main()

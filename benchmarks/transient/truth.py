@@ -1,0 +1,67 @@
+"""Ground truth of motion in a recording of ADT's format: true instances of every frame, and which of them move."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from egosplat.artifacts.reader import Artifact
+from egosplat.frames.annotation_readers import open_annotations
+from egosplat.frames.recording import Annotations
+from egosplat.geometry import Camera
+
+MOVED_M = 0.02
+"""Range of an object's position up to which it is static, whatever its label (docs/method.md#static-dynamic)."""
+
+MAX_AGE_NS = 3_000_000
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The truth of one recording.
+
+    Attributes:
+        names: of its N instances.
+        moves: (N,) bool.
+    """
+
+    names: list[str]
+    moves: NDArray[np.bool_]
+    _reader: Annotations
+    _times: NDArray[np.int64]
+
+    def all_labels(self) -> Iterator[NDArray[np.int32]]:
+        """(H, W) instance of each pixel, -1 for none, of all frames in turn."""
+        for frame, time in enumerate(self._times.tolist()):
+            found = self._reader.instance_map(time)
+            if found is None:
+                raise ValueError(f"frame {frame} is not annotated")
+            yield found
+
+
+def read_truth(recording: Path, frames: Artifact) -> Truth:
+    """The truth of the recording that ``frames`` was read from."""
+    reader = open_annotations(
+        "adt",
+        recording,
+        camera=Camera(**frames.facts["camera"]),
+        upright=frames.facts["upright"],
+        max_age_ns=MAX_AGE_NS,
+    )
+    if reader is None:
+        raise ValueError(f"{recording}: is not annotated")
+    moved = _moved(recording / "scene_objects.csv")
+    moves = [one.instance_type == "human" or one.id in moved for one in reader.instances]
+    names = [one.name for one in reader.instances]
+    return Truth(names, np.array(moves), reader, frames.read("timestamp_ns"))
+
+
+def _moved(table: Path) -> set[int]:
+    """Ids of the objects that move."""
+    rows = pd.read_csv(table)
+    places = rows.groupby("object_uid")[["t_wo_x[m]", "t_wo_y[m]", "t_wo_z[m]"]]
+    span = np.linalg.norm(places.max() - places.min(), axis=1)
+    return set(places.max().index[span > MOVED_M])

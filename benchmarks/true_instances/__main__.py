@@ -1,0 +1,125 @@
+"""The value of consistent features where tracks are right: scenes queried with true instances instead of SAM2's.
+
+    snakemake --cores 2 results/adt/scene{2,4,5}/metrics.json
+    python -m benchmarks.true_instances results/adt/scene{2,4,5} > benchmarks/true_instances/README.md
+
+Every frame of a synthetic recording is annotated. These instances become `segments.zarr` with one level. View features,
+features, language and scores follow from it as usual, on the scene's own Gaussians. `view` supervises with the feature of each
+view, `average` with the mean of that and the consistent feature, as in the paper.
+"""
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import click
+import numpy as np
+
+from benchmarks.common import ROOT, command, markdown, scene_folders, scene_name
+from benchmarks.scores import (
+    METHOD,
+    SCORES,
+    accuracy_difference,
+    chance,
+    iou_difference,
+    paired,
+    queries_of,
+    told,
+)
+from benchmarks.transient.truth import read_truth
+from egosplat.artifacts import provenance
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.segments import SEGMENTS
+from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.writer import create
+from egosplat.pipeline import config as configuration
+from egosplat.pipeline.config import Config, stage_values
+from egosplat.pipeline.stages import stage_function
+from egosplat.progress import log, track
+from egosplat.tables.scored_scenes import ScoredScene, read_scored_scene
+
+PRESETS = ROOT / "config" / "presets"
+TARGETS = ("view", "average")
+COLUMNS = ("scene", "instances", "supervision", "queries", "accuracy", "static", "dynamic", "mIoU")
+
+
+def true_segments(folder: Path, output: Path) -> None:
+    """Write the annotated instances of a scene as ``segments.zarr``."""
+    frames = open_artifact(folder / "frames.zarr", FRAMES)
+    truth = read_truth(folder / "recording", frames)
+    valid, count = frames.read("valid"), len(truth.names)
+    with create(output, SEGMENTS, provenance.begin_from("segments", {}, [frames])) as artifact:
+        artifact.allocate("labels", (len(frames.read("train")), 1, *valid.shape))
+        for frame, labels in enumerate(track(list(truth.all_labels()), "writing true instances")):
+            artifact.put_row("labels", frame, np.where(valid, labels, -1)[None].astype(np.int32))
+        artifact.put("instances/level", np.zeros(count, np.int8))
+        artifact.put("instances/predicted_iou", np.ones(count, np.float32))
+        artifact.put("instances/stability", np.ones(count, np.float32))
+        artifact.put("instances/first_frame", np.zeros(count, np.int64))
+        artifact.facts = {"levels": ["whole"], "instances": {"whole": count}, "segmenter": "truth"}
+
+
+def score(folder: Path, work: Path, target: str) -> ScoredScene:
+    """Scores of a scene with the segments and view features in ``work`` and one of ``TARGETS``."""
+    config = configuration.resolve({"features": {"target": target}}, PRESETS)
+    own = {name: folder / f"{name}.zarr" for name in ("frames", "poses", "annotations", "splats")}
+    masking = open_artifact(own["splats"], SPLATS).provenance["options"]["masking"]
+    made = {name: work / target / f"{name}.zarr" for name in ("features", "language")}
+    run("features", config, view_features=work / "view_features.zarr", output=made["features"])
+    run(
+        "language",
+        config,
+        **{name: own[name] for name in ("frames", "poses", "splats")},
+        segments=work / "segments.zarr",
+        features=made["features"],
+        survey=folder / "survey.json",
+        transient=None,
+        masks=folder / "masks.zarr" if masking == "refined" else None,
+        output=made["language"],
+    )
+    scores = work / target / "metrics.json"
+    run("metrics", config, **own, **made, title=scene_name(folder), output=scores)
+    return read_scored_scene(scores)
+
+
+def run(stage: str, config: Config, **paths: object) -> None:
+    """Run a stage as its rule does."""
+    stage_function(stage)(**paths, **stage_values(stage, config))
+
+
+def by_truth(folder: Path) -> dict[str, ScoredScene]:
+    """Scores of a scene with true instances, by target."""
+    with TemporaryDirectory() as name:
+        work = Path(name)
+        true_segments(folder, work / "segments.zarr")
+        config = configuration.resolve({}, PRESETS)
+        frames, segments = folder / "frames.zarr", work / "segments.zarr"
+        run("view_features", config, frames=frames, segments=segments, output=work / "view_features.zarr")
+        return {target: score(folder, work, target) for target in TARGETS}
+
+
+@command(__doc__)
+@scene_folders
+def main(folders: tuple[Path, ...]) -> None:
+    """Print the table."""
+    rows, pairs, scenes = [], [], []
+    for folder in folders:
+        log(f"{folder}")
+        found = by_truth(folder)
+        for target, one in found.items():
+            cells = [one.cell(*score) for score in SCORES]
+            rows.append([scene_name(folder), "true", target, cells[0].queries, *map(told, cells)])
+        scenes.append(found["average"])
+        pairs.append(paired(found["average"], found["view"]))
+    click.echo(
+        "# Consistent features with right tracks\n\n`python -m benchmarks.true_instances`. Accuracy and mIoU in percent. "
+        f"{METHOD} {chance(scenes)}\n\n{markdown(COLUMNS, rows, words=3)}\n"
+    )
+    click.echo(
+        f"`average` against `view` on the same {queries_of(pairs)} queries, in percentage points: accuracy "
+        f"{accuracy_difference(pairs)}, mIoU {iou_difference(pairs)}."
+    )
+
+
+if __name__ == "__main__":
+    main()
