@@ -86,8 +86,8 @@ class Sizes(Mapping[str, float]):
         return len(list(iter(self)))
 
     @property
-    def most_tracked(self) -> int:
-        """Instances of all levels that may be tracked."""
+    def tracked(self) -> int:
+        """Instances of all levels that SAM2 tracks: a typical number, or the most that the configuration allows."""
         allowed = LEVELS * self._config["segments"]["max_instances"]
         return allowed if self._at_most else min(TYPICAL_TRACKED, allowed)
 
@@ -166,8 +166,8 @@ _FROM_CONFIG: dict[str, Callable[[Config, Sizes], float]] = {
     "points": lambda *_: 1_000_000,
     # Instances and what is known of them.
     "prompts": _prompts,
-    "tracked": lambda _, sizes: sizes.most_tracked,
-    "instances": lambda _, sizes: sizes.most_tracked / 2,  # 72 of 134 in adt/scene1
+    "tracked": lambda _, sizes: sizes.tracked,
+    "instances": lambda _, sizes: sizes.tracked / 2,  # 72 of 134 in adt/scene1
     "sam2_area": _sam2_area,
     "views": _views,
     "channels": lambda config, _: 128 if config["models"]["clip_model"] == SMALL else 512,
