@@ -13,13 +13,10 @@ import torch
 import yaml
 from safetensors.torch import load_file, save_file
 
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.provenance import begin
 from egosplat.artifacts.reader import verify
 from egosplat.artifacts.registry import SCHEMAS
-from egosplat.artifacts.segments import SEGMENTS
-from egosplat.artifacts.writer import create
 from egosplat.models.open_clip_loader import build_model
+from tests.support.scenes import put_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = "results/mine/scene"
@@ -91,22 +88,12 @@ def write_inputs(folder: Path) -> None:
     labels[:, 0, 20:30, 4:20] = 1
     arrays = {
         "rgb": np.random.default_rng(0).integers(256, size=(FRAME_COUNT, SIZE, SIZE, 3), dtype=np.uint8),
-        "valid": np.ones((SIZE, SIZE), bool),
-        "timestamp_ns": np.arange(FRAME_COUNT),
-        "exposure_middle_ns": np.arange(FRAME_COUNT),
         "train": np.arange(FRAME_COUNT) < 5,
-        "evaluation": np.arange(FRAME_COUNT) == 5,
         "labels": labels,
         "instances/level": np.zeros(2, np.int8),
-        "instances/predicted_iou": np.ones(2, np.float32),
-        "instances/stability": np.ones(2, np.float32),
-        "instances/first_frame": np.zeros(2, np.int64),
     }
-    for schema in (FRAMES, SEGMENTS):
-        with create(folder / f"{schema.name}.zarr", schema, begin("frames", {}, "real")) as artifact:
-            for name in schema.fields:
-                artifact.put(name, arrays[name])
-            artifact.facts = {"format": "plain", "upright": True, "levels": ["whole"]}
+    facts = {"format": "plain", "upright": True, "levels": ["whole"]}
+    put_scene(folder, ["frames", "segments"], arrays, facts, stage="frames", origin="real")
 
 
 def test_both_artifacts_are_made_and_then_nothing_is_to_be_done(work):

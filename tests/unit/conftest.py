@@ -4,22 +4,12 @@ from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
-from egosplat.artifacts.annotations import ANNOTATIONS
-from egosplat.artifacts.features import FEATURES
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.language import LANGUAGE
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.provenance import begin
-from egosplat.artifacts.reader import recorded_digest
-from egosplat.artifacts.schema import Schema
-from egosplat.artifacts.splats import SPLATS
-from egosplat.artifacts.writer import create
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import render
@@ -28,6 +18,7 @@ from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.pipeline.survey_file import digest_of_frames, write_survey
 from egosplat.query.text import encode_phrases
+from tests.support.scenes import digests, put
 
 SIZE = 48
 CAMERA = Camera(SIZE, SIZE, 44.0, 44.0, SIZE / 2, SIZE / 2)
@@ -64,7 +55,7 @@ def survey_that_keeps() -> Callable[..., Path]:
                 "digest": digest_of_frames(kept),
             },
             "poses": {"source": "device", "registered": 1, "frames": 1, "points": 1},
-            "provenance": begin("survey", {}, "synthetic", _digests(folder, "frames")).record(),
+            "provenance": begin("survey", {}, "synthetic", digests(folder, ["frames"])).record(),
         }
         write_survey(folder / "survey.json", document)
         return folder / "survey.json"
@@ -110,7 +101,7 @@ def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -
         origin: str = "synthetic",
         evaluated: tuple[int, ...] = (1, 2, 3),
     ) -> Path:
-        put = partial(_put, origin=origin)
+        write = partial(put, tmp_path, origin=origin)
         clip_hash = clip_hash or model_hash(CLIP, SMALL)
         settings = RENDERING | {"sh_degree": 0, "background": None, "backend": "auto"}
         picture, _, _ = render(halves, CAMERA, np.eye(4), **settings)
@@ -129,9 +120,8 @@ def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -
             {"id": 2, "name": "Cup_1", "category": "cup", "motion_type": "dynamic"},
         ]
         is_evaluated = np.isin(np.arange(4), evaluated)
-        put(
-            tmp_path,
-            FRAMES,
+        write(
+            "frames",
             {
                 "rgb": np.stack([lighter] * 4),
                 "valid": np.arange(SIZE)[:, None] + np.zeros((1, SIZE)) >= 2,
@@ -139,37 +129,29 @@ def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -
                 "evaluation": is_evaluated,
             },
         )
-        put(
-            tmp_path,
-            POSES,
-            {
-                "camera_to_world": np.stack([np.eye(4)] * 3 + [np.full((4, 4), np.nan)]),
-                "registered": np.array([True, True, True, False]),
-                "intrinsics": CAMERA.matrix,
-            },
-            inputs=_digests(tmp_path, "frames"),
-        )
-        put(
-            tmp_path,
-            ANNOTATIONS,
+        poses = {
+            "camera_to_world": np.stack([np.eye(4)] * 3 + [np.full((4, 4), np.nan)]),
+            "registered": np.array([True, True, True, False]),
+            "intrinsics": CAMERA.matrix,
+        }
+        write("poses", poses, made_from=["frames"])
+        cup_on_the_right = (np.arange(SIZE) >= SIZE // 2).astype(np.int32)
+        write(
+            "annotations",
             {
                 "frame": np.array(evaluated, np.int64),
-                "annotated": np.ones(len(evaluated), bool),
-                "instance_map": np.tile(
-                    (np.arange(SIZE) >= SIZE // 2).astype(np.int32), (len(evaluated), SIZE, 1)
-                ),
+                "instance_map": np.tile(cup_on_the_right, (len(evaluated), SIZE, 1)),
             },
             {"instances": [thing | {"instance_type": "object"} for thing in things]},
-            inputs=_digests(tmp_path, "frames"),
+            made_from=["frames"],
         )
-        put(
-            tmp_path,
-            FEATURES,
+        write(
+            "features",
             {"instances/level": np.array([1, 1], np.int8), "consistent": couch_and_cup.numpy()},
             facts,
-            SMALL,
-            inputs or {},
-            {"clip_checkpoint": clip_hash},
+            options=SMALL,
+            inputs=inputs,
+            models={"clip_checkpoint": clip_hash},
         )
         stored = {
             name: getattr(halves, name).numpy()
@@ -179,43 +161,16 @@ def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -
         renders = photograph[None][: 1 in evaluated]
         held_out = {"held_out/frame": np.arange(1, 1 + len(renders)), "held_out/render": renders}
         about = {"camera": asdict(CAMERA), "sh_degree_in_use": 0, "views": {"training": 2}}
-        put(tmp_path, SPLATS, stored | held_out, about, lens, _digests(tmp_path, "frames", "poses"))
-        put(
-            tmp_path,
-            LANGUAGE,
+        write("splats", stored | held_out, about, options=lens, made_from=["frames", "poses"])
+        write(
+            "language",
             {
                 "code": np.stack([nothing, meant], axis=1),
                 "share": np.tile(np.float32([0, 1]), (len(meant), 1)),
             },
             {"levels": level},
-            inputs=_digests(tmp_path, "frames", "poses", "features", "splats"),
+            made_from=["frames", "poses", "features", "splats"],
         )
         return tmp_path
 
     return make
-
-
-def _digests(folder: Path, *names: str) -> dict[str, str]:
-    return {f"{name}.zarr": recorded_digest(folder / f"{name}.zarr") for name in names}
-
-
-def _put(
-    folder: Path,
-    schema: Schema,
-    arrays: dict[str, np.ndarray],
-    facts: dict[str, Any] | None = None,
-    options: dict[str, Any] | None = None,
-    inputs: dict[str, str] | None = None,
-    models: dict[str, str] | None = None,
-    origin: str = "synthetic",
-) -> None:
-    """Write an artifact, with zeros for the arrays that are not given."""
-    sizes: dict[str | int, int] = {}
-    for name, values in arrays.items():
-        sizes |= dict(zip(schema.fields[name].dims, values.shape, strict=True))
-    made = begin(schema.name, options or {}, origin, inputs or {}, models or {})
-    with create(folder / f"{schema.name}.zarr", schema, made) as artifact:
-        for name, field in schema.fields.items():
-            shape = [dim if isinstance(dim, int) else sizes.get(dim, 0) for dim in field.dims]
-            artifact.put(name, arrays.get(name, np.zeros(shape, field.dtype)))
-        artifact.facts = facts or {}

@@ -1,5 +1,7 @@
 """Compression of features: none that differ, none at all, none of any length, and halves."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
@@ -7,10 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from egosplat.artifacts.features import FEATURES
-from egosplat.artifacts.provenance import begin
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.view_features import VIEW_FEATURES
-from egosplat.artifacts.writer import create
 from egosplat.codes.decoder import Decoder, decode
 from egosplat.codes.vectors import unit
 from egosplat.errors import UserError
@@ -18,6 +17,7 @@ from egosplat.features import autoencoder, stage
 from egosplat.features.compression import fit
 from egosplat.features.quality import reconstruction, spread
 from egosplat.pipeline.config import defaults
+from tests.support.scenes import put
 
 WIDTH = 16
 KINDS = pytest.mark.parametrize("kind", ["none", "linear", "autoencoder"])
@@ -26,6 +26,18 @@ KINDS = pytest.mark.parametrize("kind", ["none", "linear", "autoencoder"])
 def features(seed: int, count: int) -> np.ndarray:
     """(count, 16) float32 of unit norm."""
     return unit(np.random.default_rng(seed).normal(size=(count, WIDTH))).astype(np.float32)
+
+
+def write_view_features(folder: Path, rows: np.ndarray, instance: np.ndarray) -> None:
+    """view_features.zarr with the rows, of instances up to one more than the last that has a view."""
+    arrays = {
+        "feature": rows,
+        "instance": instance,
+        "frame": np.arange(len(rows), dtype=np.int32),
+        "instances/level": np.zeros(instance.max() + 2, np.int8),
+    }
+    facts = {"levels": ["whole"], "clip": {"small": True, "hash": "0"}}
+    put(folder, "view_features", arrays, facts, stage="frames")
 
 
 @pytest.mark.numerics(
@@ -150,14 +162,7 @@ def test_the_stage(tmp_path, capsys, kind, target):
     rows[3:7] = rows[3]
     rows[8] = -rows[7]
     instance = np.array([0, 0, 1, 2, 2, 2, 2, 3, 3, 4, 5, 5], np.int32)
-    with create(tmp_path / "view_features.zarr", VIEW_FEATURES, begin("frames", {}, "synthetic")) as artifact:
-        artifact.put("feature", rows)
-        artifact.put("instance", instance)
-        artifact.put("frame", np.arange(12, dtype=np.int32))
-        artifact.put("area", np.ones(12, np.int32))
-        artifact.put("box", np.zeros((12, 4), np.int32))
-        artifact.put("instances/level", np.zeros(7, np.int8))
-        artifact.facts = {"levels": ["whole"], "clip": {"small": True, "hash": "0"}}
+    write_view_features(tmp_path, rows, instance)
     keys = defaults()["features"] | {"compression": kind, "dims": 3, "epochs": 2, "target": target}
     stage.run(tmp_path / "view_features.zarr", tmp_path / "features.zarr", **keys)
     assert "3 of 12 views are left out" in capsys.readouterr().err
@@ -172,14 +177,7 @@ def test_the_stage(tmp_path, capsys, kind, target):
 )
 def test_the_stage_writes_nothing_broken(tmp_path, monkeypatch):
     monkeypatch.setattr(stage, "usable", lambda rows: np.ones(len(rows), bool))
-    with create(tmp_path / "view_features.zarr", VIEW_FEATURES, begin("frames", {}, "synthetic")) as artifact:
-        artifact.put("feature", np.full((2, WIDTH), np.nan, np.float32))
-        artifact.put("instance", np.zeros(2, np.int32))
-        artifact.put("frame", np.arange(2, dtype=np.int32))
-        artifact.put("area", np.ones(2, np.int32))
-        artifact.put("box", np.zeros((2, 4), np.int32))
-        artifact.put("instances/level", np.zeros(1, np.int8))
-        artifact.facts = {"levels": ["whole"], "clip": {"small": True, "hash": "0"}}
+    write_view_features(tmp_path, np.full((2, WIDTH), np.nan, np.float32), np.zeros(2, np.int32))
     keys = defaults()["features"] | {"compression": "none", "dims": 3, "epochs": 2}
     with pytest.raises(ValueError, match="is not finite"):
         stage.run(tmp_path / "view_features.zarr", tmp_path / "features.zarr", **keys)

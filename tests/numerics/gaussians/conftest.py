@@ -1,25 +1,19 @@
 """A small scene with pictures of known Gaussians, as artifacts."""
 
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from egosplat import files
 from egosplat.artifacts import provenance
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.provenance import begin
-from egosplat.artifacts.reader import Artifact, recorded_digest, verify
+from egosplat.artifacts.reader import Artifact, verify
 from egosplat.artifacts.registry import SCHEMAS
-from egosplat.artifacts.transient import TRANSIENT
-from egosplat.artifacts.writer import create
 from egosplat.geometry import Camera
 from egosplat.pipeline.config import defaults
 from egosplat.splats import stage
+from tests.support.scenes import camera_facts, put, put_scene
 
 SIZE, FRAME_COUNT = 20, 7
 CAMERA = Camera(SIZE, SIZE, 18.0, 18.0, SIZE / 2, SIZE / 2)
@@ -54,43 +48,21 @@ def scene(tmp_path: Path) -> Callable[..., Path]:
         poses = np.tile(np.eye(4), (FRAME_COUNT, 1, 1))
         poses[:, 0, 3] = np.linspace(-0.4, 0.4, FRAME_COUNT)
         checks = (np.indices((SIZE, SIZE)) // 5).sum(axis=0) % 2
-        held_out = np.arange(FRAME_COUNT) == 3
         arrays = {
             "rgb": np.tile(
                 (checks[..., None] * [200, 120, 40] + 30).astype(np.uint8), (FRAME_COUNT, 1, 1, 1)
             ),
-            "valid": np.ones((SIZE, SIZE), bool),
-            "timestamp_ns": np.arange(FRAME_COUNT) * 100_000_000,
-            "exposure_middle_ns": np.arange(FRAME_COUNT) * 100_000_000,
-            "train": ~held_out,
-            "evaluation": held_out,
+            "train": np.arange(FRAME_COUNT) != 3,
             "camera_to_world": poses,
-            "registered": np.ones(FRAME_COUNT, bool),
             "intrinsics": CAMERA.matrix,
-            "up": np.array([0.0, -1.0, 0.0]),
             "points/xyz": rng.uniform([-1.2, -1.2, 1.9], [1.2, 1.2, 2.1], (40, 3)),
             "points/rgb": rng.integers(256, size=(40, 3), dtype=np.uint8),
-            "weights": np.zeros(1, np.float32),
-            "curve/iteration": np.ones(1, np.int64),
-            "curve/loss": np.zeros(1),
-            "curve/probability": np.zeros(1),
         } | changes
-        inputs: dict[str, str] = {}
-        facts: dict[str, Any] = {
-            "recording": "",
-            "camera": asdict(CAMERA),
-            "notes": {},
-            "format": "plain",
-            "upright": True,
-        }
-        for schema in (FRAMES, POSES, *([TRANSIENT] if "probability" in changes else [])):
-            path = tmp_path / f"{schema.name}.zarr"
-            with create(path, schema, begin("frames", {}, "synthetic", inputs)) as artifact:
-                for name in schema.fields:
-                    artifact.put(name, arrays[name])
-                artifact.facts = facts
-            if schema is FRAMES:
-                inputs = {"frames.zarr": recorded_digest(path)}
+        facts = camera_facts(CAMERA)
+        probability = arrays.pop("probability", None)
+        put_scene(tmp_path, ["frames", "poses"], arrays, facts, chained=True)
+        if probability is not None:
+            put(tmp_path, "transient", {"probability": probability}, facts, made_from=["frames"])
         return tmp_path
 
     return make

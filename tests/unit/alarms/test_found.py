@@ -8,11 +8,10 @@ import pytest
 
 from egosplat import cli
 from egosplat.alarms.found import alarms_of, alarms_of_all, log_warnings
-from egosplat.artifacts.provenance import Provenance, begin
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.registry import SCHEMAS
-from egosplat.artifacts.writer import create
 from egosplat.models.suitability import notice
+from tests.support.scenes import put
 
 FIGURES = {"pixels_without_instance": 0.6, "instances_per_frame": 2.0, "frames_per_instance": 2.0}
 
@@ -50,31 +49,24 @@ SUSPICIOUS = {
 """By kind: arrays, facts, and the alarms that they give reason for."""
 
 
-def put(
-    folder: Path, kind: str, arrays: dict[str, np.ndarray], facts: dict, made: Provenance | None = None
-) -> Artifact:
-    """An artifact; arrays that are not given are zeros of the sizes that others tell, of size 1 without any."""
-    schema, sizes = SCHEMAS[kind], {}
-    for name, values in arrays.items():
-        arrays[name] = values.reshape(values.shape + (1,) * (len(schema.fields[name].dims) - values.ndim))
-        sizes |= dict(zip(schema.fields[name].dims, arrays[name].shape, strict=True))
-    path = folder / f"{kind}.zarr"
-    with create(path, schema, made or begin(kind, {}, "synthetic")) as artifact:
-        for name, field in schema.fields.items():
-            shape = [dim if isinstance(dim, int) else sizes.get(dim, 1) for dim in field.dims]
-            artifact.put(name, arrays.get(name, np.zeros(shape, field.dtype)))
-        artifact.facts = facts
-    return open_artifact(path, schema)
+def written(folder: Path, kind: str, arrays: dict[str, np.ndarray], facts: dict, **more) -> Artifact:
+    """An artifact; arrays may leave out their last axes, which are then of size 1."""
+    fields = SCHEMAS[kind].fields
+    whole = {
+        name: values.reshape(values.shape + (1,) * (len(fields[name].dims) - values.ndim))
+        for name, values in arrays.items()
+    }
+    return open_artifact(put(folder, kind, whole, facts, size=1, **more), SCHEMAS[kind])
 
 
 @pytest.mark.parametrize("kind", SUSPICIOUS)
 def test_what_an_artifact_tells_raises_its_alarms(tmp_path, kind):
     arrays, facts, keys = SUSPICIOUS[kind]
-    assert [alarm.key for alarm in alarms_of(put(tmp_path, kind, dict(arrays), facts))] == keys
+    assert [alarm.key for alarm in alarms_of(written(tmp_path, kind, dict(arrays), facts))] == keys
 
 
 def test_alarms_of_several_artifacts_are_in_the_order_of_the_stages(tmp_path):
-    made = [put(tmp_path, kind, dict(arrays), facts) for kind, (arrays, facts, _) in SUSPICIOUS.items()]
+    made = [written(tmp_path, kind, dict(arrays), facts) for kind, (arrays, facts, _) in SUSPICIOUS.items()]
     keys = [key for _, _, keys in SUSPICIOUS.values() for key in keys]
     assert [alarm.key for alarm in alarms_of_all(reversed(made))] == keys
 
@@ -82,8 +74,8 @@ def test_alarms_of_several_artifacts_are_in_the_order_of_the_stages(tmp_path):
 def test_small_checkpoints_on_a_real_recording_are_told_before_the_alarms(tmp_path, capfd):
     """In the log of the stage that used them."""
     small = {"sam2_checkpoint": "small"}
-    real = begin("segments", small, "real", models={"sam2_checkpoint": "c0de"})
-    put(tmp_path, "segments", {}, FIGURES, real)
+    real = {"options": small, "origin": "real", "models": {"sam2_checkpoint": "c0de"}}
+    written(tmp_path, "segments", {}, FIGURES, **real)
     log_warnings("segments", tmp_path / "segments.zarr")
     first, *others = capfd.readouterr().err.splitlines()
     assert first == f"notice: {notice('real', small)}"
@@ -91,7 +83,7 @@ def test_small_checkpoints_on_a_real_recording_are_told_before_the_alarms(tmp_pa
 
 
 def test_annotations_have_no_alarms(tmp_path):
-    assert alarms_of(put(tmp_path, "annotations", {}, {})) == []
+    assert alarms_of(written(tmp_path, "annotations", {}, {})) == []
 
 
 @pytest.mark.parametrize("moving, keys", [(6, ["masks.instances", "masks.pixels"]), (2, [])])
@@ -99,17 +91,10 @@ def test_a_command_logs_the_alarms_of_what_it_made(tmp_path, monkeypatch, capfd,
     """Of four instances of two pixels each, those of the first so many pixels are sure to move."""
     labels = np.repeat(np.arange(4, dtype=np.int32), 2)[None, None, None, :]
     arrays = {"labels": labels, "instances/level": np.zeros(4, np.int8)}
-    frames = put(tmp_path, "frames", {"train": np.ones(1, bool), "valid": np.ones((1, 8), bool)}, {})
-    of_frames = {"frames.zarr": frames.digest}
-    put(tmp_path, "segments", arrays, {"levels": ["whole"]}, begin("segments", {}, "synthetic", of_frames))
+    written(tmp_path, "frames", {"train": np.ones(1, bool), "valid": np.ones((1, 8), bool)}, {})
+    written(tmp_path, "segments", arrays, {"levels": ["whole"]}, made_from=["frames"])
     probability = (np.arange(8) < moving).astype(np.float16)[None, None, :]
-    put(
-        tmp_path,
-        "transient",
-        {"probability": probability},
-        {},
-        begin("transient", {}, "synthetic", of_frames),
-    )
+    written(tmp_path, "transient", {"probability": probability}, {}, made_from=["frames"])
     paths = {
         "frames": "frames.zarr",
         "transient": "transient.zarr",

@@ -4,14 +4,13 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 
 from egosplat.artifacts.check import DOCUMENTS, check_tree
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.provenance import begin
-from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
+from tests.support.scenes import put
 
 
 @pytest.fixture
@@ -23,14 +22,8 @@ def surveyed(tmp_path, survey_that_keeps) -> Path:
 
 
 def make_artifact(folder: Path, seed: int = 0) -> None:
-    """An artifact of frames without any; only its digest and seal are looked at."""
-    import numpy as np
-
-    with create(folder / "frames.zarr", FRAMES, begin("frames", {}, "synthetic")) as artifact:
-        sizes = {"F": 1, "H": 4, "W": 4}
-        for name, field in FRAMES.fields.items():
-            shape = tuple(sizes.get(dim, 1) if isinstance(dim, str) else dim for dim in field.dims)
-            artifact.put(name, np.full(shape, seed, field.dtype))
+    """One frame of one grey; only its digest and its attributes' checksum are read."""
+    put(folder, "frames", {"rgb": np.full((1, 4, 4, 3), seed, np.uint8)})
 
 
 def problems(folder: Path) -> dict[str, str]:

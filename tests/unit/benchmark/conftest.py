@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from egosplat.artifacts.annotations import ANNOTATIONS
-from egosplat.artifacts.provenance import begin
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.writer import create
 from egosplat.frames.recording import Instance
+from tests.support.scenes import put
 
 HEIGHT, WIDTH = 30, 40
 
@@ -45,12 +44,12 @@ def annotations(tmp_path: Path, instances: list[Instance]) -> Callable[..., Arti
     """``annotations(maps, annotated)``: the artifact of evaluation frames 10, 20, ... of the recording."""
 
     def make(maps: np.ndarray, annotated: list[bool]) -> Artifact:
-        path = tmp_path / "annotations.zarr"
-        with create(path, ANNOTATIONS, begin("annotations", {}, "synthetic", {})) as artifact:
-            artifact.put("instance_map", maps)
-            artifact.put("frame", 10 * np.arange(1, len(maps) + 1))
-            artifact.put("annotated", np.array(annotated, bool))
-            artifact.facts = {"instances": [asdict(one) for one in instances]}
-        return open_artifact(path, ANNOTATIONS)
+        arrays = {
+            "instance_map": maps,
+            "frame": 10 * np.arange(1, len(maps) + 1),
+            "annotated": np.array(annotated, bool),
+        }
+        facts = {"instances": [asdict(one) for one in instances]}
+        return open_artifact(put(tmp_path, "annotations", arrays, facts), ANNOTATIONS)
 
     return make

@@ -12,12 +12,7 @@ import pytest
 import zarr
 from jsonschema import Draft202012Validator
 
-from egosplat.artifacts.annotations import ANNOTATIONS
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.provenance import begin
 from egosplat.artifacts.relevancy import open_relevancy
-from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
 from egosplat.evaluation import external as other_methods
 from egosplat.frames.recording import Instance
@@ -25,6 +20,7 @@ from egosplat.pipeline.config import section_keys
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.validation import schema
 from egosplat.tables.scored_scenes import PROTOCOL
+from tests.support.scenes import put
 
 HEIGHT, WIDTH, FRAMES_TOTAL = 30, 40, 4
 DOC = Path(__file__).parents[3] / "docs" / "other_methods.md"
@@ -60,25 +56,14 @@ def labels() -> np.ndarray:
 def scene(tmp_path, labels) -> Path:
     """Frames 1 and 3 are annotated; frame 3 has no pose."""
     folder = tmp_path / "scene"
-    with create(folder / "frames.zarr", FRAMES, begin("frames", {}, "synthetic")) as artifact:
-        artifact.put("rgb", np.zeros((FRAMES_TOTAL, HEIGHT, WIDTH, 3), np.uint8))
-        artifact.put("valid", np.ones((HEIGHT, WIDTH), bool))
-        for name in ("timestamp_ns", "exposure_middle_ns"):
-            artifact.put(name, np.arange(FRAMES_TOTAL))
-        artifact.put("train", np.array([True, False, True, False]))
-        artifact.put("evaluation", np.array([False, True, False, True]))
-    with create(folder / "poses.zarr", POSES, begin("poses", {}, "synthetic")) as artifact:
-        artifact.put("camera_to_world", np.tile(np.eye(4), (FRAMES_TOTAL, 1, 1)))
-        artifact.put("registered", np.array([True, True, True, False]))
-        artifact.put("intrinsics", np.eye(3))
-        artifact.put("up", np.array([0.0, -1.0, 0.0]))
-        artifact.put("points/xyz", np.zeros((0, 3)))
-        artifact.put("points/rgb", np.zeros((0, 3), np.uint8))
-    with create(folder / "annotations.zarr", ANNOTATIONS, begin("annotations", {}, "synthetic")) as artifact:
-        artifact.put("frame", np.array([1, 3]))
-        artifact.put("annotated", np.array([True, True]))
-        artifact.put("instance_map", np.stack([labels, labels]))
-        artifact.facts = {"instances": [asdict(one) for one in INSTANCES]}
+    frames = {
+        "rgb": np.zeros((FRAMES_TOTAL, HEIGHT, WIDTH, 3), np.uint8),
+        "train": np.array([True, False, True, False]),
+    }
+    put(folder, "frames", frames)
+    put(folder, "poses", {"registered": np.array([True, True, True, False])})
+    annotations = {"frame": np.array([1, 3]), "instance_map": np.stack([labels, labels])}
+    put(folder, "annotations", annotations, {"instances": [asdict(one) for one in INSTANCES]})
     return folder
 
 

@@ -8,23 +8,15 @@ import pytest
 from benchmarks.reproducibility.chain import INPUTS, file_of
 from benchmarks.reproducibility.comparing import differences
 from benchmarks.reproducibility.limits import AVX2, LIMITS, choices
-from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.provenance import begin
-from egosplat.artifacts.writer import create
 from egosplat.pipeline.stages import STAGES
+from tests.support.scenes import put
 
 
 def poses(path, shift=0.0, registered=(True, True)):
-    with create(path, POSES, begin("poses", {}, "synthetic")) as artifact:
-        matrices = np.tile(np.eye(4), (2, 1, 1))
-        matrices[1, 0, 3] = 2.0 + shift
-        artifact.put("camera_to_world", matrices)
-        artifact.put("registered", np.array(registered))
-        artifact.put("intrinsics", np.eye(3))
-        artifact.put("up", np.array([0.0, -1.0, 0.0]))
-        artifact.put("points/xyz", np.full((3, 3), np.nan))
-        artifact.put("points/rgb", np.zeros((3, 3), np.uint8))
-    return path
+    matrices = np.tile(np.eye(4), (2, 1, 1))
+    matrices[1, 0, 3] = 2.0 + shift
+    arrays = {"camera_to_world": matrices, "registered": np.array(registered)}
+    return put(path.parent, "poses", arrays | {"points/xyz": np.full((3, 3), np.nan)})
 
 
 def test_artifacts_with_the_same_arrays_are_equal(tmp_path):

@@ -11,13 +11,8 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.provenance import begin
-from egosplat.artifacts.reader import recorded_digest
-from egosplat.artifacts.segments import SEGMENTS
-from egosplat.artifacts.view_features import VIEW_FEATURES
-from egosplat.artifacts.writer import create
 from egosplat.models.open_clip_loader import build_model
+from tests.support.scenes import LEVELS, put
 
 SIZE = 40
 FRAME_COUNT = 5
@@ -80,23 +75,11 @@ def scene(tmp_path: Path, labels: np.ndarray) -> Callable[..., Path]:
         frames, _, height, width = labels.shape
         rng = np.random.default_rng(0)
         train = np.arange(frames) != 4 if train is None else train
-        with create(tmp_path / "frames.zarr", FRAMES, begin("frames", {}, "synthetic")) as artifact:
-            artifact.put("rgb", rng.integers(256, size=(frames, height, width, 3), dtype=np.uint8))
-            artifact.put("valid", np.ones((height, width), bool))
-            for name in ("timestamp_ns", "exposure_middle_ns"):
-                artifact.put(name, np.arange(frames) * 100_000_000)
-            artifact.put("train", train)
-            artifact.put("evaluation", ~train)
-            artifact.facts = {"recording": "a recording", "format": "adt", "upright": True} | facts
-        inputs = {"frames.zarr": recorded_digest(tmp_path / "frames.zarr")}
-        made = begin("frames", {}, "synthetic", inputs)
-        with create(tmp_path / "segments.zarr", SEGMENTS, made) as artifact:
-            artifact.put("labels", labels)
-            artifact.put("instances/level", np.array(level, np.int8))
-            for name in ("predicted_iou", "stability"):
-                artifact.put(f"instances/{name}", np.ones(len(level), np.float32))
-            artifact.put("instances/first_frame", np.zeros(len(level), np.int64))
-            artifact.facts = {"levels": ["part", "whole"]}
+        rgb = rng.integers(256, size=(frames, height, width, 3), dtype=np.uint8)
+        about = {"recording": "a recording", "format": "adt", "upright": True} | facts
+        put(tmp_path, "frames", {"rgb": rgb, "train": train}, about)
+        segments = {"labels": labels, "instances/level": np.array(level, np.int8)}
+        put(tmp_path, "segments", segments, {"levels": LEVELS}, made_from=["frames"], stage="frames")
         return tmp_path
 
     return make
@@ -107,17 +90,13 @@ def write_views(tmp_path: Path) -> Callable[..., Path]:
     """``write_views(feature, instance, level)``: the path of a view_features.zarr of these rows."""
 
     def write(feature: np.ndarray, instance: list[int], level: list[int]) -> Path:
-        count = len(instance)
-        with create(
-            tmp_path / "view_features.zarr", VIEW_FEATURES, begin("frames", {}, "synthetic")
-        ) as artifact:
-            artifact.put("feature", np.asarray(feature, np.float32))
-            artifact.put("instance", np.asarray(instance, np.int32))
-            artifact.put("frame", np.arange(count, dtype=np.int32))
-            artifact.put("area", np.ones(count, np.int32))
-            artifact.put("box", np.zeros((count, 4), np.int32))
-            artifact.put("instances/level", np.asarray(level, np.int8))
-            artifact.facts = {"levels": ["part", "whole"], "clip": {"small": True, "hash": "0"}}
-        return tmp_path / "view_features.zarr"
+        arrays = {
+            "feature": np.asarray(feature, np.float32),
+            "instance": np.asarray(instance, np.int32),
+            "frame": np.arange(len(instance), dtype=np.int32),
+            "instances/level": np.asarray(level, np.int8),
+        }
+        facts = {"levels": LEVELS, "clip": {"small": True, "hash": "0"}}
+        return put(tmp_path, "view_features", arrays, facts, stage="frames")
 
     return write

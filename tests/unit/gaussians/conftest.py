@@ -1,21 +1,17 @@
 """A small scene with pictures of known Gaussians, as artifacts and as views."""
 
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.provenance import begin
-from egosplat.artifacts.writer import create
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import render
 from egosplat.geometry import Camera
+from tests.support.scenes import camera_facts, put_scene
 
 SIZE = 24
 FRAME_COUNT = 9
@@ -60,28 +56,15 @@ def scene(tmp_path, points, camera_to_world, pictures) -> Callable[..., Path]:
     """``scene(**changes)``: a folder with frames.zarr and poses.zarr; changes replace arrays."""
 
     def make(**changes: np.ndarray) -> Path:
-        held_out = np.arange(FRAME_COUNT) == HELD_OUT
         arrays = {
             "rgb": pictures,
-            "valid": np.ones((SIZE, SIZE), bool),
-            "timestamp_ns": np.arange(FRAME_COUNT) * 100_000_000,
-            "exposure_middle_ns": np.arange(FRAME_COUNT) * 100_000_000,
-            "train": ~held_out,
-            "evaluation": held_out,
+            "train": np.arange(FRAME_COUNT) != HELD_OUT,
             "camera_to_world": camera_to_world,
-            "registered": np.ones(FRAME_COUNT, bool),
             "intrinsics": CAMERA.matrix,
-            "up": np.array([0.0, -1.0, 0.0]),
             "points/xyz": points[0],
             "points/rgb": points[1],
-        } | changes
-        facts = {"recording": "a recording", "camera": asdict(CAMERA), "notes": {}}
-        for schema in (FRAMES, POSES):
-            made = begin(schema.name, {}, "synthetic")
-            with create(tmp_path / f"{schema.name}.zarr", schema, made) as artifact:
-                for name in schema.fields:
-                    artifact.put(name, arrays[name])
-                artifact.facts = facts
+        }
+        put_scene(tmp_path, ["frames", "poses"], arrays | changes, camera_facts(CAMERA))
         return tmp_path
 
     return make

@@ -1,7 +1,6 @@
 """A wall of Gaussians, its left half one instance and its right half another, as artifacts and in memory."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -10,24 +9,20 @@ import torch
 
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.provenance import begin
-from egosplat.artifacts.reader import Artifact, open_artifact, recorded_digest
+from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
-from egosplat.artifacts.transient import TRANSIENT
-from egosplat.artifacts.writer import create
 from egosplat.codes.rendering import Lens
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import render
 from egosplat.geometry import Camera
+from tests.support.scenes import LEVELS, camera_facts, put
 
 SIZE = 24
 FRAME_COUNT = 5
 HELD_OUT = 2
 CAMERA = Camera(SIZE, SIZE, 22.0, 22.0, SIZE / 2, SIZE / 2)
-LEVELS = ["part", "whole"]
 CODES = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, -0.5], [0.3, 0.3, 0.3]], np.float32)
 """Of the instances: 0 is the left half and 1 the right half, both at level 1; 2 is the middle, at level 0."""
 
@@ -84,85 +79,44 @@ def scene(tmp_path, wall, camera_to_world, labels) -> Callable[..., Path]:
         images = torch.stack(
             [render(wall, CAMERA, pose, backend="auto", **options)[0] for pose in camera_to_world]
         )
-        held_out = np.arange(FRAME_COUNT) == HELD_OUT
-        facts = {"recording": "a recording", "format": "plain", "upright": True, "camera": asdict(CAMERA)}
+        facts = camera_facts(CAMERA)
         frames = {
             "rgb": (images.clamp(0, 1) * 255).round().to(torch.uint8).numpy(),
-            "valid": np.ones((SIZE, SIZE), bool),
-            "timestamp_ns": np.arange(FRAME_COUNT, dtype=np.int64),
-            "exposure_middle_ns": np.arange(FRAME_COUNT, dtype=np.int64),
-            "train": ~held_out,
-            "evaluation": held_out,
+            "train": np.arange(FRAME_COUNT) != HELD_OUT,
         }
         poses = {
             "camera_to_world": camera_to_world,
             "intrinsics": CAMERA.matrix,
-            "registered": np.ones(FRAME_COUNT, bool),
-            "up": np.array([0.0, -1.0, 0.0]),
             "points/xyz": wall.means.double().numpy(),
             "points/rgb": np.full((wall.count, 3), 128, np.uint8),
         }
-        segments = {
-            "labels": labels,
-            "instances/level": np.array(levels, np.int8),
-            "instances/predicted_iou": np.ones(3, np.float32),
-            "instances/stability": np.ones(3, np.float32),
-            "instances/first_frame": np.zeros(3, np.int64),
-        }
+        level = np.array(levels, np.int8)
         everything = [(instance, frame) for instance in range(3) for frame in range(FRAME_COUNT)]
         views = np.array(everything if rows is None else rows, np.int32).reshape(-1, 2)
         features = {
             "consistent": CODES,
             "views": np.ones(3, np.int32),
-            "instances/level": segments["instances/level"],
+            "instances/level": level,
             "instance": views[:, 0],
             "frame": views[:, 1],
-            "inlier": np.ones(len(views), bool),
             "supervision": CODES[views[:, 0]],
             "code": CODES[views[:, 0]],
             "consistent_code": CODES,
-            "decoder/values": np.zeros(0, np.float32),
         }
         moving = np.zeros((FRAME_COUNT, SIZE, SIZE), bool)
         moving[:, :, :4] = True
-        _write(tmp_path, "frames", FRAMES, frames, facts)
-        _write(tmp_path, "poses", POSES, poses, facts, ["frames"])
-        _write(tmp_path, "segments", SEGMENTS, segments, {"levels": LEVELS}, ["frames"])
-        _write(
-            tmp_path,
-            "features",
-            FEATURES,
-            features,
-            {"levels": LEVELS, "decoder": {"widths": [3]}},
-            [],
-            {"target": target},
-        )
-        masks = {
-            "refined": moving,
-            "instances/score": np.zeros(3, np.float32),
-            "instances/transient": np.zeros(3, bool),
-        }
-        _write(tmp_path, "masks", MASKS, masks, {}, ["segments"])
-        transient = {
-            "probability": moving.astype(np.float16) / 2,
-            "weights": np.zeros(1, np.float32),
-            "curve/iteration": np.zeros(0, np.int64),
-            "curve/loss": np.zeros(0),
-            "curve/probability": np.zeros(0),
-        }
-        _write(tmp_path, "transient", TRANSIENT, transient, {}, ["frames"])
+        put(tmp_path, "frames", frames, facts)
+        put(tmp_path, "poses", poses, facts, made_from=["frames"])
+        segments = {"labels": labels, "instances/level": level}
+        put(tmp_path, "segments", segments, {"levels": LEVELS}, made_from=["frames"])
+        decoder = {"levels": LEVELS, "decoder": {"widths": [3]}}
+        put(tmp_path, "features", features, decoder, options={"target": target})
+        masks = {"refined": moving, "instances/transient": np.zeros(3, bool)}
+        put(tmp_path, "masks", masks, made_from=["segments"])
+        put(tmp_path, "transient", {"probability": moving.astype(np.float16) / 2}, made_from=["frames"])
         return tmp_path
 
     return make
-
-
-def _write(folder, name, schema, arrays, facts, inputs=(), options=None) -> None:
-    digests = {f"{other}.zarr": recorded_digest(folder / f"{other}.zarr") for other in inputs}
-    made = begin(name, options or {}, "synthetic", digests)
-    with create(folder / f"{name}.zarr", schema, made) as artifact:
-        for key, values in arrays.items():
-            artifact.put(key, values)
-        artifact.facts = facts
 
 
 @pytest.fixture

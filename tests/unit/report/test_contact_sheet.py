@@ -1,57 +1,47 @@
 """The picture of a scene is drawn from whatever its artifacts hold."""
 
-from dataclasses import asdict
-
 import numpy as np
 import pytest
 from PIL import Image
 
-from egosplat.artifacts.annotations import ANNOTATIONS
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.provenance import begin
-from egosplat.artifacts.writer import create
 from egosplat.geometry import Camera
 from egosplat.report.contact_sheet import ground_axes, overlay, run
+from tests.support.scenes import camera_facts, put
 
 HEIGHT, WIDTH = 24, 24
 
 
 def scene(folder, frames: int, evaluation: int, points: int, instances: int, registered: int):
     rng = np.random.default_rng(0)
-    times = np.arange(frames) * 100_000_000
-    with create(folder / "frames.zarr", FRAMES, begin("frames", {}, "synthetic")) as artifact:
-        artifact.put("valid", np.ones((HEIGHT, WIDTH), bool))
-        artifact.put("timestamp_ns", times)
-        artifact.put("exposure_middle_ns", times)
-        chosen = np.arange(frames) < evaluation
-        artifact.put("train", ~chosen)
-        artifact.put("evaluation", chosen)
-        artifact.allocate("rgb", (frames, HEIGHT, WIDTH, 3))
-        for index in range(frames):
-            artifact.put_row("rgb", index, rng.integers(0, 255, (HEIGHT, WIDTH, 3), dtype=np.uint8))
-        camera = Camera(WIDTH, HEIGHT, 20.0, 20.0, WIDTH / 2, HEIGHT / 2)
-        artifact.facts = {"recording": "a recording", "camera": asdict(camera)}
-    with create(folder / "annotations.zarr", ANNOTATIONS, begin("annotations", {}, "synthetic")) as artifact:
-        artifact.put("frame", np.arange(evaluation))
-        artifact.put("annotated", np.arange(evaluation) % 2 == 0)
-        artifact.allocate("instance_map", (evaluation, HEIGHT, WIDTH))
-        for row in range(evaluation):
-            artifact.put_row(
-                "instance_map", row, rng.integers(-1, instances, (HEIGHT, WIDTH), dtype=np.int32)
-            )
-        artifact.facts = {"instances": [{"category": f"thing {i}"} for i in range(instances)]}
+    put(
+        folder,
+        "frames",
+        {
+            "rgb": rng.integers(0, 255, (frames, HEIGHT, WIDTH, 3), dtype=np.uint8),
+            "train": np.arange(frames) >= evaluation,
+        },
+        camera_facts(Camera(WIDTH, HEIGHT, 20.0, 20.0, WIDTH / 2, HEIGHT / 2)),
+    )
+    put(
+        folder,
+        "annotations",
+        {
+            "frame": np.arange(evaluation),
+            "annotated": np.arange(evaluation) % 2 == 0,
+            "instance_map": rng.integers(-1, instances, (evaluation, HEIGHT, WIDTH), dtype=np.int32),
+        },
+        {"instances": [{"category": f"thing {i}"} for i in range(instances)]},
+    )
     poses = np.tile(np.eye(4), (frames, 1, 1))
     poses[:, 0, 3] = np.arange(frames)
     poses[registered:] = np.nan
-    with create(folder / "poses.zarr", POSES, begin("poses", {}, "synthetic")) as artifact:
-        artifact.put("camera_to_world", poses)
-        artifact.put("registered", np.arange(frames) < registered)
-        artifact.put("intrinsics", np.eye(3))
-        artifact.put("up", np.array([0.0, 1.0, 0.0]))
-        artifact.put("points/xyz", rng.normal(size=(points, 3)))
-        artifact.put("points/rgb", np.zeros((points, 3), np.uint8))
-        artifact.facts = {"notes": {}}
+    arrays = {
+        "camera_to_world": poses,
+        "registered": np.arange(frames) < registered,
+        "up": np.array([0.0, 1.0, 0.0]),
+        "points/xyz": rng.normal(size=(points, 3)),
+    }
+    put(folder, "poses", arrays, {"notes": {}})
     return [folder / f"{name}.zarr" for name in ("frames", "annotations", "poses")]
 
 

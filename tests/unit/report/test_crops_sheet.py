@@ -4,12 +4,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from egosplat.artifacts.features import FEATURES
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.provenance import begin
-from egosplat.artifacts.segments import SEGMENTS
-from egosplat.artifacts.view_features import VIEW_FEATURES
-from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
 from egosplat.features.aggregation import NORMS, aggregate
 from egosplat.report.crops_sheet import (
@@ -22,6 +16,7 @@ from egosplat.report.crops_sheet import (
     overlap,
     run,
 )
+from tests.support.scenes import put_scene
 
 SIZE, CHANNELS = 24, 12
 
@@ -44,16 +39,8 @@ def scene(folder, frames: int, instances: int, every_outlier: int, norm: str = "
     found = aggregate(feature, owner, instances, norm, 3.0)
     arrays = {
         "rgb": rng.integers(40, 255, (frames, SIZE, SIZE, 3), dtype=np.uint8),
-        "valid": np.ones((SIZE, SIZE), bool),
-        "timestamp_ns": np.arange(frames),
-        "exposure_middle_ns": np.arange(frames),
-        "train": np.ones(frames, bool),
-        "evaluation": np.zeros(frames, bool),
         "labels": labels,
         "instances/level": (np.arange(instances) % 2).astype(np.int8),
-        "instances/predicted_iou": np.ones(instances, np.float32),
-        "instances/stability": np.ones(instances, np.float32),
-        "instances/first_frame": np.zeros(instances, np.int64),
         "instance": owner,
         "frame": np.tile(np.arange(frames, dtype=np.int32), instances),
         "feature": feature,
@@ -64,8 +51,6 @@ def scene(folder, frames: int, instances: int, every_outlier: int, norm: str = "
         "inlier": found.inlier,
         "supervision": feature,
         "code": feature[:, :2],
-        "consistent_code": np.zeros((instances, 2), np.float32),
-        "decoder/values": np.zeros(12, np.float32),
     }
     facts = {
         "levels": ["part", "whole"],
@@ -74,12 +59,8 @@ def scene(folder, frames: int, instances: int, every_outlier: int, norm: str = "
         "outliers": 1,
     }
     options = {"mad_norm": norm, "mad_k": 3.0}
-    for schema in (FRAMES, SEGMENTS, VIEW_FEATURES, FEATURES):
-        with create(folder / f"{schema.name}.zarr", schema, begin("frames", options, "real")) as artifact:
-            for name in schema.fields:
-                artifact.put(name, arrays[name])
-            artifact.facts = facts
-    return [folder / f"{name}.zarr" for name in ("frames", "segments", "view_features", "features")]
+    names = ["frames", "segments", "view_features", "features"]
+    return put_scene(folder, names, arrays, facts, stage="frames", options=options, origin="real")
 
 
 @pytest.mark.parametrize(

@@ -7,20 +7,13 @@ import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from egosplat.artifacts.language import LANGUAGE
-from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.provenance import begin
-from egosplat.artifacts.reader import recorded_digest
-from egosplat.artifacts.splats import SPLATS
-from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
 from egosplat.geometry import Camera, is_rigid, make_pose
 from egosplat.report.language_sheet import UNKNOWN, choose_place, principal_colours, run, turned_right
+from tests.support.scenes import LEVELS, UP, put_scene
 
 CAMERA = Camera(36, 24, 18.0, 18.0, 18.0, 12.0)
-UP = np.array([0.0, -1.0, 0.0])
 OPTIONS = {"near_plane": 0.1, "antialiased": False, "background": "black"}
-LEVELS = ["part", "whole"]
 
 
 def scene(folder, channels: int, share: float, seed: int = 0, count: int = 60):
@@ -31,32 +24,20 @@ def scene(folder, channels: int, share: float, seed: int = 0, count: int = 60):
     shares[:, 0] = share
     code = rng.normal(size=(count, 2, channels)).astype(np.float32) * (shares[..., None] > 0)
     arrays = {
-        "camera_to_world": np.tile(np.eye(4), (4, 1, 1)),
         "registered": np.array([False, True, True, True]),
         "intrinsics": CAMERA.matrix,
-        "up": UP,
-        "points/xyz": np.zeros((0, 3)),
-        "points/rgb": np.zeros((0, 3), np.uint8),
         "means": (3.0 * around / np.linalg.norm(around, axis=1, keepdims=True)).astype(np.float32),
-        "quats": np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
         "log_scales": np.full((count, 3), -0.7, np.float32),
         "logit_opacities": np.full(count, 5.0, np.float32),
         "sh": np.tile(np.float32([-1.5, 1.5, -1.5]), (count, 1, 1)),
-        "features": np.zeros((count, 0), np.float32),
         "code": code,
         "share": shares,
     }
     facts = {"levels": LEVELS, "method": "lifted", "camera": asdict(CAMERA), "sh_degree_in_use": 0}
-    inputs: dict[str, str] = {}
-    for schema in (POSES, SPLATS, LANGUAGE):
-        path = folder / f"{schema.name}.zarr"
-        with create(path, schema, begin("frames", OPTIONS, "real", inputs)) as artifact:
-            for name, field in schema.fields.items():
-                sizes = [dim if isinstance(dim, int) else 0 for dim in field.dims]
-                artifact.put(name, arrays[name] if name in arrays else np.zeros(sizes, field.dtype))
-            artifact.facts = facts
-        inputs = inputs | {path.name: recorded_digest(path)}
-    return [folder / f"{name}.zarr" for name in ("poses", "splats", "language")]
+    names = ["poses", "splats", "language"]
+    return put_scene(
+        folder, names, arrays, facts, chained=True, stage="frames", options=OPTIONS, origin="real"
+    )
 
 
 @pytest.mark.parametrize("channels, share", [(5, 1.0), (2, 0.6), (1, 1.0), (4, 0.0)])

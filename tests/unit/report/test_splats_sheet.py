@@ -1,17 +1,12 @@
 """The page of a scene's Gaussians is drawn from whatever its artifacts hold."""
 
-from dataclasses import asdict
-
 import numpy as np
 import pytest
 from PIL import Image
 
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.provenance import begin
-from egosplat.artifacts.splats import SPLATS
-from egosplat.artifacts.writer import create
 from egosplat.geometry import Camera
 from egosplat.report.splats_sheet import error_map, run
+from tests.support.scenes import camera_facts, put_scene
 
 HEIGHT, WIDTH = 20, 30
 
@@ -25,21 +20,10 @@ def scene(folder, held_out: int, records: int, validation: bool):
     frames, count = 8, 5
     valid = np.ones((HEIGHT, WIDTH), bool)
     valid[:4] = False
-    facts = {"recording": "a recording", "camera": asdict(Camera(WIDTH, HEIGHT, 20.0, 20.0, 15.0, 10.0))}
-    times = np.arange(frames) * 100_000_000
     arrays = {
         "rgb": pictures(frames),
         "valid": valid,
-        "timestamp_ns": times,
-        "exposure_middle_ns": times,
-        "train": np.ones(frames, bool),
-        "evaluation": np.zeros(frames, bool),
         "means": np.zeros((count, 3), np.float32),
-        "quats": np.zeros((count, 4), np.float32),
-        "log_scales": np.zeros((count, 3), np.float32),
-        "logit_opacities": np.zeros(count, np.float32),
-        "features": np.zeros((count, 0), np.float32),
-        "sh": np.zeros((count, 4, 3), np.float32),
         "curve/iteration": np.arange(records) * 10 + 10,
         "curve/loss": 0.3 / np.arange(1.0, records + 1),
         "curve/gaussians": np.arange(records) + 100,
@@ -52,13 +36,9 @@ def scene(folder, held_out: int, records: int, validation: bool):
         "held_out/ssim": np.full(held_out, 0.85),
         "held_out/render": pictures(held_out),
     }
+    facts = camera_facts(Camera(WIDTH, HEIGHT, 20.0, 20.0, 15.0, 10.0))
     facts |= {"iteration": 10, "views": {"training": 3}, "training_s": 1.25, "rasterizer": "reference"}
-    for schema in (FRAMES, SPLATS):
-        with create(folder / f"{schema.name}.zarr", schema, begin(schema.name, {}, "real")) as artifact:
-            for name in schema.fields:
-                artifact.put(name, arrays[name])
-            artifact.facts = facts
-    return [folder / "frames.zarr", folder / "splats.zarr"]
+    return put_scene(folder, ["frames", "splats"], arrays, facts, origin="real")
 
 
 def test_a_page_of_portrait_pictures_is_readable(monkeypatch, tmp_path, drawn, unreadable):

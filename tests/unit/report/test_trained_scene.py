@@ -5,14 +5,10 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.provenance import begin
-from egosplat.artifacts.reader import recorded_digest
-from egosplat.artifacts.splats import SPLATS
-from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
 from egosplat.report.trained_scene import open_trained_scene
+from tests.support.scenes import put
 
 CAMERA = Camera(16, 12, 12.0, 12.0, 8.0, 6.0)
 
@@ -24,28 +20,18 @@ def scene(tmp_path):
     def make(background: str = "black", degree: int = 1, made_from: str | None = None):
         sh = np.zeros((1, 4, 3), np.float32)
         sh[0, 2, 1] = 1.0  # along z
-        arrays = {
-            "camera_to_world": np.eye(4)[None],
-            "registered": np.ones(1, bool),
-            "intrinsics": CAMERA.matrix,
-            "up": np.array([0.0, -1.0, 0.0]),
+        poses = {"registered": np.ones(1, bool), "intrinsics": CAMERA.matrix}
+        splats = {
             "means": np.float32([[0, 0, 2]]),
-            "quats": np.float32([[1, 0, 0, 0]]),
             "log_scales": np.full((1, 3), -2.0, np.float32),
             "logit_opacities": np.float32([9.0]),
             "sh": sh,
         }
         facts = {"camera": asdict(CAMERA), "sh_degree_in_use": degree}
         options = {"near_plane": 0.5, "antialiased": True, "background": background}
-        inputs: dict[str, str] = {}
-        for schema in (POSES, SPLATS):
-            path = tmp_path / f"{schema.name}.zarr"
-            with create(path, schema, begin("frames", options, "real", inputs)) as artifact:
-                for name, field in schema.fields.items():
-                    sizes = [dim if isinstance(dim, int) else int(dim == "gaussian") for dim in field.dims]
-                    artifact.put(name, arrays.get(name, np.zeros(sizes, field.dtype)))
-                artifact.facts = facts
-            inputs = {path.name: made_from or recorded_digest(path)}
+        put(tmp_path, "poses", poses, facts)
+        inputs = {"poses.zarr": made_from} if made_from else {}
+        put(tmp_path, "splats", splats, facts, made_from=["poses"], inputs=inputs, options=options)
         return open_trained_scene(tmp_path / "poses.zarr", tmp_path / "splats.zarr")
 
     return make

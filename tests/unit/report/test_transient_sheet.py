@@ -7,18 +7,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.masks import MASKS
-from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.provenance import begin
-from egosplat.artifacts.reader import recorded_digest
-from egosplat.artifacts.segments import SEGMENTS
-from egosplat.artifacts.splats import SPLATS
-from egosplat.artifacts.transient import TRANSIENT
-from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
 from egosplat.report.transient_sheet import LABELS, MOVING, PICTURES, choose_frames, label_places, run
+from tests.support.scenes import put_scene
 
 HEIGHT, WIDTH = 20, 30
 CAMERA = Camera(WIDTH, HEIGHT, 20.0, 20.0, 15.0, 10.0)
@@ -34,49 +26,21 @@ def scene(folder, frames: int, instances: int, moving: int, digests: bool = Fals
         row = 2 * (instance % 10)  # what moves covers what stays
         labels[: frames - (instance < moving), instance % 2, row : row + 2, 2:25] = instance
     moves = np.arange(instances) < moving
-    poses = np.tile(np.eye(4), (frames, 1, 1))
     count = 6
     arrays = {
         "rgb": np.full((frames, HEIGHT, WIDTH, 3), 100, np.uint8),
-        "valid": np.ones((HEIGHT, WIDTH), bool),
-        "timestamp_ns": np.arange(frames) * 100_000_000,
-        "exposure_middle_ns": np.arange(frames) * 100_000_000,
-        "train": np.ones(frames, bool),
-        "evaluation": np.zeros(frames, bool),
-        "camera_to_world": poses,
         "registered": np.ones(frames, bool),
         "intrinsics": CAMERA.matrix,
-        "up": np.array([0.0, -1.0, 0.0]),
-        "points/xyz": np.zeros((0, 3)),
-        "points/rgb": np.zeros((0, 3), np.uint8),
         "probability": rng.random((frames, HEIGHT, WIDTH)).astype(np.float16),
-        "weights": np.zeros(3, np.float32),
-        "curve/probability": np.zeros(1),
         "labels": labels,
         "instances/level": (np.arange(instances) % 2).astype(np.int8),
-        "instances/predicted_iou": np.ones(instances, np.float32),
-        "instances/stability": np.ones(instances, np.float32),
-        "instances/first_frame": np.zeros(instances, np.int64),
         "refined": np.append(moves, False)[labels].any(axis=1),
         "instances/score": np.where(moves, 0.9, 0.1).astype(np.float32),
         "instances/transient": moves,
         "means": (rng.normal(size=(count, 3)) + [0, 0, 4]).astype(np.float32),
-        "quats": np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
         "log_scales": np.full((count, 3), -1.0, np.float32),
         "logit_opacities": np.full(count, 4.0, np.float32),
         "sh": np.tile(np.float32([-1.5, 1.5, -1.5]), (count, 1, 1)),
-        "features": np.zeros((count, 0), np.float32),
-        "curve/iteration": np.array([10]),
-        "curve/loss": np.ones(1),
-        "curve/gaussians": np.array([count]),
-        "history/iteration": np.zeros(0, np.int64),
-        "history/psnr": np.zeros(0),
-        "history/ssim": np.zeros(0),
-        "history/validation_psnr": np.zeros(0),
-        "held_out/frame": np.zeros(0, np.int64),
-        "held_out/psnr": np.zeros(0),
-        "held_out/ssim": np.zeros(0),
-        "held_out/render": np.zeros((0, HEIGHT, WIDTH, 3), np.uint8),
     }
     facts = {
         "levels": ["part", "whole"],
@@ -88,16 +52,9 @@ def scene(folder, frames: int, instances: int, moving: int, digests: bool = Fals
         "camera": asdict(CAMERA),
         "sh_degree_in_use": 0,
     }
-    inputs: dict[str, str] = {}
-    for schema in (FRAMES, POSES, TRANSIENT, SEGMENTS, MASKS, SPLATS):
-        path = folder / f"{schema.name}.zarr"
-        with create(path, schema, begin("frames", OPTIONS, "real", inputs)) as artifact:
-            for name in schema.fields:
-                artifact.put(name, arrays[name])
-            artifact.facts = facts
-        if digests:
-            inputs = inputs | {path.name: recorded_digest(path)}
-    return [folder / f"{name}.zarr" for name in NAMES]
+    return put_scene(
+        folder, NAMES, arrays, facts, chained=digests, stage="frames", options=OPTIONS, origin="real"
+    )
 
 
 def drawn(folder, *what: int) -> np.ndarray:

@@ -3,16 +3,14 @@
 import numpy as np
 import pytest
 
-from egosplat.artifacts import provenance
-from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.segments import SEGMENTS
-from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
 from egosplat.pipeline.config import stage_keys
 from egosplat.segments import stage
 from egosplat.segments.instances import Instance, Segmented
 from egosplat.segments.label_maps import LabelMaps
+from tests.support.scenes import put
 
 COUNT, SIDE = 6, 64
 
@@ -25,27 +23,13 @@ def keys():
 @pytest.fixture
 def frames(tmp_path):
     """A red and a blue square that move over a grey ground."""
-    path = tmp_path / "frames.zarr"
     rgb = np.full((COUNT, SIDE, SIDE, 3), 120, np.uint8)
     for frame in range(COUNT):
         rgb[frame, 10:30, 4 + 3 * frame : 24 + 3 * frame] = (220, 30, 30)
         rgb[frame, 40:60, 40 - 2 * frame : 60 - 2 * frame] = (30, 30, 220)
     valid = np.ones((SIDE, SIDE), bool)
     valid[:2] = False
-    times = np.arange(COUNT, dtype=np.int64)
-    train = np.ones(COUNT, bool)
-    with create(path, FRAMES, provenance.begin("frames", {}, "synthetic")) as artifact:
-        for name, values in {
-            "rgb": rgb,
-            "valid": valid,
-            "timestamp_ns": times,
-            "exposure_middle_ns": times,
-            "train": train,
-            "evaluation": ~train,
-        }.items():
-            artifact.put(name, values)
-        artifact.facts = {"upright": True}
-    return path
+    return put(tmp_path, "frames", {"rgb": rgb, "valid": valid}, {"upright": True})
 
 
 def test_classical_segments_of_moving_squares(frames, tmp_path, keys):

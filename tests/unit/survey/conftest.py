@@ -1,7 +1,6 @@
 """Pictures of a wall and a board before it, from anywhere, with a thing that may move; and as artifacts."""
 
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,11 +9,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.provenance import begin
-from egosplat.artifacts.writer import create
 from egosplat.geometry import Camera, make_pose
+from tests.support.scenes import camera_facts, put_scene
 
 SIZE = 160
 CAMERA = Camera(SIZE, SIZE, 120.0, 120.0, SIZE / 2, SIZE / 2)
@@ -101,27 +97,16 @@ def scene(tmp_path) -> Callable[..., Path]:
         points = np.concatenate([wall, board])
         arrays = {
             "rgb": np.stack([np.stack([one] * 3, axis=-1) for one in pictures]),
-            "valid": np.ones((SIZE, SIZE), bool),
             "timestamp_ns": np.arange(count) * 200_000_000,
             "exposure_middle_ns": np.arange(count) * 200_000_000,
             "train": np.arange(count) % 4 != 2,
-            "evaluation": np.arange(count) % 4 == 2,
             "camera_to_world": np.stack(walks),
-            "registered": np.ones(count, bool),
             "intrinsics": CAMERA.matrix,
-            "up": np.array([0.0, -1.0, 0.0]),
             "points/xyz": points,
             "points/rgb": np.zeros((len(points), 3), np.uint8),
-        } | changes
-        facts = {"camera": asdict(CAMERA), "device_from_camera": None}
-        digests: dict[str, str] = {}
-        for schema in (FRAMES, POSES):
-            made = begin(schema.name, {"method": "auto"}, "synthetic", digests)
-            path = tmp_path / f"{schema.name}.zarr"
-            with create(path, schema, made) as artifact:
-                for name in schema.fields:
-                    artifact.put(name, arrays[name])
-                artifact.facts = facts
+        }
+        facts = camera_facts(CAMERA, device_from_camera=None)
+        put_scene(tmp_path, ["frames", "poses"], arrays | changes, facts, options={"method": "auto"})
         return tmp_path
 
     return make

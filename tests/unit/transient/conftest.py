@@ -1,31 +1,19 @@
 """A small scene in which a square moves before a wall, as artifacts and as views."""
 
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.provenance import begin
-from egosplat.artifacts.segments import SEGMENTS
-from egosplat.artifacts.writer import create
 from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
+from tests.support.scenes import camera_facts, put_scene
 
 SIZE = 32
 FRAME_COUNT = 6
 CAMERA = Camera(SIZE, SIZE, 30.0, 30.0, SIZE / 2, SIZE / 2)
-FACTS = {
-    "recording": "a recording",
-    "format": "plain",
-    "upright": True,
-    "camera": asdict(CAMERA),
-    "levels": ["subpart", "part", "whole"],
-}
 
 
 @pytest.fixture
@@ -61,30 +49,16 @@ def scene(tmp_path, pictures) -> Callable[..., Path]:
         poses[:, 0, 3] = np.linspace(-0.1, 0.1, FRAME_COUNT)
         arrays = {
             "rgb": pictures,
-            "valid": np.ones((SIZE, SIZE), bool),
-            "timestamp_ns": np.arange(FRAME_COUNT) * 100_000_000,
-            "exposure_middle_ns": np.arange(FRAME_COUNT) * 100_000_000,
             "train": np.arange(FRAME_COUNT) != 3,
-            "evaluation": np.arange(FRAME_COUNT) == 3,
             "camera_to_world": poses,
-            "registered": np.ones(FRAME_COUNT, bool),
             "intrinsics": CAMERA.matrix,
-            "up": np.array([0.0, -1.0, 0.0]),
             "points/xyz": rng.uniform([-1.0, -1.0, 1.9], [1.0, 1.0, 2.1], (60, 3)),
             "points/rgb": np.full((60, 3), 90, np.uint8),
             "labels": labels,
             "instances/level": np.array([2, 2, 1], np.int8),
-            "instances/predicted_iou": np.ones(3, np.float32),
-            "instances/stability": np.ones(3, np.float32),
-            "instances/first_frame": np.zeros(3, np.int64),
-        } | changes
-        inputs: dict[str, str] = {}
-        for schema in (FRAMES, POSES, SEGMENTS):
-            made = begin(schema.name, {}, "synthetic", inputs)
-            with create(tmp_path / f"{schema.name}.zarr", schema, made) as artifact:
-                for name in schema.fields:
-                    artifact.put(name, arrays[name])
-                artifact.facts = FACTS | (facts or {})
+        }
+        about = camera_facts(CAMERA, levels=["subpart", "part", "whole"]) | (facts or {})
+        put_scene(tmp_path, ["frames", "poses", "segments"], arrays | changes, about)
         return tmp_path
 
     return make

@@ -5,14 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from egosplat.artifacts.provenance import begin
 from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.artifacts.segments import SEGMENTS
-from egosplat.artifacts.transient import TRANSIENT
-from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
 from egosplat.transient import masks_stage
+from tests.support.scenes import put
 
 SIZE, FRAME_COUNT = 32, 6
 
@@ -20,18 +18,7 @@ SIZE, FRAME_COUNT = 32, 6
 def predict(folder: Path, probability: np.ndarray, frames_digest: str = "") -> None:
     """Write transient.zarr with a probability."""
     inputs = {"frames.zarr": frames_digest} if frames_digest else {}
-    arrays = {
-        "probability": probability.astype(np.float16),
-        "weights": np.zeros(1, np.float32),
-        "curve/iteration": np.zeros(1, np.int64),
-        "curve/loss": np.zeros(1),
-        "curve/probability": np.zeros(1),
-    }
-    with create(
-        folder / "transient.zarr", TRANSIENT, begin("transient", {}, "synthetic", inputs)
-    ) as artifact:
-        for name, values in arrays.items():
-            artifact.put(name, values)
+    put(folder, "transient", {"probability": probability.astype(np.float16)}, inputs=inputs)
 
 
 @pytest.fixture
