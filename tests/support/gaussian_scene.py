@@ -1,0 +1,70 @@
+"""A small scene with pictures of known Gaussians, as artifacts and as views."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.gaussians.initialization import from_points
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import render
+from egosplat.geometry import Camera
+from tests.support.scenes import camera_facts, put_scene
+
+SIZE = 24
+FRAME_COUNT = 9
+HELD_OUT = 4
+CAMERA = Camera(SIZE, SIZE, 22.0, 22.0, SIZE / 2, SIZE / 2)
+
+
+@pytest.fixture(scope="session")
+def points() -> tuple[np.ndarray, np.ndarray]:
+    """(40, 3) points of a wavy wall 2 m in front of the cameras, and their colours."""
+    rng = np.random.default_rng(0)
+    xyz = rng.uniform([-1.5, -1.5, 1.8], [1.5, 1.5, 2.2], (40, 3))
+    return xyz, rng.integers(256, size=(40, 3), dtype=np.uint8)
+
+
+@pytest.fixture(scope="session")
+def truth(points) -> Gaussians:
+    """The Gaussians in the pictures: opaque, at ``points``."""
+    gaussians = from_points(*points, sh_degree=0, feature_channels=0, max_points=1000, seed=0)
+    gaussians.logit_opacities.fill_(3.0)
+    return gaussians
+
+
+@pytest.fixture(scope="session")
+def camera_to_world() -> np.ndarray:
+    """(9, 4, 4) a step to the right for each frame, looking ahead."""
+    poses = np.tile(np.eye(4), (FRAME_COUNT, 1, 1))
+    poses[:, 0, 3] = np.linspace(-0.4, 0.4, FRAME_COUNT)
+    return poses
+
+
+@pytest.fixture(scope="session")
+def pictures(truth, camera_to_world) -> np.ndarray:
+    """(9, 24, 24, 3) uint8."""
+    options = {"sh_degree": 0, "background": None, "near_plane": 0.1, "antialiased": False}
+    images = [render(truth, CAMERA, pose, backend="auto", **options)[0] for pose in camera_to_world]
+    return (torch.stack(images).clamp(0, 1) * 255).round().to(torch.uint8).numpy()
+
+
+@pytest.fixture
+def scene(tmp_path, points, camera_to_world, pictures) -> Callable[..., Path]:
+    """``scene(**changes)``: a folder with frames.zarr and poses.zarr; changes replace arrays."""
+
+    def make(**changes: np.ndarray) -> Path:
+        arrays = {
+            "rgb": pictures,
+            "train": np.arange(FRAME_COUNT) != HELD_OUT,
+            "camera_to_world": camera_to_world,
+            "intrinsics": CAMERA.matrix,
+            "points/xyz": points[0],
+            "points/rgb": points[1],
+        }
+        put_scene(tmp_path, ["frames", "poses"], arrays | changes, camera_facts(CAMERA))
+        return tmp_path
+
+    return make

@@ -1,0 +1,5 @@
+"""A small scene with pictures of known Gaussians."""
+
+from tests.support.gaussian_scene import camera_to_world, pictures, points, scene, truth
+
+__all__ = ["camera_to_world", "pictures", "points", "scene", "truth"]
