@@ -1,4 +1,4 @@
-"""What the extrapolation takes for granted, because nothing here could measure it. All of it can be changed."""
+"""Assumptions of the extrapolation: quantities that were not measured. Each is an option of the command line."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,15 +10,15 @@ def _assumed(default: float, about: str) -> Any:
 
 @dataclass(frozen=True)
 class Assumptions:
-    """Of a sequence, and of a cluster; every ``about`` is the help of the option of that name."""
+    """Of a sequence and a cluster; ``about`` is the help text of the option."""
 
     frames: int = _assumed(3600, "Frames of a sequence; two minutes at ADT's 30 a second.")
-    instances: int = _assumed(300, "Instances that are followed in a sequence, at all levels together.")
+    instances: int = _assumed(300, "Instances that SAM2 tracks in a sequence, all levels together.")
     visible: float = _assumed(0.3, "Share of the frames in which an instance is seen, 0 to 1.")
     gaussians: int = _assumed(1_000_000, "Gaussians of a scene, on average over its training.")
-    points: int = _assumed(1_000_000, "Points of a sequence's semi-dense cloud that are kept.")
-    evaluated: int = _assumed(12, "Frames that the benchmark asks about.")
-    queries: int = _assumed(150, "Pairs of a category and a frame that are asked for.")
+    points: int = _assumed(1_000_000, "Points of a sequence's semi-dense cloud after filtering.")
+    evaluated: int = _assumed(12, "Frames that the benchmark scores.")
+    queries: int = _assumed(150, "Queries: pairs of a category and a frame.")
     network_speedup: float = _assumed(
         200.0, "Times that a GPU is faster than one core at SAM2, OpenCLIP and the transient network."
     )

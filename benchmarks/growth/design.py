@@ -1,4 +1,4 @@
-"""Which sizes are measured: a centre, around it one factor at a time, and a corner where all are large."""
+"""The measured points: a centre, one factor changed at a time, and a corner where all factors are large."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -19,26 +19,26 @@ CENTRE: Mapping[str, Mapping[str, Any]] = {
     },
     "splats": {"masking": "none", "iterations": 150, "max_points": 10_000, "max_gaussians": 10_000},
 }
-"""So small that all stages take a minute or two. Nothing is masked, so that Gaussians do not wait for instances."""
+"""All stages take a minute or two. Nothing is masked, so that Gaussians need no instances."""
 
 PICTURES = ("frames", "annotations", "poses", "survey")
 INSTANCES = ("segments", "view_features", "features")
 MOVING = ("transient", "masks")
 GAUSSIANS = ("splats", "language", "metrics")
 STAGES = PICTURES + INSTANCES + MOVING + GAUSSIANS
-"""The stages that are measured: those that a recorded sequence passes through."""
+"""The measured stages: those of a recorded sequence."""
 
 
 @dataclass(frozen=True)
 class Point:
-    """A size that is measured.
+    """One measured configuration.
 
     Attributes:
-        name: unique; in words of file names.
-        factor: what is another than in the centre, in words; value: how much of it, in words.
-        keys: over those of the centre, by section.
-        stages: that are made anew for it and depend on the factor.
-        scene: whose recording it is.
+        name: unique, usable as a file name.
+        factor: what differs from the centre; value: its value. Both are text.
+        keys: override those of the centre, by section.
+        stages: that depend on the factor and run again.
+        scene: of the recording.
     """
 
     name: str
@@ -68,7 +68,7 @@ CORNER = {
     "transient": {"resolution": 512, "max_points": 35_000, "max_gaussians": 35_000},
     "splats": {"max_points": 35_000, "max_gaussians": 35_000},
 }
-"""Where terms that are products show."""
+"""All factors large: it separates terms that are products."""
 
 WITHOUT_SCORES = tuple(stage for stage in STAGES if stage != "metrics")
 MEANT = (*INSTANCES, "masks", "language")

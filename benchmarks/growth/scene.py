@@ -1,4 +1,4 @@
-"""The working folder in which the pipeline runs: its configuration, its table of scenes, and Snakemake."""
+"""Run the pipeline in a working folder: write its configuration and table of scenes, start Snakemake."""
 
 import os
 import subprocess
@@ -14,7 +14,7 @@ RESULTS = Path("results/growth")
 
 
 def prepare(folder: Path) -> None:
-    """Lay out configuration and scenes: every point but the centre is a variant, so that all else is shared."""
+    """Write configuration and scenes. Each point but the centre is a variant, so that unchanged artifacts are shared."""
     (folder / "config").mkdir(parents=True, exist_ok=True)
     variants = {point.name: dict(point.keys) for point in POINTS if point.keys}
     (folder / "config/config.yaml").write_text(yaml.safe_dump({**CENTRE, "variants": variants}))
@@ -24,19 +24,19 @@ def prepare(folder: Path) -> None:
 
 
 def own_folder(folder: Path, point: Point) -> Path:
-    """Where what a point makes anew lies."""
+    """The folder of the artifacts that a point does not share."""
     scene = folder / RESULTS / point.scene
     return scene / "variants" / point.name if point.keys else scene
 
 
 def recorded_side(point: Point) -> int:
-    """Side of the pictures of a point's recording [px]."""
+    """Side of the recorded frames [px]."""
     options = dict(option.split("=") for option in SCENES[point.scene].split())
     return int(options.get("synthetic.size", CENTRE["synthetic"]["size"]))
 
 
 def file_of(stage: str) -> str:
-    """What a stage writes, by name."""
+    """The name of a stage's output."""
     return f"{stage}.json" if stage in ("survey", "metrics") else f"{stage}.zarr"
 
 
@@ -44,7 +44,7 @@ def make(folder: Path, point: Point) -> None:
     """Run the pipeline for a point: one job at a time, on one thread.
 
     Raises:
-        SystemExit: it failed; says what it printed.
+        SystemExit: it failed; the message holds the end of its output.
     """
     own = own_folder(folder, point).relative_to(folder)
     targets = [str(own / file_of(stage)) for stage in point.stages]

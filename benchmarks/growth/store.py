@@ -10,12 +10,12 @@ from egosplat.files import atomic_file
 
 @dataclass
 class Measured:
-    """All that was measured so far.
+    """All measurements so far.
 
     Attributes:
-        machine: in words.
+        machine: processor and cores, as text.
         points: the runs of each point of the design, by its name.
-        checks: the same of scenes that no law is fitted to.
+        checks: runs of scenes that no law is fitted to, by scene.
         published: seconds by unit; see ``benchmarks.growth.published``.
     """
 
@@ -26,12 +26,12 @@ class Measured:
 
     @property
     def runs(self) -> list[Run]:
-        """Of all points."""
+        """The runs of all points."""
         return [run for runs in self.points.values() for run in runs]
 
 
 def load(path: Path) -> Measured:
-    """What a file holds; nothing where it is not there yet."""
+    """The measurements in a file; empty if it does not exist."""
     if not path.exists():
         return Measured()
     document = json.loads(path.read_text())
@@ -41,7 +41,7 @@ def load(path: Path) -> Measured:
 
 
 def save(path: Path, measured: Measured) -> None:
-    """Write the file, whole or not at all; a run a line."""
+    """Write the file atomically, one run a line."""
     document = asdict(measured)
     with atomic_file(path) as scratch:
         scratch.write_text(_lines(document) + "\n")

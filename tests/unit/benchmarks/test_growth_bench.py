@@ -1,4 +1,4 @@
-"""Laws of growth: known ones are found again, errors are what they are called, and what is assumed is told."""
+"""The growth benchmark: fitting, the extrapolation to the paper's settings, and the table of the cost model."""
 
 import importlib
 import random
@@ -29,6 +29,7 @@ def truth(own: dict[str, float]) -> float:
 
 
 def test_known_coefficients_are_found_again(bench):
+    """The fit recovers exact coefficients, also far outside the measured sizes."""
     points = scenes()
     found = bench("fitting").fit(list(TRUE), points, [truth(own) for own in points])
     assert found.coefficients == pytest.approx(TRUE, rel=1e-6)
@@ -40,6 +41,7 @@ def test_known_coefficients_are_found_again(bench):
 
 
 def test_no_coefficient_is_negative(bench):
+    """A cost cannot fall with a size."""
     points = [{"frames": float(f), "pixels": 1.0} for f in range(1, 8)]
     falling = [10.0 / own["frames"] for own in points]
     found = bench("fitting").fit([(), ("frames",)], points, falling)
@@ -59,14 +61,16 @@ def test_known_coefficients_are_not_fitted(bench):
     assert min(wrong.coefficients.values()) >= 0
 
 
-def test_residuals_count_relative_to_what_was_measured(bench):
+def test_residuals_are_relative_to_the_measured_value(bench):
+    """Small scenes count as much as large ones."""
     # Equal shares of error above and below: a constant lies between, nearer to the small values.
     found = bench("fitting").fit([()], [{}, {}], [1.0, 3.0])
     # The least of (c - 1)^2 + (c / 3 - 1)^2.
     assert found.coefficients[()] == pytest.approx((1 + 1 / 3) / (1 + 1 / 9))
 
 
-def test_errors_are_what_they_are_called(bench):
+def test_errors_and_held_out_errors_match_their_definition(bench):
+    """docs/scale.md prints them."""
     fitting = bench("fitting")
     points = scenes()
     measured = [truth(own) for own in points]
@@ -85,12 +89,14 @@ def test_errors_are_what_they_are_called(bench):
 
 
 @pytest.mark.parametrize("measured", [[1.0], [1.0, 0.0], [1.0, -2.0]])
-def test_what_cannot_be_fitted_is_refused(bench, measured):
+def test_too_few_or_non_positive_values_are_an_error(bench, measured):
+    """A law needs two positive points."""
     with pytest.raises(ValueError, match="two points"):
         bench("fitting").fit([()], [{}] * len(measured), measured)
 
 
-def test_a_term_that_no_point_has_counts_nothing(bench):
+def test_a_term_that_no_point_has_gets_the_coefficient_0(bench):
+    """Otherwise it would be NaN."""
     points = [{"frames": float(f), "joint": 0.0} for f in range(1, 5)]
     found = bench("fitting").fit(
         [("frames",), ("frames", "joint")], points, [own["frames"] for own in points]
@@ -98,7 +104,8 @@ def test_a_term_that_no_point_has_counts_nothing(bench):
     assert found.coefficients[("frames", "joint")] == 0.0
 
 
-def test_each_point_of_the_design_can_be_asked_for(bench):
+def test_the_design_has_more_points_than_terms(bench):
+    """Each law can be fitted with one point left out."""
     design, laws = bench("design"), bench("laws")
     names = [point.name for point in design.POINTS]
     assert len(set(names)) == len(names)
@@ -130,7 +137,8 @@ def measured(bench):
     return bench("store").Measured("Abacus, 2 cores", points, checks, units)
 
 
-def test_the_file_gives_back_what_was_measured(bench, measured, tmp_path):
+def test_measurements_survive_saving_and_loading(bench, measured, tmp_path):
+    """An interrupted measurement resumes from the file."""
     store = bench("store")
     store.save(tmp_path / "growth.json", measured)
     assert store.load(tmp_path / "growth.json") == measured
@@ -138,6 +146,7 @@ def test_the_file_gives_back_what_was_measured(bench, measured, tmp_path):
 
 
 def test_the_page_says_how_far_it_extrapolates(bench, measured):
+    """Readers see the ratio of extrapolated to measured sizes."""
     assumed = bench("assumptions").Assumptions()
     text = bench("page").page(measured, assumed)
     most = max(run.sizes["frames"] for run in measured.runs)
@@ -146,7 +155,8 @@ def test_the_page_says_how_far_it_extrapolates(bench, measured):
     assert "assumed" in text and "CPU-hours" in text and "No GPU was measured" in text
 
 
-def test_small_numbers_are_told_by_a_bound(bench):
+def test_small_numbers_are_printed_as_a_bound(bench):
+    """No row of the page reads 0 hours."""
     tables = bench("tables")
     assert [tables.hours(value) for value in (1.0, 90.0, 7200.0, 3.6e6)] == ["< 0.01", "0.025", "2", "1,000"]
     assert tables.span(tables.hours, 1.0, 2.0) == "< 0.01"
@@ -154,7 +164,8 @@ def test_small_numbers_are_told_by_a_bound(bench):
     assert tables.in_words({(): 0.0, ("frames", "mean_gaussians"): 0.002}) == "2 · frames · k mean gaussians"
 
 
-def test_the_papers_models_take_the_place_of_the_small_ones(bench, measured):
+def test_measured_unit_costs_replace_those_of_the_small_models(bench, measured):
+    """A hand-computed sum of frames, prompts and tracked instances."""
     extrapolation, laws = bench("extrapolation"), bench("laws")
     assumed = bench("assumptions").Assumptions(frames=100, instances=10, visible=0.25, evaluated=0)
     fits = laws.fit_all(measured.runs)
@@ -171,6 +182,7 @@ def test_the_papers_models_take_the_place_of_the_small_ones(bench, measured):
 
 
 def test_the_survey_is_counted_where_it_decides_something(bench):
+    """As in the workflow, which makes it only then."""
     extrapolation = bench("extrapolation")
     paper = extrapolation.paper_config()
     assert "survey" not in extrapolation.stages_of(paper)
@@ -178,7 +190,8 @@ def test_the_survey_is_counted_where_it_decides_something(bench):
     assert "survey" in extrapolation.stages_of(paper)
 
 
-def test_gpu_hours_follow_from_what_is_assumed(bench, measured):
+def test_gpu_hours_follow_from_the_assumptions(bench, measured):
+    """Twice the speed-up halves them."""
     extrapolation, laws = bench("extrapolation"), bench("laws")
     fits = laws.fit_all(measured.runs)
 
@@ -216,6 +229,7 @@ def test_the_shipped_table_is_the_one_that_the_measurements_give(bench):
 
 
 def test_the_report_takes_each_assumption_as_an_option(bench, measured, tmp_path, monkeypatch):
+    """The page can be written for other assumptions."""
     growth = importlib.import_module("benchmarks.growth.__main__")
     bench("store").save(tmp_path / "growth.json", measured)
     done = CliRunner().invoke(growth.main, ["report", str(tmp_path / "growth.json"), "--frames", "7200"])
@@ -223,7 +237,8 @@ def test_the_report_takes_each_assumption_as_an_option(bench, measured, tmp_path
     assert "7,200 frames of 1408" in done.output
 
 
-def test_what_was_measured_is_not_measured_again(bench, measured, tmp_path, monkeypatch):
+def test_measured_points_are_not_measured_again(bench, measured, tmp_path, monkeypatch):
+    """An interrupted measurement resumes at the next point."""
     growth, store, path = (
         importlib.import_module("benchmarks.growth.__main__"),
         bench("store"),
