@@ -20,7 +20,7 @@ from egosplat.evaluation.queries import BenchmarkQueries, find_queries
 from egosplat.evaluation.scores import Result, score_query
 from egosplat.pipeline.config import Config, stage_values
 from egosplat.progress import track
-from egosplat.query.asking import ask
+from egosplat.query.answer import ask
 from egosplat.query.clip import load_clip_of
 from egosplat.query.options import QueryOptions
 from egosplat.query.scene import read_scene

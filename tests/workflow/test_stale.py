@@ -70,7 +70,7 @@ def test_a_changed_key_reruns_its_stage_and_what_follows(workdir, config, expect
         ("splats/stage.py", "\ndef run", "\nCHANGED = 1\n\n\ndef run", AFTER_SPLATS),
         ("transient/refinement.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_MASKS),
         ("language/lifting.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_LANGUAGE),
-        ("query/localization.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_QUERIES),
+        ("query/maps.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_QUERIES),
         ("evaluation/scores.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_QUERIES),
         ("report/queries_choice.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", {"queries_sheet"}),
         ("report/splats_sheet.py", "PICTURES = 4", "PICTURES = 3", {"splats_sheet"}),

@@ -17,7 +17,7 @@ from egosplat.evaluation.queries import Query
 from egosplat.frames.recording import Instance
 from egosplat.geometry import Camera
 from egosplat.models.open_clip_loader import OpenClip
-from egosplat.query.asking import rendering_camera
+from egosplat.query.answer import rendering_camera
 from egosplat.query.options import QueryOptions
 from egosplat.query.scene import LanguageScene
 from egosplat.query.scene_query import ask_scene, index_scene

@@ -8,8 +8,7 @@ from egosplat.evaluation.queries import Query
 from egosplat.evaluation.scores import QueryScore, score_query
 from egosplat.geometry import Array
 from egosplat.progress import track
-from egosplat.query.answer import Answer
-from egosplat.query.asking import ask
+from egosplat.query.answer import Answer, ask
 from egosplat.query.options import QueryOptions
 from egosplat.query.scene import LanguageScene
 from egosplat.query.text import Texts

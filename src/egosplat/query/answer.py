@@ -1,4 +1,4 @@
-"""Answers to queries in one view, from its rendered codes."""
+"""Answers to queries in one view: its codes are rendered, compared with the queries, and read as maps."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.codes.decoder import Decoder
-from egosplat.geometry import Array, Camera
-from egosplat.query.maps import Found, find_in_maps
+from egosplat.codes.rendering import render_codes
+from egosplat.gaussians.render import render
+from egosplat.geometry import Array, Camera, transform
+from egosplat.query.maps import Found, Map, Mask, find_in_maps
 from egosplat.query.options import QueryOptions
-from egosplat.query.position import pixel_position
 from egosplat.query.relevancy import relevancy_maps
-from egosplat.query.smoothing import Map, Mask
+from egosplat.query.scene import LanguageScene
 from egosplat.query.text import Texts
 
 _MAPS_AT_ONCE = 2**27
@@ -70,6 +71,56 @@ class Answer:
     relevancy: Map
     mask_level: int | None
     mask: Mask
+
+
+def ask(
+    scene: LanguageScene,
+    texts: Texts,
+    camera: Camera,
+    camera_to_world: Array,
+    valid: Mask | None,
+    options: QueryOptions,
+) -> Iterator[Answer]:
+    """Answer queries in one view of a scene.
+
+    Args:
+        scene: what is asked.
+        texts: the queries, by the model that the scene's features were made with.
+        camera, camera_to_world: of the picture that is asked.
+        valid: (H, W) bool pixels that show the scene, or None for all.
+        options: how queries are answered.
+
+    Returns:
+        The answers in the order of the queries.
+
+    Raises:
+        ValueError: see ``answer_from_codes``.
+    """
+    view = view_of(scene, camera, camera_to_world, valid, options.resolution)
+    return answer_from_codes(view, scene.decoder, texts, options)
+
+
+@torch.inference_mode()
+def view_of(
+    scene: LanguageScene, camera: Camera, camera_to_world: Array, valid: Mask | None, resolution: int
+) -> View:
+    """One view's codes and depth; arguments as ``ask``, and ``resolution`` as in ``QueryOptions``."""
+    drawn, lens = rendering_camera(camera, resolution), scene.lens
+    how = {"near_plane": lens.near_plane, "antialiased": lens.antialiased, "backend": lens.backend}
+    codes = render_codes(scene.gaussians, scene.code, scene.share, drawn, camera_to_world, **how)
+    depth, _, _ = render(
+        scene.gaussians, drawn, camera_to_world, sh_degree=0, background=None, render_mode="ED", **how
+    )
+    return View(codes.codes, codes.coverage, depth[..., 0], camera, camera_to_world, valid)
+
+
+def rendering_camera(camera: Camera, resolution: int) -> Camera:
+    """The camera with its longer side brought down to ``resolution`` [px]; itself where that is 0 or no less."""
+    longer = max(camera.width, camera.height)
+    if not 0 < resolution < longer:
+        return camera
+    width, height = (max(1, round(side * resolution / longer)) for side in (camera.width, camera.height))
+    return camera.scaled_to(width, height)
 
 
 def answer_from_codes(view: View, decoder: Decoder, texts: Texts, options: QueryOptions) -> Iterator[Answer]:
@@ -129,3 +180,43 @@ def _seen(view: View, valid: Mask, min_coverage: float) -> Mask:
     height, width = view.depth.shape
     inside = cv2.resize(valid.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST_EXACT) > 0
     return (view.coverage > min_coverage).cpu().numpy() & inside
+
+
+def pixel_position(
+    camera: Camera, camera_to_world: Array, pixel: tuple[int, int], depth: NDArray[np.float32]
+) -> Array | None:
+    """The place that a pixel's centre shows.
+
+    Args:
+        camera, camera_to_world: of the picture.
+        pixel: column and row in it.
+        depth: (h, w) float32 expected camera z [m], of the same view in any resolution.
+
+    Returns:
+        (3,) float64 in the world [m]; None where there is no depth (0, or not finite).
+    """
+    point = np.array(pixel) + 0.5
+    height, width = depth.shape
+    column, row = (point * [width / camera.width, height / camera.height]).astype(int)
+    found = float(depth[row, column])
+    if not (np.isfinite(found) and found > 0):
+        return None
+    return unproject(camera, camera_to_world, point, np.array(found))
+
+
+def unproject(camera: Camera, camera_to_world: Array, points: Array, depth: Array) -> Array:
+    """The places that image points show.
+
+    Args:
+        camera: pinhole camera.
+        camera_to_world: (4, 4) float64.
+        points: (..., 2) float64 image points [px].
+        depth: (...,) float64 camera z [m].
+
+    Returns:
+        (..., 3) float64 in the world [m].
+    """
+    points, depth = np.asarray(points, np.float64), np.asarray(depth, np.float64)
+    x = (points[..., 0] - camera.cx) / camera.fx
+    y = (points[..., 1] - camera.cy) / camera.fy
+    return transform(camera_to_world, np.stack([x, y, np.ones_like(x)], axis=-1) * depth[..., None])

@@ -1,30 +1,34 @@
 """Queries asked of the whole scene: which things in 3D fit, and which view shows each of them best."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.geometry import Camera
+from egosplat.codes.rendering import Lens, sum_over_pixels
+from egosplat.gaussians.model import Gaussians
+from egosplat.geometry import Array, Camera
 from egosplat.progress import track
-from egosplat.query.asking import rendering_camera
+from egosplat.query.answer import rendering_camera
+from egosplat.query.maps import Mask
 from egosplat.query.options import QueryOptions
 from egosplat.query.relevancy import relevancy_maps
 from egosplat.query.scene import LanguageScene
-from egosplat.query.smoothing import Mask
 from egosplat.query.text import Texts
 from egosplat.query.things import Surface, Thing, find_things
-from egosplat.query.visibility import visible_shares
 
 MOST_VIEWS = 64
 """Views that are looked at, evenly spaced among the frames with a pose: enough to see every part of a walk."""
 
+
 VIEW_SIDE = 192
 """Longer side of these views [px]: a thing of a thousandth of the picture still has some 20 pixels."""
+
 
 _NUMBERS_AT_ONCE = 2**27
 """Relevancies held at a time, 512 MiB in float32; more queries are asked in turn."""
@@ -113,6 +117,38 @@ def _surface(scene: LanguageScene, shares: NDArray[np.float32]) -> Surface:
     means = gaussians.means.double().cpu().numpy()
     radii = gaussians.scales.amax(dim=1).double().cpu().numpy()
     return Surface.of(means, radii, shares, scene.share.cpu().numpy())
+
+
+def visible_shares(
+    gaussians: Gaussians, camera: Camera, poses: Iterable[Array], valid: Mask | None, lens: Lens
+) -> Tensor:
+    """Share of each view that every Gaussian fills, with what stands in front of it taken into account.
+
+    A picture is linear in the values of the Gaussians. The transposed map of a picture of ones therefore sums the
+    compositing weights of each Gaussian. Pixels count less towards the border, where things are cut off: by a half sine
+    along each axis, with mean 1 over the picture.
+
+    Args:
+        gaussians: the scene.
+        camera: of all views, at the resolution to measure in.
+        poses: V (4, 4) float64 camera_to_world.
+        valid: (height, width) bool pixels of the camera that show the scene, or None for all.
+        lens: how to render.
+
+    Returns:
+        (V, N) float32 on the device of the Gaussians, each row with a sum of at most about 1.
+    """
+    ones = torch.from_numpy(_window(camera, valid)).to(gaussians.means.device)
+    rows = [sum_over_pixels(gaussians, ones[..., None], camera, pose, lens)[:, 0] for pose in poses]
+    return torch.stack(rows) if rows else ones.new_zeros(0, gaussians.count)
+
+
+def _window(camera: Camera, valid: Mask | None) -> np.ndarray:
+    """(H, W) float32 share of the picture that each pixel counts as."""
+    down, right = (np.sin(np.pi * (np.arange(side) + 0.5) / side) for side in (camera.height, camera.width))
+    window = np.outer(down, right)
+    window /= window.sum()
+    return np.where(True if valid is None else valid, window, 0.0).astype(np.float32)
 
 
 def _shrunk(valid: Mask, camera: Camera) -> Mask:

@@ -8,11 +8,11 @@ import torch
 
 from egosplat.codes.rendering import render_codes, render_values
 from egosplat.geometry import Array, Camera
-from egosplat.query.asking import rendering_camera
+from egosplat.query.answer import rendering_camera
+from egosplat.query.maps import Map, Mask
 from egosplat.query.options import QueryOptions
 from egosplat.query.relevancy import relevancy_maps
 from egosplat.query.scene import LanguageScene
-from egosplat.query.smoothing import Map, Mask
 from egosplat.query.text import Texts
 from egosplat.query.things import Thing
 

@@ -9,7 +9,7 @@ from egosplat.artifacts.reader import Artifact
 from egosplat.errors import UserError
 from egosplat.files import read_json
 from egosplat.geometry import Array, is_rigid
-from egosplat.query.smoothing import Mask
+from egosplat.query.maps import Mask
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,8 +20,7 @@ from egosplat.errors import UserError
 from egosplat.evaluation.evaluation_frames import Evaluation, read_evaluation
 from egosplat.evaluation.localization import bounding_boxes
 from egosplat.evaluation.queries import BenchmarkQueries, Query, find_queries
-from egosplat.query.answer import Answer
-from egosplat.query.asking import ask
+from egosplat.query.answer import Answer, ask
 from egosplat.query.clip import load_clip_of
 from egosplat.query.options import QueryOptions
 from egosplat.query.scene import read_scene

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from egosplat.artifacts.poses import length_unit
 from egosplat.geometry import Array
 from egosplat.progress import track
-from egosplat.query.answer import Answer
-from egosplat.query.asking import ask
+from egosplat.query.answer import Answer, ask
 from egosplat.query.options import QueryOptions
 from egosplat.query.scene import LanguageScene
 from egosplat.query.scene_query import SceneAnswer, SceneIndex, ask_scene, index_scene

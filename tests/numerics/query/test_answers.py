@@ -8,12 +8,9 @@ import torch
 
 from egosplat.codes.decoder import Decoder
 from egosplat.geometry import Camera
-from egosplat.query.answer import View, answer_from_codes
-from egosplat.query.localization import localize
+from egosplat.query.answer import View, answer_from_codes, pixel_position
+from egosplat.query.maps import box_filter, fill_unseen, localize, segment
 from egosplat.query.options import LANGSPLAT
-from egosplat.query.position import pixel_position
-from egosplat.query.segmentation import segment
-from egosplat.query.smoothing import box_filter, fill_unseen
 from egosplat.query.text import Texts
 
 CAMERA = Camera(8, 6, 7.0, 7.0, 4.0, 3.0)

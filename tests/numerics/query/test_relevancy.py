@@ -7,9 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from egosplat.codes.decoder import Decoder
-from egosplat.query.folding import fold
 from egosplat.query.options import LANGSPLAT, QueryOptions
-from egosplat.query.relevancy import relevancy, relevancy_maps
+from egosplat.query.relevancy import fold, relevancy, relevancy_maps
 from egosplat.query.text import Texts
 
 WIDTH = 512

@@ -10,7 +10,7 @@ from egosplat.codes.decoder import Decoder
 from egosplat.codes.rendering import Lens
 from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Camera
-from egosplat.query.asking import ask, rendering_camera, view_of
+from egosplat.query.answer import ask, rendering_camera, view_of
 from egosplat.query.options import LANGSPLAT
 from egosplat.query.scene import LanguageScene
 from egosplat.query.text import Texts

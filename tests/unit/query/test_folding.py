@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from egosplat.codes.decoder import Decoder, decode
-from egosplat.query.folding import fold
+from egosplat.query.relevancy import fold
 
 
 def decoder(*widths: int, scale: float = 1.0) -> Decoder:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from egosplat.query.localization import localize
+from egosplat.query.maps import localize
 
 
 @pytest.fixture

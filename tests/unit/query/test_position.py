@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from egosplat.geometry import Camera, invert, make_pose, transform
-from egosplat.query.position import pixel_position, unproject
+from egosplat.query.answer import pixel_position, unproject
 
 CAMERA = Camera(64, 48, 50.0, 40.0, 30.0, 25.0)
 POSE = make_pose(Rotation.from_euler("xyz", [0.3, -0.5, 0.2]).as_matrix(), np.array([1.0, -2.0, 3.0]))

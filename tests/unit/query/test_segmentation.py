@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from egosplat.query.segmentation import segment
+from egosplat.query.maps import segment
 
 
 def seen(maps: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from egosplat.query.smoothing import box_filter, fill_unseen, majority
+from egosplat.query.maps import box_filter, fill_unseen, majority
 
 
 def picture(height: int, width: int) -> np.ndarray:

@@ -7,7 +7,7 @@ import torch
 from egosplat.codes.rendering import Lens, render_values
 from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Camera
-from egosplat.query.visibility import visible_shares
+from egosplat.query.scene_query import visible_shares
 
 CAMERA = Camera(20, 16, 18.0, 18.0, 10.0, 8.0)
 LENS = Lens(near_plane=0.1, antialiased=False, backend="cpu")
