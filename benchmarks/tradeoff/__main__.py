@@ -17,7 +17,7 @@ from benchmarks.common import command, markdown
 from benchmarks.scores import METHOD, accuracy_difference, chance, iou_difference, paired
 from egosplat.files import read_json
 from egosplat.tables.scored_scenes import ScoredScene, read_scored_scene
-from egosplat.tradeoff.measures import MEASURES, Measure
+from egosplat.tradeoff.measured import MEASURES, Measure
 
 HEADINGS = (
     "point",

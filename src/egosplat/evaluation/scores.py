@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from egosplat.evaluation.intervals import Interval, IntervalOptions, cluster, clustered_interval
 from egosplat.evaluation.localization import is_hit, middle_hit, random_hit, target_area
 from egosplat.evaluation.queries import GROUPS, InstanceMap, Mask, Query
-from egosplat.evaluation.segmentation import iou
 
 
 @dataclass(frozen=True)
@@ -94,6 +93,25 @@ def score_query(
         )
 
     return QueryScore(query.category, {name: result(own) for name, own in query.instances.items()})
+
+
+def iou(predicted: Mask, truth: Mask, valid: Mask | None) -> float:
+    """Intersection over union of two masks, 0..1.
+
+    Args:
+        predicted, truth: (H, W) bool; the truth is seen in a valid pixel at least.
+        valid: (H, W) bool pixels that count, or None for all.
+
+    Raises:
+        ValueError: shapes differ, or there is no truth: then the value is not defined.
+    """
+    if predicted.shape != truth.shape:
+        raise ValueError(f"a mask of {predicted.shape} is compared with one of {truth.shape}")
+    if valid is not None:
+        predicted, truth = predicted & valid, truth & valid
+    if not truth.any():
+        raise ValueError("a query without a visible instance has no IoU")
+    return float((predicted & truth).sum() / (predicted | truth).sum())
 
 
 def summarise(scores: Sequence[QueryScore], options: IntervalOptions) -> dict[str, GroupScore]:

@@ -18,8 +18,7 @@ from egosplat.artifacts.writer import create
 from egosplat.codes.decoder import about, decode
 from egosplat.codes.vectors import unit, usable
 from egosplat.features.aggregation import Aggregate, aggregate
-from egosplat.features.compression import Compression, fit
-from egosplat.features.dimensions import SHARE, Need
+from egosplat.features.compression import SHARE, Compression, Need, fit
 from egosplat.features.quality import agreement, reconstruction, spread, summary
 from egosplat.features.supervision import agreement_limit, consistent_directions, supervise, vanishing
 from egosplat.progress import log

@@ -15,9 +15,9 @@ from egosplat.files import read_json
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.config import Config
 from egosplat.pipeline.dag import masks_by_survey
+from egosplat.pipeline.presets import FILES
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.variants import inputs_of
-from egosplat.tradeoff.presets import FILES
 
 NAMED = 4
 """So many keys are named in a message, and so many scenes."""

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.artifacts.poses import length_unit
+from egosplat.artifacts.reader import Artifact
 from egosplat.geometry import Array
 from egosplat.progress import track
 from egosplat.query.answer import Answer, ask
@@ -19,13 +20,24 @@ from egosplat.query.things import Thing
 from egosplat.query.verdict import refusal
 from egosplat.query.viewpoint import Viewpoint
 from egosplat.report.query_sheet import DrawnAnswer
-from egosplat.report.query_sources import QuerySources
 from egosplat.report.trained_scene import TrainedScene
 
 MOST_DRAWN = 8
 """Answers in the picture; more are in the table alone, so that many queries take no longer for pictures."""
 
+
 _ABSENT = "-"
+
+
+@dataclass(frozen=True)
+class QuerySources:
+    """Artifacts of one scene that belong together."""
+
+    frames: Artifact
+    poses: Artifact
+    features: Artifact
+    splats: Artifact
+    language: Artifact
 
 
 @dataclass(frozen=True, eq=False)

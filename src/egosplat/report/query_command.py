@@ -20,10 +20,8 @@ from egosplat.query.options import QueryOptions
 from egosplat.query.scene import read_scene
 from egosplat.query.text import encode_texts, untaught_words
 from egosplat.query.viewpoint import Viewpoint, file_viewpoint, frame_viewpoint
-from egosplat.report.query_answers import Answered, Question, answer_in_scene, answer_in_view
+from egosplat.report.query_answers import Answered, QuerySources, Question, answer_in_scene, answer_in_view
 from egosplat.report.query_sheet import QUERY_PICTURE, draw_answers
-from egosplat.report.query_sources import QuerySources
-from egosplat.report.query_table import answers_table
 from egosplat.report.trained_scene import open_trained_scene
 
 _VERIFIED = {"poses": POSES, "features": FEATURES, "splats": SPLATS, "language": LANGUAGE}
@@ -93,6 +91,20 @@ def run(
     title = f"{folder}, {answered.place}, origin {sources.language.origin}"
     # Below the title, in the table as in the picture.
     return _told(answered, "\n".join(filter(None, (title, notice))), output)
+
+
+def answers_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Lay out one line a row in aligned columns.
+
+    Args:
+        columns: their names, C of them.
+        rows: of C cells; a row of fewer ends in a sentence that does not widen its column.
+    """
+    every = [columns, *rows]
+    cells = [row if len(row) == len(columns) else row[:-1] for row in every]
+    widths = [max(len(row[place]) for row in cells if place < len(row)) for place in range(len(columns))]
+    lines = ("  ".join(map(str.ljust, row, [*widths[: len(row) - 1], 0])).rstrip() for row in every)
+    return "\n".join(lines)
 
 
 def _told(answered: Answered, title: str, output: Path) -> str:

@@ -3,11 +3,9 @@
 from collections.abc import Iterator, Mapping, Sequence
 from string import ascii_lowercase
 
-from egosplat.evaluation.presence_counts import presence_counts
-from egosplat.tables.averages import average, average_chance
+from egosplat.tables.averages import average, average_chance, presence_counts
 from egosplat.tables.paper_layouts import LAYOUTS, Layout, Line
-from egosplat.tables.paper_notes import PAPER_NOTES
-from egosplat.tables.paper_numbers import AVERAGE, printed
+from egosplat.tables.paper_numbers import AVERAGE, PAPER_NOTES, printed
 from egosplat.tables.scored_scenes import CHANCE, FULL, UNTOUCHED, ScoredScene
 from egosplat.tables.series import APARTMENTS, NAMES, OWN, UNTOUCHED_APARTMENTS, Series
 from egosplat.tables.table import PRINTED, REAL, SYNTHETIC, Block, Cell, Column, Note, Row, Table, ranked

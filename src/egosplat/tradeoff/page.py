@@ -1,24 +1,90 @@
-"""A trade-off on one HTML page that needs nothing beside itself."""
+"""The files of a trade-off: ``tradeoff.json``, its numbers as CSV, and the page."""
 
-from collections.abc import Mapping
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 from jinja2 import Environment, StrictUndefined
 
-from egosplat.output_files import text_kind
+from egosplat.output_files import json_kind, text_kind, write_text_file
+from egosplat.pipeline import config as configuration
 from egosplat.pipeline.stages import STAGES
 from egosplat.tables.page import read_picture
 from egosplat.tables.scored_scenes import CHANCE
-from egosplat.tradeoff.measured import EVALUATION
-from egosplat.tradeoff.measures import MEASURES, WALL
+from egosplat.tradeoff.estimates import Chance, Estimate, Sample, front, mean, positive_mean
+from egosplat.tradeoff.measured import ACCURACY, EVALUATION, MEASURES, WALL, Measure, MeasuredPoint, chances
 from egosplat.tradeoff.points import shown
+
+FORMAT_VERSION = 4
+
+
+_COLUMNS = ("scene", "point", "about", "front", "stage", "measure", "mean", "low", "high", "runs")
+
 
 GENERATOR = "egosplat tradeoff"
 """What the page says that it was made by."""
 
+
+TRADEOFF = json_kind("egosplat tradeoff", "format_version", "points", "seeds")
+
+
+TABLE = text_kind("egosplat tradeoff", ".csv", begin=",".join(_COLUMNS[:4]) + ",")
+
+
 PAGE = text_kind(GENERATOR, ".html", mark=f'<meta name="generator" content="{GENERATOR}">')
+
+
+def tradeoff_document(points: Sequence[MeasuredPoint]) -> dict[str, Any]:
+    """All that was measured, as plain values; see ``tradeoff.schema.yaml``.
+
+    Args:
+        points: the scene itself first.
+    """
+    first = points[0].runs[0].scored
+    confidence = first.protocol["confidence"]
+    best, chance = _front(points), chances(points)
+    return {
+        "format_version": FORMAT_VERSION,
+        "scene": f"{first.dataset}/{first.scene}",
+        "origin": first.origin,
+        "about": points[0].about,
+        "notice": first.document["notice"],
+        "machines": sorted({name for point in points for name in _machines(point)}),
+        "confidence": confidence,
+        "chance": {answerer: first.document["scores"]["all"][answerer] for answerer in CHANCE},
+        "seeds": len(points[0].runs),
+        "points": [_entry(point, chance, confidence, point in best) for point in points],
+    }
+
+
+def write_document(path: Path, document: dict[str, Any]) -> None:
+    """Check ``tradeoff.json`` against its schema and write it atomically, with sorted keys.
+
+    Raises:
+        UserError: something is at ``path`` that is no ``tradeoff.json``.
+    """
+    configuration.check(document, str(path), against="tradeoff")
+    write_text_file(path, json.dumps(document, indent=1, sort_keys=True, allow_nan=False) + "\n", TRADEOFF)
+
+
+def to_csv(document: Mapping[str, Any]) -> str:
+    """All numbers of ``tradeoff.json``, in its units; ``stage`` is empty where all stages are told together."""
+    lines = (
+        {
+            "scene": document["scene"],
+            "point": point["label"],
+            "about": point["about"],
+            "front": point["front"],
+        }
+        | line
+        for point in document["points"]
+        for line in (*_measures(point), *_stages(point))
+    )
+    return pd.DataFrame(lines, columns=list(_COLUMNS)).astype({"runs": "Int64"}).to_csv(index=False)
 
 
 def to_html(document: Mapping[str, Any], picture: Path) -> str:
@@ -49,3 +115,54 @@ def to_html(document: Mapping[str, Any], picture: Path) -> str:
         picture=read_picture(picture),
         asked_otherwise=[one["label"] for one in points if one["queries"] != points[0]["queries"]],
     )
+
+
+def _front(points: Sequence[MeasuredPoint]) -> list[MeasuredPoint]:
+    """The Pareto front of time and accuracy, of the points that have both."""
+    known = [(point, point.sample(WALL), point.sample(ACCURACY)) for point in points]
+    known = [(point, time.mean, accuracy.mean) for point, time, accuracy in known if time and accuracy]
+    return [known[index][0] for index in front([means for _, *means in known])]
+
+
+def _entry(
+    point: MeasuredPoint, chance: Mapping[Measure, Chance], confidence: float, on_front: bool
+) -> dict[str, Any]:
+    samples = {measure: point.sample(measure) for measure in MEASURES}
+    return {
+        "label": point.label,
+        "variant": point.variant,
+        "settings": [asdict(one) for one in point.settings],
+        "about": point.about,
+        "front": on_front,
+        "queries": point.queries,
+        "gaussians": [run.scored.document["counts"]["gaussians"] for run in point.runs],
+        "measures": {
+            measure.name: _told(measure, sample, chance[measure], confidence) if sample else None
+            for measure, sample in samples.items()
+        },
+        "stages": point.stage_costs(),
+    }
+
+
+def _told(measure: Measure, sample: Sample, chance: Chance, confidence: float) -> dict[str, Any]:
+    found: Estimate = (mean if measure.more_is_better else positive_mean)(sample, chance, confidence)
+    return {"runs": list(sample.values), "mean": found.value, "low": found.low, "high": found.high}
+
+
+def _machines(point: MeasuredPoint) -> list[str]:
+    """The machines that made it; none of artifacts that do not tell."""
+    documents = (run.scored.document for run in point.runs)
+    records = (entry for document in documents for entry in document["artifacts"].values())
+    return [entry["machine"] for entry in records if "machine" in entry]
+
+
+def _measures(point: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    for name, found in point["measures"].items():
+        if found:
+            bounds = {key: found[key] for key in ("mean", "low", "high")}
+            yield {"measure": name, "runs": len(found["runs"]), **bounds}
+
+
+def _stages(point: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    for stage, costs in point["stages"].items():
+        yield from ({"stage": stage, "measure": name, "mean": value} for name, value in costs.items())

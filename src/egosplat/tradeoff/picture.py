@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from egosplat.output_files import picture_kind
 from egosplat.report.figure import label_log_axis, plt, save_figure
 from egosplat.tradeoff.estimates import front
-from egosplat.tradeoff.measures import ACCURACY, MEAN_IOU, MEMORY, WALL, Measure
+from egosplat.tradeoff.measured import ACCURACY, MEAN_IOU, MEMORY, WALL, Measure
 from egosplat.tradeoff.points import PRESET
 
 PICTURE = picture_kind("egosplat tradeoff")

@@ -15,8 +15,8 @@ from typing import Any
 
 from egosplat.errors import UserError
 from egosplat.pipeline.config import Config, section_keys
+from egosplat.pipeline.presets import QUESTIONS, preset_keys
 from egosplat.pipeline.variants import OVER, reaches, variant_config
-from egosplat.tradeoff.presets import QUESTIONS, preset_keys
 
 PRESET = "preset"
 """The knob whose values are presets."""

@@ -7,11 +7,9 @@ from typing import Any
 from egosplat.errors import UserError
 from egosplat.output_files import check_output, write_text_file
 from egosplat.progress import log
-from egosplat.tradeoff.document import TRADEOFF, tradeoff_document, write_document
 from egosplat.tradeoff.measured import read_points
-from egosplat.tradeoff.page import PAGE, to_html
+from egosplat.tradeoff.page import PAGE, TABLE, TRADEOFF, to_csv, to_html, tradeoff_document, write_document
 from egosplat.tradeoff.picture import PICTURE, draw
-from egosplat.tradeoff.tradeoff_csv import TABLE, to_csv
 
 NAME = "tradeoff"
 """Of the files."""
@@ -38,7 +36,7 @@ def run(points: Sequence[Mapping[str, Any]], output: Path) -> None:
     for path, kind in ((json, TRADEOFF), (csv, TABLE), (png, PICTURE), (html, PAGE)):
         check_output(path, kind)
     document = tradeoff_document(read_points(points))
-    write_document(json, document, schema="tradeoff", kind=TRADEOFF)
+    write_document(json, document)
     write_text_file(csv, to_csv(document), TABLE)
     draw(document, png)
     write_text_file(html, to_html(document, png), PAGE)

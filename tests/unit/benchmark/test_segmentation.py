@@ -5,7 +5,7 @@ import pytest
 import torch
 from torchmetrics.functional.classification import binary_jaccard_index
 
-from egosplat.evaluation.segmentation import iou
+from egosplat.evaluation.scores import iou
 
 
 def square(x0: int, y0: int, size: int) -> np.ndarray:

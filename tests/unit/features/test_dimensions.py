@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from egosplat.features.compression import fit
-from egosplat.features.dimensions import SHARE, needed_dims
+from egosplat.features.compression import SHARE, fit, needed_dims
 from egosplat.features.quality import reconstruction
 
 

@@ -9,7 +9,7 @@ from PIL import Image
 
 from egosplat.errors import UserError
 from egosplat.evaluation import stage
-from egosplat.evaluation.segmentation import iou
+from egosplat.evaluation.scores import iou
 from egosplat.pipeline.config import stage_keys
 from egosplat.report import queries_asking
 from egosplat.report.queries_asking import ask_again, open_sources

@@ -1,6 +1,6 @@
 """Answers in aligned columns."""
 
-from egosplat.report.query_table import answers_table
+from egosplat.report.query_command import answers_table
 
 
 def test_a_refusal_does_not_widen_a_column():

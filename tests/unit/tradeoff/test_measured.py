@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.tradeoff.measured import read_points
-from egosplat.tradeoff.measures import ACCURACY, CPU, DISK, MEMORY, PSNR, WALL
+from egosplat.tradeoff.measured import ACCURACY, CPU, DISK, MEMORY, PSNR, WALL, read_points
 
 
 def change(path: str, **changes) -> None:

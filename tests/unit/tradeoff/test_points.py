@@ -7,9 +7,9 @@ import pytest
 
 from egosplat.errors import UserError
 from egosplat.pipeline.config import defaults, merge, resolve
+from egosplat.pipeline.presets import preset_keys
 from egosplat.pipeline.variants import owner, variant_config
 from egosplat.tradeoff.points import Setting, points_of, variant_name, with_points
-from egosplat.tradeoff.presets import preset_keys
 
 PRESETS = Path(__file__).resolve().parents[3] / "config" / "presets"
 
