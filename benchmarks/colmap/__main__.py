@@ -20,7 +20,7 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.errors import UserError
 from egosplat.pipeline.config import defaults
 from egosplat.poses.alignment import trajectory_error
-from egosplat.poses.stage import run
+from egosplat.poses.stage import PosesOptions, run
 
 COLUMNS = (
     "scene",
@@ -50,7 +50,8 @@ def row(folder: Path) -> list[str]:
     with tempfile.TemporaryDirectory() as work:
         output = Path(work) / "poses.zarr"
         try:
-            run(folder, folder / "frames.zarr", output, **defaults()["poses"] | {"method": "colmap"})
+            options = PosesOptions(**defaults()["poses"] | {"method": "colmap"})
+            run(folder, folder / "frames.zarr", output, options)
             found = _errors(open_artifact(output, POSES), truth)
         except UserError as error:
             found = [str(error), "", "", ""]

@@ -101,7 +101,9 @@ def of_level(targets: Callable[[int], Targets], level: int) -> Callable[[int], T
 def trained(scene: Scene, views: TaughtViews, levels: int, iterations: int) -> Tensor:
     """Codes trained by gradients."""
     keys = defaults()["language"]
-    options = CodeOptions(iterations, keys["lr"], keys["unit_codes"], keys["seed"])
+    options = CodeOptions(
+        iterations=iterations, lr=keys["lr"], unit_codes=keys["unit_codes"], seed=keys["seed"]
+    )
     training = CodeTraining(scene.gaussians, levels, scene.targets.channels, options)
     with TemporaryDirectory() as folder:
         training.run(scene.gaussians, views, scene.lens, Checkpoint(Path(folder) / "x", "", 1e9))

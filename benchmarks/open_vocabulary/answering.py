@@ -70,7 +70,9 @@ def answer_scene(folder: Path, config: Config) -> list[Answered]:
 
 
 def _questions(evaluation: Evaluation, config: Config, keys: Config) -> list[Question]:
-    wanted = BenchmarkQueries(keys["min_area"], tuple(keys["excluded"]), keys["people"])
+    wanted = BenchmarkQueries(
+        min_area=keys["min_area"], excluded=tuple(keys["excluded"]), people=keys["people"]
+    )
     frames = {frame.row: frame for frame in evaluation.frames if frame.asked}
     found = find_queries(evaluation.annotations, evaluation.valid, wanted)
     queries = [query for query in found if query.row in frames]

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.config import stage_values
-from egosplat.pipeline.stages import stage_function
+from egosplat.pipeline.stages import STAGES, run_stage
 from egosplat.progress import log
 
 PRESETS = Path(__file__).resolve().parents[2] / "config" / "presets"
@@ -25,32 +25,21 @@ SMALL = {
 }
 """Keys of a scene of some ten pictures."""
 
-INPUTS: dict[str, tuple[str, ...]] = {
-    "synthetic": (),
-    "frames": ("recording",),
-    "annotations": ("recording", "frames"),
-    "poses": ("recording", "frames"),
-    "survey": ("frames", "poses"),
-    "segments": ("frames",),
-    "view_features": ("frames", "segments"),
-    "features": ("view_features",),
-    "transient": ("frames", "poses"),
-    "masks": ("transient", "segments"),
-    "splats": ("frames", "poses", "masks"),
-    "language": ("frames", "poses", "segments", "features", "splats", "masks"),
-    "metrics": ("frames", "poses", "annotations", "features", "splats", "language"),
+_MASKED = ("splats", "language")
+INPUTS = {
+    name: stage.inputs + (("masks",) if name in _MASKED else ())
+    for name, stage in STAGES.items()
+    if not name.endswith("_sheet") and name != "method_metrics"
 }
-"""What each stage takes of what the others make."""
+"""What each stage takes of what the others make, where splats.masking is refined."""
 
-UNUSED = {"splats": ("transient", "segments", "features"), "language": ("transient",)}
-FILES = {"synthetic": "recording", "survey": "survey.json", "metrics": "metrics.json"}
 WORDS = {"frames": {"format": "adt"}, "metrics": {"title": "small"}}
 """What stages are told beside keys and artifacts."""
 
 
 def file_of(stage: str) -> str:
     """Name of what a stage makes."""
-    return FILES.get(stage, f"{stage}.zarr")
+    return STAGES[stage].output
 
 
 def run_chain(folder: Path, reference: Path | None) -> None:
@@ -65,7 +54,5 @@ def run_chain(folder: Path, reference: Path | None) -> None:
         log(f"{folder.name}: {stage}")
         source = reference or folder
         paths = {name: source / (name if name == "recording" else file_of(name)) for name in inputs}
-        paths |= dict.fromkeys(UNUSED.get(stage, ()))
-        stage_function(stage)(
-            **paths, output=folder / file_of(stage), **WORDS.get(stage, {}), **stage_values(stage, config)
-        )
+        paths |= {"output": folder / file_of(stage)}
+        run_stage(stage, stage_values(stage, config), **paths, **WORDS.get(stage, {}))

@@ -9,7 +9,6 @@ What benchmarks/segments/README.md says of the table is written by hand.
 
 import resource
 import time
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +24,12 @@ from egosplat.pipeline.config import stage_keys
 from egosplat.progress import log
 from egosplat.segments.classical.video import segment_video
 from egosplat.segments.instances import Segmented, settle
-from egosplat.segments.options import MaskOptions, TrackOptions
+from egosplat.segments.options import SegmentsOptions
 from egosplat.segments.tracker import Tracker
 from training.small_models.worlds import NOTHING, FilmedWorld
 
 METHODS: dict[str, dict[str, Any]] = {
-    "SAM2, initial frame": {"key_frames": False},
+    "SAM2, initial frame": {"prompting": "initial_frame"},
     "SAM2, key frames": {},
     "the same, 384 px": {"image_size": 384},
     "the same, each level for itself": {"share_iou": 1.01},
@@ -42,30 +41,24 @@ METHODS: dict[str, dict[str, Any]] = {
 COLUMNS = ("instances", "found", "coverage", "iou", "switches", "fragments", "held")
 
 
-def options(method: str) -> tuple[MaskOptions, TrackOptions, int | None]:
-    """The configuration's defaults, but for what the method has of its own, and the side of SAM2's picture."""
+def options(method: str) -> SegmentsOptions:
+    """The configuration's defaults with the method's own keys over them."""
     keys = {name: key["default"] for name, key in stage_keys("segments").items()}
-    keys |= {"key_frames": True} | METHODS[method]
-    masks = MaskOptions(**{field.name: keys[field.name] for field in fields(MaskOptions)})
-    return (
-        masks,
-        TrackOptions(**{field.name: keys[field.name] for field in fields(TrackOptions)}),
-        keys["image_size"],
-    )
+    return SegmentsOptions(**keys | {"prompting": "key_frames"} | METHODS[method])
 
 
 def segment(world: FilmedWorld, method: str, checkpoint: str) -> tuple[list[np.ndarray], float]:
     """(F,) final labels (3, H, W) of the first clip, and CPU seconds a frame."""
     pictures, valid = world.rgb[0], world.subpart[0, 0] != NOTHING
-    masks, tracks, side = options(method)
+    keys = options(method)
     start = time.process_time()
     if method == "classical":
         segmented = segment_video(lambda frame: np.asarray(pictures[frame]), len(pictures), valid)
     else:
-        sam2 = load_sam2("small", checkpoint, "auto", "auto", side)
-        tracker = Tracker(sam2, lambda frame: np.array(pictures[frame]), len(pictures), valid, masks, tracks)
+        sam2 = load_sam2("small", checkpoint, "auto", "auto", keys.image_size)
+        tracker = Tracker(sam2, lambda frame: np.array(pictures[frame]), len(pictures), valid, keys)
         segmented = tracker.run()
-    labels = final_labels(segmented, tracks.min_frames)
+    labels = final_labels(segmented, keys.min_frames)
     return labels, (time.process_time() - start) / len(pictures)
 
 

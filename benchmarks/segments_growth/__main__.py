@@ -18,24 +18,35 @@ import torch
 from benchmarks.common import command, markdown, output_of
 from egosplat.artifacts.usage import peak_memory_mb
 from egosplat.models.sam2_loader import load_sam2
+from egosplat.pipeline.config import defaults, stage_values
 from egosplat.progress import log
-from egosplat.segments.options import LEVELS, MaskOptions, TrackOptions
+from egosplat.segments.options import LEVELS, SegmentsOptions
 from egosplat.segments.tracker import Tracker
 
 POINTS = ((12, 60), (24, 60), (48, 60), (96, 60), (24, 15), (24, 120), (24, 240))
 """Frames, and instances of all levels together."""
 
-KEEP_ALL = MaskOptions(
-    points_per_side=24,
-    pred_iou_thresh=-1.0,
-    stability_score_thresh=-1.0,
-    stability_score_offset=1.0,
-    box_nms_thresh=1.0,
-    nms_iou_thresh=1.0,
-    nms_score_thresh=-1.0,
-    nms_inner_thresh=1.0,
-    min_area=0.0,
-)
+KEEP_ALL = {
+    "points_per_side": 24,
+    "pred_iou_thresh": -1.0,
+    "stability_score_thresh": -1.0,
+    "stability_score_offset": 1.0,
+    "box_nms_thresh": 1.0,
+    "nms_iou_thresh": 1.0,
+    "nms_score_thresh": -1.0,
+    "nms_inner_thresh": 1.0,
+    "min_area": 0.0,
+    "prompting": "initial_frame",
+    "min_uncovered": 0.0,
+    "new_cover_thresh": 1.0,
+    "merge_iou": 1.0,
+    "min_frames": 1,
+    # Each level tracks its own instances, in every frame: the largest possible work.
+    "share_iou": 1.01,
+    "absent_stride": 1,
+    "batch": 32,
+}
+"""Keys with which every mask is tracked."""
 
 COLUMNS = (
     "frames",
@@ -55,22 +66,11 @@ def measure(
     images = [rng.integers(256, size=(size, size, 3), dtype=np.uint8) for _ in range(4)]
     sam2 = load_sam2(config, checkpoint, device, "auto")
     before = peak_memory_mb()
-    tracks = TrackOptions(
-        key_frames=False,
-        key_frame_stride=1,
-        min_uncovered=0.0,
-        new_cover_thresh=1.0,
-        merge_iou=1.0,
-        min_frames=1,
-        max_instances=instances // len(LEVELS),
-        # Each level tracks its own instances, in every frame: the largest possible work.
-        share_iou=1.01,
-        absent_stride=1,
-        batch=32,
-    )
+    keys = KEEP_ALL | {"max_instances": instances // len(LEVELS)}
+    options = SegmentsOptions(**stage_values("segments", defaults()) | keys)
     valid = np.ones((size, size), bool)
     began = time.perf_counter()
-    found = Tracker(sam2, lambda frame: images[frame % 4], frames, valid, KEEP_ALL, tracks).run()
+    found = Tracker(sam2, lambda frame: images[frame % 4], frames, valid, options).run()
     seconds = time.perf_counter() - began
     return {
         "seconds": seconds,

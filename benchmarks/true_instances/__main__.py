@@ -34,7 +34,7 @@ from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.writer import create
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.config import Config, stage_values
-from egosplat.pipeline.stages import stage_function
+from egosplat.pipeline.stages import run_stage
 from egosplat.progress import log, track
 from egosplat.tables.scored_scenes import ScoredScene, read_scored_scene
 
@@ -84,7 +84,7 @@ def score(folder: Path, work: Path, target: str) -> ScoredScene:
 
 def run(stage: str, config: Config, **paths: object) -> None:
     """Run a stage as its rule does."""
-    stage_function(stage)(**paths, **stage_values(stage, config))
+    run_stage(stage, stage_values(stage, config), **paths)
 
 
 def by_truth(folder: Path) -> dict[str, ScoredScene]:

@@ -16,7 +16,7 @@ from egosplat.pipeline.config import schema, section_keys, stage_keys
 from egosplat.pipeline.config_table import keys_page
 from egosplat.pipeline.process_guards import end_with_snakemake
 from egosplat.pipeline.scene_folder import check_scene_folder
-from egosplat.pipeline.stages import STAGES, path_help, stage_function
+from egosplat.pipeline.stages import STAGES, path_help, run_stage
 from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml
 from egosplat.pipeline.validation import LARGEST_INTEGER
 
@@ -250,7 +250,8 @@ def stage_command(stage: str) -> click.Command:
     def call(**values: Any) -> None:
         from egosplat.alarms.found import log_warnings
 
-        stage_function(stage)(**values)
+        keys = {name: values.pop(name) for name in stage_keys(stage)}
+        run_stage(stage, keys, **values)
         log_warnings(stage, values["output"])
 
     return click.Command(

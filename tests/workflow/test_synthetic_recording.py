@@ -34,11 +34,15 @@ def sequence(folder) -> Sequence:
     made = make_sequence(name="test", seed=11, size=352, fps=4.0, seconds=9.0, objects=20, motion=0.5)
     write_sequence(made, folder / "recording")
     keys = KEYS["frames"] | {"resolution": 352, "evaluation_frames": 6}
-    stage.run(folder / "recording", folder / "frames.zarr", format="adt", **keys)
+    stage.run(folder / "recording", folder / "frames.zarr", stage.FramesOptions(**keys), format="adt")
     annotations_stage.run(
-        folder / "recording", folder / "frames.zarr", folder / "annotations.zarr", **KEYS["annotations"]
+        folder / "recording",
+        folder / "frames.zarr",
+        folder / "annotations.zarr",
+        annotations_stage.AnnotationsOptions(**KEYS["annotations"]),
     )
-    poses_stage.run(folder / "recording", folder / "frames.zarr", folder / "poses.zarr", **KEYS["poses"])
+    options = poses_stage.PosesOptions(**KEYS["poses"])
+    poses_stage.run(folder / "recording", folder / "frames.zarr", folder / "poses.zarr", options)
     return made
 
 
@@ -115,7 +119,7 @@ def test_people_are_annotated_and_something_is_carried(sequence, folder):
 def test_colmap_finds_the_true_trajectory(sequence, folder, truth):
     output = folder / "colmap.zarr"
     keys = KEYS["poses"] | {"method": "colmap"}
-    poses_stage.run(folder / "recording", folder / "frames.zarr", output, **keys)
+    poses_stage.run(folder / "recording", folder / "frames.zarr", output, poses_stage.PosesOptions(**keys))
     found = open_artifact(output, POSES)
     registered = found.read("registered")
     assert registered.mean() >= 0.9

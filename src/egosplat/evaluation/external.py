@@ -5,7 +5,7 @@ same form, but for what only egosplat's artifacts tell: no renders are scored, a
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -50,13 +50,31 @@ from egosplat.progress import log, track
 from egosplat.query.maps import Found, find_in_maps
 from egosplat.query.options import LANGSPLAT, QueryOptions
 
-QUERY_KEYS = ("smoothing", "segmentation_threshold", "majority")
-"""Keys of the section ``query`` that are taken beside those of ``metrics``; the others are of egosplat's own maps."""
-
 UNDECIDED = 0.01
 """Share of a picture; where more of it has the largest relevancy, a hit says little."""
 
-_PATHS = ("frames", "poses", "annotations", "relevancy", "output", "title")
+
+@dataclass(frozen=True)
+class MethodMetricsOptions(BenchmarkQueries, IntervalOptions):
+    """The schema's keys of ``metrics``, and of ``query`` those that matter for maps of another method.
+
+    ``config.schema.yaml`` describes each.
+    """
+
+    target: str
+    smoothing: float
+    segmentation_threshold: float
+    majority: float
+
+    @property
+    def query(self) -> QueryOptions:
+        """How the maps are read."""
+        return replace(
+            LANGSPLAT,
+            smoothing=self.smoothing,
+            segmentation_threshold=self.segmentation_threshold,
+            majority=self.majority,
+        )
 
 
 def run(
@@ -65,22 +83,11 @@ def run(
     annotations: Path,
     relevancy: Path,
     output: Path,
+    options: MethodMetricsOptions,
     *,
     title: str,
-    smoothing: float,
-    segmentation_threshold: float,
-    majority: float,
-    min_area: float,
-    excluded: Sequence[str],
-    people: bool,
-    target: str,
-    confidence: float,
-    resamples: int,
-    seed: int,
 ) -> None:
     """Write another method's scores of a scene as JSON, see ``metrics.schema.yaml``.
-
-    The keys are those of the schema's ``metrics`` and, of ``query``, ``QUERY_KEYS``.
 
     Args:
         frames, poses, annotations: the scene's artifacts; frames without a pose are not asked, as in ``metrics``.
@@ -92,21 +99,17 @@ def run(
         UserError: inputs do not belong together, a query has no map, or a map is not what the layout says.
     """
     check_output(output, METHOD_METRICS)
-    keys = {key: value for key, value in locals().items() if key not in _PATHS}
     pictures, walk = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
     truth, maps = open_artifact(annotations, ANNOTATIONS), open_relevancy(relevancy)
     made_from = lineage([pictures, walk, truth])
-    made = _begin(keys, made_from.found.values(), maps)
+    made = _begin(asdict(options), made_from.found.values(), maps)
     valid = pictures.read("valid")
     _check_size(maps, valid)
     seen = _frames(pictures, walk, truth)
-    queries = _queries(truth, valid, BenchmarkQueries(min_area, tuple(excluded), people), seen)
+    queries = _queries(truth, valid, options, seen)
     _check_complete(maps, queries)
-    options = replace(
-        LANGSPLAT, smoothing=smoothing, segmentation_threshold=segmentation_threshold, majority=majority
-    )
-    asked = list(_ask(queries, truth, maps, valid, options, target))
-    scores = summarise([one.score for one in asked], IntervalOptions(confidence, resamples, seed))
+    asked = list(_ask(queries, truth, maps, valid, options.query, options.target))
+    scores = summarise([one.score for one in asked], options)
     instances = instances_of(truth)
     document = {
         "format_version": FORMAT_VERSION,

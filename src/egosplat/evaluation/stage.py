@@ -1,7 +1,7 @@
 """Stage ``metrics``: everything that is annotated is asked for; answers and renders are scored."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +43,21 @@ from egosplat.query.options import QueryOptions
 from egosplat.query.scene import read_scene
 from egosplat.query.text import encode_texts
 
-_PATHS = ("frames", "poses", "annotations", "features", "splats", "language", "output", "title")
+
+@dataclass(frozen=True)
+class MetricsOptions(QueryOptions, BenchmarkQueries, IntervalOptions):
+    """The schema's keys of ``metrics``, ``query`` and ``presence``, and of ``models`` OpenCLIP's.
+
+    ``config.schema.yaml`` describes each.
+    """
+
+    backend: str
+    target: str
+    negatives: tuple[str, ...]
+    clip_model: str
+    clip_checkpoint: str
+    device: str
+    precision: str
 
 
 def run(
@@ -54,62 +68,33 @@ def run(
     splats: Path,
     language: Path,
     output: Path,
+    options: MetricsOptions,
     *,
     title: str,
-    clip_model: str,
-    clip_checkpoint: str,
-    device: str,
-    precision: str,
-    canonical: Sequence[str],
-    temperature: float,
-    resolution: int,
-    min_coverage: float,
-    smoothing: float,
-    segmentation_threshold: float,
-    majority: float,
-    min_score: float,
-    backend: str,
-    min_area: float,
-    excluded: Sequence[str],
-    people: bool,
-    negatives: Sequence[str],
-    target: str,
-    confidence: float,
-    resamples: int,
-    seed: int,
 ) -> None:
-    """Write the scores of a scene as JSON, see ``metrics.schema.yaml``; the keys are those of the schema's ``metrics``
-    and ``query``, and the section ``models``'s for OpenCLIP.
+    """Write the scores of a scene as JSON, see ``metrics.schema.yaml``.
 
     Raises:
         UserError: inputs do not belong together, the model is not that of the features, the backend cannot run.
     """
     check_output(output, METRICS)
-    keys = {key: value for key, value in locals().items() if key not in _PATHS}
     pictures, walk = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
     truth, words = open_artifact(annotations, ANNOTATIONS), open_artifact(features, FEATURES)
     trained, meaning = open_artifact(splats, SPLATS), open_artifact(language, LANGUAGE)
     made_from = lineage([pictures, walk, truth, words, trained, meaning])
-    made = _begin(keys, made_from)
-    clip = load_clip_of(words, clip_model, clip_checkpoint, device, precision)
+    made = _begin(asdict(options), made_from)
+    model = (options.clip_model, options.clip_checkpoint, options.device, options.precision)
+    clip = load_clip_of(words, *model)
     evaluation = read_evaluation(pictures, walk, truth, trained)
-    queries = _queries(evaluation, BenchmarkQueries(min_area, tuple(excluded), people))
-    texts = encode_texts(clip, sorted({query.category for query in queries}), canonical)
-    options = QueryOptions(
-        canonical=tuple(canonical),
-        temperature=temperature,
-        resolution=resolution,
-        min_coverage=min_coverage,
-        smoothing=smoothing,
-        segmentation_threshold=segmentation_threshold,
-        majority=majority,
-        min_score=min_score,
+    queries = _queries(evaluation, options)
+    texts = encode_texts(clip, sorted({query.category for query in queries}), options.canonical)
+    scene = read_scene(trained, meaning, words, options.backend)
+    asked = list(ask_all(queries, evaluation, scene, texts, options, options.target))
+    phrases = presence_phrases(queries, evaluation.instances, options.negatives)
+    presence = presence_entry(
+        ask_presence(*phrases, evaluation, walk, scene, clip, options), options.min_score
     )
-    scene = read_scene(trained, meaning, words, backend)
-    asked = list(ask_all(queries, evaluation, scene, texts, options, target))
-    phrases = presence_phrases(queries, evaluation.instances, negatives)
-    presence = presence_entry(ask_presence(*phrases, evaluation, walk, scene, clip, options), min_score)
-    scores = summarise([one.score for one in asked], IntervalOptions(confidence, resamples, seed))
+    scores = summarise([one.score for one in asked], options)
     used = list(made_from.found.values())
     notice, alarms = notice_of_artifacts(used), [*alarms_of_all(used), *_alarms(scores["all"])]
     document = {

@@ -1,7 +1,7 @@
 """Stage ``features``: each instance's consistent feature, what is supervised with, and codes of few channels."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -49,35 +49,45 @@ class _Aggregated:
     slipped: NDArray[np.bool_]
 
 
-def run(
-    view_features: Path,
-    output: Path,
-    *,
-    mad_norm: str,
-    mad_k: float,
-    renormalise: bool,
-    target: str,
-    outliers: str,
-    slipped: str,
-    compression: str,
-    dims: int | str,
-    min_cosine: float,
-    epochs: int,
-    seed: int,
-) -> None:
-    """Write the features of ``view_features``; the keys are those of the schema's ``features``.
+@dataclass(frozen=True)
+class FeaturesOptions:
+    """The schema's keys of ``features``; ``config.schema.yaml`` describes each."""
+
+    mad_norm: str
+    mad_k: float
+    renormalise: bool
+    target: str
+    outliers: str
+    slipped: str
+    compression: str
+    dims: int | str
+    min_cosine: float
+    epochs: int
+    seed: int
+
+
+def run(view_features: Path, output: Path, options: FeaturesOptions) -> None:
+    """Write the features of ``view_features``.
 
     Raises:
         UserError: more dimensions are asked for than the features have, or training diverges.
     """
-    keys = {key: value for key, value in locals().items() if key not in ("view_features", "output")}
     source = open_artifact(view_features, VIEW_FEATURES)
-    made = provenance.begin_from("features", keys, [source])
+    made = provenance.begin_from("features", asdict(options), [source])
     views, level = _read(source), source.read("instances/level")
     known = views.good.nonzero()[0]
-    found = aggregate(views.feature[known], views.instance[known], len(level), mad_norm, mad_k)
-    result = _aggregated(views, found, renormalise, target, outliers, slipped)
-    compressed = fit(result.supervision[known], compression, dims, epochs, seed, min_cosine)
+    found = aggregate(
+        views.feature[known], views.instance[known], len(level), options.mad_norm, options.mad_k
+    )
+    result = _aggregated(views, found, options)
+    compressed = fit(
+        result.supervision[known],
+        options.compression,
+        dims=options.dims,
+        epochs=options.epochs,
+        seed=options.seed,
+        least_cosine=options.min_cosine,
+    )
     codes, consistent_codes = (compressed.encode(part) for part in (result.supervision, result.consistent))
     seen = found.views > 0
     codes[~seen[views.instance]] = 0.0
@@ -120,16 +130,14 @@ def _read(source: Artifact) -> _Views:
     return _Views(source.read("instance"), source.read("frame"), feature, good)
 
 
-def _aggregated(
-    views: _Views, found: Aggregate, renormalise: bool, target: str, outliers: str, slipped: str
-) -> _Aggregated:
+def _aggregated(views: _Views, found: Aggregate, options: FeaturesOptions) -> _Aggregated:
     known = views.good.nonzero()[0]
     inlier = np.zeros(len(views.good), bool)
     inlier[known] = found.inlier
     consistent = found.feature
-    if renormalise:
+    if options.renormalise:
         consistent = consistent_directions(consistent, views.feature[known], views.instance[known])
-    limit = agreement_limit(spread(consistent[found.views > 0])) if slipped == "own" else -math.inf
+    limit = agreement_limit(spread(consistent[found.views > 0])) if options.slipped == "own" else -math.inf
     off = np.zeros(len(views.good), bool)
     supervision = np.empty_like(views.feature)
     for begin in range(0, len(supervision), _ROWS_AT_ONCE):
@@ -137,8 +145,8 @@ def _aggregated(
         common = consistent[views.instance[part]]
         own = np.where(views.good[part, None], views.feature[part], common)
         off[part] = views.good[part] & ((unit(own) * unit(common)).sum(axis=1) < limit)
-        values = supervise(own, common, inlier[part], off[part], target, outliers)
-        if renormalise:
+        values = supervise(own, common, inlier[part], off[part], options.target, options.outliers)
+        if options.renormalise:
             values = unit(np.where(vanishing(values)[:, None], common, values))
         supervision[part] = values
     return _Aggregated(consistent.astype(np.float32), supervision, found.views, inlier, off)

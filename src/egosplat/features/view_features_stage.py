@@ -1,7 +1,7 @@
 """Stage ``view_features``: OpenCLIP's feature of each instance in each frame that shows it."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -42,37 +42,39 @@ class _Inputs:
     clip: OpenClip
 
 
-def run(
-    frames: Path,
-    segments: Path,
-    output: Path,
-    *,
-    clip_model: str,
-    clip_checkpoint: str,
-    device: str,
-    precision: str,
-    min_area: float,
-    max_views: int | None,
-    batch: int,
-) -> None:
-    """Write the view features of ``segments``; the keys are those of the schema's ``view_features``, and the
-    section ``models``'s for OpenCLIP.
+@dataclass(frozen=True)
+class ViewFeaturesOptions:
+    """The schema's keys of ``view_features``, and of ``models`` OpenCLIP's; ``config.schema.yaml`` describes each."""
+
+    min_area: float
+    max_views: int | None
+    batch: int
+    clip_model: str
+    clip_checkpoint: str
+    device: str
+    precision: str
+
+
+def run(frames: Path, segments: Path, output: Path, options: ViewFeaturesOptions) -> None:
+    """Write the view features of ``segments``.
 
     A run that was killed goes on after its last whole batch, to the same features as without the kill.
 
     Raises:
         UserError: the inputs do not belong together, the model cannot be loaded, or it makes no finite feature.
     """
-    keys = {key: value for key, value in locals().items() if key not in ("frames", "segments", "output")}
     pictures, tracks = open_artifact(frames, FRAMES), open_artifact(segments, SEGMENTS)
     check_belong_together(pictures, tracks)
-    inputs = _Inputs(pictures, tracks, load_open_clip(clip_model, clip_checkpoint, device, precision))
-    model = _about(inputs.clip, clip_model, clip_checkpoint)
-    made = _begin(keys, pictures, tracks, model["hash"])
-    views = find_views(pictures, tracks, min_area, max_views)
+    used = (options.clip_model, options.clip_checkpoint)
+    inputs = _Inputs(pictures, tracks, load_open_clip(*used, options.device, options.precision))
+    model = _about(inputs.clip, *used)
+    made = provenance.begin_from(
+        "view_features", asdict(options), (pictures, tracks), {CLIP.checkpoint_key: model["hash"]}
+    )
+    views = find_views(pictures, tracks, options.min_area, options.max_views)
     journal = Journal(output, bytes.fromhex(provenance.key_of(made, model)))
-    features = _encoded(inputs, views, batch, journal)
-    good = _checked(features, clip_checkpoint)
+    features = _encoded(inputs, views, options.batch, journal)
+    good = _checked(features, options.clip_checkpoint)
     facts = {
         "levels": tracks.facts["levels"],
         "clip": model,
@@ -83,10 +85,6 @@ def run(
     journal.remove()
     seen, count = len(np.unique(views.instance[good])), tracks.shape("instances/level")[0]
     log(f"{int(good.sum())} views of {seen} of {count} instances")
-
-
-def _begin(keys: dict[str, Any], pictures: Artifact, tracks: Artifact, clip_hash: str) -> Provenance:
-    return provenance.begin_from("view_features", keys, (pictures, tracks), {CLIP.checkpoint_key: clip_hash})
 
 
 def _about(clip: OpenClip, model: str, checkpoint: str) -> dict[str, Any]:

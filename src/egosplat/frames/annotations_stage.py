@@ -1,6 +1,6 @@
 """Stage ``annotations``: instance maps of the evaluation frames. For evaluation only."""
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,14 @@ from egosplat.geometry import Camera
 from egosplat.progress import log, track
 
 
-def run(recording: Path, frames: Path, output: Path, *, max_age_ms: float) -> None:
+@dataclass(frozen=True)
+class AnnotationsOptions:
+    """The schema's key of ``annotations``; ``config.schema.yaml`` describes it."""
+
+    max_age_ms: float
+
+
+def run(recording: Path, frames: Path, output: Path, options: AnnotationsOptions) -> None:
     """Write the annotations artifact of the evaluation frames of ``frames``.
 
     A recording without annotations gives an artifact with no instances and no annotated frame.
@@ -34,9 +41,9 @@ def run(recording: Path, frames: Path, output: Path, *, max_age_ms: float) -> No
         recording,
         camera=camera,
         upright=source.facts["upright"],
-        max_age_ns=round(max_age_ms * 1e6),
+        max_age_ns=round(options.max_age_ms * 1e6),
     )
-    made = provenance.begin_from("annotations", {"max_age_ms": max_age_ms}, [source])
+    made = provenance.begin_from("annotations", asdict(options), [source])
     annotated = np.zeros(len(indices), bool)
     with create(output, ANNOTATIONS, made) as artifact:
         artifact.allocate("instance_map", (len(indices), camera.height, camera.width))

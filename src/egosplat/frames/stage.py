@@ -1,6 +1,6 @@
 """Stage ``frames``: a recording's rectified pictures and the train / evaluation split."""
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,41 +15,42 @@ from egosplat.frames.split import AUTO, evaluation_count, split_frames
 from egosplat.progress import log, track
 
 
-def run(
-    recording: Path,
-    output: Path,
-    *,
-    format: str,
-    resolution: int,
-    focal: float,
-    upright: bool,
-    stride: int,
-    start_s: float,
-    end_s: float | None,
-    evaluation_frames: int | str,
-    holdout: bool,
-) -> None:
-    """Read ``recording`` and write its frames artifact; the keys are those of the schema's ``frames``.
+@dataclass(frozen=True)
+class FramesOptions:
+    """The schema's keys of ``frames``; ``config.schema.yaml`` describes each."""
+
+    resolution: int
+    focal: float
+    upright: bool
+    stride: int
+    start_s: float
+    end_s: float | None
+    evaluation_frames: int | str
+    holdout: bool
+
+
+def run(recording: Path, output: Path, options: FramesOptions, *, format: str) -> None:
+    """Read ``recording``, which is laid out as ``format`` says, and write its frames artifact.
 
     Raises:
         UserError: the recording is absent, damaged, or the keys select no frame.
     """
-    options = {key: value for key, value in locals().items() if key not in ("recording", "output")}
     reader = open_recording(
         format,
         recording,
-        resolution=resolution,
-        focal=focal,
-        upright=upright,
-        stride=stride,
-        start_s=start_s,
-        end_s=end_s,
+        resolution=options.resolution,
+        focal=options.focal,
+        upright=options.upright,
+        stride=options.stride,
+        start_s=options.start_s,
+        end_s=options.end_s,
     )
     capture = reader.capture
     count = len(capture.timestamp_ns)
     annotated = is_annotated(format, recording)
-    train, evaluation = split_frames(count, evaluation_count(evaluation_frames, count, annotated), holdout)
-    made = provenance.begin("frames", options, capture.origin)
+    held_out = evaluation_count(options.evaluation_frames, count, annotated)
+    train, evaluation = split_frames(count, held_out, options.holdout)
+    made = provenance.begin("frames", asdict(options) | {"format": format}, capture.origin)
     with create(output, FRAMES, made) as artifact:
         artifact.put("valid", capture.valid)
         artifact.put("timestamp_ns", capture.timestamp_ns)
@@ -71,7 +72,7 @@ def run(
             "blurred_frames": blurred(sharp),
             "device_from_camera": None if device is None else device.tolist(),
         }
-    log(_split_line(count, int(evaluation.sum()), evaluation_frames == AUTO and not annotated))
+    log(_split_line(count, int(evaluation.sum()), options.evaluation_frames == AUTO and not annotated))
 
 
 def _split_line(count: int, evaluation: int, unannotated: bool) -> str:

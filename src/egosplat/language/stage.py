@@ -1,5 +1,6 @@
 """Stage ``language``: what each Gaussian means, at every level."""
 
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,18 @@ from egosplat.language.training import CodeOptions, CodeTraining, Curve, shown_c
 from egosplat.language.views import TaughtViews, taught_views
 from egosplat.progress import log
 
-_PATHS = ("frames", "poses", "segments", "features", "splats", "output", "survey", "transient", "masks")
+
+@dataclass(frozen=True)
+class LanguageOptions:
+    """The schema's keys of ``language``; ``config.schema.yaml`` describes each."""
+
+    method: str
+    iterations: int
+    lr: float
+    unit_codes: bool
+    checkpoint_s: float
+    backend: str
+    seed: int
 
 
 def run(
@@ -42,19 +54,13 @@ def run(
     features: Path,
     splats: Path,
     output: Path,
+    options: LanguageOptions,
     *,
     survey: Path | None = None,
-    transient: Path | None,
-    masks: Path | None,
-    method: str,
-    iterations: int,
-    lr: float,
-    unit_codes: bool,
-    checkpoint_s: float,
-    backend: str,
-    seed: int,
+    transient: Path | None = None,
+    masks: Path | None = None,
 ) -> None:
-    """Write the language artifact of ``splats``; the keys are those of the schema's ``language``.
+    """Write the language artifact of ``splats``.
 
     Where the codes were trained with the geometry, they are taken as they are, whatever the method. Pixels of what
     moves weigh as in the training of the splats, and need the same artifact.
@@ -67,27 +73,25 @@ def run(
     Raises:
         UserError: an input lacks or does not belong to the others, the backend cannot run, training diverges.
     """
-    keys = {key: value for key, value in locals().items() if key not in _PATHS}
     pictures, walk = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
     instances, words = open_artifact(segments, SEGMENTS), open_artifact(features, FEATURES)
     scene = open_artifact(splats, SPLATS)
     check_belong_together(pictures, walk)
     moving = open_masking(scene.provenance["options"]["masking"], pictures, transient=transient, masks=masks)
     kept, by_survey = kept_frames(pictures, survey)
-    made = _begin(keys | by_survey, [pictures, walk, instances, words, scene], moving)
-    device = training_device(backend)
+    made = _begin(asdict(options) | by_survey, [pictures, walk, instances, words, scene], moving)
+    device = training_device(options.backend)
     targets = CodeTargets(instances, words, device)
     views = taught_views(pictures, walk, targets.of, moving, device, kept)
     gaussians = read_gaussians(scene).to(device)
-    lens = lens_of(scene, backend)
+    lens = lens_of(scene, options.backend)
     lifted = lift(gaussians, views, lens)
-    checkpoint = Checkpoint(output, provenance.key_of(made), checkpoint_s)
-    code, curve = lifted.code, Curve()
+    checkpoint = Checkpoint(output, provenance.key_of(made), options.checkpoint_s)
+    method, code, curve = options.method, lifted.code, Curve()
     if _is_joint(scene):
         method, code = "joint", _joint_codes(scene, words, lifted)
     elif method == "trained":
-        options = CodeOptions(iterations, lr, unit_codes, seed)
-        code, curve = _trained(gaussians, views, lens, lifted, options, checkpoint)
+        code, curve = _trained(gaussians, views, lens, lifted, _training(options), checkpoint)
     facts = {"levels": targets.levels, "method": method, "views": len(views)}
     _write(output, made, code, lifted.share, curve, facts)
     checkpoint.remove()
@@ -97,6 +101,12 @@ def _begin(keys: dict[str, Any], used: list[Artifact], moving: Masking) -> Prove
     if moving.artifact is not None:
         used = [*used, moving.artifact]
     return provenance.begin_from("language", keys, used)
+
+
+def _training(options: LanguageOptions) -> CodeOptions:
+    return CodeOptions(
+        iterations=options.iterations, lr=options.lr, unit_codes=options.unit_codes, seed=options.seed
+    )
 
 
 def _is_joint(splats: Artifact) -> bool:

@@ -7,6 +7,8 @@ descriptions of a stage's keys stand in ``config.schema.yaml``.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
+from inspect import signature
+from typing import Any
 
 from egosplat.pipeline.code_hash import code_hash
 
@@ -284,6 +286,24 @@ def path_help(stage: Stage) -> dict[str, str]:
 def stage_function(name: str) -> Callable[..., None]:
     """The function of a stage; imports its module, and only that."""
     return import_module(STAGES[name].module).run
+
+
+def options_of(name: str) -> type | None:
+    """The dataclass of a stage's keys, which its function takes as ``options``; None of a stage without keys."""
+    parameter = signature(stage_function(name)).parameters.get("options")
+    return parameter and parameter.annotation
+
+
+def run_stage(name: str, keys: Mapping[str, Any], **given: Any) -> None:
+    """Run a stage.
+
+    Args:
+        name: of the stage.
+        keys: the values of its keys of the configuration, by name; none for a stage without keys.
+        given: its paths and what it takes from the scene, by name.
+    """
+    options = options_of(name)
+    stage_function(name)(**given, **({"options": options(**keys)} if options else {}))
 
 
 def code_of(name: str) -> str:

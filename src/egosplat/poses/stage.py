@@ -1,5 +1,6 @@
 """Stage ``poses``: a camera pose for each frame, and the points of the scene."""
 
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,38 +18,38 @@ from egosplat.poses.result import Poses
 from egosplat.progress import log
 
 
-def run(
-    recording: Path,
-    frames: Path,
-    output: Path,
-    *,
-    method: str,
-    trajectory: str,
-    max_gap_ms: float,
-    max_inv_dist_std: float,
-    max_dist_std: float,
-    matching: str,
-    overlap: int,
-    min_registered: float,
-    seed: int,
-) -> None:
-    """Write the poses artifact of ``frames``; the keys are those of the schema's ``poses``.
+@dataclass(frozen=True)
+class PosesOptions:
+    """The schema's keys of ``poses``; ``config.schema.yaml`` describes each."""
+
+    method: str
+    trajectory: str
+    max_gap_ms: float
+    max_inv_dist_std: float
+    max_dist_std: float
+    matching: str
+    overlap: int
+    min_registered: float
+    seed: int
+
+
+def run(recording: Path, frames: Path, output: Path, options: PosesOptions) -> None:
+    """Write the poses artifact of ``frames``.
 
     Raises:
         UserError: the trajectory is absent or damaged, or COLMAP does not reconstruct.
     """
-    options = {key: value for key, value in locals().items() if key not in ("recording", "frames", "output")}
     source = open_artifact(frames, FRAMES)
     has_device = source.facts["device_from_camera"] is not None
-    if method == "device" and not has_device:
+    if options.method == "device" and not has_device:
         raise UserError(
             f"poses.method = device: {recording.name} has no device trajectory; use colmap or auto"
         )
-    made = provenance.begin_from("poses", options, [source])
-    if has_device and method != "colmap":
-        poses = _from_device(recording, source, trajectory, max_gap_ms, max_inv_dist_std, max_dist_std)
+    made = provenance.begin_from("poses", asdict(options), [source])
+    if has_device and options.method != "colmap":
+        poses = _from_device(recording, source, options)
     else:
-        poses = _from_colmap(source, matching, overlap, min_registered, seed)
+        poses = _from_colmap(source, options)
     log(f"{poses.registered.sum()} of {len(poses.registered)} frames have a pose; {len(poses.points)} points")
     with create(output, POSES, made) as artifact:
         artifact.put("camera_to_world", poses.camera_to_world)
@@ -60,35 +61,28 @@ def run(
         artifact.facts = {"notes": poses.notes}
 
 
-def _from_device(
-    recording: Path,
-    source: Artifact,
-    trajectory: str,
-    max_gap_ms: float,
-    max_inv_dist_std: float,
-    max_dist_std: float,
-) -> Poses:
+def _from_device(recording: Path, source: Artifact, options: PosesOptions) -> Poses:
     return adt_poses(
         recording,
         source.read("exposure_middle_ns"),
         np.asarray(source.facts["device_from_camera"], dtype=np.float64),
         Camera(**source.facts["camera"]),
-        trajectory=trajectory,
-        max_gap_ms=max_gap_ms,
-        max_inv_dist_std=max_inv_dist_std,
-        max_dist_std=max_dist_std,
+        trajectory=options.trajectory,
+        max_gap_ms=options.max_gap_ms,
+        max_inv_dist_std=options.max_inv_dist_std,
+        max_dist_std=options.max_dist_std,
     )
 
 
-def _from_colmap(source: Artifact, matching: str, overlap: int, min_registered: float, seed: int) -> Poses:
+def _from_colmap(source: Artifact, options: PosesOptions) -> Poses:
     count = source.shape("rgb")[0]
     return colmap_poses(
         (source.row("rgb", index) for index in range(count)),
         source.read("valid"),
         Camera(**source.facts["camera"]),
         source.facts["camera_known"],
-        matching=matching,
-        overlap=overlap,
-        min_registered=min_registered,
-        seed=seed,
+        matching=options.matching,
+        overlap=options.overlap,
+        min_registered=options.min_registered,
+        seed=options.seed,
     )

@@ -128,7 +128,9 @@ def query_options(options: Mapping[str, Any]) -> QueryOptions:
 
 
 def _asked(evaluation: Evaluation, options: Mapping[str, Any]) -> list[Query]:
-    which = BenchmarkQueries(options["min_area"], tuple(options["excluded"]), options["people"])
+    which = BenchmarkQueries(
+        min_area=options["min_area"], excluded=tuple(options["excluded"]), people=options["people"]
+    )
     return find_queries(evaluation.annotations, evaluation.valid, which)
 
 

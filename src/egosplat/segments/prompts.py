@@ -8,7 +8,7 @@ from torch import Tensor
 from egosplat.models.sam2_loader import Sam2
 from egosplat.segments.image_encoder import Encoded
 from egosplat.segments.nms import areas, box_nms, intersections, mask_iou, mask_nms, stability_score
-from egosplat.segments.options import LEVELS, MaskOptions
+from egosplat.segments.options import LEVELS, SegmentsOptions
 
 _POINTS_A_BATCH = 64
 
@@ -50,7 +50,7 @@ def grid_points(points_per_side: int) -> Tensor:
     return torch.cartesian_prod(steps, steps).flip(1).contiguous()
 
 
-def prompt(sam2: Sam2, encoded: Encoded, points: Tensor, options: MaskOptions) -> list[Candidates]:
+def prompt(sam2: Sam2, encoded: Encoded, points: Tensor, options: SegmentsOptions) -> list[Candidates]:
     """What SAM2 finds at some points: its three masks each, apart by level, those of low quality left out.
 
     Args:
@@ -67,7 +67,7 @@ def prompt(sam2: Sam2, encoded: Encoded, points: Tensor, options: MaskOptions) -
 
 
 def _decode(
-    sam2: Sam2, encoded: Encoded, points: Tensor, options: MaskOptions
+    sam2: Sam2, encoded: Encoded, points: Tensor, options: SegmentsOptions
 ) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:
     """Logits, predicted IoU and stability by level for a batch of points, only good masks."""
     model, device = sam2.video_predictor, sam2.compute.device
@@ -97,7 +97,7 @@ def _decode(
     return kept
 
 
-def thin_out(found: Candidates, options: MaskOptions) -> Candidates:
+def thin_out(found: Candidates, options: SegmentsOptions) -> Candidates:
     """Leave out masks that repeat others: by their boxes, then by LangSplat's filter (docs/method.md#mask-filters)."""
     if len(found) == 0:
         return found

@@ -1,6 +1,6 @@
 """Stage ``segments``: instances at three levels, followed through the video."""
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,95 +21,39 @@ from egosplat.segments.classical.video import segment_video
 from egosplat.segments.duplicate_levels import repeated_levels, without
 from egosplat.segments.instances import Segmented, Settled, settle
 from egosplat.segments.occupancy import Occupancy
-from egosplat.segments.options import LEVELS, MaskOptions, TrackOptions
+from egosplat.segments.options import LEVELS, SegmentsOptions
 
 CHECKPOINT_S = 60.0
 """Between two checkpoints [s]."""
 
 
-def run(
-    frames: Path,
-    output: Path,
-    *,
-    survey: Path | None = None,
-    segmenter: str,
-    image_size: int | None,
-    points_per_side: int,
-    pred_iou_thresh: float,
-    stability_score_thresh: float,
-    stability_score_offset: float,
-    box_nms_thresh: float,
-    nms_iou_thresh: float,
-    nms_score_thresh: float,
-    nms_inner_thresh: float,
-    min_area: float,
-    prompting: str,
-    key_frame_stride: int,
-    min_uncovered: float,
-    new_cover_thresh: float,
-    merge_iou: float,
-    min_frames: int,
-    max_instances: int,
-    share_iou: float,
-    absent_stride: int,
-    levels: str,
-    batch: int,
-    sam2_config: str,
-    sam2_checkpoint: str,
-    device: str,
-    precision: str,
-) -> None:
-    """Write the segments artifact of ``frames``; the keys are those of the schema's ``segments`` and ``models``.
+def run(frames: Path, output: Path, options: SegmentsOptions, *, survey: Path | None = None) -> None:
+    """Write the segments artifact of ``frames``.
 
     A run with SAM2 that was killed goes on from its last checkpoint, to the same segments as without the kill.
 
     Args:
         frames, output: paths.
-        survey: the frames that it leaves out are passed over, as if they had not been filmed: their labels are all -1.
+        survey: the frames that it leaves out are skipped; their labels are all -1.
 
     Raises:
         UserError: the model cannot be loaded, the survey is of other frames, or nothing at all is found.
     """
-    keys = {key: value for key, value in locals().items() if key not in ("frames", "output", "survey")}
     pictures = open_artifact(frames, FRAMES)
     kept, by_survey = kept_frames(pictures, survey)
-    used = {"sam2_config": sam2_config, "sam2_checkpoint": sam2_checkpoint}
-    models = {"sam2_checkpoint": model_hash(SAM2, used)} if segmenter == "sam2" else {}
-    made = provenance.begin_from("segments", keys | by_survey, [pictures], models)
-    masks = MaskOptions(
-        points_per_side,
-        pred_iou_thresh,
-        stability_score_thresh,
-        stability_score_offset,
-        box_nms_thresh,
-        nms_iou_thresh,
-        nms_score_thresh,
-        nms_inner_thresh,
-        min_area,
-    )
-    tracks = TrackOptions(
-        prompting == "key_frames",
-        key_frame_stride,
-        min_uncovered,
-        new_cover_thresh,
-        merge_iou,
-        min_frames,
-        max_instances,
-        share_iou,
-        absent_stride,
-        batch,
-    )
+    used = {"sam2_config": options.sam2_config, "sam2_checkpoint": options.sam2_checkpoint}
+    models = {"sam2_checkpoint": model_hash(SAM2, used)} if options.segmenter == "sam2" else {}
+    made = provenance.begin_from("segments", asdict(options) | by_survey, [pictures], models)
     video = _Video(pictures, np.flatnonzero(kept))
     checkpoint = Checkpoint(output, provenance.key_of(made), CHECKPOINT_S)
-    if segmenter == "classical":
+    if options.segmenter == "classical":
         segmented = segment_video(video.picture, len(video.frame), pictures.read("valid"))
     else:
-        model = (sam2_config, sam2_checkpoint, device, precision, image_size)
-        segmented = _by_sam2(video, model, masks, tracks, checkpoint)
+        segmented = _by_sam2(video, options, checkpoint)
     try:
         with create(output, SEGMENTS, made) as artifact:
-            _write(artifact, segmented, video, tracks.min_frames, levels)
-            artifact.facts |= {"segmenter": segmenter}
+            _write(artifact, segmented, video, options)
+            artifact.facts |= {"segmenter": options.segmenter}
     except UserError:
         checkpoint.remove()  # going on would lead to the same end
         raise
@@ -128,32 +72,27 @@ class _Video:
         return self.source.row("rgb", self.frame[place])
 
 
-def _by_sam2(
-    video: _Video,
-    model: tuple[str, str, str, str, int | None],
-    masks: MaskOptions,
-    tracks: TrackOptions,
-    checkpoint: Checkpoint,
-) -> Segmented:
+def _by_sam2(video: _Video, options: SegmentsOptions, checkpoint: Checkpoint) -> Segmented:
     # Only here: the classical segmenter does without torch, which takes seconds to import.
     from egosplat.models.sam2_loader import load_sam2
     from egosplat.segments.tracker import Tracker
 
-    sam2, valid = load_sam2(*model), video.source.read("valid")
-    return Tracker(sam2, video.picture, len(video.frame), valid, masks, tracks).run(checkpoint)
+    model = (options.sam2_config, options.sam2_checkpoint, options.device, options.precision)
+    sam2, valid = load_sam2(*model, options.image_size), video.source.read("valid")
+    return Tracker(sam2, video.picture, len(video.frame), valid, options).run(checkpoint)
 
 
-def _write(artifact: Writer, segmented: Segmented, video: _Video, min_frames: int, levels: str) -> None:
+def _write(artifact: Writer, segmented: Segmented, video: _Video, options: SegmentsOptions) -> None:
     """Merge what is one thing, drop what is seen too briefly and levels that repeat, and write the rest by frame."""
     labels, count = segmented.labels, video.source.shape("rgb")[0]
     place_of = {int(frame): place for place, frame in enumerate(video.frame)}
-    settled = settle(segmented, min_frames)
+    settled = settle(segmented, options.min_frames)
     if len(settled.staying) == 0:
         raise UserError(
             "segments: nothing was found in any frame. Lower segments.pred_iou_thresh and stability_score_thresh, "
             "or take segmenter: classical"
         )
-    settled, repeated = _own_levels(segmented, settled) if levels == "auto" else (settled, {})
+    settled, repeated = _own_levels(segmented, settled) if options.levels == "auto" else (settled, {})
     first = labels[0]
     artifact.allocate("labels", (count, *first.shape))
     occupancy = Occupancy(len(settled.staying), video.source.read("valid"))

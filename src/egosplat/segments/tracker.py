@@ -16,7 +16,7 @@ from egosplat.segments.label_maps import LabelMaps
 from egosplat.segments.label_painting import paint
 from egosplat.segments.levels import Level, Seen, show_shared, together
 from egosplat.segments.merging import union_of
-from egosplat.segments.options import LEVELS, MaskOptions, TrackOptions
+from egosplat.segments.options import LEVELS, SegmentsOptions
 from egosplat.segments.prompts import Candidates, grid_points, matches, only_new, prompt, thin_out
 from egosplat.segments.propagation import Follower, restarted
 
@@ -30,8 +30,7 @@ class Tracker:
         pictures: Callable[[int], NDArray[np.uint8]],
         frames: int,
         valid: NDArray[np.bool_],
-        masks: MaskOptions,
-        tracks: TrackOptions,
+        options: SegmentsOptions,
     ) -> None:
         """Prepare.
 
@@ -40,11 +39,11 @@ class Tracker:
             frames: how many there are; valid: (H, W) bool.
         """
         self._sam2, self._pictures, self._frames, self._valid = sam2, pictures, frames, valid
-        self._masks, self._tracks = masks, tracks
+        self._options = options
         self._levels = [Level() for _ in LEVELS]
         self._instances: list[Instance] = []
         self._labels = LabelMaps((len(LEVELS), *valid.shape))
-        self._follower = Follower(sam2, frames, tracks.absent_stride)
+        self._follower = Follower(sam2, frames, options.absent_stride)
         self._key_frames: list[int] = []
         self._ahead = self._back = 0
         side = sam2.video_predictor.image_size // 4
@@ -72,7 +71,7 @@ class Tracker:
         same = [
             pair
             for level in self._levels
-            for pair in level.overlaps.same(self._tracks.merge_iou, self._frames)
+            for pair in level.overlaps.same(self._options.merge_iou, self._frames)
         ]
         return Segmented(self._labels, self._instances, same, {"key_frames": self._key_frames})
 
@@ -107,7 +106,9 @@ class Tracker:
             for level in self._levels
         ]
         show_shared(self._levels, seen)
-        if frame == 0 or (self._tracks.key_frames and frame % self._tracks.key_frame_stride == 0):
+        if frame == 0 or (
+            self._options.prompting == "key_frames" and frame % self._options.key_frame_stride == 0
+        ):
             self._look_for_more(encoded, frame, seen)
         for level, found in zip(self._levels, seen, strict=True):
             level.overlaps.add(*together(found, self._inside))
@@ -137,9 +138,9 @@ class Tracker:
         """Prompt where a level is not covered, and begin to follow what is new there."""
         followed = [together(found, self._inside)[1] for found in seen]
         free = [self._inside & ~union_of(masks) for masks in followed]
-        least = self._tracks.min_uncovered * float(self._inside.sum())
+        least = self._options.min_uncovered * float(self._inside.sum())
         asked = [number for number, place in enumerate(free) if float(place.sum()) > least]
-        points = grid_points(self._masks.points_per_side)
+        points = grid_points(self._options.points_per_side)
         side = self._inside.shape[0]
         columns, rows = (points * side).long().T.to(self._inside.device)
         wanted = torch.zeros(len(points), dtype=torch.bool, device=self._inside.device)
@@ -148,13 +149,15 @@ class Tracker:
         if not wanted.any():
             return
         self._key_frames.append(frame)
-        found = prompt(self._sam2, encoded, points[wanted.cpu()], self._masks)
+        found = prompt(self._sam2, encoded, points[wanted.cpu()], self._options)
         begun: Seen = [], self._inside.new_zeros(0, *self._inside.shape)
         for number in reversed(asked):
-            new = thin_out(found[number], self._masks)
-            new = only_new(new, followed[number], self._tracks.new_cover_thresh, self._masks.nms_iou_thresh)
+            new = thin_out(found[number], self._options)
+            new = only_new(
+                new, followed[number], self._options.new_cover_thresh, self._options.nms_iou_thresh
+            )
             new = new.take(new.scores.argsort(descending=True, stable=True)[: self._room(number)])
-            alike = matches(new.masks, begun[1], self._tracks.share_iou)
+            alike = matches(new.masks, begun[1], self._options.share_iou)
             self._begin_shared(
                 frame,
                 number,
@@ -166,15 +169,15 @@ class Tracker:
             begun = begun[0] + ids, torch.cat([begun[1], new.take(alike < 0).masks])
 
     def _room(self, level: int) -> int:
-        return max(0, self._tracks.max_instances - self._levels[level].instances)
+        return max(0, self._options.max_instances - self._levels[level].instances)
 
     def _begin(
         self, encoded: Encoded, frame: int, level: int, new: Candidates, seen: list[Seen]
     ) -> list[int]:
         """Begin to follow; the numbers of the instances."""
         ids = self._add_instances(frame, level, new)
-        for first in range(0, len(ids), self._tracks.batch):
-            some = slice(first, first + self._tracks.batch)
+        for first in range(0, len(ids), self._options.batch):
+            some = slice(first, first + self._options.batch)
             self._levels[level].groups.append(
                 self._follower.begin(encoded, frame, ids[some], new.logits[some])
             )

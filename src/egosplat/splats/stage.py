@@ -1,6 +1,6 @@
 """Stage ``splats``: 3D Gaussians from pictures and poses."""
 
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -43,45 +43,75 @@ from egosplat.gaussians.training_views import (
 from egosplat.progress import log
 from egosplat.rasterize.contract import MAX_SH_DEGREE
 
-_PATHS = ("frames", "poses", "output", "survey", "transient", "masks", "segments", "features")
+
+@dataclass(frozen=True)
+class SplatsOptions:
+    """The schema's keys of ``splats``; ``config.schema.yaml`` describes each."""
+
+    masking: str
+    language: str
+    lambda1: float
+    iterations: int
+    density: str
+    max_points: int
+    cover: bool
+    max_gaussians: int
+    sh_degree: int | str
+    ssim_lambda: float
+    position_lr: float
+    grow_grad2d: float
+    reset_opacity: float
+    reset_at_start: bool
+    prune_screen_px: float | None
+    near_plane: float
+    background: str
+    antialiased: bool
+    evaluate_every: int
+    patience: int
+    min_improvement: float
+    checkpoint_s: float
+    backend: str
+    seed: int
+
+    @property
+    def training(self) -> TrainingOptions:
+        """How the Gaussians are trained."""
+        return TrainingOptions(
+            render=RenderOptions(
+                near_plane=self.near_plane,
+                background=self.background,
+                antialiased=self.antialiased,
+                backend=self.backend,
+            ),
+            iterations=self.iterations,
+            density=self.density,
+            max_gaussians=self.max_gaussians,
+            position_lr=self.position_lr,
+            grow_grad2d=self.grow_grad2d,
+            reset_opacity=self.reset_opacity,
+            reset_at_start=self.reset_at_start,
+            prune_screen_px=self.prune_screen_px,
+            evaluate_every=self.evaluate_every,
+            patience=self.patience,
+            min_improvement=self.min_improvement,
+            seed=self.seed,
+            searches_degree=self.sh_degree == "auto",
+        )
 
 
 def run(
     frames: Path,
     poses: Path,
     output: Path,
+    options: SplatsOptions,
     *,
     survey: Path | None = None,
-    transient: Path | None,
-    masks: Path | None,
-    segments: Path | None,
-    features: Path | None,
-    masking: str,
-    language: str,
-    lambda1: float,
-    iterations: int,
-    density: str,
-    max_points: int,
-    cover: bool,
-    max_gaussians: int,
-    sh_degree: int | str,
-    ssim_lambda: float,
-    position_lr: float,
-    grow_grad2d: float,
-    reset_opacity: float,
-    reset_at_start: bool,
-    prune_screen_px: float | None,
-    near_plane: float,
-    background: str,
-    antialiased: bool,
-    evaluate_every: int,
-    patience: int,
-    min_improvement: float,
-    checkpoint_s: float,
-    backend: str,
-    seed: int,
+    transient: Path | None = None,
+    masks: Path | None = None,
+    segments: Path | None = None,
+    features: Path | None = None,
 ) -> None:
-    """Write the splats artifact of ``frames`` with ``poses``; the keys are those of the schema's ``splats``.
+    """Write the splats artifact of ``frames`` with ``poses``.
 
     A run that was killed goes on from its last checkpoint, to the same Gaussians as without the kill.
 
@@ -95,46 +125,29 @@ def run(
         UserError: no training frame has a pose, an input lacks or does not belong to the others, the backend
             cannot run, training diverges.
     """
-    keys = {key: value for key, value in locals().items() if key not in _PATHS}
     pictures, walk = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
-    kept, by_survey = frames_for_gaussians(pictures, survey, masking)
-    moving = open_masking(masking, pictures, transient=transient, masks=masks)
-    words = _words(segments, features) if language == "joint" else ()
-    made = _begin(keys | by_survey, pictures, walk, moving, words)
-    options = TrainingOptions(
-        render=RenderOptions(near_plane, background, antialiased, backend),
-        iterations=iterations,
-        density=density,
-        max_gaussians=max_gaussians,
-        position_lr=position_lr,
-        grow_grad2d=grow_grad2d,
-        reset_opacity=reset_opacity,
-        reset_at_start=reset_at_start,
-        prune_screen_px=prune_screen_px,
-        evaluate_every=evaluate_every,
-        patience=patience,
-        min_improvement=min_improvement,
-        seed=seed,
-        searches_degree=sh_degree == "auto",
-    )
-    photographs = _photographs(pictures, walk, kept, moving, options)
+    kept, by_survey = frames_for_gaussians(pictures, survey, options.masking)
+    moving = open_masking(options.masking, pictures, transient=transient, masks=masks)
+    words = _words(segments, features) if options.language == "joint" else ()
+    made = _begin(asdict(options) | by_survey, pictures, walk, moving, words)
+    photographs = _photographs(pictures, walk, kept, moving, options.training)
     start = starting_gaussians(
         walk,
         photographs.training,
-        max_points=min(max_points, max_gaussians),
-        cover=cover,
-        sh_degree=MAX_SH_DEGREE if isinstance(sh_degree, str) else sh_degree,
-        near_plane=near_plane,
-        seed=seed,
+        max_points=min(options.max_points, options.max_gaussians),
+        cover=options.cover,
+        sh_degree=MAX_SH_DEGREE if isinstance(options.sh_degree, str) else options.sh_degree,
+        near_plane=options.near_plane,
+        seed=options.seed,
     )
-    objective: Objective = L1Ssim(ssim_lambda)
+    objective: Objective = L1Ssim(options.ssim_lambda)
     if words:
         targets = CodeTargets(*words, photographs.training.device)
-        objective = JointLanguage(ssim_lambda, lambda1, targets)
+        objective = JointLanguage(options.ssim_lambda, options.lambda1, targets)
         start = replace(start, features=with_codes(start.count, targets, start.means.device))
-    checkpoint = Checkpoint(output, provenance.key_of(made), checkpoint_s)
-    state = _trained(start, photographs, options, objective, checkpoint)
-    _write(output, made, state, photographs, options)
+    checkpoint = Checkpoint(output, provenance.key_of(made), options.checkpoint_s)
+    state = _trained(start, photographs, options.training, objective, checkpoint)
+    _write(output, made, state, photographs, options.training)
     checkpoint.remove()
 
 

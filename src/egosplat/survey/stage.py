@@ -1,5 +1,6 @@
 """Stage ``survey``: what a scene requires, decided by its frames and poses alone."""
 
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,24 +20,29 @@ from egosplat.survey.moving import Motion, is_static, measure_motion
 from egosplat.survey.views import choose_views, median_depths
 
 
-def run(
-    frames: Path, poses: Path, output: Path, *, max_moving_share: float, min_view_change_deg: float
-) -> None:
-    """Write the survey of ``frames`` with ``poses``; the keys are those of the schema's ``survey``.
+@dataclass(frozen=True)
+class SurveyOptions:
+    """The schema's keys of ``survey``; ``config.schema.yaml`` describes each."""
+
+    max_moving_share: float
+    min_view_change_deg: float
+
+
+def run(frames: Path, poses: Path, output: Path, options: SurveyOptions) -> None:
+    """Write the survey of ``frames`` with ``poses``.
 
     Raises:
         UserError: the inputs do not belong together.
     """
     check_output(output, SURVEY)
-    keys = {"max_moving_share": max_moving_share, "min_view_change_deg": min_view_change_deg}
     pictures, walk = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
     _check_belong_together(pictures, walk)
-    made = provenance.begin_from("survey", keys, (pictures, walk))
+    made = provenance.begin_from("survey", asdict(options), (pictures, walk))
     document = {
         "format_version": FORMAT_VERSION,
         "origin": made.origin,
-        "motion": _motion(measure_motion(pictures, walk), max_moving_share),
-        "views": _views(pictures, walk, min_view_change_deg),
+        "motion": _motion(measure_motion(pictures, walk), options.max_moving_share),
+        "views": _views(pictures, walk, options.min_view_change_deg),
         "poses": _poses(pictures, walk),
         "provenance": made.record(),
     }

@@ -1,7 +1,7 @@
 """Stage ``masks``: which instances are transient (the paper's set D), and their pixels in each frame."""
 
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +18,16 @@ from egosplat.progress import log, track
 from egosplat.transient.refinement import InstanceScores, refined_mask, transient_instances
 
 
-def run(frames: Path, transient: Path, segments: Path, output: Path, *, threshold: float, level: str) -> None:
-    """Write the refined masks; the keys are those of the schema's ``masks``.
+@dataclass(frozen=True)
+class MasksOptions:
+    """The schema's keys of ``masks``; ``config.schema.yaml`` describes each."""
+
+    threshold: float
+    level: str
+
+
+def run(frames: Path, transient: Path, segments: Path, output: Path, options: MasksOptions) -> None:
+    """Write the refined masks.
 
     Which instances are transient is decided by the training frames alone, as what evaluation frames show may decide
     nothing that is trained on. The instances that are found are masked in all frames.
@@ -27,12 +35,12 @@ def run(frames: Path, transient: Path, segments: Path, output: Path, *, threshol
     Raises:
         UserError: the inputs do not belong together.
     """
-    keys: dict[str, Any] = {"threshold": threshold, "level": level}
+    threshold, level = options.threshold, options.level
     pictures = open_artifact(frames, FRAMES)
     predicted, instances = open_artifact(transient, TRANSIENT), open_artifact(segments, SEGMENTS)
     for artifact, name in ((predicted, "probability"), (instances, "labels")):
         _check_of_frames(artifact, name, pictures)
-    made = provenance.begin_from("masks", keys, (pictures, predicted, instances))
+    made = provenance.begin_from("masks", asdict(options), (pictures, predicted, instances))
     names = instances.facts["levels"]
     shown_by = instances.facts.get("repeats", {}).get(level, level)
     levels = set(range(len(names))) if level == "all" else {names.index(shown_by)}

@@ -1,5 +1,6 @@
 """Stage ``transient``: the network H, trained together with temporary 3D Gaussians, and what it says of all frames."""
 
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -29,44 +30,80 @@ from egosplat.transient.network import TransientNet, make_network
 from egosplat.transient.objective import InitialObjective, InitialOptions
 from egosplat.transient.pictures import read_reduced_views, reduced, working_size
 
-_PATHS = ("frames", "poses", "output", "survey")
-
 POSITION_LR = 1.6e-4
 """The temporary Gaussians' learning rate of the means: stock 3DGS's."""
 
 
+@dataclass(frozen=True)
+class TransientOptions:
+    """The schema's keys of ``transient``; ``config.schema.yaml`` describes each."""
+
+    iterations: int
+    warmup: float
+    resolution: int
+    lambda2: float
+    residual: str
+    lr: float
+    input_size: int
+    encoder_weights: str | None
+    batch_norm: str
+    density: str
+    schedule: str
+    max_points: int
+    cover: bool
+    max_gaussians: int
+    grow_grad2d: float
+    reset_opacity: float
+    reset_at_start: bool
+    prune_screen_px: float | None
+    sh_degree: int
+    near_plane: float
+    background: str
+    checkpoint_s: float
+    backend: str
+    seed: int
+
+    @property
+    def gaussians(self) -> TrainingOptions:
+        """How the temporary Gaussians are trained."""
+        return TrainingOptions(
+            render=RenderOptions(
+                near_plane=self.near_plane,
+                background=self.background,
+                antialiased=False,
+                backend=self.backend,
+            ),
+            iterations=self.iterations,
+            density=self.density,
+            max_gaussians=self.max_gaussians,
+            position_lr=POSITION_LR,
+            grow_grad2d=self.grow_grad2d,
+            reset_opacity=self.reset_opacity,
+            reset_at_start=self.reset_at_start,
+            prune_screen_px=self.prune_screen_px,
+            cuts_schedule=self.schedule == "cut",
+            evaluate_every=self.iterations,
+            patience=0,
+            min_improvement=0.0,
+            seed=self.seed,
+        )
+
+    @property
+    def network(self) -> InitialOptions:
+        """How the network is trained."""
+        return InitialOptions(
+            iterations=self.iterations,
+            warmup=round(self.warmup * self.iterations),
+            lambda2=self.lambda2,
+            residual=self.residual,
+            lr=self.lr,
+        )
+
+
 def run(
-    frames: Path,
-    poses: Path,
-    output: Path,
-    *,
-    survey: Path | None = None,
-    iterations: int,
-    warmup: float,
-    resolution: int,
-    lambda2: float,
-    residual: str,
-    lr: float,
-    input_size: int,
-    encoder_weights: str | None,
-    batch_norm: str,
-    density: str,
-    schedule: str,
-    max_points: int,
-    cover: bool,
-    max_gaussians: int,
-    grow_grad2d: float,
-    reset_opacity: float,
-    reset_at_start: bool,
-    prune_screen_px: float | None,
-    sh_degree: int,
-    near_plane: float,
-    background: str,
-    checkpoint_s: float,
-    backend: str,
-    seed: int,
+    frames: Path, poses: Path, output: Path, options: TransientOptions, *, survey: Path | None = None
 ) -> None:
-    """Write the transient artifact of ``frames`` with ``poses``; the keys are those of the schema's ``transient``.
+    """Write the transient artifact of ``frames`` with ``poses``.
 
     A run that was killed goes on from its last checkpoint, to the same result as without the kill. On a CPU it trains
     on one thread, without which it would not repeat.
@@ -79,52 +116,34 @@ def run(
         UserError: no training frame has a pose, the inputs do not belong together, the weights cannot be read,
             the backend cannot run, training diverges.
     """
-    keys = {key: value for key, value in locals().items() if key not in _PATHS}
     pictures, walk = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
     check_belong_together(pictures, walk)
     kept, by_survey = kept_frames(pictures, survey)
-    weights = None if encoder_weights is None else Path(encoder_weights).expanduser()
-    net = make_network(input_size, _sideways(pictures), weights, seed)
-    made = _begin(keys | by_survey, pictures, walk, weights)
-    options = TrainingOptions(
-        render=RenderOptions(near_plane, background, antialiased=False, backend=backend),
-        iterations=iterations,
-        density=density,
-        max_gaussians=max_gaussians,
-        position_lr=POSITION_LR,
-        grow_grad2d=grow_grad2d,
-        reset_opacity=reset_opacity,
-        reset_at_start=reset_at_start,
-        prune_screen_px=prune_screen_px,
-        cuts_schedule=schedule == "cut",
-        evaluate_every=iterations,
-        patience=0,
-        min_improvement=0.0,
-        seed=seed,
-    )
-    photographs = _photographs(pictures, walk, kept, resolution, training_device(backend))
+    weights = None if options.encoder_weights is None else Path(options.encoder_weights).expanduser()
+    net = make_network(options.input_size, _sideways(pictures), weights, options.seed)
+    made = _begin(asdict(options) | by_survey, pictures, walk, weights)
+    photographs = _photographs(pictures, walk, kept, options.resolution, training_device(options.backend))
     views = photographs.training
     start = starting_gaussians(
         walk,
         views,
-        max_points=min(max_points, max_gaussians),
-        cover=cover,
-        sh_degree=sh_degree,
-        near_plane=near_plane,
-        seed=seed,
+        max_points=min(options.max_points, options.max_gaussians),
+        cover=options.cover,
+        sh_degree=options.sh_degree,
+        near_plane=options.near_plane,
+        seed=options.seed,
     )
-    initial = InitialOptions(iterations, round(warmup * iterations), lambda2, residual, lr)
-    objective = InitialObjective(net, initial, views.device)
-    state = TrainingState(start, options, scene_extent(views.camera_to_world), objective)
-    checkpoint = Checkpoint(output, provenance.key_of(made), checkpoint_s)
+    objective = InitialObjective(net, options.network, views.device)
+    state = TrainingState(start, options.gaussians, scene_extent(views.camera_to_world), objective)
+    checkpoint = Checkpoint(output, provenance.key_of(made), options.checkpoint_s)
     with single_thread():
-        resume_and_train(state, photographs, options, checkpoint)
+        resume_and_train(state, photographs, options.gaussians, checkpoint)
     with create(output, TRANSIENT, made) as artifact:
         _put_curves(artifact, state, objective)
         tensors = _put_weights(artifact, net)
-        mean = _put_probability(artifact, pictures, net, resolution, batch_norm, views.device)
+        mean = _put_probability(artifact, pictures, net, options, views.device)
         artifact.facts = {
-            "rasterizer": rasterizer_used(backend, views.device),
+            "rasterizer": rasterizer_used(options.backend, views.device),
             "working_size": [views.camera.height, views.camera.width],
             "views": len(views),
             "gaussians": state.gaussians.count,
@@ -180,8 +199,7 @@ def _put_probability(
     artifact: Writer,
     pictures: Artifact,
     net: TransientNet,
-    resolution: int,
-    batch_norm: str,
+    options: TransientOptions,
     device: torch.device,
 ) -> float:
     """Store what the network says of each frame; its running statistics have been stored and may change.
@@ -189,9 +207,9 @@ def _put_probability(
     Returns:
         The mean over all pixels of all frames.
     """
-    net.train(batch_norm == "train")
+    net.train(options.batch_norm == "train")
     count, height, width, _ = pictures.shape("rgb")
-    size = working_size(height, width, resolution)
+    size = working_size(height, width, options.resolution)
     artifact.allocate("probability", (count, height, width))
     total = 0.0
     for frame in track(range(count), "predicting"):

@@ -164,7 +164,7 @@ def test_the_stage(tmp_path, capsys, kind, target):
     instance = np.array([0, 0, 1, 2, 2, 2, 2, 3, 3, 4, 5, 5], np.int32)
     write_view_features(tmp_path, rows, instance)
     keys = defaults()["features"] | {"compression": kind, "dims": 3, "epochs": 2, "target": target}
-    stage.run(tmp_path / "view_features.zarr", tmp_path / "features.zarr", **keys)
+    stage.run(tmp_path / "view_features.zarr", tmp_path / "features.zarr", stage.FeaturesOptions(**keys))
     assert "3 of 12 views are left out" in capsys.readouterr().err
     made = open_artifact(tmp_path / "features.zarr", FEATURES)
     for name in ("consistent", "supervision", "code", "consistent_code", "decoder/values"):
@@ -180,5 +180,5 @@ def test_the_stage_writes_nothing_broken(tmp_path, monkeypatch):
     write_view_features(tmp_path, np.full((2, WIDTH), np.nan, np.float32), np.zeros(2, np.int32))
     keys = defaults()["features"] | {"compression": "none", "dims": 3, "epochs": 2}
     with pytest.raises(ValueError, match="is not finite"):
-        stage.run(tmp_path / "view_features.zarr", tmp_path / "features.zarr", **keys)
+        stage.run(tmp_path / "view_features.zarr", tmp_path / "features.zarr", stage.FeaturesOptions(**keys))
     assert not (tmp_path / "features.zarr").exists()

@@ -26,7 +26,6 @@ KEYS = defaults()["splats"] | {
     "evaluate_every": 20,
     "sh_degree": 1,
 }
-NOTHING = dict.fromkeys(("transient", "masks", "segments", "features"))
 
 
 @pytest.fixture(autouse=True)
@@ -73,9 +72,9 @@ def run() -> Callable[..., Artifact]:
     """``run(folder, **changes)``: the verified splats artifact, all numbers of which are finite."""
 
     def call(folder: Path, **changes: object) -> Artifact:
-        keys, output = KEYS | changes, folder / "splats.zarr"
-        inputs = NOTHING | {"transient": folder / "transient.zarr"}
-        stage.run(folder / "frames.zarr", folder / "poses.zarr", output, **inputs, **keys)
+        options, output = stage.SplatsOptions(**KEYS | changes), folder / "splats.zarr"
+        paths = folder / "frames.zarr", folder / "poses.zarr", output
+        stage.run(*paths, options, transient=folder / "transient.zarr")
         made = verify(output, SCHEMAS)
         for name in ("means", "quats", "log_scales", "logit_opacities", "sh"):
             assert np.isfinite(made.read(name)).all(), name

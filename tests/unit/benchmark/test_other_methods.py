@@ -16,7 +16,7 @@ from egosplat.artifacts.relevancy import open_relevancy
 from egosplat.errors import UserError
 from egosplat.evaluation import external as other_methods
 from egosplat.frames.recording import Instance
-from egosplat.pipeline.config import section_keys
+from egosplat.pipeline.config import stage_keys
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.validation import schema
 from egosplat.tables.scored_scenes import PROTOCOL
@@ -101,15 +101,12 @@ def scored(tmp_path, scene):
     """``scored(relevancy, **keys)``: what the stage writes, without smoothing."""
 
     def run(relevancy: Path, **keys) -> dict:
-        names = {
-            **section_keys("metrics"),
-            **{key: section_keys("query")[key] for key in other_methods.QUERY_KEYS},
-        }
-        defaults = {name: key["default"] for name, key in names.items()}
+        defaults = {name: key["default"] for name, key in stage_keys("method_metrics").items()}
         paths = {name: scene / f"{name}.zarr" for name in ("frames", "poses", "annotations")}
         output = tmp_path / "metrics.json"
         keys = defaults | {"resamples": 50, "smoothing": 0.0, "majority": 0.0} | keys
-        other_methods.run(**paths, relevancy=relevancy, output=output, title="adt/scene1", **keys)
+        options = other_methods.MethodMetricsOptions(**keys)
+        other_methods.run(**paths, relevancy=relevancy, output=output, options=options, title="adt/scene1")
         return json.loads(output.read_text())
 
     return run

@@ -27,7 +27,8 @@ def scored(tmp_path):
         paths = {name: folder / f"{name}.zarr" for name in NAMES}
         defaults = {name: key["default"] for name, key in stage_keys("metrics").items()}
         output = tmp_path / "metrics.json"
-        stage.run(**paths, output=output, title="a/scene", **defaults | {"resamples": 50} | keys)
+        options = stage.MetricsOptions(**defaults | {"resamples": 50} | keys)
+        stage.run(**paths, output=output, options=options, title="a/scene")
         return json.loads(output.read_text())
 
     return run

@@ -35,7 +35,7 @@ def run(write_views, tmp_path, feature):
 
     def call(feature=feature, instance=INSTANCE, level=LEVEL, **changes):
         path = write_views(feature, instance, level)
-        stage.run(path, tmp_path / "features.zarr", **KEYS | changes)
+        stage.run(path, tmp_path / "features.zarr", stage.FeaturesOptions(**KEYS | changes))
         return verify(tmp_path / "features.zarr", SCHEMAS)
 
     return call

@@ -30,7 +30,10 @@ def run(clip_keys):
 
     def call(folder: Path, name: str = "view_features.zarr", **changes: object):
         stage.run(
-            folder / "frames.zarr", folder / "segments.zarr", folder / name, **KEYS | clip_keys | changes
+            folder / "frames.zarr",
+            folder / "segments.zarr",
+            folder / name,
+            stage.ViewFeaturesOptions(**KEYS | clip_keys | changes),
         )
         return verify(folder / name, SCHEMAS)
 
@@ -100,7 +103,7 @@ def mortal(clip, crops):
 stage.encode = mortal
 folder = Path(sys.argv[1])
 paths = [folder / f"{name}.zarr" for name in ("frames", "segments", "view_features")]
-stage.run(*paths, **eval(sys.argv[2]))
+stage.run(*paths, stage.ViewFeaturesOptions(**eval(sys.argv[2])))
 """
 
 

@@ -22,6 +22,8 @@ TABLE = "id\tname\tcategory\tmotion_type\n5\tBall_1\tball\tdynamic\n300\tTable\t
 IDS = np.zeros((48, 64), np.uint16)
 IDS[10:20, 4:14], IDS[30:48] = 5, 300
 
+AGE = annotations_stage.AnnotationsOptions(max_age_ms=3.0)
+
 
 @pytest.fixture
 def images(tmp_path):
@@ -54,8 +56,8 @@ def test_images_have_the_annotation_of_their_name(images):
 @pytest.mark.parametrize(("evaluation", "told"), [(1, "1 of 1"), (3, "2 of 3")])
 def test_evaluation_frames_without_annotation_are_told(images, tmp_path, capsys, evaluation, told):
     keys = defaults()["frames"] | {"resolution": 32, "evaluation_frames": evaluation, "holdout": False}
-    stage.run(images, tmp_path / "frames.zarr", format="plain", **keys)
-    annotations_stage.run(images, tmp_path / "frames.zarr", tmp_path / "annotations.zarr", max_age_ms=3.0)
+    stage.run(images, tmp_path / "frames.zarr", stage.FramesOptions(**keys), format="plain")
+    annotations_stage.run(images, tmp_path / "frames.zarr", tmp_path / "annotations.zarr", AGE)
     last = capsys.readouterr().err.splitlines()[-1]
     missing = "" if evaluation == 1 else "; without annotation, of the frames in use counted from 0: 0"
     assert last == f"{told} evaluation frames are annotated{missing}"
@@ -63,7 +65,8 @@ def test_evaluation_frames_without_annotation_are_told(images, tmp_path, capsys,
 
 def split(recording, output, **keys):
     """The training and evaluation flags of the frames that a stage writes."""
-    stage.run(recording, output, format="plain", **defaults()["frames"] | {"resolution": 32} | keys)
+    options = stage.FramesOptions(**defaults()["frames"] | {"resolution": 32} | keys)
+    stage.run(recording, output, options, format="plain")
     frames = open_artifact(output, FRAMES)
     return frames.read("train").tolist(), frames.read("evaluation").tolist()
 
@@ -107,9 +110,9 @@ def test_annotations_of_none_of_the_pictures_are_refused(images, tmp_path):
     for path in (images / "annotations").glob("*.png"):
         path.unlink()
     keys = defaults()["frames"] | {"resolution": 32, "evaluation_frames": 3, "holdout": False}
-    stage.run(images, tmp_path / "frames.zarr", format="plain", **keys)
+    stage.run(images, tmp_path / "frames.zarr", stage.FramesOptions(**keys), format="plain")
     with pytest.raises(UserError, match="none of the 3 evaluation frames"):
-        annotations_stage.run(images, tmp_path / "frames.zarr", tmp_path / "annotations.zarr", max_age_ms=3.0)
+        annotations_stage.run(images, tmp_path / "frames.zarr", tmp_path / "annotations.zarr", AGE)
     assert not (tmp_path / "annotations.zarr").exists()
 
 

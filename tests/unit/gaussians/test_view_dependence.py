@@ -26,12 +26,12 @@ KEYS = defaults()["splats"] | {
     "evaluate_every": 70,
     "sh_degree": "auto",
 }
-NOTHING = dict.fromkeys(("transient", "masks", "segments", "features"))
 
 
 def run(folder, name: str = "splats.zarr", **changes: object):
     """The verified artifact."""
-    stage.run(folder / "frames.zarr", folder / "poses.zarr", folder / name, **NOTHING, **KEYS | changes)
+    options = stage.SplatsOptions(**KEYS | changes)
+    stage.run(folder / "frames.zarr", folder / "poses.zarr", folder / name, options)
     return verify(folder / name, SCHEMAS)
 
 

@@ -29,16 +29,23 @@ def train(folder: Path, **changes: object) -> None:
         folder / "frames.zarr",
         folder / "poses.zarr",
         folder / "splats.zarr",
+        splats_stage.SplatsOptions(**SPLATS | changes),
         **paths,
-        **SPLATS | changes,
     )
 
 
-def run(folder: Path, name: str = "language.zarr", masks: bool = True, **changes: object):
+def run(
+    folder: Path,
+    name: str = "language.zarr",
+    masks: bool = True,
+    survey: Path | None = None,
+    **changes: object,
+):
     """The verified artifact."""
     inputs = [folder / f"{kind}.zarr" for kind in ("frames", "poses", "segments", "features", "splats")]
     moving = {kind: folder / f"{kind}.zarr" if masks else None for kind in ("masks", "transient")}
-    stage.run(*inputs, folder / name, **moving, **KEYS | changes)
+    options = stage.LanguageOptions(**KEYS | changes)
+    stage.run(*inputs, folder / name, options, survey=survey, **moving)
     return verify(folder / name, SCHEMAS)
 
 
@@ -126,6 +133,5 @@ def test_joint_training_needs_what_codes_are_made_from(scene):
             folder / "frames.zarr",
             folder / "poses.zarr",
             folder / "s.zarr",
-            **dict.fromkeys(("transient", "masks", "segments", "features")),
-            **SPLATS | {"language": "joint"},
+            splats_stage.SplatsOptions(**SPLATS | {"language": "joint"}),
         )

@@ -4,6 +4,9 @@ import inspect
 import re
 import subprocess
 import sys
+import types
+import typing
+from dataclasses import MISSING, fields
 from pathlib import Path
 
 import pytest
@@ -13,10 +16,18 @@ from egosplat.errors import UserError
 from egosplat.pipeline import config
 from egosplat.pipeline.config_table import FIRST_KEYS, keys_page
 from egosplat.pipeline.scenes import find_scene, read_scenes, requested_targets
-from egosplat.pipeline.stages import STAGES, path_help, stage_function
+from egosplat.pipeline.stages import STAGES, options_of, path_help, stage_function
 from egosplat.pipeline.validation import _ALLOWED
 
 ROOT = Path(__file__).resolve().parents[3]
+TYPES = {
+    "integer": int,
+    "number": float,
+    "boolean": bool,
+    "string": str,
+    "array": tuple,
+    "null": types.NoneType,
+}
 PRESETS = ROOT / "config" / "presets"
 
 
@@ -29,14 +40,28 @@ def test_every_key_has_a_description_and_a_default():
 
 @pytest.mark.parametrize("stage", STAGES)
 def test_schema_and_stage_function_name_the_same_keys(stage):
-    arguments = inspect.signature(stage_function(stage)).parameters
-    about = STAGES[stage]
-    assert set(arguments) == {*path_help(about), *about.scene, *config.stage_keys(stage)}
+    """No drift between the table of stages, the schema, and the function and dataclass of a stage."""
+    about, arguments = STAGES[stage], inspect.signature(stage_function(stage)).parameters
+    keys, options = config.stage_keys(stage), options_of(stage)
+    assert set(arguments) == {*path_help(about), *about.scene, *(("options",) if keys else ())}
     for name, argument in arguments.items():
-        # What a key is by default stands in the schema alone; an artifact may be left out.
-        assert argument.default is inspect.Parameter.empty or (
-            name in about.optional and argument.default is None
-        )
+        assert argument.default is (None if name in about.optional else inspect.Parameter.empty), name
+    found = {field.name: field for field in fields(options)} if options else {}
+    assert set(found) == set(keys)
+    for name, field in found.items():
+        # The default of a key stands in the schema alone.
+        assert field.default is field.default_factory is MISSING, name
+        assert {typing.get_origin(one) or one for one in _kinds(field.type)} == _types(keys[name]), name
+
+
+def _kinds(annotation) -> tuple:
+    return typing.get_args(annotation) if isinstance(annotation, types.UnionType) else (annotation,)
+
+
+def _types(key) -> set[type]:
+    """The Python types of a key, by its schema."""
+    names = key.get("type", "string")
+    return {TYPES[name] for name in ([names] if isinstance(names, str) else names)}
 
 
 @pytest.mark.parametrize("stage", STAGES)

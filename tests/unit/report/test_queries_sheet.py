@@ -26,7 +26,7 @@ def score(folder: Path, **keys) -> Path:
     defaults = {name: key["default"] for name, key in stage_keys("metrics").items()} | {"resamples": 50}
     output = folder / "metrics.json"
     paths = {name: folder / f"{name}.zarr" for name in NAMES}
-    stage.run(**paths, output=output, title="a/scene", **defaults | keys)
+    stage.run(**paths, output=output, options=stage.MetricsOptions(**defaults | keys), title="a/scene")
     return output
 
 

@@ -10,6 +10,7 @@ from egosplat.pipeline.config import stage_keys
 from egosplat.segments import stage
 from egosplat.segments.instances import Instance, Segmented
 from egosplat.segments.label_maps import LabelMaps
+from egosplat.segments.options import SegmentsOptions
 from tests.support.scenes import put
 
 COUNT, SIDE = 6, 64
@@ -34,7 +35,7 @@ def frames(tmp_path):
 
 def test_classical_segments_of_moving_squares(frames, tmp_path, keys):
     output = tmp_path / "segments.zarr"
-    stage.run(frames, output, **keys | {"segmenter": "classical", "levels": "all"})
+    stage.run(frames, output, options=SegmentsOptions(**keys | {"segmenter": "classical", "levels": "all"}))
     segments = open_artifact(output, SEGMENTS)
     labels, levels = segments.read("labels"), segments.read("instances/level")
     assert labels.shape == (COUNT, 3, SIDE, SIDE) and segments.origin == "synthetic"
@@ -53,8 +54,12 @@ def test_classical_segments_of_moving_squares(frames, tmp_path, keys):
 
 
 def test_squares_without_parts_are_instances_of_one_level(frames, tmp_path, keys):
-    stage.run(frames, tmp_path / "all.zarr", **keys | {"segmenter": "classical", "levels": "all"})
-    stage.run(frames, tmp_path / "own.zarr", **keys | {"segmenter": "classical"})
+    stage.run(
+        frames,
+        tmp_path / "all.zarr",
+        options=SegmentsOptions(**keys | {"segmenter": "classical", "levels": "all"}),
+    )
+    stage.run(frames, tmp_path / "own.zarr", options=SegmentsOptions(**keys | {"segmenter": "classical"}))
     every, own = (open_artifact(tmp_path / f"{name}.zarr", SEGMENTS) for name in ("all", "own"))
     assert own.facts["repeats"] == {"subpart": "whole", "part": "whole"}
     assert own.read("instances/level").tolist() == [2, 2, 2]
@@ -80,7 +85,7 @@ def test_frames_that_a_survey_leaves_out_are_passed_over(frames, tmp_path, keys,
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(stage, "segment_video", look)
-        stage.run(frames, output, survey=survey, **keys | {"segmenter": "classical"})
+        stage.run(frames, output, survey=survey, options=SegmentsOptions(**keys | {"segmenter": "classical"}))
     segments = open_artifact(output, SEGMENTS)
     assert seen == [4 + 3 * frame for frame in (1, 2, 5)]
     labels = segments.read("labels")
@@ -108,7 +113,7 @@ def test_duplicates_are_merged_and_fragments_dropped(frames, tmp_path, keys, mon
     segmented = Segmented(labels, instances, [(0, 2)], {})
     monkeypatch.setattr(stage, "segment_video", lambda *_: segmented)
     output = tmp_path / "segments.zarr"
-    stage.run(frames, output, **keys | {"segmenter": "classical", "min_frames": 3})
+    stage.run(frames, output, options=SegmentsOptions(**keys | {"segmenter": "classical", "min_frames": 3}))
     segments = open_artifact(output, SEGMENTS)
     found = segments.read("labels")
     assert (found[:, 0, 10:20] == 0).all() and (found[:, 1] == -1).all() and (found[:, 2, 50:] == 1).all()
@@ -123,10 +128,16 @@ def test_nothing_found_is_told_and_nothing_written(frames, tmp_path, keys, monke
         labels[frame] = np.full((3, SIDE, SIDE), -1, np.int32)
     monkeypatch.setattr(stage, "segment_video", lambda *_: Segmented(labels, [], [], {}))
     with pytest.raises(UserError, match="nothing was found in any frame"):
-        stage.run(frames, tmp_path / "segments.zarr", **keys | {"segmenter": "classical"})
+        stage.run(
+            frames, tmp_path / "segments.zarr", options=SegmentsOptions(**keys | {"segmenter": "classical"})
+        )
     assert not (tmp_path / "segments.zarr").exists()
 
 
 def test_a_missing_checkpoint_is_told_before_anything_is_read(frames, tmp_path, keys):
     with pytest.raises(UserError, match="sam2_checkpoint"):
-        stage.run(frames, tmp_path / "segments.zarr", **keys | {"sam2_checkpoint": str(tmp_path / "none.pt")})
+        stage.run(
+            frames,
+            tmp_path / "segments.zarr",
+            options=SegmentsOptions(**keys | {"sam2_checkpoint": str(tmp_path / "none.pt")}),
+        )

@@ -11,17 +11,40 @@ from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.compute import choose_compute
 from egosplat.models.configs import SMALL_SAM2
 from egosplat.models.sam2_loader import Sam2, build_predictor, set_image_size
+from egosplat.pipeline.config import defaults, stage_values
 from egosplat.segments import merging
 from egosplat.segments import tracker as tracking
 from egosplat.segments.image_encoder import encode
 from egosplat.segments.nms import intersections
-from egosplat.segments.options import LEVELS, MaskOptions, TrackOptions
+from egosplat.segments.options import LEVELS, SegmentsOptions
 from egosplat.segments.prompts import grid_points, matches, only_new, prompt, thin_out
 from egosplat.segments.propagation import Follower
 from egosplat.segments.tracker import Tracker
 
-MASKS = MaskOptions(4, 0.0, 0.0, 0.1, 0.7, 0.8, 0.0, 0.0, 0.001)
-TRACKS = TrackOptions(True, 2, 0.05, 0.5, 0.9, 1, 6, 0.8, 1, 4)
+OPTIONS = SegmentsOptions(
+    **stage_values("segments", defaults())
+    | {
+        "points_per_side": 4,
+        "pred_iou_thresh": 0.0,
+        "stability_score_thresh": 0.0,
+        "stability_score_offset": 0.1,
+        "box_nms_thresh": 0.7,
+        "nms_iou_thresh": 0.8,
+        "nms_score_thresh": 0.0,
+        "nms_inner_thresh": 0.0,
+        "min_area": 0.001,
+        "prompting": "key_frames",
+        "key_frame_stride": 2,
+        "min_uncovered": 0.05,
+        "new_cover_thresh": 0.5,
+        "merge_iou": 0.9,
+        "min_frames": 1,
+        "max_instances": 6,
+        "share_iou": 0.8,
+        "absent_stride": 1,
+        "batch": 4,
+    }
+)
 FRAMES, HEIGHT, WIDTH = 4, 40, 56
 
 
@@ -41,7 +64,7 @@ def pictures():
     return np.repeat(np.repeat(coarse, 8, 1), 8, 2)
 
 
-def tracked(sam2, pictures, masks=MASKS, tracks=TRACKS, valid=None):
+def tracked(sam2, pictures, options=OPTIONS, valid=None):
     valid = np.ones((HEIGHT, WIDTH), bool) if valid is None else valid
     asked: list[int] = []
 
@@ -49,7 +72,7 @@ def tracked(sam2, pictures, masks=MASKS, tracks=TRACKS, valid=None):
         asked.append(frame)
         return pictures[frame]
 
-    return Tracker(sam2, read, len(pictures), valid, masks, tracks).run(), asked
+    return Tracker(sam2, read, len(pictures), valid, options).run(), asked
 
 
 def test_a_video_is_tracked_in_bfloat16_as_on_a_gpu(sam2, pictures):
@@ -90,13 +113,13 @@ def test_instances_belong_to_one_level_and_labels_to_instances(sam2, pictures):
 
 
 def test_the_first_frame_alone_where_that_is_asked_for(sam2, pictures):
-    segmented, _ = tracked(sam2, pictures, tracks=replace(TRACKS, key_frames=False))
+    segmented, _ = tracked(sam2, pictures, options=replace(OPTIONS, prompting="initial_frame"))
     assert {one.first_frame for one in segmented.instances} == {0} and segmented.notes["key_frames"] == [0]
 
 
 def test_no_more_are_followed_than_allowed(sam2, pictures):
     for most in (1, 3):
-        segmented, _ = tracked(sam2, pictures, tracks=replace(TRACKS, max_instances=most))
+        segmented, _ = tracked(sam2, pictures, options=replace(OPTIONS, max_instances=most))
         for level in range(len(LEVELS)):
             assert sum(one.level == level for one in segmented.instances) <= most
 
@@ -113,7 +136,7 @@ def test_what_two_levels_show_alike_is_followed_once(sam2, pictures, monkeypatch
     for share_iou in (0.8, 1.01):
         counted = mock.Mock(side_effect=Follower._track, autospec=Follower._track)
         with mock.patch.object(Follower, "_track", lambda self, *a, counted=counted: counted(self, *a)):
-            segmented, _ = tracked(sam2, pictures, tracks=replace(TRACKS, share_iou=share_iou))
+            segmented, _ = tracked(sam2, pictures, options=replace(OPTIONS, share_iou=share_iou))
         steps[share_iou] = counted.call_count
         levels = [[one for one in segmented.instances if one.level == level] for level in range(3)]
         assert len(levels[0]) == len(levels[1]) == len(levels[2]) > 0
@@ -124,8 +147,8 @@ def test_what_two_levels_show_alike_is_followed_once(sam2, pictures, monkeypatch
 
 
 def test_batches_do_not_change_what_is_found(sam2, pictures):
-    one, _ = tracked(sam2, pictures, tracks=replace(TRACKS, batch=1))
-    four, _ = tracked(sam2, pictures, tracks=replace(TRACKS, batch=4))
+    one, _ = tracked(sam2, pictures, options=replace(OPTIONS, batch=1))
+    four, _ = tracked(sam2, pictures, options=replace(OPTIONS, batch=4))
     assert one.instances == four.instances
     differing = [(one.labels[frame] != four.labels[frame]).mean() for frame in range(FRAMES)]
     assert max(differing) < 0.01, "rounding decides single pixels at most"
@@ -134,8 +157,8 @@ def test_batches_do_not_change_what_is_found(sam2, pictures):
 @pytest.mark.parametrize("reads", [1, 3, FRAMES, FRAMES + 1])
 def test_a_killed_run_goes_on_to_the_same_end(sam2, pictures, tmp_path, reads):
     """Killed when it asks for its picture after so many, forwards or backwards."""
-    tracks, valid = replace(TRACKS, absent_stride=2), np.ones((HEIGHT, WIDTH), bool)
-    expected, asked = tracked(sam2, pictures, tracks=tracks)
+    options, valid = replace(OPTIONS, absent_stride=2), np.ones((HEIGHT, WIDTH), bool)
+    expected, asked = tracked(sam2, pictures, options=options)
     assert len(asked) > reads, "there is something left to do"
     left = iter(range(reads))
 
@@ -148,14 +171,14 @@ def test_a_killed_run_goes_on_to_the_same_end(sam2, pictures, tmp_path, reads):
         return Checkpoint(tmp_path / "segments.zarr", "key", 0.0)
 
     with pytest.raises(KeyboardInterrupt):
-        Tracker(sam2, killed, FRAMES, valid, MASKS, tracks).run(checkpoint())
+        Tracker(sam2, killed, FRAMES, valid, options).run(checkpoint())
     again: list[int] = []
 
     def read(frame: int) -> np.ndarray:
         again.append(frame)
         return pictures[frame]
 
-    found = Tracker(sam2, read, FRAMES, valid, MASKS, tracks).run(checkpoint())
+    found = Tracker(sam2, read, FRAMES, valid, options).run(checkpoint())
     assert again == asked[reads:], "what was done is not done again"
     assert found.instances == expected.instances and found.same == expected.same
     assert found.notes == expected.notes
@@ -164,7 +187,7 @@ def test_a_killed_run_goes_on_to_the_same_end(sam2, pictures, tmp_path, reads):
 
 
 def test_nothing_found_is_no_instance(sam2, pictures):
-    segmented, _ = tracked(sam2, pictures, masks=replace(MASKS, pred_iou_thresh=1.0))
+    segmented, _ = tracked(sam2, pictures, options=replace(OPTIONS, pred_iou_thresh=1.0))
     assert segmented.instances == [] and segmented.same == []
     assert all((segmented.labels[frame] == -1).all() for frame in range(FRAMES))
 
@@ -179,7 +202,7 @@ def test_what_is_found_later_is_followed_back(sam2, pictures):
                 super()._look_for_more(encoded, frame, seen)
 
     valid = np.ones((HEIGHT, WIDTH), bool)
-    segmented = LateTracker(sam2, lambda frame: black[frame], FRAMES, valid, MASKS, TRACKS).run()
+    segmented = LateTracker(sam2, lambda frame: black[frame], FRAMES, valid, OPTIONS).run()
     assert {one.first_frame for one in segmented.instances} == {2}
     assert (segmented.labels[1] >= 0).any() or (segmented.labels[0] >= 0).any()
 
@@ -193,13 +216,13 @@ def test_grid_points_are_cell_middles_row_by_row():
 def test_candidates_keep_their_levels_apart_and_are_thinned(sam2, pictures):
     with sam2.compute.inference():
         encoded = encode(sam2, pictures[0])
-        found = prompt(sam2, encoded, grid_points(4), MASKS)
+        found = prompt(sam2, encoded, grid_points(4), OPTIONS)
         assert len(found) == 3
         for level in found:
             assert level.logits.shape[1:] == (64, 64) and len(level.predicted_iou) == len(
                 level.stability
             ) == len(level)
-            thin = thin_out(level, MASKS)
+            thin = thin_out(level, OPTIONS)
             assert len(thin) <= len(level)
             taken = thin.masks
             assert len(only_new(thin, taken, 0.5, 0.8)) == 0, "what is followed already is not new"

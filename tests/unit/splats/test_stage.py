@@ -29,12 +29,12 @@ KEYS = defaults()["splats"] | {
     "evaluate_every": 20,
     "sh_degree": 1,
 }
-NOTHING = dict.fromkeys(("transient", "masks", "segments", "features"))
 
 
-def run(folder: Path, name: str = "splats.zarr", **changes: object):
+def run(folder: Path, name: str = "splats.zarr", survey: Path | None = None, **changes: object):
     """The verified artifact."""
-    stage.run(folder / "frames.zarr", folder / "poses.zarr", folder / name, **NOTHING, **KEYS | changes)
+    options = stage.SplatsOptions(**KEYS | changes)
+    stage.run(folder / "frames.zarr", folder / "poses.zarr", folder / name, options, survey=survey)
     return verify(folder / name, SCHEMAS)
 
 

@@ -15,10 +15,12 @@ from egosplat.pipeline.survey_file import read_survey
 from egosplat.survey import stage
 
 KEYS = {name: key["default"] for name, key in stage_keys("survey").items()}
+OPTIONS = stage.SurveyOptions(**KEYS)
 
 
 def surveyed(folder, **keys):
-    stage.run(folder / "frames.zarr", folder / "poses.zarr", folder / "survey.json", **KEYS | keys)
+    options = stage.SurveyOptions(**KEYS | keys)
+    stage.run(folder / "frames.zarr", folder / "poses.zarr", folder / "survey.json", options)
     return read_survey(folder / "survey.json")
 
 
@@ -77,7 +79,7 @@ def test_poses_of_other_frames_are_refused(scene, walks, still):
     scene(walks[:4], still[:4])
     (folder / "other.zarr").rename(folder / "of_eight.zarr")
     with pytest.raises(UserError, match="was made from other frames"):
-        stage.run(folder / "frames.zarr", folder / "of_eight.zarr", folder / "survey.json", **KEYS)
+        stage.run(folder / "frames.zarr", folder / "of_eight.zarr", folder / "survey.json", OPTIONS)
     assert not (folder / "survey.json").exists()
 
 

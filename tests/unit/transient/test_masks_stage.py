@@ -40,7 +40,7 @@ def run(folder: Path, **keys: object):
     """The verified artifact."""
     stage_keys = {"threshold": 0.25, "level": "all"} | keys
     inputs = (folder / f"{name}.zarr" for name in ("frames", "transient", "segments"))
-    masks_stage.run(*inputs, folder / "masks.zarr", **stage_keys)
+    masks_stage.run(*inputs, folder / "masks.zarr", masks_stage.MasksOptions(**stage_keys))
     return verify(folder / "masks.zarr", SCHEMAS)
 
 

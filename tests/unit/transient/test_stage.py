@@ -17,9 +17,10 @@ from egosplat.transient.network import make_network
 KEYS = defaults()["transient"] | {"iterations": 12, "input_size": 64, "resolution": 24, "max_gaussians": 80}
 
 
-def run(folder: Path, name: str = "transient.zarr", **changes: object):
+def run(folder: Path, name: str = "transient.zarr", survey: Path | None = None, **changes: object):
     """The verified artifact."""
-    stage.run(folder / "frames.zarr", folder / "poses.zarr", folder / name, **KEYS | changes)
+    options = stage.TransientOptions(**KEYS | changes)
+    stage.run(folder / "frames.zarr", folder / "poses.zarr", folder / name, options, survey=survey)
     return verify(folder / name, SCHEMAS)
 
 
