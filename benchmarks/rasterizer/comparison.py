@@ -1,35 +1,52 @@
-"""The rasterizers against each other."""
+"""All measurements of the rasterizer: rows of times by scene, number of channels and rasterizer."""
 
-import importlib.util
+import datetime
+import platform
+import subprocess
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
-from benchmarks.rasterizer import rasterizers
+import torch
+
+from benchmarks.common import MIB
+from benchmarks.rasterizer import iteration, passes
+from benchmarks.rasterizer.scenes import SCENES
 from benchmarks.rasterizer.timing import Turn, start_worker, summary, take_turns
+from egosplat.artifacts.usage import machine
 from egosplat.errors import UserError
 from egosplat.kernels import library
+from egosplat.kernels.compiling import find_compiler
 from egosplat.kernels.targets import HERE, VARIANTS
+from egosplat.progress import log, track
 
 CHANNELS = (3, 12)
-PEERS = ("numba", "torch")
+SWEEP = (1, 3, 4, 8, 12, 16, 32)
 
-ROUNDS = {"kernels": 15, "numba": 7, "torch": 2}
-WALL_ROUNDS = {"kernels": 20, "numba": 5}
-"""Without torch, whose many small loops wait for one another for seconds where a core is busy otherwise."""
+ROUNDS = {"kernels": 15, "torch": 2}
+WALL_ROUNDS = {"kernels": 20}
+"""On two threads, without torch: its many small loops wait for each other for seconds where a core is busy otherwise."""
 
-QUICK_ROUNDS = {"kernels": 15, "numba": 5, "torch": 2}
+ITERATION_ROUNDS = 16
+"""Two for each of the eight cameras."""
 
 MAX_ERROR = 1e-3
 """Relative difference (L2) of images or gradients above which two rasterizers do not do the same work."""
+
+MEMORY = {
+    "Gaussians": [(n, 640, 480, 3) for n in (10_000, 50_000, 100_000, 200_000, 400_000)],
+    "pixels": [(50_000, w, h, 3) for w, h in ((320, 240), (640, 480), (960, 720), (1408, 1408))],
+    "channels": [(50_000, 640, 480, c) for c in (3, 12, 32)],
+}
+"""Gaussians, width, height and channels of each measurement of memory, by the size that grows."""
 
 Workers = dict[str, ProcessPoolExecutor]
 Rows = list[dict[str, Any]]
 
 
 def variants() -> list[str]:
-    """Names of the kernels' variants that are compiled and that this processor runs, the best first.
+    """Names of the compiled kernel variants that this processor runs, the best first.
 
     Raises:
         UserError: there is none.
@@ -41,22 +58,39 @@ def variants() -> list[str]:
 
 @contextmanager
 def workers(names: Sequence[str]) -> Iterator[Workers]:
-    """A process for each variant of the kernels, for ``torch`` and for ``numba``, by name."""
-    known = {each.name for each in VARIANTS}
-    if "numba" in names and importlib.util.find_spec("numba") is None:
-        raise UserError("the benchmark compares with numba, which is missing; run: pip install -e '.[dev]'")
+    """A process for each kernel variant and for ``torch``, by name."""
     with ExitStack() as stack:
-        pool = {name: stack.enter_context(start_worker(name if name in known else None)) for name in names}
-        # All import what they need at the same time, and nothing is timed before.
-        for ready in [worker.submit(rasterizers.variant) for worker in pool.values()]:
+        pool = {name: stack.enter_context(start_worker(None if name == "torch" else name)) for name in names}
+        # All of them import at the same time, before anything is timed.
+        for ready in [worker.submit(passes.variant) for worker in pool.values()]:
             ready.result()
         yield pool
 
 
+def everything() -> dict[str, Any]:
+    """Run all measurements; this takes some minutes.
+
+    Raises:
+        UserError: the kernels are not compiled, or rasterizers disagree.
+    """
+    kernels = variants()
+    with workers([*kernels, "torch"]) as pool:
+        check_agreement(pool)
+        cases = [(scene, count) for scene in SCENES for count in CHANNELS]
+        raster = [row for case in track(cases, "passes") for row in compare(pool, *case, wall=True)]
+        pool.pop("torch")
+        log("channels")
+        sweep = [row for count in SWEEP for row in compare(pool, "D", count)]
+        log("training iterations")
+        iterations = [row for scene in SCENES for row in compare_iterations(pool, scene)]
+    measured = {"raster": raster, "sweep": sweep, "iterations": iterations, "memory": _memory()}
+    return {"machine": _machine(), **measured}
+
+
 def quick() -> Rows:
-    """Scene D with the variant that the library loads, numba and torch, in rows like those of ``everything``."""
-    with workers([library.variant(), "numba", "torch"]) as pool:
-        return [row for count in CHANNELS for row in compare(pool, "D", count, QUICK_ROUNDS, {})]
+    """Scene D with the best kernel variant and torch, in rows like those of ``everything``."""
+    with workers([library.variant(), "torch"]) as pool:
+        return [row for count in CHANNELS for row in compare(pool, "D", count)]
 
 
 def check_agreement(pool: Workers) -> None:
@@ -66,71 +100,101 @@ def check_agreement(pool: Workers) -> None:
         UserError: one does not.
     """
     for count in CHANNELS:
-        results = {
-            name: worker.submit(rasterizers.outputs, _kind(name), "A", count).result()
-            for name, worker in pool.items()
-        }
-        for name, tensors in results.items():
-            for tensor, wanted in zip(tensors, results["torch"], strict=True):
+        found = {name: pool[name].submit(passes.outputs, _kind(name), "A", count).result() for name in pool}
+        for name, tensors in found.items():
+            for tensor, wanted in zip(tensors, found["torch"], strict=True):
                 error = float((tensor - wanted).norm() / wanted.norm())
                 if not error <= MAX_ERROR:
                     raise UserError(f"{name} and torch differ by {error:.1e}: they do not do the same work")
 
 
-def compare(
-    pool: Workers,
-    scene: str,
-    count: int,
-    rounds: dict[str, int],
-    wall_rounds: dict[str, int],
-    kernels: str = "kernels",
-) -> Rows:
-    """Forward and backward pass on a scene with ``count`` channels: a row for each in ``pool``.
+def compare(pool: Workers, scene: str, count: int, wall: bool = False) -> Rows:
+    """Forward and backward pass on a scene with ``count`` channels: a row for each worker, ``wall`` on two threads too."""
 
-    Args:
-        rounds: how often each kind (kernels, numba, torch) takes part on one thread.
-        wall_rounds: the same on two threads; kinds that are missing take no part.
-        kernels: which of the kernels' entries in ``rasterizers.PREPARE`` is timed.
-    """
-
-    def turns(chosen: dict[str, int], threads: int) -> dict[str, Turn]:
+    def turns(rounds: dict[str, int], threads: int) -> dict[str, Turn]:
+        # torch takes seconds a call: a cold start does not show.
         return {
             name: Turn(
                 worker,
-                (rasterizers.sample, _kind(name, kernels), scene, count, threads),
-                chosen[_kind(name)],
-                # torch takes seconds a call: beginning shows in none of them.
-                warm_up=name != "torch",
+                (passes.sample_pass, _kind(name), scene, count, threads),
+                rounds[_kind(name)],
+                name != "torch",
             )
             for name, worker in pool.items()
-            if _kind(name) in chosen
+            if _kind(name) in rounds
         }
 
-    one = {name: summary(samples) for name, samples in take_turns(turns(rounds, 1)).items()}
-    rows = [{"scene": scene, "channels": count, "rasterizer": name, **times} for name, times in one.items()]
-    if wall_rounds:
-        two = {name: summary(samples) for name, samples in take_turns(turns(wall_rounds, 2)).items()}
-        for row in rows:
-            if row["rasterizer"] in two:
-                row["wall_ms_min_2_threads"] = two[row["rasterizer"]]["wall_ms_min"]
-    return rows
+    two = take_turns(turns(WALL_ROUNDS, 2)) if wall else {}
+    return [
+        {
+            "scene": scene,
+            "channels": count,
+            "rasterizer": name,
+            **summary(samples),
+            **_on_two_threads(two, name),
+        }
+        for name, samples in take_turns(turns(ROUNDS, 1)).items()
+    ]
 
 
-def ratio(rows: Rows, scene: str, channels: int, name: str, peer: str) -> float:
-    """How many times the processor time of ``name`` does ``peer`` need? By the minima, which others disturb least."""
-    return (
-        find_row(rows, scene, channels, peer)["cpu_ms_min"]
-        / find_row(rows, scene, channels, name)["cpu_ms_min"]
-    )
+def compare_iterations(pool: Workers, scene: str) -> Rows:
+    """A training iteration on a scene: a row for each worker."""
+
+    def turns(threads: int) -> dict[str, Turn]:
+        # Training starts before the first sample; a warm-up would break the rounds over the cameras.
+        call = (iteration.sample_iteration, scene, threads)
+        return {name: Turn(worker, call, ITERATION_ROUNDS, warm_up=False) for name, worker in pool.items()}
+
+    two = take_turns(turns(2))
+    return [
+        {"scene": scene, "variant": name, **summary(samples), **_on_two_threads(two, name)}
+        for name, samples in take_turns(turns(1)).items()
+    ]
+
+
+def ratio(rows: Rows, scene: str, channels: int, name: str) -> float:
+    """Processor time of torch over that of ``name``, by the minima, which other work disturbs least."""
+    torch_row, row = (find_row(rows, scene, channels, one) for one in ("torch", name))
+    return torch_row["cpu_ms_min"] / row["cpu_ms_min"]
 
 
 def find_row(rows: Rows, scene: str, channels: int, name: str) -> dict[str, Any]:
     """The row of one rasterizer on one scene."""
-    return next(
-        row for row in rows if (row["scene"], row["channels"], row["rasterizer"]) == (scene, channels, name)
-    )
+    case = (scene, channels, name)
+    return next(row for row in rows if (row["scene"], row["channels"], row["rasterizer"]) == case)
 
 
-def _kind(name: str, kernels: str = "kernels") -> str:
-    """The entry in ``rasterizers.PREPARE``."""
-    return name if name in ("numba", "torch") else kernels
+def _kind(name: str) -> str:
+    return name if name == "torch" else "kernels"
+
+
+def _on_two_threads(two: dict[str, list], name: str) -> dict[str, float]:
+    return {"wall_ms_min_2_threads": summary(two[name])["wall_ms_min"]} if name in two else {}
+
+
+def _memory() -> Rows:
+    rows = []
+    for grows, cases in MEMORY.items():
+        for case in track(cases, f"peak memory against {grows}"):
+            with start_worker(None) as worker:
+                peak = worker.submit(iteration.peak_bytes, *case).result() / MIB
+            sizes = dict(zip(("gaussians", "width", "height", "channels"), case, strict=True))
+            rows.append({"grows": grows, **sizes, "mib": round(peak, 1)})
+    return rows
+
+
+def _machine() -> dict[str, Any]:
+    """The machine, compiler and libraries of the measurements."""
+    compiler = find_compiler()
+    version = "no compiler"
+    if compiler is not None:
+        said = subprocess.run([*compiler, "--version"], capture_output=True, text=True, check=True).stdout
+        version = said.splitlines()[0]
+    return {
+        "date": datetime.date.today().isoformat(),
+        "cpu": machine(),
+        "compiler": version,
+        "python": platform.python_version(),
+        "torch": torch.__version__,
+        "kernels": library.variant(),
+    }

@@ -1,14 +1,13 @@
-"""A whole training iteration, as training does it, by phases; and the memory that it takes."""
+"""Time and memory of a whole training iteration."""
 
 from functools import lru_cache
 from pathlib import Path
-from unittest import mock
 
 import numpy as np
 import torch
 
 from benchmarks.rasterizer.scenes import NEAR_PLANE, SCENES, Scene, channels, make_scene
-from benchmarks.rasterizer.timing import PhaseClock
+from benchmarks.rasterizer.timing import Sample, sample
 from egosplat.gaussians import trainer as train
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.objective import L1Ssim
@@ -19,17 +18,6 @@ from egosplat.gaussians.schedule import Schedule
 from egosplat.gaussians.training_state import TrainingState
 from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
-from egosplat.rasterize import cpu
-
-PHASES = (
-    "projection, SH",
-    "raster forward",
-    "loss",
-    "raster backward",
-    "projection backward",
-    "density statistics",
-    "Adam",
-)
 
 _SH_CONSTANT = 0.28209479
 _SH_COEFFICIENTS = 16
@@ -49,14 +37,14 @@ _OPTIONS = TrainingOptions(
 
 
 class Training:
-    """Training that leaves the scene as it is: learning rates are zero, so that every iteration costs the same."""
+    """Training with learning rates of zero, so that the scene stays and every iteration costs the same."""
 
     def __init__(self, scene: Scene, features: int) -> None:
         gaussians = _gaussians(scene, features)
         self.views = _views(scene, gaussians)
         self.state = TrainingState(gaussians, _OPTIONS, extent=0.0, objective=L1Ssim(0.2))
         self.state.optimizer = Adam(gaussians, LearningRates(*[0.0] * 7))
-        # From here on all SH coefficients are in use.
+        # From this iteration on, all SH coefficients are in use.
         self.state.iteration = 3
 
     def iterate(self) -> None:
@@ -64,40 +52,19 @@ class Training:
         train.iterate(self.state, self.views, range(len(self.views)), _OPTIONS, _NO_DENSITY_CONTROL)
 
 
-def sample_phases(scene: str, threads: int) -> dict[str, float]:
-    """Processor time of one iteration by ``PHASES`` [ms], and ``wall``: all of it on the clock [ms]."""
-    torch.set_num_threads(threads)
-    training, clock = _training(scene), PhaseClock()
-    project_forward, raster_forward, loss, raster_backward, project_backward, statistics, adam = PHASES
-    population, observe = training.state.population, training.state.population.observe
-
-    def observed(*arguments: object) -> None:
-        clock.mark(project_backward)
-        observe(*arguments)
-        clock.mark(statistics)
-
-    with (
-        mock.patch.object(
-            cpu, "project", clock.around(cpu.project, project_forward, raster_backward, project_backward)
-        ),
-        mock.patch.object(
-            cpu, "composite", clock.around(cpu.composite, raster_forward, loss, raster_backward)
-        ),
-        mock.patch.object(population, "observe", observed),
-    ):
-        clock.start()
-        training.iterate()
-        clock.mark(adam)
-    return {**clock.cpu_ms, "wall": clock.wall_ms}
+def sample_iteration(scene: str, threads: int) -> Sample:
+    """Time one iteration."""
+    training = _training(scene)
+    return sample(training.iterate, threads)
 
 
 def peak_bytes(gaussians: int, width: int, height: int, channel_count: int) -> int:
-    """Memory that training takes at most, beyond what the process took before; for a process of its own."""
+    """Peak memory of training beyond that of the process before [B]; call it in a process of its own."""
     torch.set_num_threads(1)
     Training(make_scene(500, 64, 48), channel_count - 3).iterate()
     before = _memory("VmRSS")
     training = Training(make_scene(gaussians, width, height), channel_count - 3)
-    # The peak starts anew: making the scene may have taken more. (ru_maxrss would hold even the parent's.)
+    # Resets the peak: making the scene may have taken more. (ru_maxrss would include the parent's.)
     Path("/proc/self/clear_refs").write_text("5")
     for _ in range(2):
         training.iterate()
@@ -107,7 +74,7 @@ def peak_bytes(gaussians: int, width: int, height: int, channel_count: int) -> i
 @lru_cache(maxsize=1)
 def _training(scene: str) -> Training:
     training = Training(make_scene(*SCENES[scene]), 0)
-    # Once each view, so that all Gaussians that some view shows have moments.
+    # One pass over the views, so that every visible Gaussian has Adam moments.
     for _ in range(len(training.views)):
         training.iterate()
     return training
@@ -128,7 +95,7 @@ def _gaussians(scene: Scene, features: int) -> Gaussians:
 
 
 def _views(scene: Scene, gaussians: Gaussians) -> Views:
-    """Photographs from all cameras: the scene itself, with some noise so that there is something to learn."""
+    """Frames from all cameras: renderings of the scene with noise, so that the loss is not zero."""
     camera = Camera.from_matrix(scene.K.double().numpy(), scene.width, scene.height)
     camera_to_world = np.linalg.inv(scene.viewmats.double().numpy())
     noise = torch.Generator().manual_seed(1)

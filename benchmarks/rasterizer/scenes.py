@@ -1,7 +1,7 @@
-"""The bench's scenes: Gaussians on the surfaces of a furnished room, seen from inside it.
+"""Scenes of the benchmark: Gaussians on the surfaces of a furnished room, seen from inside it.
 
-Nothing is downloaded and nothing is trained: the overdraw (about 40 Gaussians a pixel) is that of a trained
-scene, because sizes follow the spacing and opacities are bimodal.
+Nothing is downloaded or trained. About 40 Gaussians contribute to a pixel, as in a trained scene, because sizes follow the
+spacing and opacities are bimodal.
 """
 
 from dataclasses import dataclass
@@ -54,12 +54,12 @@ class Scene:
 
 @dataclass(frozen=True)
 class Problem:
-    """What a rasterizer is given: Gaussians projected into the first camera, culled ones left out.
+    """Input of a rasterizer: Gaussians projected into the first camera, without culled ones.
 
     Attributes:
         means2d: (M, 2) [px]; conics: (M, 3); depths: (M,) [m]; opacities: (M,); channels: (M, X).
         radii: (M, 2) int32 [px].
-        v_render: (H, W, X), the loss's gradient to the image; planar in memory, as the loss returns it.
+        v_render: (H, W, X) gradient of the loss to the image; planar in memory, as the loss returns it.
     """
 
     means2d: Tensor
@@ -105,7 +105,7 @@ def make_scene(gaussians: int, width: int, height: int, seed: int = 0) -> Scene:
 
 
 def channels(scene: Scene, count: int) -> Tensor:
-    """(N, count): the colours, then the features, then both again."""
+    """(N, count): the colours, then the features, repeated."""
     known = torch.cat([scene.colors, scene.features], dim=1)
     return known[:, torch.arange(count) % known.shape[1]].contiguous()
 
@@ -163,7 +163,7 @@ def _scales(rng: np.random.Generator, spacing: Array) -> Array:
 
 
 def _quats(rng: np.random.Generator, tangents: Array, normals: Array) -> Array:
-    """Discs that lie in their surface, turned at random about its normal."""
+    """Discs in their surface with a random rotation about its normal."""
     angle = rng.uniform(0.0, 2 * np.pi, len(normals))[:, None]
     first = np.cos(angle) * tangents + np.sin(angle) * np.cross(normals, tangents)
     axes = np.stack([first, np.cross(normals, first), normals], axis=-1)
@@ -179,7 +179,7 @@ def _opacities(rng: np.random.Generator, count: int) -> Array:
 def _appearance(
     rng: np.random.Generator, means: Array, surface: NDArray[np.int64], surfaces: int
 ) -> tuple[Array, Array]:
-    """Waves of colour and noise; features that tell surfaces apart."""
+    """Colour waves with noise; features that differ between surfaces."""
     waves = rng.normal(0.0, 3.0, (3, 3))
     phases = rng.uniform(0.0, 6.0, (surfaces, 3))[surface]
     colors = 0.5 + 0.35 * np.sin(means @ waves.T + phases) + rng.normal(0.0, 0.05, means.shape)

@@ -1,4 +1,4 @@
-"""A small finished scene to break: its folder, its workflow, what its scores are apart from times."""
+"""A small finished scene to damage: its folder, its workflow, and its scores without times."""
 
 import json
 import os
@@ -13,12 +13,13 @@ import pandas as pd
 import psutil
 import yaml
 
+from benchmarks.common import ROOT
 from egosplat.artifacts.check import check_tree
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.variants import inputs_of
+from egosplat.progress import log
 
-ROOT = Path(__file__).resolve().parents[2]
 SCENE = Path("results/adt/scene1")
 TARGET = SCENE / "metrics.json"
 
@@ -29,36 +30,27 @@ segments: {points_per_side: 8, key_frame_stride: 6}
 transient: {iterations: 60, resolution: 48, input_size: 64, checkpoint_s: 0.5}
 splats: {masking: refined, iterations: 120, max_points: 1000, max_gaussians: 2000, checkpoint_s: 0.5}
 """
-"""So small that all stages take minutes, with checkpoints so frequent that kills meet them."""
+"""A configuration with which all stages take minutes, and checkpoints are frequent enough to meet kills."""
 
 ARTIFACTS = {
-    "synthetic": "recording",
-    "frames": "frames.zarr",
-    "annotations": "annotations.zarr",
-    "poses": "poses.zarr",
-    "survey": "survey.json",
-    "segments": "segments.zarr",
-    "view_features": "view_features.zarr",
-    "features": "features.zarr",
-    "transient": "transient.zarr",
-    "masks": "masks.zarr",
-    "splats": "splats.zarr",
-    "language": "language.zarr",
-    "metrics": "metrics.json",
+    name: stage.output
+    for name, stage in STAGES.items()
+    if stage.output.endswith((".zarr", ".json", "recording")) and name != "method_metrics"
 }
-"""What each stage makes, in the scene's folder; each comes after those it reads."""
+"""Output of each stage in the scene's folder, in an order in which each follows its inputs."""
 
 _LONGEST_WAIT_S = 300.0
 
 SCORED = ("origin", "counts", "scores", "queries", "rendering", "frames")
-"""The parts of metrics.json that do not tell of times."""
+"""Parts of metrics.json without times."""
 
 
 class Scene:
     """A working folder in which the workflow runs.
 
     Attributes:
-        folder: itself; transcript: the file that takes what Snakemake and its stages print, in ``folder`` unless said.
+        folder: the working folder.
+        transcript: file for the output of Snakemake and its stages, by default in ``folder``.
     """
 
     def __init__(self, folder: Path, transcript: Path | None = None) -> None:
@@ -66,17 +58,17 @@ class Scene:
         self.transcript = transcript or folder / "said.txt"
 
     def prepare(self) -> None:
-        """Lay the configuration out."""
+        """Write the configuration."""
         shutil.copytree(ROOT / "config", self.folder / "config")
         (self.folder / "small.yaml").write_text(SMALL)
 
     def copy(self, folder: Path, transcript: Path | None = None) -> "Scene":
-        """A private copy, with its own Snakemake."""
+        """A private copy with its own Snakemake."""
         shutil.rmtree(folder, ignore_errors=True)
         return Scene(Path(shutil.copytree(self.folder, folder, symlinks=True)), transcript)
 
     def start(self, *arguments: str) -> "subprocess.Popen[str]":
-        """The main command, begun; its output is one text."""
+        """Start the main command."""
         command = [sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "workflow/Snakefile")]
         command += ["--cores", "2", "--configfile", "small.yaml", *arguments, "--", str(TARGET)]
         return subprocess.Popen(
@@ -90,11 +82,11 @@ class Scene:
         )
 
     def said(self) -> str:
-        """All that Snakemake and its stages have printed here."""
+        """The output of Snakemake and its stages so far."""
         return self.transcript.read_text()
 
     def run(self) -> int:
-        """The main command to its end: its exit status."""
+        """Run the main command and return its exit status."""
         return self.start().wait()
 
     def up_to_date(self) -> bool:
@@ -103,7 +95,7 @@ class Scene:
         return self.start("--dry-run").wait() == 0 and "Nothing to be done" in self.said()
 
     def stage_process(self, stage: str) -> psutil.Process | None:
-        """The process that works on a stage here."""
+        """The running process of a stage in this folder."""
         for process in psutil.process_iter(["cmdline", "cwd"]):
             words = process.info["cmdline"] or []
             if stage.replace("_", "-") in words and process.info["cwd"] == str(self.folder.resolve()):
@@ -111,12 +103,12 @@ class Scene:
         return None
 
     def seconds(self, stage: str) -> float:
-        """How long a stage took, as Snakemake measured it."""
+        """Duration of a stage, measured by Snakemake."""
         tables = [path for path in (self.folder / "logs").rglob(f"{stage}.tsv")]
         return float(pd.read_csv(tables[0], sep="\t")["s"].iloc[0]) if tables else 5.0
 
     def begun(self, stage: str, snakemake: "subprocess.Popen[str]") -> psutil.Process | None:
-        """Wait for the process that works on a stage; None where Snakemake ends without one."""
+        """Wait for the process of a stage; None where Snakemake ends without one."""
         end = time.monotonic() + _LONGEST_WAIT_S
         while time.monotonic() < end and snakemake.poll() is None:
             if (process := self.stage_process(stage)) is not None:
@@ -125,36 +117,51 @@ class Scene:
         return None
 
     def all_sound(self) -> bool:
-        """Whether every artifact that is there is whole; there may be none."""
+        """Whether every existing artifact is whole; there may be none."""
         if not any(self.output(stage).exists() for stage in ARTIFACTS if ARTIFACTS[stage].endswith(".zarr")):
             return True
         return all(report.sound for report in check_tree(self.folder / "results", lambda _: None))
 
     def left_over(self) -> list[Path]:
-        """What was begun and neither finished nor removed."""
+        """Files that were started and neither finished nor removed."""
         hidden = (self.folder / "results").rglob(".*")
         return [path for path in hidden if path.name.endswith((".tmp", ".checkpoint"))]
 
     def output(self, stage: str) -> Path:
-        """What a stage makes."""
+        """Output of a stage."""
         return self.folder / SCENE / ARTIFACTS[stage]
 
     def lose(self, stage: str) -> None:
-        """Remove what a stage makes and all that is made from it: the main command has to make them again."""
+        """Remove the output of a stage and everything made from it."""
         lost = {stage}
         for name in ARTIFACTS:
             if name in lost or lost & _made_from(name):
                 lost.add(name)
                 remove(self.output(name))
 
+    def there(self) -> set[str]:
+        """Stages whose output exists."""
+        return {stage for stage in ARTIFACTS if self.output(stage).exists()}
+
+    def resumed(self, finished: "Scene") -> dict[str, bool]:
+        """Run the main command again: whether it ends well, with the scores of ``finished``, and leaves nothing over."""
+        ended = self.run() == 0
+        if not ended:
+            log(f"{self.folder}: the same command failed\n{self.said()}")
+        return {
+            "resumed": ended,
+            "same scores": ended and self.scores() == finished.scores(),
+            "nothing left over": self.all_sound() and not self.left_over(),
+        }
+
     def scores(self) -> dict[str, Any]:
-        """metrics.json, but for what tells of times and of how it was made."""
+        """The parts of metrics.json without times and provenance."""
         document = json.loads((self.folder / TARGET).read_text())
         return {name: document[name] for name in SCORED}
 
 
 def finished_scene(folder: Path) -> Scene:
-    """A scene in a new folder, on which the main command has run.
+    """A scene in a new folder after a complete run.
 
     Raises:
         SystemExit: it failed.

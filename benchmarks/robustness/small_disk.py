@@ -1,4 +1,4 @@
-"""A small disk to fill: a file system in memory, whose size can be changed while it is used."""
+"""A small disk to fill: a file system in memory whose size can change while it is used."""
 
 import shutil
 import subprocess
@@ -9,11 +9,11 @@ ROOMY_BYTES = 2**30
 
 
 class NoMountError(Exception):
-    """This process may mount nothing."""
+    """This process may not mount a file system."""
 
 
 class SmallDisk:
-    """A file system of its own at ``folder``, while the block lasts.
+    """A file system of its own at ``folder``, inside the block.
 
     Raises:
         NoMountError: without the right to mount; `unshare --user --map-root-user --mount COMMAND` gives it to a command.
@@ -31,7 +31,7 @@ class SmallDisk:
         subprocess.run(["umount", "--lazy", self.folder], check=True)
 
     def leave(self, room: int) -> None:
-        """Make the disk so small that ``room`` bytes are left on it."""
+        """Shrink the disk so that ``room`` bytes are left on it."""
         self._mount("-o", f"remount,size={shutil.disk_usage(self.folder).used + room}")
 
     def enlarge(self) -> None:
@@ -39,7 +39,7 @@ class SmallDisk:
         self._mount("-o", f"remount,size={ROOMY_BYTES}")
 
     def freeze(self) -> None:
-        """Nothing can be written to it any more."""
+        """Make it read-only."""
         self._mount("-o", "remount,ro")
 
     def _mount(self, *options: str) -> None:

@@ -1,0 +1,83 @@
+"""Forward and backward pass of one problem, by the compiled kernels and by the PyTorch reference."""
+
+from collections.abc import Callable
+from functools import lru_cache
+
+import torch
+from torch import Tensor
+
+from benchmarks.rasterizer.scenes import SCENES, Problem, make_problem, make_scene
+from benchmarks.rasterizer.timing import Sample, sample
+from egosplat.kernels import library
+from egosplat.kernels.raster import composite
+from egosplat.rasterize import composite_reference
+
+Run = Callable[[], tuple[Tensor, ...]]
+"""Returns the image (H, W, X), then the gradients to means2d, conics, opacities and channels."""
+
+
+def prepare_kernels(problem: Problem) -> Run:
+    """Both passes by the compiled kernels."""
+    leaves = _leaves(problem)
+    v_planar = problem.v_render.permute(2, 0, 1)
+
+    def run() -> tuple[Tensor, ...]:
+        means2d, conics, opacities, channels = leaves
+        render, _ = composite(
+            means2d,
+            conics,
+            problem.depths,
+            opacities,
+            channels,
+            spreads=None,
+            radii=problem.radii,
+            background=None,
+            width=problem.width,
+            height=problem.height,
+        )
+        return render.detach().permute(1, 2, 0), *torch.autograd.grad(render, leaves, v_planar)
+
+    return run
+
+
+def prepare_torch(problem: Problem) -> Run:
+    """Both passes by the PyTorch reference."""
+    leaves = _leaves(problem)
+
+    def run() -> tuple[Tensor, ...]:
+        size = (problem.width, problem.height)
+        render, _ = composite_reference.composite(*leaves, problem.depths, problem.radii, *size)
+        return render.detach(), *torch.autograd.grad(render, leaves, problem.v_render)
+
+    return run
+
+
+def sample_pass(kind: str, scene: str, channels: int, threads: int) -> Sample:
+    """Time both passes of ``kernels`` or ``torch`` on a scene."""
+    return sample(_prepared(kind, scene, channels), threads)
+
+
+def outputs(kind: str, scene: str, channels: int) -> list[Tensor]:
+    """Image and gradients of ``kernels`` or ``torch`` on a scene."""
+    return [tensor.contiguous() for tensor in _prepared(kind, scene, channels)()]
+
+
+def variant() -> str:
+    """The variant of the kernels in this process."""
+    return library.variant()
+
+
+def _leaves(problem: Problem) -> list[Tensor]:
+    parts = (problem.means2d, problem.conics, problem.opacities, problem.channels)
+    return [part.clone().requires_grad_() for part in parts]
+
+
+@lru_cache(maxsize=1)
+def _prepared(kind: str, scene: str, channels: int) -> Run:
+    prepare = {"kernels": prepare_kernels, "torch": prepare_torch}[kind]
+    return prepare(_problem(scene, channels))
+
+
+@lru_cache(maxsize=1)
+def _problem(scene: str, channels: int) -> Problem:
+    return make_problem(make_scene(*SCENES[scene]), channels)
