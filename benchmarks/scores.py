@@ -3,13 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from scipy import stats
+
 from egosplat.errors import UserError
 from egosplat.evaluation.intervals import (
     RESAMPLING,
     Clusters,
     cluster,
     clustered_interval,
-    mcnemar,
     mean_of_scenes,
 )
 from egosplat.tables.averages import average_chance
@@ -94,6 +95,14 @@ def paired(one: ScoredScene, other: ScoredScene) -> Paired:
 def queries_of(pairs: Sequence[Paired]) -> int:
     """Number of compared queries over all scenes."""
     return int(sum(one.hits.counts.sum() for one in pairs))
+
+
+def mcnemar(gained: int, lost: int) -> float:
+    """Exact two-sided p of as uneven a split of the queries that one of two answerers finds alone (McNemar 1947).
+
+    It takes queries for independent; see ``clustered_interval`` beside it for what categories change.
+    """
+    return float(stats.binomtest(gained, gained + lost).pvalue) if gained + lost else 1.0
 
 
 def accuracy_difference(pairs: Sequence[Paired]) -> str:

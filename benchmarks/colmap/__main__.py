@@ -13,13 +13,13 @@ from pathlib import Path
 import click
 import numpy as np
 
+from benchmarks.colmap.alignment import trajectory_error
 from benchmarks.common import command, markdown, scene_folders, scene_name
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.errors import UserError
 from egosplat.pipeline.config import defaults
-from egosplat.poses.alignment import trajectory_error
 from egosplat.poses.stage import PosesOptions, run
 
 COLUMNS = (

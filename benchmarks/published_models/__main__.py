@@ -20,6 +20,7 @@ from torch import Tensor, nn
 
 from benchmarks.common import MIB, command, markdown, output_of, timed
 from benchmarks.published_models.weights import CLIP, SAM2, save_clip, save_sam2
+from benchmarks.small_sam2.segmenters import image_predictor
 from egosplat.artifacts.usage import machine, peak_memory_mb
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.models.sam2_loader import load_sam2
@@ -43,7 +44,7 @@ Rows = Iterator[list[str]]
 def measure_sam2(path: Path) -> Rows:
     """Rows of SAM2: loading, encoding an image, a point prompt."""
     sam2, seconds = timed(lambda: load_sam2(SAM2, str(path), "cpu", "float32"))
-    model, predictor = sam2.video_predictor, sam2.image_predictor()
+    model, predictor = sam2.video_predictor, image_predictor(sam2)
     yield row("loading", [seconds], path, f"SAM2 {SAM2}", model)
     image = np.random.default_rng(0).integers(0, 256, (*FRAME, 3), dtype=np.uint8)
     with sam2.compute.inference():

@@ -2,10 +2,11 @@
 
 import contextlib
 import tempfile
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import torch
@@ -15,9 +16,15 @@ from PIL import Image
 from benchmarks.small_sam2.worlds import Film, Picture
 from egosplat.models.sam2_loader import Sam2, load_sam2
 from egosplat.pipeline.config import section_keys
-from egosplat.segments.classical.segmenter import segmenter as classical
+from egosplat.segments.classical import segmenter as classical
+
+if TYPE_CHECKING:
+    from sam2.sam2_image_predictor import SAM2ImagePredictor
 
 Masks = NDArray[np.bool_]
+
+_STRIDES = (4, 8, 16)
+"""Of the image encoder's three feature maps, finest first [px of the model's picture]."""
 
 _POINTS_A_BATCH = 32
 _GRID = 16
@@ -51,6 +58,19 @@ class Segmenter(Protocol):
         """(K, T, H, W): the masks of the first frame, followed."""
 
 
+def image_predictor(sam2: Sam2) -> "SAM2ImagePredictor":
+    """A predictor for single pictures, with the same weights: ``set_image`` and ``predict``."""
+    from sam2.sam2_image_predictor import SAM2ImagePredictor
+
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*torch.jit.script.* is deprecated")
+        predictor = SAM2ImagePredictor(sam2.video_predictor)
+    # SAM2 has the sizes for pictures of 1024 pixels written out.
+    side = sam2.video_predictor.image_size
+    predictor._bb_feat_sizes = [(side // stride, side // stride) for stride in _STRIDES]
+    return predictor
+
+
 class Sam2Segmenter:
     """SAM2 by its own predictors and its own automatic mask generator."""
 
@@ -58,7 +78,7 @@ class Sam2Segmenter:
         from sam2.automatic_mask_generator import SAM2AutomaticMaskGenerator
 
         self._sam2 = sam2
-        self._predictor = sam2.image_predictor()
+        self._predictor = image_predictor(sam2)
         keys = section_keys("segments")
         self._generator = SAM2AutomaticMaskGenerator(
             sam2.video_predictor,

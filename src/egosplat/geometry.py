@@ -5,7 +5,7 @@ Conventions:
     - A pose is ``camera_to_world``, a 4x4 float64 matrix: ``x_world = R x_camera + t``.
     - Images are (height, width); a point of the image is (u, v) = (right, down) in pixels.
     - The centre of the pixel in column i and row j is (i + 0.5, j + 0.5), as in COLMAP and gsplat.
-      projectaria-tools puts it at (i, j): see ``from_aria_pixels``.
+      projectaria-tools puts it at (i, j): see ``to_aria_pixels``.
     - Rotations become quaternions only through ``scipy.spatial.transform.Rotation``.
 """
 
@@ -82,11 +82,6 @@ CLOCKWISE = np.array(
     [[0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 )
 """``sensor_from_upright``: takes camera axes of the clockwise-rotated image to those of the sensor image."""
-
-
-def from_aria_pixels(pixels: Array) -> Array:
-    """projectaria-tools' image coordinates -> this package's."""
-    return np.asarray(pixels, dtype=np.float64) + ARIA_PIXEL_OFFSET
 
 
 def to_aria_pixels(pixels: Array) -> Array:

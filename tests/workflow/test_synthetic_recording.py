@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.colmap.alignment import trajectory_error
 from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
@@ -15,7 +16,6 @@ from egosplat.frames.adt import EXPOSURE_MIDDLE_AFTER_CAPTURE_NS
 from egosplat.geometry import CLOCKWISE, Camera, invert, rotation_angle, transform
 from egosplat.pipeline.config import defaults
 from egosplat.poses import stage as poses_stage
-from egosplat.poses.alignment import trajectory_error
 from egosplat.synthetic.adt_format.adt import write_sequence
 from egosplat.synthetic.adt_format.aria import device_from_camera
 from egosplat.synthetic.adt_format.sequence import ROLLING_SHUTTER_MIDDLE_NS, Sequence

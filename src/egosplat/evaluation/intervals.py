@@ -114,14 +114,6 @@ def clustered_interval(
     return Interval(max(low, least), min(high, most))
 
 
-def mcnemar(gained: int, lost: int) -> float:
-    """Exact two-sided p of as uneven a split of the queries that one of two answerers finds alone (McNemar 1947).
-
-    It takes queries for independent; see ``clustered_interval`` beside it for what categories change.
-    """
-    return float(stats.binomtest(gained, gained + lost).pvalue) if gained + lost else 1.0
-
-
 def bounds_of(interval: Interval | None) -> tuple[float, float] | None:
     """The bounds as a pair, as in ``metrics.json``."""
     return None if interval is None else (interval.low, interval.high)

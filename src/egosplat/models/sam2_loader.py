@@ -1,6 +1,5 @@
 """SAM2 from a configuration and a checkpoint, as predictor for pictures and for videos."""
 
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +16,6 @@ from egosplat.models.weights import load_weights, read_tensors
 
 if TYPE_CHECKING:
     from sam2.modeling.sam2_base import SAM2Base
-    from sam2.sam2_image_predictor import SAM2ImagePredictor
 
     from egosplat.models.video_predictor import VideoPredictor
 
@@ -36,9 +34,6 @@ AS_PREDICTOR = {
 _NO_DESCRIPTION = (AttributeError, KeyError, OSError, RecursionError, TypeError, ValueError)
 """What the readers raise on a file that is YAML, but of something else, or nested without end."""
 
-STRIDES = (4, 8, 16)
-"""Of the image encoder's three feature maps, finest first [px of the model's picture]."""
-
 
 @dataclass(frozen=True)
 class Sam2:
@@ -52,18 +47,6 @@ class Sam2:
 
     video_predictor: "VideoPredictor"
     compute: Compute
-
-    def image_predictor(self) -> "SAM2ImagePredictor":
-        """A predictor for single pictures, with the same weights: ``set_image`` and ``predict``."""
-        from sam2.sam2_image_predictor import SAM2ImagePredictor
-
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message=".*torch.jit.script.* is deprecated")
-            predictor = SAM2ImagePredictor(self.video_predictor)
-        # SAM2 has the sizes for pictures of 1024 pixels written out.
-        side = self.video_predictor.image_size
-        predictor._bb_feat_sizes = [(side // stride, side // stride) for stride in STRIDES]
-        return predictor
 
 
 def load_sam2(

@@ -6,11 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from benchmarks.colmap.alignment import align, similarity, trajectory_error
 from egosplat.errors import UserError
 from egosplat.gaussians.initialization import random_points, scene_extent, seen
 from egosplat.gaussians.training_views import split_views
 from egosplat.geometry import Camera, is_rigid, make_pose
-from egosplat.poses.alignment import align, similarity, trajectory_error
 from egosplat.poses.result import Poses, mean_camera_up, unregistered
 
 CAMERA = Camera(64, 48, 50.0, 50.0, 32.0, 24.0)

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from benchmarks.scores import mcnemar
 from egosplat.evaluation.intervals import (
     Clusters,
     IntervalOptions,
     cluster,
     clustered_interval,
-    mcnemar,
     mean_of_scenes,
 )
 

@@ -10,7 +10,7 @@ from egosplat.frames.adt import RGB_LABEL, RGB_STREAM, AdtRecording, device_cali
 from egosplat.frames.adt_annotations import AdtAnnotations
 from egosplat.frames.native_log import captured_log
 from egosplat.frames.rectify import Rectification
-from egosplat.geometry import from_aria_pixels, invert, make_pose, transform
+from egosplat.geometry import ARIA_PIXEL_OFFSET, invert, make_pose, transform
 
 OPTIONS = {"resolution": 352, "focal": 460.0, "upright": True, "stride": 1, "start_s": 0.0, "end_s": None}
 ANNOTATION_NS = [87551170910000, 87551204237999]
@@ -90,7 +90,7 @@ def test_our_pinhole_finds_the_same_instances_at_box_centres(sample, boxes, worl
         invert(world_from_device[0] @ calibration.get_transform_device_camera().to_matrix()), world
     )
     source = np.array(
-        [from_aria_pixels(calibration.project_no_checks(point)) for point in camera_points[usable]]
+        [calibration.project_no_checks(point) + ARIA_PIXEL_OFFSET for point in camera_points[usable]]
     )
     u, v = np.floor(source).astype(int).clip(0, 1407).T
     assert usable.sum() >= 70

@@ -8,6 +8,7 @@ from hydra.core.global_hydra import GlobalHydra
 from PIL import Image
 from safetensors.torch import load_file
 
+from benchmarks.small_sam2.segmenters import image_predictor
 from egosplat.errors import UserError
 from egosplat.models.sam2_loader import Sam2, build_predictor, load_sam2
 
@@ -29,7 +30,7 @@ def test_half_precision_is_loaded_into_float32(sam2, tiny_sam2):
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
 def test_masks_are_of_the_picture_s_size(tiny_sam2, picture, precision):
     sam2 = load_sam2(str(tiny_sam2 / "sam2.yaml"), str(tiny_sam2 / "model.safetensors"), "cpu", precision)
-    predictor = sam2.image_predictor()
+    predictor = image_predictor(sam2)
     with sam2.compute.inference():
         predictor.set_image(picture)
         masks, scores, logits = predictor.predict(np.array([[30.0, 40.0]]), np.array([1]))
@@ -41,7 +42,7 @@ def test_bfloat16_gives_nearly_the_scores_of_float32(tiny_sam2, picture):
     scores = []
     for precision in ("float32", "bfloat16"):
         sam2 = load_sam2(str(tiny_sam2 / "sam2.yaml"), str(tiny_sam2 / "model.safetensors"), "cpu", precision)
-        predictor = sam2.image_predictor()
+        predictor = image_predictor(sam2)
         with sam2.compute.inference():
             predictor.set_image(picture)
             scores.append(predictor.predict(np.array([[30.0, 40.0]]), np.array([1]))[1])
@@ -56,7 +57,7 @@ def test_other_sides_are_those_of_a_model_made_for_them(tiny_sam2, picture, tmp_
     answers = []
     for config, side in ((tmp_path / "large.yaml", None), (tiny_sam2 / "sam2.yaml", 192)):
         sam2 = load_sam2(str(config), weights, "cpu", "float32", side)
-        predictor = sam2.image_predictor()
+        predictor = image_predictor(sam2)
         with sam2.compute.inference():
             predictor.set_image(picture)
             answers.append(predictor.predict(np.array([[30.0, 40.0]]), np.array([1])))

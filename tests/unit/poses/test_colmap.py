@@ -10,9 +10,9 @@ import pycolmap
 import pytest
 from numpy.typing import NDArray
 
+from benchmarks.colmap.alignment import trajectory_error
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
-from egosplat.poses.alignment import trajectory_error
 from egosplat.poses.colmap.database import Project
 from egosplat.poses.colmap.mapping import ranges, too_few
 from egosplat.poses.colmap.pairs import every_pair, sequential_pairs

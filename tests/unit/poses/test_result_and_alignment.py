@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from benchmarks.colmap.alignment import align, similarity, trajectory_error
 from egosplat.errors import UserError
 from egosplat.geometry import Camera, make_pose
-from egosplat.poses.alignment import align, similarity, trajectory_error
 from egosplat.poses.result import Poses, mean_camera_up
 
 CAMERA = Camera(64, 48, 50.0, 50.0, 32.0, 24.0)

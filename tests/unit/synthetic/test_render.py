@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from egosplat.frames.rectify import Rectification, pinhole
-from egosplat.geometry import from_aria_pixels, invert, make_pose, to_aria_pixels, transform
+from egosplat.geometry import ARIA_PIXEL_OFFSET, invert, make_pose, to_aria_pixels, transform
 from egosplat.synthetic.adt_format.aria import camera_calibration
 from egosplat.synthetic.adt_format.sequence import ROLLING_SHUTTER_MIDDLE_NS
 from egosplat.synthetic.camera.lens import make_lens, pinhole_lens
@@ -48,7 +48,7 @@ def project(points, size):
     """(N, 2) pixels of (N, 3) points in camera axes; NaN outside of the picture."""
     calibration = camera_calibration(size)
     found = [calibration.project(point) if point[2] > 0 else None for point in points]
-    return from_aria_pixels(np.array([[np.nan, np.nan] if pixel is None else pixel for pixel in found]))
+    return np.array([[np.nan, np.nan] if pixel is None else pixel for pixel in found]) + ARIA_PIXEL_OFFSET
 
 
 def shoot(parts, camera, size=64, poses=None, bodies=()):
@@ -64,7 +64,7 @@ def test_rays_meet_the_pixels_that_they_come_from():
     lens, calibration = make_lens(96), camera_calibration(96)
     rows, columns = np.nonzero(lens.valid)
     for number in range(0, len(rows), 97):
-        pixel = from_aria_pixels(calibration.project_no_checks(lens.directions[number].astype(np.float64)))
+        pixel = calibration.project_no_checks(lens.directions[number].astype(np.float64)) + ARIA_PIXEL_OFFSET
         assert pixel == pytest.approx((columns[number] + 0.5, rows[number] + 0.5), abs=0.01)
     # The ray's change to the next pixel, and the angle that a pixel covers.
     inside = np.flatnonzero((lens.radius < 0.9) & (columns < 95))[:-1]
