@@ -4,6 +4,7 @@ Every kind of file carries a mark that tells which command wrote it. A command r
 """
 
 import contextlib
+import json
 import shlex
 import stat
 import struct
@@ -101,6 +102,16 @@ def write_text_file(path: Path, text: str, kind: FileKind) -> None:
     """
     with output_file(path, kind) as scratch:
         scratch.write_text(text, encoding="utf-8")
+
+
+def write_json(path: Path, document: Any, kind: FileKind) -> None:
+    """Write a document as JSON with sorted keys, whole or not at all.
+
+    Raises:
+        ValueError: a number is not finite.
+        UserError: as ``output_file``.
+    """
+    write_text_file(path, json.dumps(document, indent=1, sort_keys=True, allow_nan=False) + "\n", kind)
 
 
 def _check_replaceable(path: Path, kind: FileKind) -> None:

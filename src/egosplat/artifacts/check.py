@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from egosplat.artifacts.integrity import remedy
+from egosplat.artifacts.consistency import made_from_another
+from egosplat.artifacts.integrity import rebuild_command
 from egosplat.artifacts.reader import recorded_digest, verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError, user_message
@@ -63,12 +64,12 @@ def _provenance(path: Path) -> dict[str, Any]:
     if path.suffix == ".zarr":
         return verify(path, SCHEMAS).provenance
     if not path.is_file():
-        raise UserError(f"{path}: is no regular file; make it anew: {remedy(path)}")
+        raise UserError(f"{path}: is no regular file. Rebuild it: {rebuild_command(path)}")
     try:
         return configuration.read_document(path, DOCUMENTS[path.name]).get("provenance", {"inputs": {}})
     except UserError as error:
         end = "" if str(error).endswith((".", "?")) else "."
-        raise UserError(f"{error}{end} Make it anew: {remedy(path)}") from None
+        raise UserError(f"{error}{end} Rebuild it: {rebuild_command(path)}") from None
 
 
 def _digest_of(path: Path) -> str | None:
@@ -82,7 +83,5 @@ def _digest_of(path: Path) -> str | None:
 def _changed_input(path: Path, provenance: dict[str, Any]) -> str:
     for name, digest in provenance["inputs"].items():
         if _digest_of(path.parent / name) not in (digest, None):
-            return (
-                f"{path}: was made from another {name} than the one beside it; make it anew: {remedy(path)}"
-            )
+            return str(made_from_another(path, path.parent / name))
     return ""

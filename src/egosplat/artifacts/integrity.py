@@ -73,7 +73,7 @@ def _kind(metadata: Path) -> str | None:
 def damaged(path: Path, what: str) -> ArtifactError:
     """The error for an artifact that cannot be trusted, or for something else in its place."""
     if _is_own(path):
-        return ArtifactError(f"{path}: {what}. It is damaged; make it anew: {remedy(path)}")
+        return ArtifactError(f"{path}: {what}. It is damaged. Rebuild it: {rebuild_command(path)}")
     return ArtifactError(f"{path}: {what}. Give an artifact of egosplat's, such as {EXAMPLE}")
 
 
@@ -84,8 +84,8 @@ def absent(path: Path) -> ArtifactError:
     return ArtifactError(f"{path}: does not exist. Make it: snakemake --cores 2 {shlex.quote(str(path))}")
 
 
-def remedy(path: Path) -> str:
-    """The commands that make an artifact anew; what did not come from the workflow, its own command makes."""
+def rebuild_command(path: Path) -> str:
+    """The shell commands that remove and rebuild a result. Outside the workflow's folders, only the removal is known."""
     again = (
         f"snakemake --cores 2 {shlex.quote(str(path))}" if _is_result(path) else "the command that made it"
     )

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.artifacts.consistency import check_inputs
 from egosplat.artifacts.reader import Artifact
-from egosplat.errors import UserError
-from egosplat.pipeline.survey_file import Survey, gaussians_learn_from_all, made_anew, read_survey
+from egosplat.pipeline.survey_file import Survey, gaussians_learn_from_all, read_survey
 
 
 def kept_frames(frames: Artifact, survey: Path | None) -> tuple[NDArray[np.bool_], dict[str, str]]:
@@ -38,8 +38,7 @@ def frames_for_gaussians(
 
 def _survey_of(frames: Artifact, path: Path) -> Survey:
     found = read_survey(path)
-    if found["provenance"]["inputs"].get("frames.zarr") != frames.digest:
-        raise UserError(f"{path}: is of other frames than {frames.path}. {made_anew(path)}")
+    check_inputs(path, found["provenance"]["inputs"], [frames])
     return found
 
 

@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.reader import Artifact, open_any, recorded_digest
 from egosplat.artifacts.registry import SCHEMAS
-from egosplat.errors import UserError
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ def lineage(artifacts: Sequence[Artifact]) -> Lineage:
         artifact = todo.pop()
         for name, digest in artifact.provenance["inputs"].items():
             if name in found:
-                _check_same(artifact, found[name], digest)
+                check_made_from(artifact, found[name])
                 continue
             paths = (folder / name for folder in folders)
             path = next((one for one in paths if one.exists() and recorded_digest(one) == digest), None)
@@ -53,11 +53,3 @@ def _folders(own: Sequence[Path]) -> list[Path]:
     """Where to look, in order: a variant may have inputs from another that it stands over."""
     variants = (sorted(folder.parent.iterdir()) for folder in own if folder.parent.name == "variants")
     return list(dict.fromkeys([*own, *(folder for folders in variants for folder in folders)]))
-
-
-def _check_same(artifact: Artifact, source: Artifact, digest: str) -> None:
-    if source.digest != digest:
-        raise UserError(
-            f"{artifact.path}: was made from another {source.path.name} than {source.path}; "
-            f"make it anew: snakemake --cores 2 {artifact.path}"
-        )

@@ -9,7 +9,7 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
-from egosplat.artifacts.integrity import ArtifactError, absent, damaged, digest_of, remedy, seal
+from egosplat.artifacts.integrity import ArtifactError, absent, damaged, digest_of, rebuild_command, seal
 from egosplat.artifacts.schema import Field, Schema, check_shape
 from egosplat.errors import reraise_as
 
@@ -86,7 +86,7 @@ def open_artifact(path: Path, schema: Schema) -> Artifact:
     """Open an artifact and check all that can be checked without reading its arrays.
 
     Raises:
-        ArtifactError: it is absent, of another kind or version, or damaged; says how to make it anew.
+        ArtifactError: it is absent, of another kind or version, or damaged; the message says how to rebuild it.
         OSError, MemoryError, RuntimeError: the system refuses to read it, see ``egosplat.errors``; so all that read.
     """
     return _checked_artifact(path, schema, *_open(path))
@@ -98,7 +98,7 @@ def _checked_artifact(path: Path, schema: Schema, group: zarr.Group, attributes:
         raise ArtifactError(f"{path}: holds {found!r}, not {schema.name!r}. Give the {schema.name} artifact.")
     version = attributes["format_version"]
     if version != schema.version:
-        hint = "Update egosplat" if version > schema.version else f"Make it anew: {remedy(path)}"
+        hint = "Update egosplat" if version > schema.version else f"Rebuild it: {rebuild_command(path)}"
         raise ArtifactError(
             f"{path}: has format version {version}, this is version {schema.version}. {hint}."
         )

@@ -7,8 +7,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.reader import Artifact
-from egosplat.errors import UserError
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class CodeTargets:
             UserError: the features are of other segments.
         """
         self._segments, self._device = segments, device
-        self._check(segments, features)
+        check_made_from(features, segments, axes=("instance",))
         self._instance, self._frame = features.read("instance"), features.read("frame")
         self._code = features.read("code")
         self._common = features.read("consistent_code")
@@ -53,14 +53,6 @@ class CodeTargets:
         names = segments.facts["levels"]
         self.levels = [names[level] for level in self._levels]
         self.channels = self._code.shape[1]
-
-    @staticmethod
-    def _check(segments: Artifact, features: Artifact) -> None:
-        if segments.shape("instances/level") != features.shape("instances/level"):
-            raise UserError(
-                f"{features.path}: is of other segments than {segments.path}; make it anew: "
-                f"snakemake --cores 2 {features.path}"
-            )
 
     def of(self, frame: int) -> Targets:
         """What the pixels of a frame, by its index in frames.zarr, shall show."""

@@ -1,6 +1,5 @@
 """``metrics.json``: its parts as plain values, its schema, and how it is written."""
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -13,7 +12,7 @@ from egosplat.evaluation.rendering import RegionScore
 from egosplat.evaluation.run_queries import Asked
 from egosplat.evaluation.scores import GroupScore
 from egosplat.frames.recording import Instance
-from egosplat.output_files import FileKind, stage_json_kind, write_text_file
+from egosplat.output_files import FileKind, stage_json_kind, write_json
 from egosplat.pipeline.validation import Draft202012Validator, schema
 
 FORMAT_VERSION = 3
@@ -33,7 +32,7 @@ def write_metrics(output: Path, document: Mapping[str, Any], kind: FileKind) -> 
     """
     values = finite(document)
     Draft202012Validator(schema("metrics")).validate(values)
-    write_text_file(output, json.dumps(values, indent=1, sort_keys=True, allow_nan=False) + "\n", kind)
+    write_json(output, values, kind)
 
 
 def finite(value: Any) -> Any:

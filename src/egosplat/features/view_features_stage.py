@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.artifacts import provenance
+from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
@@ -22,7 +23,6 @@ from egosplat.features.encoding import channels, encode
 from egosplat.features.journal import Journal
 from egosplat.features.views import (
     Views,
-    check_belong_together,
     cut_crops,
     find_views,
     lies_on_its_side,
@@ -64,7 +64,7 @@ def run(frames: Path, segments: Path, output: Path, options: ViewFeaturesOptions
         UserError: the inputs do not belong together, the model cannot be loaded, or it makes no finite feature.
     """
     pictures, tracks = open_artifact(frames, FRAMES), open_artifact(segments, SEGMENTS)
-    check_belong_together(pictures, tracks)
+    check_made_from(tracks, pictures, axes=("frame", "height", "width"))
     used = (options.clip_model, options.clip_checkpoint)
     inputs = _Inputs(pictures, tracks, load_open_clip(*used, options.device, options.precision))
     model = _about(inputs.clip, *used)

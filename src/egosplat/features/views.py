@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.errors import UserError
 from egosplat.features.crops import Regions, cut_crop, find_regions, resize
 from egosplat.models.open_clip_loader import Preprocessing
 from egosplat.progress import track
@@ -40,22 +39,6 @@ class Views:
     def by_frame(self) -> NDArray[np.int64]:
         """(R,) the rows in the order of frames, then instances: the order of encoding."""
         return np.lexsort((self.instance, self.frame))
-
-
-def check_belong_together(frames: Artifact, segments: Artifact) -> None:
-    """Check that segments are of these frames.
-
-    Raises:
-        UserError: they are not.
-    """
-    made_from = segments.provenance["inputs"].get(frames.path.name, frames.digest)
-    count, height, width, _ = frames.shape("rgb")
-    found, _, *size = segments.shape("labels")
-    if made_from != frames.digest or (found, *size) != (count, height, width):
-        raise UserError(
-            f"{segments.path}: was made from other frames than {frames.path}; "
-            f"make it anew: snakemake --cores 2 {segments.path}"
-        )
 
 
 def find_views(frames: Artifact, segments: Artifact, min_area: float, max_views: int | None) -> Views:

@@ -8,6 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.transient import TRANSIENT
@@ -64,8 +65,5 @@ def open_masking(kind: str, frames: Artifact, *, transient: Path | None, masks: 
     if path is None:
         raise UserError(f"splats.masking = {kind} needs the {name} artifact: give --{name}")
     artifact = open_artifact(path, schema)
-    if artifact.shape(array) != frames.shape("rgb")[:3]:
-        raise UserError(
-            f"{path}: was made from other frames than {frames.path}; make it anew: snakemake --cores 2 {path}"
-        )
+    check_made_from(artifact, frames, axes=("frame", "height", "width"))
     return Masking(artifact, array)

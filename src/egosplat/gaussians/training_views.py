@@ -126,20 +126,6 @@ def set_aside(training: Mask, key: str, instead: str) -> Mask:
     return chosen
 
 
-def check_belong_together(frames: Artifact, poses: Artifact) -> None:
-    """Check that the poses are of these frames.
-
-    Raises:
-        UserError: they were found for others.
-    """
-    made_from = poses.provenance["inputs"].get(frames.path.name, frames.digest)
-    if made_from != frames.digest or poses.shape("registered") != frames.shape("train"):
-        raise UserError(
-            f"{poses.path}: was made from other frames than {frames.path}; "
-            f"make it anew: snakemake --cores 2 {poses.path}"
-        )
-
-
 def read_views(
     frames: Artifact, poses: Artifact, chosen: Mask, masking: Masking, device: torch.device
 ) -> Views:

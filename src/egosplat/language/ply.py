@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.splats import SPLATS
-from egosplat.errors import UserError
 from egosplat.gaussians.io import read_gaussians
 from egosplat.gaussians.model import Gaussians
 from egosplat.output_files import check_output, output_file, text_kind
@@ -36,11 +36,7 @@ def export(scene: Path, output: Path, codes: bool) -> None:
     columns = geometry_columns(read_gaussians(splats))
     if codes:
         language = open_artifact(scene / "language.zarr", LANGUAGE)
-        if language.provenance["inputs"]["splats.zarr"] != splats.digest:
-            raise UserError(
-                f"{language.path}: is of other Gaussians than {splats.path}; "
-                f"make it anew: snakemake --cores 2 {language.path}"
-            )
+        check_made_from(language, splats, axes=("gaussian",))
         columns |= code_columns(language.read("code"), language.read("share"), language.facts["levels"])
     write_ply(output, columns, splats.origin)
     log(f"{output}: {len(columns['x'])} Gaussians, {len(columns)} properties each")

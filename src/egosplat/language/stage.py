@@ -10,6 +10,7 @@ from torch import Tensor
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.kept_frames import kept_frames
@@ -27,7 +28,6 @@ from egosplat.gaussians.device import training_device
 from egosplat.gaussians.io import read_gaussians
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.pixel_weights import Masking, open_masking
-from egosplat.gaussians.training_views import check_belong_together
 from egosplat.language.lifting import Lifted, lift
 from egosplat.language.training import CodeOptions, CodeTraining, Curve, shown_codes
 from egosplat.language.views import TaughtViews, taught_views
@@ -76,7 +76,7 @@ def run(
     pictures, walk = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
     instances, words = open_artifact(segments, SEGMENTS), open_artifact(features, FEATURES)
     scene = open_artifact(splats, SPLATS)
-    check_belong_together(pictures, walk)
+    check_made_from(walk, pictures, axes=("frame",))
     moving = open_masking(scene.provenance["options"]["masking"], pictures, transient=transient, masks=masks)
     kept, by_survey = kept_frames(pictures, survey)
     made = _begin(asdict(options) | by_survey, [pictures, walk, instances, words, scene], moving)
@@ -119,11 +119,7 @@ def _joint_codes(splats: Artifact, features: Artifact, lifted: Lifted) -> Tensor
     Raises:
         UserError: they were trained with other features.
     """
-    if splats.provenance["inputs"]["features.zarr"] != features.digest:
-        raise UserError(
-            f"{splats.path}: its codes were trained with other features than {features.path}; "
-            f"make it anew: snakemake --cores 2 {splats.path}"
-        )
+    check_made_from(splats, features)
     stored = torch.from_numpy(splats.read("features")).to(lifted.code.device)
     return stored.reshape(lifted.code.shape)
 

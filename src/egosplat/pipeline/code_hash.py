@@ -29,6 +29,7 @@ NEUTRAL = {
     "egosplat.pipeline.process_guards",
     "egosplat.pipeline.validation",
     "egosplat.progress",
+    "egosplat.artifacts.consistency",
     "egosplat.artifacts.provenance",
     "egosplat.pipeline.stages",
 }

@@ -8,7 +8,7 @@ from typing import Any
 
 from egosplat.errors import UserError
 from egosplat.files import read_json
-from egosplat.output_files import stage_json_kind, write_text_file
+from egosplat.output_files import stage_json_kind, write_json
 from egosplat.pipeline.validation import Draft202012Validator, schema
 
 FORMAT_VERSION = 1
@@ -26,7 +26,7 @@ def write_survey(output: Path, document: Survey) -> None:
         UserError: something is at ``output`` that is no survey.
     """
     Draft202012Validator(schema("survey")).validate(document)
-    write_text_file(output, json.dumps(document, indent=1, sort_keys=True, allow_nan=False) + "\n", SURVEY)
+    write_json(output, document, SURVEY)
 
 
 def read_survey(path: Path) -> Survey:

@@ -8,13 +8,13 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from egosplat.alarms.found import warnings_of
+from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.view_features import VIEW_FEATURES
 from egosplat.codes.vectors import unit, usable
-from egosplat.errors import UserError
 from egosplat.features.aggregation import disagreement
 from egosplat.features.crops import cut_crop
 from egosplat.output_files import check_output, picture_kind
@@ -109,12 +109,10 @@ def run(
 
 
 def _read(views: Artifact, features: Artifact) -> Table:
-    instance, frame = views.read("instance"), views.read("frame")
-    if features.shape("instance") != instance.shape or (features.read("instance") != instance).any():
-        raise UserError(f"{features.path}: was made from other views than {views.path}; make it anew")
+    check_made_from(features, views, axes=("view",))
     return Table(
-        instance,
-        frame,
+        views.read("instance"),
+        views.read("frame"),
         views.read("box"),
         features.read("inlier"),
         views.read("instances/level"),

@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from egosplat.alarms.found import warnings_of
+from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.codes.rendering import render_codes
 from egosplat.geometry import Camera, make_pose
 from egosplat.output_files import check_output, picture_kind
 from egosplat.report.figure import draw_heading, plt, save_figure
-from egosplat.report.trained_scene import TrainedScene, check_made_from, open_trained_scene
+from egosplat.report.trained_scene import TrainedScene, open_trained_scene
 
 PAGE = picture_kind("egosplat language-sheet")
 

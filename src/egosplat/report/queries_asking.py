@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.artifacts.annotations import ANNOTATIONS
+from egosplat.artifacts.consistency import check_inputs
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.language import LANGUAGE
@@ -78,13 +79,7 @@ def open_sources(paths: Sequence[Path], scored: ScoredScene) -> Sources:
             f"{scored.path}: holds the scores of {scored.method}, and only egosplat's own queries can be asked again; "
             "give the scene's metrics.json"
         )
-    scored_with = scored.document["provenance"]["inputs"]
-    for artifact in opened:
-        if scored_with.get(artifact.path.name) != artifact.digest:
-            raise UserError(
-                f"{scored.path}: was made from another {artifact.path.name} than {artifact.path}; "
-                f"make it anew: snakemake --cores 2 {scored.path}"
-            )
+    check_inputs(scored.path, scored.document["provenance"]["inputs"], opened)
     return Sources(*opened)
 
 

@@ -7,10 +7,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
-from egosplat.errors import UserError
 from egosplat.gaussians.io import read_gaussians
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import render
@@ -66,18 +66,3 @@ def open_trained_scene(poses: Path, splats: Path) -> TrainedScene:
     walk, trained = open_artifact(poses, POSES), open_artifact(splats, SPLATS)
     check_made_from(trained, walk)
     return TrainedScene(walk, trained, read_gaussians(trained))
-
-
-def check_made_from(artifact: Artifact, *sources: Artifact) -> None:
-    """Check that an artifact was made from these, as far as it was made from any of their names.
-
-    Raises:
-        UserError: it was made from others.
-    """
-    inputs = artifact.provenance["inputs"]
-    for source in sources:
-        if inputs.get(source.path.name, source.digest) != source.digest:
-            raise UserError(
-                f"{artifact.path}: was made from another {source.path.name} than {source.path}; "
-                f"make it anew: snakemake --cores 2 {artifact.path}"
-            )

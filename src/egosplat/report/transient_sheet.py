@@ -11,6 +11,7 @@ from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
 from egosplat.alarms.found import warnings_of
+from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.reader import Artifact, open_artifact
@@ -19,7 +20,7 @@ from egosplat.artifacts.transient import TRANSIENT
 from egosplat.output_files import check_output, picture_kind
 from egosplat.report.figure import draw_heading, plt, save_figure
 from egosplat.report.page_text import add_name
-from egosplat.report.trained_scene import TrainedScene, check_made_from, open_trained_scene
+from egosplat.report.trained_scene import TrainedScene, open_trained_scene
 
 PAGE = picture_kind("egosplat transient-sheet")
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.kept_frames import frames_for_gaussians
@@ -35,7 +36,6 @@ from egosplat.gaussians.training_views import (
     Mask,
     Split,
     Views,
-    check_belong_together,
     read_views,
     set_aside,
     split_views,
@@ -162,7 +162,7 @@ def _words(segments: Path | None, features: Path | None) -> tuple[Artifact, Arti
 def _begin(
     keys: dict[str, Any], pictures: Artifact, walk: Artifact, moving: Masking, words: tuple[Artifact, ...]
 ) -> Provenance:
-    check_belong_together(pictures, walk)
+    check_made_from(walk, pictures, axes=("frame",))
     used = [pictures, walk, *words]
     if moving.artifact is not None:
         used.append(moving.artifact)

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.artifacts import provenance
+from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.errors import UserError
 from egosplat.geometry import Camera
 from egosplat.output_files import check_output
 from egosplat.pipeline.survey_file import FORMAT_VERSION, SURVEY, digest_of_frames, write_survey
@@ -36,7 +36,7 @@ def run(frames: Path, poses: Path, output: Path, options: SurveyOptions) -> None
     """
     check_output(output, SURVEY)
     pictures, walk = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
-    _check_belong_together(pictures, walk)
+    check_made_from(walk, pictures, axes=("frame",))
     made = provenance.begin_from("survey", asdict(options), (pictures, walk))
     document = {
         "format_version": FORMAT_VERSION,
@@ -95,15 +95,6 @@ def _poses(pictures: Artifact, walk: Artifact) -> dict[str, Any]:
         "frames": pictures.shape("rgb")[0],
         "points": walk.shape("points/xyz")[0],
     }
-
-
-def _check_belong_together(pictures: Artifact, walk: Artifact) -> None:
-    made_from = walk.provenance["inputs"].get(pictures.path.name, pictures.digest)
-    if made_from != pictures.digest or walk.shape("registered") != pictures.shape("train"):
-        raise UserError(
-            f"{walk.path}: was made from other frames than {pictures.path}; "
-            f"make it anew: snakemake --cores 2 {walk.path}"
-        )
 
 
 def _tell(document: dict[str, Any]) -> None:

@@ -1,6 +1,5 @@
 """The files of a trade-off: ``tradeoff.json``, its numbers as CSV, and the page."""
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from importlib import resources
@@ -10,7 +9,7 @@ from typing import Any
 import pandas as pd
 from jinja2 import Environment, StrictUndefined
 
-from egosplat.output_files import json_kind, text_kind, write_text_file
+from egosplat.output_files import json_kind, text_kind, write_json
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.stages import STAGES
 from egosplat.tables.page import read_picture
@@ -68,7 +67,7 @@ def write_document(path: Path, document: dict[str, Any]) -> None:
         UserError: something is at ``path`` that is no ``tradeoff.json``.
     """
     configuration.check(document, str(path), against="tradeoff")
-    write_text_file(path, json.dumps(document, indent=1, sort_keys=True, allow_nan=False) + "\n", TRADEOFF)
+    write_json(path, document, TRADEOFF)
 
 
 def to_csv(document: Mapping[str, Any]) -> str:

@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.artifacts import provenance
+from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.artifacts.writer import create
-from egosplat.errors import UserError
 from egosplat.progress import log, track
 from egosplat.transient.refinement import InstanceScores, refined_mask, transient_instances
 
@@ -38,8 +38,8 @@ def run(frames: Path, transient: Path, segments: Path, output: Path, options: Ma
     threshold, level = options.threshold, options.level
     pictures = open_artifact(frames, FRAMES)
     predicted, instances = open_artifact(transient, TRANSIENT), open_artifact(segments, SEGMENTS)
-    for artifact, name in ((predicted, "probability"), (instances, "labels")):
-        _check_of_frames(artifact, name, pictures)
+    for artifact in (predicted, instances):
+        check_made_from(artifact, pictures, axes=("frame", "height", "width"))
     made = provenance.begin_from("masks", asdict(options), (pictures, predicted, instances))
     names = instances.facts["levels"]
     shown_by = instances.facts.get("repeats", {}).get(level, level)
@@ -76,18 +76,3 @@ def _scores(predicted: Artifact, instances: Artifact, rows: NDArray[np.int64]) -
     for frame in track(rows, "scoring instances", total=len(rows)):
         scores.add(instances.row("labels", frame), predicted.row("probability", frame))
     return scores
-
-
-def _check_of_frames(artifact: Artifact, name: str, frames: Artifact) -> None:
-    """Check that an artifact, whose array of that name is (F, ..., H, W), was made from these frames.
-
-    Raises:
-        UserError: it was made from others.
-    """
-    made_from = artifact.provenance["inputs"].get(frames.path.name, frames.digest)
-    count, *_, height, width = artifact.shape(name)
-    if made_from != frames.digest or (count, height, width) != frames.shape("rgb")[:3]:
-        raise UserError(
-            f"{artifact.path}: was made from other frames than {frames.path}; "
-            f"make it anew: snakemake --cores 2 {artifact.path}"
-        )

@@ -9,6 +9,7 @@ import torch
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.kept_frames import kept_frames
 from egosplat.artifacts.poses import POSES
@@ -23,7 +24,7 @@ from egosplat.gaussians.options import RenderOptions, TrainingOptions
 from egosplat.gaussians.starting_points import starting_gaussians
 from egosplat.gaussians.trainer import Photographs, resume_and_train
 from egosplat.gaussians.training_state import TrainingState
-from egosplat.gaussians.training_views import Mask, check_belong_together, split_views
+from egosplat.gaussians.training_views import Mask, split_views
 from egosplat.models.checkpoints import content_hash
 from egosplat.progress import log, track
 from egosplat.transient.network import TransientNet, make_network
@@ -117,7 +118,7 @@ def run(
             the backend cannot run, training diverges.
     """
     pictures, walk = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
-    check_belong_together(pictures, walk)
+    check_made_from(walk, pictures, axes=("frame",))
     kept, by_survey = kept_frames(pictures, survey)
     weights = None if options.encoder_weights is None else Path(options.encoder_weights).expanduser()
     net = make_network(options.input_size, _sideways(pictures), weights, options.seed)

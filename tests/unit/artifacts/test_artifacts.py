@@ -265,7 +265,7 @@ def test_absent_foreign_and_other_versions_are_told_apart(tmp_path):
     older, newer = (Schema("tiny", version, TINY.fields) for version in (1, 3))
     with pytest.raises(ArtifactError, match="format version 2, this is version 1. Update egosplat"):
         open_artifact(tmp_path / "a.zarr", older)
-    with pytest.raises(ArtifactError, match="format version 2, this is version 3. Make it anew"):
+    with pytest.raises(ArtifactError, match="format version 2, this is version 3. Rebuild it"):
         open_artifact(tmp_path / "a.zarr", newer)
 
 
@@ -287,7 +287,7 @@ def test_a_user_s_own_folder_is_never_advised_to_be_removed(tmp_path, content):
 def test_a_damaged_result_is_advised_to_be_made_anew_with_its_path_quoted(tmp_path):
     folder = tmp_path / "my work" / "results/adt/scene1/frames.zarr"
     folder.mkdir(parents=True)
-    with pytest.raises(ArtifactError, match=r"make it anew: rm -r '.*my work.*' && snakemake --cores 2 '"):
+    with pytest.raises(ArtifactError, match=r"Rebuild it: rm -r '.*my work.*' && snakemake --cores 2 '"):
         open_artifact(folder, TINY)
 
 

@@ -174,7 +174,7 @@ def test_segments_of_other_frames(scene, run, labels):
     scene(labels=labels[:4], train=np.ones(4, bool))
     shutil.rmtree(folder / "segments.zarr")
     segments.rename(folder / "segments.zarr")
-    with pytest.raises(UserError, match="segments.zarr: was made from other frames"):
+    with pytest.raises(UserError, match="segments.zarr: was made from another frames.zarr"):
         run(folder)
     assert {path.name for path in folder.iterdir()} == {"frames.zarr", "segments.zarr"}
 

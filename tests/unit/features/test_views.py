@@ -6,8 +6,7 @@ import pytest
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.segments import SEGMENTS
-from egosplat.errors import UserError
-from egosplat.features.views import check_belong_together, cut_crops, find_views, spread
+from egosplat.features.views import cut_crops, find_views, spread
 from egosplat.models.open_clip_loader import Preprocessing
 
 WANTED = Preprocessing((11, 11), (0.5, 0.5, 0.5), (0.2, 0.2, 0.2), "bicubic", "squash")
@@ -81,12 +80,3 @@ def test_each_frame_is_read_once(scene, monkeypatch):
     )
     list(cut_crops(frames, segments, views.chosen(views.by_frame), WANTED))
     assert sorted(read) == sorted((name, frame) for name in ("rgb", "labels") for frame in range(4))
-
-
-@pytest.mark.parametrize("frames", [5, 4])
-def test_segments_of_other_frames_are_refused(scene, labels, tmp_path, frames):
-    scene(labels=labels)
-    segments = open_artifact((tmp_path / "segments.zarr").rename(tmp_path / "kept.zarr"), SEGMENTS)
-    scene(labels=labels[:frames], train=np.ones(frames, bool))
-    with pytest.raises(UserError, match=r"kept.zarr: was made from other frames"):
-        check_belong_together(open_artifact(tmp_path / "frames.zarr", FRAMES), segments)

@@ -9,7 +9,7 @@ from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
 from egosplat.errors import UserError
 from egosplat.gaussians.pixel_weights import Masking
-from egosplat.gaussians.training_views import check_belong_together, read_views, split_views
+from egosplat.gaussians.training_views import read_views, split_views
 from egosplat.geometry import Camera
 
 CPU = torch.device("cpu")
@@ -69,14 +69,3 @@ def test_the_weight_is_the_lens_circle(scene):
 
 def test_no_views_can_be_read(scene):
     assert len(read_views(*opened(scene()), mask(9), NOTHING, CPU)) == 0
-
-
-def test_poses_of_other_frames_are_refused(scene, camera_to_world):
-    check_belong_together(*opened(scene()))
-    other = {"camera_to_world": camera_to_world[:5], "registered": np.ones(5, bool)}
-    with pytest.raises(UserError, match=r"poses.zarr: was made from other frames"):
-        check_belong_together(*opened(scene(**other)))
-    frames, poses = opened(scene())
-    poses.provenance["inputs"]["frames.zarr"] = "the digest of others"
-    with pytest.raises(UserError, match=r"make it anew: snakemake --cores 2 \S+poses.zarr"):
-        check_belong_together(frames, poses)

@@ -109,7 +109,7 @@ def test_joint_codes_of_other_features_are_refused(scene):
         shutil.rmtree(path)
     scene(rows=[(0, 0), (1, 0)])
     splats.rename(folder / "splats.zarr")
-    with pytest.raises(UserError, match="other features"):
+    with pytest.raises(UserError, match="another features.zarr"):
         run(folder)
 
 

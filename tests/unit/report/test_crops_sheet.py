@@ -102,7 +102,7 @@ def test_features_of_other_views_are_refused(tmp_path):
     (tmp_path / "other").mkdir()
     paths = scene(tmp_path, 3, 2, 5)
     paths[3] = scene(tmp_path / "other", 4, 2, 5)[3]
-    with pytest.raises(UserError, match=r"features.zarr: was made from other views"):
+    with pytest.raises(UserError, match=r"features.zarr: was made from another view_features.zarr"):
         run(*paths, tmp_path / "crops.png", title="a scene")
 
 

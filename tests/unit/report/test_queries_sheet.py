@@ -137,7 +137,7 @@ def test_scores_of_other_artifacts_are_refused(word_scene):
     word_scene(nudge=0.001)
     (folder / "metrics.json").write_bytes(kept)
     with pytest.raises(
-        UserError, match=r"metrics.json: was made from another splats.zarr than .*make it anew"
+        UserError, match=r"metrics.json: was made from another splats.zarr than .*Rebuild it: "
     ):
         draw(folder)
     assert not (folder / "queries.png").exists()

@@ -78,7 +78,7 @@ def test_poses_of_other_frames_are_refused(scene, walks, still):
     (folder / "poses.zarr").rename(folder / "other.zarr")
     scene(walks[:4], still[:4])
     (folder / "other.zarr").rename(folder / "of_eight.zarr")
-    with pytest.raises(UserError, match="was made from other frames"):
+    with pytest.raises(UserError, match="was made from another frames.zarr"):
         stage.run(folder / "frames.zarr", folder / "of_eight.zarr", folder / "survey.json", OPTIONS)
     assert not (folder / "survey.json").exists()
 
@@ -97,7 +97,7 @@ def test_a_survey_of_other_frames_is_refused(scene, walks, still, moving):
     folder = scene(walks, still)
     surveyed(folder)
     scene(walks, moving)
-    with pytest.raises(UserError, match=r"survey\.json: is of other frames than"):
+    with pytest.raises(UserError, match=r"survey\.json: was made from another frames.zarr than"):
         kept_frames(open_artifact(folder / "frames.zarr", FRAMES), folder / "survey.json")
 
 

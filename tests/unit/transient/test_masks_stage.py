@@ -118,8 +118,8 @@ def test_no_instance_at_all_masks_nothing(scene):
 def test_inputs_of_other_frames_are_refused(scene):
     folder = scene()
     predict(folder, np.zeros((FRAME_COUNT, SIZE, SIZE // 2)))
-    with pytest.raises(UserError, match="transient.zarr: was made from other frames"):
+    with pytest.raises(UserError, match="transient.zarr: was made from another frames.zarr"):
         run(folder)
     predict(folder, np.zeros((FRAME_COUNT, SIZE, SIZE)), frames_digest="another")
-    with pytest.raises(UserError, match="transient.zarr: was made from other frames"):
+    with pytest.raises(UserError, match="transient.zarr: was made from another frames.zarr"):
         run(folder)

@@ -1,0 +1,79 @@
+"""Artifacts that do not belong together are refused, by digest and by size."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from egosplat.artifacts.consistency import check_inputs, check_made_from
+from egosplat.artifacts.provenance import begin
+from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.schema import Field, Schema
+from egosplat.artifacts.writer import create
+from egosplat.errors import UserError
+
+SOURCE = Schema("source", 1, {"time": Field(("frame",), "int64", "ns", "time")})
+MADE = Schema("made", 1, {"pose": Field((4, "frame"), "int64", "m", "pose")})
+
+
+def source(path: Path, *times: int) -> Artifact:
+    with create(path, SOURCE, begin("frames", {}, "real")) as artifact:
+        artifact.put("time", np.array(times))
+    return open_artifact(path, SOURCE)
+
+
+def made(path: Path, frames: int, inputs: dict[str, str]) -> Artifact:
+    with create(path, MADE, begin("poses", {}, "real", inputs)) as artifact:
+        artifact.put("pose", np.zeros((4, frames), np.int64))
+    return open_artifact(path, MADE)
+
+
+@pytest.fixture
+def frames(tmp_path: Path) -> Artifact:
+    return source(tmp_path / "frames.zarr", 1, 2, 3)
+
+
+def test_an_artifact_made_from_its_source_passes(tmp_path, frames):
+    """The digest that provenance records under the source's file name is the source's."""
+    check_made_from(made(tmp_path / "poses.zarr", 3, {"frames.zarr": frames.digest}), frames, axes=("frame",))
+
+
+def test_a_source_with_another_digest_is_refused(tmp_path, frames):
+    """Sources of equal sizes are told apart by digest; the message names both files and the command that rebuilds."""
+    other = source(tmp_path / "other" / "frames.zarr", 1, 2, 4)
+    poses = made(tmp_path / "results/adt/one/poses.zarr", 3, {"frames.zarr": frames.digest})
+    with pytest.raises(UserError) as caught:
+        check_made_from(poses, other, axes=("frame",))
+    said = str(caught.value)
+    assert said.startswith(f"{poses.path}: was made from another frames.zarr than {other.path}. ")
+    assert said.endswith(f"rm -r {poses.path} && snakemake --cores 2 {poses.path}")
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_a_source_that_provenance_does_not_record_is_compared_by_size(tmp_path, frames, count):
+    """Without a recorded digest, as for a renamed file, axes must still have one size."""
+    poses = made(tmp_path / "poses.zarr", count, {})
+    check_made_from(poses, frames)
+    if count == 3:
+        check_made_from(poses, frames, axes=("frame",))
+    else:
+        with pytest.raises(UserError, match="poses.zarr: was made from another frames.zarr"):
+            check_made_from(poses, frames, axes=("frame",))
+
+
+def test_every_source_is_checked(tmp_path, frames):
+    """A wrong source after a right one is found."""
+    other = source(tmp_path / "masks.zarr", 5)
+    poses = made(tmp_path / "poses.zarr", 3, {"frames.zarr": frames.digest, "masks.zarr": "0"})
+    with pytest.raises(UserError, match="another masks.zarr"):
+        check_made_from(poses, frames, other)
+
+
+def test_a_json_result_must_record_each_source(tmp_path, frames):
+    """Unlike artifacts, a JSON result has no sizes to compare: a missing digest is refused, a renamed source is not."""
+    path = tmp_path / "survey.json"
+    check_inputs(path, {"renamed.zarr": frames.digest}, [frames])
+    with pytest.raises(UserError, match="survey.json: was made from another frames.zarr"):
+        check_inputs(path, {"frames.zarr": "0"}, [frames])
+    with pytest.raises(UserError, match="survey.json: was made from another frames.zarr"):
+        check_inputs(path, {}, [frames])
