@@ -15,7 +15,7 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.output_files import check_output, picture_kind
-from egosplat.report.figure import draw_heading, plt, save_figure
+from egosplat.report.figure import draw_heading, evenly_spaced, plt, save_figure
 from egosplat.report.page_text import add_name
 
 PAGE = picture_kind("egosplat contact-sheet")
@@ -48,7 +48,8 @@ def run(frames: Path, annotations: Path, poses: Path, output: Path, *, title: st
         open_artifact(path, schema)
         for path, schema in ((frames, FRAMES), (annotations, ANNOTATIONS), (poses, POSES))
     )
-    shown, rows = _spread(pictures.shape("rgb")[0]), _spread(labels.shape("frame")[0])
+    shown = evenly_spaced(pictures.shape("rgb")[0], PICTURES)
+    rows = evenly_spaced(labels.shape("frame")[0], PICTURES)
     columns = min(COLUMNS, max(len(shown), len(rows)))
     above, below = (math.ceil(len(part) / columns) for part in (shown, rows))
     widths = (HEIGHT * 0.72, _grid_width(pictures, columns, above + below))
@@ -161,11 +162,6 @@ def _draw_pictures(cells: NDArray[np.object_], pictures: Artifact, shown: list[i
     for cell, index in zip(cells.flat, shown, strict=False):
         cell.imshow(pictures.row("rgb", index))
         cell.set_title(f"frame {index}, {(times[index] - times[0]) * 1e-9:.1f} s", fontsize=9)
-
-
-def _spread(count: int) -> list[int]:
-    """At most ``PICTURES`` indices below ``count``, evenly spread from the first to the last."""
-    return np.unique(np.linspace(0, count - 1, min(count, PICTURES)).round().astype(int)).tolist()
 
 
 def _draw_annotated_pictures(

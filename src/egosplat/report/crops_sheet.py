@@ -18,7 +18,7 @@ from egosplat.codes.vectors import unit, usable
 from egosplat.features.aggregation import disagreement
 from egosplat.features.crops import cut_crop
 from egosplat.output_files import check_output, picture_kind
-from egosplat.report.figure import draw_heading, plt, save_figure
+from egosplat.report.figure import draw_heading, evenly_spaced, plt, save_figure
 
 PAGE = picture_kind("egosplat crops-sheet")
 
@@ -164,14 +164,10 @@ def overlap(table: Table, one: int, other: int) -> float:
 def choose_views(table: Table, instance: int) -> NDArray[np.int64]:
     """Rows of the views to show, in order of time: evenly spread, outliers first, up to half of the strip."""
     rows = table.rows(instance)
-    outliers = _spread(rows[~table.inlier[rows]], COLUMNS // 2)
-    others = _spread(rows[table.inlier[rows]], COLUMNS - len(outliers))
+    outliers, others = rows[~table.inlier[rows]], rows[table.inlier[rows]]
+    outliers = outliers[evenly_spaced(len(outliers), COLUMNS // 2)]
+    others = others[evenly_spaced(len(others), COLUMNS - len(outliers))]
     return np.sort(np.concatenate([outliers, others]))
-
-
-def _spread(rows: NDArray[np.int64], most: int) -> NDArray[np.int64]:
-    """At most so many of the rows, evenly spread from the first to the last."""
-    return rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), most)).round().astype(int))]
 
 
 def _draw_views(

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib
+import numpy as np
 
 matplotlib.use("Agg")
 matplotlib.rcParams["text.parse_math"] = False  # a name may hold dollars
@@ -16,7 +17,7 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from egosplat.output_files import SOFTWARE, FileKind, output_file
 from egosplat.report.page_text import HEADING_WIDTH, arrange_texts, wrap_text
 
-__all__ = ["draw_heading", "label_log_axis", "plt", "save_figure"]
+__all__ = ["draw_heading", "evenly_spaced", "label_log_axis", "middles_of_parts", "plt", "save_figure"]
 
 DPI = 90
 
@@ -38,6 +39,17 @@ def draw_heading(figure: Figure, title: str, warnings: Sequence[str], fontsize: 
     added = heading.get_text().count("\n") - title.count("\n")
     width, height = figure.get_size_inches()
     figure.set_size_inches(width, height + _LINE * fontsize / 12 * added)
+
+
+def evenly_spaced(count: int, most: int) -> list[int]:
+    """At most ``most`` indices below ``count``, evenly spaced from the first to the last."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int)).tolist()
+
+
+def middles_of_parts(count: int, most: int) -> list[int]:
+    """At most ``most`` indices below ``count``: the middle of each of as many equal parts."""
+    parts = min(count, most)
+    return [count * (2 * part + 1) // (2 * parts) for part in range(parts)]
 
 
 def label_log_axis(axis: Axis) -> None:

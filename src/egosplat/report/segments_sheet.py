@@ -8,12 +8,12 @@ from matplotlib.colors import hsv_to_rgb
 from numpy.typing import NDArray
 
 from egosplat.alarms.found import warnings_of
+from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
-from egosplat.errors import UserError
 from egosplat.output_files import check_output, picture_kind
-from egosplat.report.figure import draw_heading, plt, save_figure
+from egosplat.report.figure import draw_heading, evenly_spaced, plt, save_figure
 
 PAGE = picture_kind("egosplat segments-sheet")
 
@@ -28,15 +28,16 @@ TINT = 0.55
 
 
 def run(frames: Path, segments: Path, output: Path, *, title: str) -> None:
-    """Draw the page as PNG; the file appears when it is complete."""
+    """Draw the page as PNG; the file appears when it is complete.
+
+    Raises:
+        UserError: the segments are of other frames.
+    """
     check_output(output, PAGE)
     pictures, found = open_artifact(frames, FRAMES), open_artifact(segments, SEGMENTS)
+    check_made_from(found, pictures, axes=("frame",))
     count, height, width, _ = pictures.shape("rgb")
-    if found.shape("labels")[0] != count:
-        raise UserError(
-            f"{segments}: has {found.shape('labels')[0]} frames, {frames} has {count}; they do not belong together"
-        )
-    shown = np.unique(np.linspace(0, count - 1, min(count, PICTURES)).round().astype(int)).tolist()
+    shown = evenly_spaced(count, PICTURES)
     levels, repeats = found.facts["levels"], found.facts.get("repeats", {})
     size = (CELL * len(shown), (CELL * height / width + 0.25) * (1 + len(levels)) + 0.9)
     figure, grid = plt.subplots(

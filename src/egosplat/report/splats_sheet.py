@@ -11,7 +11,7 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.output_files import check_output, picture_kind
-from egosplat.report.figure import draw_heading, label_log_axis, plt, save_figure
+from egosplat.report.figure import draw_heading, label_log_axis, middles_of_parts, plt, save_figure
 
 PAGE = picture_kind("egosplat splats-sheet")
 
@@ -29,7 +29,7 @@ def run(frames: Path, splats: Path, output: Path, *, title: str) -> None:
     """Draw the page as PNG; the file appears when it is complete."""
     check_output(output, PAGE)
     pictures, trained = open_artifact(frames, FRAMES), open_artifact(splats, SPLATS)
-    shown = _spread(trained.shape("held_out/frame")[0])
+    shown = middles_of_parts(trained.shape("held_out/frame")[0], PICTURES)
     columns = max(len(shown), 2)
     _, height, width, _ = pictures.shape("rgb")
     cell = CELL * float(np.clip(width / height, 0.6, 1.8))
@@ -45,12 +45,6 @@ def run(frames: Path, splats: Path, output: Path, *, title: str) -> None:
     if not shown:
         grid[0, 0].set_title("no frame was held out", loc="left")
     save_figure(figure, output, PAGE)
-
-
-def _spread(count: int) -> list[int]:
-    """At most ``PICTURES`` of ``count`` indices, the middles of equal parts."""
-    parts = min(count, PICTURES)
-    return [count * (2 * part + 1) // (2 * parts) for part in range(parts)]
 
 
 def _summary(pictures: Artifact, trained: Artifact) -> str:

@@ -18,7 +18,7 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.output_files import check_output, picture_kind
-from egosplat.report.figure import draw_heading, plt, save_figure
+from egosplat.report.figure import draw_heading, middles_of_parts, plt, save_figure
 from egosplat.report.page_text import add_name
 from egosplat.report.trained_scene import TrainedScene, open_trained_scene
 
@@ -120,8 +120,7 @@ def choose_frames(masked: NDArray[np.float64], posed: NDArray[np.bool_]) -> list
     moving, still = np.flatnonzero(posed & (masked > 0)), np.flatnonzero(posed & (masked == 0))
     middles = [part[len(part) // 4 : len(part) - len(part) // 4] for part in np.array_split(moving, MOVING)]
     most = [int(middle[np.argmax(masked[middle])]) for middle in middles if len(middle)]
-    count = min(PICTURES - len(most), len(still))
-    spread = [int(still[len(still) * (2 * part + 1) // (2 * count)]) for part in range(count)]
+    spread = still[middles_of_parts(len(still), PICTURES - len(most))].tolist()
     return sorted(most + spread)
 
 

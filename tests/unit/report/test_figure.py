@@ -3,7 +3,7 @@
 import matplotlib
 import pytest
 
-from egosplat.report.figure import draw_heading, label_log_axis, plt
+from egosplat.report.figure import draw_heading, evenly_spaced, label_log_axis, middles_of_parts, plt
 
 
 @pytest.fixture
@@ -42,3 +42,12 @@ def test_labels_are_numbers_and_no_formulas():
         labels = [label.get_text() for label in axes.get_yticklabels(which="both") if label.get_text()]
     plt.close(figure)
     assert {"0.05", "0.1", "0.2", "1"} <= set(labels) and not any("$" in label for label in labels)
+
+
+@pytest.mark.parametrize(
+    "count, most, ends, middles",
+    [(0, 3, [], []), (1, 3, [0], [0]), (3, 3, [0, 1, 2], [0, 1, 2]), (10, 3, [0, 4, 9], [1, 5, 8])],
+)
+def test_indices_are_evenly_spaced(count, most, ends, middles):
+    """One function takes the first and the last index, the other keeps off the ends."""
+    assert evenly_spaced(count, most) == ends and middles_of_parts(count, most) == middles
