@@ -8,6 +8,7 @@ from pathlib import Path
 import yaml
 
 from benchmarks.growth.design import CENTRE, POINTS, SCENES, Point
+from egosplat.pipeline.stages import STAGES
 
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = Path("results/growth")
@@ -37,7 +38,7 @@ def recorded_side(point: Point) -> int:
 
 def file_of(stage: str) -> str:
     """The name of a stage's output."""
-    return f"{stage}.json" if stage in ("survey", "metrics") else f"{stage}.zarr"
+    return STAGES[stage].output
 
 
 def make(folder: Path, point: Point) -> None:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.config import stage_values
-from egosplat.pipeline.stages import STAGES, run_stage
+from egosplat.pipeline.stages import PIPELINE, STAGES, run_stage
 from egosplat.progress import log
 
 PRESETS = Path(__file__).resolve().parents[2] / "config" / "presets"
@@ -26,11 +26,7 @@ SMALL = {
 """Keys of a scene of some ten pictures."""
 
 _MASKED = ("splats", "language")
-INPUTS = {
-    name: stage.inputs + (("masks",) if name in _MASKED else ())
-    for name, stage in STAGES.items()
-    if not name.endswith("_sheet") and name != "method_metrics"
-}
+INPUTS = {name: STAGES[name].inputs + (("masks",) if name in _MASKED else ()) for name in PIPELINE}
 """What each stage takes of what the others make, where splats.masking is refined."""
 
 WORDS = {"frames": {"format": "adt"}, "metrics": {"title": "small"}}

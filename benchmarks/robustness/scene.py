@@ -16,7 +16,7 @@ import yaml
 from benchmarks.common import ROOT
 from egosplat.artifacts.check import check_tree
 from egosplat.pipeline import config as configuration
-from egosplat.pipeline.stages import STAGES
+from egosplat.pipeline.stages import PIPELINE, STAGES
 from egosplat.pipeline.variants import inputs_of
 from egosplat.progress import log
 
@@ -32,11 +32,7 @@ splats: {masking: refined, iterations: 120, max_points: 1000, max_gaussians: 200
 """
 """A configuration with which all stages take minutes, and checkpoints are frequent enough to meet kills."""
 
-ARTIFACTS = {
-    name: stage.output
-    for name, stage in STAGES.items()
-    if stage.output.endswith((".zarr", ".json", "recording")) and name != "method_metrics"
-}
+ARTIFACTS = {name: STAGES[name].output for name in PIPELINE}
 """Output of each stage in the scene's folder, in an order in which each follows its inputs."""
 
 _LONGEST_WAIT_S = 300.0

@@ -16,7 +16,7 @@ from egosplat import cli
 from egosplat.errors import UserError
 from egosplat.language.ply import EXPORT, write_ply
 from egosplat.output_files import check_output, output_file, picture_kind, stage_json_kind, write_text_file
-from egosplat.pipeline.stages import STAGES
+from egosplat.pipeline.stages import PAGES, STAGES
 from egosplat.report.figure import plt, save_figure
 from egosplat.report.query_sheet import QUERY_PICTURE
 from egosplat.tables import stage as tables_stage
@@ -35,7 +35,7 @@ COMMANDS = {
     "query": (".png", ["{folder}", "cup"]),
     "export": (".ply", ["{folder}"]),
     **{stage: (".json", stage_words(stage)) for stage in DOCUMENTS},
-    **{stage: (".png", stage_words(stage)) for stage in STAGES if stage.endswith("_sheet")},
+    **{stage: (".png", stage_words(stage)) for stage in PAGES},
 }
 """Suffix of the file that a command writes, and its arguments but --output; the inputs are empty folders or none."""
 

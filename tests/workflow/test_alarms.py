@@ -2,6 +2,8 @@
 
 import json
 
+from egosplat.pipeline.stages import ARTIFACTS
+
 SCENE = "results/adt/scene1"
 KEY = "features.reconstruction"
 TOO_SHORT = "features: {compression: linear, dims: 1}\n"
@@ -31,17 +33,6 @@ def test_an_alarm_reaches_the_log_the_scores_and_the_tables(workdir):
 
 def test_the_scores_hold_every_alarm_that_a_stage_logged(finished):
     folder = finished.folder
-    stages = (
-        "frames",
-        "poses",
-        "segments",
-        "view_features",
-        "features",
-        "transient",
-        "masks",
-        "splats",
-        "language",
-    )
-    of_stages = [key for stage in stages for key in logged(folder, stage)]
+    of_stages = [key for stage in ARTIFACTS for key in logged(folder, stage)]
     assert [key for key in alarms(folder) if not key.startswith("metrics.")] == of_stages
     assert "transient.probability" in alarms(folder), "20 iterations teach the network nothing"

@@ -7,6 +7,7 @@ from collections import Counter
 import pytest
 
 from egosplat.pipeline.config import defaults
+from egosplat.pipeline.stages import ARTIFACTS
 
 SCENE = "results/adt/scene1"
 DIMS = defaults()["features"]["dims"]
@@ -72,18 +73,7 @@ def test_a_page_of_one_knob_is_made_and_then_up_to_date(workdir):
     own, small = document["points"]
     assert own["measures"]["psnr"] == small["measures"]["psnr"]  # the same Gaussians
     assert own["settings"] == [{"knob": "features.dims", "value": DIMS}]
-    stages = {
-        "frames",
-        "poses",
-        "segments",
-        "view_features",
-        "features",
-        "transient",
-        "masks",
-        "splats",
-        "language",
-    }
-    assert set(small["stages"]) == stages | {"annotations", "metrics"}
+    assert set(small["stages"]) == {*ARTIFACTS, "metrics"}
     assert small["stages"]["splats"] == own["stages"]["splats"] != small["stages"]["features"]
     assert all(
         one > 0 for costs in small["stages"].values() for name, one in costs.items() if name != "disk_mb"

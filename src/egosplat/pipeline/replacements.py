@@ -16,7 +16,7 @@ from egosplat.pipeline import config as configuration
 from egosplat.pipeline.config import Config
 from egosplat.pipeline.dag import masks_by_survey
 from egosplat.pipeline.presets import FILES
-from egosplat.pipeline.stages import STAGES
+from egosplat.pipeline.stages import PAGES, STAGES
 from egosplat.pipeline.variants import inputs_of
 
 NAMED = 4
@@ -114,7 +114,7 @@ def _stage_of(name: str) -> str | None:
 def _records(asked: Asked) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """The stages of which an artifact is there, with the options that it was made with."""
     for stage in stages_behind(asked.goals, asked.config):
-        if stage.endswith("_sheet"):
+        if stage in PAGES:
             continue  # a picture has no keys of its own
         if (options := _recorded_options(asked.path_of(stage))) is not None:
             yield stage, options

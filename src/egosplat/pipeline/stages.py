@@ -275,6 +275,15 @@ _STAGES = (
 STAGES = {stage.name: stage for stage in _STAGES}
 """The stages by name, in the order of the pipeline."""
 
+ARTIFACTS = tuple(name for name, stage in STAGES.items() if stage.output.endswith(".zarr"))
+"""The stages that write an artifact, in the order of the pipeline."""
+
+PAGES = tuple(name for name, stage in STAGES.items() if stage.output.endswith(".png"))
+"""The stages that draw a page."""
+
+PIPELINE = tuple(name for name in STAGES if name not in (*PAGES, "method_metrics"))
+"""The stages from a scene's recording to its scores."""
+
 
 def path_help(stage: Stage) -> dict[str, str]:
     """One line about each path that a stage takes, by name: its inputs, optional ones after, and ``output``."""

@@ -12,11 +12,12 @@ from pathlib import Path
 import pytest
 import yaml
 
+from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.pipeline import config
 from egosplat.pipeline.config_table import FIRST_KEYS, keys_page
 from egosplat.pipeline.scenes import find_scene, read_scenes, requested_targets
-from egosplat.pipeline.stages import STAGES, options_of, path_help, stage_function
+from egosplat.pipeline.stages import ARTIFACTS, STAGES, options_of, path_help, stage_function
 from egosplat.pipeline.validation import _ALLOWED
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -341,3 +342,8 @@ def test_starting_builds_no_grammar_for_formats_that_no_schema_names():
     told = "import sys, egosplat.pipeline.config; print('rfc3987_syntax' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True)
     assert done.stdout == "False\n"
+
+
+def test_each_artifact_of_the_table_of_stages_has_a_schema():
+    """The table of stages and the registry of artifacts name the same artifacts, in the same order."""
+    assert tuple(SCHEMAS) == ARTIFACTS

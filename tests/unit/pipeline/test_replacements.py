@@ -9,22 +9,11 @@ import pytest
 
 from egosplat.pipeline import config
 from egosplat.pipeline.replacements import Asked, find_replaced, replacement_notices, stages_behind
-from egosplat.pipeline.stages import STAGES
+from egosplat.pipeline.stages import PIPELINE, STAGES
 from egosplat.tradeoff.points import with_points
 
 PRESETS = Path(__file__).resolve().parents[3] / "config" / "presets"
-MADE = (
-    "frames",
-    "annotations",
-    "poses",
-    "survey",
-    "segments",
-    "view_features",
-    "features",
-    "transient",
-    "masks",
-)
-MADE = (*MADE, "splats", "language", "metrics")
+MADE = PIPELINE[1:]
 ALL = ("metrics.json", "splats.png")
 
 
@@ -58,7 +47,7 @@ def scene(tmp_path):
 
 
 def path(folder, stage):
-    return folder / (f"{stage}.json" if stage in ("survey", "metrics") else f"{stage}.zarr")
+    return folder / STAGES[stage].output
 
 
 def record(folder, stage, attributes):

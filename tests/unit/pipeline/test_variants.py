@@ -4,7 +4,7 @@ import pytest
 
 from egosplat.errors import UserError
 from egosplat.pipeline.config import defaults, merge
-from egosplat.pipeline.stages import STAGES
+from egosplat.pipeline.stages import PAGES, STAGES
 from egosplat.pipeline.variants import inputs_of, optional_inputs_of, owner, reaches, variant_config
 
 BASE = defaults()
@@ -13,7 +13,7 @@ BASE = defaults()
 def reached(**keys: dict[str, object]) -> set[str]:
     """The stages that these keys make anew, pictures left out."""
     changed = merge(BASE, keys)
-    return {name for name in STAGES if not name.endswith("_sheet") and reaches(name, BASE, changed)}
+    return {name for name in STAGES if name not in PAGES and reaches(name, BASE, changed)}
 
 
 def test_a_key_reaches_its_stage_and_those_after_it():
