@@ -38,10 +38,10 @@ def test_the_best_that_there_is_or_what_is_asked_for(machine, gpu, bfloat16, dev
 
 def test_what_is_asked_for_and_not_there_is_told(machine):
     machine(gpu=False)
-    with pytest.raises(UserError, match="models.device = cuda: PyTorch finds no CUDA device"):
+    with pytest.raises(UserError, match="models.device = cuda"):
         choose_compute("cuda", "auto")
     machine(gpu=True, bfloat16=False)
-    with pytest.raises(UserError, match="models.precision = bfloat16: this GPU has no bfloat16"):
+    with pytest.raises(UserError, match="models.precision = bfloat16"):
         choose_compute("auto", "bfloat16")
 
 

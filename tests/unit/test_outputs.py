@@ -34,22 +34,20 @@ def photos(tmp_path) -> Path:
 
 
 def test_a_folder_of_something_else_is_not_replaced(photos):
-    with pytest.raises(
-        ArtifactError, match=r"photos: stands there already and is no artifact .*--output"
-    ) as caught:
+    with pytest.raises(ArtifactError, match="photos: .*--output") as caught:
         write(photos)
     assert "rm " not in str(caught.value), "what is not egosplat's is not to be removed"
     assert (photos / "1.jpg").read_bytes() == b"a photograph"
 
 
 def test_a_file_is_not_replaced_by_an_artifact(photos):
-    with pytest.raises(ArtifactError, match=r"1.jpg: stands there already"):
+    with pytest.raises(ArtifactError, match="1.jpg"):
         write(photos / "1.jpg")
 
 
 def test_an_artifact_of_another_kind_is_not_replaced(tmp_path):
     write(tmp_path / "a.zarr", OTHER)
-    with pytest.raises(ArtifactError, match="a.zarr: stands there already and holds 'other'"):
+    with pytest.raises(ArtifactError, match="a.zarr: .*'other'"):
         write(tmp_path / "a.zarr")
     write(tmp_path / "a.zarr", OTHER)
 
@@ -78,7 +76,7 @@ def test_a_link_is_replaced_and_what_it_points_to_stays(tmp_path, photos, target
 @pytest.mark.parametrize("made", [atomic_directory, atomic_file])
 def test_a_path_without_a_name_is_refused(monkeypatch, tmp_path, made, path):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(UserError, match=f"{re.escape(str(Path(path)))}: is no name"), made(Path(path)):
+    with pytest.raises(UserError, match=f"{re.escape(str(Path(path)))}: "), made(Path(path)):
         pytest.fail("it began")
     assert not list(tmp_path.iterdir())
 

@@ -189,7 +189,7 @@ def test_relocation_at_its_ends():
     hosts = draw_hosts(opacities, opacities > 0.005, 10_000, 0.005, generator)
     shared, _ = relocated(opacities[hosts], torch.bincount(hosts, minlength=3)[hosts] + 1)
     assert len(hosts) and (shared > 0.005).all()
-    with pytest.raises(UserError, match="opaque enough"):
+    with pytest.raises(UserError, match="Gaussian"):
         draw_hosts(opacities, opacities > 2, 1, 0.005, generator)
 
 

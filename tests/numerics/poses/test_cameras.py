@@ -44,7 +44,7 @@ def test_size_of_a_scene(measured, seed, count, exponent):
 @pytest.mark.numerics("no camera, or one that is not finite", outside="ValueError")
 @pytest.mark.parametrize("poses", [np.zeros((0, 4, 4)), unregistered(2)])
 def test_no_size(poses):
-    with pytest.raises(ValueError, match="no pose or one that is not finite"):
+    with pytest.raises(ValueError, match="not finite"):
         scene_extent(poses)
 
 
@@ -88,7 +88,7 @@ def test_alignments_that_are_not_determined(case):
         "one": along[:1],
         "two": along[:2],
     }[case]
-    with pytest.raises(ValueError, match="not determined|three or more pairs"):
+    with pytest.raises(ValueError, match="determined|three"):
         similarity(places, places)
     poses = make_pose(np.eye(3), places)
     with pytest.raises(ValueError):
@@ -104,7 +104,7 @@ def test_up(measured, seed, count):
     poses = make_pose(Rotation.from_rotvec(np.outer(angles, [0, 1.0, 0])).as_matrix(), np.zeros((count, 3)))
     measured(np.abs(mean_camera_up(poses) - [0, -1, 0]).max())
     opposed = make_pose(Rotation.from_rotvec([[0, 0, 0], [0, 0, np.pi]]).as_matrix(), np.zeros((2, 3)))
-    with pytest.raises(UserError, match="no common upward direction"):
+    with pytest.raises(UserError, match="upward"):
         mean_camera_up(opposed)
 
 
@@ -127,7 +127,7 @@ def test_poses_that_are_none(broken):
         np.zeros((0, 3), np.uint8),
         np.array([0, -1.0, 0]),
     )
-    with pytest.raises(ValueError, match="is not a rigid motion"):
+    with pytest.raises(ValueError, match="rigid"):
         found.check()
 
 
@@ -139,9 +139,9 @@ def test_few_frames():
     two, none = np.ones(2, bool), np.zeros(2, bool)
     assert split_views(two, none, two, validate=True).training.sum() == 1
     assert split_views(two, none, two, validate=False).training.sum() == 2
-    with pytest.raises(UserError, match="needs 2 training frames"):
+    with pytest.raises(UserError, match="2 training frames"):
         split_views(two, none, np.array([True, False]), validate=True)
-    with pytest.raises(UserError, match="none of 2 training frames has a pose"):
+    with pytest.raises(UserError, match="2 training frames"):
         split_views(two, none, none, validate=False)
 
 

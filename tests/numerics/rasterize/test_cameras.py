@@ -201,5 +201,5 @@ def test_reference_in_float32(gaussian, cloud, decided_of, measured, seed):
 def test_float64_is_rendered_by_the_reference(gaussian):
     values = {name: value.double() for name, value in gaussian().items()}
     assert rasterization(**values, width=4, height=4)[0].dtype == torch.float64
-    with pytest.raises(UserError, match="float32 on the CPU"):
+    with pytest.raises(UserError, match="float32"):
         cpu.rasterization(Arguments(**values, width=4, height=4))

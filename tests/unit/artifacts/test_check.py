@@ -71,5 +71,5 @@ def test_a_survey_of_other_frames_is_not_sound(surveyed):
 
 def test_a_folder_without_results_is_told(tmp_path):
     (tmp_path / "notes.json").write_text("{}")
-    with pytest.raises(UserError, match="holds no artifact"):
+    with pytest.raises(UserError, match="no artifact"):
         check_tree(tmp_path, print)

@@ -177,7 +177,7 @@ def test_without_anything_to_ask_for_there_are_no_scores(word_scene, scored):
 
 
 def test_another_openclip_is_refused(word_scene, scored):
-    with pytest.raises(UserError, match="features.zarr: was made with another OpenCLIP") as caught:
+    with pytest.raises(UserError, match="features.zarr.*OpenCLIP") as caught:
         scored(word_scene(clip_hash="0123456789abcdef"))
     assert "0123456789abcdef" in str(caught.value) and str(caught.value).count("\n") == 1
 
@@ -187,7 +187,7 @@ def test_artifacts_that_do_not_belong_together_are_refused(word_scene, scored, t
     folder = word_scene()
     shutil.rmtree(folder / "language.zarr")
     shutil.copytree(other, folder / "language.zarr")
-    with pytest.raises(UserError, match="language.zarr: was made from another splats.zarr"):
+    with pytest.raises(UserError, match="language.zarr.* splats.zarr"):
         scored(folder)
 
 

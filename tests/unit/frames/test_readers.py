@@ -28,7 +28,7 @@ def test_reading_pictures_never_imports_annotation_code():
 
 
 def test_an_unknown_format_is_refused(tmp_path):
-    with pytest.raises(UserError, match="'aria'.*adt, hoi4d, plain"):
+    with pytest.raises(UserError, match="'aria'.*hoi4d"):
         open_recording("aria", tmp_path, **OPTIONS)
     with pytest.raises(UserError, match="'aria'"):
         open_annotations("aria", tmp_path, camera=CAMERA, upright=True)
@@ -57,6 +57,6 @@ def test_formats_reach_their_readers(tmp_path, video):
     np.save(sequence / "intrin.npy", np.array([[50.0, 0, 31.5], [0, 50, 23.5], [0, 0, 1]]))
     assert open_recording("hoi4d", sequence, **OPTIONS).capture.camera_known
     assert open_annotations("hoi4d", sequence, camera=CAMERA, upright=True) is None
-    with pytest.raises(UserError, match="video.vrs: not found"):
+    with pytest.raises(UserError, match="video.vrs"):
         open_recording("adt", tmp_path, **OPTIONS)
     assert open_annotations("adt", tmp_path, camera=CAMERA, upright=True) is None

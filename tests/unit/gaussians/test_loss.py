@@ -108,11 +108,11 @@ def test_the_kernel_stands_in_only_where_it_gives_all_gradients(monkeypatch: pyt
 def test_what_does_not_fit_is_refused() -> None:
     render, target = pictures(dtype=torch.float32)
     for function in (l2, lambda *arguments: l1_ssim(*arguments, 0.2)):
-        with pytest.raises(ValueError, match=r"render: shape \(30, 26\), not \(H, W, 3\)"):
+        with pytest.raises(ValueError, match=r"render: .*\(30, 26\)"):
             function(render[:, :, 0], target, None)
-        with pytest.raises(ValueError, match=r"target: shape \(29, 26, 3\)"):
+        with pytest.raises(ValueError, match=r"target: .*\(29, 26, 3\)"):
             function(render, target[1:], None)
-        with pytest.raises(ValueError, match=r"weight: shape \(30, 26, 3\), not \(30, 26\)"):
+        with pytest.raises(ValueError, match=r"weight: .*\(30, 26, 3\)"):
             function(render, target, torch.ones_like(target))
         with pytest.raises(ValueError, match="target: torch.uint8"):
             function(render, target.byte(), None)

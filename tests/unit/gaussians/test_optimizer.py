@@ -169,7 +169,7 @@ def test_surgery_moves_moments_with_their_rows() -> None:
     keep = torch.tensor([True, False, True, True, False])
     optimizer.select(keep)
     optimizer.append(2)
-    with pytest.raises(ValueError, match="3 Gaussians for the moments of 5"):
+    with pytest.raises(ValueError, match="3 .*5"):
         optimizer.attach(gaussians.detach().select(keep))
     optimizer.attach(
         Gaussians.concatenate([gaussians.detach().select(keep), make(2).detach()]).requires_grad_()
@@ -211,7 +211,7 @@ def test_a_loaded_state_goes_on_as_if_nothing_had_happened() -> None:
     for name in PARAMETERS:
         assert torch.equal(getattr(optimizer.gaussians, name), getattr(resumed.gaussians, name))
     assert (resumed.step_count, resumed.skipped_rows) == (2, 1)
-    with pytest.raises(ValueError, match="moments of means"):
+    with pytest.raises(ValueError, match="means"):
         Adam(make(5), RATES).load_state_dict(optimizer.state_dict())
 
 

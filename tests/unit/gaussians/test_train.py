@@ -178,7 +178,7 @@ def test_a_loss_that_stays_not_finite_ends_training(start):
         state.iteration, state.loss_sum = iteration, torch.tensor(loss)
         record(state)
     state.iteration, state.loss_sum = 60, torch.tensor(math.nan)
-    with pytest.raises(UserError, match=r"diverged at iteration 60 .*position_lr"):
+    with pytest.raises(UserError, match="60 .*position_lr"):
         record(state)
 
 

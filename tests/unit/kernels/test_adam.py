@@ -105,7 +105,7 @@ def test_threads_change_no_bit() -> None:
 
 def test_what_does_not_fit_is_refused() -> None:
     state = tensors(4, 3)
-    with pytest.raises(ValueError, match=r"grad: shape \(3, 3\)"):
+    with pytest.raises(ValueError, match=r"grad: .*\(3, 3\)"):
         adam_step(state[0], state[1][:3], *state[2:], 0.01, **OPTIONS, step=1)
     with pytest.raises(ValueError, match="exp_avg: .* not contiguous"):
         adam_step(*state[:2], torch.zeros(3, 4).T, state[3], 0.01, **OPTIONS, step=1)
@@ -113,7 +113,7 @@ def test_what_does_not_fit_is_refused() -> None:
         adam_step(*(tensor[0] for tensor in state), 0.01, **OPTIONS, step=1)
     with pytest.raises(ValueError, match="step 0"):
         adam_step(*state, 0.01, **OPTIONS, step=0)
-    with pytest.raises(ValueError, match=r"learning_rates: shape \(2,\)"):
+    with pytest.raises(ValueError, match=r"learning_rates: .*\(2,\)"):
         adam_step(*state, 0.01, **OPTIONS, step=1, learning_rates=torch.ones(2))
 
 

@@ -101,7 +101,7 @@ def test_nothing_is_compiled(tmp_path):
 
 def test_nothing_that_is_compiled_runs_here(three):
     (three / GENERIC.file).unlink()
-    with pytest.raises(UserError, match="None of the compiled kernels"):
+    with pytest.raises(UserError, match="compiled kernels"):
         choose(three, frozenset(), None)
 
 
@@ -167,7 +167,7 @@ def test_a_library_of_another_interface_is_refused(folder):
 
 def test_a_damaged_library_is_told(folder):
     (folder / GENERIC.file).write_bytes(b"not a library")
-    with pytest.raises(UserError, match=r"cannot be loaded.*make install"):
+    with pytest.raises(UserError, match="make install"):
         open_library(folder, GENERIC)
 
 

@@ -116,7 +116,7 @@ def test_joint_codes_of_other_features_are_refused(scene):
 def test_masks_that_are_needed_must_be_given(scene):
     folder = scene()
     train(folder, masking="refined")
-    with pytest.raises(UserError, match="give --masks"):
+    with pytest.raises(UserError, match="--masks"):
         run(folder, masks=False)
 
 
@@ -128,7 +128,7 @@ def test_the_network_alone_can_mask(scene):
 
 def test_joint_training_needs_what_codes_are_made_from(scene):
     folder = scene()
-    with pytest.raises(UserError, match="--segments and --features"):
+    with pytest.raises(UserError, match="--segments.*--features"):
         splats_stage.run(
             folder / "frames.zarr",
             folder / "poses.zarr",

@@ -37,9 +37,7 @@ def test_a_path_is_taken_as_it_is(tiny_sam2):
     "config", ["sam2.1_hiera_b", "/nowhere/sam2.1_hiera_b+.yaml", "configs/sam2/sam2.1_hiera_b+"]
 )
 def test_an_unknown_sam2_is_told_with_those_there_are(config):
-    with pytest.raises(
-        UserError, match=r"models.sam2_config = .* is neither a file nor one of .*sam2.1_hiera_b\+"
-    ):
+    with pytest.raises(UserError, match=r"models.sam2_config = .*sam2.1_hiera_b\+"):
         sam2_config_file(config)
 
 
@@ -70,7 +68,7 @@ def test_an_unknown_open_clip_is_told(model, message):
 
 
 def test_a_folder_without_description_is_told(tmp_path):
-    with pytest.raises(UserError, match="models.clip_model: there is no .*open_clip_config.json"):
+    with pytest.raises(UserError, match="models.clip_model: .*open_clip_config.json"):
         clip_folder(str(tmp_path))
 
 
@@ -94,5 +92,5 @@ def test_the_side_of_the_pictures_that_sam2_looks_at(config, side):
 def test_a_file_that_tells_no_side_is_named(tmp_path, text):
     file = tmp_path / "sam2.yaml"
     file.write_text(text)
-    with pytest.raises(UserError, match=r"sam2.yaml: tells no model.image_size"):
+    with pytest.raises(UserError, match="sam2.yaml: .*model.image_size"):
         sam2_side(str(file))

@@ -67,16 +67,14 @@ def test_a_name_of_open_clip_is_built_without_its_weights():
 
 @pytest.mark.parametrize("model", ["roberta-ViT-B-32", "ViT-B-16-SigLIP"])
 def test_a_model_that_needs_the_hub_is_refused(model):
-    with pytest.raises(
-        UserError, match=f"models.clip_model = '{model}': its text model or tokenizer comes from"
-    ):
+    with pytest.raises(UserError, match=f"models.clip_model = '{model}'"):
         read_description(model, None)
 
 
 def test_a_folder_that_needs_the_hub_is_refused(folder, description):
     description["model_cfg"]["text_cfg"]["hf_tokenizer_name"] = "bert-base-uncased"
     (folder / "open_clip_config.json").write_text(json.dumps(description))
-    with pytest.raises(UserError, match="egosplat downloads nothing"):
+    with pytest.raises(UserError, match="download"):
         load(folder)
 
 
@@ -88,17 +86,13 @@ def test_text_towers_of_their_own_are_built(description):
 def test_a_checkpoint_of_another_architecture_is_told(folder, description):
     description["model_cfg"]["text_cfg"]["layers"] = 2
     (folder / "open_clip_config.json").write_text(json.dumps(description))
-    with pytest.raises(
-        UserError, match="another architecture than models.clip_model names: 12 of .* missing"
-    ):
+    with pytest.raises(UserError, match="models.clip_model .*12 of"):
         load(folder)
 
 
 def test_another_vocabulary_than_the_text_model_s_is_told(folder):
     (folder / "bpe.txt.gz").unlink()
-    with pytest.raises(
-        UserError, match="the tokenizer has 49,408 tokens, the text model 518. Put the bpe.txt.gz"
-    ):
+    with pytest.raises(UserError, match="49,408 .*518.* bpe.txt.gz"):
         load(folder)
 
 
@@ -113,7 +107,7 @@ BITS[12:40] = b"\xff" * 28
 )
 def test_a_damaged_vocabulary_is_told(folder, content):
     (folder / "bpe.txt.gz").write_bytes(content)
-    with pytest.raises(UserError, match="bpe.txt.gz: is no byte-pair vocabulary"):
+    with pytest.raises(UserError, match="bpe.txt.gz"):
         load(folder)
 
 
@@ -152,7 +146,7 @@ def test_a_damaged_description_is_told(folder, text, message):
 def test_a_vision_model_of_the_network_is_refused(folder, description, settings):
     description["model_cfg"]["vision_cfg"] |= settings
     (folder / "open_clip_config.json").write_text(json.dumps(description))
-    with pytest.raises(UserError, match="egosplat downloads nothing"):
+    with pytest.raises(UserError, match="download"):
         load(folder)
 
 

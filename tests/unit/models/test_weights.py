@@ -54,7 +54,7 @@ class Harmful:
 
 def test_code_in_a_checkpoint_is_refused_and_not_run(tmp_path):
     torch.save({"model": TENSORS, "more": Harmful(tmp_path / "ran")}, tmp_path / "m.pt")
-    with pytest.raises(UserError, match="m.pt: holds code or objects beside tensors") as caught:
+    with pytest.raises(UserError, match="m.pt.*code") as caught:
         read_tensors(tmp_path / "m.pt")
     assert not (tmp_path / "ran").exists()
     assert len(str(caught.value).splitlines()) == 2
@@ -66,7 +66,7 @@ def test_code_in_a_checkpoint_is_refused_and_not_run(tmp_path):
 @pytest.mark.parametrize("name", ["m.pt", "m.safetensors"])
 def test_rubbish_is_told_in_one_line(tmp_path, name, content):
     (tmp_path / name).write_bytes(content)
-    with pytest.raises(UserError, match=f"{name}: is no whole checkpoint but {len(content)} bytes") as caught:
+    with pytest.raises(UserError, match=f"{name}: .*{len(content)} bytes") as caught:
         read_tensors(tmp_path / name)
     assert len(str(caught.value).splitlines()) == 1
 
@@ -121,7 +121,7 @@ def test_a_truncated_checkpoint_is_told(tmp_path, name, share):
     save({"weight": torch.zeros(100, 100)}, tmp_path / name)
     whole = (tmp_path / name).read_bytes()
     (tmp_path / name).write_bytes(whole[: int(len(whole) * share)])
-    with pytest.raises(UserError, match="is no whole checkpoint"):
+    with pytest.raises(UserError, match="checkpoint"):
         read_tensors(tmp_path / name)
 
 
@@ -131,13 +131,13 @@ def test_a_truncated_checkpoint_is_told(tmp_path, name, share):
 )
 def test_what_is_no_state_is_told(tmp_path, content):
     torch.save(content, tmp_path / "m.pt")
-    with pytest.raises(UserError, match="m.pt: holds no tensors by name"):
+    with pytest.raises(UserError, match="m.pt.*tensors"):
         read_tensors(tmp_path / "m.pt")
 
 
 def test_another_kind_of_file_is_told(tmp_path):
     (tmp_path / "m.onnx").touch()
-    with pytest.raises(UserError, match=r"m.onnx: a checkpoint's name ends in .safetensors, .pt"):
+    with pytest.raises(UserError, match=r"m.onnx: .*\.safetensors, \.pt"):
         read_tensors(tmp_path / "m.onnx")
 
 

@@ -207,15 +207,15 @@ def _parts(part):
 
 def test_unreadable_files_are_named(tmp_path):
     (tmp_path / "fast.yaml").write_text("frames: [")
-    with pytest.raises(UserError, match="fast.yaml: cannot be read as YAML"):
+    with pytest.raises(UserError, match="fast.yaml.*YAML"):
         config.resolve({"preset": "fast"}, tmp_path)
     (tmp_path / "fast.yaml").write_text("- 1")
-    with pytest.raises(UserError, match="holds list, not keys"):
+    with pytest.raises(UserError, match="list"):
         config.resolve({"preset": "fast"}, tmp_path)
-    with pytest.raises(UserError, match="paper.yaml: does not exist"):
+    with pytest.raises(UserError, match="paper.yaml"):
         config.resolve({"preset": "paper"}, tmp_path)
     (tmp_path / "fast.yaml").write_text("frames: {focl: 3}")
-    with pytest.raises(UserError, match="preset fast.yaml: unknown key 'frames.focl'; did you mean 'focal'"):
+    with pytest.raises(UserError, match="fast.yaml: .*'frames.focl'.* 'focal'"):
         config.resolve({"preset": "fast"}, tmp_path)
 
 
@@ -316,12 +316,12 @@ def test_a_wrong_table_is_named_with_its_line(tmp_path, text, message):
 
 
 def test_an_absent_table_an_unknown_scene_and_an_unknown_root_are_named(tmp_path):
-    with pytest.raises(UserError, match="none.tsv: does not exist"):
+    with pytest.raises(UserError, match="none.tsv"):
         read_scenes(config.resolve({"scenes": str(tmp_path / "none.tsv")}, PRESETS))
     scenes = table(tmp_path, HEADER + "adt\ts\tadt\tr\t\n")
-    with pytest.raises(UserError, match="no scene adt/t .*take one of: adt/s"):
+    with pytest.raises(UserError, match="adt/t .*adt/s"):
         find_scene(scenes, "adt", "t")
-    with pytest.raises(UserError, match="data_root.adtt is no dataset"):
+    with pytest.raises(UserError, match="data_root.adtt"):
         table(tmp_path, HEADER, data_root={"adtt": "/data"})
 
 

@@ -99,7 +99,7 @@ def test_a_quaternion_that_is_not_of_unit_norm_is_named(
     table: pd.DataFrame, recording: Recording, scale: float
 ):
     table.loc[[1, 3], [f"q{axis}_world_device" for axis in "xyzw"]] *= scale
-    with pytest.raises(UserError, match=r"line 3 \(and 1 more\): the row has a quaternion"):
+    with pytest.raises(UserError, match=r"line 3 \(and 1 more\): .*quaternion"):
         poses_at(recording(table), [1_000_000])
 
 
@@ -126,7 +126,7 @@ def test_a_missing_an_empty_and_a_binary_file_are_refused(tmp_path: Path):
         read_trajectory(path)
     for content in (b"", b"\x00\xff\xfe\x80" * 50):
         path.write_bytes(content)
-        with pytest.raises(UserError, match="aria_trajectory.csv is not a table of a trajectory"):
+        with pytest.raises(UserError, match="aria_trajectory.csv"):
             read_trajectory(path)
 
 
@@ -135,20 +135,18 @@ def test_a_missing_trajectory_names_the_key_of_the_other_where_that_is_there(
     table: pd.DataFrame, recording: Recording, asked: str, there: str
 ):
     folder = recording(table, closed_loop=there == "closed_loop")
-    with pytest.raises(UserError, match=f"{TRAJECTORIES[asked].name} is missing.*poses.trajectory={there}"):
+    with pytest.raises(UserError, match=f"{TRAJECTORIES[asked].name} .*poses.trajectory={there}"):
         poses_at(folder, [1_000_000], asked)
     (folder / TRAJECTORIES[there]).unlink()
-    with pytest.raises(UserError, match=f"nor is there .*{TRAJECTORIES[there].name}.: download it$"):
+    with pytest.raises(UserError, match=f"{TRAJECTORIES[there].name}.: "):
         poses_at(folder, [1_000_000], asked)
 
 
 def test_no_frame_with_a_pose_is_refused_with_its_reason(table: pd.DataFrame, recording: Recording):
     folder = recording(table)
-    with pytest.raises(
-        UserError, match="covers 1.000 s to 1.130 s, but the frames lie from 7.000 s to 8.000 s"
-    ):
+    with pytest.raises(UserError, match="1.000 s to 1.130 s.* 7.000 s to 8.000 s"):
         poses_at(folder, [7e6, 8e6])
-    with pytest.raises(UserError, match="raise max_gap_ms"):
+    with pytest.raises(UserError, match="max_gap_ms"):
         poses_at(folder, [1_050_000])
     with pytest.raises(UserError, match="no frame"):
         poses_at(folder, [])
@@ -170,11 +168,11 @@ def test_ground_truth_does_without_points_and_closed_loop_does_not(table: pd.Dat
     recording(table, closed_loop=True)
     assert poses_at(folder, [1_000_000]).points.shape == (0, 3)
     assert "points_missing" in poses_at(folder, [1_000_000]).notes
-    with pytest.raises(UserError, match="has no semidense_points.csv.gz or global_points.csv.gz"):
+    with pytest.raises(UserError, match="semidense_points.csv.gz.*global_points.csv.gz"):
         poses_at(folder, [1_000_000], "closed_loop")
     recording(table, cloud([1.0], [1.0]))
     assert "points_missing" in poses_at(folder, [1_000_000]).notes
-    with pytest.raises(UserError, match="none of 1 points passes inv_dist_std < 0.001"):
+    with pytest.raises(UserError, match="1 points .*inv_dist_std < 0.001"):
         poses_at(folder, [1_000_000], "closed_loop")
 
 
@@ -185,10 +183,10 @@ def test_a_damaged_point_cloud_is_refused(table: pd.DataFrame, recording: Record
     whole = path.read_bytes()
     for damaged in (whole[:-2000], whole[:200] + b"\x00" * 40 + whole[240:], b"not a gzip file"):
         path.write_bytes(damaged)
-        with pytest.raises(UserError, match="semidense_points.csv.gz is not a readable"):
+        with pytest.raises(UserError, match="semidense_points.csv.gz"):
             poses_at(path.parents[2], [1_000_000])
     points.drop(columns="dist_std").to_csv(path, index=False)
-    with pytest.raises(UserError, match=r"semidense_points.csv.gz is not .*not found: \['dist_std'\]"):
+    with pytest.raises(UserError, match=r"semidense_points.csv.gz .*\['dist_std'\]"):
         poses_at(path.parents[2], [1_000_000])
 
 
@@ -216,7 +214,7 @@ def test_real_frames_get_poses_that_look_upright_and_move_little(real_data: Call
     assert poses.notes["up_against_pictures_deg"] < 45.0
     assert np.linalg.norm(np.diff(poses.camera_to_world[1:, :3, 3], axis=0)) < 0.01
     assert poses.points.shape == (0, 3)
-    with pytest.raises(UserError, match="closed_loop_trajectory.csv is missing"):
+    with pytest.raises(UserError, match="closed_loop_trajectory.csv"):
         adt_poses(folder, times, sensor, CAMERA, trajectory="closed_loop", max_gap_ms=50.0)
 
 

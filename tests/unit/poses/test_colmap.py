@@ -173,9 +173,7 @@ def test_pictures_of_something_else_are_reported_and_left_out(
 
 
 def test_too_small_a_model_is_refused_with_its_size(walk_pictures: Pictures):
-    with pytest.raises(
-        UserError, match=r"registers 10 of 13 frames, and poses.min_registered asks for 80%"
-    ) as caught:
+    with pytest.raises(UserError, match="10 of 13 .*poses.min_registered .*80%") as caught:
         reconstruct([*walk_pictures, *(noise(seed) for seed in range(3))], min_registered=0.8)
     assert "not registered, counted from 0: 10 to 12" in str(caught.value)
     assert "poses.min_registered=0.76" in str(caught.value)
@@ -209,36 +207,34 @@ def test_many_runs_of_frames_are_cut_short():
 def test_a_camera_that_only_turns_is_refused(room: Any, known: bool):
     # With this guess COLMAP makes models of up to four pictures with a point or two: no scene.
     camera = CAMERA if known else Camera(240, 180, 240.0, 240.0, 120.0, 90.0)
-    with pytest.raises(UserError, match="no parallax .*only turns"):
+    with pytest.raises(UserError, match="parallax"):
         reconstruct(room.pictures(room.pan(10)), camera, known)
 
 
 def test_copies_of_one_picture_are_refused(walk_pictures: Pictures):
-    with pytest.raises(UserError, match="move by 0.00 px .* copies of one view"):
+    with pytest.raises(UserError, match="0.00 px"):
         reconstruct([walk_pictures[0]] * 5)
 
 
 def test_blank_pictures_are_refused_with_their_number_of_features(walk_pictures: Pictures):
     blank = np.full_like(walk_pictures[0], 90)
-    with pytest.raises(
-        UserError, match=r"2 of 6 pictures have 50 features or more \(median 0, most \d{3,}\)"
-    ):
+    with pytest.raises(UserError, match=r"2 of 6 .*50 features .*median 0, most \d{3,}"):
         reconstruct([*walk_pictures[:2], *[blank] * 4])
 
 
 def test_pictures_of_different_things_are_refused():
-    with pytest.raises(UserError, match=r"no two pictures that show the same things \(10 pairs compared\)"):
+    with pytest.raises(UserError, match="10 pairs"):
         reconstruct([noise(seed) for seed in range(5)])
 
 
 @pytest.mark.parametrize("count", [0, 2])
 def test_too_few_pictures_are_refused(walk_pictures: Pictures, count: int):
-    with pytest.raises(UserError, match=f"needs 3 pictures or more, not {count}"):
+    with pytest.raises(UserError, match=f"3 .*not {count}"):
         reconstruct(walk_pictures[:count])
 
 
 def test_a_picture_unlike_its_camera_is_a_programming_error(walk_pictures: Pictures):
-    with pytest.raises(ValueError, match="picture 1 is"):
+    with pytest.raises(ValueError, match="picture 1"):
         reconstruct([walk_pictures[0], walk_pictures[1][:-2]])
 
 

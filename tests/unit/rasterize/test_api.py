@@ -75,7 +75,7 @@ def test_auto(monkeypatch, no_kernels, device, dtype, kernels, chosen):
 
 def test_kernels_of_other_sources_are_an_error_and_no_slow_way_out(monkeypatch, no_kernels):
     monkeypatch.setattr(library, "is_compiled", lambda: True)
-    with pytest.raises(UserError, match="run make install"):
+    with pytest.raises(UserError, match="make install"):
         api.rasterization(**gaussians())
 
 
@@ -107,13 +107,13 @@ def test_arguments_are_those_of_the_function():
 
 
 def test_mistakes_are_told():
-    with pytest.raises(ValueError, match="backend is 'gpu', not one of auto"):
+    with pytest.raises(ValueError, match="backend .*'gpu'.* auto"):
         api.rasterization(**gaussians(), backend="gpu")
-    with pytest.raises(ValueError, match="opacities has shape"):
+    with pytest.raises(ValueError, match="opacities"):
         api.rasterization(**gaussians() | {"opacities": torch.zeros(3)})
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device")
 def test_cuda_without_a_device_is_told():
-    with pytest.raises(UserError, match="PyTorch finds no CUDA device"):
+    with pytest.raises(UserError, match="CUDA device"):
         api.rasterization(**gaussians(), backend="cuda")

@@ -197,13 +197,13 @@ def test_unusable_gsplat_is_told(installed, version, compiled, words):
 def test_missing_gsplat_is_told(monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setitem(sys.modules, "gsplat", None)
-    with pytest.raises(UserError, match="gsplat cannot be loaded.*pip install"):
+    with pytest.raises(UserError, match="gsplat .*pip install"):
         cuda.load_gsplat()
 
 
 def test_tensors_elsewhere_are_refused(installed):
     installed("1.5.3", object())
-    with pytest.raises(UserError, match="renders float32 on a CUDA device, not torch.float32 on cpu"):
+    with pytest.raises(UserError, match="CUDA device.* cpu"):
         cuda.rasterization(Arguments(**scene(False, torch.float32), **SIZE))
 
 

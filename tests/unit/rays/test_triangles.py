@@ -204,7 +204,7 @@ def test_fast_arithmetic_is_refused(tmp_path, monkeypatch):
         pytest.skip("no C++ compiler is found")
     shutil.copytree(library.HERE / "source", tmp_path / "source")
     monkeypatch.setenv("CXXFLAGS", os.environ.get("CXXFLAGS", "") + " -ffast-math")
-    with pytest.raises(RuntimeError, match="must be compiled without -ffast-math"):
+    with pytest.raises(RuntimeError, match="-ffast-math"):
         compile_rays(tmp_path, tmp_path)
 
 

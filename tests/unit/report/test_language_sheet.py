@@ -61,7 +61,7 @@ def test_inputs_that_do_not_belong_together_are_refused(tmp_path):
         (tmp_path / name).mkdir()
         scene(tmp_path / name, 3, 1.0, number)
     paths = [tmp_path / "one" / f"{name}.zarr" for name in ("poses", "splats", "language")]
-    with pytest.raises(UserError, match=r"two/language.zarr: was made from another splats.zarr than"):
+    with pytest.raises(UserError, match="two/language.zarr.* splats.zarr"):
         run(*paths[:2], tmp_path / "two/language.zarr", tmp_path / "language.png", title="a scene")
     assert not (tmp_path / "language.png").exists()
 

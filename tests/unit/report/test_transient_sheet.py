@@ -93,10 +93,10 @@ def test_inputs_that_do_not_belong_together_are_refused(tmp_path):
     other = dict(zip(NAMES, scene(tmp_path / "two", 2, 2, 1, True), strict=True))
     for name, told in (("segments", "frames"), ("masks", "segments"), ("splats", "poses")):
         mixed = [other[one] if one == name else path for one, path in zip(NAMES, paths, strict=True)]
-        with pytest.raises(UserError, match=rf"two/{name}.zarr: was made from another .*{told}.zarr than"):
+        with pytest.raises(UserError, match=f"two/{name}.zarr.* {told}.zarr"):
             run(*mixed, tmp_path / "none.png", title="a scene")
     shutil.rmtree(other["masks"])
-    with pytest.raises(UserError, match="masks.zarr: does not exist"):
+    with pytest.raises(UserError, match="masks.zarr"):
         run(*paths[:4], other["masks"], paths[5], tmp_path / "none.png", title="a scene")
     assert not (tmp_path / "none.png").exists()
 

@@ -159,7 +159,7 @@ def test_odd_and_tiny_pictures(shape):
     ],
 )
 def test_wrong_input_is_refused(picture, valid):
-    with pytest.raises(ValueError, match=r"picture is|valid is"):
+    with pytest.raises(ValueError, match="picture|valid"):
         segment(picture, valid, OPTIONS)
 
 

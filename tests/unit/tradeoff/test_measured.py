@@ -53,7 +53,7 @@ def test_a_lost_artifact_is_named(scored):
     content = json.loads(Path(path).read_text())
     content["artifacts"]["masks.zarr"] = None
     Path(path).write_text(json.dumps(content))
-    with pytest.raises(UserError, match="does not know what masks.zarr cost.*\nMake it anew"):
+    with pytest.raises(UserError, match="masks.zarr"):
         read_points([{"settings": [], "metrics": [path]}])
 
 
@@ -62,11 +62,11 @@ def test_scores_of_other_scenes_or_questions_are_refused(scored, tmp_path):
     other = tmp_path / "results/adt/scene2/metrics.json"
     other.parent.mkdir(parents=True)
     other.write_text(Path(first).read_text().replace("adt/scene1", "adt/scene2"))
-    with pytest.raises(UserError, match="is of another scene than"):
+    with pytest.raises(UserError, match="another scene"):
         read_points([{"settings": [], "metrics": [first, str(other)]}])
     stricter = Path(scored("strict"))
     stricter.write_text(stricter.read_text().replace('"target": "box"', '"target": "mask"'))
-    with pytest.raises(UserError, match="was scored with metrics.target"):
+    with pytest.raises(UserError, match="metrics.target"):
         read_points([{"settings": [], "metrics": [first, str(stricter)]}])
     with pytest.raises(UserError, match="does not exist"):
         read_points([{"settings": [], "metrics": [str(tmp_path / "metrics.json")]}])

@@ -142,17 +142,15 @@ def test_what_is_no_knob_is_refused(knob, message):
 
 
 def test_a_value_that_is_not_allowed_is_named():
-    with pytest.raises(
-        UserError, match=r"variant features-dims-0: features.dims = 0 is not allowed: at least 1"
-    ):
+    with pytest.raises(UserError, match="features-dims-0: features.dims = 0"):
         points_of(scene(features__dims=[0]), "adt/scene1")
 
 
 def test_the_scenes_own_seed_is_no_other_seed():
-    with pytest.raises(UserError, match="adt/scene1: tradeoff.seeds: 0 is the scene's own"):
+    with pytest.raises(UserError, match="adt/scene1: tradeoff.seeds: 0"):
         points_of(scene(seeds=[0]), "adt/scene1")
 
 
 def test_names_of_points_are_taken():
-    with pytest.raises(UserError, match="variants: features-dims-8 is the name of a point"):
+    with pytest.raises(UserError, match="features-dims-8"):
         scene(base=merge(defaults(), {"variants": {"features-dims-8": {}}}), features__dims=[8])

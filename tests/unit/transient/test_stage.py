@@ -131,10 +131,10 @@ def test_pictures_as_the_sensor_takes_them_are_looked_at_upright(scene):
 
 
 def test_frames_without_poses_are_refused(scene):
-    with pytest.raises(UserError, match="none of 5 training frames has a pose"):
+    with pytest.raises(UserError, match="5 training frames"):
         run(scene(registered=np.zeros(6, bool)))
 
 
 def test_a_missing_checkpoint_is_named(scene):
-    with pytest.raises(UserError, match=r"transient.encoder_weights: there is no file nowhere.pt"):
+    with pytest.raises(UserError, match="transient.encoder_weights: .*nowhere.pt"):
         run(scene(), encoder_weights="nowhere.pt")
