@@ -31,12 +31,12 @@ def machine(monkeypatch):
         (True, False, "auto", "auto", Compute(CUDA, torch.float32)),
     ],
 )
-def test_the_best_that_there_is_or_what_is_asked_for(machine, gpu, bfloat16, device, precision, expected):
+def test_auto_takes_the_best_device_and_precision(machine, gpu, bfloat16, device, precision, expected):
     machine(gpu, bfloat16)
     assert choose_compute(device, precision) == expected
 
 
-def test_what_is_asked_for_and_not_there_is_told(machine):
+def test_an_unavailable_device_is_an_error(machine):
     machine(gpu=False)
     with pytest.raises(UserError, match="models.device = cuda"):
         choose_compute("cuda", "auto")
@@ -54,7 +54,7 @@ def test_products_are_of_the_number_type_and_nothing_is_recorded(dtype):
     assert layer(torch.ones(2, 4)).dtype == torch.float32, "the setting outlived its block"
 
 
-def test_one_thread_and_then_as_many_as_before():
+def test_single_thread_restores_the_number_of_threads():
     before = torch.get_num_threads()
     torch.set_num_threads(2)
     try:

@@ -15,7 +15,7 @@ from egosplat.errors import UserError, is_out_of_memory, is_system_error, user_m
 MORE_THAN_THERE_IS = 2**60
 
 
-def test_a_users_mistake_is_its_own_message():
+def test_a_user_error_prints_its_message_only():
     assert user_message(UserError("config.yaml: has no key 'a'")) == "config.yaml: has no key 'a'"
 
 
@@ -25,7 +25,7 @@ def test_a_file_that_may_not_be_read_is_named():
 
 
 @pytest.mark.parametrize("filename", ["results/splats.zarr", None])
-def test_a_full_disk(filename):
+def test_a_full_disk_is_reported(filename):
     told = user_message(OSError(errno.ENOSPC, "No space left on device", filename))
     where = f"{filename}: " if filename else ""
     assert (
@@ -42,7 +42,7 @@ def test_a_full_disk(filename):
         lambda: bytes(MORE_THAN_THERE_IS),
     ],
 )
-def test_a_lack_of_memory(allocate):
+def test_a_lack_of_memory_is_reported(allocate):
     with pytest.raises((MemoryError, RuntimeError)) as caught:
         allocate()
     told = user_message(caught.value)
@@ -98,7 +98,7 @@ def test_a_gpus_lack_of_memory():
     "error",
     [ValueError("a"), RuntimeError("a"), UnidentifiedImageError("a"), OSError("a"), OSError(errno.EIO, "a")],
 )
-def test_what_keeps_its_traceback(error):
+def test_program_errors_keep_their_traceback(error):
     assert user_message(error) is None
 
 
@@ -136,5 +136,5 @@ def test_rights_open_files_and_file_systems(number):
         UserError("out of memory"),
     ],
 )
-def test_what_a_file_holds(error):
+def test_unreadable_content_is_not_a_system_error(error):
     assert not is_system_error(error)

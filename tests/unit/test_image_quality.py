@@ -90,6 +90,6 @@ def test_a_picture_smaller_than_a_window_has_no_ssim(height, width):
     assert math.isnan(ssim(one, one, valid)) and psnr(one, one, valid) == math.inf
 
 
-def test_nothing_valid_has_no_score():
+def test_without_valid_pixels_there_is_no_score():
     one, nowhere = picture(0), torch.zeros_like(EVERYWHERE)
     assert math.isnan(psnr(one, one, nowhere)) and math.isnan(ssim(one, one, nowhere))

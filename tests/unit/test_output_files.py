@@ -159,7 +159,7 @@ def test_what_a_command_did_not_write_stays(monkeypatch, capfd, tmp_path, comman
 
 @pytest.mark.parametrize("name", OTHER_NAMES)
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_name_with_another_suffix_is_refused(monkeypatch, capfd, tmp_path, command, name):
+def test_a_name_with_another_suffix_is_rejected(monkeypatch, capfd, tmp_path, command, name):
     """Whether something has that name or not."""
     suffix = COMMANDS[command][0]
     if Path(name).suffix == suffix:
@@ -174,7 +174,7 @@ def test_a_name_with_another_suffix_is_refused(monkeypatch, capfd, tmp_path, com
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_file_in_place_of_a_folder_is_told(monkeypatch, capfd, tmp_path, command):
+def test_a_file_in_place_of_an_output_folder_is_reported(monkeypatch, capfd, tmp_path, command):
     (tmp_path / "file").write_bytes(b"a file")
     output = tmp_path / "file" / f"out{COMMANDS[command][0]}"
     status, err = call(monkeypatch, capfd, command, tmp_path, output)
@@ -202,7 +202,7 @@ def test_a_device_node_with_the_suffix_stays(tmp_path):
 
 
 @pytest.mark.parametrize("make", [None, lambda path: path.touch(), lambda path: picture(path)])
-def test_nothing_an_empty_file_and_an_own_picture_are_replaced(tmp_path, make):
+def test_empty_and_own_pictures_are_replaced(tmp_path, make):
     output = tmp_path / "OUT.PNG"
     if make:
         make(output)
@@ -254,7 +254,7 @@ FOLDERS = {
 @pytest.mark.parametrize(
     "target", ["a text", "JSON from elsewhere", "a picture from elsewhere", "a folder of pictures"]
 )
-def test_a_folder_that_holds_files_of_others_is_refused(monkeypatch, capfd, tmp_path, name, target):
+def test_a_folder_that_holds_files_of_others_is_rejected(monkeypatch, capfd, tmp_path, name, target):
     """Before any of the command's files is written."""
     command = next(command for command, names in FOLDERS.items() if name in names)
     points = '[{"settings": [], "metrics": [], "keys": {}}]'

@@ -28,7 +28,7 @@ def test_a_log_gets_lines_with_rate_and_remaining_time(capsys, monkeypatch):
     assert lines[-1].startswith("reading: 3/3 pictures") and "\r" not in "".join(lines)
 
 
-def test_nothing_to_do_and_an_unknown_total_are_fine(capsys):
+def test_progress_handles_zero_and_unknown_totals(capsys):
     assert list(track([], "waiting")) == []
     assert list(track(iter("ab"), "reading")) == ["a", "b"]
     assert "waiting: 0/0" in (text := capsys.readouterr().err) and "reading: 2 frames" in text

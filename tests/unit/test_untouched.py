@@ -46,23 +46,23 @@ def tracked() -> list[str]:
     return [name for name in names if name.endswith(suffixes) and (ROOT / name).is_file()]
 
 
-def test_they_alone_are_made_by_name(scenes, untouched):
+def test_untouched_scenes_are_made_only_by_name(scenes, untouched):
     assert all(scene.synthetic for scene in untouched)
     assert [key for key, scene in scenes.items() if scene.by_name] == [("adt", name) for name in UNTOUCHED]
 
 
-def test_the_table_says_what_they_are_for():
+def test_the_scene_table_explains_untouched_scenes():
     note = " ".join(line.strip("# ") for line in TABLE.read_text().splitlines() if line.startswith("#"))
     assert "for reporting alone" in note and "no default, threshold or design" in note
 
 
-def test_they_differ_from_the_others_in_nothing_but_their_seeds(scenes, untouched):
+def test_untouched_scenes_differ_only_in_their_seed(scenes, untouched):
     for scene in untouched:
         seed = {"synthetic": {"seed": scene.config["synthetic"]["seed"]}}
         assert scene.config == config.merge(scenes["adt", "scene1"].config, seed)
 
 
-def test_their_seeds_are_used_nowhere_else(untouched):
+def test_seeds_of_untouched_scenes_are_used_nowhere_else(untouched):
     seeds = {scene.config["synthetic"]["seed"] for scene in untouched}
     assert len(seeds) == len(UNTOUCHED)
     spelled = "|".join(f"{str(seed)[:-3]}[_,]?{str(seed)[-3:]}" for seed in seeds)
@@ -81,6 +81,6 @@ def test_nothing_that_chooses_names_them():
 @pytest.mark.parametrize(
     "text", ["adt/scene6", "scene{1,2,10}/metrics.json", "results/adt/scene*", "adt/scene[0-9]"]
 )
-def test_the_search_would_notice(text):
+def test_seed_search_pattern_matches_names_of_untouched_scenes(text):
     assert NAME.search(text)
     assert not NAME.search("results/adt/scene{1,2,3,4,5}/metrics.json adt/scene1 scene60")

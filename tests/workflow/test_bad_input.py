@@ -243,7 +243,7 @@ def spoil(file: Path, column: str, value: str, row: int = 5) -> None:
         ("tracking_timestamp_us", "7", "tracking_timestamp_us not after that of the row before"),
     ],
 )
-def test_a_trajectory_with_rubbish(scene, refused, column, value, problem):
+def test_a_trajectory_with_garbage(scene, refused, column, value, problem):
     spoil(trajectory(scene), column, value)
     message = refused(*poses(scene))
     assert "closed_loop_trajectory.csv, line 7" in message and problem in message
@@ -274,7 +274,7 @@ def test_points_that_are_no_gzip(scene, refused):
     assert "semidense_points.csv.gz is not a readable MPS point cloud" in refused(*poses(scene))
 
 
-def test_points_of_which_none_is_certain(scene, refused):
+def test_points_that_are_all_uncertain_are_rejected(scene, refused):
     file = scene / "recording/mps/slam/semidense_points.csv.gz"
     lines = gzip.decompress(file.read_bytes()).decode().splitlines()
     bad = [",".join([*line.split(",")[:5], "9.0", "9.0"]) for line in lines[1:]]
@@ -332,7 +332,7 @@ def test_a_hoi4d_sequence_without_intrinsics(scene, refused, tmp_path):
     )
 
 
-def test_nothing_to_check(refused, tmp_path):
+def test_a_check_without_artifacts_is_an_error(refused, tmp_path):
     assert "holds no artifact" in refused("check", tmp_path)
 
 
@@ -348,7 +348,7 @@ def test_plain_annotations_of_the_wrong_size(scene, refused, plain_frames, tmp_p
     assert "annotations/2.png: 10x10 px, but the picture is 64x64" in refused("annotations", *flags)
 
 
-def test_a_full_disk_is_told(scene, refused, monkeypatch):
+def test_a_full_disk_is_reported_in_one_line(scene, refused, monkeypatch):
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device", str(scene / "new.zarr"))
 

@@ -84,7 +84,7 @@ def test_a_job_that_is_killed_for_memory_is_submitted_again_with_more(slurm, on_
     assert second == 2 * first
 
 
-def test_a_job_that_never_has_enough_memory_says_so_and_leaves_nothing(slurm, on_cluster, greedy):
+def test_a_job_without_enough_memory_reports_it_and_leaves_nothing(slurm, on_cluster, greedy):
     done, jobs = on_cluster(greedy, "--retries", "0", "--", FRAMES)
     told = done.stdout + done.stderr
     assert done.returncode == 1, told

@@ -34,13 +34,6 @@ def test_no_rule_that_trains_sees_annotations(finished):
     assert descendants("annotations", pairs) <= EVALUATION
 
 
-def test_the_walk_would_notice():
-    assert descendants("annotations", {("annotations", "features"), ("features", "splats")}) == {
-        "features",
-        "splats",
-    }
-
-
 def test_apartments_for_reporting_are_made_by_name_alone(finished):
     """A run of everything leaves them out; asked for by name they are filmed, whatever the root."""
     everything = finished.snakemake("--dry-run", "--", "all")

@@ -32,7 +32,7 @@ def refused(workdir, *targets: str) -> str:
     return told
 
 
-def test_a_disk_that_fills_up_under_a_stage(on_small_disk, small_disk):
+def test_a_disk_that_fills_during_a_stage_is_reported(on_small_disk, small_disk):
     target = SCENE / "recording"
     small_disk.leave(2**20 + 2**17)
     told = refused(on_small_disk, str(target))
@@ -46,7 +46,7 @@ def test_a_disk_that_fills_up_under_a_stage(on_small_disk, small_disk):
     assert (on_small_disk.folder / target / "video.vrs").exists()
 
 
-def test_a_disk_that_is_full_already(on_small_disk, small_disk):
+def test_a_disk_full_before_the_run_is_reported(on_small_disk, small_disk):
     small_disk.leave(0)
     told = refused(on_small_disk, str(SCENE / "recording"))
     assert told == (
@@ -55,7 +55,7 @@ def test_a_disk_that_is_full_already(on_small_disk, small_disk):
     )
 
 
-def test_results_that_cannot_be_written(workdir, small_disk):
+def test_an_unwritable_results_folder_is_reported(workdir, small_disk):
     results = Path(shutil.move(workdir.folder / "results", small_disk.folder))
     (workdir.folder / "results").symlink_to(results)
     shutil.rmtree(workdir.folder / SCENE / "recording")

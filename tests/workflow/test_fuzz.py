@@ -57,7 +57,7 @@ def test_any_value_of_any_key_is_allowed_or_named(key, value):
 
 @few
 @given(tree=st.dictionaries(st.sampled_from([*SECTIONS, "nothing", ""]), ANY, max_size=2))
-def test_any_tree_of_keys_is_resolved_or_refused(tree):
+def test_any_tree_of_keys_is_resolved_or_rejected(tree):
     try:
         config.resolve(tree, PRESETS)
     except UserError as error:
@@ -68,7 +68,7 @@ def test_any_tree_of_keys_is_resolved_or_refused(tree):
 @given(
     content=st.binary(max_size=300) | st.text(max_size=300).map(lambda text: text.encode("utf-8", "replace"))
 )
-def test_any_file_is_read_or_named(tmp_path, content):
+def test_any_configuration_file_is_read_or_named(tmp_path, content):
     (tmp_path / "mine.yaml").write_bytes(content)
     try:
         read_configuration([tmp_path / "mine.yaml"], [])
@@ -113,7 +113,7 @@ def test_any_options_are_parsed_or_named(options):
 
 
 @pytest.mark.parametrize("content", ["[" * 5000, "{a: " * 5000, "a: 2020-99-99", "a: *b", "\0", "{[1]: 2}"])
-def test_yaml_that_nobody_means_is_named(tmp_path, content):
+def test_ambiguous_yaml_is_named(tmp_path, content):
     (tmp_path / "mine.yaml").write_text(content)
     with pytest.raises(UserError, match="mine.yaml"):
         config.read_yaml(tmp_path / "mine.yaml")
@@ -165,12 +165,12 @@ def test_a_recording_may_hold_what_a_comment_begins_with(tmp_path):
         (f"{HEADER}mine\ts1\tplain\tx\tframes.stride=[\n", "line 2: option .* its value cannot be read"),
     ],
 )
-def test_a_row_that_is_none_is_named_with_its_line(tmp_path, text, message):
+def test_an_invalid_row_is_named_with_its_line(tmp_path, text, message):
     with pytest.raises(UserError, match=message):
         read(tmp_path, text)
 
 
-def test_a_table_as_spreadsheets_write_it(tmp_path):
+def test_a_table_saved_by_a_spreadsheet_is_read(tmp_path):
     text = "\ufeff" + (HEADER + "mine\ts1\tplain\tx\t\n").replace("\n", "\r\n")
     scenes = read(tmp_path, text)
     with pytest.raises(UserError, match="at x"):

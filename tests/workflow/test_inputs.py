@@ -20,12 +20,12 @@ def pictures(tmp_path):
     return folder
 
 
-def test_no_core_at_all_is_refused_and_does_not_wait(one_scene, pictures):
+def test_zero_cores_are_rejected_at_once(one_scene, pictures):
     done = one_scene("plain", pictures).snakemake("--cores", "0", "--", FRAMES, timeout=60)
     assert done.returncode != 0 and "egosplat: --cores 0: nothing can run" in done.stderr
 
 
-def test_a_configuration_file_with_a_key_twice_is_refused_with_both_lines(one_scene, pictures):
+def test_a_configuration_file_with_a_key_twice_is_rejected_with_both_lines(one_scene, pictures):
     workdir = one_scene("plain", pictures)
     (workdir.folder / "tiny.yaml").write_text("frames: {stride: 1}\nposes: {}\nframes: {focal: 400}\n")
     done = workdir.snakemake("--dry-run", "--", FRAMES)

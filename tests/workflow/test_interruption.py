@@ -37,7 +37,7 @@ def started(workdir, target: Path) -> "subprocess.Popen[bytes]":
 
 
 @pytest.mark.parametrize("how", ["the stage is killed", "Snakemake is interrupted"])
-def test_nothing_half_written_is_left_to_look_whole(workdir, how):
+def test_an_interrupted_stage_leaves_no_partial_artifact(workdir, how):
     target = SCENE / "recording"
     shutil.rmtree(workdir.folder / target)
     process = started(workdir, target)

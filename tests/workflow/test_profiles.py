@@ -33,7 +33,7 @@ def test_rules_that_use_a_gpu_ask_for_it():
     assert asking == {"segments", "view_features", "transient", "splats", "language", "metrics"}
 
 
-def test_the_profile_groups_rules_that_there_are():
+def test_the_profile_names_existing_rules():
     grouped = dict(entry.split("=") for entry in PROFILE["groups"])
     assert set(grouped) <= set(RULES) - LOCAL
     assert {rule for rule, group in grouped.items() if group == "sheets"} == {

@@ -41,14 +41,14 @@ def test_every_result_of_the_finished_scene_has_a_row_of_its_own(finished, tmp_p
     assert len(set(captions)) == len(captions) and all("adt/scene1" in caption for caption in captions)
 
 
-def test_the_scores_themselves_are_in_it(finished, tmp_path):
+def test_the_report_contains_the_scores(finished, tmp_path):
     found = rows(report(finished, tmp_path / "report.html"))["results/adt/scene1/metrics.json"]
     assert found["mime_type"] == "application/json" and "mIoU" in found["caption"]
     content = base64.b64decode(found["data_uri"].partition("base64,")[2])
     assert content == (finished.folder / "results/adt/scene1/metrics.json").read_bytes()
 
 
-def test_its_text_tells_of_every_step_and_leaves_no_markup(finished, tmp_path):
+def test_report_text_covers_every_step_without_markup(finished, tmp_path):
     text = json.loads(DESCRIPTION.search(report(finished, tmp_path / "report.html"))[1])
     steps = re.findall(r"<li><p><strong>([^<]+)</strong>|<li><strong>([^<]+)</strong>", text)
     assert [one or other for one, other in steps] == [
@@ -57,7 +57,7 @@ def test_its_text_tells_of_every_step_and_leaves_no_markup(finished, tmp_path):
     assert "system-message" not in text and "{{" not in text
 
 
-def test_targets_and_a_zip_work_too(finished, tmp_path):
+def test_report_works_with_targets_and_as_zip(finished, tmp_path):
     targets = ("results/adt/scene1/metrics.json", "results/adt/scene1/queries.png")
     page = report(finished, tmp_path / "report.zip", "--", *targets)
     assert set(rows(page)) == set(targets)

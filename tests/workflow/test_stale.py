@@ -109,7 +109,7 @@ def test_another_checkpoint_reruns_the_stages_that_load_it(workdir, model, expec
     assert workdir.stale(*workdir.MAIN) == expected
 
 
-def test_other_weights_of_the_encoder_rerun_what_moves(workdir):
+def test_other_encoder_weights_rerun_transient(workdir):
     weights = workdir.folder / "encoder.safetensors"
     encoder = make_network(64, False, None, 0).encoder
     save_file({name: value.contiguous() for name, value in encoder.state_dict().items()}, weights)

@@ -65,7 +65,7 @@ def test_before_the_survey_a_plan_shows_it_and_not_what_it_may_ask_for(workdir):
     assert "survey" in planned and planned.isdisjoint({"transient", "masks"})
 
 
-def test_nothing_reruns_where_it_decides_as_was_configured(surveyed):
+def test_an_unchanged_survey_decision_reruns_nothing(surveyed):
     assert read_survey(surveyed.folder / SURVEY)["motion"]["masking"] == "refined"
     assert surveyed.stale(METRICS, TRANSIENT, config=AUTO) == set()
 
@@ -84,7 +84,7 @@ def test_a_static_scene_has_neither_network_nor_masks(work):
     assert ("frames", "splats") in pairs
 
 
-def test_an_explicit_value_stands_over_the_survey(work):
+def test_an_explicit_value_overrides_the_survey(work):
     made(work, STATIC, SURVEY)
     explicit = STATIC.replace("auto", "refined")
     assert work.stale(METRICS, config=explicit) == set()
@@ -99,7 +99,7 @@ def test_a_survey_that_decides_the_same_again_reruns_nothing_else(work):
     assert work.stale(METRICS, config=again) == set()
 
 
-def test_frames_that_add_no_view_are_left_out_of_what_learns(work):
+def test_redundant_frames_are_left_out_of_training(work):
     made(work, LEAVING_OUT, SURVEY)
     views = read_survey(work.folder / SURVEY)["views"]
     assert views["left_out"]
@@ -112,7 +112,7 @@ def test_frames_that_add_no_view_are_left_out_of_what_learns(work):
     assert work.stale(f"{SCENE}/segments.zarr", config=LEAVING_OUT) == set()
 
 
-def test_where_nothing_moves_gaussians_learn_from_all_frames_whichever_are_left_out(work):
+def test_a_static_scene_trains_gaussians_on_all_frames(work):
     splats, left_out = f"{SCENE}/splats.zarr", []
     for change_deg, made_anew in ((90, {"splats"}), (20, set())):
         config = STATIC_LEAVING_OUT % change_deg
@@ -153,7 +153,7 @@ def test_a_variant_whose_keys_reach_the_survey_has_its_own(work):
     assert work.stale(METRICS, config=variant) == set()
 
 
-def test_the_survey_alone_makes_what_it_made(work):
+def test_running_the_survey_alone_gives_the_same_result(work):
     before = read_survey(work.folder / SURVEY)
     (work.folder / SURVEY).unlink()
     (work.folder / "more.yaml").write_text(AUTO)

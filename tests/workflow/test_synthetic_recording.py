@@ -53,11 +53,11 @@ def truth(sequence, folder) -> np.ndarray:
     return sequence.device_pose(times) @ device_from_camera() @ CLOCKWISE
 
 
-def test_reader_and_writer_mean_the_same_middle_of_the_exposure():
+def test_reader_and_writer_agree_on_the_exposure_middle():
     assert EXPOSURE_MIDDLE_AFTER_CAPTURE_NS == ROLLING_SHUTTER_MIDDLE_NS
 
 
-def test_everything_made_from_it_says_so(sequence, folder):
+def test_synthetic_origin_is_recorded_in_every_artifact(sequence, folder):
     for name, schema in (("frames", FRAMES), ("annotations", ANNOTATIONS), ("poses", POSES)):
         assert open_artifact(folder / f"{name}.zarr", schema).origin == "synthetic"
 

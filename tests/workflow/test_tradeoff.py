@@ -98,7 +98,7 @@ def test_a_page_of_one_knob_is_made_and_then_up_to_date(workdir):
         (json.dumps({"budget": {"minutes": 3}}), "key 'budget' was removed; set preset"),
     ],
 )
-def test_what_cannot_be_compared_is_told_without_a_traceback(workdir, config, message):
+def test_incomparable_scores_are_an_error_without_traceback(workdir, config, message):
     (workdir.folder / "more.yaml").write_text(config)
     done = workdir.snakemake("more.yaml", "--dry-run", "--", PAGE)
     said = done.stdout + done.stderr

@@ -9,7 +9,7 @@ ROOT = Path(__file__).parents[2]
 SCENE = Path("results/adt/scene1")
 
 
-def test_of_two_that_start_together_one_does_the_work(workdir, tmp_path):
+def test_two_concurrent_runs_do_the_work_once(workdir, tmp_path):
     target = SCENE / "transient.png"
     remove(workdir.folder / SCENE / "transient.zarr")
     remove(workdir.folder / target)

@@ -14,11 +14,11 @@ VARIANT = f"{SCENE}/variants"
         ("initial/splats.zarr", {"splats"}),
     ],
 )
-def test_only_what_is_reached_is_made(workdir, target, expected):
+def test_a_variant_makes_only_what_its_keys_change(workdir, target, expected):
     assert workdir.stale(f"{VARIANT}/{target}") == expected
 
 
-def test_a_variant_of_ones_own_stands_beside_the_scene(workdir):
+def test_a_user_variant_is_made_next_to_the_scene(workdir):
     (workdir.folder / "mine.yaml").write_text("variants: {rough: {splats: {masking: none, iterations: 10}}}")
     target = f"{VARIANT}/rough/splats.zarr"
     done = workdir.snakemake("mine.yaml", "--", target)
@@ -36,7 +36,7 @@ def test_a_variant_of_ones_own_stands_beside_the_scene(workdir):
         ("initial/frames.zarr", f"variant initial changes nothing of frames.zarr; take {SCENE}/frames.zarr"),
     ],
 )
-def test_what_cannot_be_asked_for_is_told_in_one_line(workdir, target, message):
+def test_an_invalid_target_is_reported_in_one_line(workdir, target, message):
     done = workdir.snakemake("--dry-run", "--", f"{VARIANT}/{target}")
     assert done.returncode != 0
     said = done.stdout + done.stderr

@@ -6,7 +6,7 @@ import pytest
 @pytest.mark.parametrize(
     ("recording", "belongs"), [("pictures", "pictures/"), ("clip.mp4", "clip.mp4.")], ids=["folder", "video"]
 )
-def test_what_belongs_to_a_recording_is_watched(one_scene, tmp_path, recording, belongs):
+def test_files_of_a_recording_are_rule_inputs(one_scene, tmp_path, recording, belongs):
     names = ("camera.json", "valid.png", "annotations/instances.tsv", "annotations/0 [1].png")
     files = [tmp_path / f"{belongs}{name}" for name in names]
     for file in files:

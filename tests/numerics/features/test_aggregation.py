@@ -43,7 +43,7 @@ def direction(rows: np.ndarray) -> np.ndarray:
 @pytest.mark.numerics("2 to 40 views of 1 to 64 channels, k of 1 to 10, each norm", within=1e-14)
 @EACH_NORM
 @given(seed=st.integers(0, 999), count=st.integers(2, 40), width=st.integers(1, 64), k=st.floats(1, 10))
-def test_any_views(measured, norm, seed, count, width, k):
+def test_aggregate_matches_exact_arithmetic(measured, norm, seed, count, width, k):
     rows = views(seed, count, width)
     found, _ = robust_mean(rows[None], norm, k)
     measured(np.abs(found[0] - exact(rows, norm, k)).max())
@@ -61,7 +61,7 @@ def test_identical_views(measured, norm, count):
 
 @pytest.mark.numerics("one view: the view itself", within=0.0)
 @EACH_NORM
-def test_one_view(measured, norm):
+def test_one_view_is_its_own_aggregate(measured, norm):
     view = views(0, 1, 32)
     found, kept = robust_mean(view[None], norm, K)
     assert kept.all()
@@ -82,7 +82,7 @@ def test_all_but_one_identical(measured, norm):
 
 
 @pytest.mark.numerics("no view", outside="the feature is 0, its number of views is 0")
-def test_no_view():
+def test_an_instance_without_views_gets_zeros():
     found = aggregate(views(0, 2, 8), np.array([0, 2]), 3, "element", K)
     assert found.views.tolist() == [1, 0, 1] and not found.feature[1].any()
     none = aggregate(np.zeros((0, 8), np.float32), np.zeros(0, int), 2, "cosine", K)
@@ -157,7 +157,7 @@ def test_one_and_very_many_instances(measured, norm, count):
 
 @pytest.mark.numerics("k below 1, NaN, or an unknown norm", outside="ValueError")
 @pytest.mark.parametrize(("norm", "k"), [("element", 0.99), ("element", np.nan), ("median", 3.0)])
-def test_what_cannot_be_aggregated(norm, k):
+def test_invalid_views_are_rejected(norm, k):
     with pytest.raises(ValueError, match="at least 1"):
         aggregate(views(0, 2, 4), np.array([0, 0]), 1, norm, k)
 

@@ -175,7 +175,7 @@ def test_the_stage(tmp_path, capsys, kind, target):
 @pytest.mark.numerics(
     "a number that is not finite on its way to the artifact", outside="ValueError, nothing is written"
 )
-def test_the_stage_writes_nothing_broken(tmp_path, monkeypatch):
+def test_stage_writes_nothing_when_a_value_is_not_finite(tmp_path, monkeypatch):
     monkeypatch.setattr(stage, "usable", lambda rows: np.ones(len(rows), bool))
     write_view_features(tmp_path, np.full((2, WIDTH), np.nan, np.float32), np.zeros(2, np.int32))
     keys = defaults()["features"] | {"compression": "none", "dims": 3, "epochs": 2}

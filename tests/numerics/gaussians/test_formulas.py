@@ -133,7 +133,7 @@ def test_adam(measured, exponent, seed):
     outside="that Gaussian is left out of the step and counted; the others move",
 )
 @pytest.mark.parametrize("value", [math.nan, math.inf, 2 * LARGEST_GRADIENT])
-def test_adam_of_broken_gradients(value):
+def test_adam_skips_rows_with_non_finite_gradients(value):
     assert broken_rows([torch.tensor([[0.0], [value]]), torch.zeros(2, 3)]).tolist() == [1]
     gaussians = some(5).requires_grad_()
     optimizer = Adam(gaussians, LearningRates(means=0.1))
@@ -196,7 +196,7 @@ def test_relocation_at_its_ends():
 @pytest.mark.numerics(
     "noise on Gaussians whose scale has run away to 1e30 m or to infinity", outside="none is added to them"
 )
-def test_noise_on_what_ran_away():
+def test_noise_leaves_far_away_means_finite():
     gaussians = some(
         3,
         log_scales=torch.tensor([[-2.0] * 3, [70.0] * 3, [1e3] * 3]),
@@ -254,7 +254,7 @@ def test_starting_sizes(measured, seed, count, exponent):
     outside="of length 0: the identity",
 )
 @given(exponent=st.floats(-10, 15), seed=st.integers(0, 99))
-def test_turns_of_gaussians(measured, exponent, seed):
+def test_rotation_matrices_match_float64_at_any_length(measured, exponent, seed):
     quats = torch.randn(4, 4, generator=torch.Generator().manual_seed(seed)) * 10.0**exponent
     measured(float((rotation_matrices(quats) - rotation_matrices(quats.double())).abs().max()))
     assert torch.equal(rotation_matrices(torch.zeros(1, 4))[0], torch.eye(3))

@@ -43,7 +43,7 @@ def test_size_of_a_scene(measured, seed, count, exponent):
 
 @pytest.mark.numerics("no camera, or one that is not finite", outside="ValueError")
 @pytest.mark.parametrize("poses", [np.zeros((0, 4, 4)), unregistered(2)])
-def test_no_size(poses):
+def test_scene_size_of_missing_poses_is_rejected(poses):
     with pytest.raises(ValueError, match="not finite"):
         scene_extent(poses)
 
@@ -113,7 +113,7 @@ def test_up(measured, seed, count):
     outside="refused before they are written",
 )
 @pytest.mark.parametrize("broken", ["scaled", "mirrored", "sheared", "nan"])
-def test_poses_that_are_none(broken):
+def test_invalid_poses_are_rejected(broken):
     pose = np.eye(4)
     pose[:3, :3] *= {"scaled": 1.001}.get(broken, 1.0)
     pose[0, 0] *= {"mirrored": -1.0, "nan": np.nan}.get(broken, 1.0)

@@ -129,7 +129,7 @@ def test_lengths_of_quaternions(write, measured, length):
         (1000, 1.0, np.inf, "line 3: the row has a value"),
     ],
 )
-def test_rows_that_cannot_be(write, time, length, place, words):
+def test_impossible_rows_are_rejected(write, time, length, place, words):
     quaternions = np.array([[0, 0, 0, 1.0], [0, 0, 0, length], [0, 0, 0, 1.0]])
     places = np.array([[0, 0, 0], [place, 0, 0], [0, 0, 0.0]])
     with pytest.raises(UserError, match=words):

@@ -86,7 +86,7 @@ def test_half_precision(measured, dtype, temperature):
 )
 @pytest.mark.parametrize("temperature", ENDS)
 @pytest.mark.parametrize("value", [0.0, float("nan"), float("inf"), -float("inf"), 1e-3, 1e30])
-def test_features_that_are_none(value, temperature):
+def test_invalid_features_have_no_relevancy(value, temperature):
     features = directions(8, 3)
     queries = features[[0, 2]]
     features[1] = value
@@ -98,7 +98,7 @@ def test_features_that_are_none(value, temperature):
 @pytest.mark.numerics(
     "no query, and no phrase to compare with", outside="an empty result; ValueError of the options"
 )
-def test_none_asked():
+def test_no_queries_give_an_empty_result():
     texts = Texts((), torch.zeros(0, 4), torch.eye(4))
     codes, seen = torch.ones(1, 2, 2, 4), torch.ones(1, 2, 2, dtype=torch.bool)
     found = relevancy_maps(codes, seen, Decoder((4,), np.zeros(0, np.float32)), texts, 10.0)
@@ -111,7 +111,7 @@ def test_none_asked():
     "temperatures of 0, below, NaN and infinity", outside="ValueError that names the temperature"
 )
 @pytest.mark.parametrize("temperature", [0.0, -1.0, float("nan"), float("inf")])
-def test_temperatures_that_are_none(temperature):
+def test_invalid_temperatures_are_rejected(temperature):
     with pytest.raises(ValueError, match="temperature"):
         QueryOptions(**vars(LANGSPLAT) | {"temperature": temperature})
 

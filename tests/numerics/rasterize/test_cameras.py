@@ -172,7 +172,7 @@ def test_far_from_the_origin(gaussian, compare, measured, exponent, turn):
     ],
     ids=str,
 )
-def test_cameras_that_are_none(gaussian, changes, words):
+def test_invalid_cameras_are_rejected(gaussian, changes, words):
     tensors = {name: value for name, value in changes.items() if name in ("Ks", "viewmats")}
     numbers = {"width": 4, "height": 4} | {name: changes[name] for name in changes.keys() - tensors.keys()}
     with pytest.raises(ValueError, match=words):

@@ -86,7 +86,7 @@ def test_equal_depths(gaussian, compare, measured):
 
 
 @pytest.mark.numerics("no Gaussians", outside="the background alone; gradients of shape (0, ...)")
-def test_none(gaussian, compare):
+def test_no_gaussians_render_nothing(gaussian, compare):
     values = {name: value if name in ("viewmats", "Ks") else value[:0] for name, value in gaussian().items()}
     found = compare(values, backgrounds=None).found
     assert not found.image.any() and found.gradients["means"].shape == (0, 3)

@@ -128,7 +128,7 @@ def test_a_subnormal_quaternion(gaussian, compare, measured):
 
 @pytest.mark.numerics("a quaternion of 0 or of infinite length", outside="culled: radius 0, gradient 0")
 @pytest.mark.parametrize("length", [0.0, float("inf"), float("nan")])
-def test_quaternions_that_are_no_rotation(gaussian, compare, length):
+def test_invalid_quaternions_hide_the_gaussian(gaussian, compare, length):
     both = compare(gaussian(quats=[[length, 0.0, 0.0, 0.0]]))
     for each in (both.found, both.truth):
         assert not each.image.any() and not each.meta["radii"].any()
@@ -182,7 +182,7 @@ def test_opacities_above_one(gaussian, compare, measured):
 )
 @pytest.mark.parametrize("name", ["means", "quats", "scales", "opacities", "colors"])
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])
-def test_broken_beside_sound(gaussian, compare, measured, name, value):
+def test_one_broken_gaussian_leaves_the_others_unchanged(gaussian, compare, measured, name, value):
     values = gaussian()
     broken = values[name].clone()
     broken[..., 0] = value

@@ -67,7 +67,7 @@ def test_thresholds_at_their_ends():
     "probabilities that are NaN or infinite", outside="count as 0 in scores, and as weight 0 in losses"
 )
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_probabilities_that_are_none(value):
+def test_invalid_probabilities_count_as_zero(value):
     probability = np.full((SIZE, SIZE), 0.5, np.float16)
     probability[0, :] = value
     found = scored((halves(), probability))

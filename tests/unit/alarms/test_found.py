@@ -60,7 +60,7 @@ def written(folder: Path, kind: str, arrays: dict[str, np.ndarray], facts: dict,
 
 
 @pytest.mark.parametrize("kind", SUSPICIOUS)
-def test_what_an_artifact_tells_raises_its_alarms(tmp_path, kind):
+def test_facts_and_arrays_of_an_artifact_raise_its_alarms(tmp_path, kind):
     arrays, facts, keys = SUSPICIOUS[kind]
     assert [alarm.key for alarm in alarms_of(written(tmp_path, kind, dict(arrays), facts))] == keys
 
@@ -71,7 +71,7 @@ def test_alarms_of_several_artifacts_are_in_the_order_of_the_stages(tmp_path):
     assert [alarm.key for alarm in alarms_of_all(reversed(made))] == keys
 
 
-def test_small_checkpoints_on_a_real_recording_are_told_before_the_alarms(tmp_path, capfd):
+def test_small_checkpoints_on_a_real_recording_are_reported_before_the_alarms(tmp_path, capfd):
     """In the log of the stage that used them."""
     small = {"sam2_checkpoint": "small"}
     real = {"options": small, "origin": "real", "models": {"sam2_checkpoint": "c0de"}}

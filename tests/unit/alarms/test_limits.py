@@ -126,7 +126,7 @@ def test_agreement_is_in_units_of_how_alike_different_instances_are():
     assert instances.agreement_of(1.0, 1.0) == 1.0, "equal instances have equal views"
 
 
-def test_figures_that_are_not_told_raise_nothing():
+def test_missing_figures_raise_no_alarm():
     found = [
         *recording.frames_alarms(None, None),
         *recording.poses_alarms(None, None, []),
@@ -146,13 +146,13 @@ def test_an_accuracy_whose_interval_reaches_chance_raises_an_alarm():
     assert [alarm.key for alarm in scene.metrics_alarms(0.15, 0.15)] == ["metrics.chance"]
 
 
-def test_a_perfect_render_raises_nothing_and_one_that_is_no_number_does():
+def test_infinite_psnr_raises_no_alarm_and_nan_does():
     assert list(psnr(math.inf)) == []
     assert [alarm.key for alarm in psnr(math.nan)] == ["splats.psnr"]
 
 
 @pytest.mark.parametrize("key", BELOW | ABOVE)
-def test_an_alarm_says_on_one_line_what_is_normal_what_was_found_and_what_to_do(key):
+def test_an_alarm_is_one_line_with_limit_value_and_advice(key):
     alarms, limit = (BELOW | ABOVE)[key]
     beyond = limit * (0.5 if key in BELOW else 2.0)
     (alarm,) = alarms(beyond)

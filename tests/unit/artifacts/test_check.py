@@ -30,7 +30,7 @@ def problems(folder: Path) -> dict[str, str]:
     return {report.path.name: report.problem for report in check_tree(folder, lambda _: None)}
 
 
-def test_a_sound_survey_and_its_frames_are_told_as_such(surveyed):
+def test_a_valid_survey_and_its_frames_have_no_problem(surveyed):
     assert problems(surveyed) == {"frames.zarr": "", "survey.json": ""}
     assert problems(surveyed / "survey.json") == {"survey.json": ""}
 
@@ -64,12 +64,12 @@ def test_a_json_file_that_egosplat_did_not_write_is_not_sound(surveyed, name, da
     assert str(path) in told and "Rebuild it: rm -r " in told
 
 
-def test_a_survey_of_other_frames_is_not_sound(surveyed):
+def test_a_survey_of_other_frames_is_a_problem(surveyed):
     make_artifact(surveyed, seed=1)
     assert "was made from another frames.zarr" in problems(surveyed)["survey.json"]
 
 
-def test_a_folder_without_results_is_told(tmp_path):
+def test_a_folder_without_results_is_an_error(tmp_path):
     (tmp_path / "notes.json").write_text("{}")
     with pytest.raises(UserError, match="no artifact"):
         check_tree(tmp_path, print)

@@ -21,14 +21,14 @@ def saved(folder, key: str = "key") -> Checkpoint:
     return checkpoint
 
 
-def test_a_state_comes_back(tmp_path):
+def test_a_saved_state_is_restored(tmp_path):
     saved(tmp_path)
     loaded = Checkpoint(tmp_path / "splats.zarr", "key", NOW).load()
     assert torch.equal(loaded["tensor"], state()["tensor"])
     assert loaded["list"][:2] == [1, 2.5] and loaded["none"] is None and loaded["text"] == "a"
 
 
-def test_it_lies_hidden_beside_the_output_and_can_be_removed(tmp_path):
+def test_checkpoint_is_a_hidden_file_and_can_be_removed(tmp_path):
     checkpoint = saved(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == [".splats.zarr.checkpoint"]
     (checkpoint.file.parent / ".state.12345678.tmp").touch()  # what a killed writer leaves
@@ -38,14 +38,14 @@ def test_it_lies_hidden_beside_the_output_and_can_be_removed(tmp_path):
     assert checkpoint.load() is None
 
 
-def test_a_later_one_replaces_it(tmp_path):
+def test_a_later_checkpoint_replaces_the_earlier(tmp_path):
     checkpoint = saved(tmp_path)
     checkpoint.save_if_due(lambda: state(2.0))
     assert float(checkpoint.load()["tensor"][0, 0]) == 2.0
     assert len(list(checkpoint.file.parent.iterdir())) == 1
 
 
-def test_it_is_not_written_before_its_time(tmp_path):
+def test_checkpoint_waits_for_its_interval(tmp_path):
     Checkpoint(tmp_path / "splats.zarr", "key", 3600.0).save_if_due(
         lambda: pytest.fail("asked for the state")
     )
@@ -64,14 +64,14 @@ def test_a_full_disk_does_not_end_training(tmp_path, capsys, monkeypatch):
     assert float(checkpoint.load()["tensor"][0, 0]) == 1.0  # the last whole one
 
 
-def test_one_of_another_run_is_not_used(tmp_path, capsys):
+def test_a_checkpoint_of_another_run_is_ignored(tmp_path, capsys):
     saved(tmp_path)
     assert Checkpoint(tmp_path / "splats.zarr", "other", NOW).load() is None
     assert "other options, inputs or code" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("position", [0, 40, -1])
-def test_a_flipped_bit_is_noticed(tmp_path, capsys, position):
+def test_a_flipped_bit_is_detected(tmp_path, capsys, position):
     checkpoint = saved(tmp_path)
     content = bytearray(checkpoint.file.read_bytes())
     content[position] ^= 1
@@ -81,13 +81,13 @@ def test_a_flipped_bit_is_noticed(tmp_path, capsys, position):
 
 
 @pytest.mark.parametrize("length", [0, 10, 200])
-def test_a_cut_one_is_noticed(tmp_path, length):
+def test_a_truncated_checkpoint_is_detected(tmp_path, length):
     checkpoint = saved(tmp_path)
     checkpoint.file.write_bytes(checkpoint.file.read_bytes()[:length])
     assert checkpoint.load() is None
 
 
-def test_the_key_is_of_all_that_decides_the_result():
+def test_cache_key_covers_everything_that_decides_the_result():
     made = begin("splats", {"seed": 0, "iterations": 5}, "real", {"frames.zarr": "abc"})
     later = replace(made, created="later", started=0.0)
     assert key_of(made) == key_of(later)

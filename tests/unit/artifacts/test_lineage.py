@@ -13,7 +13,7 @@ from egosplat.artifacts.splats import SPLATS
 from egosplat.errors import UserError
 
 
-def test_all_that_lies_beside_is_found(word_scene):
+def test_inputs_in_the_same_folder_are_found(word_scene):
     language = open_artifact(word_scene() / "language.zarr", LANGUAGE)
     found = lineage([language])
     assert list(found.found) == [
@@ -22,7 +22,7 @@ def test_all_that_lies_beside_is_found(word_scene):
     assert found.found["poses.zarr"].schema is POSES and found.lost == ()
 
 
-def test_each_of_several_folders_is_looked_in(word_scene, tmp_path):
+def test_inputs_are_searched_in_every_folder(word_scene, tmp_path):
     folder, other = word_scene(), tmp_path / "variant"
     for name in ("splats", "language"):
         shutil.move(folder / f"{name}.zarr", other / f"{name}.zarr")
@@ -32,7 +32,7 @@ def test_each_of_several_folders_is_looked_in(word_scene, tmp_path):
     assert found.lost == () and found.found["splats.zarr"].path.parent == other
 
 
-def test_what_is_gone_is_lost(word_scene):
+def test_a_missing_input_is_reported_lost(word_scene):
     folder = word_scene()
     shutil.rmtree(folder / "splats.zarr")
     assert lineage([open_artifact(folder / "language.zarr", LANGUAGE)]).lost == ("splats.zarr",)

@@ -61,7 +61,7 @@ def test_means_over_scenes_are_covered_as_often_as_said(spread):
     assert 0.92 <= found / 300
 
 
-def test_of_many_independent_values_it_is_the_normal_interval():
+def test_interval_of_many_independent_values_is_the_normal_one():
     values = np.random.default_rng(1).normal(0.4, 0.1, 400)
     found = clustered_interval([Clusters(values, np.ones(400))], OPTIONS)
     half = 1.96 * values.std() / 20
@@ -98,7 +98,7 @@ def test_two_categories_leave_the_doubt_of_two_numbers():
 
 
 @pytest.mark.parametrize("categories", [3, 6, 10])
-def test_few_categories_are_covered_as_often_as_said(categories):
+def test_interval_covers_few_categories_at_its_confidence(categories):
     rng = np.random.default_rng(7)
     options = IntervalOptions(confidence=0.95, resamples=2000, seed=0)
     found = [
@@ -117,7 +117,7 @@ def test_all_hit_or_all_missed_leaves_the_doubt_of_so_many_categories(hit):
     assert (found.low, found.high) == pytest.approx(expected, abs=1e-6)
 
 
-def test_no_difference_in_any_category_leaves_a_doubt_on_both_sides():
+def test_equal_categories_give_an_interval_around_zero():
     found = clustered_interval([Clusters(np.zeros(22), np.full(22, 4.0))], OPTIONS, least=-1.0)
     doubt = 1.959964**2 / (22 + 1.959964**2)
     assert (found.low, found.high) == pytest.approx((-doubt, doubt), abs=1e-6)
@@ -129,7 +129,7 @@ def test_a_single_category_has_no_interval(categories):
     assert clustered_interval([], OPTIONS) is None
 
 
-def test_scenes_without_queries_count_in_nothing():
+def test_scenes_without_queries_are_ignored():
     scene, empty = Clusters(np.array([1.0, 0.0]), np.array([1.0, 3.0])), cluster([], [])
     assert mean_of_scenes([scene, empty]) == 0.25
     assert clustered_interval([scene, empty], OPTIONS) == clustered_interval([scene], OPTIONS)
@@ -142,7 +142,7 @@ def test_scenes_that_differ_widen_the_interval():
     assert width(clustered_interval(apart, OPTIONS)) > 1.3 * width(clustered_interval(alike, OPTIONS))
 
 
-def test_it_repeats_with_its_seed_and_only_then():
+def test_interval_depends_on_the_seed_alone():
     scene = hits_of(np.random.default_rng(1), 0.5)
     scene = Clusters(scene.totals + np.random.default_rng(2).random(22), scene.counts)
     other = IntervalOptions(confidence=0.95, resamples=2000, seed=1)
@@ -150,7 +150,7 @@ def test_it_repeats_with_its_seed_and_only_then():
     assert clustered_interval([scene], OPTIONS) != clustered_interval([scene], other)
 
 
-def test_the_more_confident_the_wider():
+def test_higher_confidence_widens_the_interval():
     scene = hits_of(np.random.default_rng(1), 0.5)
     sure, unsure = (clustered_interval([scene], IntervalOptions(c, 2000, 0)) for c in (0.99, 0.5))
     assert sure.low < unsure.low < scene.mean < unsure.high < sure.high

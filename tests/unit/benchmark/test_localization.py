@@ -52,7 +52,7 @@ def test_a_box_is_one_instances(ring):
     assert not is_hit(np.array([[3, 16]]), target_area(ring, (0, 2), "box"))
 
 
-def test_an_unknown_target_is_refused(ring):
+def test_an_unknown_target_is_rejected(ring):
     with pytest.raises(ValueError, match="'point'"):
         target_area(ring, (0,), "point")
 

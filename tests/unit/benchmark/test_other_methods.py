@@ -137,7 +137,7 @@ def test_frames_without_a_pose_are_not_asked(tmp_path, scored, perfect):
     assert not OF_EGOSPLAT & set(found["counts"])
 
 
-def test_how_it_came_about(tmp_path, scored, perfect):
+def test_provenance_names_inputs_options_and_versions(tmp_path, scored, perfect):
     path = write(tmp_path / "mine.zarr", perfect, QUERIES)
     first = scored(path)["provenance"]
     assert set(first["inputs"]) == {"frames.zarr", "poses.zarr", "annotations.zarr", "mine.zarr"}
@@ -163,14 +163,14 @@ def test_the_best_level_answers(tmp_path, scored, perfect):
     assert found["scores"]["all"]["accuracy"] == 1.0
 
 
-def test_where_nothing_is_seen_nothing_is_found(tmp_path, scored, perfect):
+def test_nothing_is_found_where_every_value_is_nan(tmp_path, scored, perfect):
     found = scored(write(tmp_path / "mine.zarr", np.full_like(perfect, np.nan), QUERIES))
     for one in found["queries"]:
         assert (one["relevancy"], one["level"], one["pixel"], one["mask_pixels"]) == (0.0, None, None, 0)
         assert not any(truth["hit"] or truth["iou"] for truth in one["groups"].values())
 
 
-def test_maps_that_do_not_decide_are_told(tmp_path, scored, perfect, capsys):
+def test_maps_with_many_maxima_give_a_warning(tmp_path, scored, perfect, capsys):
     scored(write(tmp_path / "mine.zarr", perfect, QUERIES))
     assert (
         "in 2 of 2 queries more than 1% of the picture has the largest relevancy" in capsys.readouterr().err
@@ -182,7 +182,7 @@ def test_maps_that_do_not_decide_are_told(tmp_path, scored, perfect, capsys):
     assert "warning" not in capsys.readouterr().err
 
 
-def test_other_number_types_sizes_and_orders_say_the_same(tmp_path, scored, perfect):
+def test_dtype_size_and_order_of_maps_do_not_change_scores(tmp_path, scored, perfect):
     first = scored(write(tmp_path / "a.zarr", perfect, QUERIES))["queries"]
     swapped = perfect[::-1].astype(np.float32)
     again = scored(write(tmp_path / "b.zarr", swapped, QUERIES[::-1] + []))["queries"]
@@ -245,7 +245,7 @@ def test_arrays_that_are_wrong_are_named(tmp_path, perfect, scored):
         scored(write(path, perfect[..., :20].copy(), QUERIES))
 
 
-def test_what_is_not_there_is_named(tmp_path, perfect):
+def test_missing_arrays_and_chunks_are_named(tmp_path, perfect):
     path = tmp_path / "mine.zarr"
     with pytest.raises(UserError, match="does not exist"):
         open_relevancy(path)

@@ -27,7 +27,7 @@ def test_separation_counts_ordered_pairs(present, absent, area):
     assert separation(present, absent) == pytest.approx(area) == pytest.approx(np.mean(pairs))
 
 
-def test_nothing_to_compare_has_no_separation():
+def test_separation_needs_present_and_absent_queries():
     assert math.isnan(separation([], [0.5])) and math.isnan(separation([0.5], []))
 
 
@@ -41,7 +41,7 @@ def test_nothing_to_compare_has_no_separation():
         ([60.0, 0.0, 0.0], "bed", None),
     ],
 )
-def test_a_thing_is_right_where_most_of_it_is_the_category(shares, category, right):
+def test_an_answer_is_right_if_most_of_it_is_the_category(shares, category, right):
     assert is_right(np.array(shares), NAMES, category) is right
 
 
@@ -70,6 +70,6 @@ def test_the_entry_counts_answers():
     assert entry["separation"] == pytest.approx(2 / 3) and len(entry["queries"]) == 5
 
 
-def test_nothing_asked_is_told_as_such():
+def test_no_queries_are_reported_as_none():
     entry = presence_entry([], 0.5)
     assert entry["present"]["asked"] == entry["absent"]["asked"] == 0 and math.isnan(entry["separation"])

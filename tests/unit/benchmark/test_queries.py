@@ -40,7 +40,7 @@ def test_each_group_has_to_be_large_enough(instance_map, instances, pixels, expe
     assert asked(instance_map, instances, options).get("book") == expected
 
 
-def test_what_is_not_seen_is_not_asked(instance_map, instances):
+def test_hidden_categories_are_not_queried(instance_map, instances):
     instance_map[instance_map == 2] = 4
     assert asked(instance_map, instances, ALL)["book"] == {"static": (1,), "all": (1,)}
     assert asked(np.full((3, 3), -1, np.int32), instances, ALL) == {}
@@ -65,6 +65,6 @@ def test_only_valid_pixels_count(annotations, instance_map):
     np.testing.assert_array_equal(read_map(artifact, 0, valid)[:11], instance_map[:11])
 
 
-def test_a_recording_without_annotations_asks_nothing(annotations, instance_map):
+def test_a_recording_without_annotations_has_no_queries(annotations, instance_map):
     artifact = annotations(instance_map[None], [False])
     assert find_queries(artifact, np.ones(instance_map.shape, bool), ALL) == []

@@ -32,13 +32,13 @@ def groups(instance_map, instances, valid) -> dict[str, np.ndarray]:
     return regions(instance_map, instances, valid)
 
 
-def test_what_moves_is_dynamic_and_the_rest_static(instance_map, groups, valid):
+def test_moving_instances_are_dynamic_and_all_else_static(instance_map, groups, valid):
     np.testing.assert_array_equal(groups["dynamic"], np.isin(instance_map, (2, 3)))
     np.testing.assert_array_equal(groups["static"], np.isin(instance_map, (0, 1, 4)))
     np.testing.assert_array_equal(groups["all"], valid)
 
 
-def test_what_is_not_annotated_is_static(instance_map, instances):
+def test_unannotated_pixels_are_static(instance_map, instances):
     groups = regions(instance_map, instances, np.ones(instance_map.shape, bool))
     assert groups["static"][:, :2].all() and groups["all"].all()
     nothing = regions(np.full((8, 8), -1, np.int32), [], np.ones((8, 8), bool))
@@ -82,7 +82,7 @@ def test_a_region_without_pixels_has_no_scores(photograph, valid):
     assert found.pixels == 0 and math.isnan(found.psnr) and math.isnan(found.ssim)
 
 
-def test_other_shapes_are_refused(photograph, valid):
+def test_other_shapes_are_rejected(photograph, valid):
     with pytest.raises(ValueError, match="differ"):
         region_scores(photograph[1:], photograph, valid, {})
     with pytest.raises(ValueError, match="differ"):

@@ -18,11 +18,11 @@ def square(x0: int, y0: int, size: int) -> np.ndarray:
     "predicted, expected",
     [(square(2, 2, 4), 1.0), (square(10, 10, 4), 0.0), (square(4, 2, 4), 8 / 24), (square(2, 2, 0), 0.0)],
 )
-def test_by_hand(predicted, expected):
+def test_iou_agrees_with_a_hand_computed_value(predicted, expected):
     assert iou(predicted, square(2, 2, 4), None) == pytest.approx(expected)
 
 
-def test_as_torchmetrics_has_it():
+def test_iou_agrees_with_torchmetrics():
     one, other = np.random.default_rng(0).random((2, 20, 20)) > 0.4
     expected = binary_jaccard_index(torch.from_numpy(one).int(), torch.from_numpy(other).int())
     assert iou(one, other, None) == pytest.approx(float(expected), abs=1e-6)
@@ -34,7 +34,7 @@ def test_only_valid_pixels_count():
     assert iou(predicted, truth, square(2, 2, 4)) == 1.0
 
 
-def test_what_is_not_defined_is_refused():
+def test_undefined_iou_is_rejected():
     with pytest.raises(ValueError, match="visible"):
         iou(square(2, 2, 4), square(2, 2, 0), None)
     with pytest.raises(ValueError, match="visible"):

@@ -34,7 +34,7 @@ def scored(tmp_path):
     return run
 
 
-def test_everything_is_found(word_scene, scored):
+def test_perfect_codes_score_perfectly(word_scene, scored):
     found = scored(word_scene())
     Draft202012Validator(schema("metrics")).validate(found)
     # Couch and cup, in the held-out frame and in the one that was trained on.
@@ -77,7 +77,7 @@ def test_positions_have_the_unit_of_the_poses(word_scene, scored):
     assert scored(word_scene())["length_unit"] == "m"
 
 
-def test_small_checkpoints_on_a_real_recording_are_told_in_the_scores_and_the_log(word_scene, scored, capfd):
+def test_small_checkpoints_on_real_data_are_noted_in_scores_and_log(word_scene, scored, capfd):
     found = scored(word_scene(origin="real"))
     assert found["notice"] == notice("real", {"clip_checkpoint": "small"})
     assert f"notice: {found['notice']}\n" in capfd.readouterr().err
@@ -115,7 +115,7 @@ def test_a_scene_without_evaluation_frames_has_no_scores(word_scene, scored):
     assert found["rendering"]["all"] == {"frames": 0, "psnr": None, "ssim": None}
 
 
-def test_counts(word_scene, scored):
+def test_counts_of_frames_instances_and_gaussians(word_scene, scored):
     found = scored(word_scene())["counts"]
     expected = {
         "frames": 4,
@@ -134,14 +134,14 @@ def test_counts(word_scene, scored):
     assert found.items() >= expected.items()
 
 
-def test_only_another_method_may_count_less(word_scene, scored):
+def test_only_an_external_method_may_omit_counts(word_scene, scored):
     found, validator = scored(word_scene()), Draft202012Validator(schema("metrics"))
     del found["counts"]["gaussians"]
     assert not validator.is_valid(found)
     assert validator.is_valid(found | {"method": "another"})
 
 
-def test_how_it_came_about(word_scene, scored):
+def test_provenance_names_inputs_options_and_versions(word_scene, scored):
     found = scored(word_scene())
     assert set(found["artifacts"]) == {f"{name}.zarr" for name in NAMES}
     assert found["origin"] == "synthetic" and found["scene"] == "a/scene"
@@ -154,13 +154,13 @@ def test_how_it_came_about(word_scene, scored):
     assert all(one["disk_mb"] > 0 and one["cpu_s"] >= 0 for one in parts)
 
 
-def test_a_lost_artifact_is_told(word_scene, scored):
+def test_a_missing_artifact_is_reported(word_scene, scored):
     found = scored(word_scene(inputs={"view_features.zarr": "0" * 64}))
     assert found["artifacts"]["view_features.zarr"] is None
     assert found["total"] == {"wall_s": None, "peak_memory_mb": None}
 
 
-def test_without_anything_to_ask_for_there_are_no_scores(word_scene, scored):
+def test_no_queries_give_no_scores(word_scene, scored):
     found = scored(word_scene(), excluded=["couch", "cup"])
     assert found["queries"] == []
     assert found["scores"]["all"] == {
@@ -176,13 +176,13 @@ def test_without_anything_to_ask_for_there_are_no_scores(word_scene, scored):
     assert found["rendering"]["all"]["frames"] == 1
 
 
-def test_another_openclip_is_refused(word_scene, scored):
+def test_another_openclip_is_rejected(word_scene, scored):
     with pytest.raises(UserError, match="features.zarr.*OpenCLIP") as caught:
         scored(word_scene(clip_hash="0123456789abcdef"))
     assert "0123456789abcdef" in str(caught.value) and str(caught.value).count("\n") == 1
 
 
-def test_artifacts_that_do_not_belong_together_are_refused(word_scene, scored, tmp_path):
+def test_mismatched_artifacts_are_rejected(word_scene, scored, tmp_path):
     other = shutil.copytree(word_scene(nudge=0.001) / "language.zarr", tmp_path / "other")
     folder = word_scene()
     shutil.rmtree(folder / "language.zarr")
@@ -191,7 +191,7 @@ def test_artifacts_that_do_not_belong_together_are_refused(word_scene, scored, t
         scored(folder)
 
 
-def test_what_is_not_finite_is_null(tmp_path):
+def test_non_finite_numbers_are_null_in_json(tmp_path):
     assert finite({"a": (float("nan"), 1.0), "b": [float("inf"), "x", None, True]}) == {
         "a": [None, 1.0],
         "b": [None, "x", None, True],

@@ -46,11 +46,11 @@ def test_numbers_are_formatted_as_the_paper_formats_them():
         (("adt-transient", "scene1", "refined", "accuracy", "dynamic"), 28.3),
     ],
 )
-def test_the_paper_prints(key, percent):
+def test_paper_numbers_are_those_printed(key, percent):
     assert printed(*key) == percent
 
 
-def test_rows_of_the_paper_that_stand_in_two_tables_are_the_same():
+def test_paper_rows_in_two_tables_are_equal():
     for metric in ("accuracy", "mean_iou"):
         for group in ("static", "dynamic", "all"):
             assert printed("adt-ablation", "average", "full", metric, group) == printed(
@@ -100,7 +100,7 @@ def test_the_five_tables_are_laid_out_as_the_papers():
     assert tables["hoi4d"].spans() == []
 
 
-def test_every_table_has_a_place_for_what_is_not_measured_yet():
+def test_every_table_has_a_cell_for_missing_measurements():
     for layout, table in zip(LAYOUTS, paper_tables([]), strict=True):
         printed_block, own = table.blocks
         assert (printed_block.kind, own.kind) == ("printed", "real")
@@ -114,7 +114,7 @@ def test_the_best_of_the_paper_are_marked_as_there():
     assert [cell.rank for cell in dynamic] == [0, 0, 0, 2, 0, 1]
 
 
-def test_remarks_stand_at_the_cells_that_they_are_about():
+def test_notes_are_attached_to_their_cells():
     table = paper_tables([])[0]
     texts = {note.mark: note.text for note in table.notes if note.mark}
     lerf, *_, own = table.blocks[0].rows
@@ -123,7 +123,7 @@ def test_remarks_stand_at_the_cells_that_they_are_about():
     assert {cell.mark for one in table.blocks[0].rows for cell in one.cells} == {"", *texts}
 
 
-def test_equal_numbers_are_equally_good():
+def test_equal_numbers_share_the_rank():
     first, second, third, none = ranked([row(Cell(29.4)), row(Cell(29.41)), row(Cell(28.3)), row(Cell())])
     assert [one.cells[0].rank for one in (first, second, third, none)] == [1, 1, 2, 0]
 
@@ -180,12 +180,12 @@ def test_an_average_of_a_single_category_has_no_interval():
     assert average({"scene1": scored("scene1", {"cup": [True, False]})}, "accuracy", "all").interval is None
 
 
-def test_chance_is_averaged_over_the_scenes_that_were_asked(three_scenes):
+def test_chance_is_averaged_over_scored_scenes(three_scenes):
     found = average_chance(three_scenes, "random_pixel", "all")
     assert found.percent == pytest.approx(10.0) and found.scenes == ("scene1", "scene3")
 
 
-def test_an_average_over_fewer_scenes_than_its_row_says_so():
+def test_an_average_over_fewer_scenes_is_marked():
     whole = Cell(50.0, scenes=("scene1", "scene2"))
     part = Cell(40.0, scenes=("scene1",))
     one = row(whole, part)

@@ -80,7 +80,7 @@ def test_html_shows_hostile_names_as_text(table):
     assert not any(key.startswith("on") for _, attributes in page.tags for key in attributes)
 
 
-def test_html_needs_nothing_beside_itself(table):
+def test_html_is_self_contained(table):
     page = page_of(table)
     for tag, attributes in page.tags:
         assert tag not in ("link", "script", "iframe")
@@ -89,7 +89,7 @@ def test_html_needs_nothing_beside_itself(table):
     assert policy.startswith("default-src 'none'")
 
 
-def test_html_keeps_blocks_apart_and_tells_intervals(table):
+def test_html_separates_blocks_and_shows_intervals(table):
     page = page_of(table)
     assert [one.get("class") for tag, one in page.tags if tag == "tbody"] == ["printed", "synthetic"]
     assert {"30.0–52.0", "10.0–15.0"} <= set(page.text)
@@ -145,7 +145,7 @@ def test_latex_escapes_with_a_backslash(special):
 
 
 @pytest.mark.parametrize("special", '\\~^<>|"')
-def test_latex_names_what_has_no_such_escape(special):
+def test_latex_names_characters_without_an_escape(special):
     assert re.fullmatch(r"a\\text[a-z]+\{\}b", latex(f"a{special}b"))
 
 

@@ -117,7 +117,7 @@ def tables(tmp_path):
     return make
 
 
-def test_all_files_are_there_also_of_nothing(tables, tmp_path):
+def test_all_files_are_written_even_without_scores(tables, tmp_path):
     found = tables()
     expected = {f"{name}.{suffix}" for name in NAMES for suffix in ("csv", "md", "tex")} | {"tables.html"}
     assert {path.name for path in (tmp_path / "out").iterdir()} == expected
@@ -158,7 +158,7 @@ def test_a_scene_that_is_missing_is_left_out_of_the_average(tables, scored, tmp_
     assert "average of 2 of 5 scenes | 40.0 | - | 40.0 | - | - | - | 60.0 |" in line
 
 
-def test_synthetic_rows_stand_apart(tables, scored, tmp_path):
+def test_synthetic_rows_are_separate(tables, scored, tmp_path):
     paths = [
         scored("adt/scene1", 0.89),
         scored("adt/scene1/methods/mine", 0.2, method="Mine", models={}),
@@ -222,7 +222,7 @@ def test_untouched_apartments_stand_apart(tables, scored, tmp_path):
     assert "(scene6 to scene10), by which nothing was chosen" in text
 
 
-def test_rows_of_small_checkpoints_on_a_real_recording_say_so_in_every_format(tables, scored, tmp_path):
+def test_small_checkpoints_on_real_data_are_marked_in_every_format(tables, scored, tmp_path):
     told = notice("real", {"clip_checkpoint": "small"})
     paths = [scored("adt/scene1", 0.77, "real", notice=told), scored("adt/scene2", 0.66, "real", "/a.bin")]
     found = tables(*paths)["adt_accuracy"]
@@ -273,7 +273,7 @@ def test_scenes_with_other_models_are_not_averaged_together(tables, scored):
     assert own.checkpoints.tolist() == ["checkpoints clip a.bin", "checkpoints clip b.bin"]
 
 
-def test_models_of_one_name_are_told_apart_by_their_hashes(tables, scored):
+def test_models_with_one_name_are_distinguished_by_hash(tables, scored):
     models = {"clip_checkpoint": {"checkpoint": "/x/a.bin", "hash": "beef" * 4, "small": False}}
     paths = [scored("adt/scene1", 0.4, "real", "/y/a.bin"), scored("adt/scene2", 0.6, "real", models=models)]
     found = tables(*paths)["adt_accuracy"]
@@ -301,7 +301,7 @@ def test_the_ablations_take_their_variants(tables, scored):
     assert own.percent.dropna().unique().tolist() == [90.0]
 
 
-def test_averages_over_different_scenes_are_told(tables, scored, tmp_path):
+def test_averages_over_different_scenes_are_marked(tables, scored, tmp_path):
     tables(scored("adt/scene1"), scored("adt/scene2"), scored("adt/scene1/variants/baseline"))
     text = (tmp_path / "out" / "adt_ablation.md").read_text()
     assert "Averages on synthetic apartments are over different scenes" in text
@@ -327,7 +327,7 @@ def test_another_method_has_a_row_of_its_name(tables, scored, tmp_path):
     assert "My method &lt;b&gt;&amp;_ (scored by egosplat, ADT)" in page and "<b>" not in page
 
 
-def test_scores_from_elsewhere_say_which_scene_they_are_of(scored, tmp_path):
+def test_scores_from_another_folder_keep_their_scene_name(scored, tmp_path):
     path = tmp_path / "elsewhere.json"
     path.write_text(scored("hoi4d/scene2").read_text())
     found = read_scored_scene(path)
@@ -339,7 +339,7 @@ def test_scores_from_elsewhere_say_which_scene_they_are_of(scored, tmp_path):
         read_scored_scene(path)
 
 
-def test_scores_in_the_folder_of_another_scene_are_refused(scored):
+def test_scores_in_the_folder_of_another_scene_are_rejected(scored):
     with pytest.raises(UserError, match="adt/scene2"):
         read_scored_scene(scored("adt/scene1", scene="adt/scene2"))
     with pytest.raises(UserError, match="adt/scene1, baseline"):
@@ -347,7 +347,7 @@ def test_scores_in_the_folder_of_another_scene_are_refused(scored):
     assert read_scored_scene(scored("adt/scene1", scene="scene")).scene == "scene1"
 
 
-def test_what_no_table_has_a_place_for_is_told(tables, scored, capsys):
+def test_scores_without_a_table_are_reported(tables, scored, capsys):
     found = tables(
         scored("plain/room"), scored("adt/scene9", origin="real"), scored("adt/scene2/variants/initial")
     )
@@ -358,19 +358,19 @@ def test_what_no_table_has_a_place_for_is_told(tables, scored, capsys):
 
 
 @pytest.mark.parametrize("key, value", [("confidence", 0.9), ("target", "mask"), ("people", True)])
-def test_scores_that_were_not_made_alike_are_refused(tables, scored, key, value):
+def test_scores_with_different_options_are_rejected(tables, scored, key, value):
     paths = [scored("adt/scene1"), scored("adt/scene2", options={key: value})]
     with pytest.raises(UserError, match=f"scene2/metrics.json.* metrics.{key} = .?{value}"):
         tables(*paths)
 
 
-def test_datasets_may_be_asked_differently_but_have_intervals_of_one_confidence(tables, scored):
+def test_datasets_may_differ_in_options_but_not_in_confidence(tables, scored):
     tables(scored("adt/scene1"), scored("hoi4d/scene1", options={"target": "mask"}))
     with pytest.raises(UserError, match="hoi4d/scene1/metrics.json.* metrics.confidence"):
         tables(scored("adt/scene1"), scored("hoi4d/scene1", options={"confidence": 0.9}))
 
 
-def test_the_same_scores_twice_are_refused(tables, scored):
+def test_duplicate_scores_are_rejected(tables, scored):
     with pytest.raises(UserError, match="the same"):
         tables(scored("adt/scene1"), scored("adt/scene1"))
 
@@ -384,7 +384,7 @@ def test_the_same_scores_twice_are_refused(tables, scored):
         ("\udcff", None),
     ],
 )
-def test_a_file_that_is_no_scores_is_named(tables, tmp_path, content, message):
+def test_a_file_without_scores_is_named(tables, tmp_path, content, message):
     path = tmp_path / "metrics.json"
     path.write_bytes(content.encode("utf-8", "surrogateescape"))
     with pytest.raises(UserError, match=f"metrics.json: .*{message}"):
@@ -414,5 +414,5 @@ def test_pictures_are_on_the_page(tables, tmp_path):
             tables(pictures=[tmp_path / path])
 
 
-def test_names_are_brought_to_one_line():
+def test_names_are_put_on_one_line():
     assert one_line(" a\n\tb\x00c\u202ed ") == "a b c d"

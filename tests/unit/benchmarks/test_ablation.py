@@ -43,7 +43,7 @@ def of_share(hits: int, decibels: float) -> ScoredScene:
     return answered(*((f"thing {n}", n < hits, 0.5) for n in range(10)), decibels=decibels)
 
 
-def test_a_score_is_told_with_its_interval_where_there_is_one():
+def test_a_score_is_reported_with_its_interval_where_there_is_one():
     assert told(Cell(percent=12.34, interval=(1.0, 20.06), categories=9)) == "12.3 (1.0 to 20.1)"
     assert told(Cell(percent=12.34, categories=1)) == "12.3 (one category)"
     assert told(Cell(percent=12.34)) == "12.3" and told(Cell()) == "-"
@@ -102,7 +102,7 @@ def test_a_single_category_has_a_difference_without_an_interval():
     assert accuracy_difference([pair]) == "+100.0 (fewer than two categories), p = 1"
 
 
-def test_untouched_scenes_are_told_apart_by_origin_and_name():
+def test_untouched_scenes_are_distinguished_by_origin_and_name():
     assert answered(("cup", True, 0.5), name="scene6").untouched
     assert not answered(("cup", True, 0.5), name="scene5").untouched
 

@@ -20,7 +20,7 @@ def tracks() -> Tracks:
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.6])
-def test_so_many_views_of_each_thing_are_wrong(tracks, kind, share):
+def test_the_given_share_of_views_is_corrupted(tracks, kind, share):
     found = corrupted(tracks, kind, share, np.random.default_rng(0))
     changed = (found != tracks.feature).any(axis=1).reshape(4, VIEWS).sum(axis=1)
     assert changed[:3].tolist() == [share * VIEWS] * 3

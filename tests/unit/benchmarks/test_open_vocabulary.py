@@ -101,7 +101,7 @@ def test_a_colour_that_another_thing_has_in_part_is_not_asked(stripes):
     assert {one.colour for one in found if one.targets != WORDS} == {"white"}
 
 
-def test_of_one_colour_alone_nothing_is_told_apart(stripes):
+def test_one_colour_gives_no_comparison(stripes):
     found = asked(stripes, [RED, RED, BLUE, BLUE])
     assert TOLD_APART not in {one.targets for one in found}
     assert {one.query.instances["all"] for one in found if one.targets == COLOURED} == {(0, 1)}

@@ -31,7 +31,7 @@ def test_an_overview_has_no_interval_over_queries_without_a_word(page):
     "claim",
     ["the reference implementation", "refined best on four", "accuracy as good", "answers as well but for"],
 )
-def test_claims_that_were_not_shown_are_gone(claim):
+def test_withdrawn_claims_stay_out_of_the_pages(claim):
     pages = [
         ROOT / "README.md",
         *(ROOT / "benchmarks").rglob("*.md"),

@@ -53,7 +53,7 @@ def test_no_limit_is_chosen_on_untouched_apartments():
     assert list(grouped([untouched])) == ["untouched"]
 
 
-def test_nothing_asked_is_an_error():
+def test_no_queries_are_an_error():
     with pytest.raises(UserError, match="no scene"):
         gather([Scene(row(False, 0.2))])
 

@@ -10,7 +10,7 @@ def video(columns: list[int], frames: int = 6) -> list[np.ndarray]:
     return [np.repeat(np.array(columns, np.int32)[None], 10, axis=0) for _ in range(frames)]
 
 
-def test_the_truth_is_perfect_whatever_it_is_called():
+def test_true_labels_score_perfectly_under_any_numbering():
     true = video([0] * 5 + [1] * 5 + [-1] * 2)
     found = score_level(zip(true, video([7] * 5 + [3] * 5 + [-1] * 2), strict=True))
     assert (found.instances, found.found) == (2, 2)
@@ -25,12 +25,12 @@ def test_switches_and_fragments():
     assert result.fragments == 1.5 and result.held == 1 and result.iou == pytest.approx(0.75)
 
 
-def test_nothing_found_is_nothing():
+def test_no_prediction_scores_zero():
     result = score_level(zip(video([0] * 8), video([-1] * 8), strict=True))
     assert (result.found, result.coverage, result.iou, result.fragments, result.held) == (0, 0, 0, 0, 0)
 
 
-def test_what_is_tiny_or_brief_is_not_judged():
+def test_tiny_and_brief_instances_are_not_scored():
     true = video([0] * 9 + [1])
     for frame in true[2:]:
         frame[frame == 1] = 0

@@ -33,14 +33,14 @@ def test_reference_values(norm, values, kept, mean):
     assert found[0, 0] == pytest.approx(mean, rel=1e-15)
 
 
-def test_element_takes_each_channel_by_itself():
+def test_element_norm_treats_channels_separately():
     views = np.stack([scalars(0, 1, 2, 3, 10), scalars(10, 3, 2, 1, 0)], axis=-1)[..., 0, :]
     mean, inlier = robust_mean(views, "element", 3.0)
     assert mean[0].tolist() == [1.5, 1.5]
     assert inlier[0].all(), "each view counts in half of the channels at least"
 
 
-def test_euclidean_looks_at_the_whole_vector():
+def test_euclidean_norm_uses_the_whole_vector():
     # Medians (0, 0); lengths 1, 1, 1, 1, 5 and a MAD of 1.
     views = np.array([[[1, 0], [-1, 0], [0, 1], [0, -1], [3, 4], [0, 0], [0, 0]]], float)
     mean, inlier = robust_mean(views, "euclidean", 3.0)
@@ -54,7 +54,7 @@ def test_cosine_ignores_length():
 
 
 @pytest.mark.parametrize("norm", MAD)
-def test_equal_views_are_all_kept_to_the_last_bit(norm):
+def test_identical_views_are_all_inliers(norm):
     view = np.random.default_rng(0).normal(size=512).astype(np.float32)
     mean, inlier = robust_mean(np.tile(view, (1, 9, 1)), norm, 1.0)
     assert inlier.all()
@@ -62,7 +62,7 @@ def test_equal_views_are_all_kept_to_the_last_bit(norm):
 
 
 @pytest.mark.parametrize("norm", MAD)
-def test_a_majority_of_wrong_views_decides(norm):
+def test_a_majority_of_outliers_wins(norm):
     right, wrong = np.eye(8)[:2]
     rng = np.random.default_rng(1)
     views = np.concatenate([np.tile(right, (4, 1)), np.tile(wrong, (6, 1))]) + 0.01 * rng.normal(size=(10, 8))
@@ -73,7 +73,7 @@ def test_a_majority_of_wrong_views_decides(norm):
 
 
 @pytest.mark.parametrize("norm", MAD)
-def test_a_few_wrong_views_are_left_out(norm):
+def test_a_few_outliers_are_dropped(norm):
     rng = np.random.default_rng(2)
     right, wrong = rng.normal(size=(2, 64))
     views = np.stack([right] * 9 + [wrong] * 3) + 0.1 * rng.normal(size=(12, 64))
@@ -87,7 +87,7 @@ def test_a_few_wrong_views_are_left_out(norm):
 
 @pytest.mark.parametrize("norm", NORMS)
 @pytest.mark.parametrize("views", range(1, 8))
-def test_never_are_all_left_out(norm, views):
+def test_at_least_one_view_is_an_inlier(norm, views):
     values = np.random.default_rng(views).normal(size=(50, views, 3))
     mean, inlier = robust_mean(values, norm, 1.0 + 1e-9)
     assert inlier.any(axis=1).all() and np.isfinite(mean).all()
@@ -105,7 +105,7 @@ def test_any_scale_of_float32(norm, scale):
     assert (kept == kept_scaled).all()
 
 
-def test_views_of_zeros_do_no_harm():
+def test_zero_views_are_ignored():
     for norm in NORMS:
         mean, inlier = robust_mean(np.zeros((1, 3, 4)), norm, 3.0)
         assert (mean == 0).all() and inlier.all()
@@ -135,13 +135,13 @@ def test_many_instances_at_once_are_as_each_alone(norm, monkeypatch):
         assert (mean[0] == found.feature[number]).all() and (inlier[0] == found.inlier[rows]).all()
 
 
-def test_nothing_to_aggregate():
+def test_no_views_give_zero_features():
     found = aggregate(np.zeros((0, 4), np.float32), np.zeros(0, np.int32), 3, "element", 3.0)
     assert found.feature.shape == (3, 4) and not found.views.any() and not len(found.inlier)
 
 
 @pytest.mark.parametrize("norm, k", [("manhattan", 3.0), ("element", 0.9), ("element", float("nan"))])
-def test_what_cannot_be_is_refused(norm, k):
+def test_invalid_arguments_are_rejected(norm, k):
     with pytest.raises(ValueError):
         aggregate(np.zeros((1, 2)), np.zeros(1, int), 1, norm, k)
 

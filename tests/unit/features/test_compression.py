@@ -118,7 +118,7 @@ def test_the_linear_basis_is_orthonormal_and_of_least_error():
     assert error == pytest.approx((np.linalg.svd(left)[1][4:] ** 2).sum(), rel=1e-4)
 
 
-def test_more_dimensions_than_the_scene_has_do_no_harm():
+def test_excess_dimensions_lose_nothing():
     features = np.tile(rows(2, 12, 4), (5, 1))
     fitted = fit(features, "linear", 12, 1, 0)
     assert reconstruction(features, fitted.encode(features), fitted.decoder).min() > 0.99999
@@ -127,7 +127,7 @@ def test_more_dimensions_than_the_scene_has_do_no_harm():
 
 @pytest.mark.parametrize("kind", ["none", "linear", "autoencoder"])
 @pytest.mark.parametrize("count", [0, 1, 2])
-def test_hardly_any_rows(kind, count):
+def test_one_or_two_rows_are_compressed(kind, count):
     features = rows(count, 12, 3)
     fitted = fit(features, kind, 3, 2, 0)
     codes = fitted.encode(features)
@@ -137,18 +137,18 @@ def test_hardly_any_rows(kind, count):
 
 
 @pytest.mark.parametrize("kind", ["linear", "autoencoder"])
-def test_more_dimensions_than_channels_are_refused(kind):
+def test_more_dimensions_than_channels_are_rejected(kind):
     with pytest.raises(UserError, match="features.dims = 13.* 12 channels"):
         fit(rows(5, 12, 3), kind, 13, 1, 0)
 
 
-def test_training_that_diverges_is_told(monkeypatch):
+def test_diverged_training_is_reported(monkeypatch):
     monkeypatch.setattr("egosplat.features.autoencoder.LEARNING_RATE", float("inf"))
     with pytest.raises(UserError, match="diverged"):
         fit(rows(70, 12, 3), "autoencoder", 3, 2, 0)
 
 
-def test_codes_of_another_decoder_are_refused():
+def test_codes_of_another_decoder_are_rejected():
     with pytest.raises(ValueError, match="3 channels"):
         decode(torch.zeros(1, 3), Decoder((2, 4), np.zeros(12, np.float32)))
     with pytest.raises(ValueError, match="12 numbers"):

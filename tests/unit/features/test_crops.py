@@ -18,14 +18,14 @@ def test_area_and_box_of_each_instance_at_any_level():
     assert found.box.tolist() == [[7, 5, 8, 6], [0, 0, 8, 6], [2, 1, 5, 3]]
 
 
-def test_the_box_of_a_torn_mask_is_around_all_of_it():
+def test_the_box_spans_all_parts_of_a_mask():
     labels = np.full((1, 9, 9), -1, np.int32)
     labels[0, 1, 1] = labels[0, 7, 5] = 0
     assert find_regions(labels, 1).box.tolist() == [[1, 1, 6, 8]]
 
 
 @pytest.mark.parametrize("shape, count", [((1, 4, 4), 0), ((0, 4, 4), 0), ((2, 3, 3), 4)])
-def test_nothing_to_find(shape, count):
+def test_a_map_without_instances_has_no_areas(shape, count):
     found = find_regions(np.full(shape, -1, np.int32), count)
     assert len(found.instance) == len(found.area) == 0 and found.box.shape == (0, 4)
 

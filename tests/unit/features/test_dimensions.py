@@ -21,7 +21,7 @@ def share_of(rows: np.ndarray, dims: int, bound: float) -> float:
 
 
 @pytest.mark.parametrize("bound", [0.9, 0.97, 0.99])
-def test_the_number_is_the_least_that_does(bound):
+def test_auto_dims_is_the_smallest_that_reaches_the_bound(bound):
     rows = unit_rows(300, 24, 24)
     found = fit(rows, "linear", "auto", 1, 0, bound)
     dims = found.decoder.widths[0]
@@ -45,13 +45,13 @@ def test_few_rows_need_one_number(count):
     assert found.need.dims == 1 and found.encode(unit_rows(count, 16, 16)).shape == (count, 1)
 
 
-def test_a_bound_that_nothing_reaches_takes_all_of_them():
+def test_an_unreachable_bound_takes_all_dimensions():
     rows = unit_rows(50, 8, 8)
     found = needed_dims(rows, np.zeros(8), np.eye(8), 1.1)
     assert found.dims == 8
 
 
-def test_an_explicit_number_is_taken_as_it_is():
+def test_an_explicit_dims_is_kept():
     found = fit(unit_rows(50, 8, 8), "linear", 5, 1, 0, 0.5)
     assert found.decoder.widths[0] == 5 and found.need is None
 

@@ -37,12 +37,12 @@ def test_records_come_back_in_order(output):
     assert all((a == b).all() for a, b in zip(found, [record(0), record(10), record(20, 1)], strict=True))
 
 
-def test_not_a_number_comes_back(output):
+def test_nan_is_restored_from_the_journal(output):
     written(output, np.full((1, 2), np.nan, np.float32))
     assert np.isnan(resumed(output)[0]).all()
 
 
-def test_after_a_record_that_was_cut_short_goes_on_what_follows_it(output):
+def test_writing_continues_after_a_truncated_record(output):
     file = written(output, record(0), record(10)).file
     whole = file.read_bytes()
     for cut in (1, 31, 40, 70):
@@ -54,7 +54,7 @@ def test_after_a_record_that_was_cut_short_goes_on_what_follows_it(output):
 
 
 @pytest.mark.parametrize("where", [-1, -40, -60, -75])
-def test_a_flipped_bit_ends_what_is_trusted(output, where):
+def test_records_after_a_flipped_bit_are_discarded(output, where):
     file = written(output, record(0), record(10)).file
     content = bytearray(file.read_bytes())
     content[where] ^= 1
@@ -62,7 +62,7 @@ def test_a_flipped_bit_ends_what_is_trusted(output, where):
     assert len(resumed(output)) == 1
 
 
-def test_the_record_of_another_writer_is_not_taken_twice(output):
+def test_a_record_of_another_writer_is_not_read_twice(output):
     journal = written(output, record(0))
     other = Journal(output, KEY)
     other.resume()
@@ -71,24 +71,24 @@ def test_the_record_of_another_writer_is_not_taken_twice(output):
     assert len(resumed(output)) == 2
 
 
-def test_the_journal_of_something_else_is_begun_anew(output):
+def test_a_journal_with_another_key_is_restarted(output):
     written(output, record(0))
     assert resumed(output, b"o" * 32) == []
     assert resumed(output) == []
 
 
-def test_rubbish_is_no_journal(output):
+def test_garbage_is_not_a_journal(output):
     file = written(output).file
     file.write_bytes(b"rubbish")
     assert resumed(output) == []
 
 
-def test_it_is_removed_with_its_folder(output):
+def test_the_journal_is_removed_with_its_folder(output):
     written(output, record(0)).remove()
     assert list(output.parent.iterdir()) == []
 
 
-def test_a_full_disk_does_not_end_the_work(output, capsys):
+def test_a_full_disk_does_not_stop_the_stage(output, capsys):
     journal = written(output, record(0))
     journal.file = output.parent / "absent" / "journal"
     journal.append(record(10))
@@ -96,7 +96,7 @@ def test_a_full_disk_does_not_end_the_work(output, capsys):
     assert capsys.readouterr().err.count("could not go on") == 1
 
 
-def test_a_disk_that_is_full_at_once_does_not_end_the_work(tmp_path, capsys):
+def test_a_disk_full_from_the_start_does_not_stop_the_stage(tmp_path, capsys):
     (tmp_path / "file").touch()
     journal = Journal(tmp_path / "file/view_features.zarr", b"key")
     assert journal.resume() == []
@@ -104,7 +104,7 @@ def test_a_disk_that_is_full_at_once_does_not_end_the_work(tmp_path, capsys):
     assert capsys.readouterr().err.count("could not go on") == 1
 
 
-def test_all_that_decides_is_in_the_key():
+def test_cache_key_covers_everything_that_decides_the_result():
     def key(batch: int = 1, origin: str = "real", digest: str = "a", **more: str) -> str:
         return key_of(begin("frames", {"batch": batch}, origin, {"frames.zarr": digest}), more)
 

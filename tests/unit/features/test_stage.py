@@ -75,18 +75,18 @@ def test_a_view_of_another_thing_keeps_its_own_feature(run, feature):
     np.testing.assert_allclose(supervision[kept], mixed[kept], atol=1e-6)
 
 
-def test_opposite_views_are_no_other_thing_where_nobody_asks(run):
+def test_mismatched_views_are_averaged_unless_configured(run):
     views = unit(np.array([[1, 1, 1], [1, 1, 1], [-1, -1, -1]], np.float32))
     features = run(views, [0] * 3, [0], compression="none", slipped="average")
     assert features.facts["slipped"] == 0
 
 
-def test_with_one_instance_none_is_of_another_thing(run):
+def test_one_instance_alone_has_no_mismatched_views(run):
     features = run(np.eye(3, dtype=np.float32), [0] * 3, [0], compression="none")
     assert features.facts["slipped"] == 0
 
 
-def test_without_renormalising_means_stay_as_they_are(run, feature):
+def test_without_renormalising_means_keep_their_length(run, feature):
     features = run(renormalise=False, mad_norm="none", slipped="average")
     consistent = features.read("consistent")
     np.testing.assert_allclose(consistent[0], feature[:7].mean(axis=0), atol=1e-6)
@@ -145,7 +145,7 @@ def test_spread_before_and_after(run):
 
 @pytest.mark.parametrize("compression", ["linear", "autoencoder", "none"])
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 0.0])
-def test_what_is_no_feature_is_left_out_before_and_never_gets_in(run, feature, bad, compression, capsys):
+def test_views_without_a_finite_feature_are_left_out(run, feature, bad, compression, capsys):
     feature[1] = bad
     feature[9] = bad
     features = run(compression=compression)
@@ -159,7 +159,7 @@ def test_what_is_no_feature_is_left_out_before_and_never_gets_in(run, feature, b
         assert (features.read(name)[9] == 0).all()
 
 
-def test_views_that_cancel_leave_the_first(run):
+def test_cancelling_views_leave_the_first(run):
     opposite = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
     features = run(opposite, [0, 0], [0], compression="none")
     assert features.read("consistent").tolist() == [[1.0, 0.0, 0.0]]
@@ -168,7 +168,7 @@ def test_views_that_cancel_leave_the_first(run):
 
 @pytest.mark.parametrize("compression", ["linear", "autoencoder", "none"])
 @pytest.mark.parametrize("instance, level", [([], []), ([], [0, 1]), ([0], [1])])
-def test_hardly_anything(run, compression, instance, level):
+def test_features_of_very_few_views_are_finite(run, compression, instance, level):
     feature = unit(np.ones((len(instance), 6)))
     features = run(feature, instance, level, compression=compression)
     assert features.shape("consistent") == (len(level), 6)
@@ -194,7 +194,7 @@ def test_any_number_of_threads_makes_the_same_codes():
     assert np.array_equal(*codes)
 
 
-def test_too_many_dimensions_leave_nothing(run, tmp_path):
+def test_too_many_dimensions_write_no_artifact(run, tmp_path):
     with pytest.raises(UserError, match="features.dims = 7"):
         run(dims=7)
     assert {path.name for path in tmp_path.iterdir()} == {"view_features.zarr"}

@@ -40,7 +40,7 @@ def run(clip_keys):
     return call
 
 
-def test_what_the_artifact_says(scene, run, clip_keys):
+def test_artifact_holds_the_expected_facts_and_inputs(scene, run, clip_keys):
     views = run(scene())
     assert views.origin == "synthetic" and set(views.provenance["inputs"]) == {"frames.zarr", "segments.zarr"}
     assert views.read("instance").tolist() == [0] * 4 + [1] * 4 + [2, 3]
@@ -73,7 +73,7 @@ def test_features_are_open_clip_s_own(scene, run, clip_keys):
     np.testing.assert_allclose(found[2], expected, atol=1e-6)
 
 
-def test_equal_runs_are_equal_and_nothing_else_is_left(scene, run):
+def test_equal_runs_are_equal_and_leave_no_other_files(scene, run):
     folder = scene()
     assert run(folder).digest == run(folder, "again.zarr").digest
     names = {"frames.zarr", "segments.zarr", "view_features.zarr", "again.zarr"}
@@ -107,7 +107,7 @@ stage.run(*paths, stage.ViewFeaturesOptions(**eval(sys.argv[2])))
 """
 
 
-def test_a_killed_run_goes_on_to_the_same_features(scene, run, clip_keys, capsys):
+def test_a_killed_run_resumes_to_the_same_features(scene, run, clip_keys, capsys):
     folder = scene()
     expected = run(folder, "unbroken.zarr", batch=2).digest
     keys = KEYS | clip_keys | {"batch": 2}
@@ -125,7 +125,7 @@ def test_a_killed_run_goes_on_to_the_same_features(scene, run, clip_keys, capsys
     assert {path.name for path in folder.iterdir()} == names
 
 
-def test_what_was_finished_of_other_options_is_not_used(scene, run, monkeypatch):
+def test_progress_with_other_options_is_not_reused(scene, run, monkeypatch):
     folder = scene()
     expected = run(folder, "fresh.zarr", batch=2).digest
     monkeypatch.setattr(stage.Journal, "remove", lambda self: None)
@@ -137,12 +137,12 @@ def test_what_was_finished_of_other_options_is_not_used(scene, run, monkeypatch)
 @pytest.mark.parametrize(
     "level, shape", [((), (5, 1, 40, 40)), ((0, 0), (5, 2, 40, 40)), ((), (5, 0, 40, 40))]
 )
-def test_nothing_to_encode(scene, run, level, shape):
+def test_no_views_give_an_empty_artifact(scene, run, level, shape):
     views = run(scene(labels=np.full(shape, -1, np.int32), level=level))
     assert views.shape("feature") == (0, 8) and views.shape("instances/level") == (len(level),)
 
 
-def test_views_without_a_feature_are_left_out_and_told(scene, run, monkeypatch, capsys):
+def test_views_without_a_feature_are_left_out_and_reported(scene, run, monkeypatch, capsys):
     encode = stage.encode
 
     def spoiled(clip, crops):

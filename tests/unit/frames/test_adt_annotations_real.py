@@ -26,7 +26,7 @@ def annotations(sample, full_size):
     return AdtAnnotations(sample, camera=full_size.capture.camera, upright=True)
 
 
-def test_instances(annotations):
+def test_instances_are_read_with_their_categories(annotations):
     instances = annotations.instances
     assert len(instances) == 350
     assert [sum(one.motion_type == kind for one in instances) for kind in ("static", "dynamic")] == [304, 46]
@@ -48,16 +48,16 @@ def test_instance_maps_belong_to_their_pictures_only(annotations, full_size):
 
 
 @pytest.mark.parametrize(("offset_ns", "found"), [(-3_000_000, True), (-3_000_001, False)])
-def test_an_older_segmentation_counts_up_to_three_milliseconds(annotations, offset_ns, found):
+def test_a_segmentation_up_to_3_ms_older_is_used(annotations, offset_ns, found):
     assert (annotations.instance_map(ANNOTATION_NS[0] + offset_ns) is not None) == found
 
 
 @pytest.mark.parametrize(("offset_ns", "found"), [(3_000_000, True), (3_000_001, False)])
-def test_a_newer_segmentation_counts_up_to_three_milliseconds(annotations, offset_ns, found):
+def test_a_segmentation_up_to_3_ms_newer_is_used(annotations, offset_ns, found):
     assert (annotations.instance_map(ANNOTATION_NS[1] + offset_ns) is not None) == found
 
 
-def test_without_the_segmentation_with_people_the_other_is_read_and_said(copy, capfd):
+def test_without_the_people_segmentation_the_plain_one_is_read(copy, capfd):
     (copy / "segmentations_with_skeleton.vrs").unlink()
     reader = open_annotations("adt", copy, camera=pinhole(352, 460.0), upright=True)
     assert "segmentations.vrs is read, in which people are not annotated" in capfd.readouterr().err

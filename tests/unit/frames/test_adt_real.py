@@ -70,13 +70,13 @@ def test_stride_and_range(sample):
         AdtRecording(sample, **(OPTIONS | {"start_s": 1.0}))
 
 
-def test_the_library_is_not_heard(sample, capfd):
+def test_library_messages_are_silenced(sample, capfd):
     open_and_read(sample)
     open_annotations("adt", sample, camera=pinhole(352, 460.0), upright=True).instance_map(CAPTURE_NS[0])
     assert capfd.readouterr() == ("", "")
 
 
-def test_pictures_need_nothing_but_the_video(copy, sample):
+def test_frames_need_only_the_video_file(copy, sample):
     for path in copy.iterdir():
         if path.name != "video.vrs":
             path.unlink()
@@ -100,14 +100,14 @@ def record_ends(content):
 
 
 @pytest.mark.parametrize("keep", [40, 50_000, 1_000_000, -1])
-def test_a_truncated_video_is_refused(copy, keep):
+def test_a_truncated_video_is_rejected(copy, keep):
     content = (copy / "video.vrs").read_bytes()
     (copy / "video.vrs").write_bytes(content[:keep])
     with pytest.raises(UserError, match="video.vrs"):
         AdtRecording(copy, **OPTIONS)
 
 
-def test_a_video_truncated_at_the_end_of_a_record_is_refused(copy):
+def test_a_video_truncated_at_the_end_of_a_record_is_rejected(copy):
     content = (copy / "video.vrs").read_bytes()
     (copy / "video.vrs").write_bytes(content[: record_ends(content)[150]])
     with pytest.raises(UserError, match="video.vrs.*truncated"):
@@ -115,7 +115,7 @@ def test_a_video_truncated_at_the_end_of_a_record_is_refused(copy):
 
 
 @pytest.mark.parametrize("name", ["segmentations.vrs"])
-def test_another_vrs_file_is_refused(copy, name):
+def test_another_vrs_file_is_rejected(copy, name):
     shutil.copyfile(copy / name, copy / "video.vrs")
     with pytest.raises(UserError, match="video.vrs.*RGB"):
         AdtRecording(copy, **OPTIONS)

@@ -164,7 +164,7 @@ def test_missing_parts_are_named(root):
 
 
 @pytest.mark.parametrize("resolution", [0, -1, 65])
-def test_a_resolution_out_of_range_is_refused(root, resolution):
+def test_a_resolution_out_of_range_is_rejected(root, resolution):
     with pytest.raises(UserError, match=f"resolution: {resolution} .*image.mp4 .*64"):
         Hoi4dRecording(root / FOLDER, **(OPTIONS | {"resolution": resolution}))
 

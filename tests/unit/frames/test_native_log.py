@@ -8,7 +8,7 @@ import pytest
 from egosplat.frames.native_log import captured_log, damage, report
 
 
-def test_what_matters_is_kept_and_chatter_is_not(capfd):
+def test_important_native_messages_are_kept(capfd):
     with captured_log() as messages:
         os.write(
             2, b"\x1b[38;2;000;000;255m[VrsDataProvider][INFO]: streamId 211-1 activated\x1b[0m\n\x1b[0m"
@@ -33,7 +33,7 @@ def test_the_descriptors_are_restored_after_an_error(capfd):
     assert before is None or len(os.listdir("/proc/self/fd")) == before
 
 
-def test_damage_is_told_from_other_messages():
+def test_damage_messages_are_recognised():
     assert damage(["[Reader][WARNING]: slow", "Corrupt JPEG data: premature end of data segment"]).startswith(
         "Corrupt"
     )

@@ -64,7 +64,7 @@ def test_a_folder_of_other_formats_alone_says_how_to_convert_them(tmp_path):
         PlainRecording(tmp_path, **OPTIONS)
 
 
-def test_files_that_are_no_pictures_are_not_spoken_of(images, capsys):
+def test_files_that_are_not_pictures_are_ignored_silently(images, capsys):
     for name in ("notes.txt", "camera.txt", ".hidden.webp"):
         (images / name).touch()
     PlainRecording(images, **OPTIONS)
@@ -74,14 +74,14 @@ def test_files_that_are_no_pictures_are_not_spoken_of(images, capsys):
 @pytest.mark.parametrize(
     "first, second", [("000.png", "000.jpg"), ("a.jpeg", "a.jpg"), ("b.PNG", "b.png"), ("x 1.jpg", "x 1.png")]
 )
-def test_one_picture_twice_is_refused_with_both_names(tmp_path, first, second):
+def test_one_picture_twice_is_rejected_with_both_names(tmp_path, first, second):
     """One of the two would be trained on and the other held out."""
     folder = write_images(tmp_path / "twice", ["5.png", first, second, "7.png"])
     with pytest.raises(UserError, match=f"{first} and {second}|{second} and {first}"):
         PlainRecording(folder, **OPTIONS)
 
 
-def test_a_guessed_camera_says_so(images):
+def test_a_guessed_camera_is_marked_as_guessed(images):
     capture = PlainRecording(images, **OPTIONS).capture
     assert capture.camera == Camera(32, 24, 1.2 * 32, 1.2 * 32, 16.0, 12.0)
     assert not capture.camera_known and capture.device_from_camera is None and capture.origin == "real"
@@ -182,7 +182,7 @@ def test_an_image_that_cannot_be_decoded_is_named(images):
 
 
 @pytest.mark.parametrize("resolution", [0, -3, 65])
-def test_a_resolution_out_of_range_is_refused(images, resolution):
+def test_a_resolution_out_of_range_is_rejected(images, resolution):
     with pytest.raises(UserError, match="resolution.*64"):
         PlainRecording(images, **(OPTIONS | {"resolution": resolution}))
 
@@ -223,7 +223,7 @@ def test_a_rotated_video_is_shown_upright(video):
 
 
 @pytest.mark.parametrize("content", [b"", b"no video"])
-def test_what_is_no_video_is_named(tmp_path, content, capfd):
+def test_a_file_that_is_not_a_video_is_named(tmp_path, content, capfd):
     (tmp_path / "clip.mp4").write_bytes(content)
     with pytest.raises(UserError, match="clip.mp4"):
         PlainRecording(tmp_path / "clip.mp4", **OPTIONS)
@@ -237,7 +237,7 @@ def test_a_video_without_frames_is_named(tmp_path):
         PlainRecording(tmp_path / "clip.mp4", **OPTIONS)
 
 
-def test_a_truncated_video_is_told(video, capfd):
+def test_a_truncated_video_is_reported(video, capfd):
     source = video(count=40)
     streamed = source.with_name("streamed.mp4")
     ffmpeg("-i", source, "-c", "copy", "-movflags", "+faststart", streamed)
@@ -249,7 +249,7 @@ def test_a_truncated_video_is_told(video, capfd):
 
 
 @pytest.mark.parametrize("name", ["camera.json", "valid.png"])
-def test_a_link_that_leads_nowhere_is_not_a_missing_file(images, name):
+def test_a_dangling_link_is_named(images, name):
     (images / name).symlink_to("nowhere")
     with pytest.raises(UserError, match=name):
         PlainRecording(images, **OPTIONS)

@@ -54,7 +54,7 @@ def test_images_have_the_annotation_of_their_name(images):
 
 
 @pytest.mark.parametrize(("evaluation", "told"), [(1, "1 of 1"), (3, "2 of 3")])
-def test_evaluation_frames_without_annotation_are_told(images, tmp_path, capsys, evaluation, told):
+def test_evaluation_frames_without_annotation_are_reported(images, tmp_path, capsys, evaluation, told):
     keys = defaults()["frames"] | {"resolution": 32, "evaluation_frames": evaluation, "holdout": False}
     stage.run(images, tmp_path / "frames.zarr", stage.FramesOptions(**keys), format="plain")
     annotations_stage.run(images, tmp_path / "frames.zarr", tmp_path / "annotations.zarr", AGE)
@@ -93,7 +93,7 @@ def test_a_video_without_annotations_is_trained_on_whole(video, tmp_path):
 
 
 @pytest.mark.parametrize("wanted", [2, 3, 1000])
-def test_more_held_out_frames_than_leave_any_to_train_on_are_refused(images, tmp_path, wanted):
+def test_held_out_frames_must_leave_training_frames(images, tmp_path, wanted):
     shutil.rmtree(images / "annotations")
     with pytest.raises(UserError, match=f"frames.evaluation_frames: {wanted} evaluation frames of 3"):
         split(images, tmp_path / "frames.zarr", evaluation_frames=wanted)
@@ -101,12 +101,12 @@ def test_more_held_out_frames_than_leave_any_to_train_on_are_refused(images, tmp
 
 
 @pytest.mark.parametrize("value", [-1, 2.5, "all", True, None])
-def test_evaluation_frames_that_are_no_number_are_refused(value):
+def test_evaluation_frames_that_are_no_number_are_rejected(value):
     with pytest.raises(UserError, match="frames.evaluation_frames"):
         check(merge(defaults(), {"frames": {"evaluation_frames": value}}))
 
 
-def test_annotations_of_none_of_the_pictures_are_refused(images, tmp_path):
+def test_annotations_of_none_of_the_pictures_are_rejected(images, tmp_path):
     for path in (images / "annotations").glob("*.png"):
         path.unlink()
     keys = defaults()["frames"] | {"resolution": 32, "evaluation_frames": 3, "holdout": False}

@@ -27,7 +27,7 @@ def test_reading_pictures_never_imports_annotation_code():
     assert [module for module in modules if "annotation" in module] == []
 
 
-def test_an_unknown_format_is_refused(tmp_path):
+def test_an_unknown_format_is_rejected(tmp_path):
     with pytest.raises(UserError, match="'aria'.*hoi4d"):
         open_recording("aria", tmp_path, **OPTIONS)
     with pytest.raises(UserError, match="'aria'"):
@@ -46,7 +46,7 @@ def test_a_missing_recording_is_named_with_what_is_wrong(tmp_path, format, probl
         open_annotations(format, nowhere, camera=CAMERA, upright=True)
 
 
-def test_formats_reach_their_readers(tmp_path, video):
+def test_every_format_has_its_reader(tmp_path, video):
     plain = open_recording("plain", video(), **OPTIONS)
     assert plain.capture.valid.shape == (24, 32)
     (picture,) = plain.pictures(np.array([3]))

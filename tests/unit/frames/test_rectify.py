@@ -27,13 +27,13 @@ def test_pinhole_scales_its_focal_length_from_1408_pixels():
 
 
 @pytest.mark.parametrize(("resolution", "focal"), [(0, 460), (-5, 460), (352, 0), (352, float("nan"))])
-def test_pinhole_refuses_what_is_no_camera(resolution, focal):
+def test_pinhole_rejects_invalid_parameters(resolution, focal):
     with pytest.raises(UserError, match="resolution" if resolution < 1 else "focal"):
         pinhole(resolution, focal)
 
 
 @pytest.mark.parametrize("resolution", [1408, 353, 64])
-def test_our_camera_projects_as_the_linear_calibration(resolution):
+def test_pinhole_projects_like_arias_linear_calibration(resolution):
     camera = pinhole(resolution, 460.0)
     points = points_in_front()
     theirs = np.array([linear_calibration(camera).project_no_checks(point) for point in points])
@@ -140,6 +140,6 @@ def test_upright_turns_clockwise(fisheye):
     assert (upright.labels(labels) == np.rot90(sensor.labels(labels), -1)).all()
 
 
-def test_a_picture_of_another_size_is_refused(fisheye):
+def test_a_picture_of_another_size_is_rejected(fisheye):
     with pytest.raises(ValueError, match="calibration for"):
         Rectification(fisheye, pinhole(44, 460.0), False).colour(np.zeros((100, 100, 3), np.uint8))

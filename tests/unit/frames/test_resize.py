@@ -30,7 +30,7 @@ def test_a_mask_keeps_pixels_that_are_wholly_inside():
     assert (resize_mask(mask, 20, 20) == expected).all()
 
 
-def test_a_picture_keeps_its_mean():
+def test_resizing_keeps_the_mean():
     picture = np.random.default_rng(0).integers(0, 256, (60, 80, 3), dtype=np.uint8)
     small = resize_picture(picture, 20, 15)
     assert np.abs(small - picture.reshape(15, 4, 20, 4, 3).mean(axis=(1, 3))).max() <= 0.5

@@ -31,7 +31,7 @@ def test_no_evaluation_frame_is_allowed():
 @pytest.mark.parametrize(
     ("count", "evaluation", "holdout"), [(10, 9, True), (10, 11, False), (1, 0, False), (10, -1, True)]
 )
-def test_a_split_that_leaves_too_little_is_refused(count, evaluation, holdout):
+def test_a_split_that_leaves_too_little_is_rejected(count, evaluation, holdout):
     with pytest.raises(UserError, match="evaluation frames"):
         split_frames(count, evaluation, holdout)
 
@@ -48,11 +48,11 @@ def test_a_split_that_leaves_too_little_is_refused(count, evaluation, holdout):
         (2, False, 0),
     ],
 )
-def test_auto_evaluates_annotated_recordings_alone(count, annotated, expected):
+def test_auto_holds_out_frames_of_annotated_recordings_only(count, annotated, expected):
     assert evaluation_count("auto", count, annotated) == expected
 
 
-def test_a_number_stands_over_what_the_recording_has():
+def test_an_explicit_number_of_evaluation_frames_wins():
     assert evaluation_count(4, 17, False) == 4 and evaluation_count(0, 17, True) == 0
 
 
@@ -85,6 +85,6 @@ def test_selection_takes_the_range_then_the_stride():
         ({"times": TIMES[::-1]}, "order of time"),
     ],
 )
-def test_bad_selections_are_refused(options, message):
+def test_bad_selections_are_rejected(options, message):
     with pytest.raises(UserError, match=message):
         select(**options)

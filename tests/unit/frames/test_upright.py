@@ -89,7 +89,7 @@ def test_every_quarter_turn_is_found():
 @pytest.mark.parametrize(
     "version, expected", [(DeviceVersion.Gen1, 1), (DeviceVersion.Gen2, 0), (DeviceVersion.NotValid, None)]
 )
-def test_a_build_without_cad_is_told_by_its_generation(version, expected, tmp_path):
+def test_a_calibration_without_cad_uses_the_device_generation(version, expected, tmp_path):
     camera = device(*BUILDS[0][:3]).get_camera_calib(RGB)
     unknown = DeviceCalibration({RGB: camera}, device_version=version)
     assert clockwise_turns(unknown, RGB) == expected

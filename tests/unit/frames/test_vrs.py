@@ -43,14 +43,14 @@ def test_a_truncated_file_is_named(tmp_path, lost):
         (lambda content: content[:40] + b"\xff" * 8 + content[48:], "header is damaged"),
     ],
 )
-def test_what_is_no_vrs_file_is_named(tmp_path, change, message):
+def test_a_file_that_is_not_vrs_is_named(tmp_path, change, message):
     path = vrs_file(tmp_path / "video.vrs")
     path.write_bytes(change(path.read_bytes()))
     with pytest.raises(UserError, match=f"video.vrs: .*{message}"):
         check_complete(path)
 
 
-def test_what_is_missing_is_named(tmp_path):
+def test_a_missing_file_is_named(tmp_path):
     (tmp_path / "folder.vrs").mkdir()
     for name in ("none.vrs", "folder.vrs"):
         with pytest.raises(UserError, match=f"{name}"):

@@ -33,7 +33,7 @@ def cover(xyz, rgb, poses=POSE[None], valid=ALL, pictures=None):
     return covered(xyz, rgb, CAMERA, poses, shown, valid, near_plane=0.1)
 
 
-def test_nothing_is_added_where_every_cell_shows_a_point():
+def test_no_points_are_added_where_every_cell_has_one():
     xyz, rgb = wall(3.0, left_half=False)
     every, colours = cover(xyz, rgb)
     np.testing.assert_array_equal(every, xyz)
@@ -75,7 +75,7 @@ def test_points_are_in_the_world_s_frame():
     np.testing.assert_allclose(transform(invert(pose), there), here, atol=1e-12)
 
 
-def test_pixels_that_show_nothing_get_no_point():
+def test_invalid_pixels_get_no_point():
     valid = ALL.copy()
     valid[:, 48:] = False
     xyz, rgb = wall(3.0, left_half=True)

@@ -137,7 +137,7 @@ def test_several_cameras_count_like_one_after_the_other() -> None:
 
 
 @pytest.mark.parametrize(("budget", "added"), [(6, [3]), (7, [1, 3]), (100, [0, 1, 3]), (5, []), (2, [])])
-def test_the_budget_goes_to_the_largest_gradients(budget: int, added: list[int]) -> None:
+def test_under_the_cap_the_largest_gradients_are_densified(budget: int, added: list[int]) -> None:
     gaussians, density = make(5), control(max_gaussians=budget)
     observe(density, [0.1, 0.2, 0.0, 0.3, 0.0])
     after = step(density, NOW, with_moments(gaussians))
@@ -152,7 +152,7 @@ def test_pruning_makes_room_in_the_budget() -> None:
     assert torch.equal(after.means, gaussians.means[[1, 2, 1]])
 
 
-def test_highest_takes_no_more_than_there_is_room_for() -> None:
+def test_highest_respects_the_free_capacity() -> None:
     score, candidates = torch.tensor([3.0, 9.0, 5.0, 4.0]), torch.tensor([True, False, True, True])
     assert highest(score, candidates, 2).tolist() == [False, False, True, True]
     assert highest(score, candidates, 3).tolist() == candidates.tolist()
@@ -180,7 +180,7 @@ def test_large_ones_are_pruned_after_the_first_reset_only() -> None:
         assert step(control(), iteration, with_moments(gaussians)).count == left
 
 
-def test_a_scene_of_large_gaussians_is_not_pruned_away() -> None:
+def test_pruning_large_gaussians_leaves_some() -> None:
     gaussians = make(5, scale=1.0)
     gaussians.log_scales.detach()[:2, 0] = torch.tensor([9.0, 11.0]).log()
     after = step(control(), LATER, with_moments(gaussians))
@@ -188,7 +188,7 @@ def test_a_scene_of_large_gaussians_is_not_pruned_away() -> None:
     assert too_large(make(0), torch.zeros(0), 1.0, None).shape == (0,)
 
 
-def test_size_on_screen_matters_only_if_asked() -> None:
+def test_screen_size_pruning_is_opt_in() -> None:
     for options, left in (({}, 3), ({"prune_screen_px": 20.0}, 2)):
         density, optimizer = control(**options), with_moments(make(3))
         for radii in ([5, 21, 5], [5, 3, 20]):
@@ -198,7 +198,7 @@ def test_size_on_screen_matters_only_if_asked() -> None:
     assert too_large(make(1), torch.tensor([20.0]), 1.0, 20.0).tolist() == [False]
 
 
-def test_nothing_to_do_changes_nothing() -> None:
+def test_no_density_change_leaves_gaussians_untouched() -> None:
     gaussians = make(3)
     optimizer = with_moments(gaussians)
     assert step(control(), NOW, optimizer) is gaussians
@@ -209,7 +209,7 @@ def test_nothing_to_do_changes_nothing() -> None:
     assert step(density, NOW, optimizer).count == 6
 
 
-def test_statistics_start_anew_after_density_control() -> None:
+def test_statistics_are_reset_after_density_control() -> None:
     density, optimizer = control(), with_moments(make(2))
     observe(density, [1.0, 0.0])
     assert step(density, NOW, optimizer).count == 3
@@ -219,7 +219,7 @@ def test_statistics_start_anew_after_density_control() -> None:
 
 
 @pytest.mark.parametrize("n", [0, 1, 5])
-def test_a_scene_that_dies_out_is_told(n: int) -> None:
+def test_a_scene_without_gaussians_left_is_an_error(n: int) -> None:
     with pytest.raises(UserError, match=f"{n} Gaussians"):
         step(control(), NOW, with_moments(make(n, opacity=0.004)))
 
@@ -240,7 +240,7 @@ def test_the_same_seed_gives_the_same_gaussians() -> None:
     assert torch.equal(results[0], results[1]) and not torch.equal(results[0], results[2])
 
 
-def test_a_loaded_state_goes_on_as_if_nothing_had_happened() -> None:
+def test_a_restored_state_continues_identically() -> None:
     density, resumed = control(), control()
     observe(density, [1.0, 0.0, 1.0])
     resumed.load_state_dict(density.state_dict())
@@ -281,12 +281,12 @@ def test_after_a_reset_the_rim_of_a_gaussian_still_gets_gradient() -> None:
 @pytest.mark.parametrize(
     "wrong", [{"prune_opacity": 0.003}, {"reset_opacity": 0.005}, {"reset_opacity": 1.0}]
 )
-def test_thresholds_below_the_cutoff_are_refused(wrong: dict[str, float]) -> None:
+def test_thresholds_below_the_cutoff_are_rejected(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="not in order"):
         DensityOptions(10, **wrong)
 
 
-def test_observations_that_do_not_fit_are_refused() -> None:
+def test_observations_that_do_not_fit_are_rejected() -> None:
     density = control()
     with pytest.raises(ValueError, match="radii"):
         density.observe(torch.zeros(1, 3, 2), torch.zeros(1, 2, 2), 8, 8)

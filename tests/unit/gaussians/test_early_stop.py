@@ -26,11 +26,11 @@ def stops(
         ([math.nan, 20, 19, 21], 2, 0.1, [False, False, False, False]),
     ],
 )
-def test_it_stops_after_so_many_without_improvement(psnrs, patience, min_improvement, expected, truth):
+def test_training_stops_after_patience_evaluations(psnrs, patience, min_improvement, expected, truth):
     assert stops(psnrs, patience, min_improvement, truth)[1] == expected
 
 
-def test_the_best_are_kept_as_they_were(truth):
+def test_the_best_gaussians_are_kept_unchanged(truth):
     gaussians = truth.select(torch.arange(5))
     stop = EarlyStop(9, 1.0)
     stop.observe(10, 20.0, gaussians)
@@ -43,7 +43,7 @@ def test_the_best_are_kept_as_they_were(truth):
 
 
 @pytest.mark.parametrize("psnrs", [[], [20.0, 20.5, 19.0]])
-def test_it_goes_on_from_its_state(psnrs, truth):
+def test_early_stopping_resumes_from_its_state(psnrs, truth):
     stop, _ = stops(psnrs, 2, 1.0, truth)
     again = EarlyStop(2, 1.0)
     again.load_state_dict(stop.state_dict())

@@ -57,19 +57,19 @@ def test_gradients_are_asked_for_and_detached() -> None:
 
 @pytest.mark.parametrize("name", PARAMETERS)
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_finite_sees_every_parameter(name: str, value: float) -> None:
+def test_finite_checks_every_parameter(name: str, value: float) -> None:
     gaussians = make(3)
     getattr(gaussians, name)[1].fill_(value)
     assert gaussians.finite().tolist() == [True, False, True]
 
 
-def test_finite_sees_a_scale_that_overflows() -> None:
+def test_finite_checks_overflowing_scales() -> None:
     gaussians = make(2)
     gaussians.log_scales[0, 2] = 100.0
     assert gaussians.finite().tolist() == [False, True]
 
 
-def test_no_gaussians_and_no_features_are_fine() -> None:
+def test_empty_gaussians_and_no_features_are_allowed() -> None:
     gaussians = make(0, channels=0)
     assert gaussians.count == 0 and gaussians.finite().shape == (0,)
     assert as_rows(gaussians.sh).shape == (0, 12) and as_rows(gaussians.logit_opacities).shape == (0, 1)
@@ -86,7 +86,7 @@ def test_no_gaussians_and_no_features_are_fine() -> None:
         ("means", torch.zeros(3, 3, dtype=torch.float64)),
     ],
 )
-def test_tensors_that_do_not_fit_are_refused(name: str, tensor: torch.Tensor) -> None:
+def test_mismatched_tensors_are_rejected(name: str, tensor: torch.Tensor) -> None:
     with pytest.raises(ValueError, match=name if tensor.dtype == torch.float32 else "float"):
         Gaussians(**(make(3).parameters() | {name: tensor}))
 
@@ -125,7 +125,7 @@ def picture(gaussians: Gaussians, pose: np.ndarray, mode: str, background: torch
     )
 
 
-def test_render_puts_colour_feature_and_depth_behind_one_another() -> None:
+def test_render_orders_channels_colour_feature_depth() -> None:
     image, alpha, meta = picture(one_in_front(0.9, 4.0), np.eye(4), "RGB+ED", torch.tensor([0.0, 0.5, 1.0]))
     assert image.shape == (24, 32, 5) and alpha.shape == (24, 32, 1) and meta["radii"].shape == (1, 1, 2)
     # The Gaussian's centre is the centre of pixel (16, 12); behind features there is nothing.
@@ -139,7 +139,7 @@ def test_render_of_depth_alone() -> None:
     torch.testing.assert_close(image[12, 16], torch.tensor([2.0]), rtol=1e-4, atol=1e-4)
 
 
-def test_render_inverts_the_pose_before_it_loses_digits(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_render_inverts_the_pose_in_float64(monkeypatch: pytest.MonkeyPatch) -> None:
     given = []
     monkeypatch.setattr(
         "egosplat.gaussians.render.rasterization",

@@ -82,7 +82,7 @@ def test_budget_keeps_a_seeded_subset() -> None:
     assert start(xyz, max_points=100).count == 100
 
 
-def test_nothing_to_start_from_is_told() -> None:
+def test_no_finite_point_is_an_error() -> None:
     with pytest.raises(UserError, match="no finite point"):
         start(np.full((3, 3), np.nan))
     with pytest.raises(UserError, match="no finite point"):
@@ -90,7 +90,7 @@ def test_nothing_to_start_from_is_told() -> None:
 
 
 @pytest.mark.parametrize("rgb", [np.zeros((4, 3)), np.zeros((3, 3), np.uint8)])
-def test_colours_that_do_not_fit_are_refused(rgb: np.ndarray) -> None:
+def test_mismatched_colours_are_rejected(rgb: np.ndarray) -> None:
     with pytest.raises(ValueError, match="uint8"):
         start(np.zeros((4, 3)), rgb)
 
@@ -109,7 +109,7 @@ def test_scene_extent_refuses_unregistered_frames() -> None:
             scene_extent(bad)
 
 
-def test_seen_asks_all_cameras() -> None:
+def test_visibility_is_checked_in_all_cameras() -> None:
     points = np.array(
         [[0, 0, 2.0], [0, 0, -2.0], [0, 0, 0.05], [9.0, 0, 2.0], [5.0, 0, 2.0], [np.nan, 0, 2.0]]
     )

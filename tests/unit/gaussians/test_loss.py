@@ -51,7 +51,7 @@ def test_gradients_of_the_definition_hold() -> None:
 
 @pytest.mark.parametrize("function", [lambda *a: torch_l1_ssim(*a, 0.2), lambda *a: l1_ssim(*a, 0.2), l2])
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_a_pixel_of_weight_zero_is_not_looked_at(function: object, dtype: torch.dtype) -> None:
+def test_pixels_of_weight_zero_are_ignored(function: object, dtype: torch.dtype) -> None:
     render, target = pictures(dtype=dtype)
     weight = torch.ones(target.shape[:2], dtype=dtype)
     weight[10:14, 3:9] = 0.0
@@ -65,7 +65,7 @@ def test_a_pixel_of_weight_zero_is_not_looked_at(function: object, dtype: torch.
 @pytest.mark.parametrize("function", [lambda *a: torch_l1_ssim(*a, 0.2), lambda *a: l1_ssim(*a, 0.2), l2])
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf"), 1e30])
 @pytest.mark.parametrize("which", [0, 1, 2])
-def test_a_broken_number_weighs_nothing(function: object, value: float, which: int) -> None:
+def test_non_finite_pixels_have_no_weight(function: object, value: float, which: int) -> None:
     render, target = pictures(dtype=torch.float32)
     arguments = [render.detach(), target, torch.ones(target.shape[:2])]
     arguments[which][8, 9] = value
@@ -92,7 +92,7 @@ def test_l2_is_the_weighted_mean_over_all_values() -> None:
     torch.testing.assert_close(l2(render, target, None), ((render - target) ** 2).mean())
 
 
-def test_the_kernel_stands_in_only_where_it_gives_all_gradients(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_kernel_is_used_only_if_all_gradients_are_available(monkeypatch: pytest.MonkeyPatch) -> None:
     if library.why_not() is not None:
         pytest.skip("the kernels are not built")
     used = []
@@ -105,7 +105,7 @@ def test_the_kernel_stands_in_only_where_it_gives_all_gradients(monkeypatch: pyt
     assert len(used) == 2
 
 
-def test_what_does_not_fit_is_refused() -> None:
+def test_mismatched_shapes_are_rejected() -> None:
     render, target = pictures(dtype=torch.float32)
     for function in (l2, lambda *arguments: l1_ssim(*arguments, 0.2)):
         with pytest.raises(ValueError, match=r"render: .*\(30, 26\)"):

@@ -54,7 +54,7 @@ def with_moments(gaussians: Gaussians) -> Adam:
     return optimizer
 
 
-def test_the_dead_move_onto_the_living() -> None:
+def test_dead_gaussians_are_relocated_to_living_ones() -> None:
     gaussians = make([0.9, 0.001, 0.8, 0.005])
     before, optimizer = copy(gaussians), with_moments(gaussians)
     moments = optimizer.state_dict()["exp_avg"]
@@ -78,7 +78,7 @@ def test_the_dead_move_onto_the_living() -> None:
         assert all(torch.equal(after[name][row], moments[name][row]) for row in (1, 3))
 
 
-def test_without_dead_ones_nothing_moves() -> None:
+def test_without_dead_gaussians_nothing_is_relocated() -> None:
     gaussians = make([0.9, 0.2, 0.006])
     before = copy(gaussians)
     relocate(gaussians, with_moments(gaussians), DEAD, seeded())
@@ -87,7 +87,7 @@ def test_without_dead_ones_nothing_moves() -> None:
 
 @pytest.mark.parametrize("name", PARAMETERS)
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_broken_ones_are_replaced_first(name: str, value: float) -> None:
+def test_non_finite_gaussians_are_relocated_first(name: str, value: float) -> None:
     # The live one can take a single other: 1 - 0.99^(1/2) is above the limit, the cube root's is not.
     gaussians = make([0.001, 0.5, 0.0145])
     getattr(gaussians, name).detach()[1] = value
@@ -101,13 +101,13 @@ def test_broken_ones_are_replaced_first(name: str, value: float) -> None:
 
 
 @pytest.mark.parametrize("n", [1, 4])
-def test_a_scene_that_dies_out_is_told(n: int) -> None:
+def test_a_scene_without_gaussians_left_is_an_error(n: int) -> None:
     gaussians = make([0.004] * n)
     with pytest.raises(UserError, match=f"{n} Gaussians"):
         relocate(gaussians, with_moments(gaussians), DEAD, seeded())
 
 
-def test_few_living_ones_do_not_die_of_many_dead() -> None:
+def test_few_living_gaussians_survive_many_relocations() -> None:
     gaussians = make([0.1] + [0.001] * 100)
     optimizer = with_moments(gaussians)
     relocate(gaussians, optimizer, DEAD, seeded())
@@ -135,12 +135,12 @@ def test_growth_adds_copies_that_share() -> None:
     assert grow(after, optimizer, 2, DEAD, seeded()) is after
 
 
-def test_growth_ends_where_nobody_can_share() -> None:
+def test_growth_stops_at_minimum_opacity() -> None:
     gaussians = make([0.006, 0.007])
     assert grow(gaussians, with_moments(gaussians), 10, DEAD, seeded()) is gaussians
 
 
-def test_noise_has_the_shape_of_the_gaussian_and_spares_opaque_ones() -> None:
+def test_noise_follows_the_covariance_and_spares_opaque_gaussians() -> None:
     gaussians = make([DEAD]).detach().select(torch.zeros(4_000, dtype=torch.int64))
     gaussians.log_scales[:] = torch.tensor([0.3, 0.2, 0.1]).log()
     before = gaussians.means.clone()
@@ -165,7 +165,7 @@ def test_noise_never_makes_a_mean_infinite() -> None:
     assert torch.equal(gaussians.means[0], before[0]) and not torch.equal(gaussians.means[1], before[1])
 
 
-def test_a_step_grows_by_a_share_up_to_the_cap_and_moves_always() -> None:
+def test_each_step_grows_to_the_cap_and_adds_noise() -> None:
     gaussians = make([0.05] * 41)
     optimizer = with_moments(gaussians)
     before = gaussians.means.detach().clone()
@@ -192,13 +192,13 @@ def test_noise_follows_the_learning_rate_of_the_means() -> None:
     assert torch.equal(gaussians.means, before)
 
 
-def test_no_gaussians_stay_none() -> None:
+def test_zero_gaussians_stay_zero() -> None:
     gaussians = make([])
     population = Mcmc(McmcOptions(max_gaussians=5), STOCK_MCMC)
     assert population.step(600, gaussians, with_moments(gaussians), seeded()) is gaussians
 
 
-def test_there_is_no_state() -> None:
+def test_mcmc_has_no_state() -> None:
     population = Mcmc(McmcOptions(max_gaussians=5), STOCK_MCMC)
     population.load_state_dict(population.state_dict())
     assert population.state_dict() == {}

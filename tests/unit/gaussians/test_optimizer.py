@@ -83,7 +83,7 @@ def test_means_follow_the_rate_that_is_set() -> None:
 
 
 @pytest.mark.parametrize("share", [0.1, 0.9])
-def test_rows_that_were_never_visible_change_nothing_but_time(share: float) -> None:
+def test_invisible_rows_advance_only_the_step(share: float) -> None:
     one, other = make(40), make(40)
     known, unknown = Adam(one, RATES), Adam(other, RATES)
     for step in range(4):
@@ -160,7 +160,7 @@ def test_the_largest_gradients_that_are_taken_keep_everything_finite() -> None:
         assert all(bool(tensor.isfinite().all()) for tensor in state[moments].values())
 
 
-def test_surgery_moves_moments_with_their_rows() -> None:
+def test_replacing_rows_moves_their_moments() -> None:
     gaussians = make(5)
     optimizer = Adam(gaussians, RATES)
     set_gradients(gaussians, 0)
@@ -197,7 +197,7 @@ def test_reset_moments_of_all_rows_or_of_some() -> None:
         assert not state[moments]["logit_opacities"].any() and state[moments]["means"].all()
 
 
-def test_a_loaded_state_goes_on_as_if_nothing_had_happened() -> None:
+def test_a_restored_state_continues_identically() -> None:
     gaussians = make(6)
     optimizer = Adam(gaussians, RATES)
     set_gradients(gaussians, 0)
@@ -223,7 +223,7 @@ def test_no_gaussians_and_no_features() -> None:
         assert bool(gaussians.finite().all())
 
 
-def test_what_does_not_fit_is_refused() -> None:
+def test_mismatched_shapes_are_rejected() -> None:
     with pytest.raises(ValueError, match="visible"):
         Adam(make(3), RATES).step(torch.ones(2, dtype=torch.bool))
     strided = make(3).detach()

@@ -67,7 +67,7 @@ def test_no_host_is_drawn_more_often_than_it_can_share() -> None:
     assert torch.bincount(hosts, minlength=3).tolist() == [18, 1, 0]
 
 
-def test_without_a_living_one_there_is_no_host() -> None:
+def test_relocation_needs_a_living_gaussian() -> None:
     for n in (0, 3):
         with pytest.raises(UserError, match=f"{n} Gaussians"):
             draw_hosts(torch.full((n,), 0.001), torch.zeros(n, dtype=torch.bool), 2, DEAD, seeded())

@@ -49,7 +49,7 @@ def test_scaled_to_7000_keeps_fractions_but_shortens_no_interval() -> None:
     assert resets(scaled(STOCK, 12_000)) == [3_000]
 
 
-def test_of_a_very_short_run_an_interval_is_a_part() -> None:
+def test_a_very_short_run_keeps_at_least_one_interval() -> None:
     short = scaled(STOCK, 700)
     assert (short.densify_from, short.densify_until, short.densify_every) == (140, 350, 35)
     assert short.sh_interval == 100
@@ -63,7 +63,7 @@ def test_density_control_ends_by_half_time_and_no_reset_comes_late(iterations: i
     assert schedule.position_lr(iterations, 1.0) == pytest.approx(1.6e-6)
 
 
-def test_a_longer_run_stretches() -> None:
+def test_a_longer_run_stretches_the_schedule() -> None:
     assert scaled(STOCK, 60_000).densify_every == 200
     assert resets(scaled(STOCK, 60_000)) == [6_000, 12_000, 18_000, 24_000]
 
@@ -85,7 +85,7 @@ def test_white_background_reset_at_the_start() -> None:
         {"position_lr_steps": 0},
     ],
 )
-def test_a_schedule_that_makes_no_sense_is_refused(wrong: dict[str, int]) -> None:
+def test_an_inconsistent_schedule_is_rejected(wrong: dict[str, int]) -> None:
     with pytest.raises(ValueError, match=next(iter(wrong))):
         Schedule(**wrong)
     with pytest.raises(ValueError, match="0 iterations"):
@@ -108,10 +108,10 @@ def test_a_cut_schedule_is_the_beginning_of_the_stock_one():
 
 
 @pytest.mark.parametrize("iterations", [1, 499, 500, 501])
-def test_a_run_that_ends_before_density_control_has_none(iterations):
+def test_a_run_shorter_than_the_warmup_has_no_density_control(iterations):
     assert not densifications(cut(STOCK, iterations))
 
 
-def test_a_cut_run_of_no_iteration_is_refused():
+def test_a_cut_run_of_no_iteration_is_rejected():
     with pytest.raises(ValueError, match="0 iterations"):
         cut(STOCK, 0)

@@ -29,7 +29,7 @@ def start(scene, points):
     return make
 
 
-def test_without_cover_gaussians_begin_at_the_known_points(start):
+def test_without_densify_init_gaussians_start_at_the_points(start):
     assert float(start(False, 1000).means[:, 0].max()) < 0
 
 

@@ -73,7 +73,7 @@ def same(left: Gaussians, right: Gaussians) -> bool:
 
 
 @pytest.mark.parametrize("density", ["stock", "mcmc"])
-def test_training_learns_the_pictures(trained, density):
+def test_training_lowers_the_error_on_all_frames(trained, density):
     state = trained(iterations=200, density=density, evaluate_every=100)
     curves = state.curves
     assert curves.evaluated == [100, 200] and curves.psnr[1] > curves.psnr[0]
@@ -84,7 +84,7 @@ def test_training_learns_the_pictures(trained, density):
     assert all(math.isnan(psnr) for psnr in curves.validation_psnr)
 
 
-def test_the_seed_decides(trained):
+def test_results_depend_on_the_seed(trained):
     first, second, other = trained(), trained(), trained(seed=4)
     assert same(first.gaussians, second.gaussians) and first.curves.loss == second.curves.loss
     assert not same(first.gaussians, other.gaussians)
@@ -117,7 +117,7 @@ class StoppingCheckpoint(Checkpoint):
     ],
     ids=["stock", "mcmc", "early stopping", "SH degree searched"],
 )
-def test_a_resumed_run_ends_as_an_unbroken_one(trained, start, photographs, tmp_path, changes):
+def test_a_resumed_run_equals_an_uninterrupted_one(trained, start, photographs, tmp_path, changes):
     changes |= {"render": replace(OPTIONS.render, background="random")}
     if "patience" in changes:
         photographs = replace(photographs, validation=photographs.held_out)
@@ -168,11 +168,11 @@ def test_it_stops_early_and_keeps_the_best(trained, photographs, capsys):
     assert state.early_stop.best_psnr == max(state.curves.validation_psnr[-3:])
 
 
-def test_without_patience_nothing_is_kept(trained):
+def test_without_patience_no_best_state_is_kept(trained):
     assert trained().early_stop.best is None
 
 
-def test_a_loss_that_stays_not_finite_ends_training(start):
+def test_a_persistently_non_finite_loss_stops_training(start):
     state = TrainingState(start, OPTIONS, EXTENT, L1Ssim(0.2))
     for iteration, loss in ((10, math.nan), (20, math.inf), (30, 1.0), (40, math.nan), (50, math.nan)):
         state.iteration, state.loss_sum = iteration, torch.tensor(loss)
@@ -182,13 +182,13 @@ def test_a_loss_that_stays_not_finite_ends_training(start):
         record(state)
 
 
-def test_a_loss_that_is_not_finite_leaves_the_gaussians_alone(trained, start, monkeypatch):
+def test_a_non_finite_loss_changes_no_gaussian(trained, start, monkeypatch):
     monkeypatch.setattr(objective, "l1_ssim", lambda image, *_: image.mean() * float("nan"))
     state = trained(iterations=20)
     assert same(state.gaussians, start) and state.bad_records == 2 and state.optimizer.skipped_rows > 0
 
 
-def test_a_scene_that_no_camera_sees_is_survived(trained, start):
+def test_a_scene_outside_all_cameras_trains_without_error(trained, start):
     start.means[:, 2] = -3.0
     assert same(trained(iterations=15).gaussians, start)
 

@@ -47,7 +47,7 @@ def glossy(truth, camera_to_world) -> np.ndarray:
     return (torch.stack(images).clamp(0, 1) * 255).round().to(torch.uint8).numpy()
 
 
-def test_a_matt_scene_needs_no_degree(scene, capsys):
+def test_a_matte_scene_gets_degree_0(scene, capsys):
     found = run(scene(), min_improvement=0.2)
     psnr = found.facts["sh_degree_psnr"]
     assert found.shape("sh")[1:] == (1, 3) and found.facts["sh_degree_in_use"] == 0
@@ -55,7 +55,7 @@ def test_a_matt_scene_needs_no_degree(scene, capsys):
     assert "on 1 photographs set aside; 0 is enough" in capsys.readouterr().err
 
 
-def test_a_glossy_scene_keeps_what_it_needs(scene, glossy):
+def test_a_glossy_scene_keeps_its_degree(scene, glossy):
     found = run(scene(rgb=glossy), min_improvement=0.2, iterations=1400)
     psnr, degree = found.facts["sh_degree_psnr"], found.facts["sh_degree_in_use"]
     assert psnr[0] < psnr[3] - 0.2 and degree >= 1 and found.shape("sh")[1] == (degree + 1) ** 2
@@ -82,13 +82,13 @@ def test_with_patience_the_frames_that_validate_judge(scene):
 
 
 @pytest.mark.parametrize("iterations", [1, 2, 7, 10])
-def test_a_short_run_decides_too(scene, iterations):
+def test_a_short_run_chooses_a_degree(scene, iterations):
     found = run(scene(), iterations=iterations)
     psnr, degree = found.facts["sh_degree_psnr"], found.facts["sh_degree_in_use"]
     assert 1 <= len(psnr) <= 4 and degree <= len(psnr) - 1
 
 
-def test_one_frame_cannot_judge(scene):
+def test_one_frame_cannot_validate(scene):
     one = np.zeros(9, bool)
     one[0] = True
     with pytest.raises(UserError, match="splats.sh_degree = auto.* 2 training frames"):
@@ -121,7 +121,7 @@ def test_without_a_degree_the_mean_of_what_the_cameras_see_is_left(truth, camera
         assert torch.equal(simpler.sh[~seen], sh[~seen, : degree**2])
 
 
-def test_where_nothing_set_aside_is_valid_nothing_goes(truth, pictures, camera_to_world):
+def test_without_valid_validation_pixels_the_degree_stays(truth, pictures, camera_to_world):
     gaussians = replace(truth, sh=torch.cat([truth.sh, torch.zeros(truth.count, 3, 3)], dim=1))
     some, poses = torch.from_numpy(pictures[:2]), camera_to_world[:2]
     moving = torch.ones(2, 24, 24, dtype=torch.bool)
@@ -133,7 +133,7 @@ def test_where_nothing_set_aside_is_valid_nothing_goes(truth, pictures, camera_t
     assert settle_degree(search, gaussians, 1, seen, seen, options, tolerance_db=0.05).sh_degree == 0
 
 
-def test_what_no_camera_sees_has_no_mean(truth, camera_to_world):
+def test_unseen_gaussians_have_no_mean_colour(truth, camera_to_world):
     behind = truth.means * torch.tensor([1.0, 1.0, -1.0])
     assert not mean_basis(behind, CAMERA, camera_to_world, near_plane=0.1).any()
     assert mean_basis(truth.means[:0], CAMERA, camera_to_world, near_plane=0.1).shape == (0, 16)

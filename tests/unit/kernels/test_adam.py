@@ -103,7 +103,7 @@ def test_threads_change_no_bit() -> None:
         assert all(torch.equal(one, other) for one, other in zip(result, results[0], strict=True))
 
 
-def test_what_does_not_fit_is_refused() -> None:
+def test_mismatched_shapes_are_rejected() -> None:
     state = tensors(4, 3)
     with pytest.raises(ValueError, match=r"grad: .*\(3, 3\)"):
         adam_step(state[0], state[1][:3], *state[2:], 0.01, **OPTIONS, step=1)

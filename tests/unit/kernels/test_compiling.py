@@ -78,7 +78,7 @@ def test_a_variant_that_the_compiler_does_not_know_is_left_out_with_a_note(folde
 
 
 @pytest.mark.parametrize("command", ["", "no-such-compiler"])
-def test_no_compiler_is_told_in_one_line_and_is_no_error(folder, monkeypatch, command):
+def test_a_missing_compiler_is_one_line_and_no_error(folder, monkeypatch, command):
     stale = folder / GENERIC[0].file
     stale.write_bytes(b"of older sources")
     monkeypatch.setenv("PATH", "")
@@ -88,7 +88,7 @@ def test_no_compiler_is_told_in_one_line_and_is_no_error(folder, monkeypatch, co
     assert not stale.exists()
 
 
-def test_a_compiler_without_openmp_is_told_in_one_line(folder, tmp_path, monkeypatch):
+def test_a_compiler_without_openmp_is_reported_in_one_line(folder, tmp_path, monkeypatch):
     script = tmp_path / "cxx"
     script.write_text("#!/bin/sh\necho 'fatal error: omp.h: No such file' >&2\nexit 1\n")
     script.chmod(script.stat().st_mode | stat.S_IXUSR)

@@ -87,19 +87,19 @@ def test_the_wanted_variant(three, wanted):
     ],
     ids=["processor", "name", "not compiled"],
 )
-def test_a_wanted_variant_that_cannot_be(three, features, wanted, words):
+def test_an_unsupported_variant_is_rejected(three, features, wanted, words):
     (three / AVX2.file).unlink()
     with pytest.raises(UserError) as caught:
         choose(three, features, wanted)
     assert all(word in str(caught.value) for word in words)
 
 
-def test_nothing_is_compiled(tmp_path):
+def test_missing_libraries_are_reported(tmp_path):
     with pytest.raises(UserError, match=r"(?s)not compiled.*g\+\+.*make install"):
         choose(tmp_path, AVX512.features, None)
 
 
-def test_nothing_that_is_compiled_runs_here(three):
+def test_libraries_for_other_processors_are_reported(three):
     (three / GENERIC.file).unlink()
     with pytest.raises(UserError, match="compiled kernels"):
         choose(three, frozenset(), None)
@@ -121,7 +121,7 @@ def test_features_of_the_processor(tmp_path, text, expected):
     assert cpu_features(tmp_path / "cpuinfo") == expected
 
 
-def test_a_system_that_tells_no_features(tmp_path):
+def test_a_missing_cpuinfo_gives_no_features(tmp_path):
     assert cpu_features(tmp_path / "absent") == frozenset()
 
 
@@ -157,7 +157,7 @@ def test_an_edited_statement_makes_the_library_stale_and_a_comment_does_not(fold
         open_library(folder, GENERIC)
 
 
-def test_a_library_of_another_interface_is_refused(folder):
+def test_a_library_of_another_interface_is_rejected(folder):
     source = folder / "source/kernels.cpp"
     source.write_text(SOURCE.replace(f"return {library.ABI};", f"return {library.ABI + 1};"))
     compile_kernels(folder, folder, [GENERIC])
@@ -165,7 +165,7 @@ def test_a_library_of_another_interface_is_refused(folder):
         open_library(folder, GENERIC)
 
 
-def test_a_damaged_library_is_told(folder):
+def test_a_damaged_library_is_reported(folder):
     (folder / GENERIC.file).write_bytes(b"not a library")
     with pytest.raises(UserError, match="make install"):
         open_library(folder, GENERIC)
@@ -203,7 +203,7 @@ def test_the_installed_kernels_load_in_each_variant(variant, fresh, monkeypatch)
     assert library.load() is library.load()
 
 
-def test_an_impossible_wish_is_told_by_why_not(fresh, monkeypatch):
+def test_an_unsupported_variant_is_explained(fresh, monkeypatch):
     monkeypatch.setenv(library.VARIABLE, "sse9")
     assert "EGOSPLAT_KERNEL=sse9" in library.why_not()
     with pytest.raises(UserError):

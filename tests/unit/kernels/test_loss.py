@@ -82,7 +82,7 @@ def test_threads_change_no_bit(size: tuple[int, int]) -> None:
         assert torch.equal(loss, results[0][0]) and torch.equal(gradient, results[0][1])
 
 
-def test_a_pixel_of_weight_zero_is_not_looked_at() -> None:
+def test_pixels_of_weight_zero_are_ignored() -> None:
     render, target, weight = pictures(40, 50)
     loss, gradient = value_and_gradient(render, target, weight)
     repainted = torch.where(weight[:, :, None] == 0, 0.7, render.detach()).requires_grad_()
@@ -93,7 +93,7 @@ def test_a_pixel_of_weight_zero_is_not_looked_at() -> None:
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf"), 1e30])
 @pytest.mark.parametrize("which", [0, 1, 2])
-def test_a_broken_number_harms_no_other(value: float, which: int) -> None:
+def test_non_finite_pixels_do_not_spread(value: float, which: int) -> None:
     render, target, weight = pictures(30, 40)
     arguments = [render.detach().clone(), target, weight.fill_(0.5)]
     arguments[which][12, 17] = value
@@ -124,7 +124,7 @@ def test_layouts_of_the_inputs_do_not_matter() -> None:
     assert torch.equal(result[0], expected[0]) and torch.equal(result[1], expected[1])
 
 
-def test_what_does_not_fit_is_refused() -> None:
+def test_mismatched_shapes_are_rejected() -> None:
     render, target, weight = pictures(4, 6)
     with pytest.raises(ValueError, match=r"target: \(4, 5, 3\)"):
         l1_ssim(render, target[:, :5], weight, 0.2)

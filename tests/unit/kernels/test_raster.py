@@ -61,7 +61,7 @@ def test_every_number_of_threads_gives_the_same_bits(channels):
         assert all(torch.equal(a, b) for a, b in zip(first, other, strict=True))
 
 
-def test_the_second_call_does_not_see_the_first():
+def test_calls_do_not_share_state():
     large, small = projected(3000, 12, seed=1), projected(10, 3, seed=2)
     fresh = pull(small, 1)
     pull(large, 1)
@@ -108,7 +108,7 @@ def test_a_gradient_of_alpha_alone():
     assert predicted.item() == pytest.approx(slope.item(), rel=0.02)
 
 
-def test_nearest_first():
+def test_gaussians_are_composited_nearest_first():
     values = projected(2, 3) | {
         "means2d": torch.full((2, 2), 50.5),
         "conics": torch.tensor([[0.1, 0.0, 0.1]] * 2),

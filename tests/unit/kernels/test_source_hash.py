@@ -24,7 +24,7 @@ const char* text = "a // b";
         ("float twice", "\n\nfloat\ntwice"),
     ],
 )
-def test_comments_and_layout_do_not_count(old, new):
+def test_comments_and_layout_do_not_change_the_hash(old, new):
     assert old in SOURCE
     assert list(cpp_tokens(SOURCE.replace(old, new))) == list(cpp_tokens(SOURCE))
 
@@ -43,7 +43,7 @@ def test_comments_and_layout_do_not_count(old, new):
         ("// Doubles.", "#define MORE"),
     ],
 )
-def test_what_the_compiler_sees_counts(old, new):
+def test_code_changes_change_the_hash(old, new):
     assert old in SOURCE
     assert list(cpp_tokens(SOURCE.replace(old, new))) != list(cpp_tokens(SOURCE))
 

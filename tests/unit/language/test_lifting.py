@@ -66,7 +66,7 @@ def test_each_half_gets_the_code_of_its_instance(wall, views, lens):
     assert float(lifted.share[far, 0].max()) == 0.0 and float(lifted.code[far, 0].abs().max()) == 0.0
 
 
-def test_what_no_view_shows_means_nothing(wall, views, lens):
+def test_gaussians_in_no_view_get_no_code(wall, views, lens):
     behind = wall.select(torch.arange(3))
     behind.means[:, 2] = -5.0
     lifted = lift(Gaussians.concatenate([wall, behind]), views(), lens)
@@ -97,7 +97,7 @@ def test_rendered_codes_are_those_that_were_lifted(wall, views, lens, camera_to_
     assert bool(none.any()) and float(found.codes[0][none].abs().max()) == 0.0
 
 
-def test_a_gaussian_without_share_has_no_say(wall, camera_to_world, lens, views):
+def test_gaussians_without_share_do_not_contribute(wall, camera_to_world, lens, views):
     code = torch.zeros(wall.count, 1, 2)
     code[: wall.count // 2] = torch.tensor([1.0, 2.0])
     code[wall.count // 2 :] = 1e6

@@ -30,7 +30,7 @@ def read(path) -> np.ndarray:
     return scene.metadata["_ply_raw"]["vertex"]["data"]
 
 
-def test_every_parameter_comes_back_under_the_name_that_viewers_know(tmp_path, gaussians):
+def test_ply_uses_the_names_that_viewers_expect(tmp_path, gaussians):
     write_ply(tmp_path / "x.ply", geometry_columns(gaussians), "real")
     found = read(tmp_path / "x.ply")
     for axis, name in enumerate("xyz"):

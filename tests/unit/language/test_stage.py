@@ -49,7 +49,7 @@ def run(
     return verify(folder / name, SCHEMAS)
 
 
-def test_what_the_artifact_says(scene):
+def test_artifact_holds_the_expected_facts_and_inputs(scene):
     folder = scene()
     train(folder, masking="refined")
     found = run(folder)
@@ -61,7 +61,7 @@ def test_what_the_artifact_says(scene):
     assert not found.read("code")[found.read("share") == 0].any()
 
 
-def test_of_frames_that_a_survey_leaves_out_nothing_is_learned(scene, survey_that_keeps):
+def test_frames_left_out_by_the_survey_are_not_used(scene, survey_that_keeps):
     folder = scene()
     train(folder)
     found = run(folder, survey=survey_that_keeps(folder, [0, 1]))
@@ -70,7 +70,7 @@ def test_of_frames_that_a_survey_leaves_out_nothing_is_learned(scene, survey_tha
 
 
 @pytest.mark.parametrize("method", ["lifted", "trained"])
-def test_equal_runs_are_equal_and_nothing_else_is_left(scene, method):
+def test_equal_runs_are_equal_and_leave_no_other_files(scene, method):
     folder = scene()
     train(folder)
     before = {path.name for path in folder.iterdir()}
@@ -101,7 +101,7 @@ def test_joint_codes_are_rendered_in_queries_as_they_were_in_training(scene):
     assert (abs(norms[norms > 0] - 1) > 1e-3).any()
 
 
-def test_joint_codes_of_other_features_are_refused(scene):
+def test_joint_codes_of_other_features_are_rejected(scene):
     folder = scene()
     train(folder, language="joint")
     splats = (folder / "splats.zarr").rename(folder / "kept")
@@ -120,7 +120,7 @@ def test_masks_that_are_needed_must_be_given(scene):
         run(folder, masks=False)
 
 
-def test_the_network_alone_can_mask(scene):
+def test_the_transient_network_alone_can_mask(scene):
     folder = scene()
     train(folder, masking="initial")
     assert "transient.zarr" in run(folder).provenance["inputs"]

@@ -26,7 +26,7 @@ def test_a_view_too_small_to_be_encoded_has_the_consistent_code(scene, opened):
     assert bool(found.known[1].all())
 
 
-def test_without_aggregation_it_has_none(scene, opened, labels):
+def test_without_aggregation_there_is_no_consistent_code(scene, opened, labels):
     found = targets(opened, scene(target="view", rows=[(0, 0)]), 0)
     assert torch.equal(found.known[1], torch.from_numpy(labels[0, 1] == 0))
     assert not found.known[0].any()

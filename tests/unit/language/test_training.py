@@ -36,7 +36,7 @@ def test_the_loss_falls_and_each_half_learns_its_code(wall, views, lens, checkpo
     assert float((training.code.detach()[left, 1].mean(dim=0) - expected).abs().max()) < 0.2
 
 
-def test_a_run_goes_on_to_the_same_codes(wall, views, lens, checkpoint):
+def test_a_run_resumes_to_the_same_codes(wall, views, lens, checkpoint):
     whole = CodeTraining(wall, 2, 3, OPTIONS)
     whole.run(wall, views, lens, checkpoint)
     half = CodeTraining(wall, 2, 3, CodeOptions(30, 0.05, False, 0))

@@ -24,7 +24,7 @@ def keys_of(sam2: Path, clip: Path) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("model, address", [(SAM2, "dl.fbaipublicfiles.com"), (CLIP, "huggingface.co/laion")])
-def test_a_missing_checkpoint_is_asked_for(tmp_path, model, address):
+def test_a_missing_checkpoint_names_its_key(tmp_path, model, address):
     with pytest.raises(UserError) as caught:
         find_checkpoint(model, str(tmp_path / "none.pt"))
     first, second = str(caught.value).splitlines()
@@ -32,7 +32,7 @@ def test_a_missing_checkpoint_is_asked_for(tmp_path, model, address):
     assert address in second and f"models: {{{model.checkpoint_key}: PATH}}" in second
 
 
-def test_a_missing_small_checkpoint_is_told(tmp_path, monkeypatch):
+def test_a_missing_small_checkpoint_is_reported(tmp_path, monkeypatch):
     gone = checkpoints.Model(**vars(SAM2) | {"small": tmp_path / "model.safetensors"})
     with pytest.raises(UserError, match="SAM2.*model.safetensors"):
         find_checkpoint(gone, "small")
@@ -79,7 +79,7 @@ def test_each_file_of_a_model_counts(tiny_sam2, tiny_clip, tmp_path):
         vocabulary.write_bytes(content)
 
 
-def test_a_model_that_is_not_there_breaks_no_other(tiny_sam2, tiny_clip):
+def test_a_missing_model_does_not_affect_others(tiny_sam2, tiny_clip):
     keys = keys_of(tiny_sam2, tiny_clip) | {"clip_checkpoint": "/nowhere/m.bin"}
     hashes = model_hashes({"models": keys})
     assert hashes == {"sam2_checkpoint": model_hash(SAM2, keys), "clip_checkpoint": "missing"}

@@ -36,7 +36,7 @@ def test_a_path_is_taken_as_it_is(tiny_sam2):
 @pytest.mark.parametrize(
     "config", ["sam2.1_hiera_b", "/nowhere/sam2.1_hiera_b+.yaml", "configs/sam2/sam2.1_hiera_b+"]
 )
-def test_an_unknown_sam2_is_told_with_those_there_are(config):
+def test_an_unknown_sam2_lists_the_known_ones(config):
     with pytest.raises(UserError, match=r"models.sam2_config = .*sam2.1_hiera_b\+"):
         sam2_config_file(config)
 
@@ -62,17 +62,17 @@ def test_a_folder_describes_an_open_clip_model(tiny_clip, prefix):
         ("/nowhere", "models.clip_model = '/nowhere' is neither a folder nor known"),
     ],
 )
-def test_an_unknown_open_clip_is_told(model, message):
+def test_an_unknown_open_clip_is_reported(model, message):
     with pytest.raises(UserError, match=message):
         clip_folder(model)
 
 
-def test_a_folder_without_description_is_told(tmp_path):
+def test_a_folder_without_description_is_reported(tmp_path):
     with pytest.raises(UserError, match="models.clip_model: .*open_clip_config.json"):
         clip_folder(str(tmp_path))
 
 
-def test_nothing_heavy_is_imported_to_find_a_model():
+def test_finding_a_model_does_not_import_torch():
     code = (
         "import sys; from egosplat.models.checkpoints import model_hashes\n"
         "model_hashes({'models': dict(sam2_config='sam2.1_hiera_b+', sam2_checkpoint='none',"

@@ -25,7 +25,7 @@ def test_a_hole_is_filled_up_to_the_given_area(area, filled, dtype):
     assert torch.equal(result, torch.where(hole, torch.tensor(FILLED, dtype=dtype), scores))
 
 
-def test_a_hole_joined_to_the_outside_by_a_corner_is_outside():
+def test_a_hole_connected_by_a_corner_is_not_filled():
     scores = ring(9, hole=2)
     scores[3, 3] = scores[2, 2] = -5.0
     assert torch.equal(fill_holes(scores, 9), scores)

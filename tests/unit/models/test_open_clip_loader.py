@@ -46,7 +46,7 @@ def test_pictures_and_texts_become_features(tiny_clip, precision):
     assert pictures.isfinite().all() and texts.isfinite().all()
 
 
-def test_what_a_picture_must_be_is_the_folder_s_or_open_clip_s_own(tiny_clip):
+def test_preprocessing_comes_from_the_folder_or_open_clip(tiny_clip):
     own = (0.26862954, 0.26130258, 0.27577711)
     assert load(tiny_clip).preprocessing == Preprocessing(
         (32, 32), (0.5, 0.4, 0.3), own, "bilinear", "squash"
@@ -66,12 +66,12 @@ def test_a_name_of_open_clip_is_built_without_its_weights():
 
 
 @pytest.mark.parametrize("model", ["roberta-ViT-B-32", "ViT-B-16-SigLIP"])
-def test_a_model_that_needs_the_hub_is_refused(model):
+def test_a_model_that_needs_the_hub_is_rejected(model):
     with pytest.raises(UserError, match=f"models.clip_model = '{model}'"):
         read_description(model, None)
 
 
-def test_a_folder_that_needs_the_hub_is_refused(folder, description):
+def test_a_folder_that_needs_the_hub_is_rejected(folder, description):
     description["model_cfg"]["text_cfg"]["hf_tokenizer_name"] = "bert-base-uncased"
     (folder / "open_clip_config.json").write_text(json.dumps(description))
     with pytest.raises(UserError, match="download"):
@@ -83,14 +83,14 @@ def test_text_towers_of_their_own_are_built(description):
     assert hasattr(module, "text")
 
 
-def test_a_checkpoint_of_another_architecture_is_told(folder, description):
+def test_a_checkpoint_of_another_architecture_is_reported(folder, description):
     description["model_cfg"]["text_cfg"]["layers"] = 2
     (folder / "open_clip_config.json").write_text(json.dumps(description))
     with pytest.raises(UserError, match="models.clip_model .*12 of"):
         load(folder)
 
 
-def test_another_vocabulary_than_the_text_model_s_is_told(folder):
+def test_another_vocabulary_than_the_text_model_s_is_reported(folder):
     (folder / "bpe.txt.gz").unlink()
     with pytest.raises(UserError, match="49,408 .*518.* bpe.txt.gz"):
         load(folder)
@@ -105,7 +105,7 @@ BITS[12:40] = b"\xff" * 28
     [b"rubbish", gzip.compress(b"a b" * 100, mtime=0)[:-12], bytes(BITS)],
     ids=["text", "cut", "bits"],
 )
-def test_a_damaged_vocabulary_is_told(folder, content):
+def test_a_damaged_vocabulary_is_reported(folder, content):
     (folder / "bpe.txt.gz").write_bytes(content)
     with pytest.raises(UserError, match="bpe.txt.gz"):
         load(folder)
@@ -132,7 +132,7 @@ def test_a_damaged_vocabulary_is_told(folder, content):
         ),
     ],
 )
-def test_a_damaged_description_is_told(folder, text, message):
+def test_a_damaged_description_is_reported(folder, text, message):
     (folder / "open_clip_config.json").write_text(text)
     with pytest.raises(UserError, match=message) as caught:
         load(folder)
@@ -143,7 +143,7 @@ def test_a_damaged_description_is_told(folder, text, message):
     "settings",
     [{"timm_model_name": "hf-hub:a/b"}, {"timm_model_name": "resnet18", "timm_model_pretrained": True}],
 )
-def test_a_vision_model_of_the_network_is_refused(folder, description, settings):
+def test_a_vision_model_of_the_network_is_rejected(folder, description, settings):
     description["model_cfg"]["vision_cfg"] |= settings
     (folder / "open_clip_config.json").write_text(json.dumps(description))
     with pytest.raises(UserError, match="download"):
@@ -158,7 +158,7 @@ def test_a_vision_model_of_the_network_is_refused(folder, description, settings)
         ({"interpolation": "magic"}, "preprocess_cfg.interpolation = 'magic'; take one of bicubic, bilinear"),
     ],
 )
-def test_preprocessing_that_is_none_is_told(folder, description, settings, message):
+def test_invalid_preprocessing_is_reported(folder, description, settings, message):
     description["preprocess_cfg"] |= settings
     (folder / "open_clip_config.json").write_text(json.dumps(description))
     with pytest.raises(UserError, match=message):

@@ -121,14 +121,14 @@ def test_hydra_s_global_state_is_left_alone(tiny_sam2):
         hydra.hydra = before
 
 
-def test_a_checkpoint_of_another_architecture_is_told(tiny_sam2, model_tree, tmp_path):
+def test_a_checkpoint_of_another_architecture_is_reported(tiny_sam2, model_tree, tmp_path):
     model_tree["model"]["num_maskmem"] = 5
     (tmp_path / "other.yaml").write_text(yaml.safe_dump(model_tree))
     with pytest.raises(UserError, match="maskmem_tpos_enc, 3x1x1x8 .*5x1x1x8"):
         load_sam2(str(tmp_path / "other.yaml"), str(tiny_sam2 / "model.safetensors"), "cpu", "float32")
 
 
-def test_a_missing_checkpoint_is_told_before_anything_is_built(tiny_sam2):
+def test_a_missing_checkpoint_is_reported_before_anything_is_built(tiny_sam2):
     with pytest.raises(UserError, match="models.sam2_checkpoint: .*/nowhere.pt"):
         load_sam2(str(tiny_sam2 / "sam2.yaml"), "/nowhere.pt", "cpu", "float32")
 
@@ -168,7 +168,7 @@ def test_a_missing_checkpoint_is_told_before_anything_is_built(tiny_sam2):
         ),
     ],
 )
-def test_what_describes_no_sam2_is_told(tmp_path, monkeypatch, text, message):
+def test_an_invalid_sam2_description_is_reported(tmp_path, monkeypatch, text, message):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own.yaml").write_text(text)
     with pytest.raises(UserError, match=f"own.yaml: .*{message}") as caught:

@@ -102,7 +102,7 @@ def features(clip: OpenClip) -> torch.Tensor:
     return encode(clip, pictures).reshape(len(TOLD), 4, -1)
 
 
-def test_it_is_small_and_has_what_it_needs() -> None:
+def test_the_model_is_small_and_complete() -> None:
     size = sum(file.stat().st_size for file in SMALL_CLIP.iterdir())
     assert size < 3.45e6
     assert {
@@ -137,7 +137,7 @@ def test_true_names_are_more_relevant_than_canonical_phrases_and_false_ones_less
     assert relevant[~true].float().mean() <= 0.2
 
 
-def test_colours_are_told(clip: OpenClip) -> None:
+def test_colours_are_reported(clip: OpenClip) -> None:
     discs = []
     y, x = np.mgrid[:SIDE, :SIDE] - SIDE / 2
     for colour in ((200, 40, 40), (40, 150, 60), (50, 80, 200), (235, 205, 60)):

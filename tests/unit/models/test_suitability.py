@@ -15,7 +15,7 @@ def artifact(origin: str, models: dict[str, str], **facts):
     return SimpleNamespace(origin=origin, provenance=made, facts=facts)
 
 
-def test_a_real_recording_with_small_checkpoints_is_told_with_what_to_do():
+def test_a_real_recording_with_small_checkpoints_is_reported_with_what_to_do():
     told = notice("real", BOTH)
     assert "\n" not in told and "synthetic apartments alone" in told
     assert "models.sam2_checkpoint" in told and "models.clip_checkpoint" in told
@@ -30,16 +30,16 @@ def test_a_real_recording_with_small_checkpoints_is_told_with_what_to_do():
         ("real", {}),
     ],
 )
-def test_nothing_is_told_where_models_and_recording_fit(origin, checkpoints):
+def test_matching_models_and_recording_give_no_notice(origin, checkpoints):
     assert notice(origin, checkpoints) is None
 
 
-def test_of_one_small_checkpoint_only_its_key_is_named():
+def test_the_notice_names_only_the_small_checkpoint():
     told = notice("real", {"sam2_checkpoint": "small", "clip_checkpoint": "clip.bin"})
     assert "models.sam2_checkpoint" in told and "clip" not in told
 
 
-def test_artifacts_are_told_by_their_provenance():
+def test_artifacts_are_reported_by_their_provenance():
     segments = artifact("real", {"sam2_checkpoint": "small"})
     frames = artifact("real", {})
     assert notice_of_artifacts([frames]) is None

@@ -20,7 +20,7 @@ TENSORS = {"weight": torch.arange(6.0).reshape(2, 3), "bias": torch.tensor([0.5,
 
 
 @pytest.mark.parametrize("name", ["m.pt", "m.pth", "m.bin", "m.safetensors"])
-def test_what_was_saved_is_read(tmp_path, name):
+def test_saved_weights_are_read_back(tmp_path, name):
     save = save_file if name.endswith("safetensors") else torch.save
     save(TENSORS, tmp_path / name)
     read = read_tensors(tmp_path / name)
@@ -37,7 +37,7 @@ def test_what_was_saved_is_read(tmp_path, name):
         {"state_dict": {"module." + name: value for name, value in TENSORS.items()}},
     ],
 )
-def test_what_training_scripts_wrap_is_unwrapped(tmp_path, wrapped):
+def test_wrapped_state_dicts_are_unwrapped(tmp_path, wrapped):
     torch.save(wrapped, tmp_path / "m.pt")
     assert read_tensors(tmp_path / "m.pt").keys() == TENSORS.keys()
 
@@ -52,7 +52,7 @@ class Harmful:
         return (open, (str(self.marker), "w"))
 
 
-def test_code_in_a_checkpoint_is_refused_and_not_run(tmp_path):
+def test_code_in_a_checkpoint_is_rejected_and_not_run(tmp_path):
     torch.save({"model": TENSORS, "more": Harmful(tmp_path / "ran")}, tmp_path / "m.pt")
     with pytest.raises(UserError, match="m.pt.*code") as caught:
         read_tensors(tmp_path / "m.pt")
@@ -64,7 +64,7 @@ def test_code_in_a_checkpoint_is_refused_and_not_run(tmp_path):
     "content", [b"", b"\x00" * 50, b"<html>404 not found</html>", b"version https://git-lfs"]
 )
 @pytest.mark.parametrize("name", ["m.pt", "m.safetensors"])
-def test_rubbish_is_told_in_one_line(tmp_path, name, content):
+def test_garbage_is_reported_in_one_line(tmp_path, name, content):
     (tmp_path / name).write_bytes(content)
     with pytest.raises(UserError, match=f"{name}: .*{len(content)} bytes") as caught:
         read_tensors(tmp_path / name)
@@ -96,7 +96,7 @@ def test_a_lack_of_memory_is_not_taken_for_damage(tmp_path, name):
     assert re.match("(MemoryError|RuntimeError) .*allocate memory", done.stdout), done
 
 
-def test_no_random_bytes_bring_the_reader_down(tmp_path):
+def test_random_bytes_never_crash_the_reader(tmp_path):
     random = np.random.default_rng(0)
     stream = io.BytesIO()
     torch.save(TENSORS, stream, _use_new_zipfile_serialization=False)
@@ -116,7 +116,7 @@ def test_no_random_bytes_bring_the_reader_down(tmp_path):
 
 @pytest.mark.parametrize("name", ["m.pt", "m.safetensors"])
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.99])
-def test_a_truncated_checkpoint_is_told(tmp_path, name, share):
+def test_a_truncated_checkpoint_is_reported(tmp_path, name, share):
     save = save_file if name.endswith("safetensors") else torch.save
     save({"weight": torch.zeros(100, 100)}, tmp_path / name)
     whole = (tmp_path / name).read_bytes()
@@ -129,13 +129,13 @@ def test_a_truncated_checkpoint_is_told(tmp_path, name, share):
     "content",
     [[1, 2], {}, {"a": 3}, {"model": {"a": {"b": torch.ones(1)}}}, {1: torch.ones(1)}, torch.ones(3)],
 )
-def test_what_is_no_state_is_told(tmp_path, content):
+def test_a_file_without_tensors_is_reported(tmp_path, content):
     torch.save(content, tmp_path / "m.pt")
     with pytest.raises(UserError, match="m.pt.*tensors"):
         read_tensors(tmp_path / "m.pt")
 
 
-def test_another_kind_of_file_is_told(tmp_path):
+def test_another_kind_of_file_is_reported(tmp_path):
     (tmp_path / "m.onnx").touch()
     with pytest.raises(UserError, match=r"m.onnx: .*\.safetensors, \.pt"):
         read_tensors(tmp_path / "m.onnx")
@@ -148,7 +148,7 @@ def test_half_precision_becomes_the_module_s_own(tmp_path):
     assert torch.equal(module.weight, TENSORS["weight"]) and torch.equal(module.bias, TENSORS["bias"])
 
 
-def test_another_architecture_is_told_with_counts_and_examples(tmp_path):
+def test_another_architecture_is_reported_with_counts_and_examples(tmp_path):
     module = nn.Sequential(nn.Linear(3, 2), nn.Linear(3, 2))
     given = {"0.weight": torch.zeros(4, 3), "0.bias": torch.zeros(2), "head": torch.zeros(1)}
     with pytest.raises(UserError) as caught:

@@ -56,7 +56,7 @@ def package(tmp_path, monkeypatch):
     ],
     ids=["comment", "docstring", "layout", "unrelated module"],
 )
-def test_what_is_not_executed_does_not_count(package, change):
+def test_code_outside_the_import_closure_does_not_change_the_hash(package, change):
     assert package() == package(**change)
 
 
@@ -70,7 +70,7 @@ def test_what_is_not_executed_does_not_count(package, change):
     ],
     ids=["constant", "default", "parent package", "import in a function"],
 )
-def test_what_is_executed_counts(package, change):
+def test_code_inside_the_import_closure_changes_the_hash(package, change):
     assert package() != package(**change)
 
 
@@ -101,11 +101,11 @@ def test_the_sources_of_a_package_that_is_not_reached_do_not_count(package, tmp_
     assert with_sources(package, tmp_path, CPP.replace("2.0f", "2.5f"), **stage) == first
 
 
-def test_the_kernels_own_sources_count():
+def test_kernel_sources_change_the_hash():
     assert (modules_of("egosplat.kernels.library")["egosplat.kernels"].parent / "source").is_dir()
 
 
-def test_versions_of_libraries_count():
+def test_library_versions_change_the_hash():
     assert code_hash("egosplat.geometry") != code_hash("egosplat.geometry", ("numpy",))
 
 

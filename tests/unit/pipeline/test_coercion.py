@@ -37,17 +37,17 @@ def test_a_text_is_read_as_the_schema_wants_it(section, key, text, value):
 
 
 @pytest.mark.parametrize("text", ["five", "5 000", "3.0", ".inf", "1e400", "[5]", "", "2020-01-01"])
-def test_a_text_that_is_no_such_value_is_refused_with_its_key(text):
+def test_a_text_that_is_no_such_value_is_rejected_with_its_key(text):
     with pytest.raises(UserError, match=r"splats\.iterations = .*whole number"):
         resolve({"splats": {"iterations": text}}, PRESETS)
 
 
-def test_a_number_out_of_range_is_told_by_its_range():
+def test_a_number_out_of_range_is_reported_by_its_range():
     with pytest.raises(UserError, match=r"splats\.iterations = -5"):
         resolve({"splats": {"iterations": "-5"}}, PRESETS)
 
 
-def test_an_alias_of_itself_ends():
+def test_a_self_referencing_yaml_alias_terminates():
     loop: dict = {}
     loop["variants"] = {"a": loop}
     loop["frames"] = {"stride": loop}

@@ -93,7 +93,7 @@ def test_the_shipped_configuration_sets_no_stage_key():
     assert config.resolve(shipped, PRESETS) == config.defaults() | {"data_root": {"adt": None, "hoi4d": None}}
 
 
-def test_the_user_stands_over_the_preset_and_the_preset_over_the_defaults():
+def test_user_overrides_preset_overrides_defaults():
     resolved = config.resolve({"preset": "fast", "frames": {"resolution": 300}}, PRESETS)
     assert resolved["frames"]["resolution"] == 300
     assert resolved["synthetic"]["size"] == 352
@@ -170,7 +170,7 @@ def test_the_reference_page_holds_every_key_once_under_its_section():
         ({"data_root": {"adt": ""}}, "data_root.adt = '' is not allowed: must not be empty"),
     ],
 )
-def test_what_is_not_allowed_is_named(user, message):
+def test_invalid_values_are_named_by_key(user, message):
     with pytest.raises(UserError, match=message) as caught:
         config.resolve(user, PRESETS)
     assert str(caught.value).count("\n") <= 1

@@ -21,7 +21,7 @@ from egosplat.pipeline.failures import MOST, ShortErrors, last_message, shorten_
         (None, "See {log}"),
     ],
 )
-def test_the_message_is_the_last_one_of_the_log(tmp_path, text, message):
+def test_the_last_message_of_the_log_is_shown(tmp_path, text, message):
     log = tmp_path / "stage.log"
     if text is not None:
         log.write_text(text)
@@ -38,7 +38,7 @@ def failed(output: str, log: str) -> logging.LogRecord:
     return record
 
 
-def test_a_job_that_failed_is_told_without_its_shell_command_and_the_record_keeps_it():
+def test_a_failed_job_is_shown_without_its_shell_command():
     short, record = ShortErrors(DefaultFormatter()), failed("results/a.zarr", "a.log")
     text = short.format(record)
     assert "Error in rule frames" in text and "a.log" in text and "--stride" not in text
@@ -46,7 +46,7 @@ def test_a_job_that_failed_is_told_without_its_shell_command_and_the_record_keep
     assert short.failed == {"results/a.zarr": "a.log"}
 
 
-def test_a_failed_shell_command_is_not_told_twice_and_other_errors_are():
+def test_a_failed_shell_command_is_reported_once():
     short = ShortErrors(DefaultFormatter())
     for text, kept in (("RuleException:\nCalledProcessError in file x", False), ("WorkflowError:\nx", True)):
         record = logging.LogRecord("snakemake", logging.ERROR, "", 0, text, None, None)
@@ -54,7 +54,7 @@ def test_a_failed_shell_command_is_not_told_twice_and_other_errors_are():
         assert short.format(record) == (text if kept else "")
 
 
-def test_many_failures_are_told_up_to_a_number(capsys):
+def test_the_number_of_reported_failures_is_limited(capsys):
     short = ShortErrors(DefaultFormatter())
     for number in range(MOST + 2):
         short.format(failed(f"results/{number}.zarr", "no.log"))

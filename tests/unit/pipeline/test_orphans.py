@@ -28,7 +28,7 @@ def stage(started_by: str) -> subprocess.Popen[str]:
     return process
 
 
-def test_it_ends_when_its_snakemake_is_gone():
+def test_a_stage_exits_with_its_snakemake():
     snakemake = subprocess.Popen(["sleep", "30"])
     process = stage(str(snakemake.pid))
     time.sleep(0.2)
@@ -39,7 +39,7 @@ def test_it_ends_when_its_snakemake_is_gone():
     assert "goes on from here" in process.stderr.read()
 
 
-def test_by_itself_it_does_not_end():
+def test_a_stage_without_snakemake_keeps_running():
     for started_by in ("", "rubbish", str(os.getpid())):
         process = stage(started_by)
         time.sleep(1.5)

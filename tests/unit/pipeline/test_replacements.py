@@ -137,7 +137,7 @@ def test_an_artifact_that_cannot_be_read_is_left_to_its_reader(scene, content):
     assert replacement_notices([asked]) == []
 
 
-def test_what_is_not_there_yet_is_not_replaced(tmp_path):
+def test_missing_artifacts_are_not_listed_as_replaced(tmp_path):
     asked = Asked(tmp_path, None, ALL, resolved(), lambda stage: path(tmp_path, stage), lambda _: resolved())
     assert replacement_notices([asked]) == []
 

@@ -47,7 +47,7 @@ def folder(tmp_path, monkeypatch):
         ),
     ],
 )
-def test_what_is_no_finished_scene_is_told_with_all_it_lacks(folder, given, said):
+def test_an_unfinished_scene_lists_its_missing_files(folder, given, said):
     with pytest.raises(UserError) as caught:
         check_scene_folder(folder.__class__(given), STAGES)
     assert said in str(caught.value) and "\n" not in str(caught.value)

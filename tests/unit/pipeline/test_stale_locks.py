@@ -32,7 +32,7 @@ def locked(folder: Path) -> Path:
     return lock
 
 
-def test_what_a_killed_one_left_is_cleared(tmp_path):
+def test_locks_of_a_killed_snakemake_are_removed(tmp_path):
     lock = locked(tmp_path)
     first = another(tmp_path)
     assert first.said == "True" and not lock.exists()
@@ -44,7 +44,7 @@ def test_what_a_killed_one_left_is_cleared(tmp_path):
     second.communicate("")
 
 
-def test_a_living_one_keeps_its_locks(tmp_path):
+def test_locks_of_a_running_snakemake_stay(tmp_path):
     first = another(tmp_path)
     lock = locked(tmp_path)
     second, third = another(tmp_path), another(tmp_path)
@@ -58,7 +58,7 @@ def test_a_living_one_keeps_its_locks(tmp_path):
     last.communicate("")
 
 
-def test_a_folder_that_cannot_be_is_left_to_snakemake(tmp_path):
+def test_an_unreadable_lock_folder_is_left_to_snakemake(tmp_path):
     (tmp_path / "file").write_text("")
     assert clear_stale_locks(tmp_path / "file") is False
     assert clear_stale_locks(tmp_path / "missing" / "deeper") is False

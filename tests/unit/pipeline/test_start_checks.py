@@ -10,7 +10,7 @@ from egosplat.pipeline.process_guards import check_cores
 @pytest.mark.parametrize(
     "cores, nodes, named", [(0, None, "--cores 0"), (-2, None, "--cores -2"), (None, 0, "--jobs 0")]
 )
-def test_nothing_to_run_on_is_refused(cores, nodes, named):
+def test_no_cores_and_no_jobs_are_rejected(cores, nodes, named):
     with pytest.raises(UserError, match=named):
         check_cores(cores, nodes)
 

@@ -37,7 +37,7 @@ def test_a_models_key_reaches_the_stages_that_take_it():
     assert reached(models={"clip_model": "other"}).isdisjoint({"segments", "splats"})
 
 
-def test_the_same_values_reach_nothing():
+def test_unchanged_values_make_nothing_stale():
     assert reached(splats={"masking": BASE["splats"]["masking"]}) == set()
 
 
@@ -49,7 +49,7 @@ def test_the_same_values_reach_nothing():
         ("refined", "joint", ("masks", "segments", "features")),
     ],
 )
-def test_what_the_splats_need_depends_on_their_keys(masking, language, expected):
+def test_inputs_of_splats_depend_on_their_keys(masking, language, expected):
     keys = {"splats": {"masking": masking, "language": language}, "survey": {"min_view_change_deg": 0}}
     config = merge(BASE, keys)
     assert optional_inputs_of("splats", config) == expected
@@ -61,7 +61,7 @@ ALL_FRAMES = merge(BASE, {"survey": {"min_view_change_deg": 0}})
 
 
 @pytest.mark.parametrize("stage", ["segments", "transient", "splats", "language"])
-def test_what_learns_follows_the_survey_where_frames_may_be_left_out(stage):
+def test_training_stages_read_the_survey_if_frames_may_be_left_out(stage):
     assert "survey" in optional_inputs_of(stage, BASE)
     assert "survey" not in optional_inputs_of(stage, ALL_FRAMES)
     assert reaches(stage, BASE, merge(BASE, {"survey": {"min_view_change_deg": 9.0}}))
@@ -77,12 +77,12 @@ def test_a_survey_reaches_the_splats_where_it_decides_their_masking():
     assert not reaches("splats", explicit, merge(explicit, careful))
 
 
-def test_keys_of_what_moves_reach_splats_whose_survey_decides():
+def test_transient_keys_reach_splats_if_the_survey_decides():
     changed = merge(ALL_FRAMES, {"transient": {"lambda2": 0.1}})
     assert reaches("splats", ALL_FRAMES, changed) and not reaches("survey", ALL_FRAMES, changed)
 
 
-def test_a_variant_is_its_keys_over_the_scenes():
+def test_a_variant_overrides_the_scenes_keys():
     scene = merge(BASE, {"splats": {"iterations": 5}, "variants": {"mine": {"splats": {"masking": "none"}}}})
     found = variant_config(scene, "mine", "adt/scene1")
     assert (found["splats"]["masking"], found["splats"]["iterations"]) == ("none", 5)
@@ -103,13 +103,13 @@ OVER = merge(
 )
 
 
-def test_a_variant_over_another_has_the_keys_of_both():
+def test_a_variant_inherits_keys():
     found = variant_config(OVER, "narrow", "adt/scene1")
     assert (found["splats"]["iterations"], found["features"]["dims"]) == (5, 4)
     assert "over" not in found
 
 
-def test_of_several_that_a_variant_stands_over_later_ones_count():
+def test_later_parents_of_a_variant_win():
     found = variant_config(OVER, "both", "adt/scene1")
     assert (found["segments"]["points_per_side"], found["splats"]["iterations"]) == (4, 5)
 
@@ -126,7 +126,7 @@ def test_of_several_that_a_variant_stands_over_later_ones_count():
         ),
     ],
 )
-def test_a_variant_shares_with_what_it_stands_over(name, expected):
+def test_a_variant_shares_artifacts_with_its_parents(name, expected):
     assert {stage: owner(stage, OVER, name, "adt/scene1") for stage in expected} == expected
 
 
@@ -149,7 +149,7 @@ def test_a_variant_shares_with_what_it_stands_over(name, expected):
         ({f"v{i}": {} for i in range(20)}, "mine", r"v3, v4, 15 more$"),
     ],
 )
-def test_a_variant_that_cannot_be_is_refused(variants, name, message):
+def test_an_invalid_variant_is_rejected(variants, name, message):
     scene = merge(BASE, {"variants": variants})
     with pytest.raises(UserError, match=message):
         variant_config(scene, name, "adt/scene1")

@@ -10,7 +10,7 @@ from egosplat.errors import UserError
 from egosplat.pipeline.process_guards import check_writable, only_looks, only_reports
 
 
-def test_nothing_is_left_where_all_is_well(tmp_path):
+def test_the_write_probe_leaves_no_file(tmp_path):
     (tmp_path / "results").mkdir()
     check_writable([tmp_path / "results", tmp_path / "logs/deeper"])
     assert [path.name for path in tmp_path.rglob("*")] == ["results"]
@@ -20,7 +20,7 @@ def test_nothing_is_left_where_all_is_well(tmp_path):
     ("number", "advice"),
     [(errno.ENOSPC, "Make room"), (errno.EDQUOT, "Make room"), (errno.EROFS, "has to be writable")],
 )
-def test_what_the_system_refuses_is_told_with_the_folder(tmp_path, monkeypatch, number, advice):
+def test_an_unwritable_folder_is_named_with_the_reason(tmp_path, monkeypatch, number, advice):
     def refuse(**_: object) -> None:
         raise OSError(number, os.strerror(number))
 
@@ -29,7 +29,7 @@ def test_what_the_system_refuses_is_told_with_the_folder(tmp_path, monkeypatch, 
         check_writable([tmp_path / "results"])
 
 
-def test_a_file_in_a_folders_place_is_no_folder(tmp_path):
+def test_a_file_in_place_of_a_folder_is_reported(tmp_path):
     (tmp_path / "results").touch()
     check_writable([tmp_path / "results/adt"])  # Snakemake says what is wrong with it
 
@@ -37,7 +37,7 @@ def test_a_file_in_a_folders_place_is_no_folder(tmp_path):
 @pytest.mark.parametrize(
     "words", [["-n", "a"], ["--dry-run"], ["--report", "x.html"], ["--dag=dot"], ["--lt"]]
 )
-def test_what_only_looks(words):
+def test_read_only_commands_skip_the_write_probe(words):
     assert only_looks(["snakemake", *words])
 
 
@@ -50,14 +50,14 @@ WRITING = [
 
 
 @pytest.mark.parametrize("words", WRITING)
-def test_what_writes(words):
+def test_writing_commands_run_the_write_probe(words):
     assert not only_looks(["snakemake", *words])
 
 
 @pytest.mark.parametrize(
     "words", [["--report", "x.html"], ["--report=x.zip"], ["--cores", "1", "--report", "x.html"]]
 )
-def test_what_only_reports(words):
+def test_report_commands_skip_the_write_probe(words):
     assert only_reports(["snakemake", *words])
 
 

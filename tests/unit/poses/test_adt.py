@@ -113,14 +113,14 @@ def test_a_quaternion_that_is_not_of_unit_norm_is_named(
         (lambda table: table.assign(gravity_y_world=0.0), "gravity_world is 0 m/s"),
     ],
 )
-def test_a_bad_table_is_refused(
+def test_a_bad_table_is_rejected(
     table: pd.DataFrame, recording: Recording, change: Callable[[pd.DataFrame], pd.DataFrame], message: str
 ):
     with pytest.raises(UserError, match=message):
         poses_at(recording(change(table)), [1_000_000])
 
 
-def test_a_missing_an_empty_and_a_binary_file_are_refused(tmp_path: Path):
+def test_a_missing_an_empty_and_a_binary_file_are_rejected(tmp_path: Path):
     path = tmp_path / "aria_trajectory.csv"
     with pytest.raises(UserError, match="is missing"):
         read_trajectory(path)
@@ -142,7 +142,7 @@ def test_a_missing_trajectory_names_the_key_of_the_other_where_that_is_there(
         poses_at(folder, [1_000_000], asked)
 
 
-def test_no_frame_with_a_pose_is_refused_with_its_reason(table: pd.DataFrame, recording: Recording):
+def test_no_registered_frame_is_rejected_with_the_reason(table: pd.DataFrame, recording: Recording):
     folder = recording(table)
     with pytest.raises(UserError, match="1.000 s to 1.130 s.* 7.000 s to 8.000 s"):
         poses_at(folder, [7e6, 8e6])
@@ -163,7 +163,7 @@ def test_points_are_filtered_by_both_uncertainties(table: pd.DataFrame, recordin
     assert poses.notes["points_rejected"] == {"not_finite": 1, "too_far": 1, "inv_dist_std": 3, "dist_std": 2}
 
 
-def test_ground_truth_does_without_points_and_closed_loop_does_not(table: pd.DataFrame, recording: Recording):
+def test_points_are_optional_for_ground_truth_only(table: pd.DataFrame, recording: Recording):
     folder = recording(table)
     recording(table, closed_loop=True)
     assert poses_at(folder, [1_000_000]).points.shape == (0, 3)
@@ -176,7 +176,7 @@ def test_ground_truth_does_without_points_and_closed_loop_does_not(table: pd.Dat
         poses_at(folder, [1_000_000], "closed_loop")
 
 
-def test_a_damaged_point_cloud_is_refused(table: pd.DataFrame, recording: Recording):
+def test_a_damaged_point_cloud_is_rejected(table: pd.DataFrame, recording: Recording):
     rng = np.random.default_rng(0)
     points = cloud(list(rng.random(5000) * 1e-3), list(rng.random(5000)))
     path = recording(table, points) / "mps" / "slam" / "semidense_points.csv.gz"
@@ -218,7 +218,7 @@ def test_real_frames_get_poses_that_look_upright_and_move_little(real_data: Call
         adt_poses(folder, times, sensor, CAMERA, trajectory="closed_loop", max_gap_ms=50.0)
 
 
-def test_pictures_that_are_not_upright_are_told(
+def test_frames_that_are_not_upright_are_reported(
     table: pd.DataFrame, recording: Recording, capsys: pytest.CaptureFixture[str]
 ):
     folder, time = recording(table), np.array([1_000_000_000], dtype=np.int64)

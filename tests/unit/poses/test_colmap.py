@@ -138,7 +138,7 @@ def test_no_feature_lies_outside_of_the_mask_or_at_its_edge(walk_pictures: Pictu
     assert np.hypot(x - 120.0, y - 90.0).max() < 88.0 - 1.0
 
 
-def test_the_mask_keeps_off_the_edge_of_the_scene_but_not_off_the_picture_s(tmp_path: Path):
+def test_the_mask_margin_applies_to_the_lens_edge_only(tmp_path: Path):
     valid = EVERYWHERE.copy()
     valid[:, 120:] = False
     project = Project(tmp_path)
@@ -161,7 +161,7 @@ def test_a_guessed_camera_is_entered_as_a_guess(walk_pictures: Pictures, tmp_pat
     assert camera.params.tolist() == [GUESS.fx, GUESS.fy, GUESS.cx, GUESS.cy]
 
 
-def test_pictures_of_something_else_are_reported_and_left_out(
+def test_unrelated_frames_are_left_out_and_reported(
     walk_pictures: Pictures, walked: Poses, true_walk: NDArray[np.float64]
 ):
     blank = np.full_like(walk_pictures[0], 90)
@@ -172,7 +172,7 @@ def test_pictures_of_something_else_are_reported_and_left_out(
     assert trajectory_error(poses.camera_to_world[poses.registered], true_walk)["ate_rmse_m"] < 0.005
 
 
-def test_too_small_a_model_is_refused_with_its_size(walk_pictures: Pictures):
+def test_too_small_a_model_is_rejected_with_its_size(walk_pictures: Pictures):
     with pytest.raises(UserError, match="10 of 13 .*poses.min_registered .*80%") as caught:
         reconstruct([*walk_pictures, *(noise(seed) for seed in range(3))], min_registered=0.8)
     assert "not registered, counted from 0: 10 to 12" in str(caught.value)
@@ -185,50 +185,50 @@ def test_a_larger_overlap_is_advised_only_where_it_would_help(strategy, advised)
     assert ("poses.overlap" in too_few({0, 1, 2}, [], 9, 0.5, strategy)) == advised
 
 
-def test_a_second_model_is_told_with_its_frames():
+def test_a_second_model_is_reported_with_its_frames():
     text = too_few(set(range(5)), [{5, 6, 7}, {6, 7, 8, 9, 11}], 12, 0.5, "exhaustive")
     assert "not registered, counted from 0: 5 to 11" in text
     assert "A second model holds 5 (6 to 9, 11)" in text and "poses.min_registered=0.41" in text
     assert "second model" not in too_few(set(range(5)), [], 12, 0.5, "exhaustive")
 
 
-def test_the_share_that_is_named_is_one_that_the_model_has():
+def test_the_suggested_min_registered_would_be_met():
     for held in range(1, 40):
         text = too_few(set(range(held)), [], 40, 1.0, "exhaustive")
         assert float(text.rpartition("=")[2]) * 40 <= held
 
 
-def test_many_runs_of_frames_are_cut_short():
+def test_long_lists_of_frames_are_shortened():
     assert ranges({1, 2, 3, 7}) == "1 to 3, 7"
     assert ranges(set(range(0, 100, 2))).endswith("20, 22, ...")
 
 
 @pytest.mark.parametrize("known", [True, False])
-def test_a_camera_that_only_turns_is_refused(room: Any, known: bool):
+def test_a_camera_that_only_turns_is_rejected(room: Any, known: bool):
     # With this guess COLMAP makes models of up to four pictures with a point or two: no scene.
     camera = CAMERA if known else Camera(240, 180, 240.0, 240.0, 120.0, 90.0)
     with pytest.raises(UserError, match="parallax"):
         reconstruct(room.pictures(room.pan(10)), camera, known)
 
 
-def test_copies_of_one_picture_are_refused(walk_pictures: Pictures):
+def test_identical_frames_are_rejected(walk_pictures: Pictures):
     with pytest.raises(UserError, match="0.00 px"):
         reconstruct([walk_pictures[0]] * 5)
 
 
-def test_blank_pictures_are_refused_with_their_number_of_features(walk_pictures: Pictures):
+def test_blank_pictures_are_rejected_with_their_number_of_features(walk_pictures: Pictures):
     blank = np.full_like(walk_pictures[0], 90)
     with pytest.raises(UserError, match=r"2 of 6 .*50 features .*median 0, most \d{3,}"):
         reconstruct([*walk_pictures[:2], *[blank] * 4])
 
 
-def test_pictures_of_different_things_are_refused():
+def test_pictures_of_different_things_are_rejected():
     with pytest.raises(UserError, match="10 pairs"):
         reconstruct([noise(seed) for seed in range(5)])
 
 
 @pytest.mark.parametrize("count", [0, 2])
-def test_too_few_pictures_are_refused(walk_pictures: Pictures, count: int):
+def test_too_few_pictures_are_rejected(walk_pictures: Pictures, count: int):
     with pytest.raises(UserError, match=f"3 .*not {count}"):
         reconstruct(walk_pictures[:count])
 
@@ -238,7 +238,9 @@ def test_a_picture_unlike_its_camera_is_a_programming_error(walk_pictures: Pictu
         reconstruct([walk_pictures[0], walk_pictures[1][:-2]])
 
 
-def test_nothing_is_left_behind(walk_pictures: Pictures, tmp_path: Path, capfd: pytest.CaptureFixture[str]):
+def test_colmap_leaves_no_temporary_files(
+    walk_pictures: Pictures, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+):
     level = pycolmap.logging.minloglevel
     reconstruct(walk_pictures[3:7], workdir=tmp_path)
     with pytest.raises(UserError):
@@ -264,7 +266,7 @@ def frames_of(pairs: list[tuple[str, str]]) -> set[tuple[int, int]]:
     return {(int(first[:6]), int(second[:6])) for first, second in pairs}
 
 
-def test_which_pictures_are_compared(room: Any, walk_pictures: Pictures, tmp_path: Path):
+def test_pairs_of_frames_to_match(room: Any, walk_pictures: Pictures, tmp_path: Path):
     back = room.walk(10)[::-1].copy()
     back[:, 2, 3] -= 0.05
     project = features_of([*walk_pictures, *room.pictures(back)], EVERYWHERE, tmp_path)

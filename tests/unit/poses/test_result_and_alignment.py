@@ -27,7 +27,7 @@ def good_poses() -> Poses:
     return Poses(camera_to_world, registered, CAMERA, points, colours, np.array([0.0, 1.0, 0.0]))
 
 
-def test_good_poses_pass():
+def test_valid_poses_are_accepted():
     poses = good_poses()
     assert poses.check() is poses
 
@@ -47,7 +47,7 @@ def test_good_poses_pass():
         ("up", np.full(3, np.nan), "unit vector"),
     ],
 )
-def test_broken_poses_are_refused(field: str, value: np.ndarray, message: str):
+def test_broken_poses_are_rejected(field: str, value: np.ndarray, message: str):
     with pytest.raises(ValueError, match=message):
         replace(good_poses(), **{field: value}).check()
 
@@ -103,7 +103,7 @@ def test_the_alignment_is_the_least_squares_one():
     assert np.linalg.det(rotation) == pytest.approx(1.0)
 
 
-def test_degenerate_trajectories_are_refused():
+def test_degenerate_trajectories_are_rejected():
     line = random_poses(5)
     line[:, :3, 3] = np.outer(np.arange(5.0), [1.0, 2.0, 3.0])
     with pytest.raises(ValueError, match="one line"):

@@ -32,7 +32,7 @@ def view() -> View:
     return View(codes, torch.ones(3, SIZE, SIZE), depth, CAMERA, np.eye(4), None)
 
 
-def test_each_query_is_found_at_its_level(view):
+def test_each_query_is_answered_at_its_level(view):
     cup, couch = answer_from_codes(view, IDENTITY, TEXTS, OPTIONS)
     assert (cup.phrase, cup.level, cup.mask_level) == ("cup", 0, 0)
     assert (couch.phrase, couch.level, couch.mask_level) == ("couch", 2, 2)
@@ -96,7 +96,7 @@ def test_pixels_that_are_not_valid_do_not_answer(view):
 
 
 @pytest.mark.parametrize("valid", [None, np.zeros((SIZE, SIZE), bool)])
-def test_without_anything_seen_there_is_no_answer(view, valid):
+def test_no_visible_pixel_gives_no_answer(view, valid):
     coverage = torch.zeros(3, SIZE, SIZE) if valid is None else view.coverage
     for found in answer_from_codes(replace(view, coverage=coverage, valid=valid), IDENTITY, TEXTS, OPTIONS):
         assert (found.score, found.level, found.mask_level) == (0.0, None, None)
@@ -134,7 +134,7 @@ def test_many_queries_are_answered_in_turn_and_order(view, monkeypatch):
     assert [one.level for one in found] == [0, 2, 0, 2, 0, 2, 0]
 
 
-def test_what_cannot_be_is_refused(view):
+def test_invalid_arguments_are_rejected(view):
     codes = view.codes.clone()
     codes[0, 0, 0, 0] = float("nan")
     broken = {

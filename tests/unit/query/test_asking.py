@@ -36,7 +36,7 @@ def scene() -> LanguageScene:
 
 
 @pytest.mark.parametrize("resolution", [0, 32])
-def test_things_are_found_where_they_are(scene, resolution):
+def test_things_are_found_at_their_position(scene, resolution):
     texts = Texts(("left", "right"), torch.eye(4)[:2], torch.eye(4)[2:3])
     options = replace(LANGSPLAT, smoothing=4 / 64, resolution=resolution)
     answers = ask(scene, texts, CAMERA, np.eye(4), None, options)
@@ -47,7 +47,7 @@ def test_things_are_found_where_they_are(scene, resolution):
         assert answer.mask.any() and not answer.mask[:, 30:34].any()
 
 
-def test_a_gaussian_without_a_share_says_nothing(scene):
+def test_gaussians_without_share_have_no_relevancy(scene):
     scene.share[1] = 0.0
     view = view_of(scene, CAMERA, np.eye(4), None, 0)
     assert view.codes.shape == (1, 48, 64, 4) and view.coverage.shape == (1, 48, 64)

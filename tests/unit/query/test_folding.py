@@ -37,11 +37,11 @@ def test_features_without_a_direction_stay_without():
 
 
 @pytest.mark.parametrize("widths", [(4,), (4, 5), (4, 3), (3, 8, 9)])
-def test_what_gains_nothing_is_left_as_it_is(widths):
+def test_folding_is_skipped_if_it_saves_nothing(widths):
     whole, directions = decoder(*widths), torch.ones(2, widths[-1])
     assert fold(whole, directions) == (whole, directions)
 
 
-def test_directions_of_another_model_are_refused():
+def test_directions_of_another_model_are_rejected():
     with pytest.raises(ValueError, match="40 channels"):
         fold(decoder(3, 40), torch.ones(2, 41))

@@ -20,7 +20,7 @@ def test_the_level_with_the_largest_value(maps):
     assert found.score == pytest.approx(0.7)
 
 
-def test_what_is_not_seen_is_no_candidate(maps):
+def test_invisible_pixels_are_no_candidates(maps):
     seen = np.ones(maps.shape, bool)
     seen[1, 2, 3] = False
     assert (localize(maps, seen).level, localize(maps, seen).pixel) == (2, (4, 3))
@@ -28,7 +28,7 @@ def test_what_is_not_seen_is_no_candidate(maps):
     assert localize(maps, seen).pixel == (0, 0)
 
 
-def test_of_equal_levels_the_first(maps):
+def test_ties_between_levels_take_the_first(maps):
     maps[0, 0, 0] = maps[1, 2, 3]
     assert localize(maps, np.ones(maps.shape, bool)).level == 0
 

@@ -76,7 +76,7 @@ def test_there_is_no_answer_outside_of_what_is_valid():
     np.testing.assert_array_equal(found.segmentation.mask, other.segmentation.mask)
 
 
-def test_where_nothing_is_seen_nothing_is_found():
+def test_nothing_is_found_where_every_value_is_nan():
     assert find_in_maps(np.full((2, SIZE, SIZE), np.nan, np.float32), ALL, OPTIONS) is None
     with pytest.raises(ValueError, match="maps"):
         find_in_maps(np.zeros((SIZE, SIZE), np.float32), ALL, OPTIONS)

@@ -8,7 +8,7 @@ from egosplat.pipeline.config import section_keys
 from egosplat.query.options import CANONICAL, LANGSPLAT, QueryOptions
 
 
-def test_langsplat():
+def test_defaults_are_langsplats():
     assert CANONICAL == ("object", "things", "stuff", "texture")
     assert (LANGSPLAT.temperature, LANGSPLAT.segmentation_threshold) == (10.0, 0.7)
     assert (LANGSPLAT.smoothing_px(1408), LANGSPLAT.majority_px(1408)) == (30, 7)
@@ -47,6 +47,6 @@ def test_the_configuration_s_defaults_are_langsplat_s():
         ("min_score", 1.1),
     ],
 )
-def test_what_is_out_of_range_is_named(name, value):
+def test_values_out_of_range_are_named(name, value):
     with pytest.raises(ValueError, match=name):
         replace(LANGSPLAT, **{name: value})

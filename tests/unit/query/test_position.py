@@ -11,7 +11,7 @@ CAMERA = Camera(64, 48, 50.0, 40.0, 30.0, 25.0)
 POSE = make_pose(Rotation.from_euler("xyz", [0.3, -0.5, 0.2]).as_matrix(), np.array([1.0, -2.0, 3.0]))
 
 
-def test_it_undoes_the_projection():
+def test_position_inverts_the_projection():
     rng = np.random.default_rng(0)
     places = transform(POSE, rng.uniform([-1, -1, 1], [1, 1, 5], (20, 3)))
     in_camera = transform(invert(POSE), places)

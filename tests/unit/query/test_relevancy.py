@@ -34,7 +34,7 @@ def test_reference_values(temperature, expected):
 
 
 @pytest.mark.parametrize("temperature", [1.0, 10.0, 100.0])
-def test_it_is_the_papers_formula(texts, temperature):
+def test_relevancy_is_the_papers_formula(texts, temperature):
     features = unit(40, 6)
     found = relevancy(features, texts.queries, texts.canonical, temperature)
     query = np.exp(temperature * (features @ texts.queries.T).double().numpy())[:, :, None]
@@ -101,7 +101,7 @@ def test_no_queries(texts):
     )
 
 
-def test_what_cannot_be_is_refused(texts):
+def test_invalid_arguments_are_rejected(texts):
     codes, seen = unit(1, 2, 2, 6), torch.ones(1, 2, 2, dtype=torch.bool)
     with pytest.raises(ValueError, match="belong together"):
         relevancy_maps(codes, seen[0], IDENTITY, texts, 10.0)

@@ -79,7 +79,7 @@ def test_a_thing_is_shown_where_it_is(index, texts):
     assert seen.relevancy[:, :16].mean() > 0.8 and seen.relevancy[:, 32:].mean() < 0.2
 
 
-def test_what_the_lens_hides_is_in_no_mask(index, texts):
+def test_masked_pixels_are_in_no_answer(index, texts):
     valid = np.zeros((48, 48), bool)
     (couch,) = ask_scene(index, texts.of(["couch"]), LANGSPLAT, 1)
     seen = view_thing(index.scene, couch.things[0], texts.of(["couch"]), CAMERA, np.eye(4), valid, LANGSPLAT)

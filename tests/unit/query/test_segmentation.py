@@ -21,7 +21,7 @@ def test_the_threshold_is_relative_and_not_included():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_it_is_langsplats_rule(seed):
+def test_mask_follows_langsplats_rule(seed):
     raw, filtered = np.random.default_rng(seed).random((2, 1, 30, 30), dtype=np.float32)
     mean = (0.5 * (raw + filtered)).astype(np.float64)
     scaled = (mean - mean.min()) / (mean.max() - mean.min() + 1e-9)
@@ -37,13 +37,13 @@ def test_the_level_is_that_of_the_largest_mean():
     assert found.level == 1 and found.mask.tolist() == [[False, False, False, True]]
 
 
-def test_what_is_not_seen_neither_counts_nor_belongs():
+def test_invisible_pixels_do_not_count_in_the_mask():
     values = np.array([[[0.0, 0.4, 0.5, 0.6, 9.0]]], np.float32)
     shown = np.array([[[False, True, True, True, False]]])
     assert segment(values, values, shown, 0.7, 1).mask.tolist() == [[False, False, False, True, False]]
 
 
-def test_the_majority_is_taken():
+def test_majority_filter_takes_the_majority():
     values = np.zeros((1, 20, 20), np.float32)
     values[0, 5:15, 5:15] = 1.0
     values[0, 0, 19] = 1.0

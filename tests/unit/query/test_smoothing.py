@@ -22,7 +22,7 @@ def test_an_even_square_reaches_further_to_the_upper_left():
 
 @pytest.mark.parametrize("shape", [(64, 50), (9, 70), (1, 12), (1, 1)])
 @pytest.mark.parametrize("size", [30, 7])
-def test_it_is_opencvs_filter2d(shape, size):
+def test_box_filter_equals_opencvs_filter2d(shape, size):
     values = picture(*shape)
     kernel = np.full((size, size), 1 / size**2, np.float32)
     np.testing.assert_allclose(box_filter(values, size), cv2.filter2D(values, -1, kernel), atol=2e-7)
@@ -44,7 +44,7 @@ def test_a_side_of_one_changes_nothing():
 
 
 @pytest.mark.parametrize("size", [3, 7])
-def test_the_majority_of_what_is_there(size):
+def test_the_majority_counts_visible_pixels_only(size):
     mask, half = picture(20, 17) > 0.5, size // 2
     found = majority(mask, size)
     for row, column in np.ndindex(mask.shape):
@@ -52,7 +52,7 @@ def test_the_majority_of_what_is_there(size):
         assert found[row, column] == (2 * around.sum() > around.size)
 
 
-def test_specks_go_and_holes_close():
+def test_majority_filter_removes_specks_and_holes():
     mask = np.zeros((30, 30), bool)
     mask[10:25, 10:25] = True
     whole = majority(mask, 7)
@@ -65,7 +65,7 @@ def test_a_full_mask_stays_full():
     assert majority(np.ones((5, 6), bool), 7).all()
 
 
-def test_the_unseen_is_the_lowest_that_is_seen():
+def test_invisible_pixels_get_the_lowest_visible_value():
     values = np.array([[0.0, 0.4, 0.6]], np.float32)
     filled = fill_unseen(values, np.array([[False, True, True]]))
     np.testing.assert_array_equal(filled, np.array([[0.4, 0.4, 0.6]], np.float32))

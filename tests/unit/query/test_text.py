@@ -39,7 +39,7 @@ def test_queries_with_their_canonical_phrases(clip):
     "phrase, reason",
     [(" ", "blank"), ("cup " * 200, "shorten it"), ("a\x1b[2J", "control"), ("\udcff", "UTF-8")],
 )
-def test_what_cannot_be_asked_is_said(clip, phrase, reason):
+def test_invalid_phrases_are_reported(clip, phrase, reason):
     with pytest.raises(UserError, match=reason):
         encode_phrases(clip, ["cup", phrase])
 
@@ -56,7 +56,7 @@ def test_a_model_without_a_direction_is_named(clip, monkeypatch):
         encode_phrases(clip, ["cup"])
 
 
-def test_parts_are_all_of_it():
+def test_batches_cover_all_phrases():
     queries = torch.eye(5)
     parts = list(Texts(tuple("abcde"), queries, queries[:1]).in_parts(2))
     assert [part.phrases for part in parts] == [("a", "b"), ("c", "d"), ("e",)]
@@ -64,7 +64,7 @@ def test_parts_are_all_of_it():
     assert all(torch.equal(part.canonical, queries[:1]) for part in parts)
 
 
-def test_some_of_them_in_another_order():
+def test_a_subset_in_another_order_gives_the_same():
     chosen = Texts(("a", "b", "c"), torch.eye(3), torch.eye(3)[:1]).of(("c", "a"))
     assert chosen.phrases == ("c", "a") and torch.equal(chosen.queries, torch.eye(3)[[2, 0]])
     assert torch.equal(chosen.canonical, torch.eye(3)[:1])

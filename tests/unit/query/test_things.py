@@ -27,7 +27,7 @@ def relevancy(home: Surface, *values: float, levels: int = 1) -> np.ndarray:
     return np.tile(each, (levels, 1))
 
 
-def test_two_of_a_kind_are_told_apart():
+def test_two_of_a_kind_are_distinguished():
     """Two patches that fit, a metre apart, are two things with their own centres and boxes."""
     home = surface(patch(0.0), patch(1.5), patch(3.0))
     first, second = find_things(home, relevancy(home, 0.9, 0.1, 0.85), 0.7, 0.0, 3)
@@ -37,7 +37,7 @@ def test_two_of_a_kind_are_told_apart():
     np.testing.assert_allclose(first.high - first.low, [0.5, 0.5, 0.0], atol=1e-6)
 
 
-def test_at_most_so_many():
+def test_the_number_of_things_is_limited():
     home = surface(patch(0.0), patch(1.5), patch(3.0))
     assert len(find_things(home, relevancy(home, 0.9, 0.1, 0.85), 0.7, 0.0, 1)) == 1
 

@@ -12,7 +12,7 @@ def test_the_limit_itself_is_an_answer(score, refused):
     assert (refusal(score, [], 0.55) is not None) is refused
 
 
-def test_an_untaught_word_is_refused_whatever_its_score():
+def test_a_word_outside_the_vocabulary_is_rejected_at_any_score():
     why = refusal(1.0, ["elephant", "elephant"], 0.55)
     assert why.count('"elephant"') == 1 and "not trained on" in why
 

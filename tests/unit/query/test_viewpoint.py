@@ -27,12 +27,12 @@ def test_a_frame_is_seen_within_the_lens_circle(recording):
 @pytest.mark.parametrize(
     "frame, said", [(4, "there are 4 frames, 0 to 3"), (3, "has no pose; the nearest .* is 2")]
 )
-def test_frames_that_cannot_be_had(recording, frame, said):
+def test_invalid_frames_are_rejected(recording, frame, said):
     with pytest.raises(UserError, match=f"--frame {frame}: {said}"):
         frame_viewpoint(*recording, frame)
 
 
-def test_a_file_may_be_anywhere(tmp_path):
+def test_a_pose_file_may_be_in_any_folder(tmp_path):
     pose = np.eye(4)
     pose[:3, 3] = [1.0, 2.0, 3.0]
     path = tmp_path / "here.json"
@@ -57,7 +57,7 @@ def test_a_file_may_be_anywhere(tmp_path):
         (json.dumps({"camera_to_world": np.full((4, 4), np.nan).tolist()}), "no rigid motion"),
     ],
 )
-def test_files_that_hold_no_pose(tmp_path, text, said):
+def test_files_without_a_pose_are_rejected(tmp_path, text, said):
     path = tmp_path / "pose.json"
     if text is not None:
         path.write_text(text)

@@ -46,7 +46,7 @@ def test_without_kernels_the_reference_renders_and_says_so_once(no_kernels, caps
 
 
 @pytest.mark.parametrize(("backend", "dtype"), [("auto", torch.float64), ("reference", torch.float32)])
-def test_reference_that_is_meant_warns_of_nothing(no_kernels, capsys, backend, dtype):
+def test_an_explicit_reference_backend_gives_no_warning(no_kernels, capsys, backend, dtype):
     image = api.rasterization(**gaussians(dtype), backend=backend)[0]
     assert torch.equal(image, reference.rasterization(Arguments(**gaussians(dtype)))[0])
     assert capsys.readouterr().err == ""
@@ -63,7 +63,7 @@ def test_reference_that_is_meant_warns_of_nothing(no_kernels, capsys, backend, d
         ("mps", torch.float32, True, "reference"),
     ],
 )
-def test_auto(monkeypatch, no_kernels, device, dtype, kernels, chosen):
+def test_auto_selects_the_backend_by_device(monkeypatch, no_kernels, device, dtype, kernels, chosen):
     class Means:
         is_cuda = device == "cuda"
 
@@ -73,7 +73,7 @@ def test_auto(monkeypatch, no_kernels, device, dtype, kernels, chosen):
     assert api._choose(means) == chosen
 
 
-def test_kernels_of_other_sources_are_an_error_and_no_slow_way_out(monkeypatch, no_kernels):
+def test_stale_kernels_are_an_error_not_a_fallback(monkeypatch, no_kernels):
     monkeypatch.setattr(library, "is_compiled", lambda: True)
     with pytest.raises(UserError, match="make install"):
         api.rasterization(**gaussians())
@@ -106,7 +106,7 @@ def test_arguments_are_those_of_the_function():
     assert {name: each.default for name, each in inspect.signature(Arguments).parameters.items()} == defaults
 
 
-def test_mistakes_are_told():
+def test_invalid_arguments_are_reported():
     with pytest.raises(ValueError, match="backend .*'gpu'.* auto"):
         api.rasterization(**gaussians(), backend="gpu")
     with pytest.raises(ValueError, match="opacities"):
@@ -114,6 +114,6 @@ def test_mistakes_are_told():
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device")
-def test_cuda_without_a_device_is_told():
+def test_cuda_without_a_device_is_reported():
     with pytest.raises(UserError, match="CUDA device"):
         api.rasterization(**gaussians(), backend="cuda")

@@ -56,7 +56,7 @@ def random_gaussians(count: int, width: int, height: int, low: float, high: floa
     ("count", "width", "height", "low", "high"),
     [(30, 37, 19, 0.05, 0.9), (60, 17, 33, 0.9, 1.0), (1, 16, 16, 0.5, 0.6), (40, 5, 3, 0.01, 0.05)],
 )
-def test_is_the_loop(count, width, height, low, high, dtype):
+def test_compositing_equals_a_plain_loop(count, width, height, low, high, dtype):
     gaussians = random_gaussians(count, width, height, low, high, seed=count)
     *numbers, radii = gaussians
     found, alpha = composite(*(each.to(dtype) for each in numbers), radii, width, height)

@@ -48,7 +48,7 @@ def arguments(n: int = 4, c: int = 2, **changes: object) -> dict[str, object]:
     ],
     ids=str,
 )
-def test_accepted(accepted):
+def test_valid_shapes_are_accepted(accepted):
     check(Arguments(**arguments(**accepted)))
 
 
@@ -98,7 +98,7 @@ def bad_camera(name: str, row: int, column: int, value: float) -> dict[str, obje
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
-def test_refused(refused, words):
+def test_invalid_shapes_are_rejected(refused, words):
     with pytest.raises(ValueError, match=words):
         check(Arguments(**arguments(**refused)))
 

@@ -100,7 +100,7 @@ def relative(value: Tensor, truth: Tensor) -> float:
     ],
     ids=["classic", "antialiased with depth"],
 )
-def test_agrees_with_float64(seed, options):
+def test_cpu_kernels_agree_with_float64(seed, options):
     values = scene(seed)
     skip = unsure(values, **options)
     truth = differentiate(reference, values, torch.float64, skip=skip, **options)
@@ -197,7 +197,7 @@ def bad(name: str, value: float):
         bad("means", 1e30),
     ],
 )
-def test_a_hostile_gaussian_is_left_out(name, value):
+def test_broken_gaussians_are_left_out(name, value):
     values = {key: tensor.float() for key, tensor in scene(8, count=60).items()}
     broken = {key: tensor.clone() for key, tensor in values.items()}
     broken[name][7] = value
@@ -297,6 +297,6 @@ def test_no_gaussians_show_the_background():
     assert torch.equal(image, background.expand(1, 4, 5, 3)) and (alpha == 0).all()
 
 
-def test_other_numbers_than_float32_are_refused():
+def test_other_numbers_than_float32_are_rejected():
     with pytest.raises(UserError, match="float32 .*torch.float64"):
         cpu.rasterization(Arguments(**extreme(), width=5, height=4))

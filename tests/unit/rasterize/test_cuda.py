@@ -187,21 +187,21 @@ def test_gsplat_is_found(installed, version):
         ("1.5.3", None, "no CUDA toolkit"),
     ],
 )
-def test_unusable_gsplat_is_told(installed, version, compiled, words):
+def test_an_unusable_gsplat_is_reported(installed, version, compiled, words):
     installed(version, compiled)
     with pytest.raises(UserError, match=words) as told:
         cuda.load_gsplat()
     assert 'pip install "gsplat>=1.5.3,<1.6"' in str(told.value) and "nvcc" in str(told.value)
 
 
-def test_missing_gsplat_is_told(monkeypatch):
+def test_a_missing_gsplat_is_reported(monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setitem(sys.modules, "gsplat", None)
     with pytest.raises(UserError, match="gsplat .*pip install"):
         cuda.load_gsplat()
 
 
-def test_tensors_elsewhere_are_refused(installed):
+def test_tensors_elsewhere_are_rejected(installed):
     installed("1.5.3", object())
     with pytest.raises(UserError, match="CUDA device.* cpu"):
         cuda.rasterization(Arguments(**scene(False, torch.float32), **SIZE))
@@ -224,7 +224,7 @@ def test_gsplat_agrees_on_the_device(sh, render_mode, rasterize_mode):
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
-def test_hostile_gaussians_on_the_device():
+def test_broken_gaussians_are_left_out_on_the_device():
     pytest.importorskip("gsplat")
     inputs = scene(True, torch.float32, "cuda")
     with torch.no_grad():

@@ -126,7 +126,7 @@ def test_needles_keep_their_thickness_in_float32():
     ],
     ids=str,
 )
-def test_culled(culled):
+def test_gaussians_outside_the_view_are_culled(culled):
     found = one(**culled)
     assert (found.radii == 0).all()
     for values in (found.means2d, found.conics, found.depths, found.opacities):
@@ -148,5 +148,5 @@ def test_culled(culled):
     ],
     ids=str,
 )
-def test_kept(kept):
+def test_gaussians_inside_the_view_are_kept(kept):
     assert (one(**kept).radii > 0).all()

@@ -184,7 +184,7 @@ HOSTILE = [(name, value) for name in GAUSSIAN_NAMES for value in (math.nan, math
 
 @pytest.mark.parametrize("sh", [False, True])
 @pytest.mark.parametrize(("name", "value"), [*HOSTILE, ("quats", 0.0), ("scales", 1e300), ("means", 1e300)])
-def test_hostile_gaussian_is_not_there(name, value, sh):
+def test_broken_gaussians_are_not_rendered(name, value, sh):
     values = scene(6, 3, cameras=2, sh=sh)
     options = {"sh_degree": 3 if sh else None, "render_mode": "RGB+ED", "rasterize_mode": "antialiased"}
     size = {"width": WIDTH, "height": HEIGHT}
@@ -204,7 +204,7 @@ def test_hostile_gaussian_is_not_there(name, value, sh):
 
 
 @pytest.mark.parametrize("count", [0, 3])
-def test_nothing_in_sight_still_has_gradients(count):
+def test_an_empty_view_still_has_gradients(count):
     values = {name: each.requires_grad_() for name, each in scene(count, 0, cameras=2).items()}
     values["means"] = values["means"] * torch.tensor([1.0, 1.0, -1.0])
     image, alpha, meta = rasterization(Arguments(**values, width=WIDTH, height=HEIGHT, render_mode="RGB+ED"))

@@ -83,7 +83,7 @@ def test_hits_are_those_of_trying_every_triangle():
     assert np.isinf(distance[~hit]).all()
 
 
-def test_what_is_nearer_than_the_reach_blocks():
+def test_hits_nearer_than_the_limit_block():
     triangles, (origins, directions) = Triangles(*random_triangles(700, 1)), random_rays(3000, 2)
     _, distance, _, _ = triangles.cast(origins, directions)
     for factor, blocked in ((1.001, True), (0.999, False)):
@@ -150,14 +150,14 @@ def test_hits_have_the_bits_that_every_processor_has():
     assert digest[:16] == "9626b7d8832e3fe4"
 
 
-def test_nothing_is_hit_where_there_is_nothing():
+def test_rays_past_all_triangles_hit_nothing():
     empty = Triangles(np.empty((0, 3), np.float32), np.empty((0, 3), np.int32))
     origins, directions = random_rays(5, 0)
     assert (empty.cast(origins, directions)[0] == -1).all()
     assert not empty.blocks(origins, directions, np.full(5, np.inf, dtype=np.float32)).any()
 
 
-def test_faces_of_vertices_that_are_not_there_are_refused():
+def test_faces_of_vertices_that_are_not_there_are_rejected():
     with pytest.raises(ValueError, match="0 to 4 of 4"):
         Triangles(SQUARE, np.array([[0, 1, 4]], dtype=np.int32))
     with pytest.raises(ValueError, match="2 origins for 1"):
@@ -177,7 +177,7 @@ def test_a_library_of_other_sources_is_not_used(tmp_path, monkeypatch):
         library.load.cache_clear()
 
 
-def test_a_missing_library_is_told_with_what_to_do(tmp_path, monkeypatch):
+def test_a_missing_library_names_make_install(tmp_path, monkeypatch):
     from egosplat.errors import UserError
 
     monkeypatch.setattr(library, "HERE", tmp_path)
@@ -199,7 +199,7 @@ def test_without_a_compiler_a_library_of_other_sources_is_removed(tmp_path, monk
     assert not (tmp_path / library.LIBRARY).exists()
 
 
-def test_fast_arithmetic_is_refused(tmp_path, monkeypatch):
+def test_fast_arithmetic_is_rejected(tmp_path, monkeypatch):
     if find_compiler() is None:
         pytest.skip("no C++ compiler is found")
     shutil.copytree(library.HERE / "source", tmp_path / "source")

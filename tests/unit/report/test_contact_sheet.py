@@ -59,7 +59,7 @@ def test_a_page_of_portrait_pictures_is_readable(monkeypatch, tmp_path, drawn, u
     [(20, 5, 500, 7, 20), (3, 1, 1, 1, 2), (2, 0, 0, 0, 1)],
     ids=["usual", "few", "almost nothing"],
 )
-def test_a_picture_is_made(tmp_path, frames, evaluation, points, instances, registered):
+def test_the_page_is_written_as_one_picture(tmp_path, frames, evaluation, points, instances, registered):
     output = tmp_path / "sheet.png"
     run(*scene(tmp_path, frames, evaluation, points, instances, registered), output, title="a scene")
     picture = np.asarray(Image.open(output).convert("L"))

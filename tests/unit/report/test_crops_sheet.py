@@ -66,7 +66,7 @@ def scene(folder, frames: int, instances: int, every_outlier: int, norm: str = "
 @pytest.mark.parametrize(
     "frames, instances, every_outlier", [(20, 6, 5), (2, 1, 100), (1, 0, 2)], ids=["usual", "few", "nothing"]
 )
-def test_a_picture_is_made(tmp_path, frames, instances, every_outlier):
+def test_the_page_is_written_as_one_picture(tmp_path, frames, instances, every_outlier):
     output = tmp_path / "crops.png"
     run(*scene(tmp_path, frames, instances, every_outlier), output, title="a scene")
     picture = np.asarray(Image.open(output).convert("RGB")).astype(int)
@@ -98,7 +98,7 @@ def test_the_number_above_a_crop_decides_whether_it_is_struck_out(tmp_path, draw
         assert norm != "element" or max(struck[False]) <= 0.01
 
 
-def test_features_of_other_views_are_refused(tmp_path):
+def test_features_of_other_views_are_rejected(tmp_path):
     (tmp_path / "other").mkdir()
     paths = scene(tmp_path, 3, 2, 5)
     paths[3] = scene(tmp_path / "other", 4, 2, 5)[3]
@@ -146,7 +146,7 @@ def test_those_with_most_outliers_come_last_and_not_twice():
     assert choose_instances(move(some, 8, 7))[-2:] == [7, 9]
 
 
-def test_without_views_nothing_is_shown():
+def test_without_views_no_instance_is_chosen():
     assert choose_instances(table([0, 0], {})) == []
 
 

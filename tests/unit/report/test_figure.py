@@ -18,7 +18,7 @@ def test_a_title_alone_leaves_the_page_as_it_is(figure):
     assert figure.get_suptitle() == "scene\nwhat it shows" and figure.get_size_inches()[1] == 4.0
 
 
-def test_warnings_stand_below_and_the_page_grows_by_them(figure):
+def test_warnings_extend_the_page_below(figure):
     draw_heading(figure, "scene", ["alarm: one", "alarm: two"])
     assert figure.get_suptitle().splitlines() == ["scene", "alarm: one", "alarm: two"]
     assert figure.get_size_inches()[1] > 4.0

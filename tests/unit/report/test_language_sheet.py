@@ -41,7 +41,7 @@ def scene(folder, channels: int, share: float, seed: int = 0, count: int = 60):
 
 
 @pytest.mark.parametrize("channels, share", [(5, 1.0), (2, 0.6), (1, 1.0), (4, 0.0)])
-def test_a_picture_is_made(tmp_path, channels, share):
+def test_the_page_is_written_as_one_picture(tmp_path, channels, share):
     output = tmp_path / "language.png"
     run(*scene(tmp_path, channels, share), output, title="a scene")
     picture = np.asarray(Image.open(output).convert("RGB")).astype(int)
@@ -56,7 +56,7 @@ def test_a_picture_is_made(tmp_path, channels, share):
     assert (0.2 < grey < 0.4) if share else grey > 0.4
 
 
-def test_inputs_that_do_not_belong_together_are_refused(tmp_path):
+def test_mismatched_artifacts_are_rejected(tmp_path):
     for number, name in enumerate(("one", "two")):
         (tmp_path / name).mkdir()
         scene(tmp_path / name, 3, 1.0, number)
@@ -120,7 +120,7 @@ def test_codes_that_do_not_differ_have_the_middle_colour(code, share):
     assert np.abs(colours.paint(np.ones((3, 4)), np.ones(3)) - 0.5).max() < 1e-6
 
 
-def test_what_is_half_covered_is_half_grey():
+def test_half_covered_pixels_are_half_grey():
     colours = principal_colours(codes(100, 1.0, 1.0, 1.0), np.ones((100, 1), np.float32))
     code = colours.mean + 100 * colours.axes[0]  # the brightest red
     full, half, none = colours.paint(np.stack([code] * 3), np.array([1.0, 0.5, 0.0]))

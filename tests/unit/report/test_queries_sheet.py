@@ -131,7 +131,7 @@ def test_the_heading_tells_the_scores_and_where_they_come_from(word_scene):
     assert ", mIoU 50.0 %; chance" in summary(read_scored_scene(metrics))
 
 
-def test_scores_of_other_artifacts_are_refused(word_scene):
+def test_scores_of_other_artifacts_are_rejected(word_scene):
     folder = word_scene()
     kept = score(folder).read_bytes()
     word_scene(nudge=0.001)
@@ -143,7 +143,7 @@ def test_scores_of_other_artifacts_are_refused(word_scene):
     assert not (folder / "queries.png").exists()
 
 
-def test_scores_of_another_method_are_refused(word_scene):
+def test_scores_of_another_method_are_rejected(word_scene):
     folder = word_scene()
     change(score(folder), method="another")
     with pytest.raises(UserError, match="metrics.json: holds the scores of another"):
@@ -183,7 +183,7 @@ def test_a_category_is_shown_once():
     assert [one.category for one in best] == ["rug"] and [one.frame for one in worst] == [3]
 
 
-def test_of_equal_ones_the_order_does_not_hang_on_that_of_the_file():
+def test_ties_do_not_depend_on_the_order_of_the_file():
     found = [query(name, 0.5, True, frame) for frame, name in ((1, "b"), (1, "c"), (2, "a"))]
     missed = [
         query("e", 0.0, False, 1, 0.9),

@@ -75,7 +75,7 @@ def test_a_frame_is_answered_in_words_and_in_a_picture(word_scene, query):
     assert width > height > 400
 
 
-def test_small_checkpoints_on_a_real_recording_are_told_with_the_answers(word_scene, query):
+def test_small_checkpoints_on_a_real_recording_are_reported_with_the_answers(word_scene, query):
     folder = word_scene(origin="real")
     status, out, err = query(folder, "couch", "--frame", 1)
     assert status == 0, err
@@ -106,7 +106,7 @@ def test_the_whole_scene_is_answered_in_3d(word_scene, query):
     assert picture == f"picture: {folder / 'query.png'}"
 
 
-def test_what_is_not_there_is_refused(word_scene, query):
+def test_what_is_not_there_is_rejected(word_scene, query):
     """A scene of a couch and a cup has no basketball, and nothing is known of untaught words."""
     status, out, err = query(word_scene(), "basketball", "spaceship", "couch", "--min-score", 0.6)
     assert status == 0, err
@@ -124,7 +124,7 @@ def test_a_scene_without_codes_has_no_answer_at_any_limit(word_scene, query, mon
     assert columns(out.splitlines()[2]) == ["cup", "0.00", "nothing of the scene has a code"]
 
 
-def test_a_frame_refuses_as_the_scene_does(word_scene, query):
+def test_one_frame_applies_the_same_threshold_as_the_scene(word_scene, query):
     _, out, _ = query(word_scene(), "basketball", "--frame", 1, "--min-score", 0.6)
     assert "nothing of the kind" in out.splitlines()[2]
 
@@ -150,7 +150,7 @@ def test_many_answers_are_drawn_in_part(word_scene, query):
     assert all(any(line.startswith(phrase) for line in out.splitlines()) for phrase in many)
 
 
-def test_poses_that_changed_in_place_are_refused(word_scene, query):
+def test_poses_that_changed_in_place_are_rejected(word_scene, query):
     """A query verifies the bytes of what it reads: a changed array, with NaN or not, is named."""
     folder = word_scene()
     array = zarr.open_group(folder / "poses.zarr", mode="r+")["camera_to_world"]
@@ -159,7 +159,7 @@ def test_poses_that_changed_in_place_are_refused(word_scene, query):
     assert status == 2 and out == "" and "poses.zarr" in err and "Traceback" not in err
 
 
-def test_from_a_place_where_nothing_is_there_is_no_answer(word_scene, query, tmp_path):
+def test_a_pose_that_sees_nothing_gives_no_answer(word_scene, query, tmp_path):
     away = np.diag([-1.0, 1.0, -1.0, 1.0])
     (tmp_path / "away.json").write_text(json.dumps({"camera_to_world": away.tolist()}))
     output = tmp_path / "made" / "away.png"
@@ -205,7 +205,7 @@ def remove(name: str):
         (None, [], "PHRASES"),
     ],
 )
-def test_what_cannot_be_answered_is_said(word_scene, query, change, words, said):
+def test_unanswerable_queries_are_reported(word_scene, query, change, words, said):
     folder = word_scene()
     if change:
         change(folder)
@@ -214,7 +214,7 @@ def test_what_cannot_be_answered_is_said(word_scene, query, change, words, said)
     assert not (folder / "query.png").exists()
 
 
-def test_another_openclip_than_that_of_the_features_is_refused(word_scene, query):
+def test_another_openclip_than_that_of_the_features_is_rejected(word_scene, query):
     status, _, err = query(word_scene(clip_hash="0123456789abcdef"), "cup")
     assert status == 2 and "was made with another OpenCLIP" in err and "0123456789abcdef" in err
 

@@ -33,7 +33,7 @@ def test_a_long_refusal_does_not_widen_a_column(tmp_path):
     assert widths.min() > 0.95 * widths.max() > 0.2 * page.shape[1]
 
 
-def test_refusals_alone_are_a_page(tmp_path):
+def test_a_page_of_rejected_queries_only(tmp_path):
     draw_answers(
         [DrawnAnswer("zeppelin", 0.2, refusal="nothing of the kind")], "a scene", tmp_path / "page.png"
     )

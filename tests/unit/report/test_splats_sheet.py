@@ -55,7 +55,7 @@ def test_a_page_of_portrait_pictures_is_readable(monkeypatch, tmp_path, drawn, u
     [(8, 300, True), (1, 1, False), (0, 3, False)],
     ids=["usual", "few", "nothing held out"],
 )
-def test_a_picture_is_made(tmp_path, held_out, records, validation):
+def test_the_page_is_written_as_one_picture(tmp_path, held_out, records, validation):
     output = tmp_path / "splats.png"
     run(*scene(tmp_path, held_out, records, validation), output, title="a scene")
     picture = np.asarray(Image.open(output).convert("L"))

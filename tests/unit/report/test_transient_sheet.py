@@ -75,7 +75,7 @@ def count(picture: np.ndarray, low: list[int], high: list[int]) -> int:
     [(12, 6, 3), (1, 1, 0), (2, 0, 0), (2, 100, 95)],
     ids=["usual", "one that stays", "no instance", "more bars than are named"],
 )
-def test_a_picture_is_made(tmp_path, frames, instances, moving):
+def test_the_page_is_written_as_one_picture(tmp_path, frames, instances, moving):
     picture = drawn(tmp_path, frames, instances, moving)
     assert picture.shape[1] > 700 and picture.std() > 10
     crimson = count(picture, [215, 15, 55], [225, 25, 65])  # bars of what moves
@@ -85,7 +85,7 @@ def test_a_picture_is_made(tmp_path, frames, instances, moving):
     assert count(picture, [0, 180, 0], [100, 255, 100]) > 500  # the Gaussians are green
 
 
-def test_inputs_that_do_not_belong_together_are_refused(tmp_path):
+def test_mismatched_artifacts_are_rejected(tmp_path):
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
     paths = scene(tmp_path / "one", 1, 2, 1, True)
@@ -125,7 +125,7 @@ def test_frames_where_most_is_masked_spread_in_time_and_one_where_nothing_is():
         ([], []),
     ],
 )
-def test_frames_where_much_or_nothing_moves(masked, expected):
+def test_frames_chosen_when_much_or_nothing_moves(masked, expected):
     assert choose_frames(np.array(masked), np.ones(len(masked), bool)) == expected
 
 
@@ -144,6 +144,6 @@ def test_the_largest_of_what_moves_is_named_within_itself_and_once_at_a_place():
     assert label_places(labels, np.zeros(6, bool)) == []
 
 
-def test_no_more_names_than_there_is_room_for():
+def test_the_number_of_labels_is_limited():
     labels = np.arange(64, dtype=np.int32).reshape(1, 8, 8)
     assert len(label_places(labels, np.ones(64, bool))) == LABELS

@@ -79,7 +79,7 @@ def test_levels_are_not_all_the_same():
     assert counts[0] > counts[1] > counts[2] == 1
 
 
-def test_outside_of_valid_there_is_nothing_and_nothing_comes_from_there():
+def test_invalid_pixels_have_no_region_and_no_influence():
     picture, _ = scene(128)
     y, x = np.indices((128, 128))
     valid = (y - 64) ** 2 + (x - 64) ** 2 < 55**2
@@ -109,7 +109,7 @@ def test_one_colour_is_one_region(colour):
     assert (segment(picture, everywhere(picture), OPTIONS) == 0).all()
 
 
-def test_noise_falls_into_few_large_regions():
+def test_noise_gives_few_large_regions():
     picture = np.random.default_rng(3).integers(0, 256, (128, 128, 3), dtype=np.uint8)
     subpart, _, whole = segment(picture, everywhere(picture), OPTIONS)
     assert np.bincount(whole.ravel()).max() > 0.2 * whole.size
@@ -117,7 +117,7 @@ def test_noise_falls_into_few_large_regions():
     assert np.bincount(subpart.ravel()).min() >= OPTIONS.least_area * subpart.size
 
 
-def test_textures_of_one_mean_colour_are_told_apart():
+def test_textures_of_one_mean_colour_are_distinguished():
     rng = np.random.default_rng(4)
     amplitude = np.where(np.arange(128) < 64, 4, 90)[None, :, None]
     picture = (120 + amplitude * rng.uniform(-1, 1, (128, 128, 1)) + np.zeros(3)).astype(np.uint8)
@@ -158,7 +158,7 @@ def test_odd_and_tiny_pictures(shape):
         (np.zeros((8, 8, 3), dtype=np.uint8), np.ones((8, 8), dtype=np.uint8)),
     ],
 )
-def test_wrong_input_is_refused(picture, valid):
+def test_wrong_input_is_rejected(picture, valid):
     with pytest.raises(ValueError, match="picture|valid"):
         segment(picture, valid, OPTIONS)
 
@@ -166,6 +166,6 @@ def test_wrong_input_is_refused(picture, valid):
 @pytest.mark.parametrize(
     "wrong", [{"part": 1e9}, {"side": 0}, {"purity": 1.1}, {"least_area": -1.0}, {"smoothing": float("nan")}]
 )
-def test_senseless_options_are_refused(wrong):
+def test_senseless_options_are_rejected(wrong):
     with pytest.raises(ValueError):
         ClassicalOptions(**wrong)

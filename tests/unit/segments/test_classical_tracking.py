@@ -57,7 +57,7 @@ def test_the_first_frame_is_cut_as_by_segment():
     assert (labels == segment(picture, VALID, OPTIONS)[1]).all()
 
 
-def test_what_comes_into_view_is_a_new_track_and_what_is_gone_is_gone():
+def test_new_objects_get_new_tracks_and_lost_ones_end():
     pictures = [frame(column)[0] for column in (None, 40, None)]
     before, during, after = track(pictures, VALID, "whole", OPTIONS)
     mask = frame(40)[1]
@@ -73,7 +73,7 @@ def test_tracking_twice_gives_the_same():
     assert (first == second).all()
 
 
-def test_only_two_pictures_are_held():
+def test_tracking_holds_two_frames_in_memory():
     alive = []
 
     def pictures():
@@ -140,7 +140,7 @@ def test_overlapping_masks_are_followed():
     assert iou(found[2][1], lower) > 0.75
 
 
-def test_no_mask_can_be_followed_too():
+def test_tracking_without_masks_works():
     found = list(follow(np.zeros((0, SIDE, SIDE), dtype=bool), [frame(20)[0]] * 2, VALID, OPTIONS))
     assert [one.shape for one in found] == [(0, SIDE, SIDE)] * 2
 
@@ -164,7 +164,7 @@ def test_pictures_larger_than_the_flow_are_tracked_alike():
     assert iou(found[0], large[1][1] > 0) > 0.9
 
 
-def test_wrong_input_is_refused_at_once():
+def test_wrong_input_is_rejected_at_once():
     picture, mask = frame(20)
     labels = np.zeros(VALID.shape, dtype=np.int32)
     with pytest.raises(ValueError, match="level"):

@@ -44,7 +44,7 @@ def logits(video) -> torch.Tensor:
     return masks
 
 
-def test_the_same_as_sam2s_predictor(sam2, video, tmp_path):
+def test_propagation_equals_sam2s_predictor(sam2, video, tmp_path):
     for number, frame in enumerate(video):
         Image.fromarray(frame).save(tmp_path / f"{number:03d}.jpg", quality=100, subsampling=0)
     predictor = sam2.video_predictor
@@ -148,7 +148,7 @@ def test_some_objects_are_remembered_apart_from_others(sam2, video):
     assert both.unseen[1] == 10 + FRAMES - 1
 
 
-def test_all_may_be_out_of_view(sam2, video):
+def test_all_objects_may_be_out_of_view(sam2, video):
     with sam2.compute.inference():
         encoded = encode(sam2, video[0])
         follower = Follower(sam2, 20, absent_stride=100)

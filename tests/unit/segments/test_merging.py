@@ -27,7 +27,7 @@ def test_instances_that_overlap_where_both_are_seen_are_one():
     assert overlaps.same(0.95, 4) == []
 
 
-def test_one_common_frame_may_deceive_unless_there_is_no_more():
+def test_one_common_frame_merges_only_if_there_is_no_other():
     overlaps = Overlaps()
     overlaps.add([0, 1], masks((0, 10), (0, 10)))
     overlaps.add([], torch.zeros(0, 8, 20, dtype=torch.bool))
@@ -41,12 +41,12 @@ def test_only_pairs_between_two_sets_are_counted():
     assert overlaps.same(0.5, 10) == [(0, 5), (0, 6)], "5 and 6 are alike, but that was not asked"
 
 
-def test_what_is_the_same_as_the_same_is_one():
+def test_merging_is_transitive():
     assert merged(6, [(0, 4), (4, 2), (1, 5)]).tolist() == [0, 1, 0, 3, 0, 1]
     assert merged(3, []).tolist() == [0, 1, 2] and merged(0, []).tolist() == []
 
 
-def test_what_is_seen_too_briefly_goes():
+def test_briefly_seen_instances_are_dropped():
     roots = np.array([0, 1, 0, 3])
     new, staying = kept(roots, np.array([5, 2, 0, 3]), 3, 10)
     assert new.tolist() == [0, -1, 0, 1] and staying.tolist() == [0, 3]

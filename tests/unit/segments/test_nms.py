@@ -70,7 +70,7 @@ def test_of_two_that_are_alike_the_better_stays():
     assert mask_nms(masks, torch.tensor([0.7, 0.71, 0.7]), **LIMITS).tolist() == [False, True, False]
 
 
-def test_what_is_dropped_drops_others_all_the_same():
+def test_suppressed_masks_still_suppress_others():
     # A chain in which each is like the next: the best drops the second, the second still drops the third.
     masks = squares((0, 0, 20, 20), (0, 0, 20, 22), (0, 0, 20, 24))
     assert mask_iou(masks, masks)[0, 2] > 0.8
@@ -85,7 +85,7 @@ def test_box_nms_ranks_by_score():
 
 
 @pytest.mark.parametrize("count", [0, 1])
-def test_nothing_and_one(count):
+def test_nms_of_no_mask_and_one_mask(count):
     masks, scores = squares(*[(0, 0, 5, 5)] * count), torch.full((count,), 0.9)
     assert mask_nms(masks, scores, **LIMITS).tolist() == [True] * count
     assert len(box_nms(masks, scores, 0.7)) == count

@@ -16,6 +16,6 @@ def test_figures_count_valid_pixels_frames_and_instances():
     assert figures["instances_per_frame"] == 1.5 and figures["frames_per_instance"] == 1.0
 
 
-def test_of_nothing_there_are_figures():
+def test_occupancy_without_instances_is_defined():
     figures = Occupancy(0, np.zeros((1, 4), bool)).figures()
     assert set(figures.values()) == {0.0}

@@ -67,7 +67,7 @@ def test_a_level_without_instances_repeats_none():
     assert repeated_levels(labels, table, level[EACH:], 2) == {}
 
 
-def test_the_others_close_up():
+def test_remaining_levels_are_renumbered():
     table = np.array([0, 1, -1, 2, 3, -1], np.int32)
     level = np.array([0, 1, 0, 1], np.int8)
     assert without({0: 1}, table, level).tolist() == [-1, 0, -1, -1, 1, -1]

@@ -122,7 +122,7 @@ def test_duplicates_are_merged_and_fragments_dropped(frames, tmp_path, keys, mon
     assert segments.facts["merged"] == 1 and segments.facts["found"] == 4
 
 
-def test_nothing_found_is_told_and_nothing_written(frames, tmp_path, keys, monkeypatch):
+def test_no_instances_are_an_error_and_write_nothing(frames, tmp_path, keys, monkeypatch):
     labels = LabelMaps((3, SIDE, SIDE))
     for frame in range(COUNT):
         labels[frame] = np.full((3, SIDE, SIDE), -1, np.int32)
@@ -134,7 +134,7 @@ def test_nothing_found_is_told_and_nothing_written(frames, tmp_path, keys, monke
     assert not (tmp_path / "segments.zarr").exists()
 
 
-def test_a_missing_checkpoint_is_told_before_anything_is_read(frames, tmp_path, keys):
+def test_a_missing_checkpoint_is_reported_before_anything_is_read(frames, tmp_path, keys):
     with pytest.raises(UserError, match="sam2_checkpoint"):
         stage.run(
             frames,

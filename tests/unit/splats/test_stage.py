@@ -38,7 +38,7 @@ def run(folder: Path, name: str = "splats.zarr", survey: Path | None = None, **c
     return verify(folder / name, SCHEMAS)
 
 
-def test_what_the_artifact_says(scene, pictures):
+def test_artifact_holds_the_expected_facts_and_inputs(scene, pictures):
     splats = run(scene())
     assert splats.origin == "synthetic" and set(splats.provenance["inputs"]) == {"frames.zarr", "poses.zarr"}
     assert splats.facts["views"] == {"training": 8, "validation": 0, "held out": 1}
@@ -51,7 +51,7 @@ def test_what_the_artifact_says(scene, pictures):
     assert -10 * np.log10((error**2).mean()) == pytest.approx(splats.read("held_out/psnr")[0], abs=0.1)
 
 
-def test_frames_that_a_survey_leaves_out_teach_nothing(scene, pictures, survey_that_keeps):
+def test_frames_left_out_by_the_survey_are_not_trained_on(scene, pictures, survey_that_keeps):
     folder = scene()
     survey = survey_that_keeps(folder, [0, 2, 4, 6, 8])
     splats = run(folder, survey=survey)
@@ -65,14 +65,14 @@ def test_frames_that_a_survey_leaves_out_teach_nothing(scene, pictures, survey_t
     assert "kept_frames" not in run(other, "all.zarr").provenance["options"]
 
 
-def test_where_nothing_moves_all_frames_teach_whatever_is_left_out(scene, survey_that_keeps):
+def test_a_static_scene_trains_on_all_frames(scene, survey_that_keeps):
     folder = scene()
     still = run(folder, survey=survey_that_keeps(folder, [0, 2, 4, 6, 8], static=True))
     assert still.digest == run(folder, "all.zarr").digest
     assert still.facts["views"]["training"] == 8 and "kept_frames" not in still.provenance["options"]
 
 
-def test_masked_gaussians_learn_from_what_stays_though_nothing_moves(scene, survey_that_keeps):
+def test_masked_training_uses_kept_frames_even_if_static(scene, survey_that_keeps):
     folder = scene()
     survey = survey_that_keeps(folder, [0, 2, 4, 6, 8], static=True)
     frames = open_artifact(folder / "frames.zarr", FRAMES)
@@ -80,14 +80,14 @@ def test_masked_gaussians_learn_from_what_stays_though_nothing_moves(scene, surv
         assert frames_for_gaussians(frames, survey, masking)[0].sum() == number
 
 
-def test_masking_that_is_the_surveys_to_decide_is_told(scene):
+def test_masking_auto_needs_the_survey(scene):
     folder = scene()
     with pytest.raises(UserError, match="splats.masking = auto.*--masking"):
         run(folder, masking="auto")
     assert not (folder / "splats.zarr").exists()
 
 
-def test_the_gaussians_come_back(scene):
+def test_the_gaussians_are_restored_from_the_artifact(scene):
     splats = run(scene())
     gaussians = read_gaussians(splats)
     assert gaussians.sh_degree == 1 and gaussians.features.shape == (gaussians.count, 0)
@@ -96,14 +96,14 @@ def test_the_gaussians_come_back(scene):
     assert bool(gaussians.finite().all())
 
 
-def test_equal_runs_are_equal_and_nothing_else_is_left(scene):
+def test_equal_runs_are_equal_and_leave_no_other_files(scene):
     folder = scene()
     assert run(folder).digest == run(folder, "again.zarr").digest != run(folder, "other.zarr", seed=1).digest
     names = {"frames.zarr", "poses.zarr", "splats.zarr", "again.zarr", "other.zarr"}
     assert {path.name for path in folder.iterdir()} == names
 
 
-def test_a_killed_run_goes_on_to_the_same_gaussians(scene, capsys):
+def test_a_killed_run_resumes_to_the_same_gaussians(scene, capsys):
     folder = scene()
     keys = {"iterations": 400, "evaluate_every": 100, "background": "random"}
     expected = run(folder, "unbroken.zarr", **keys).digest
@@ -173,20 +173,20 @@ def test_points_that_no_camera_sees_are_left_out(scene, points):
     assert run(scene(**both)).digest == run(scene()).digest
 
 
-def test_nothing_held_out(scene):
+def test_without_held_out_frames_there_are_no_scores(scene):
     splats = run(scene(train=np.ones(9, bool)))
     assert splats.shape("held_out/render") == (0, 24, 24, 3) and not len(splats.read("held_out/psnr"))
     assert np.isnan(splats.read("history/psnr")).all()
 
 
-def test_no_pose_for_any_training_frame(scene):
+def test_training_without_poses_is_an_error(scene):
     folder = scene(registered=np.arange(9) == 4)
     with pytest.raises(UserError, match="8 training frames"):
         run(folder)
     assert {path.name for path in folder.iterdir()} == {"frames.zarr", "poses.zarr"}
 
 
-def test_after_training_that_fails_nothing_is_left(scene, monkeypatch):
+def test_failed_training_leaves_no_files(scene, monkeypatch):
     def fails(state, photographs, options, checkpoint):
         checkpoint.save_if_due(state.state_dict)
         raise UserError("diverged")
@@ -199,6 +199,6 @@ def test_after_training_that_fails_nothing_is_left(scene, monkeypatch):
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device")
-def test_a_backend_that_is_not_there(scene):
+def test_a_missing_backend_is_an_error(scene):
     with pytest.raises(UserError, match="backend cuda"):
         run(scene(), backend="cuda")

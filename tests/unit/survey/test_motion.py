@@ -40,7 +40,7 @@ def moved(room, between):
 
 
 @pytest.mark.parametrize("walk", WALKS.values(), ids=WALKS)
-def test_nothing_moves_before_a_camera_that_does(moved, walk):
+def test_camera_motion_alone_is_not_motion(moved, walk):
     found = moved(walk)
     assert found.measured.mean() > 0.4 and not found.moving.any()
 
@@ -54,7 +54,7 @@ def test_a_thing_that_moves_is_found_where_it_is(moved, walk):
     assert (columns > 80).all() and (columns < 136).all() and (rows > 48).all() and (rows < 108).all()
 
 
-def test_a_thing_that_stays_does_not_move(moved):
+def test_a_static_thing_is_not_motion(moved):
     assert not moved(WALKS["both"], (0.1, -0.3), (0.1, -0.3)).moving.any()
 
 
@@ -65,11 +65,11 @@ def test_everything_moves(room, between):
     assert found.moving.sum() > 0.9 * found.measured.sum() > 0.3 * seen.size
 
 
-def test_where_nothing_has_texture_nothing_is_taken_to_move(moved):
+def test_untextured_frames_show_no_motion(moved):
     assert not moved(WALKS["both"], textured=False).moving.any()
 
 
-def test_outside_of_the_lens_circle_nothing_is_measured(room, between):
+def test_motion_outside_the_lens_circle_is_ignored(room, between):
     there = room.pose(**WALKS["turning"])
     circle = cv2.circle(np.zeros((room.size, room.size), np.uint8), (80, 80), 50, 1, -1) > 0
     pictures = [np.where(circle, room.picture(walk), 0).astype(np.uint8) for walk in (room.pose(), there)]
@@ -85,7 +85,7 @@ def test_tiny_pictures_are_no_error(room, between):
     assert found.moving.shape == (20, 17) and not found.moving.any()
 
 
-def test_specks_and_slivers_are_no_blobs():
+def test_small_and_thin_blobs_are_dropped():
     mask = np.zeros((160, 160), bool)
     mask[10, 10], mask[40:44, 20:140] = True, True
     assert not blobs(mask).any()

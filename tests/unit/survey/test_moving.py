@@ -29,7 +29,7 @@ def test_frames_too_far_apart_or_without_a_pose_are_no_pair():
     assert pairs_of([0, 0.2], [True, False]) == pairs_of([0]) == pairs_of([]) == []
 
 
-def test_of_a_long_recording_pairs_are_spread():
+def test_pairs_of_a_long_recording_are_spread_in_time():
     found = np.array(pairs_of(list(np.arange(3000) / 30)))
     assert len(found) == 120 and found[0, 0] < 20 and found[-1, 0] > 2960
     assert np.ptp(np.diff(found[:, 0])) <= 1
@@ -50,11 +50,11 @@ def motion(moving: list[float], measured: list[float]) -> Motion:
         (motion([], []), False),
     ],
 )
-def test_a_scene_is_static_only_where_that_is_seen(found, static):
+def test_a_scene_is_static_only_if_enough_is_measured(found, static):
     assert is_static(found, 0.0005) is static
 
 
-def test_what_may_move_at_all_decides():
+def test_the_threshold_decides_whether_a_scene_is_static():
     assert is_static(motion([0.02, 0.02], [0.7, 0.7]), 1.0)
     assert not is_static(motion([0.0, 0.0], [0.7, 0.7]), 0.0)
 

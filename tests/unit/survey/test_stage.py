@@ -38,14 +38,14 @@ def test_a_static_scene_needs_no_masks(scene, walks, still):
     assert found["poses"] == {"source": "colmap", "registered": 8, "frames": 8, "points": 288}
 
 
-def test_one_in_which_something_moves_needs_them_unless_little_counts_as_nothing(scene, walks, moving):
+def test_a_moving_scene_needs_masks_above_the_threshold(scene, walks, moving):
     folder = scene(walks, moving)
     found = surveyed(folder)["motion"]
     assert not found["static"] and found["masking"] == "refined" and found["share"] > 0.005
     assert surveyed(folder, max_moving_share=1.0)["motion"]["masking"] == "none"
 
 
-def test_where_nothing_can_be_measured_something_is_taken_to_move(scene, walks, still):
+def test_without_measurements_the_scene_counts_as_moving(scene, walks, still):
     folder = scene(walks[:1], still[:1], train=np.ones(1, bool), evaluation=np.zeros(1, bool))
     motion = surveyed(folder)["motion"]
     assert motion["masking"] == "refined" and motion["share"] is None and motion["pairs"] == []
@@ -73,7 +73,7 @@ def test_a_scene_without_points_keeps_all_its_frames(scene, walks, still):
     assert found["motion"]["static"]
 
 
-def test_poses_of_other_frames_are_refused(scene, walks, still):
+def test_poses_of_other_frames_are_rejected(scene, walks, still):
     folder = scene(walks, still)
     (folder / "poses.zarr").rename(folder / "other.zarr")
     scene(walks[:4], still[:4])
@@ -83,7 +83,7 @@ def test_poses_of_other_frames_are_refused(scene, walks, still):
     assert not (folder / "survey.json").exists()
 
 
-def test_who_follows_gets_the_kept_frames_and_says_which(scene, walks, still):
+def test_later_stages_record_the_kept_frames(scene, walks, still):
     folder = scene(walks, still)
     frames = open_artifact(folder / "frames.zarr", FRAMES)
     found = surveyed(folder, min_view_change_deg=6.0)["views"]
@@ -93,7 +93,7 @@ def test_who_follows_gets_the_kept_frames_and_says_which(scene, walks, still):
     assert every.all() and nothing == {}
 
 
-def test_a_survey_of_other_frames_is_refused(scene, walks, still, moving):
+def test_a_survey_of_other_frames_is_rejected(scene, walks, still, moving):
     folder = scene(walks, still)
     surveyed(folder)
     scene(walks, moving)
@@ -125,12 +125,12 @@ def test_a_damaged_survey_is_named(scene, walks, still, content, message):
 @pytest.mark.parametrize(
     "asked, expected", [("auto", "none"), ("refined", "refined"), ("initial", "initial")]
 )
-def test_an_explicit_value_stands_over_the_survey(asked, expected):
+def test_an_explicit_value_overrides_the_survey(asked, expected):
     config = merge(defaults(), {"splats": {"masking": asked}})
     assert decided(config, {"motion": {"masking": "none"}})["splats"]["masking"] == expected
 
 
-def test_pictures_are_looked_at_small(scene, walks, still, room):
+def test_motion_is_measured_at_low_resolution(scene, walks, still, room):
     large = [np.kron(one, np.ones((2, 2), np.uint8)) for one in still[:3]]
     folder = scene(
         walks[:3],

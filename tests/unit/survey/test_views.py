@@ -50,13 +50,13 @@ def test_a_head_that_is_still_keeps_a_frame_a_second():
     assert kept([pose()] * 65) == [0, 30, 60, 64]
 
 
-def test_what_may_not_be_left_out_stays_and_is_not_compared_with():
+def test_evaluation_frames_are_kept_and_not_compared():
     optional = np.ones(6, bool)
     optional[[1, 2]] = False
     assert kept([pose()] * 6, optional=optional) == [0, 1, 2, 5]
 
 
-def test_frames_of_which_nothing_is_known_stay():
+def test_frames_without_a_pose_are_kept():
     walks = [pose()] * 3 + [np.full((4, 4), np.nan)] + [pose()] * 2
     registered = np.array([True, True, True, False, True, True])
     assert kept(walks, registered=registered) == [0, 3, 5]
@@ -80,7 +80,7 @@ def test_depths_are_of_the_points_in_the_picture():
     assert found[0] == pytest.approx(2.0) and np.isnan(found[1:]).all()
 
 
-def test_of_very_many_points_some_tell_the_depth():
+def test_the_depth_of_many_points_uses_a_sample():
     points = np.zeros((120_000, 3))
     points[:, 2] = np.linspace(1, 5, len(points))
     assert np.median(seen_depths(CAMERA, np.eye(4), points)) == pytest.approx(3.0, abs=1e-3)

@@ -154,7 +154,7 @@ def complaints(text):
     return [line for line in bad if not LOG_OF_ANY_SEQUENCE.search(line)]
 
 
-def test_nothing_is_wrong_with_it(folder, people, capfd):
+def test_official_reader_accepts_the_synthetic_sequence(folder, people, capfd):
     provider = open_provider(folder, people)
     for capture_ns in provider.get_aria_device_capture_timestamps_ns(RGB):
         provider.get_segmentation_image_by_timestamp_ns(capture_ns, RGB)
@@ -221,7 +221,7 @@ def test_ground_truth_is_a_little_late_and_on_the_microsecond(capture_ns):
     assert ground_truth_ns(capture_ns) % 1000 == 0
 
 
-def test_instances(provider):
+def test_instances_are_read_with_their_categories(provider):
     assert sorted(provider.get_instance_ids()) == sorted(one.instance_id for one in INSTANCES)
     assert provider.get_skeleton_ids() == [PERSON]
     motion = {"static": MotionType.STATIC, "dynamic": MotionType.DYNAMIC}
@@ -437,7 +437,7 @@ def test_a_write_that_fails_leaves_nothing(tmp_path, frames, error):
         ({"world_from_static": {ROOM: np.eye(4)}}, f"missing \\[{SHELF}\\]"),
     ],
 )
-def test_a_sequence_that_contradicts_itself_is_refused(tmp_path, changes, error):
+def test_an_inconsistent_sequence_is_rejected(tmp_path, changes, error):
     with pytest.raises(ValueError, match=error):
         write_sequence(make_sequence(**changes), tmp_path / "tiny")
     assert list(tmp_path.iterdir()) == []

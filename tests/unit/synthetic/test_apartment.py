@@ -98,7 +98,7 @@ def test_other_seeds_other_apartments(apartment, filmed):
         assert np.abs(walls[0].texture.pixels.astype(float) - walls[1].texture.pixels).mean() > 8
 
 
-def test_nothing_runs_into_anything(apartment):
+def test_objects_do_not_intersect(apartment):
     checked = 0
     for one, other in itertools.permutations(apartment.things, 2):
         if boxes_touch(one.bounds, other.bounds, 0.05):

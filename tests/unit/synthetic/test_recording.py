@@ -35,7 +35,7 @@ def test_same_seed_same_recording(still):
         assert one.with_people.visibility == other.with_people.visibility
 
 
-def test_without_motion_nobody_is_there_and_nothing_moves(still):
+def test_without_motion_the_scene_is_static_and_empty(still):
     sequence, frames = still
     assert all(one.instance_type == "object" for one in sequence.instances)
     for frame in frames:
@@ -46,7 +46,7 @@ def test_without_motion_nobody_is_there_and_nothing_moves(still):
     assert frames[0].world_from_object, "there are dynamic things all the same"
 
 
-def test_frames_are_as_announced(filmed):
+def test_frames_have_the_configured_number_and_rate(filmed):
     sequence, frames = filmed.sequence, filmed.frames
     assert len(frames) == sequence.frame_count == 40
     captures = np.array([frame.capture_ns for frame in frames])
@@ -176,7 +176,7 @@ def test_points_lie_on_surfaces_and_most_are_good(filmed):
     assert np.median(near(~good)) > np.median(near(good))
 
 
-def test_wrong_motion_is_refused():
+def test_wrong_motion_is_rejected():
     with pytest.raises(ValueError, match="motion"):
         make_world(seed=1, seconds=5, objects=16, motion=1.5)
 

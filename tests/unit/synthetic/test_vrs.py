@@ -96,7 +96,7 @@ def test_same_content_makes_the_same_file(tmp_path):
     assert (tmp_path / "a.vrs").read_bytes() == (tmp_path / "b.vrs").read_bytes()
 
 
-def test_records_out_of_order_are_refused(tmp_path):
+def test_records_out_of_order_are_rejected(tmp_path):
     stream = raw_stream(1, True)
     image = random_images(1)[0].tobytes()
     options = {"frame_number": 0, "exposure_s": 0.01, "gain": 1.0}

@@ -26,7 +26,7 @@ def test_a_mean_of_one_point_alone_has_students_interval():
     assert (found.low, found.high) == pytest.approx((expected.low, expected.high))
 
 
-def test_chance_is_that_within_points_whatever_lies_between_them():
+def test_chance_is_estimated_within_settings():
     far = Sample(tuple(value + 100.0 for value in RIGHT.values))
     residuals = np.concatenate([np.subtract(one.values, one.mean) for one in (LEFT, far)])
     assert pooled([LEFT, far]).freedom == 3
@@ -34,7 +34,7 @@ def test_chance_is_that_within_points_whatever_lies_between_them():
     assert pooled([LEFT, far, Sample((7.0,))]).variance == pytest.approx(BOTH.variance)
 
 
-def test_runs_that_points_share_count_once():
+def test_shared_runs_count_once():
     assert pooled([LEFT, LEFT, RIGHT]) == BOTH
     coarse = Sample((0.5, 0.6), step=0.01)
     assert pooled([coarse, coarse]).freedom == 2
@@ -47,7 +47,7 @@ def test_a_positive_mean_has_the_bounds_of_a_ratio():
     assert around.value == 5.0 and around.low * around.high == pytest.approx(25.0)
 
 
-def test_points_that_were_run_once_tell_nothing_of_chance():
+def test_no_interval_without_repeats():
     once = Sample((2.0,))
     chance = pooled([once, once])
     assert chance.freedom == 0
@@ -62,14 +62,14 @@ def test_a_point_that_was_run_once_is_judged_by_the_others():
     assert found.high - found.value == pytest.approx(half)
 
 
-def test_equal_runs_are_equal_up_to_a_step():
+def test_equal_runs_have_an_interval_of_one_step():
     exact, coarse = Sample((0.5, 0.5)), Sample((0.5, 0.5), step=0.0125)
     assert mean(exact, pooled([exact]), 0.95) == Estimate(0.5, 0.5, 0.5)
     chance = pooled([coarse, coarse])
     assert mean(coarse, chance, 0.95).low < 0.5 - 0.0125 / 2
 
 
-def test_intervals_hold_the_truth_as_often_as_they_say():
+def test_intervals_cover_the_truth_at_their_confidence():
     rng = np.random.default_rng(0)
     points = [[Sample(tuple(runs)) for runs in trial] for trial in rng.normal(size=(2000, 6, 2))]
     found = [mean(trial[0], pooled(trial), 0.9) for trial in points]
@@ -89,5 +89,5 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
         ([(1.0, 0.5), (2.0, math.inf)], [0, 1]),
     ],
 )
-def test_the_front_is_what_nothing_else_beats(points, expected):
+def test_the_pareto_front_is_not_dominated(points, expected):
     assert front(points) == expected

@@ -32,7 +32,7 @@ def test_an_interrupted_training_counts_whole(scored):
     assert one.sample(WALL).values == (501.0,)
 
 
-def test_what_is_not_told_is_not_known(scored):
+def test_missing_costs_are_unknown(scored):
     path = scored(None, psnr=None)
     content = json.loads(Path(path).read_text())
     del content["artifacts"]["splats.zarr"]["cpu_s"]
@@ -43,12 +43,12 @@ def test_what_is_not_told_is_not_known(scored):
     assert one.sample(ACCURACY).step == 1 / 80
 
 
-def test_points_are_called_after_what_they_are(three_points):
+def test_settings_are_labelled_by_their_keys(three_points):
     labels = [one.label for one in read_points(three_points)]
     assert labels == ["the scene (balanced)", "paper_scaled", "splats.iterations=1500"]
 
 
-def test_a_lost_artifact_is_named(scored):
+def test_a_missing_artifact_is_named(scored):
     path = scored(None)
     content = json.loads(Path(path).read_text())
     content["artifacts"]["masks.zarr"] = None
@@ -57,7 +57,7 @@ def test_a_lost_artifact_is_named(scored):
         read_points([{"settings": [], "metrics": [path]}])
 
 
-def test_scores_of_other_scenes_or_questions_are_refused(scored, tmp_path):
+def test_scores_of_other_scenes_or_questions_are_rejected(scored, tmp_path):
     first = scored(None)
     other = tmp_path / "results/adt/scene2/metrics.json"
     other.parent.mkdir(parents=True)

@@ -36,7 +36,7 @@ def test_a_variant_is_named_after_its_setting(knob, value, name):
     assert variant_name(Setting(knob, value)) == name
 
 
-def test_names_are_safe_and_tell_all_values_apart():
+def test_names_are_safe_and_unique():
     values = ["a/b", "a.b", "a_b", "../x", "x" * 300, "x" * 301, 0.5, "0.5 ", 1e-5, "ä", ""]
     names = [variant_name(Setting("models.clip_checkpoint", value)) for value in values]
     assert len(set(names)) == len(names)
@@ -44,7 +44,7 @@ def test_names_are_safe_and_tell_all_values_apart():
     assert names == [variant_name(Setting("models.clip_checkpoint", value)) for value in values]
 
 
-def test_what_equals_the_scene_is_the_scene():
+def test_a_setting_equal_to_the_scene_is_the_scene():
     dims = defaults()["features"]["dims"]
     config = scene(presets=["balanced", "fast"], seeds=[1, 2], features__dims=[8, dims])
     own, fast, narrow = points_of(config, "adt/scene1")
@@ -54,7 +54,7 @@ def test_what_equals_the_scene_is_the_scene():
     assert narrow.settings == [Setting("features.dims", 8)]
 
 
-def test_a_knob_that_changes_nothing_is_the_scene():
+def test_a_parameter_that_changes_nothing_is_the_scene():
     base = merge(defaults(), {"splats": {"masking": "none"}})
     (own,) = points_of(scene(base=base, masks__threshold=[0.2]), "adt/scene1")
     assert Setting("masks.threshold", 0.2) in own.settings
@@ -88,7 +88,7 @@ def test_points_of_another_seed_share_what_they_have_in_common():
     }
 
 
-def test_a_seed_changes_all_that_trains_and_nothing_else():
+def test_a_seed_changes_only_training_stages():
     config = scene(seeds=[5])
     found = variant_config(config, "seed-5", "adt/scene1")
     changed = {section for section in found if found[section] != config[section]}
@@ -115,7 +115,7 @@ def test_presets_leave_recording_models_and_questions_to_the_scene():
 
 @pytest.mark.parametrize("name", ["fast", "balanced"])
 @pytest.mark.parametrize("below", ["fast", "balanced", "paper"])
-def test_nothing_of_the_scenes_own_preset_is_left(name, below):
+def test_presets_replace_the_scenes_own_preset(name, below):
     left_to_the_scene = {"formats", "segments", "transient", "frames", "models", "synthetic", "metrics"}
     keys, wanted = preset_keys(name, PRESETS, "adt"), resolve({"preset": name}, PRESETS)
     found = merge(resolve({"preset": below}, PRESETS), keys)
@@ -136,7 +136,7 @@ def test_nothing_of_the_scenes_own_preset_is_left(name, below):
         ("splats.seed", "splats.seed is no knob"),
     ],
 )
-def test_what_is_no_knob_is_refused(knob, message):
+def test_an_invalid_sweep_is_rejected(knob, message):
     with pytest.raises(UserError, match=f"tradeoff.knobs: .*{message}"):
         scene(**{knob.replace(".", "__"): [1]})
 
@@ -151,6 +151,6 @@ def test_the_scenes_own_seed_is_no_other_seed():
         points_of(scene(seeds=[0]), "adt/scene1")
 
 
-def test_names_of_points_are_taken():
+def test_a_variant_may_not_take_a_settings_name():
     with pytest.raises(UserError, match="features-dims-8"):
         scene(base=merge(defaults(), {"variants": {"features-dims-8": {}}}), features__dims=[8])

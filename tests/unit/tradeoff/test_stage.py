@@ -19,7 +19,7 @@ def page(three_points, tmp_path):
     return tmp_path / "out"
 
 
-def test_all_files_are_there_and_say_what_they_are_of(page):
+def test_all_files_are_written_and_name_their_scene(page):
     document = json.loads((page / "tradeoff.json").read_text())
     assert [one["label"] for one in document["points"] if one["front"]] == [
         "the scene (balanced)",
@@ -37,7 +37,7 @@ def test_all_files_are_there_and_say_what_they_are_of(page):
         assert picture.width > 1000
 
 
-def test_small_checkpoints_on_a_real_recording_are_told(three_points, tmp_path):
+def test_small_checkpoints_on_a_real_recording_are_reported(three_points, tmp_path):
     told = notice("real", {"clip_checkpoint": "small"})
     for path in (path for point in three_points for path in point["metrics"]):
         content = json.loads(Path(path).read_text()) | {"origin": "real", "notice": told}
@@ -87,7 +87,7 @@ def test_the_scene_alone_and_one_run_are_a_page(point, tmp_path):
     )
 
 
-def test_nothing_asked_is_a_page_without_a_front(point, tmp_path):
+def test_no_settings_give_a_page_without_a_front(point, tmp_path):
     nothing = {"count": 0, "categories": 0, "accuracy": None, "accuracy_interval": None}
     nothing |= {"mean_iou": None, "mean_iou_interval": None, "random_pixel": None, "middle_pixel": None}
     one = point([], [0.5], [10.0], scene=True, scores=dict.fromkeys(("static", "dynamic", "all"), nothing))

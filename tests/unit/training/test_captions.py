@@ -140,7 +140,7 @@ def test_a_share_of_combinations_is_held_out(crops: Crops) -> None:
     assert main_colour(unseen).tolist() == [shown, RED]
 
 
-def test_articles() -> None:
+def test_captions_use_the_right_article() -> None:
     assert phrased("{a} {}", "armchair") == "an armchair"
     assert phrased("a photo of {a} {}", "red mug") == "a photo of a red mug"
 

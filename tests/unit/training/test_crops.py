@@ -50,7 +50,7 @@ def test_a_patch_shows_the_mask_in_its_middle() -> None:
     assert patch[..., 3].sum() == 255 * mask.sum()
 
 
-def test_beyond_the_picture_there_is_nothing() -> None:
+def test_patches_beyond_the_picture_are_black() -> None:
     rgb, mask = np.full((50, 50, 3), 200, dtype=np.uint8), np.zeros((50, 50), dtype=bool)
     mask[:, :5] = True
     patch, side = cut_patch(rgb, mask)

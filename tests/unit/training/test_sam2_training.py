@@ -147,7 +147,7 @@ def test_a_step_of_either_kind_teaches_all_that_it_uses(world, tmp_path):
     assert {"maskmem_tpos_enc", "no_mem_embed", "sam_prompt_encoder"} <= rooms
 
 
-def test_a_stopped_run_goes_on_to_the_same_weights(world, tmp_path, monkeypatch):
+def test_a_stopped_run_resumes_to_the_same_weights(world, tmp_path, monkeypatch):
     whole = Run(RECIPE, [world], tmp_path / "whole.pt", torch.device("cpu"))
     whole.train()
     stopped = Run(RECIPE, [world], tmp_path / "stopped.pt", torch.device("cpu"))
@@ -190,7 +190,7 @@ def test_pictures_of_all_sides_are_learnt_from(world, tmp_path):
         assert {clip.pictures.shape[1] for clip in clips} == {clips[0].pictures.shape[1]}
 
 
-def test_rubbish_in_place_of_a_state_is_told(tmp_path):
+def test_a_corrupt_training_state_is_reported(tmp_path):
     path = tmp_path / "state.pt"
     assert read_state(path, torch.device("cpu")) is None
     path.write_bytes(b"rubbish")

@@ -41,7 +41,7 @@ def test_every_subpart_is_a_connected_piece_of_one_part(world):
     assert (counts[names == "legs"] == 4).any() and (counts[names == "floor"] == 1).all()
 
 
-def test_wholes_are_things_people_and_pieces_of_the_building(world):
+def test_wholes_are_objects_people_and_building_parts(world):
     levels = find_levels(world)
     of_building = [
         name for name, one in zip(levels.whole_names, levels.whole_instance, strict=True) if one == 0
@@ -94,7 +94,7 @@ def test_the_same_seed_makes_the_same_world(folder, tmp_path):
     assert json.loads((folder / "world.json").read_text())["seed"] == 77
 
 
-def test_an_interrupted_world_leaves_nothing(tmp_path, monkeypatch):
+def test_an_interrupted_world_leaves_no_files(tmp_path, monkeypatch):
     monkeypatch.setattr(worlds.json, "dumps", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         film_world(77, Filming(size=32, clips=1, frames=1), tmp_path / "77")

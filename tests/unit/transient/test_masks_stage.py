@@ -44,7 +44,7 @@ def run(folder: Path, **keys: object):
     return verify(folder / "masks.zarr", SCHEMAS)
 
 
-def test_what_the_artifact_says(folder, pictures):
+def test_artifact_holds_the_expected_facts_and_inputs(folder, pictures):
     masks = run(folder)
     # A little of the lower half is transient in one of five training frames.
     assert masks.read("instances/score") == pytest.approx([0.5, 0.06 / 5, 0.0], abs=1e-4)
@@ -90,7 +90,7 @@ def test_an_instance_of_evaluation_frames_alone_is_not_transient(scene):
 
 
 @pytest.mark.parametrize("keys", [{"threshold": 0.9}, {"level": "part"}], ids=["threshold", "level"])
-def test_an_empty_set_masks_nothing(folder, keys):
+def test_no_transient_instance_masks_nothing(folder, keys):
     masks = run(folder, **keys)
     assert not masks.read("refined").any() and masks.facts["masked_share"] == 0.0
 
@@ -102,7 +102,7 @@ def test_a_level_that_was_left_out_is_shown_by_the_one_that_it_repeats(scene):
     assert not run(made, level="subpart").read("refined").any()
 
 
-def test_no_instance_at_all_masks_nothing(scene):
+def test_no_instances_give_an_empty_mask(scene):
     empty = {
         "labels": np.full((FRAME_COUNT, 3, SIZE, SIZE), -1, np.int32),
         "instances/level": np.zeros(0, np.int8),
@@ -115,7 +115,7 @@ def test_no_instance_at_all_masks_nothing(scene):
     assert not run(folder).read("refined").any()
 
 
-def test_inputs_of_other_frames_are_refused(scene):
+def test_inputs_of_other_frames_are_rejected(scene):
     folder = scene()
     predict(folder, np.zeros((FRAME_COUNT, SIZE, SIZE // 2)))
     with pytest.raises(UserError, match="transient.zarr: was made from another frames.zarr"):

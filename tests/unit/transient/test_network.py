@@ -37,7 +37,7 @@ def test_a_sideways_picture_is_turned_clockwise_to_be_looked_at():
 
 
 @torch.no_grad()
-def test_broken_pixels_are_black():
+def test_non_finite_pixels_become_black():
     net = make_network(64, False, None, 0).eval()
     broken, black = PICTURE.clone(), PICTURE.clone()
     broken[3, 4], broken[5, 6] = float("nan"), float("inf")
@@ -62,7 +62,7 @@ def test_the_encoders_weights_come_from_a_classifiers_file(tmp_path):
 
 
 @pytest.mark.parametrize("change", ["absent", "missing", "reshaped"])
-def test_weights_that_do_not_fit_are_refused(tmp_path, change):
+def test_weights_that_do_not_fit_are_rejected(tmp_path, change):
     path = tmp_path / "model.safetensors"
     tensors = make_network(64, False, None, 5).encoder.state_dict()
     if change == "missing":
@@ -76,6 +76,6 @@ def test_weights_that_do_not_fit_are_refused(tmp_path, change):
 
 
 @pytest.mark.parametrize("size", [32, 100])
-def test_a_size_that_does_not_fit_is_refused(size):
+def test_a_size_that_does_not_fit_is_rejected(size):
     with pytest.raises(UserError, match=f"input_size = {size}"):
         make_network(size, False, None, 0)

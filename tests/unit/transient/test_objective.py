@@ -42,7 +42,7 @@ def test_the_loss_is_the_papers(views, residual, channels):
 
 
 @torch.no_grad()
-def test_only_what_the_lens_sees_is_compared(views):
+def test_the_loss_uses_valid_pixels_only(views):
     objective, weight = make(lambda2=0.0), torch.zeros(32, 32)
     weight[:, 16:] = 1.0
     masked = replace(views, valid=weight)
@@ -52,7 +52,7 @@ def test_only_what_the_lens_sees_is_compared(views):
 
 
 @pytest.mark.parametrize(("offset", "rises"), [(0.1, False), (0.5, True)], ids=["e < lambda2", "e > lambda2"])
-def test_probability_goes_where_the_residual_sends_it(views, offset, rises):
+def test_probability_follows_the_residual(views, offset, rises):
     objective = make()
     steps(objective, views, 12, offset)
     first, last = objective.mean_probability(list(range(1, 13)))[[0, -1]]
@@ -67,7 +67,7 @@ def test_gaussians_get_no_gradient_where_all_is_transient(views):
     assert float(image.grad.abs().max()) == 0.0
 
 
-def test_the_network_rests_in_the_warm_up(views):
+def test_the_network_is_not_trained_in_the_warm_up(views):
     objective = make(warmup=3)
     before = {name: tensor.clone() for name, tensor in objective.net.state_dict().items()}
     losses = steps(objective, views, 3)
@@ -79,7 +79,7 @@ def test_the_network_rests_in_the_warm_up(views):
     assert objective.mean_probability([3, 4])[1] > 0.0
 
 
-def test_a_render_that_is_not_finite_harms_nothing(views):
+def test_a_non_finite_render_is_ignored(views):
     objective = make()
     image = torch.full((32, 32, 3), float("nan"), requires_grad=True)
     objective.loss(image, views, 0).backward()
@@ -88,7 +88,7 @@ def test_a_render_that_is_not_finite_harms_nothing(views):
     assert all(bool(p.isfinite().all()) for p in objective.net.parameters())
 
 
-def test_a_gradient_that_is_not_finite_is_no_step(views):
+def test_a_non_finite_gradient_skips_the_step(views):
     objective = make()
     before = objective.net.head.weight.detach().clone()
     image = views.picture(0).requires_grad_()
@@ -97,7 +97,7 @@ def test_a_gradient_that_is_not_finite_is_no_step(views):
     assert torch.equal(objective.net.head.weight, before) and objective.net.head.weight.grad is None
 
 
-def test_it_goes_on_where_it_was(views):
+def test_training_resumes_where_it_stopped(views):
     unbroken, first, second = make(), make(), make()
     losses = steps(unbroken, views, 12)
     steps(first, views, 6)

@@ -24,7 +24,7 @@ def test_areas_are_averaged():
     assert reduced(picture, 4, 4) is picture
 
 
-def test_views_keep_what_they_show(scene):
+def test_resizing_views_keeps_their_content(scene):
     valid = np.ones((32, 32), bool)
     valid[0, 0] = False
     folder = scene(valid=valid)

@@ -54,7 +54,7 @@ def test_the_mask_is_the_union_over_levels():
     assert not refined_mask(labels, np.zeros(3, bool)).any()
 
 
-def test_no_instances_at_all():
+def test_no_instances_give_an_empty_mask():
     scores = InstanceScores(0)
     labels = np.full((3, 2, 2), -1, np.int32)
     scores.add(labels, np.ones((2, 2)))

@@ -24,7 +24,7 @@ def run(folder: Path, name: str = "transient.zarr", survey: Path | None = None, 
     return verify(folder / name, SCHEMAS)
 
 
-def test_what_the_artifact_says(scene):
+def test_artifact_holds_the_expected_facts_and_inputs(scene):
     registered = np.arange(6) != 5
     transient = run(scene(registered=registered))
     assert transient.origin == "synthetic" and set(transient.provenance["inputs"]) == {
@@ -40,7 +40,7 @@ def test_what_the_artifact_says(scene):
     assert probability[5].std() > 0
 
 
-def test_frames_that_a_survey_leaves_out_teach_nothing_but_are_predicted(scene, pictures, survey_that_keeps):
+def test_frames_left_out_by_the_survey_are_predicted_but_not_trained_on(scene, pictures, survey_that_keeps):
     folder = scene()
     survey = survey_that_keeps(folder, [0, 2, 4])
     transient = run(folder, survey=survey)
@@ -55,7 +55,7 @@ def test_frames_that_a_survey_leaves_out_teach_nothing_but_are_predicted(scene, 
     assert not np.array_equal(run(other, "all.zarr").read("weights"), transient.read("weights"))
 
 
-def test_the_network_comes_back(scene):
+def test_the_network_is_restored_from_its_artifact(scene):
     folder = scene()
     transient = run(folder, batch_norm="eval", resolution=32)
     net, values = make_network(64, False, None, 9).eval(), torch.from_numpy(transient.read("weights"))
@@ -67,7 +67,7 @@ def test_the_network_comes_back(scene):
     assert net(picture, 32, 32).detach().numpy() == pytest.approx(transient.row("probability", 2), abs=1e-3)
 
 
-def test_equal_runs_are_equal_and_nothing_else_is_left(scene):
+def test_equal_runs_are_equal_and_leave_no_other_files(scene):
     folder = scene()
     assert run(folder).digest == run(folder, "again.zarr").digest != run(folder, "other.zarr", seed=1).digest
     names = {"frames.zarr", "poses.zarr", "segments.zarr", "transient.zarr", "again.zarr", "other.zarr"}
@@ -78,7 +78,7 @@ class Stopped(Exception):
     pass
 
 
-def test_a_killed_run_goes_on_to_the_same_result(scene, monkeypatch, capsys):
+def test_a_killed_run_resumes_to_the_same_result(scene, monkeypatch, capsys):
     folder = scene()
     expected = run(folder, "unbroken.zarr", background="random").digest
     save = Checkpoint.save_if_due
@@ -130,7 +130,7 @@ def test_pictures_as_the_sensor_takes_them_are_looked_at_upright(scene):
     assert (lying != upright).any()
 
 
-def test_frames_without_poses_are_refused(scene):
+def test_frames_without_poses_are_rejected(scene):
     with pytest.raises(UserError, match="5 training frames"):
         run(scene(registered=np.zeros(6, bool)))
 
