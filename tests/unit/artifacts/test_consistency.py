@@ -38,7 +38,7 @@ def test_an_artifact_made_from_its_source_passes(tmp_path, frames):
     check_made_from(made(tmp_path / "poses.zarr", 3, {"frames.zarr": frames.digest}), frames, axes=("frame",))
 
 
-def test_a_source_with_another_digest_is_refused(tmp_path, frames):
+def test_a_source_with_another_digest_is_rejected(tmp_path, frames):
     """Sources of equal sizes are told apart by digest; the message names both files and the command that rebuilds."""
     other = source(tmp_path / "other" / "frames.zarr", 1, 2, 4)
     poses = made(tmp_path / "results/adt/one/poses.zarr", 3, {"frames.zarr": frames.digest})

@@ -31,7 +31,7 @@ def test_small_masks_are_left_out(scene, min_area, instances):
     assert set(views.instance.tolist()) == instances and views.box.shape == (len(views), 4)
 
 
-def test_at_most_so_many_views(scene):
+def test_views_are_limited_to_max_views(scene):
     views = find_views(*artifacts(scene()), 0.0, 2)
     assert views.instance.tolist() == [0, 0, 1, 1, 2, 3] and views.frame.tolist() == [0, 2, 0, 2, 2, 3]
 

@@ -38,10 +38,10 @@ def test_validation_is_taken_from_the_training_frames(count, aside):
     assert (split.training ^ split.validation).all() and split.training.any()
 
 
-def test_too_few_views_are_refused():
-    with pytest.raises(UserError, match="none of 2 training frames has a pose"):
+def test_too_few_views_are_rejected():
+    with pytest.raises(UserError, match="2 training frames"):
         split_views(mask(3, 0, 1), mask(3, 2), mask(3, 2), validate=False)
-    with pytest.raises(UserError, match="patience: needs 2 training frames"):
+    with pytest.raises(UserError, match="patience: .*2 training frames"):
         split_views(mask(3, 0, 1), mask(3, 2), mask(3, 1, 2), validate=True)
 
 
@@ -67,5 +67,5 @@ def test_the_weight_is_the_lens_circle(scene):
     np.testing.assert_array_equal(weight.numpy(), valid)
 
 
-def test_no_views_can_be_read(scene):
+def test_an_empty_set_of_views_is_allowed(scene):
     assert len(read_views(*opened(scene()), mask(9), NOTHING, CPU)) == 0

@@ -38,7 +38,7 @@ def scene(tmp_path):
 
 
 @pytest.mark.parametrize("background, expected", [("black", 0.0), ("white", 1.0), ("random", 0.0)])
-def test_what_is_behind(scene, background, expected):
+def test_the_background_is_the_one_of_training(scene, background, expected):
     picture = scene(background).picture(CAMERA, np.eye(4))
     assert picture.shape == (12, 16, 3) and picture.dtype == np.float32
     np.testing.assert_allclose(picture[0, 0], expected, atol=1e-6)
@@ -51,7 +51,7 @@ def test_harmonics_are_used_up_to_the_degree_in_use(scene):
     np.testing.assert_allclose(without, without[0], atol=1e-6)
 
 
-def test_what_was_told_in_training(scene):
+def test_render_settings_come_from_training(scene):
     made = scene()
     assert made.camera == CAMERA and made.near_plane == 0.5 and made.antialiased
     behind = np.diag([-1.0, 1.0, -1.0, 1.0])
@@ -61,6 +61,6 @@ def test_what_was_told_in_training(scene):
     assert (made.picture(CAMERA, near) == 0).all()  # nearer than the plane
 
 
-def test_gaussians_of_other_poses_are_refused(scene):
+def test_gaussians_of_other_poses_are_rejected(scene):
     with pytest.raises(UserError, match=r"splats.zarr: was made from another poses.zarr than .*Rebuild it: "):
         scene(made_from="0" * 64)

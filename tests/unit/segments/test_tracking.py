@@ -117,7 +117,7 @@ def test_the_first_frame_alone_where_that_is_asked_for(sam2, pictures):
     assert {one.first_frame for one in segmented.instances} == {0} and segmented.notes["key_frames"] == [0]
 
 
-def test_no_more_are_followed_than_allowed(sam2, pictures):
+def test_the_number_of_tracked_instances_is_limited(sam2, pictures):
     for most in (1, 3):
         segmented, _ = tracked(sam2, pictures, options=replace(OPTIONS, max_instances=most))
         for level in range(len(LEVELS)):
@@ -186,7 +186,7 @@ def test_a_killed_run_goes_on_to_the_same_end(sam2, pictures, tmp_path, reads):
         assert np.array_equal(found.labels[frame], expected.labels[frame])
 
 
-def test_nothing_found_is_no_instance(sam2, pictures):
+def test_no_masks_give_no_instance(sam2, pictures):
     segmented, _ = tracked(sam2, pictures, options=replace(OPTIONS, pred_iou_thresh=1.0))
     assert segmented.instances == [] and segmented.same == []
     assert all((segmented.labels[frame] == -1).all() for frame in range(FRAMES))
