@@ -387,7 +387,7 @@ def test_duplicate_scores_are_rejected(tables, scored):
 def test_a_file_without_scores_is_named(tables, tmp_path, content, message):
     path = tmp_path / "metrics.json"
     path.write_bytes(content.encode("utf-8", "surrogateescape"))
-    with pytest.raises(UserError, match=f"metrics.json: .*{message or str()}"):
+    with pytest.raises(UserError, match=f"metrics.json: .*{message or ''}"):
         tables(path)
     with pytest.raises(UserError, match="absent.json"):
         tables(tmp_path / "absent.json")
