@@ -16,8 +16,8 @@ import yaml
 from benchmarks.common import ROOT
 from egosplat.artifacts.check import check_tree
 from egosplat.pipeline import config as configuration
+from egosplat.pipeline.dag import inputs_of
 from egosplat.pipeline.stages import PIPELINE, STAGES
-from egosplat.pipeline.variants import inputs_of
 from egosplat.progress import log
 
 SCENE = Path("results/adt/scene1")

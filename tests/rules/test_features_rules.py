@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SCENE = "results/mine/scene"
 BOTH = {"view_features", "features"}
 SNAKEFILE = "".join(
-    f'include: "rules/{name}.smk"\n' for name in ("common", "parameters", "resources", "features")
+    f'include: "rules/{name}.smk"\n' for name in ("start", "common", "dag", "resources", "features")
 )
 SIZE, FRAME_COUNT = 32, 6
 DESCRIPTION = {

@@ -7,6 +7,12 @@ TOOLS: projectaria-tools, OpenCV; trimesh and Embree for the synthetic apartment
 """
 
 
+def is_recording_annotated(wildcards):
+    """Tell whether a plain recording has annotations: without them all of its frames are trained on."""
+    scene = scene_of(wildcards)
+    return is_annotated(scene.format, scene.recording)
+
+
 rule synthetic:
     """Make a synthetic apartment's recording in ADT's format."""
     output:
@@ -42,9 +48,9 @@ rule frames:
         mem_mb=memory("frames"),
         runtime=runtime("frames"),
     params:
-        recording=recording,
-        format=recording_format,
-        annotated=annotated,
+        recording=get_recording,
+        format=lambda wildcards: scene_of(wildcards).format,
+        annotated=is_recording_annotated,
         flags=flags("frames"),
         code=code_of("frames"),
     shell:
@@ -71,7 +77,7 @@ rule annotations:
         mem_mb=memory("annotations"),
         runtime=runtime("annotations"),
     params:
-        recording=recording,
+        recording=get_recording,
         flags=flags("annotations"),
         code=code_of("annotations"),
     shell:

@@ -23,7 +23,7 @@ rule poses:
         mem_mb=memory("poses"),
         runtime=runtime("poses"),
     params:
-        recording=recording,
+        recording=get_recording,
         flags=flags("poses"),
         code=code_of("poses"),
     shell:

@@ -27,7 +27,7 @@ rule contact_sheet:
         mem_mb=memory("contact_sheet"),
         runtime=runtime("contact_sheet"),
     params:
-        title=title,
+        title=get_title,
         code=code_of("contact_sheet"),
     shell:
         "egosplat contact-sheet"
@@ -57,7 +57,7 @@ rule segments_sheet:
         mem_mb=memory("segments_sheet"),
         runtime=runtime("segments_sheet"),
     params:
-        title=title,
+        title=get_title,
         code=code_of("segments_sheet"),
     shell:
         "egosplat segments-sheet"
@@ -88,7 +88,7 @@ rule crops_sheet:
         mem_mb=memory("crops_sheet"),
         runtime=runtime("crops_sheet"),
     params:
-        title=title,
+        title=get_title,
         code=code_of("crops_sheet"),
     shell:
         "egosplat crops-sheet"
@@ -119,7 +119,7 @@ rule splats_sheet:
         mem_mb=memory("splats_sheet"),
         runtime=runtime("splats_sheet"),
     params:
-        title=title,
+        title=get_title,
         code=code_of("splats_sheet"),
     shell:
         "egosplat splats-sheet"
@@ -152,7 +152,7 @@ rule transient_sheet:
         mem_mb=memory("transient_sheet"),
         runtime=runtime("transient_sheet"),
     params:
-        title=title,
+        title=get_title,
         code=code_of("transient_sheet"),
     shell:
         "egosplat transient-sheet"
@@ -186,7 +186,7 @@ rule language_sheet:
         mem_mb=memory("language_sheet"),
         runtime=runtime("language_sheet"),
     params:
-        title=title,
+        title=get_title,
         code=code_of("language_sheet"),
     shell:
         "egosplat language-sheet"
@@ -221,7 +221,7 @@ rule queries_sheet:
         mem_mb=memory("queries_sheet"),
         runtime=runtime("queries_sheet"),
     params:
-        title=title,
+        title=get_title,
         code=code_of("queries_sheet"),
     shell:
         "egosplat queries-sheet"

@@ -25,7 +25,7 @@ rule segments:
         gpu=gpus("segments"),
     params:
         others=optional_flags("segments"),
-        kept=decided_frames,
+        kept=training_frames("segments"),
         flags=flags("segments"),
         code=code_of("segments"),
         models=models("segments"),

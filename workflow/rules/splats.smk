@@ -27,7 +27,7 @@ rule splats:
         gpu=gpus("splats"),
     params:
         others=optional_flags("splats"),
-        kept=frames_for_gaussians,
+        kept=training_frames("splats"),
         flags=flags("splats"),
         code=code_of("splats"),
     shell:
@@ -62,7 +62,7 @@ rule language:
         gpu=gpus("language"),
     params:
         others=optional_flags("language"),
-        kept=decided_frames,
+        kept=training_frames("language"),
         flags=flags("language"),
         code=code_of("language"),
     shell:

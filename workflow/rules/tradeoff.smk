@@ -6,46 +6,31 @@ OUTPUTS: tradeoff/tradeoff.html, .csv, .json and .png.
 TOOLS: SciPy, pandas, matplotlib, Jinja2.
 """
 
+import json
 
-def tradeoff_code():
-    """Content hash of the code that compares points."""
-    return code_hash(
-        "egosplat.tradeoff.stage",
-        ("jinja2", "jsonschema", "matplotlib", "pandas", "scipy"),
-    )
+TRADEOFF_LIBRARIES = ("jinja2", "jsonschema", "matplotlib", "pandas", "scipy")
 
 
 @cache
-def measured_points(dataset, scene):
-    """The points of a scene: their settings, and metrics.json of each of their runs."""
-    found = find_scene(scenes, dataset, scene)
-    return [
-        {
-            "settings": [[one.knob, one.value] for one in point.settings],
-            "metrics": [
-                f"{found.results}/{folder_of_variant(variant)}metrics.json"
-                for variant in point.variants
-            ],
-        }
-        for point in points_of(found.config, f"{dataset}/{scene}")
-    ]
+def points_named(dataset, scene):
+    """Get the points of a scene: their settings, and metrics.json of each of their runs."""
+    return measured_points(find_scene(scenes, dataset, scene))
 
 
-def metrics_of_points(wildcards):
-    """All these files."""
-    points = measured_points(wildcards.dataset, wildcards.scene)
+def get_points_metrics(wildcards):
+    """Get metrics.json of all runs."""
+    points = points_named(wildcards.dataset, wildcards.scene)
     return [path for point in points for path in point["metrics"]]
 
 
-def points_flag(wildcards):
-    """The points as one command line argument."""
-    return shlex.quote(json.dumps(measured_points(wildcards.dataset, wildcards.scene)))
+def get_points_flag(wildcards):
+    """Get the points as one command line argument."""
+    return shlex.quote(json.dumps(points_named(wildcards.dataset, wildcards.scene)))
 
 
 rule tradeoff:
-    """Compare what the points of a scene cost, and how accurate they are."""
     input:
-        metrics=metrics_of_points,
+        metrics=get_points_metrics,
         page=PACKAGE / "tradeoff/tradeoff.html.j2",
     output:
         multiext("results/{dataset}/{scene}/tradeoff/tradeoff", ".csv", ".json", ".png"),
@@ -57,12 +42,14 @@ rule tradeoff:
         ),
     log:
         "logs/{dataset}/{scene}/tradeoff.log",
+    """Compare what the points of a scene cost, and how accurate they are."""
+    localrule: True
     resources:
         mem_mb=2000,
         runtime="10m",
     params:
-        points=points_flag,
-        code=tradeoff_code(),
+        points=get_points_flag,
+        code=code_hash("egosplat.tradeoff.stage", TRADEOFF_LIBRARIES),
     shell:
         "egosplat tradeoff"
         " --output results/{wildcards.dataset}/{wildcards.scene}/tradeoff"

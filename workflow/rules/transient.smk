@@ -36,7 +36,7 @@ rule transient:
         gpu=gpus("transient"),
     params:
         others=optional_flags("transient"),
-        kept=decided_frames,
+        kept=training_frames("transient"),
         flags=flags("transient"),
         weights=encoder_weights,
         code=code_of("transient"),

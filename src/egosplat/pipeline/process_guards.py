@@ -2,7 +2,6 @@
 
 import fcntl
 import os
-import re
 import shutil
 import tempfile
 import threading
@@ -80,29 +79,6 @@ def _taken(handle: int, kind: int) -> bool:
 
 _ROOM_BYTES = 2**20
 """Logs and notes of a run take less."""
-
-_LOOKS = re.compile(
-    r"-[nSDl]|--(dry-?run|report|(detailed-)?summary|(d3)?dag|rulegraph|filegraph|lint|l[citpu]|list(-\w+)*)"
-)
-"""Options of Snakemake with which it makes no results."""
-
-_PLANS = re.compile(r"-n|--dry-?run")
-
-
-def only_looks(words: list[str]) -> bool:
-    """Whether a command line of Snakemake writes no results: it tells a workflow so only after it has read it."""
-    looks = any(_LOOKS.fullmatch(word.partition("=")[0]) for word in words)
-    return looks and "--report-after-run" not in words
-
-
-def only_reports(words: list[str]) -> bool:
-    """Whether a command line of Snakemake asks for its report of results that are there."""
-    return only_looks(words) and any(word.partition("=")[0] == "--report" for word in words)
-
-
-def only_plans(words: list[str]) -> bool:
-    """Whether a command line of Snakemake is of a dry run."""
-    return any(_PLANS.fullmatch(word) for word in words)
 
 
 def check_writable(folders: Iterable[Path]) -> None:

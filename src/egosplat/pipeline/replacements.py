@@ -14,10 +14,12 @@ import yaml
 from egosplat.files import read_json
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.config import Config
-from egosplat.pipeline.dag import masks_by_survey
+from egosplat.pipeline.dag import default_pages, inputs_of, masks_by_survey
 from egosplat.pipeline.presets import FILES
+from egosplat.pipeline.results import default_scenes
+from egosplat.pipeline.scenes import Scene, Target, find_scene
 from egosplat.pipeline.stages import PAGES, STAGES
-from egosplat.pipeline.variants import inputs_of
+from egosplat.pipeline.variants import artifact_path, scene_config
 
 NAMED = 4
 """So many keys are named in a message, and so many scenes."""
@@ -62,6 +64,45 @@ class Replaced:
     artifacts: tuple[Path, ...]
     changes: Changes
     preset: str | None
+
+
+Scenes = Mapping[tuple[str, str], Scene]
+
+
+def asked_results(
+    scenes: Scenes, targets: Iterable[Target], with_preset: Callable[[str], Scenes]
+) -> list[Asked]:
+    """What a command line asks for; without targets, of every scene of such a run.
+
+    Args:
+        scenes: the table.
+        targets: below ``results``.
+        with_preset: reads the same table with another preset.
+    """
+    names: dict[tuple[str, str, str | None], list[str]] = {}
+    for target in targets:
+        names.setdefault((target.dataset, target.scene, target.variant), []).append(target.name)
+    if not names:
+        for scene in default_scenes(scenes.values()):
+            pages = default_pages(scene.config["splats"]["masking"])
+            names[scene.dataset, scene.scene, None] = pages
+    return [
+        _asked(find_scene(scenes, dataset, scene), variant, tuple(goals), with_preset)
+        for (dataset, scene, variant), goals in names.items()
+    ]
+
+
+def _asked(
+    scene: Scene, variant: str | None, goals: tuple[str, ...], with_preset: Callable[[str], Scenes]
+) -> Asked:
+    return Asked(
+        folder=scene.results,
+        variant=variant,
+        goals=goals,
+        config=scene_config(scene, variant),
+        path_of=lambda stage: Path(artifact_path(stage, scene, variant)),
+        with_preset=lambda preset: scene_config(with_preset(preset)[scene.dataset, scene.scene], variant),
+    )
 
 
 def replacement_notices(asked: Iterable[Asked]) -> list[str]:

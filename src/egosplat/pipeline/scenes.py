@@ -3,6 +3,7 @@
 import csv
 import os
 import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -40,6 +41,11 @@ class Scene:
     by_name: bool = False
 
     @property
+    def name(self) -> str:
+        """The scene in messages and titles: ``adt/scene1``."""
+        return f"{self.dataset}/{self.scene}"
+
+    @property
     def results(self) -> Path:
         return Path("results") / self.dataset / self.scene
 
@@ -64,7 +70,7 @@ def read_scenes(config: configuration.Config) -> dict[tuple[str, str], Scene]:
     return scenes
 
 
-def find_scene(scenes: dict[tuple[str, str], Scene], dataset: str, scene: str) -> Scene:
+def find_scene(scenes: Mapping[tuple[str, str], Scene], dataset: str, scene: str) -> Scene:
     """The scene of that name.
 
     Raises:
@@ -119,11 +125,8 @@ class Target:
 _TARGET = r"(?:\./)?results/([a-z0-9_]+)/([A-Za-z0-9_-]+)/(?:variants/([A-Za-z0-9_-]+)/)?(.+)"
 
 
-def requested_targets(words: list[str]) -> list[Target]:
-    """What each word of a command line names that is a path below results.
-
-    Snakemake tells a workflow its targets only after it has read it, which is too late for a plain message.
-    """
+def requested_targets(words: Iterable[str]) -> list[Target]:
+    """The words that are paths of a scene below ``results``; the names of rules are not."""
     found = (re.fullmatch(_TARGET, word) for word in words)
     return [Target(*match.groups()) for match in found if match and match[1] != "benchmark"]
 

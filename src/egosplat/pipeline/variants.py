@@ -10,7 +10,8 @@ from typing import Any
 from egosplat.errors import UserError
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.config import Config
-from egosplat.pipeline.dag import AUTO, leaves_frames_out, masks_by_survey
+from egosplat.pipeline.dag import inputs_of
+from egosplat.pipeline.scenes import Scene, Target, check_recording, find_scene
 from egosplat.pipeline.stages import STAGES
 
 OVER = "over"
@@ -18,33 +19,6 @@ OVER = "over"
 
 NAMED = 8
 """So many variants are named in a message."""
-
-_MASKS: dict[str, tuple[str, ...]] = {
-    "none": (),
-    "initial": ("transient",),
-    "refined": ("masks",),
-    AUTO: ("masks",),
-}
-"""By splats.masking: the artifacts that say what moves. Where a survey decides, it may be any of them."""
-
-_CODES: dict[str, tuple[str, ...]] = {"after": (), "joint": ("segments", "features")}
-"""By splats.language: the artifacts from which codes are trained with the geometry."""
-
-
-def inputs_of(stage: str, config: Config) -> tuple[str, ...]:
-    """The stages whose artifacts a stage reads, with a configuration."""
-    always = tuple(name for name in STAGES[stage].inputs if name in STAGES)
-    found = always + optional_inputs_of(stage, config)
-    masked = "masks" in STAGES[stage].optional
-    by_survey = masked and masks_by_survey(config) and "survey" not in found
-    return (*found, "survey") if by_survey else found
-
-
-def optional_inputs_of(stage: str, config: Config) -> tuple[str, ...]:
-    """Those of them that other configurations do without."""
-    views = ("survey",) if leaves_frames_out(config) else ()
-    wanted = views + _MASKS[config["splats"]["masking"]] + _CODES[config["splats"]["language"]]
-    return tuple(name for name in wanted if name in STAGES[stage].optional)
 
 
 def reaches(stage: str, base: Config, variant: Config) -> bool:
@@ -100,6 +74,55 @@ def variant_config(base: Config, name: str, where: str) -> Config:
             f"variant {name}: preset is chosen for all; leave it out, and give the keys themselves"
         )
     return merged
+
+
+def scene_config(scene: Scene, variant: str | None) -> Config:
+    """The configuration of a scene or of a variant of it; errors as ``variant_config``."""
+    return variant_config(scene.config, variant, scene.name) if variant else scene.config
+
+
+def variant_folder(variant: str | None) -> str:
+    """The folder of a variant below its scene's: ``variants/NAME/``, empty for the scene itself."""
+    return f"variants/{variant}/" if variant else ""
+
+
+def artifact_folder(stage: str, scene: Scene, variant: str | None) -> str:
+    """The folder, below the scene's, of the artifact that a variant has from a stage, its own or a shared one.
+
+    Raises:
+        UserError: as ``variant_config``.
+    """
+    return variant_folder(owner(stage, scene.config, variant, scene.name) if variant else None)
+
+
+def artifact_path(stage: str, scene: Scene, variant: str | None) -> str:
+    """The path of that artifact; errors as ``artifact_folder``."""
+    return f"{scene.results}/{artifact_folder(stage, scene, variant)}{STAGES[stage].output}"
+
+
+def check_target(scenes: Mapping[tuple[str, str], Scene], target: Target) -> None:
+    """Check that a path of the command line can be made, before Snakemake looks for a rule.
+
+    Raises:
+        UserError: no such scene or variant, no recording, or an artifact that the variant shares; names its path.
+    """
+    scene = find_scene(scenes, target.dataset, target.scene)
+    check_recording(scene)
+    if target.variant is None:
+        return
+    variant_config(scene.config, target.variant, scene.name)
+    stage = target.name.partition(".")[0]
+    if (
+        stage not in STAGES
+        or target.name != STAGES[stage].output
+        or not target.name.endswith((".zarr", ".json"))
+    ):
+        return
+    home = artifact_folder(stage, scene, target.variant)
+    if home != variant_folder(target.variant):
+        raise UserError(
+            f"variant {target.variant} changes nothing of {target.name}; take {scene.results}/{home}{target.name}"
+        )
 
 
 def _ancestry(variants: Mapping[str, Mapping[str, Any]], name: str, where: str) -> list[str]:

@@ -9,14 +9,15 @@ import hashlib
 import json
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from egosplat.errors import UserError
 from egosplat.pipeline.config import Config, section_keys
 from egosplat.pipeline.presets import QUESTIONS, preset_keys
-from egosplat.pipeline.variants import OVER, reaches, variant_config
+from egosplat.pipeline.scenes import Scene, read_scenes
+from egosplat.pipeline.variants import OVER, reaches, variant_config, variant_folder
 
 PRESET = "preset"
 """The knob whose values are presets."""
@@ -47,6 +48,28 @@ class Point:
 
     settings: list[Setting] = field(default_factory=list)
     variants: list[str | None] = field(default_factory=list)
+
+
+def read_scenes_with_points(config: Config, presets: Path) -> dict[tuple[str, str], Scene]:
+    """The table of scenes, each with the variants of its points; arguments and errors as its two parts."""
+    scenes = read_scenes(config)
+    return {
+        key: replace(scene, config=with_points(scene.config, presets, scene.format))
+        for key, scene in scenes.items()
+    }
+
+
+def measured_points(scene: Scene) -> list[dict[str, Any]]:
+    """The points of a scene for ``egosplat tradeoff``: their settings, and metrics.json of each of their runs."""
+    return [
+        {
+            "settings": [[one.knob, one.value] for one in point.settings],
+            "metrics": [
+                f"{scene.results}/{variant_folder(variant)}metrics.json" for variant in point.variants
+            ],
+        }
+        for point in points_of(scene.config, scene.name)
+    ]
 
 
 def with_points(config: Config, presets: Path, format: str) -> Config:

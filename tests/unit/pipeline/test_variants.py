@@ -1,11 +1,21 @@
 """Which artifacts a variant makes anew, and which it shares with its scene."""
 
+from pathlib import Path
+
 import pytest
 
 from egosplat.errors import UserError
 from egosplat.pipeline.config import defaults, merge
+from egosplat.pipeline.scenes import Scene, Target
 from egosplat.pipeline.stages import PAGES, STAGES
-from egosplat.pipeline.variants import inputs_of, optional_inputs_of, owner, reaches, variant_config
+from egosplat.pipeline.variants import (
+    artifact_path,
+    check_target,
+    owner,
+    reaches,
+    scene_config,
+    variant_config,
+)
 
 BASE = defaults()
 
@@ -41,29 +51,11 @@ def test_unchanged_values_make_nothing_stale():
     assert reached(splats={"masking": BASE["splats"]["masking"]}) == set()
 
 
-@pytest.mark.parametrize(
-    "masking, language, expected",
-    [
-        ("none", "after", ()),
-        ("initial", "after", ("transient",)),
-        ("refined", "joint", ("masks", "segments", "features")),
-    ],
-)
-def test_inputs_of_splats_depend_on_their_keys(masking, language, expected):
-    keys = {"splats": {"masking": masking, "language": language}, "survey": {"min_view_change_deg": 0}}
-    config = merge(BASE, keys)
-    assert optional_inputs_of("splats", config) == expected
-    assert inputs_of("splats", config) == ("frames", "poses", *expected)
-    assert optional_inputs_of("language", config) == tuple(n for n in expected if n in ("transient", "masks"))
-
-
 ALL_FRAMES = merge(BASE, {"survey": {"min_view_change_deg": 0}})
 
 
 @pytest.mark.parametrize("stage", ["segments", "transient", "splats", "language"])
-def test_training_stages_read_the_survey_if_frames_may_be_left_out(stage):
-    assert "survey" in optional_inputs_of(stage, BASE)
-    assert "survey" not in optional_inputs_of(stage, ALL_FRAMES)
+def test_training_stages_follow_the_survey_if_frames_may_be_left_out(stage):
     assert reaches(stage, BASE, merge(BASE, {"survey": {"min_view_change_deg": 9.0}}))
     assert reaches(stage, BASE, ALL_FRAMES)
 
@@ -153,3 +145,31 @@ def test_an_invalid_variant_is_rejected(variants, name, message):
     scene = merge(BASE, {"variants": variants})
     with pytest.raises(UserError, match=message):
         variant_config(scene, name, "adt/scene1")
+
+
+VARIANTS = {"variants": {"narrow": {"features": {"dims": 4}}}}
+SCENE = Scene("adt", "scene1", "adt", Path("results/adt/scene1/recording"), True, merge(BASE, VARIANTS))
+
+
+def test_an_artifact_is_in_the_folder_of_the_variant_only_where_a_key_reaches_it():
+    """Protects the paths of rules: a variant shares artifacts of its scene."""
+    assert artifact_path("features", SCENE, None) == "results/adt/scene1/features.zarr"
+    assert artifact_path("features", SCENE, "narrow") == "results/adt/scene1/variants/narrow/features.zarr"
+    assert artifact_path("segments", SCENE, "narrow") == "results/adt/scene1/segments.zarr"
+    assert artifact_path("metrics", SCENE, "narrow") == "results/adt/scene1/variants/narrow/metrics.json"
+    assert (
+        scene_config(SCENE, "narrow")["features"]["dims"] == 4 and scene_config(SCENE, None) is SCENE.config
+    )
+
+
+def test_a_target_that_the_variant_shares_is_refused_with_its_path():
+    """Protects the message before Snakemake looks for a rule."""
+    scenes = {("adt", "scene1"): SCENE}
+    check_target(scenes, Target("adt", "scene1", "narrow", "features.zarr"))
+    check_target(scenes, Target("adt", "scene1", "narrow", "segments.png"))
+    with pytest.raises(UserError, match="narrow .*segments.zarr; take results/adt/scene1/segments.zarr"):
+        check_target(scenes, Target("adt", "scene1", "narrow", "segments.zarr"))
+    with pytest.raises(UserError, match="no variant 'wide'"):
+        check_target(scenes, Target("adt", "scene1", "wide", "metrics.json"))
+    with pytest.raises(UserError, match="no scene adt/scene2"):
+        check_target(scenes, Target("adt", "scene2", None, "metrics.json"))

@@ -9,52 +9,17 @@ TOOLS: OpenCLIP, PyTorch, egosplat's kernels or gsplat; Jinja2.
 
 import egosplat
 from egosplat.pipeline.code_hash import code_hash
+from egosplat.pipeline.results import table_pictures, table_scores
 
 PACKAGE = Path(egosplat.__file__).parent
 
 TABLES = ("adt_accuracy", "adt_iou", "adt_ablation", "hoi4d", "adt_transient")
-ABLATIONS = ("baseline", "aggregation", "initial")
-"""The variants that the tables have rows for, beside the scene itself."""
 
 
-def tables_code():
-    """Content hash of the code that lays out tables."""
-    return code_hash("egosplat.tables.stage", ("jinja2", "jsonschema", "pandas"))
-
-
-def scores_of_scenes(_):
-    """metrics.json of every scene that is there or can be made, and of its ablations; of scenes that are made by name
-    alone, those that were."""
-    own = [path for scene in available() for path in scores_of(scene)]
-    by_name = [
-        path
-        for scene in scenes.values()
-        if scene.by_name
-        for path in scores_of(scene)
-        if path.exists()
-    ]
-    return [str(path) for path in (*own, *by_name)]
-
-
-def scores_of(scene):
-    """metrics.json of a scene and of its ablations."""
-    folders = ("", *(f"variants/{name}" for name in ABLATIONS))
-    return [scene.results / folder / "metrics.json" for folder in folders]
-
-
-def pictures_of_scenes(_):
-    """The pictures on the page."""
-    return [
-        str(scene.results / name)
-        for scene in available()
-        for name in ("splats.png", "language.png")
-    ]
-
-
-def picture_flags(wildcards):
-    """The same as command line flags."""
+def get_picture_flags(_):
+    """Get the pictures on the page of the tables as command line flags."""
     return " ".join(
-        f"--picture {shlex.quote(path)}" for path in pictures_of_scenes(wildcards)
+        f"--picture {shlex.quote(path)}" for path in table_pictures(scenes.values())
     )
 
 
@@ -84,7 +49,7 @@ rule metrics:
         runtime=runtime("metrics"),
         gpu=gpus("metrics"),
     params:
-        title=title,
+        title=get_title,
         flags=flags("metrics"),
         models=models("metrics"),
         code=code_of("metrics"),
@@ -103,10 +68,9 @@ rule metrics:
 
 
 rule tables:
-    """Lay the scores of all scenes and variants out as the paper's tables, its printed numbers beside."""
     input:
-        metrics=scores_of_scenes,
-        pictures=pictures_of_scenes,
+        metrics=lambda _: table_scores(scenes.values()),
+        pictures=lambda _: table_pictures(scenes.values()),
         printed=PACKAGE / "benchmark/paper_numbers.csv",
         page=PACKAGE / "benchmark/tables.html.j2",
     output:
@@ -121,12 +85,14 @@ rule tables:
         ),
     log:
         "logs/benchmark/tables.log",
+    """Lay the scores of all scenes and variants out as the paper's tables, its printed numbers beside."""
+    localrule: True
     resources:
         mem_mb=2000,
         runtime="10m",
     params:
-        pictures=picture_flags,
-        code=tables_code(),
+        pictures=get_picture_flags,
+        code=code_hash("egosplat.tables.stage", ("jinja2", "jsonschema", "pandas")),
     shell:
         "egosplat tables"
         " --output results/benchmark"

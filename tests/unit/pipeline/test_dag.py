@@ -1,0 +1,117 @@
+"""Which artifacts a stage reads, and what a survey decides, without Snakemake."""
+
+import subprocess
+import sys
+
+import pytest
+
+from egosplat.pipeline.config import defaults, merge
+from egosplat.pipeline.dag import (
+    ALL_FRAMES,
+    decided,
+    default_pages,
+    input_flags,
+    inputs_of,
+    leaves_frames_out,
+    masks_by_survey,
+    optional_inputs_of,
+    stage_flags,
+    training_frames,
+)
+
+BASE = defaults()
+EVERY_FRAME = merge(BASE, {"survey": {"min_view_change_deg": 0}})
+
+
+def survey(masking, static=False):
+    """The parts of a survey that decide something."""
+    return {"motion": {"masking": masking, "static": static}, "views": {"digest": "of-kept-frames"}}
+
+
+@pytest.mark.parametrize(
+    "masking, language, expected",
+    [
+        ("none", "after", ()),
+        ("initial", "after", ("transient",)),
+        ("refined", "joint", ("masks", "segments", "features")),
+    ],
+)
+def test_the_inputs_of_splats_depend_on_their_keys(masking, language, expected):
+    """Protects the DAG: masking and joint codes each add inputs."""
+    config = merge(EVERY_FRAME, {"splats": {"masking": masking, "language": language}})
+    assert optional_inputs_of("splats", config) == expected
+    assert inputs_of("splats", config) == ("frames", "poses", *expected)
+    assert optional_inputs_of("language", config) == tuple(n for n in expected if n in ("transient", "masks"))
+
+
+@pytest.mark.parametrize("stage", ["segments", "transient", "splats", "language"])
+def test_training_stages_read_the_survey_where_it_leaves_frames_out(stage):
+    """Protects the list of stages that follow kept frames."""
+    assert "survey" in optional_inputs_of(stage, BASE)
+    assert "survey" not in optional_inputs_of(stage, EVERY_FRAME)
+    assert leaves_frames_out(BASE) and not leaves_frames_out(EVERY_FRAME)
+
+
+def test_a_survey_that_decides_masking_is_an_input_of_splats_alone():
+    """Protects the DAG of masking auto with every frame kept."""
+    assert masks_by_survey(EVERY_FRAME)
+    assert inputs_of("splats", EVERY_FRAME)[-1] == "survey"
+    assert "survey" not in inputs_of("segments", EVERY_FRAME)
+
+
+@pytest.mark.parametrize("masking", ["none", "refined"])
+def test_the_survey_decides_masking_where_it_is_auto(masking):
+    """Protects the decision, and the inputs and flags that follow from it."""
+    found = decided(BASE, survey(masking))
+    assert found["splats"]["masking"] == masking and BASE["splats"]["masking"] == "auto"
+    assert ("masks" in optional_inputs_of("splats", found)) == (masking == "refined")
+    assert f"--masking {masking}" in stage_flags("splats", found)
+
+
+def test_an_explicit_masking_wins_over_the_survey():
+    """Protects the order of precedence."""
+    config = merge(BASE, {"splats": {"masking": "initial"}})
+    assert decided(config, survey("refined")) == config
+
+
+@pytest.mark.parametrize(
+    "stage, masking, static, expected",
+    [
+        ("segments", "none", True, "of-kept-frames"),
+        ("splats", "none", True, ALL_FRAMES),
+        ("splats", "none", False, "of-kept-frames"),
+        ("splats", "refined", True, "of-kept-frames"),
+    ],
+)
+def test_gaussians_train_on_all_frames_where_nothing_moves(stage, masking, static, expected):
+    """Protects the parameter that reruns a rule when its training frames change."""
+    assert training_frames(stage, BASE, survey(masking, static)) == expected
+    assert training_frames(stage, EVERY_FRAME, survey(masking, static)) == ALL_FRAMES
+
+
+def test_keys_become_flags_in_order_of_their_names():
+    """Protects the command line of a stage: types of values, quoting, and keys without a value."""
+    keys = {"frames": {"upright": False, "start_s": 1.5, "end_s": None, "stride": 2}}
+    flags = stage_flags("frames", merge(BASE, keys)).split(" --")
+    assert flags == sorted(flags, key=lambda flag: flag.removeprefix("--").removeprefix("no-"))
+    assert {"no-upright", "start-s 1.5", "stride 2"} <= set(flags)
+    assert not [flag for flag in flags if flag.startswith("end-s")]
+    listed = stage_flags("metrics", merge(BASE, {"metrics": {"excluded": ["a b"]}}))
+    assert """--excluded '["a b"]'""" in listed
+    assert input_flags({"view_features": "a b.zarr"}) == "--view-features 'a b.zarr'"
+
+
+@pytest.mark.parametrize("masking", ["none", "auto", "refined"])
+def test_what_moves_is_drawn_where_instances_mask_it(masking):
+    """Protects the files of a run without a target."""
+    assert ("transient.png" in default_pages(masking)) == (masking == "refined")
+    assert {"metrics.json", "queries.png"} <= set(default_pages(masking))
+
+
+def test_the_pipeline_imports_neither_torch_nor_zarr():
+    """Protects the start-up time of Snakemake, which imports all of these."""
+    names = ["config", "dag", "replacements", "results", "scenes", "snakemake_call", "stages", "variants"]
+    code = f"import sys, importlib; [importlib.import_module('egosplat.pipeline.' + n) for n in {names}];"
+    code += "print(*sorted({'torch', 'zarr', 'cv2', 'snakemake'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []

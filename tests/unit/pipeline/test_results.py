@@ -1,0 +1,54 @@
+"""What a run without a target makes, and what the tables are made from."""
+
+from pathlib import Path
+
+import pytest
+
+from egosplat.pipeline.config import defaults, merge
+from egosplat.pipeline.replacements import asked_results
+from egosplat.pipeline.results import default_results, default_scenes, table_pictures, table_scores
+from egosplat.pipeline.scenes import Scene, Target
+
+CONFIG = merge(defaults(), {"variants": {"v": {"features": {"dims": 4}}}})
+
+
+@pytest.fixture
+def scenes(tmp_path, monkeypatch):
+    """A synthetic scene, a recording that exists, one that does not, and a scene that is made by name alone."""
+    monkeypatch.chdir(tmp_path)
+    Path("clip.mp4").touch()
+    rows = [
+        Scene("adt", "one", "adt", Path("results/adt/one/recording"), True, CONFIG),
+        Scene("mine", "here", "plain", Path("clip.mp4"), False, CONFIG),
+        Scene("mine", "absent", "plain", Path("absent.mp4"), False, CONFIG),
+        Scene("adt", "named", "adt", Path("results/adt/named/recording"), True, CONFIG, by_name=True),
+    ]
+    return {(row.dataset, row.scene): row for row in rows}
+
+
+def test_a_run_without_a_target_takes_scenes_whose_recording_exists_or_can_be_made(scenes):
+    """Protects ``snakemake`` without a target from films that nobody asked for."""
+    assert [scene.name for scene in default_scenes(scenes.values())] == ["adt/one", "mine/here"]
+    assert "results/adt/one/metrics.json" in default_results(scenes["adt", "one"])
+
+
+def test_the_tables_hold_ablations_and_scores_by_name_that_exist(scenes):
+    """Protects the inputs of the tables."""
+    before = table_scores(scenes.values())
+    assert "results/mine/here/variants/baseline/metrics.json" in before
+    assert not [path for path in before if "named" in path or "absent" in path]
+    Path("results/adt/named").mkdir(parents=True)
+    Path("results/adt/named/metrics.json").touch()
+    assert set(table_scores(scenes.values())) - set(before) == {"results/adt/named/metrics.json"}
+    assert "results/mine/here/splats.png" in table_pictures(scenes.values())
+
+
+def test_what_is_asked_for_is_grouped_by_scene_and_variant(scenes):
+    """Protects the notices of what a run replaces."""
+    every = asked_results(scenes, [], lambda preset: scenes)
+    assert [str(one.folder) for one in every] == ["results/adt/one", "results/mine/here"]
+    targets = [Target("adt", "one", "v", name) for name in ("metrics.json", "splats.png")]
+    (one,) = asked_results(scenes, targets, lambda preset: scenes)
+    assert one.goals == ("metrics.json", "splats.png") and one.config["features"]["dims"] == 4
+    assert str(one.path_of("features")) == "results/adt/one/variants/v/features.zarr"
+    assert one.with_preset("fast")["features"]["dims"] == 4

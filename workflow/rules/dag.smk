@@ -1,0 +1,191 @@
+"""
+Inputs and parameters of the rules, from plain functions in egosplat.pipeline of a configuration and a survey.
+
+The parameters of a rule hold the flags of its stage and the content hash of its code and models: Snakemake reruns it
+when one of them changes. Functions of (dataset, scene, variant) are cached, because every rule calls them.
+"""
+
+from egosplat.frames.companions import is_annotated
+from egosplat.frames.watched import watched_files
+from egosplat.models.checkpoints import model_hashes
+from egosplat.pipeline import dag
+from egosplat.pipeline.results import default_results, default_scenes
+from egosplat.pipeline.scenes import check_recording
+from egosplat.pipeline.stages import STAGES, code_of
+from egosplat.pipeline.survey_file import read_survey
+from egosplat.pipeline.variants import artifact_folder, artifact_path, scene_config
+
+
+def names_of(wildcards):
+    """Get (dataset, scene, variant); the variant is None for the scene itself."""
+    folder = wildcards.get("variant")
+    return wildcards.dataset, wildcards.scene, folder.split("/")[1] if folder else None
+
+
+def scene_of(wildcards):
+    """Get the row of the table of scenes."""
+    return find_scene(scenes, wildcards.dataset, wildcards.scene)
+
+
+@cache
+def config_named(dataset, scene, variant):
+    """Get the configuration of a scene or a variant."""
+    return scene_config(find_scene(scenes, dataset, scene), variant)
+
+
+def config_of(wildcards):
+    """Get the configuration of the scene or variant."""
+    return config_named(*names_of(wildcards))
+
+
+@cache
+def path_named(stage, dataset, scene, variant):
+    """Get the path of an artifact, the variant's own or a shared one."""
+    return artifact_path(stage, find_scene(scenes, dataset, scene), variant)
+
+
+def artifact(stage):
+    """Get a function of the wildcards: the path of a stage's artifact."""
+    return lambda wildcards: path_named(stage, *names_of(wildcards))
+
+
+def survey_named(dataset, scene, variant):
+    """Read the survey of a scene or variant. Snakemake makes it first, and evaluates the rules again."""
+    folder = artifact_folder("survey", find_scene(scenes, dataset, scene), variant)
+    checkpoints.survey.get(dataset=dataset, scene=scene, variant=folder)
+    return read_survey(Path(path_named("survey", dataset, scene, variant)))
+
+
+def decided_config(wildcards):
+    """Get the configuration with the survey's decisions; it waits for the survey only where one is left to it."""
+    config = config_of(wildcards)
+    if not dag.masks_by_survey(config):
+        return config
+    return dag.decided(config, survey_named(*names_of(wildcards)))
+
+
+def training_frames(stage):
+    """Get a function of the wildcards: the digest of the frames that a stage trains on."""
+
+    def digest(wildcards):
+        config = config_of(wildcards)
+        if not dag.leaves_frames_out(config):
+            return dag.ALL_FRAMES
+        return dag.training_frames(stage, config, survey_named(*names_of(wildcards)))
+
+    return digest
+
+
+def optional_paths(stage, wildcards):
+    """Get the paths of the optional inputs that the configuration asks for, by stage."""
+    names = dag.optional_inputs_of(stage, decided_config(wildcards))
+    return {name: path_named(name, *names_of(wildcards)) for name in names}
+
+
+def optional_artifacts(stage):
+    """Get a function of the wildcards: the optional inputs of a stage."""
+
+    def paths(wildcards):
+        found = optional_paths(stage, wildcards)
+        if "survey" in found:
+            survey_named(*names_of(wildcards))
+            # The decisions of a survey are parameters. Making it again reruns nothing by itself.
+            found["survey"] = ancient(found["survey"])
+        return list(found.values())
+
+    return paths
+
+
+def optional_flags(stage):
+    """Get a function of the wildcards: the optional inputs as command line flags."""
+    return lambda wildcards: dag.input_flags(optional_paths(stage, wildcards))
+
+
+def flags(stage):
+    """Get a function of the wildcards: the keys of a stage as command line flags."""
+    get_config = decided_config if stage == "splats" else config_of
+    return lambda wildcards: dag.stage_flags(stage, get_config(wildcards))
+
+
+def models(stage):
+    """Get a function of the wildcards: content hashes of a stage's models."""
+
+    def hashes(wildcards):
+        found = model_hashes(config_of(wildcards))
+        return " ".join(
+            f"{key}={found[key]}" for key in STAGES[stage].models if key in found
+        )
+
+    return hashes
+
+
+def recording_files(stage):
+    """Get a function of the wildcards: the files of the recording that a stage reads."""
+
+    def paths(wildcards):
+        scene = scene_of(wildcards)
+        if scene.synthetic:  # one folder, the output of a rule
+            return [str(scene.recording)]
+        check_recording(scene)
+        return watched_files(scene.format, scene.recording, stage)
+
+    return paths
+
+
+def get_recording(wildcards):
+    """Get the path of the scene's recording."""
+    return str(scene_of(wildcards).recording)
+
+
+def get_title(wildcards):
+    """Get the name of the scene or variant in pages and tables."""
+    variant = names_of(wildcards)[2]
+    name = scene_of(wildcards).name
+    return f"{name}, {variant}" if variant else name
+
+
+def labels(page):
+    """Get a function of the wildcards: the row of a result in Snakemake's report, unlike any other's."""
+    return lambda wildcards: {
+        "dataset": wildcards.dataset,
+        "scene": wildcards.scene,
+        "variant": names_of(wildcards)[2] or "none",
+        "page": page,
+    }
+
+
+def results_of_scenes(_):
+    """Get the results of a run without a target; a report takes those that exist, and need not wait for others."""
+    wanted = [
+        path
+        for scene in default_scenes(scenes.values())
+        for path in default_results(scene)
+    ]
+    if not CALL.reports:
+        return wanted
+    found = [path for path in wanted if os.path.exists(path)]
+    if not found:
+        sys.exit(
+            "egosplat: no scene has results to report; make some: snakemake --cores 2 results/DATASET/SCENE/metrics.json"
+        )
+    return found
+
+
+def surveyed_results(_):
+    """Get the pictures of what moves, of the scenes whose survey finds that something does."""
+    asked = [
+        scene
+        for scene in default_scenes(scenes.values())
+        if dag.masks_by_survey(scene.config)
+    ]
+    if CALL.reports:
+        paths = [str(scene.results / "transient.png") for scene in asked]
+        return [path for path in paths if os.path.exists(path)]
+    surveys = [
+        (scene, survey_named(scene.dataset, scene.scene, None)) for scene in asked
+    ]
+    return [
+        str(scene.results / "transient.png")
+        for scene, survey in surveys
+        if survey["motion"]["masking"] == "refined"
+    ]

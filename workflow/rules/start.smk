@@ -1,0 +1,35 @@
+"""
+Checks before Snakemake writes anything or reads the configuration.
+
+On a full disk Snakemake cannot write its log, and its message about a faulty configuration names no file.
+"""
+
+import sys
+from pathlib import Path
+
+from snakemake.logging import logger
+
+from egosplat.errors import UserError
+from egosplat.pipeline.config import check_config_files
+from egosplat.pipeline.failures import shorten_errors
+from egosplat.pipeline.process_guards import check_cores, check_writable
+from egosplat.pipeline.snakemake_call import Call, read_call
+
+SHIPPED = Path("config/config.yaml")
+
+# A job's own Snakemake, whose command line names no target, repeats no check of the main one.
+IS_MAIN = workflow.is_main_process
+CALL = read_call(sys.argv[1:]) if IS_MAIN else Call()
+
+# Not as an exception, around which Snakemake would print a traceback.
+try:
+    if IS_MAIN:
+        check_cores(workflow.resource_settings.cores, workflow.resource_settings.nodes)
+        if CALL.makes_results:
+            check_writable([Path(".snakemake"), Path("logs"), Path("results")])
+    shipped = [SHIPPED] if SHIPPED.exists() else []
+    check_config_files([*shipped, *workflow.overwrite_configfiles])
+except UserError as error:
+    sys.exit(f"egosplat: {error}")
+
+SHORT_ERRORS = shorten_errors(logger.handlers) if IS_MAIN else None
