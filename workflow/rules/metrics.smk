@@ -67,6 +67,10 @@ rule metrics:
         " 2>&1 | tee {log:q}"
 
 
+localrules:
+    tables,
+
+
 rule tables:
     input:
         metrics=lambda _: table_scores(scenes.values()),
@@ -86,7 +90,6 @@ rule tables:
     log:
         "logs/benchmark/tables.log",
     """Lay the scores of all scenes and variants out as the paper's tables, its printed numbers beside."""
-    localrule: True
     resources:
         mem_mb=2000,
         runtime="10m",

@@ -28,6 +28,10 @@ def get_points_flag(wildcards):
     return shlex.quote(json.dumps(points_named(wildcards.dataset, wildcards.scene)))
 
 
+localrules:
+    tradeoff,
+
+
 rule tradeoff:
     input:
         metrics=get_points_metrics,
@@ -43,7 +47,6 @@ rule tradeoff:
     log:
         "logs/{dataset}/{scene}/tradeoff.log",
     """Compare what the points of a scene cost, and how accurate they are."""
-    localrule: True
     resources:
         mem_mb=2000,
         runtime="10m",
