@@ -72,11 +72,12 @@ localrules:
 
 
 rule tables:
+    """Lay the scores of all scenes and variants out as the paper's tables, its printed numbers beside."""
     input:
         metrics=lambda _: table_scores(scenes.values()),
         pictures=lambda _: table_pictures(scenes.values()),
-        printed=PACKAGE / "benchmark/paper_numbers.csv",
-        page=PACKAGE / "benchmark/tables.html.j2",
+        printed=PACKAGE / "tables/paper_numbers.csv",
+        page=PACKAGE / "tables/tables.html.j2",
     output:
         expand(
             "results/benchmark/{name}.{form}", name=TABLES, form=("csv", "md", "tex")
@@ -89,7 +90,6 @@ rule tables:
         ),
     log:
         "logs/benchmark/tables.log",
-    """Lay the scores of all scenes and variants out as the paper's tables, its printed numbers beside."""
     resources:
         mem_mb=2000,
         runtime="10m",

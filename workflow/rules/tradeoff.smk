@@ -33,6 +33,7 @@ localrules:
 
 
 rule tradeoff:
+    """Compare what the points of a scene cost, and how accurate they are."""
     input:
         metrics=get_points_metrics,
         page=PACKAGE / "tradeoff/tradeoff.html.j2",
@@ -46,7 +47,6 @@ rule tradeoff:
         ),
     log:
         "logs/{dataset}/{scene}/tradeoff.log",
-    """Compare what the points of a scene cost, and how accurate they are."""
     resources:
         mem_mb=2000,
         runtime="10m",
