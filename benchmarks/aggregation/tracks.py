@@ -1,4 +1,4 @@
-"""Things of held-out worlds with the features of their views, right and wrong ones."""
+"""Objects of held-out worlds with the features of their views, and views replaced by wrong ones."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,10 +13,10 @@ from egosplat.progress import track
 from training.small_models.worlds import FilmedWorld
 
 LEAST_SHARE = 0.0004
-"""Of the picture, that a view covers at least."""
+"""Least share of the frame that a view covers."""
 
 LEAST_VIEWS = 6
-"""Of a thing."""
+"""Least number of views of an object."""
 
 _BATCH = 64
 _WHOLE = 2
@@ -24,14 +24,21 @@ _WHOLE = 2
 Features = NDArray[np.float32]
 
 
+KINDS = {
+    "switched": "the tracker slips onto one other thing",
+    "scattered": "each wrong view shows a different thing",
+    "slid": "the mask slides off the thing",
+}
+
+
 @dataclass(frozen=True, eq=False)
 class Tracks:
-    """R views of N things.
+    """R views of N objects.
 
     Attributes:
-        world, name: (N,) seed and name of each thing.
-        thing: (R,) of each view, ascending.
-        feature: (R, D) of the view; shifted: (R, D) of the same frame through the mask slid off the thing.
+        world, name: (N,) seed and name of each object.
+        thing: (R,) object of each view, ascending.
+        feature: (R, D) of the view; shifted: (R, D) of the same frame with the mask slid off the object.
     """
 
     world: NDArray[np.int64]
@@ -42,7 +49,7 @@ class Tracks:
 
 
 def find_tracks(worlds: list[FilmedWorld], names: set[str], clip: OpenClip) -> Tracks:
-    """The tracks of all things of these names that have enough views."""
+    """The tracks of all objects with one of these names and enough views."""
     world_of, name_of, things, right, wrong = [], [], [], [], []
     for number, world in enumerate(track(worlds, "encoding worlds", unit="world")):
         crops = list(_crops(world, names, clip))
@@ -66,7 +73,7 @@ def find_tracks(worlds: list[FilmedWorld], names: set[str], clip: OpenClip) -> T
 def _crops(
     world: FilmedWorld, names: set[str], clip: OpenClip
 ) -> Iterator[tuple[int, NDArray[np.uint8], NDArray[np.uint8]]]:
-    """Thing, crop, and crop through the slid mask, of every view of every frame."""
+    """Object, crop, and crop with the slid mask, of every view of every frame."""
     wanted = clip.preprocessing
     for pictures, subparts in zip(world.rgb, world.subpart, strict=True):
         for rgb, subpart in zip(pictures, subparts, strict=True):
@@ -83,7 +90,7 @@ def _crops(
 def slid(
     labels: NDArray[np.int32], box: NDArray[np.int32], thing: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """The mask of a thing, moved by its own size towards the middle of the picture, and its box there."""
+    """The mask of an object, moved by its own size towards the centre of the frame, and its new box."""
     height, width = labels.shape
     x0, y0, x1, y1 = (int(value) for value in box)
     dx = (x1 - x0) * (1 if x0 + x1 < width else -1)
@@ -97,3 +104,25 @@ def slid(
 def _encoded(clip: OpenClip, crops: list[NDArray[np.uint8]]) -> Features:
     parts = [np.stack(crops[first : first + _BATCH]) for first in range(0, len(crops), _BATCH)]
     return np.concatenate([encode(clip, part) for part in parts])
+
+
+def corrupted(tracks: Tracks, kind: str, share: float, rng: np.random.Generator) -> Features:
+    """(R, D) features with this share of each object's views replaced by wrong ones.
+
+    Wrong views of the kinds ``switched`` and ``scattered`` show objects of the same world with another name.
+    """
+    features = tracks.feature.copy()
+    for thing, name in enumerate(tracks.name):
+        rows = np.flatnonzero(tracks.thing == thing)
+        wrong = rng.permutation(rows)[: round(share * len(rows))]
+        if kind == "slid":
+            features[wrong] = tracks.shifted[wrong]
+            continue
+        others = np.flatnonzero((tracks.world == tracks.world[thing]) & (tracks.name != name))
+        if not len(others):
+            continue
+        one = kind == "switched"
+        chosen = np.full(len(wrong), rng.choice(others)) if one else rng.choice(others, len(wrong))
+        for row, other in zip(wrong, chosen, strict=True):
+            features[row] = tracks.feature[rng.choice(np.flatnonzero(tracks.thing == other))]
+    return features

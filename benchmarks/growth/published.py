@@ -5,7 +5,6 @@ extrapolated to the paper's settings.
 """
 
 import sys
-from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -14,7 +13,7 @@ import torch
 
 from benchmarks.common import timed
 from benchmarks.published_models.weights import CLIP, SAM2, save_clip, save_sam2
-from benchmarks.segments_growth.__main__ import KEEP_ALL
+from benchmarks.segments_growth.__main__ import keep_all
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.models.sam2_loader import Sam2, load_sam2
 from egosplat.segments.image_encoder import Encoded, encode
@@ -22,8 +21,6 @@ from egosplat.segments.prompts import prompt
 from egosplat.segments.propagation import Follower
 
 OBJECTS, PROMPTS, CROPS = 2, 4, 4
-
-_ANY = replace(KEEP_ALL, points_per_side=2)
 
 
 def measure() -> dict[str, float]:
@@ -40,11 +37,12 @@ def measure() -> dict[str, float]:
 def _sam2(sam2: Sam2) -> dict[str, float]:
     """Followed with full memory, which is the case in all frames but the first seven."""
     picture = np.random.default_rng(0).integers(0, 256, (512, 512, 3), dtype=np.uint8)
+    options = keep_all(points_per_side=2)
     points = np.array([[0.25, 0.25], [0.25, 0.75], [0.75, 0.25], [0.75, 0.75]], np.float32)
     with sam2.compute.inference():
         encode(sam2, picture)  # what the first call alone takes is not told
         encoded, picture_s = timed(lambda: encode(sam2, picture))
-        _, prompt_s = timed(lambda: prompt(sam2, encoded, torch.from_numpy(points[:PROMPTS]), _ANY))
+        _, prompt_s = timed(lambda: prompt(sam2, encoded, torch.from_numpy(points[:PROMPTS]), options))
         tracked_s = _tracked(sam2, encoded)
     return {"picture": picture_s, "prompt": prompt_s / PROMPTS, "tracked": tracked_s}
 

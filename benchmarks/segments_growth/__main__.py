@@ -48,6 +48,12 @@ KEEP_ALL = {
 }
 """Keys with which every mask is tracked."""
 
+
+def keep_all(**keys: object) -> SegmentsOptions:
+    """The defaults with ``KEEP_ALL`` and then ``keys`` over them."""
+    return SegmentsOptions(**stage_values("segments", defaults()) | KEEP_ALL | keys)
+
+
 COLUMNS = (
     "frames",
     "instances",
@@ -66,8 +72,7 @@ def measure(
     images = [rng.integers(256, size=(size, size, 3), dtype=np.uint8) for _ in range(4)]
     sam2 = load_sam2(config, checkpoint, device, "auto")
     before = peak_memory_mb()
-    keys = KEEP_ALL | {"max_instances": instances // len(LEVELS)}
-    options = SegmentsOptions(**stage_values("segments", defaults()) | keys)
+    options = keep_all(max_instances=instances // len(LEVELS))
     valid = np.ones((size, size), bool)
     began = time.perf_counter()
     found = Tracker(sam2, lambda frame: images[frame % 4], frames, valid, options).run()

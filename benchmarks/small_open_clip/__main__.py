@@ -1,11 +1,11 @@
-"""How well small OpenCLIP models tell crops of held-out worlds apart.
-
-Prints Markdown: all scores of the first model, and the spread over all of them.
+"""Accuracy of small OpenCLIP models on crops of held-out worlds.
 
     python -m training.render_worlds data/held_out_crops --worlds 20 --held-out --clips 8 --frames 1
     python -m training.cut_crops data/held_out_crops data/crops_held_out --worlds 20
     python -m benchmarks.small_open_clip data/crops_held_out src/egosplat/models/small_open_clip \
         > benchmarks/small_open_clip/README.md
+
+Prints the scores of one model, or the mean and range over several.
 """
 
 from pathlib import Path
@@ -15,43 +15,45 @@ import numpy as np
 import torch
 from safetensors.torch import load_file
 
+from benchmarks.common import command, markdown
 from training.small_models.clip_evaluation import Exam, Score, table, worst
 from training.small_models.clip_model import WEIGHTS, build
 from training.small_models.crops import Crops, read_crops
 
 
 def examine(folder: Path, crops: Crops) -> Exam:
-    """The exam of the model of a folder."""
+    """The exam of the model in a folder."""
     model, tokenizer = build(folder)
     model.load_state_dict(load_file(folder / WEIGHTS))
     return Exam(model.eval(), tokenizer, crops)
 
 
-def rows(scores: list[dict[str, Score]]) -> list[str]:
-    """One a score: of the first model, and where there are more, their mean and range."""
-    lines = ["| | share | of |", "| --- | ---: | ---: |"]
-    if len(scores) > 1:
-        lines = ["| | mean | lowest to highest | of |", "| --- | ---: | ---: | ---: |"]
+def scores_table(scores: list[dict[str, Score]]) -> str:
+    """A row for each score: its share, or mean and range over several models."""
+    rows = []
     for name, first in scores[0].items():
         shares = [one[name].share for one in scores]
-        spread = f"| {min(shares):.3f} to {max(shares):.3f} " if len(scores) > 1 else ""
-        lines.append(f"| {name} | {np.mean(shares):.3f} {spread}| {first.count:,} |")
-    return lines
+        spread = [f"{min(shares):.3f} to {max(shares):.3f}"] if len(scores) > 1 else []
+        rows.append([name, f"{np.mean(shares):.3f}", *spread, f"{first.count:,}"])
+    return markdown(
+        ["", "share", "of"] if len(scores) == 1 else ["", "mean", "lowest to highest", "of"], rows
+    )
 
 
-@click.command(help=__doc__)
+@command(__doc__)
 @click.argument("crops", type=click.Path(exists=True, path_type=Path))
 @click.argument("models", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
 def main(crops: Path, models: tuple[Path, ...]) -> None:
+    """Print the table."""
     torch.set_num_threads(1)
     held_out = read_crops(sorted(crops.glob("*.npz")))
     exams = [examine(folder, held_out) for folder in models]
     worlds = len(set(held_out.world.tolist()))
     click.echo(f"{len(held_out):,} crops of {worlds} held-out worlds; shares of right answers.\n")
-    click.echo("\n".join(rows([table(exam) for exam in exams])))
+    click.echo(scores_table([table(exam) for exam in exams]))
     if len(exams) == 1:
-        told = ", ".join(f"{name} {score}" for name, score in worst(exams[0]))
-        click.echo(f"\nTold worst, top 1: {told}.")
+        named = ", ".join(f"{name} {score}" for name, score in worst(exams[0]))
+        click.echo(f"\nLowest accuracy, top 1: {named}.")
 
 
 if __name__ == "__main__":

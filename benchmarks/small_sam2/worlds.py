@@ -1,4 +1,4 @@
-"""Held-out worlds as cases to measure on: points with what they mean, all instances, masks to follow."""
+"""Held-out worlds as test cases: points with their true masks, and masks to track."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -9,25 +9,24 @@ from numpy.typing import NDArray
 
 from egosplat.errors import UserError
 from training.small_models.levels import LEVELS
-from training.small_models.worlds import NOTHING, FilmedWorld, read_world
+from training.small_models.worlds import NOTHING, FilmedWorld
 
 SIZES = {"< 0.1 %": 0.0, "0.1-1 %": 0.001, "1-5 %": 0.01, "> 5 %": 0.05}
-"""Classes of size by the share of the picture that a mask covers: from here to the next one."""
+"""Classes of masks by the least share of the frame that they cover."""
 
 LEAST_PIXELS = 40
-_POINTS_A_LEVEL = 12
+_POINTS_PER_LEVEL = 12
 
 Masks = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
-    """One still with the truth about some points.
+class Still:
+    """One frame with the truth about some points.
 
     Attributes:
         rgb: (H, W, 3) uint8; valid: (H, W) bool.
         points: (K, 2) pixel (x, y) of a random place inside a mask; masks: (K, H, W) bool; levels: (K,) of each.
-        wholes: (M, H, W) bool: every thing, person and piece of the building of at least 40 pixels.
     """
 
     rgb: NDArray[np.uint8]
@@ -35,12 +34,11 @@ class Picture:
     points: NDArray[np.float64]
     masks: Masks
     levels: NDArray[np.int64]
-    wholes: Masks
 
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """One clip and the masks to follow through it.
+    """One clip and the masks to track through it.
 
     Attributes:
         rgb: (T, H, W, 3) uint8; valid: (H, W) bool.
@@ -50,11 +48,6 @@ class Film:
     rgb: NDArray[np.uint8]
     valid: Masks
     masks: Masks
-
-
-def read_worlds(folder: Path) -> list[FilmedWorld]:
-    """All worlds in a folder. Raises as ``world_folders`` does."""
-    return [read_world(each) for each in world_folders(folder)]
 
 
 def world_folders(folder: Path) -> list[Path]:
@@ -72,41 +65,27 @@ def world_folders(folder: Path) -> list[Path]:
     return worlds
 
 
-def pictures(world: FilmedWorld, every: int, rng: np.random.Generator) -> Iterator[Picture]:
-    """Every so many frames of the first clip."""
+def stills(world: FilmedWorld, every: int, rng: np.random.Generator) -> Iterator[Still]:
+    """Every ``every``-th frame of the first clip, with up to 12 points at each level."""
     for frame in range(0, world.rgb.shape[1], every):
         labels = world.labels(world.subpart[0, frame])
         points, masks, levels = [], [], []
         for level in range(len(LEVELS)):
-            for value in _chosen(labels[level], rng):
+            values, areas = np.unique(labels[level], return_counts=True)
+            large = values[(values >= 0) & (areas >= LEAST_PIXELS)]
+            for value in rng.permutation(large)[:_POINTS_PER_LEVEL]:
                 mask = labels[level] == value
                 rows, columns = np.nonzero(mask)
                 place = rng.integers(len(rows))
                 points.append((columns[place] + 0.5, rows[place] + 0.5))
                 masks.append(mask)
                 levels.append(level)
-        wholes = np.stack([labels[2] == value for value in _large(labels[2])])
-        yield Picture(
-            np.asarray(world.rgb[0, frame]),
-            labels[0] >= 0,
-            np.array(points),
-            np.stack(masks),
-            np.array(levels),
-            wholes,
-        )
-
-
-def _large(labels: NDArray[np.int32]) -> NDArray[np.int32]:
-    values, areas = np.unique(labels, return_counts=True)
-    return values[(values >= 0) & (areas >= LEAST_PIXELS)]
-
-
-def _chosen(labels: NDArray[np.int32], rng: np.random.Generator) -> NDArray[np.int32]:
-    return rng.permutation(_large(labels))[:_POINTS_A_LEVEL]
+        rgb = np.asarray(world.rgb[0, frame])
+        yield Still(rgb, labels[0] >= 0, np.array(points), np.stack(masks), np.array(levels))
 
 
 def film(world: FilmedWorld, count: int, rng: np.random.Generator) -> Film:
-    """The first clip with wholes to follow: first those that are hidden for a while and come back, then others."""
+    """The first clip with ``count`` wholes to track, those first that disappear and come back."""
     labels = world.labels(world.subpart[0])[2]
     first, areas = np.unique(labels[0], return_counts=True)
     values = first[(first >= 0) & (areas >= 0.002 * labels[0].size)]
@@ -117,12 +96,12 @@ def film(world: FilmedWorld, count: int, rng: np.random.Generator) -> Film:
 
 
 def comes_back(visible: NDArray[np.bool_]) -> bool:
-    """Whether (T,) visibility ends and begins again."""
+    """Whether (T,) visibility ends and starts again."""
     changes = np.diff(visible.astype(np.int8))
     gone = np.flatnonzero(changes < 0)
     return bool(len(gone) and (changes[gone[0] :] > 0).any())
 
 
 def size_class(mask: Masks) -> str:
-    """The name in ``SIZES`` for a mask."""
+    """The name in ``SIZES`` of a mask."""
     return [name for name, least in SIZES.items() if mask.mean() >= least][-1]

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.aggregation.corruption import KINDS, corrupted
-from benchmarks.aggregation.tracks import Tracks, slid
+from benchmarks.aggregation.tracks import KINDS, Tracks, corrupted, slid
 
 VIEWS = 10
 
