@@ -1,4 +1,4 @@
-"""A synthetic recording: an apartment at random, a walk through it, people at work, what the camera sees."""
+"""A synthetic recording: a random apartment, a walk through it, people at work, and the camera's images."""
 
 from collections.abc import Iterator
 
@@ -28,18 +28,18 @@ def make_sequence(
     objects: int = 24,
     motion: float | str = 0.5,
 ) -> Sequence:
-    """A recording of a furnished apartment.
+    """Make a recording of a furnished apartment.
 
     Args:
-        name: of the sequence.
-        seed: which apartment, which walk; the same seed makes the same recording, bit by bit.
-        size: side of the square picture [px]; fps: pictures a second; seconds: length.
-        objects: number of nameable things, 16 to 40.
-        motion: ``none``, ``low``, ``high``, or the share 0..1 of the time in which people are at work.
-            Carrying one thing takes some seconds, so that a short recording may have more.
+        name: name of the sequence.
+        seed: determines apartment and walk; the same seed gives the same recording, bit by bit.
+        size: side of the square image [px]; fps: frames per second; seconds: length.
+        objects: number of labelled objects, 16 to 40.
+        motion: ``none``, ``low``, ``high``, or the fraction 0..1 of the time in which people are at work.
+            Carrying one object takes some seconds, so a short recording may have a larger fraction.
 
     Raises:
-        UserError: so many objects find no place.
+        UserError: the objects do not fit.
         ValueError: ``motion`` is out of range.
     """
     world = make_world(seed=seed, seconds=seconds, objects=objects, motion=motion)
@@ -47,7 +47,7 @@ def make_sequence(
 
 
 def film(world: World, renderer: Renderer, *, name: str, fps: float, seconds: float) -> Sequence:
-    """The recording of a world; see ``make_sequence``."""
+    """Record a world; see ``make_sequence``."""
     count = max(1, round(seconds * fps))
     captures = world.start_ns + np.round(np.arange(count) * 1e9 / fps).astype(np.int64)
     points, inv_dist_std, dist_std = semidense_points(
@@ -74,13 +74,13 @@ def film(world: World, renderer: Renderer, *, name: str, fps: float, seconds: fl
 
 
 def make_renderer(world: World, lens: Lens) -> Renderer:
-    """The world's surfaces and light, seen through a lens."""
+    """A renderer of the world's surfaces and light through a lens."""
     lights = make_lights(world.apartment.room, np.random.default_rng([world.seed, 3]))
     return Renderer(world.geometry, lights, lens, np.random.default_rng([world.seed, 4]))
 
 
 def render_frames(world: World, renderer: Renderer, captures: NDArray[np.int64]) -> Iterator[Frame]:
-    """The frames captured at (F,) nanoseconds, one by one."""
+    """Yield the frames captured at (F,) nanoseconds."""
     for number, capture_ns in enumerate(captures.tolist()):
         seconds = (capture_ns + ROLLING_SHUTTER_MIDDLE_NS - world.start_ns) * 1e-9
         gain = 1.0 + 0.05 * float(np.sin(0.9 * seconds + world.seed))

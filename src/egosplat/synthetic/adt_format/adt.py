@@ -1,4 +1,4 @@
-"""Writing a synthetic recording as an Aria Digital Twin sequence folder (docs/method.md#adt-files)."""
+"""Write a synthetic recording as an Aria Digital Twin sequence folder (docs/method.md#adt-files)."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,13 +20,12 @@ _TRUTH_AFTER_CAPTURE_NS = 90_000
 def write_sequence(sequence: Sequence, folder: Path, *, jpeg_quality: int = 95) -> None:
     """Write a complete sequence folder that projectaria-tools' ADT provider opens.
 
-    The folder appears when everything is in it; a run that ends early leaves at most a hidden folder
-    beside it.
+    The folder appears once it is complete. An interrupted run leaves at most a hidden scratch folder.
 
     Args:
-        sequence: what to write; its frames are made one by one and not kept.
+        sequence: the recording; its frames are rendered one by one and not kept.
         folder: the folder to make; must not exist.
-        jpeg_quality: of the pictures, 1 to 95.
+        jpeg_quality: 1 to 95.
 
     Raises:
         UserError: ``folder`` exists.
@@ -51,15 +50,15 @@ def write_sequence(sequence: Sequence, folder: Path, *, jpeg_quality: int = 95) 
 
 
 def ground_truth_ns(capture_ns: int) -> int:
-    """The time that a picture's ground truth is stamped with, on the microsecond grid.
+    """Timestamp of an image's ground truth, on the microsecond grid.
 
-    ADT's follows the SLAM cameras, which capture about 0.09 ms after the RGB camera.
+    ADT's ground truth follows the SLAM cameras, which capture about 0.09 ms after the RGB camera.
     """
     return (capture_ns + _TRUTH_AFTER_CAPTURE_NS + 500) // 1000 * 1000
 
 
 def _frames(sequence: Sequence) -> Iterator[Frame]:
-    """The frames, with progress; checked for order and number."""
+    """Yield the frames with a progress bar; check their order and number."""
     last_ns, count = None, 0
     for frame in track(sequence.frames(), f"writing {sequence.name}", total=sequence.frame_count):
         if last_ns is not None and frame.capture_ns <= last_ns:

@@ -1,4 +1,4 @@
-"""What is true of the whole sequence, in ADT's files: instances, their 3D boxes, people, the metadata."""
+"""ADT's files about the whole sequence: instances, 3D boxes, people, metadata."""
 
 import json
 from pathlib import Path
@@ -41,7 +41,7 @@ def _instance(one: Instance) -> dict[str, Any]:
 
 
 def _box(one: Instance) -> tuple[float, ...]:
-    """Its box in its own frame never changes: time -1."""
+    """A row of the box file. The box is in the instance's own frame and never changes: time -1."""
     return (one.instance_id, -1, *one.bounds.T.ravel().tolist())
 
 
@@ -51,13 +51,10 @@ def _skeleton(person: Instance, wearer: int | None) -> dict[str, Any]:
 
 
 def _metadata(people: int) -> dict[str, Any]:
-    """ADT's keys and ``origin``.
-
-    ``dataset_name`` and ``dataset_version`` name the format, and projectaria-tools accepts no other name.
-    There is no creation time, so that the same sequence makes the same files.
-    """
+    """ADT's keys, and ``origin``, which ADT does not have."""
     return {
         "serial": DEVICE_SERIAL,
+        # Empty, so that the same sequence gives the same files.
         "gt_creation_time": "",
         "scene": "SyntheticApartment",
         "is_multi_person": False,
@@ -65,6 +62,7 @@ def _metadata(people: int) -> dict[str, Any]:
         "timecode_enabled": 0,
         "gt_time_domain": "DEVICE_CAPTURE",
         "concurrent_sequence": "",
+        # Name and version of the format; projectaria-tools accepts no other name.
         "dataset_name": "ADT_2023",
         "dataset_version": "2.0",
         "origin": "synthetic",

@@ -1,4 +1,4 @@
-"""The five VRS files of an ADT sequence: the pictures, and labels and depth with and without people."""
+"""The five VRS files of an ADT sequence: RGB images, and labels and depth with and without people."""
 
 import contextlib
 import io
@@ -17,9 +17,9 @@ from egosplat.synthetic.adt_format.vrs import ImageStream, VrsWriter, create_vrs
 
 RGB_STREAM = "214-1"
 WITH_PEOPLE = "_with_skeleton"
-"""Suffix of the files in which people are seen; the files without it show the rooms without them."""
+"""Suffix of the files that show people; the files without it show the room without them."""
 
-# VRS's numbers of pixel formats. Labels are declared as 64-bit floats and read as 64-bit integers: ADT's way.
+# VRS's pixel formats. ADT declares labels as 64-bit floats and reads them as 64-bit integers.
 _GREY16, _SCALAR64F = 11, 13
 
 
@@ -28,9 +28,9 @@ def create_images(folder: Path, sequence: Sequence, jpeg_quality: int) -> Iterat
     """Write ``video.vrs``, ``segmentations*.vrs`` and ``depth_images*.vrs`` in one pass over the frames.
 
     Args:
-        folder: where to; exists.
-        sequence: whose frames will be written; only its name, size and rate are used here.
-        jpeg_quality: of the pictures, 1 to 95 (Pillow's scale). Labels and depth are kept bit by bit.
+        folder: an existing folder.
+        sequence: only its name, size and frame rate are used here.
+        jpeg_quality: of the RGB images, 1 to 95 (Pillow's scale). Labels and depth are stored losslessly.
     """
     calibration = calibration_json(sequence.size)
     streams = {"video": _rgb_stream(sequence, calibration)}
@@ -51,7 +51,7 @@ def create_images(folder: Path, sequence: Sequence, jpeg_quality: int) -> Iterat
 
 
 class ImageFiles:
-    """The VRS files while they are being made; given by ``create_images``."""
+    """The open VRS files; made by ``create_images``."""
 
     def __init__(self, files: dict[str, tuple[VrsWriter, ImageStream]], size: int, jpeg_quality: int) -> None:
         self._files = files
@@ -59,10 +59,10 @@ class ImageFiles:
         self._jpeg_quality = jpeg_quality
 
     def write(self, frame: Frame, number: int, truth_ns: int) -> None:
-        """Append a frame: its picture at its capture time, its labels and depth at ``truth_ns``.
+        """Append a frame: its RGB image at the capture time, its labels and depth at ``truth_ns``.
 
         Raises:
-            ValueError: an image has another shape or element type than ``Frame`` says.
+            ValueError: an image does not have the shape and dtype that ``Frame`` documents.
         """
         self._check("rgb", frame.rgb, np.uint8, (3,))
         self._append("video", frame, number, frame.capture_ns, _jpeg(frame.rgb, self._jpeg_quality))

@@ -1,4 +1,4 @@
-"""The device's trajectory and the semi-dense points, as ADT and Aria's machine perception services have them."""
+"""The device trajectory and the semi-dense points, as in ADT and Aria's Machine Perception Services."""
 
 import json
 import uuid
@@ -20,19 +20,19 @@ _GRAVITY_WORLD = (0.0, -9.81, 0.0)
 
 
 def write_trajectories(folder: Path, sequence: Sequence, truth_ns: Times, middle_ns: Times) -> None:
-    """Write ``aria_trajectory.csv`` and what MPS makes: ``mps/slam/``.
+    """Write ``aria_trajectory.csv`` and the files of MPS in ``mps/slam/``.
 
-    Rows are 33 ms and 1 ms apart, as in ADT, whatever the rate of the pictures. Both files also have a row at
-    every ground-truth time, and one within 0.5 us of the middle of every exposure, so that a pose asked for
-    there does not suffer from interpolation. They reach from the sequence's start to its end.
+    Rows are 33 ms and 1 ms apart, as in ADT, at any frame rate. Both files also have a row at every
+    ground-truth time and one within 0.5 us of the middle of every exposure, so that a pose at these times
+    needs no interpolation. The rows cover the sequence from start to end.
 
     Args:
         folder: the sequence folder.
-        sequence: what to write.
+        sequence: the recording.
         truth_ns: (F,) ground-truth times; middle_ns: (F,) middles of the exposures.
 
     Raises:
-        ValueError: one of these times lies outside of the trajectory.
+        ValueError: one of these times lies outside the trajectory.
     """
     span_us = np.array([-(-sequence.start_ns // 1000), sequence.end_ns // 1000])
     needed_us = np.concatenate([_to_us(truth_ns), _to_us(middle_ns)])
@@ -45,6 +45,7 @@ def write_trajectories(folder: Path, sequence: Sequence, truth_ns: Times, middle
         slam / "closed_loop_trajectory.csv": _SLAM_PERIOD_US,
     }
     for path, period_us in periods.items():
+        # The needed times are rows of their own, so that a reader interpolates nothing there.
         grid_us = np.arange(*span_us, period_us)
         times_us = np.unique(np.concatenate([span_us, grid_us, needed_us]))
         trajectory_table(sequence, times_us).to_csv(path, index=False)
@@ -54,7 +55,7 @@ def write_trajectories(folder: Path, sequence: Sequence, truth_ns: Times, middle
 
 
 def trajectory_table(sequence: Sequence, times_us: Times) -> pd.DataFrame:
-    """The closed-loop trajectory's columns at ``times_us``, (N,) increasing microseconds of device time."""
+    """Columns of the closed-loop trajectory at ``times_us``, (N,) increasing microseconds of device time."""
     pose = sequence.device_pose(times_us * 1000)
     linear, angular = _velocities(sequence, times_us * 1000)
     count = len(times_us)
@@ -69,7 +70,8 @@ def trajectory_table(sequence: Sequence, times_us: Times) -> pd.DataFrame:
 
 
 def _velocities(sequence: Sequence, times_ns: Times) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(N, 3) linear [m/s] and angular [rad/s] velocity in the device frame, by differences over 1 ms."""
+    """(N, 3) linear [m/s] and angular [rad/s] velocity in the device frame, from differences over 1 ms."""
+    # Central differences, one-sided at the ends of the trajectory.
     before = np.maximum(times_ns - _VELOCITY_STEP_NS, sequence.start_ns)
     after = np.minimum(times_ns + _VELOCITY_STEP_NS, sequence.end_ns)
     seconds = np.maximum(after - before, 1)[:, None] * 1e-9
@@ -85,12 +87,12 @@ def _write_points(path: Path, sequence: Sequence) -> None:
     columns = {"uid": np.arange(count), "graph_uid": _graph_uid(sequence)}
     columns |= {f"p{axis}_world": sequence.points[:, row] for row, axis in enumerate("xyz")}
     columns |= {"inv_dist_std": sequence.inv_dist_std, "dist_std": sequence.dist_std}
-    # A fixed time in the archive: the same sequence makes the same file.
+    # A fixed time in the gzip header, so that the same sequence gives the same bytes.
     pd.DataFrame(columns).to_csv(path, index=False, compression={"method": "gzip", "mtime": 0})
 
 
 def _graph_uid(sequence: Sequence) -> str:
-    """Names the world frame."""
+    """Identifier of the world frame."""
     return str(uuid.uuid5(uuid.NAMESPACE_URL, f"egosplat/{sequence.name}"))
 
 

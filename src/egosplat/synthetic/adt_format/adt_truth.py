@@ -1,4 +1,4 @@
-"""What is true of each frame, in ADT's tables: object poses, 2D boxes, skeletons, eye gaze."""
+"""ADT's tables about each frame: object poses, 2D boxes, skeletons, eye gaze."""
 
 import json
 from pathlib import Path
@@ -21,17 +21,17 @@ _STATIC_TIME = -1
 
 
 class TruthTables:
-    """Collects what is true of each frame and writes it at the end.
+    """Collects the ground truth of each frame and writes it at the end.
 
-    Every row is stamped with its frame's ground-truth time, although the scene is that of the exposure's
-    middle, some 2.4 ms later: it is the truth of that picture.
+    Each row has its frame's ground-truth timestamp. The values are those of the middle of the exposure, about
+    2.4 ms later, because that is what the image shows.
     """
 
     def __init__(self, sequence: Sequence) -> None:
-        """Begin.
+        """Prepare empty tables.
 
         Raises:
-            ValueError: ``world_from_static`` is not of exactly the static objects.
+            ValueError: ``world_from_static`` does not hold exactly the static objects.
         """
         objects = [one for one in sequence.instances if one.instance_type == "object"]
         self._static = {one.instance_id for one in objects if one.motion_type == "static"}
@@ -48,11 +48,11 @@ class TruthTables:
         self._times_ns: list[int] = []
 
     def add(self, frame: Frame, truth_ns: int) -> None:
-        """Take in a frame.
+        """Add a frame.
 
         Raises:
-            ValueError: its poses or skeletons are not of exactly the dynamic objects and the people, or its
-                segmentation has an unknown instance.
+            ValueError: its poses or skeletons are not exactly those of the dynamic objects and the people, or
+                its segmentation has an unknown instance.
         """
         _check_ids("world_from_object", set(frame.world_from_object), self._dynamic)
         _check_ids("skeletons", set(frame.skeletons), set(self._people))
@@ -66,7 +66,7 @@ class TruthTables:
             self._joints[person].append({"markers": [], "joints": joints.tolist(), "timestamp_ns": truth_ns})
 
     def write(self, folder: Path) -> None:
-        """Write ``scene_objects.csv``, ``2d_bounding_box*.csv``, ``eyegaze.csv`` and the skeletons' files."""
+        """Write ``scene_objects.csv``, ``2d_bounding_box*.csv``, ``eyegaze.csv`` and the skeleton files."""
         columns = ["object_uid", "timestamp[ns]", *_POSE_COLUMNS]
         pd.DataFrame(self._poses, columns=columns).to_csv(folder / "scene_objects.csv", index=False)
         columns = ["stream_id", "object_uid", "timestamp[ns]", *_BOX_COLUMNS]
@@ -78,7 +78,7 @@ class TruthTables:
             (folder / f"{self._people[person]}.json").write_text(json.dumps(skeleton))
 
     def _gaze(self) -> pd.DataFrame:
-        """The wearer, who has no eyes here, always looks straight ahead."""
+        """Eye gaze straight ahead: the synthetic wearer has no eyes."""
         count = len(self._times_ns)
         ahead = dict.fromkeys(["yaw_rads_cpf", "pitch_rads_cpf"], np.zeros(count))
         bounds = dict.fromkeys(_GAZE_ANGLES, np.zeros(count))
@@ -91,14 +91,14 @@ class TruthTables:
 def bounding_boxes(
     segmentation: NDArray[np.uint64], ids: NDArray[np.uint64]
 ) -> dict[int, tuple[int, int, int, int]]:
-    """The box of the pixels of each visible instance, as ADT has it: first and last column, first and last row.
+    """Bounding box of each visible instance in ADT's order: first and last column, first and last row.
 
     Args:
-        segmentation: (H, W) uint64 instance ids; 0 is nothing.
-        ids: (N,) uint64 all instances, increasing.
+        segmentation: (H, W) uint64 instance ids; 0 is background.
+        ids: (N,) uint64, all instances, increasing.
 
     Raises:
-        ValueError: the segmentation has an id that is neither 0 nor among ``ids``.
+        ValueError: the segmentation has an id that is neither 0 nor in ``ids``.
     """
     place = np.searchsorted(ids, segmentation).clip(max=len(ids) - 1)
     empty = segmentation == 0

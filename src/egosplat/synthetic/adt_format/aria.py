@@ -1,6 +1,6 @@
-"""The calibration of the synthetic device: invented, near an Aria's, the same for every recording.
+"""The calibration of the synthetic device: invented, close to an Aria's, equal for every recording.
 
-Only the RGB camera records. The left SLAM camera is there because its frame is the device frame.
+Only the RGB camera records. The left SLAM camera is included because its frame is the device frame.
 """
 
 import json
@@ -46,7 +46,7 @@ _SLAM_MAX_ANGLE_RAD = 1.4
 def device_from_camera() -> NDArray[np.float64]:
     """(4, 4) float64 pose of the RGB camera (OpenCV axes, sensor orientation) in the device frame [m].
 
-    The sensor is mounted a quarter turn off: the upright picture is the image rotated clockwise by 90°.
+    The sensor is mounted with a quarter turn: rotate the image clockwise by 90° to see it upright.
     """
     return make_pose(
         Rotation.from_rotvec(_RGB_ROTATION_VECTOR).as_matrix(), np.array(_RGB_TRANSLATION_M, dtype=np.float64)
@@ -54,11 +54,9 @@ def device_from_camera() -> NDArray[np.float64]:
 
 
 def camera_calibration(size: int) -> CameraCalibration:
-    """The RGB camera's calibration for square images of ``size`` pixels.
+    """Calibration of the RGB camera for square images of ``size`` pixels.
 
-    It is the one of 1408 pixels, scaled; the library's own ``rescale`` keeps the field of view
-    although it puts a pixel's centre at the integer. Outside of ``get_valid_radius()`` [px] around the
-    principal point the lens lets no light through.
+    The lens is opaque beyond ``get_valid_radius()`` [px] around the principal point.
     """
     full = CameraCalibration(
         RGB_LABEL,
@@ -71,11 +69,12 @@ def camera_calibration(size: int) -> CameraCalibration:
         _RGB_MAX_ANGLE_RAD,
         DEVICE_SERIAL,
     )
+    # The library's own scaling: it puts pixel centres at integers, but keeps the field of view.
     return full.rescale(np.array([size, size], dtype=np.int32), size / _FULL_SIZE)
 
 
 def device_calibration(size: int) -> DeviceCalibration:
-    """The whole device's calibration, with an RGB camera of ``size`` x ``size`` pixels."""
+    """Calibration of the whole device, with an RGB camera of ``size`` x ``size`` pixels."""
     slam = CameraCalibration(
         _ORIGIN_LABEL,
         CameraModelType.FISHEYE624,
@@ -96,12 +95,9 @@ def device_calibration(size: int) -> DeviceCalibration:
 
 
 def calibration_json(size: int) -> str:
-    """``device_calibration(size)`` as the JSON text that a VRS file carries.
-
-    The library writes each camera's ``ConfigData`` (image size, valid radius, largest angle) and reads it
-    back, so any size is possible; a text without it would be taken for the 2880-pixel sensor's, of which
-    the library only knows the reductions to 1408 and 704 pixels.
-    """
+    """``device_calibration(size)`` as the JSON text that a VRS file carries."""
+    # The library's writer is needed for each camera's ConfigData (image size, valid radius, largest angle).
+    # Without it the reader assumes the 2880-pixel sensor, which it reduces to 1408 and 704 pixels only.
     document = json.loads(device_calibration_to_json_string(device_calibration(size)))
     document |= {
         "AlgorithmName": "egosplat.synthetic",

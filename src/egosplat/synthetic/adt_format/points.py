@@ -1,4 +1,4 @@
-"""Semi-dense points as Aria's mapping gives them: on textured surfaces, seen, noisy with distance."""
+"""Semi-dense points like those of Aria's mapping: on textured, visible surfaces, noisier with distance."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ _VIEWS = 60
 _GOOD_INV_STD, _BAD_INV_STD = 0.0004, 0.004
 _BAD_SHARE = 0.12
 _DETAIL_M = 0.012
-"""Texture is looked for at this scale."""
+"""Scale at which texture is detected."""
 
 
 def semidense_points(
@@ -23,7 +23,7 @@ def semidense_points(
 ) -> tuple[Array, Array, Array]:
     """(P, 3) points [m], (P,) uncertainty of the inverse distance [1/m] and (P,) of the distance [m].
 
-    Only what never moves has points, as a mapping of several views leaves the rest out.
+    Only static surfaces have points, because mapping from several views rejects moving ones.
     """
     chosen = np.unique(np.linspace(0, len(captures) - 1, min(len(captures), _VIEWS)).round().astype(int))
     seconds = (captures[chosen] - world.start_ns) * 1e-9
@@ -35,7 +35,7 @@ def semidense_points(
     eyes = np.repeat(poses[:, :3, 3], [len(points) for points, _ in samples], axis=0)
     bad = rng.random(len(exact)) < _BAD_SHARE
     inverse_std = np.where(bad, _BAD_INV_STD, _GOOD_INV_STD) * rng.lognormal(0, 0.35, len(exact))
-    # The depth's deviation follows from that of its inverse: sigma(d) = d² sigma(1/d).
+    # Mapping estimates inverse distances: noise is added to 1/d, and sigma(d) = d² sigma(1/d).
     noisy = 1 / np.maximum(1 / distance + rng.normal(0, inverse_std), 1 / 50)
     points = eyes + (exact - eyes) * (noisy / distance)[:, None]
     return points, inverse_std, distance**2 * inverse_std * np.where(bad, 4.0, 1.0)
@@ -44,7 +44,7 @@ def semidense_points(
 def _sample_surface(
     renderer: Renderer, world_from_camera: Array, count: int, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Points on what never moves, seen from a camera; more of them where there is texture.
+    """Points on static surfaces that a camera sees, denser where there is texture.
 
     Returns:
         (N, 3) float64 points in the world and (N,) their distances [m]; N is at most ``count``.
@@ -58,6 +58,7 @@ def _sample_surface(
     uv = interpolated(geometry, hits, geometry.uv)
     width = np.full(len(uv), _DETAIL_M, dtype=np.float32)
     here, aside = (renderer.atlas.albedo(texture, uv + shift, width) for shift in (0, np.float32(_DETAIL_M)))
+    # Contrast in display values over one step of _DETAIL_M decides how likely a point is.
     contrast = np.abs(np.sqrt(here) - np.sqrt(aside)).sum(axis=1) + 0.02
     wanted = (hits.face >= 0) & (rng.random(len(uv)) < np.minimum(1, contrast / 0.25))
     best = np.flatnonzero(wanted)[:count]

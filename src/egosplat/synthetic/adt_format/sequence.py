@@ -1,7 +1,7 @@
-"""What a synthetic recording consists of, before it is written in ADT's on-disk format.
+"""The content of a synthetic recording, before it is written in ADT's on-disk format.
 
 World axes are ADT's: y up, gravity (0, -9.81, 0), metres. The device frame is Aria's (the left SLAM
-camera). Images are in sensor orientation: the upright picture is the image rotated clockwise by 90°.
+camera). Images are in sensor orientation: rotate them clockwise by 90° to see them upright.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,12 +18,12 @@ class Instance:
 
     Attributes:
         instance_id: unique, positive; the value of its pixels in the segmentation images.
-        name: unique, ADT style (``"BlackCoaster_1"``).
-        prototype: the kind of thing, without number.
+        name: unique, in ADT style (``"BlackCoaster_1"``).
+        prototype: the kind of object, without number.
         category: one of ADT's category names (``"coaster"``); ``"person"`` for people.
-        category_uid: one number a category.
-        motion_type: ADT's label. A ``dynamic`` instance need not move in a given recording.
-        instance_type: ``human`` instances are absent from the scene object and 3D box files.
+        category_uid: one number per category.
+        motion_type: ADT's label. A ``dynamic`` instance may stay still in a given recording.
+        instance_type: ``human`` instances are absent from the files of scene objects and 3D boxes.
         bounds: (2, 3) float64 [m], lower and upper corner of its box in its own frame.
     """
 
@@ -39,12 +39,12 @@ class Instance:
 
 @dataclass(frozen=True)
 class View:
-    """What the camera saw: one rendering of labels and depth.
+    """Labels and depth of one rendering.
 
     Attributes:
         segmentation: (H, W) uint64 instance ids, 0 outside the lens circle.
         depth_mm: (H, W) uint16, depth along the optical axis in millimetres, 0 outside the lens circle.
-        visibility: for each visible instance id, the share of its pixels that nothing else hides, 0..1.
+        visibility: for each visible instance id, the fraction of its pixels that nothing occludes, 0..1.
     """
 
     segmentation: NDArray[np.uint64]
@@ -54,12 +54,12 @@ class View:
 
 @dataclass(frozen=True)
 class Frame:
-    """One capture of the RGB camera and what is true at that moment.
+    """One capture of the RGB camera and its ground truth.
 
     Attributes:
-        capture_ns: capture timestamp of the picture in device time; the exposure's middle as the reader
-            must find it lies ``ROLLING_SHUTTER_MIDDLE_NS`` later, and that is when the scene is rendered.
-        exposure_s, gain: of this picture.
+        capture_ns: capture timestamp in device time. The scene is rendered at the middle of the exposure,
+            ``ROLLING_SHUTTER_MIDDLE_NS`` later; readers must find that time.
+        exposure_s, gain: of this image.
         rgb: (H, W, 3) uint8, with people.
         with_people, without_people: labels and depth (ADT's files with and without skeletons).
         world_from_object: (4, 4) float64 pose of every dynamic object at this moment, by instance id.
@@ -78,21 +78,21 @@ class Frame:
 
 @dataclass(frozen=True)
 class Sequence:
-    """A whole recording; ``frames`` is lazy so that memory does not grow with its length.
+    """A whole recording; ``frames`` is lazy, so memory does not grow with the length.
 
     Attributes:
         name: sequence name.
         size: side of the square RGB image in pixels.
-        fps: frames a second.
-        instances: everything that can be seen, the room itself (category ``shelter``) included.
+        fps: frames per second.
+        instances: everything visible, including the room itself (category ``shelter``).
         world_from_static: (4, 4) float64 pose of every static object, by instance id.
         device_pose: (N,) int64 nanoseconds -> (N, 4, 4) float64 ``world_from_device``.
-        start_ns, end_ns: first and last moment that the trajectory covers, device time.
+        start_ns, end_ns: first and last moment of the trajectory, device time.
         points: (P, 3) float64 semi-dense points in the world [m].
         inv_dist_std: (P,) float64 [1/m]; dist_std: (P,) float64 [m]: their uncertainty.
-        frames: makes the frames, in order of time.
-        frame_count: how many ``frames`` yields.
-        wearer: the human instance that wears the device, where there is one.
+        frames: yields the frames in order of time.
+        frame_count: number of frames.
+        wearer: instance id of the person who wears the device, or None.
     """
 
     name: str
@@ -112,4 +112,4 @@ class Sequence:
 
 
 ROLLING_SHUTTER_MIDDLE_NS = 2_500_000
-"""From a capture timestamp to the middle of the picture: half of the rolling shutter (docs/method.md#exposure-time)."""
+"""From a capture timestamp to the middle of the exposure: half the rolling shutter (docs/method.md#exposure-time)."""

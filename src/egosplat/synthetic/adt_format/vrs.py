@@ -1,14 +1,14 @@
-"""Writing VRS files: a container for sensor recordings, here of image streams, written in one pass.
+"""Write VRS files, containers of sensor records; here image streams, written in one pass.
 
 Format (``FileFormat.h`` and ``IndexRecord.h`` of facebookresearch/vrs), little-endian::
 
     file header (80 bytes; holds the offsets of the description and of the index)
-    description record    what each stream is and how its records are laid out, and the file's tags
-    configuration records one a stream: image size, pixel format, ...
+    description record    streams, the layouts of their records, and the file's tags
+    configuration records one per stream: image size, pixel format, ...
     data records          in order of time: fixed fields, then the image
     index record          time, size, type and stream of every record
 
-Every record begins with a 32-byte header that holds its own size and that of the record before.
+Every record begins with a 32-byte header that holds its own size and that of the previous record.
 """
 
 import contextlib
@@ -33,7 +33,7 @@ _COUNT = struct.Struct("<I")
 _INDEX_TYPE, _DESCRIPTION_TYPE = 1, 2
 _CONFIGURATION, _DATA = 2, 3
 _STRUCTURE_VERSION = 2
-"""Of the description record, of an index record that follows the data, and of the layouts below."""
+"""Version of the description record, of an index record that follows the data, and of the layouts below."""
 _NO_COMPRESSION, _ZSTD = 0, 2
 _ZSTD_LEVEL = 3
 _BEFORE_ALL = 5e-324
@@ -42,11 +42,11 @@ _AFTER_ALL = 1.7976931348623157e308
 
 @dataclass(frozen=True)
 class ImageStream:
-    """A camera, as far as the container is concerned.
+    """One camera's stream in the file.
 
     Attributes:
-        type_id, instance_id: the stream's number, "214-1" being type 214 and instance 1.
-        name: the recordable's name; flavor: its variant.
+        type_id, instance_id: number of the stream; "214-1" is type 214, instance 1.
+        name: name of the recordable; flavor: its variant.
         encoding: ``jpg``, or ``raw`` for rows of pixels as the configuration says.
         compressed: whether whole records are compressed with zstd (lossless).
         configuration: values of ``CONFIGURATION``.
@@ -62,7 +62,7 @@ class ImageStream:
 
     @property
     def tags(self) -> dict[str, str]:
-        """What the description record says of the stream."""
+        """The stream's tags in the description record."""
         version = _STRUCTURE_VERSION
         serial = hashlib.sha256(f"{self.type_id}-{self.instance_id} {self.name}".encode()).hexdigest()[:16]
         return {
@@ -78,12 +78,12 @@ class ImageStream:
 
 @contextlib.contextmanager
 def create_vrs(path: Path, tags: Mapping[str, str], streams: Sequence[ImageStream]) -> Iterator["VrsWriter"]:
-    """Write a VRS file; it appears at ``path`` when the block ends without error, else not at all.
+    """Write a VRS file; it appears at ``path`` only if the block ends without error.
 
     Args:
-        path: the file to make; one that stands there is replaced at the end.
+        path: the file to make; an existing one is replaced at the end.
         tags: the file's tags.
-        streams: all that the file will hold.
+        streams: all streams of the file.
     """
     with atomic_file(path) as scratch, scratch.open("wb") as file:
         writer = VrsWriter(file, tags, streams)
@@ -92,7 +92,7 @@ def create_vrs(path: Path, tags: Mapping[str, str], streams: Sequence[ImageStrea
 
 
 class VrsWriter:
-    """The records of a VRS file while it is being made; given by ``create_vrs``."""
+    """Writes the records of a VRS file; made by ``create_vrs``."""
 
     def __init__(self, file: BinaryIO, tags: Mapping[str, str], streams: Sequence[ImageStream]) -> None:
         self._file = file
@@ -101,6 +101,7 @@ class VrsWriter:
         self._index: list[bytes] = []
         self._last_ns: int | None = None
         description = _pack_description(self._streams, tags)
+        # An id from the content, not from the clock, so that the same recording gives the same bytes.
         self._creation_id = int.from_bytes(hashlib.sha256(description).digest()[:8], "little")
         file.write(bytes(_FILE_HEADER.size))  # filled in at the end, when the index has its place
         self._append((_DESCRIPTION_TYPE, 0), _DATA, _AFTER_ALL, description)
@@ -122,7 +123,7 @@ class VrsWriter:
         """Append one image, encoded as its stream says.
 
         Raises:
-            ValueError: it is older than the image before, in whichever stream.
+            ValueError: its timestamp is lower than the previous one's, in any stream.
         """
         if self._last_ns is not None and timestamp_ns < self._last_ns:
             raise ValueError(f"record of {timestamp_ns} ns after {self._last_ns} ns: not in order of time")
@@ -184,7 +185,7 @@ class VrsWriter:
 
 
 def _pack_description(streams: Sequence[ImageStream], tags: Mapping[str, str]) -> bytes:
-    """Number of streams; of each its id, its user's tags (none here) and its own tags; the file's tags."""
+    """Pack the number of streams; id, user tags (none) and tags of each stream; the file's tags."""
     described = [
         _STREAM_ID.pack(stream.type_id, stream.instance_id) + _pack_tags({}) + _pack_tags(stream.tags)
         for stream in streams

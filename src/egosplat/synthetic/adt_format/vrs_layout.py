@@ -1,6 +1,6 @@
 """Layouts of the fixed fields in a VRS file's records (``DataLayout.h`` of facebookresearch/vrs).
 
-A layout travels in the file as JSON text; readers look its fields up by name.
+A layout is stored in the file as JSON text. Readers look up its fields by name.
 """
 
 import json
@@ -25,11 +25,11 @@ class DataLayout:
 
     @property
     def fixed_size(self) -> int:
-        """Bytes of the numbers."""
+        """Size of the numbers in bytes."""
         return self._struct.size
 
     def describe(self) -> str:
-        """The JSON text that tells a reader where each field lies."""
+        """The JSON text that gives each field's offset."""
         pieces: list[dict[str, str | int]] = []
         offset = 0
         for name, kind in self.numbers:
@@ -45,7 +45,7 @@ class DataLayout:
         """The fields as bytes; a field without a value is NaN, 0 or the empty string.
 
         Raises:
-            ValueError: a value belongs to no field.
+            ValueError: a value has no field.
         """
         unknown = set(values) - {name for name, _ in self.numbers} - set(self.strings)
         if unknown:

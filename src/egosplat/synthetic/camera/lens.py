@@ -1,4 +1,4 @@
-"""The rays of a camera's pixels: of Aria's lens as its calibration has it, or of a pinhole."""
+"""Rays of a camera's pixels: of Aria's calibrated lens, or of a pinhole."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -14,15 +14,15 @@ Floats = NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class Lens:
-    """Rays of a square picture.
+    """Rays of a square image.
 
     Attributes:
         size: its side [px].
         valid: (H, W) bool, within the lens circle.
-        directions: (N, 3) float32 unit rays of the valid pixels' centres, camera axes, row by row.
-        right, down: (N, 3) float32 change of the ray to the next pixel's.
+        directions: (N, 3) float32 unit rays through the centres of the valid pixels, camera axes, row by row.
+        right, down: (N, 3) float32 change of the ray to the next pixel in x and in y.
         angle: (N,) float32 angle that a pixel covers [rad].
-        radius: (N,) float32 distance from the principal point as a share of the circle's radius.
+        radius: (N,) float32 distance from the principal point as a fraction of the circle's radius.
     """
 
     size: int
@@ -36,7 +36,8 @@ class Lens:
 
 @lru_cache(maxsize=4)
 def make_lens(size: int) -> Lens:
-    """Aria's, for pictures of ``size`` x ``size`` pixels; kept, as each pixel takes microseconds to unproject."""
+    """Aria's lens for images of ``size`` x ``size`` pixels."""
+    # Cached: projectaria-tools takes microseconds per pixel.
     calibration = camera_calibration(size)
     centres = to_aria_pixels(_centres(size, size))
     rays = np.array([calibration.unproject_no_checks(pixel) for pixel in centres.reshape(-1, 2)])
@@ -45,11 +46,11 @@ def make_lens(size: int) -> Lens:
 
 @lru_cache(maxsize=4)
 def pinhole_lens(camera: Camera) -> Lens:
-    """A square pinhole camera behind Aria's lens: what a rectified, upright picture shows, without resampling."""
+    """A square pinhole camera: renders a rectified, upright image without resampling."""
     centres = _centres(camera.width, camera.height)
     focal, middle = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
     rays = np.dstack([(centres - middle) / focal, np.ones(centres.shape[:2])])
-    # Upright pixels on the sensor: the lens is as good as symmetric, but the quarter turn costs nothing.
+    # The radius is that of the sensor pixel behind each upright pixel, for the same vignette as Aria's lens.
     sensor = rotate(CLOCKWISE[:3, :3], rays)
     calibration = camera_calibration(camera.width)
     pixels = np.array([calibration.project_no_checks(ray) for ray in sensor.reshape(-1, 3)])
@@ -57,19 +58,19 @@ def pinhole_lens(camera: Camera) -> Lens:
 
 
 def _centres(width: int, height: int) -> NDArray[np.float64]:
-    """(H + 2, W + 2, 2) pixel centres with a margin of one all around, so that every pixel has neighbours."""
+    """(H + 2, W + 2, 2) pixel centres with a margin of one pixel, so that every pixel has neighbours."""
     return np.stack(np.meshgrid(np.arange(-1, width + 1) + 0.5, np.arange(-1, height + 1) + 0.5), axis=-1)
 
 
 def _radius(size: int, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distance of projectaria-tools' pixels from the principal point as a share of the lens circle's radius."""
+    """Distance of projectaria-tools' pixels from the principal point, as a fraction of the circle's radius."""
     calibration = camera_calibration(size)
     away = np.linalg.norm(pixels - calibration.get_principal_point(), axis=-1)
     return away / calibration.get_valid_radius()
 
 
 def _lens(rays: NDArray[np.float64], radius: NDArray[np.float64]) -> Lens:
-    """A lens of (H + 2, W + 2, 3) rays, of any length, and (H + 2, W + 2) radii, both with a margin of one."""
+    """A lens of (H + 2, W + 2, 3) rays of any length and (H + 2, W + 2) radii, with a margin of one pixel."""
     rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
     right = 0.5 * (rays[1:-1, 2:] - rays[1:-1, :-2])
     down = 0.5 * (rays[2:, 1:-1] - rays[:-2, 1:-1])

@@ -1,4 +1,4 @@
-"""Light: a ceiling lamp, the sun through the windows, and what they leave in every corner after bouncing."""
+"""Light: a ceiling lamp, the sun through the windows, and one bounce of both, baked at vertices."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 _LAMP_POWER = np.array([7.5, 6.8, 5.8], dtype=np.float32)
 _SUN_POWER = np.array([5.5, 4.9, 4.0], dtype=np.float32)
 _AMBIENT = np.array([0.3, 0.29, 0.28], dtype=np.float32)
-"""Stands for light that has bounced more than once."""
+"""Stands in for light that has bounced more than once."""
 _BAKE_RAYS = 40
 _CHUNK = 16_000
 _OFF_SURFACE_M = 0.004
@@ -23,11 +23,11 @@ _OFF_SURFACE_M = 0.004
 
 @dataclass(frozen=True, eq=False)
 class Lights:
-    """Where light comes from.
+    """The light sources.
 
     Attributes:
-        lamp: (3,) float32 place in the world; sun: (3,) float32 unit vector towards it.
-        windows: of each the lower left corner, its width and height as vectors, the inward normal; (3,) each.
+        lamp: (3,) float32 position in the world; sun: (3,) float32 unit vector towards it.
+        windows: (3,) lower left corner, width and height vectors and inward normal of each window.
     """
 
     lamp: Floats
@@ -35,18 +35,21 @@ class Lights:
     windows: tuple[tuple[Floats, Floats, Floats, Floats], ...]
 
     def direct(self, scenes: list[RayScene], points: Floats, normals: Floats) -> Floats:
-        """(N, 3) irradiance from lamp and sun at (N, 3) points with (N, 3) unit normals, with shadows."""
+        """(N, 3) irradiance from lamp and sun, with shadows, at (N, 3) points with (N, 3) unit normals."""
+        # Rays start a little above the surface, so that it does not shadow itself.
         origins = points + _OFF_SURFACE_M * normals
         way = self.lamp - origins
         distance = np.linalg.norm(way, axis=1)
         way /= distance[:, None]
         facing = np.einsum("ni,ni->n", way, normals)
+        # The 0.5 bounds the light close to the lamp.
         strength = np.maximum(facing, 0) / (0.5 + distance**2)
+        # Surfaces within 0.12 m of the lamp's position cast no shadow.
         strength[_blocked(scenes, origins, way, distance - 0.12, strength > 0)] = 0
         return strength[:, None] * _LAMP_POWER + self._sunlight(scenes, origins, normals)
 
     def _sunlight(self, scenes: list[RayScene], origins: Floats, normals: Floats) -> Floats:
-        """Only what looks at the sun through a window needs a shadow ray."""
+        """Sunlight; shadow rays are cast only where the sun is visible through a window."""
         facing = np.maximum(_dot(normals, self.sun), 0)
         reach = np.full(len(origins), np.inf, dtype=np.float32)
         for corner, right, up, inward in self.windows:
@@ -60,13 +63,13 @@ class Lights:
             reach[through] = np.minimum(reach[through], distance[through])
         lit = np.isfinite(reach) & (facing > 0)
         way = np.broadcast_to(self.sun, origins.shape)
-        # A little beyond the wall's plane stands the window's frame, which casts its shadow too.
+        # The window's frame lies a little beyond the wall's plane and casts a shadow too.
         lit &= ~_blocked(scenes, origins, way, reach + 0.11, lit)
         return (facing * lit)[:, None] * _SUN_POWER
 
 
 def _dot(vectors: Floats, other: Floats) -> Floats:
-    """(...) scalar products of (..., 3) vectors with one, summed in the same order on every processor."""
+    """(...) dot products of (..., 3) vectors with one vector, summed in the same order on every processor."""
     x, y, z = (vectors[..., axis] * other[axis] for axis in range(3))
     return x + y + z
 
@@ -84,7 +87,7 @@ def _blocked(
 
 
 def make_lights(room: Room, rng: np.random.Generator) -> Lights:
-    """The room's lamp and windows, and a sun that shines into one of them."""
+    """The room's lamp and windows, and a sun that shines through one of them."""
     windows = []
     for hole in room.windows:
         corner = room.at(hole.wall, hole.left, hole.bottom)
@@ -108,9 +111,9 @@ def make_lights(room: Room, rng: np.random.Generator) -> Lights:
 def bake(
     geometry: Geometry, scene: RayScene, atlas: Atlas, lights: Lights, rng: np.random.Generator
 ) -> Floats:
-    """(V, 3) float32 irradiance at every vertex from light that has bounced, from windows and from lamps.
+    """(V, 3) float32 irradiance at every vertex from windows, from lamps and from one bounce.
 
-    Things that move, and people, get the room's mean, more of it from above than from below.
+    Moving objects and people get the room's median, more of it from above than from below.
     """
     count = int(geometry.body_vertices[geometry.group("static")[1]])
     points, normals = geometry.vertices[:count], geometry.normals[:count]
@@ -135,7 +138,9 @@ def _gather(
     normals: Floats,
     rng: np.random.Generator,
 ) -> Floats:
-    """Irradiance by rays over the hemisphere, denser towards the normal (cosine law)."""
+    """Irradiance by rays over the hemisphere, cosine-weighted around the normal."""
+    # A sunflower pattern on the disc, turned at random per point; lifted to the hemisphere it is
+    # distributed like the cosine.
     index = np.arange(_BAKE_RAYS) + 0.5
     radius = np.sqrt(index / _BAKE_RAYS)
     turn = index * np.pi * (3 - np.sqrt(5)) + rng.uniform(0, 2 * np.pi, (len(points), 1))
@@ -162,7 +167,7 @@ def _gather(
 
 
 def face_normals(geometry: Geometry, face: NDArray[np.int32], towards: Floats) -> Floats:
-    """(N, 3) unit normals of static faces, on the side from which rays along ``towards`` come."""
+    """(N, 3) unit normals of static faces, on the side from which rays along ``towards`` arrive."""
     corners = np.take(geometry.vertices, np.take(geometry.faces, face, axis=0), axis=0)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-20)
@@ -170,10 +175,11 @@ def face_normals(geometry: Geometry, face: NDArray[np.int32], towards: Floats) -
 
 
 def _smoothed(geometry: Geometry, values: Floats) -> Floats:
-    """Twice the mean with a vertex's neighbours along edges: takes out the noise of few rays."""
+    """Average values with those of neighbouring vertices, twice; removes the noise of few rays."""
     count = len(values)
     faces = geometry.faces[: geometry.body_faces[geometry.group("static")[1]]]
     ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    # Each inner edge occurs in two faces and in both directions; the vertex itself has weight 6.
     ends = np.concatenate([ends, ends[:, ::-1]])
     links = coo_array((np.ones(len(ends), np.float32), (ends[:, 0], ends[:, 1])), (count, count)).tocsr()
     links = links + diags_array(np.full(count, 6.0, np.float32))

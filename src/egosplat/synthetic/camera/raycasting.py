@@ -1,4 +1,4 @@
-"""All surfaces of a scene in arrays, rigid body by rigid body, and the casting of rays at them."""
+"""The surfaces of a scene in flat arrays, rigid body by rigid body, and ray casting against them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,12 +18,12 @@ Ints = NDArray[np.int32]
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """Parts that move as one, belonging to one instance.
+    """Parts of one instance that move together.
 
     Attributes:
-        instance_id: whose pixels these are; parts: in the body's axes.
-        pose: (4, 4) ``world_from_body``, where it stays or begins.
-        role: ``static`` (never moves), ``thing`` (is moved), ``person`` (a limb).
+        instance_id: instance id of its pixels; parts: in the body's axes.
+        pose: (4, 4) ``world_from_body`` at the beginning.
+        role: ``static`` (never moves), ``thing`` (moves), ``person`` (a limb).
     """
 
     instance_id: int
@@ -37,12 +37,12 @@ class Geometry:
     """Surfaces of many bodies; static ones in world axes, others in their own.
 
     Attributes:
-        bodies: what the arrays hold, in order: static ones first, then things, then people's limbs.
+        bodies: static bodies first, then moving objects, then people's limbs.
         vertices, normals: (V, 3) float32; uv: (V, 2) float32.
-        faces: (F, 3) int32; face_part: (F,) int32 running number of the part.
+        faces: (F, 3) int32; face_part: (F,) int32 index of the part.
         body_faces, body_vertices: (B + 1,) first face and vertex of each body, and the end.
         part_names: "instance id/part"; part_body, part_texture: (P,) int32; part_glow: (P,) float32.
-        textures: by their number, each once.
+        textures: by number, without duplicates.
     """
 
     bodies: tuple[Body, ...]
@@ -60,13 +60,13 @@ class Geometry:
     textures: tuple[Texture, ...]
 
     def group(self, role: str) -> tuple[int, int]:
-        """First and last + 1 of the bodies of a role."""
+        """First index and end index of the bodies of a role."""
         numbers = [number for number, body in enumerate(self.bodies) if body.role == role]
         return (numbers[0], numbers[-1] + 1) if numbers else (0, 0)
 
 
 def build_geometry(bodies: Sequence[Body]) -> Geometry:
-    """Gather bodies' surfaces."""
+    """Concatenate the surfaces of bodies."""
     order = {"static": 0, "thing": 1, "person": 2}
     ordered = sorted(bodies, key=lambda body: order[body.role])
     parts = [(number, part) for number, body in enumerate(ordered) for part in body.parts]
@@ -105,7 +105,7 @@ def _in_place(body: Body, part: Part) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """Where rays first meet a surface.
+    """First intersections of rays with a surface.
 
     Attributes:
         face: (N,) int32 number of the face in the geometry, -1 for none.
@@ -119,7 +119,7 @@ class Hits:
 
 
 class RayScene:
-    """Something that rays can be cast at: some faces of a geometry, where they are at the moment."""
+    """Some faces of a geometry at their current positions, for ray casting."""
 
     def __init__(self, vertices: Floats, faces: Ints, first_face: int) -> None:
         self._triangles = Triangles(vertices, faces)
@@ -137,7 +137,8 @@ class RayScene:
         return self._triangles.blocks(origins, directions, distances)
 
     def may_meet(self, origin: Floats, directions: Floats) -> NDArray[np.bool_]:
-        """Which of (N, 3) unit directions from a point come near enough to be worth casting."""
+        """Whether each of (N, 3) unit directions from a point meets the bounding sphere; cheaper than ``cast``."""
+        # The angle to the sphere's centre against the angle that its radius covers, with a small margin.
         way = self.centre - origin
         distance = float(np.linalg.norm(way, axis=-1))
         if distance <= self.reach * 1.001:
@@ -148,19 +149,19 @@ class RayScene:
 
 
 def static_scene(geometry: Geometry) -> RayScene:
-    """All that never moves."""
+    """All static surfaces."""
     return body_scene(geometry, *geometry.group("static"))
 
 
 def body_scene(geometry: Geometry, first: int, last: int) -> RayScene:
-    """Bodies ``first`` to ``last`` - 1 in the axes in which the geometry has them."""
+    """Bodies ``first`` to ``last`` - 1 in the geometry's own axes."""
     start, end = geometry.body_vertices[[first, last]]
     faces = geometry.faces[geometry.body_faces[first] : geometry.body_faces[last]] - start
     return RayScene(geometry.vertices[start:end], faces, int(geometry.body_faces[first]))
 
 
 def posed_scene(geometry: Geometry, first: int, last: int, poses: dict[int, Array]) -> RayScene:
-    """Moving bodies ``first`` to ``last`` - 1 where ``poses`` (by body number) says."""
+    """Moving bodies ``first`` to ``last`` - 1 at ``poses``, by body number."""
     vertices = [
         rotate(
             poses[number][:3, :3].astype(np.float32),
@@ -176,7 +177,7 @@ def posed_scene(geometry: Geometry, first: int, last: int, poses: dict[int, Arra
 
 
 def interpolated(geometry: Geometry, hits: Hits, values: Floats) -> Floats:
-    """(N, D) values where rays hit, of (V, D) values at the geometry's vertices."""
+    """Interpolate (V, D) values at the geometry's vertices to (N, D) values at hits."""
     corners = np.take(geometry.faces, hits.face, axis=0)
     weights = (1 - hits.u - hits.v, hits.u, hits.v)
     terms = (np.take(values, corners[:, k], axis=0) * weight[:, None] for k, weight in enumerate(weights))

@@ -1,4 +1,4 @@
-"""Pictures, labels and depth of a scene through the camera's lens, by casting rays."""
+"""Images, labels and depth of a scene through the camera's lens, by ray casting."""
 
 from dataclasses import dataclass
 
@@ -30,7 +30,7 @@ _VISIBILITY_RAYS = 2500
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """One rendering and its truth as ADT records it.
+    """One rendering and its ground truth in ADT's form.
 
     Attributes:
         rgb: (H, W, 3) uint8, with people.
@@ -44,11 +44,11 @@ class Shot:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """One rendering alone, with people.
+    """One rendering with people, and the visible surface of each pixel.
 
     Attributes:
         rgb: (H, W, 3) uint8.
-        faces: (H, W) int32 number of the geometry's face that is seen, -1 for none.
+        faces: (H, W) int32 number of the visible face in the geometry, -1 for none.
     """
 
     rgb: NDArray[np.uint8]
@@ -57,7 +57,7 @@ class Picture:
 
 @dataclass(frozen=True, eq=False)
 class _Scenes:
-    """What rays are cast at in one shot: all that never moves, each thing that does and each person by id.
+    """Targets of the rays of one shot: static surfaces, each moving object and each person by instance id.
 
     ``full`` is all of it in few pieces.
     """
@@ -70,18 +70,18 @@ class _Scenes:
 
 
 class Renderer:
-    """Renders one geometry, many times.
+    """Renders one geometry many times.
 
     Attributes:
-        geometry: what there is; lens: through which it is seen.
-        atlas: its textures; static: its surfaces that never move.
+        geometry: the surfaces; lens: the camera's rays.
+        atlas: the textures; static: the surfaces that never move.
     """
 
     def __init__(self, geometry: Geometry, lights: Lights, lens: Lens, rng: np.random.Generator) -> None:
         """Bake the light that does not change.
 
         Args:
-            geometry: what there is; lights: what lights it; lens: through which it is seen.
+            geometry: the surfaces; lights: the light sources; lens: the camera's rays.
             rng: for the directions of the light rays.
         """
         self.geometry = geometry
@@ -96,11 +96,11 @@ class Renderer:
     def shoot(
         self, world_from_camera: Array, poses: dict[int, Array], gain: float, rng: np.random.Generator
     ) -> Shot:
-        """Render the scene and its truth.
+        """Render the scene and its ground truth.
 
         Args:
-            world_from_camera: (4, 4) pose of the camera, in the axes that the lens has.
-            poses: (4, 4) pose of every body that moves, by its number in the geometry.
+            world_from_camera: (4, 4) pose of the camera, in the lens's axes.
+            poses: (4, 4) pose of every moving body, by its number in the geometry.
             gain: factor on all brightness; rng: for the sensor's noise.
         """
         scenes, turn, origin, rays = self._prepare(world_from_camera, poses)
@@ -118,7 +118,7 @@ class Renderer:
     def picture(
         self, world_from_camera: Array, poses: dict[int, Array], gain: float, rng: np.random.Generator
     ) -> Picture:
-        """Render the scene and which surface each pixel shows; the arguments are ``shoot``'s."""
+        """Render the scene and the visible face of each pixel; arguments as for ``shoot``."""
         scenes, turn, origin, rays = self._prepare(world_from_camera, poses)
         hits = self._cast(scenes.full, origin, rays)
         rgb = self._develop(scenes, hits, poses, origin, turn, gain, rng)
@@ -127,7 +127,7 @@ class Renderer:
     def _prepare(
         self, world_from_camera: Array, poses: dict[int, Array]
     ) -> tuple[_Scenes, Floats, Floats, Floats]:
-        """What is looked at, ``world_from_camera``'s rotation and origin, and the rays in the world."""
+        """The ray targets, the rotation and origin of ``world_from_camera``, and the rays in the world."""
         pose = world_from_camera.astype(np.float32)
         return self._scenes(poses), pose[:3, :3], pose[:3, 3], rotate(pose[:3, :3], self.lens.directions)
 
@@ -141,8 +141,9 @@ class Renderer:
         gain: float,
         rng: np.random.Generator,
     ) -> NDArray[np.uint8]:
-        """The picture of what rays have hit."""
+        """The image of ray hits."""
         rotations = self._rotations(poses)
+        # Shading and edge softening work in linear light; ``develop`` applies the tone curve.
         rays = rotate(turn, self.lens.directions)
         radiance = self._shade(scenes, rotations, hits, origin, rays, self.lens.angle)
         self._soften(scenes, rotations, hits, radiance, origin, turn)
@@ -155,7 +156,7 @@ class Renderer:
         return hits
 
     def _nearer(self, hits: Hits, scene: RayScene, origin: Floats, rays: Floats) -> Hits:
-        """The hits with those of another scene that come before them."""
+        """Keep the nearer of the given hits and those of another scene."""
         asked = np.flatnonzero(scene.may_meet(origin, rays))
         other = scene.cast(origin, rays[asked])
         closer = other.distance < hits.distance[asked]
@@ -178,7 +179,7 @@ class Renderer:
         return _Scenes(self.static, things, people, [self.static, *moving])
 
     def _posed(self, role: str, poses: dict[int, Array]) -> dict[int, RayScene]:
-        """The moving instances of a role where they are now, by instance id."""
+        """Each moving instance of a role at its current pose, by instance id."""
         first, last = self.geometry.group(role)
         scenes = {}
         for uid in np.unique(self._ids[first:last]).tolist():
@@ -197,7 +198,7 @@ class Renderer:
     def _visibility(
         self, scenes: _Scenes, ids: NDArray[np.uint64], origin: Floats, rays: Floats
     ) -> dict[int, float]:
-        """Share of each instance's pixels that nothing hides, from a sample of them where there are many."""
+        """Unoccluded fraction of each instance's pixels, from a sample if there are many."""
         shares: dict[int, float] = {}
         for uid in np.unique(ids[ids > 0]).tolist():
             scene = scenes.things.get(uid) or scenes.people.get(uid) or self._alone(uid)
@@ -205,19 +206,20 @@ class Renderer:
             seen = ids[asked] == uid
             stride = max(1, min(len(asked) // _VISIBILITY_RAYS, int(seen.sum()) // 300))
             asked, seen = asked[::stride], seen[::stride]
+            # Pixels that the instance would cover alone, against those that it covers in the scene.
             covered = scene.cast(origin, rays[asked]).face >= 0
             shares[uid] = float(seen.sum() / max(1, (covered | seen).sum()))
         return shares
 
     def _alone(self, uid: int) -> RayScene:
-        """A static instance by itself."""
+        """A static instance alone."""
         if uid not in self._static_alone:
             body = int(np.flatnonzero(self._ids == uid)[0])
             self._static_alone[uid] = body_scene(self.geometry, body, body + 1)
         return self._static_alone[uid]
 
     def _rotations(self, poses: dict[int, Array]) -> Floats:
-        """(B, 3, 3) ``world_from_body`` rotations as the geometry's arrays need them."""
+        """(B, 3, 3) ``world_from_body`` rotations for the geometry's arrays."""
         rotations = np.tile(np.eye(3, dtype=np.float32), (len(self.geometry.bodies), 1, 1))
         for number, pose in poses.items():
             rotations[number] = pose[:3, :3]
@@ -237,10 +239,12 @@ class Renderer:
         normals[moved] = np.einsum("nij,nj->ni", rotations[body[moved]], normals[moved])
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
         facing = np.einsum("ni,ni->n", normals, rays)
+        # Surfaces are visible from both sides: normals turn towards the camera.
         normals[facing > 0] *= -1
         distance = np.where(np.isfinite(hits.distance), hits.distance, 0)
         points = origin + distance[:, None] * rays
         light += self._lights.direct(scenes.full, points, normals)
+        # A pixel covers more of a slanted surface; the bound keeps grazing views from blurring to one colour.
         footprint = distance * angle / np.sqrt(np.maximum(np.abs(facing), 0.12))
         albedo = self.atlas.albedo(geometry.part_texture[part], uv, footprint)
         radiance = albedo * (light / np.float32(np.pi) + geometry.part_glow[part][:, None])
@@ -250,7 +254,7 @@ class Renderer:
     def _soften(
         self, scenes: _Scenes, rotations: Floats, hits: Hits, radiance: Floats, origin: Floats, turn: Floats
     ) -> None:
-        """Give pixels on edges the mean of four rays."""
+        """Antialias: replace pixels on edges by the mean of four rays."""
         lens = self.lens
         edge = np.flatnonzero(self._on_edge(hits, rotations))
         total = np.zeros((len(edge), 3), dtype=np.float32)
@@ -260,11 +264,12 @@ class Renderer:
             )
             rays = rotate(turn, rays / np.linalg.norm(rays, axis=1, keepdims=True))
             found = self._cast(scenes.full, origin, rays)
+            # Average display values, not light: else edges of bright surfaces stay jagged.
             total += tone(self._shade(scenes, rotations, found, origin, rays, lens.angle[edge]))
         radiance[edge] = untone(total / len(_SUBPIXELS))
 
     def _on_edge(self, hits: Hits, rotations: Floats) -> NDArray[np.bool_]:
-        """Pixels next to another part, or to a bend of the same one, or to something farther away."""
+        """Pixels at a border between parts, at a bend of one part, or at a jump in depth."""
         geometry = self.geometry
         part = self._image(np.where(hits.face >= 0, geometry.face_part[hits.face], -1), np.int32, -2)
         inverse = self._image(1 / np.maximum(hits.distance, 0.05), np.float32)

@@ -1,4 +1,4 @@
-"""The sensor: vignette, gain, the display's curve, noise."""
+"""The sensor: vignette, gain, tone curve, noise."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,14 +7,14 @@ Floats = NDArray[np.float32]
 
 _EXPOSURE = 1.8
 _NOISE = 0.006
-"""Standard deviation, as a share of the largest display value."""
+"""Standard deviation, as a fraction of the largest display value."""
 
 
 def develop(radiance: Floats, radius: Floats, gain: float, rng: np.random.Generator) -> NDArray[np.uint8]:
     """(N, 3) display values of (N, 3) linear radiance.
 
     Args:
-        radius: (N,) distance from the lens circle's middle as a share of its radius.
+        radius: (N,) distance from the centre of the lens circle as a fraction of its radius.
         gain: factor on all light.
         rng: for the noise.
     """

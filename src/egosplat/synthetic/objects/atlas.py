@@ -1,4 +1,4 @@
-"""All textures in one array with their reduced copies, looked up for many pixels at once."""
+"""All textures and their mip levels in one array, for vectorised lookup."""
 
 from collections.abc import Sequence
 
@@ -15,7 +15,7 @@ _LEVELS = 9
 
 
 class Atlas:
-    """Mip-mapped textures: a pixel that covers many texels gets their mean, so that nothing shimmers."""
+    """Mip-mapped textures: a pixel that covers many texels gets their mean, which avoids aliasing."""
 
     def __init__(self, textures: Sequence[Texture]) -> None:
         levels = [_halvings(texture.pixels) for texture in textures]
@@ -36,8 +36,8 @@ class Atlas:
         """(N, 3) reflectance in linear light.
 
         Args:
-            texture: (N,) numbers; uv: (N, 2) texture coordinates [m].
-            footprint_m: (N,) width of a pixel there [m].
+            texture: (N,) texture numbers; uv: (N, 2) texture coordinates [m].
+            footprint_m: (N,) width of a pixel on the surface [m].
         """
         detail = _log2(np.maximum(footprint_m, 1e-6)) - self._log_texel[texture]
         detail = np.clip(detail, 0.0, _LEVELS - 1.001).astype(np.float32)
@@ -49,7 +49,7 @@ class Atlas:
         if blended.any():
             coarse = self._bilinear(texture[blended], level[blended] + 1, place[blended])
             colour[blended] += share[blended] * (coarse - colour[blended])
-        # The display's curve is taken to be a square root here and in the renderer.
+        # Textures are in display values; the display's curve is a square root here as in the renderer.
         return colour * colour
 
     def _bilinear(self, texture: Ints, level: Ints, place: Floats) -> Floats:
@@ -70,12 +70,12 @@ class Atlas:
         return (upper * (1 - fy) + lower * fy) * np.float32(1 / 255)
 
     def _texel(self, index: Ints) -> NDArray[np.uint8]:
-        """(N, 3): one word a texel is several times faster to gather than three bytes."""
+        """(N, 3) texels. Gathering one word per texel is several times faster than gathering three bytes."""
         return np.take(self._texels, index).view(np.uint8).reshape(-1, 4)[:, :3]
 
 
 def _log2(values: Floats) -> Floats:
-    """Rounded from float64: of float32 the last bits depend on the processor."""
+    """Base-2 logarithm, computed in float64 because float32's last bits depend on the processor."""
     return np.log2(values.astype(np.float64)).astype(np.float32)
 
 

@@ -1,4 +1,4 @@
-"""The kinds of things that an apartment may hold: ADT's categories, where they belong, who builds them."""
+"""Kinds of objects in an apartment: ADT category, placement, and builder."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -71,22 +71,22 @@ CATEGORY_UIDS = {
     "wall clock": 216,
     "wall-mounted coat rack": 493,
 }
-"""ADT's category names that are used here, each with a number: ADT's own where its sample has it."""
+"""ADT's category names used here, with ADT's numbers where its sample has them."""
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of thing.
+    """A kind of object.
 
     Attributes:
-        prototype: its name, from which instances' names are made.
+        prototype: base of the instances' names.
         category: one of ``CATEGORY_UIDS``.
-        motion_type: ADT's label for things of this kind.
-        build: makes one.
+        motion_type: ADT's label for objects of this kind.
+        build: function that makes one.
         place: ``back`` (its back to a wall), ``table front`` (in front of the couch), ``middle`` (free in the
             room), ``chair`` (at the dining table), ``floor`` (near a wall), ``wall``, ``window``, or, for
-            things that stand on others, the uses of the surfaces that suit it, joined by ``/``.
-        varied: whether every one looks different, and so has a prototype of its own.
+            objects that stand on others, the uses of the suitable surfaces, joined by ``/``.
+        varied: whether each one looks different and has a prototype of its own.
         hand: whether a person can carry it.
     """
 
@@ -100,7 +100,7 @@ class Kind:
 
     @property
     def stands_on(self) -> tuple[str, ...]:
-        """Uses of the surfaces that it may stand on; none where it stands on the floor or hangs."""
+        """Uses of the surfaces that it may stand on; none if it stands on the floor or hangs."""
         on_floor = {"back", "table front", "middle", "chair", "floor", "wall", "window"}
         return () if self.place in on_floor else tuple(self.place.split("/"))
 
@@ -129,7 +129,7 @@ ARTWORK = Kind("WallDecor", "wall artwork", "static", wall_things.wall_artwork, 
 _CORE_FURNITURE = (COUCH, COFFEE_TABLE, TV_STAND, TELEVISION, ARTWORK, STEP_STOOL)
 _CORE_THINGS = (BOWL, BOX, COASTER, CUP)
 CORE = (*_CORE_FURNITURE, *_CORE_THINGS)
-"""What every apartment has."""
+"""Kinds in every apartment."""
 
 GROUPS = (
     (DINING_TABLE, DINING_CHAIR, DINING_CHAIR),
@@ -139,7 +139,7 @@ GROUPS = (
     (Kind("WhiteCabinet", "cabinet", "static", furniture.cabinet, "back"),),
     (Kind("WritingDesk", "desk", "static", furniture.desk, "back"),),
 )
-"""Furniture that comes with what belongs to it; which of it comes first differs between apartments."""
+"""Furniture that is placed together; the order of the groups differs between apartments."""
 
 REST = (
     Kind("ArmChair", "armchair", "static", seats.armchair, "floor"),
@@ -176,18 +176,18 @@ REST = (
 )
 
 MORE = (CUP, LYING_BOOK, BOOK, BOX, ARTWORK, COASTER)
-"""What fills up a large number of objects."""
+"""Kinds that fill up a large number of objects."""
 
 
 def wish_list(rng: Rng, objects: int) -> list[Kind]:
-    """Kinds in the order in which they are to be placed until ``objects`` have found a place.
+    """Kinds in the order of placement, until ``objects`` have been placed.
 
-    It is longer than ``objects``, as not everything finds one. Categories come once each before they repeat,
-    except within groups.
+    The list is longer than ``objects``, because some find no place. Each category comes once before any
+    repeats, except within groups.
     """
     groups = [GROUPS[number] for number in rng.permutation(len(GROUPS))]
     rest = [REST[number] for number in rng.permutation(len(REST))]
-    # A third of the places is for furniture, more of it in fuller apartments.
+    # Fuller apartments get more groups of furniture before the single kinds.
     share = max(1, round((objects - len(CORE)) / 5))
     chosen = [kind for group in groups[:share] for kind in group]
     late = [kind for group in groups[share:] for kind in group]
@@ -197,7 +197,7 @@ def wish_list(rng: Rng, objects: int) -> list[Kind]:
 
 
 def random_ids(rng: Rng, count: int) -> list[int]:
-    """Distinct instance ids of the size of ADT's: sixteen digits."""
+    """Distinct instance ids with as many digits as ADT's: sixteen."""
     ids: set[int] = set()
     while len(ids) < count:
         ids.add(int(rng.integers(3_500_000_000_000_000, 8_900_000_000_000_000)))

@@ -107,7 +107,7 @@ def cabinet(rng: Rng) -> Model:
 def _drawers(
     left: float, right: float, low: float, high: float, rows: int, front: float, columns: int = 1
 ) -> tuple[Shape, Shape]:
-    """Fronts that stand out of the plane z = front, and a knob on each."""
+    """Fronts that protrude from the plane z = front, and a knob on each."""
     fronts, knobs = [], []
     dx, dy = (right - left) / columns, (high - low) / rows
     for x in (left + dx * number for number in range(columns)):

@@ -11,7 +11,7 @@ from egosplat.synthetic.objects.textures import Rng, checks, make_texture, metal
 
 
 def book_standing(rng: Rng) -> Model:
-    """A row of books as one stands in a bookcase: a single volume, its spine forward."""
+    """One volume as it stands in a bookcase, its spine forward."""
     w, h, d = rng.uniform(0.035, 0.06), rng.uniform(0.2, 0.27), rng.uniform(0.15, 0.19)
     colour = random_colour(rng)
     title = np.rot90(spine(rng, colour), -1)

@@ -1,4 +1,4 @@
-"""What things are made of: wood, paint, cloth, metal, plastic, pottery, each at random within its kind."""
+"""Random materials: wood, paint, cloth, metal, plastic, pottery."""
 
 import numpy as np
 

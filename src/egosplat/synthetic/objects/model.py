@@ -1,4 +1,4 @@
-"""Things as they are built: parts in their own axes, and where others may stand on them."""
+"""Models of objects: parts in the object's axes, and surfaces on which other objects may stand."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Surface:
-    """A rectangle on an object that others may stand on, in the object's axes [m].
+    """A rectangle on an object that can support others, in the object's axes [m].
 
     Attributes:
         use: ``table``, ``shelf``, ``soft`` (seats and beds), ``bed`` (for a mattress) or ``television``.
@@ -36,7 +36,7 @@ class Surface:
 
 @dataclass(frozen=True)
 class Model:
-    """An object in its own axes: its parts, and where others may stand on it."""
+    """An object in its own axes: its parts, and its supporting surfaces."""
 
     parts: tuple[Part, ...]
     surfaces: tuple[Surface, ...] = ()
@@ -57,5 +57,5 @@ def boxes_touch(first: Array, second: Array, gap: float) -> bool:
 
 
 def yaw_pose(yaw: float, place: Array) -> Array:
-    """(4, 4) pose turned about the vertical."""
+    """(4, 4) pose at ``place``, turned about the vertical."""
     return make_pose(Rotation.from_euler("y", yaw).as_matrix(), np.asarray(place, dtype=np.float64))

@@ -1,4 +1,4 @@
-"""Textures with something drawn on them: paintings, book covers, clock faces, labels, keys, the street."""
+"""Drawn textures: paintings, book covers, clock faces, labels, keys, the view of a street."""
 
 import colorsys
 
@@ -149,7 +149,7 @@ def keys(rng: Rng, ground: Colour, ink: Colour, rows: int = 5, columns: int = 13
 
 
 def outside(rng: Rng, shape: tuple[int, int] = (256, 384)) -> Picture:
-    """What is seen through a window: a bright sky, houses, trees."""
+    """The view through a window: a bright sky, houses, trees."""
     height, width = shape
     rows = np.broadcast_to(np.linspace(0, 1, height)[:, None], shape)
     clouds = np.clip(0.5 + 0.3 * noise(rng, shape, 1.7, 2.0), 0, 1)
@@ -183,7 +183,7 @@ def _word(rng: Rng, picture: Picture, place: tuple[int, int], scale: float, ink:
 
 
 def _write(picture: Picture, text: str, place: tuple[int, int], scale: float, ink: Colour) -> None:
-    """Letters from ``place``, their lower left corner; OpenCV writes on bytes only, hence the mask."""
+    """Draw letters with the lower left corner at ``place``, through a mask: OpenCV draws on bytes only."""
     mask = np.zeros(picture.shape[:2], np.uint8)
     cv2.putText(mask, text, place, cv2.FONT_HERSHEY_DUPLEX, scale, 255, 2, cv2.LINE_AA)
     share = mask[..., None] / 255.0

@@ -1,4 +1,4 @@
-"""What one sits, lies or steps on. Every builder returns an object in its own axes, front towards +z."""
+"""Seats, beds and a step stool. Every builder returns an object in its own axes, front towards +z."""
 
 import numpy as np
 

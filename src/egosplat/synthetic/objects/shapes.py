@@ -1,4 +1,4 @@
-"""Surfaces that objects are put together from: triangles with normals and texture coordinates.
+"""Building blocks of objects: surfaces of triangles with normals and texture coordinates.
 
 Object axes: x to the right as seen from the object's front, y up, z out of its front. Metres.
 """
@@ -16,12 +16,12 @@ from egosplat.synthetic.objects.textures import Texture
 Array = NDArray[np.float64]
 
 _STEP_M = 0.16
-"""Flat faces are cut into cells of at most this size, since light is stored at vertices."""
+"""Flat faces are cut into cells of at most this size, because light is stored at vertices."""
 
 
 @dataclass(frozen=True)
 class Shape:
-    """A surface of triangles; vertices are repeated where the surface has an edge or a texture seam.
+    """A surface of triangles; vertices are repeated at edges and texture seams.
 
     Attributes:
         vertices: (V, 3) float64 [m]; normals: (V, 3) float64 unit vectors, outward.
@@ -35,7 +35,7 @@ class Shape:
     faces: NDArray[np.int64]
 
     def moved(self, translation: ArrayLike = (0, 0, 0), rotation: Rotation | None = None) -> "Shape":
-        """The shape turned about its origin, then shifted."""
+        """Rotate the shape about its origin, then translate it."""
         turn = np.eye(3) if rotation is None else rotation.as_matrix()
         return replace(
             self,
@@ -44,7 +44,7 @@ class Shape:
         )
 
     def stretched(self, factors: ArrayLike) -> "Shape":
-        """The shape scaled along its axes, by (3,) positive factors."""
+        """Scale the shape along its axes by (3,) positive factors."""
         scale = np.asarray(factors, dtype=np.float64)
         normals = self.normals / scale
         return replace(
@@ -56,10 +56,10 @@ class Shape:
 
 @dataclass(frozen=True)
 class Part:
-    """A piece of an object that has a name of its own ("leg"), covered with one texture.
+    """A named piece of an object ("leg") with one texture.
 
     Attributes:
-        glow: light that it gives off by itself, as a multiple of its texture; 0 for nearly everything.
+        glow: emitted light, as a multiple of its texture; 0 for nearly everything.
     """
 
     name: str
@@ -69,7 +69,7 @@ class Part:
 
 
 def join(shapes: Iterable[Shape]) -> Shape:
-    """Several shapes as one."""
+    """Join several shapes into one."""
     pieces = list(shapes)
     starts = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
     faces = [piece.faces + start for piece, start in zip(pieces, starts[:-1], strict=True)]
@@ -95,7 +95,7 @@ def sheet(corner: ArrayLike, right: ArrayLike, down: ArrayLike, step: float = _S
 
 
 def box(lower: ArrayLike, upper: ArrayLike, step: float = _STEP_M) -> Shape:
-    """A box between two corners; each face's texture begins at its top left as seen from outside."""
+    """A box between two corners; the texture of each face begins at its top left as seen from outside."""
     (x0, y0, z0), (x1, y1, z1) = lower, upper
     w, h, d = x1 - x0, y1 - y0, z1 - z0
     return join(
@@ -111,7 +111,7 @@ def box(lower: ArrayLike, upper: ArrayLike, step: float = _STEP_M) -> Shape:
 
 
 def cushion(lower: ArrayLike, upper: ArrayLike, radius: float) -> Shape:
-    """A box with rounded edges and corners; ``radius`` at most half of its smallest side."""
+    """A box with rounded edges and corners; ``radius`` is at most half of its smallest side."""
     lower, upper = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
     flat = box(lower, upper, step=max(0.03, float((upper - lower).max()) / 10))
     core = np.clip(flat.vertices, lower + radius, upper - radius)
@@ -121,13 +121,13 @@ def cushion(lower: ArrayLike, upper: ArrayLike, radius: float) -> Shape:
 
 
 def lathe(profile: ArrayLike, segments: int = 24, sharp_deg: float = 40.0) -> Shape:
-    """A profile turned about the y axis.
+    """Revolve a profile about the y axis.
 
     Args:
-        profile: (K, 2) radius and height [m], so ordered that the surface lies to its right: from the bottom
-            upwards along the outside. It is closed where it begins and ends at radius 0.
-        segments: around the axis.
-        sharp_deg: bends of the profile stronger than this are edges, not curves.
+        profile: (K, 2) radius and height [m], ordered from the bottom upwards along the outside, with the
+            surface on its right. It is closed where it begins and ends at radius 0.
+        segments: number around the axis.
+        sharp_deg: stronger bends of the profile are edges, weaker ones are smooth.
     """
     outline = np.asarray(profile, dtype=np.float64)
     along = np.diff(outline, axis=0)
@@ -173,13 +173,13 @@ def rod(start: ArrayLike, end: ArrayLike, radius: float, end_radius: float | Non
     high = np.stack([r1 * np.cos(angle[::-1]), length - 0.6 * r1 * np.sin(angle[::-1])], axis=1)
     profile = np.concatenate([low, high])
     profile[[0, -1], 0] = 0.0
-    # One turn of many leads from the y axis to the direction: which one does not matter for a round bar.
+    # Many rotations map the y axis to the direction; any of them suits a round bar.
     turn, _ = Rotation.align_vectors([end - start], [[0.0, 1.0, 0.0]])
     return lathe(profile, 12, 60.0).moved(start, turn)
 
 
 def leaf(length: float, width: float, droop: float) -> Shape:
-    """A thin leaf along +z from the origin, its tip ``droop`` metres lower; seen from both sides."""
+    """A thin leaf along +z from the origin, its tip ``droop`` metres lower; visible from both sides."""
     t, s = np.meshgrid(np.linspace(0, 1, 6), np.linspace(-1, 1, 3), indexing="ij")
     half = 0.5 * width * np.sin(np.pi * np.clip(0.06 + 0.94 * t, 0, 1)) ** 0.8
     x = s * half
@@ -224,7 +224,7 @@ def _band(ends: Array, outward: Array, lengths: Array, segments: int) -> Shape:
 
 
 def _grid_faces(rows: int, columns: int) -> NDArray[np.int64]:
-    """Two triangles a cell of a grid of (rows + 1) x (columns + 1) vertices, numbered row by row."""
+    """Two triangles per cell of a grid of (rows + 1) x (columns + 1) vertices, numbered row by row."""
     number = np.arange((rows + 1) * (columns + 1)).reshape(rows + 1, columns + 1)
     a, b, c, d = number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:]
     return np.concatenate([np.stack([a, c, b], -1).reshape(-1, 3), np.stack([b, c, d], -1).reshape(-1, 3)])

@@ -1,4 +1,4 @@
-"""What belongs to kitchen and table. Every builder returns an object in its own axes, front towards +z."""
+"""Kitchen and table objects. Every builder returns an object in its own axes, front towards +z."""
 
 import itertools
 

@@ -1,6 +1,6 @@
-"""Procedural textures: noise, wood, cloth, stone, metal, and things drawn on them.
+"""Procedural textures: noise, wood, cloth, stone, metal, and drawings on them.
 
-Colours are triples 0..1 in the picture's own (gamma) encoding. Every texture repeats without a seam, or is
+Colours are triples 0..1 in the image's own (gamma) encoding. Every texture repeats without a seam, or is
 used once over its whole size.
 """
 
@@ -21,13 +21,13 @@ _SIDE = 256
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """A picture and the size in metres that it covers before it repeats.
+    """An image and the size in metres that it covers before it repeats.
 
     Attributes:
         pixels: (H, W, 3) uint8.
         size_m: width and height.
-        surface: what it shows in words, a material last and before it a pattern ("striped cloth"); empty where
-            neither has a name. Nothing that is rendered depends on it.
+        surface: description in words, the material last and a pattern before it ("striped cloth"); empty if
+            neither has a name. It does not affect rendering.
     """
 
     pixels: NDArray[np.uint8]
@@ -38,17 +38,17 @@ class Texture:
 def make_texture(
     picture: Picture, width_m: float, height_m: float | None = None, *, surface: str = ""
 ) -> Texture:
-    """A (H, W, 3) float picture 0..1 as a texture; the height follows from its shape unless given."""
+    """A texture from a (H, W, 3) float image 0..1; by default the height follows from the image's shape."""
     height = width_m * picture.shape[0] / picture.shape[1] if height_m is None else height_m
     return Texture((np.clip(picture, 0, 1) * 255 + 0.5).astype(np.uint8), (width_m, height), surface)
 
 
 def noise(rng: Rng, shape: tuple[int, int], roughness: float = 1.6, stretch: float = 1.0) -> Picture:
-    """(H, W) seamless noise of mean 0 and deviation 1.
+    """(H, W) seamless noise with mean 0 and standard deviation 1.
 
     Args:
         roughness: exponent of the amplitude's fall with frequency; smaller is finer.
-        stretch: how much longer its features are in x than in y.
+        stretch: how much longer features are in x than in y.
     """
     fy = np.fft.fftfreq(shape[0])[:, None] * shape[0]
     fx = np.fft.rfftfreq(shape[1])[None] * shape[1]
@@ -60,24 +60,24 @@ def noise(rng: Rng, shape: tuple[int, int], roughness: float = 1.6, stretch: flo
 
 
 def shaded(colour: Colour, field: Picture) -> Picture:
-    """A colour made lighter and darker by a (H, W) field of relative changes."""
+    """Lighten and darken a colour by a (H, W) field of relative changes."""
     return np.asarray(colour) * (1.0 + field[..., None])
 
 
 def mixed(first: Colour, second: Colour, share: Picture) -> Picture:
-    """Two colours, by the (H, W) share 0..1 of the second."""
+    """Mix two colours by the (H, W) fraction 0..1 of the second."""
     return np.asarray(first) * (1 - share[..., None]) + np.asarray(second) * share[..., None]
 
 
 def wood(rng: Rng, colour: Colour, shape: tuple[int, int] = (_SIDE, _SIDE)) -> Picture:
-    """Grain along x."""
+    """Wood with grain along x."""
     rings = np.sin(2.2 * noise(rng, shape, 1.7, 9.0) + 9.0 * noise(rng, shape, 2.2, 6.0))
     fibres = noise(rng, shape, 0.7, 14.0)
     return shaded(colour, 0.16 * rings + 0.09 * fibres + 0.05 * noise(rng, shape))
 
 
 def planks(rng: Rng, colour: Colour, shape: tuple[int, int], rows: int) -> Picture:
-    """A floor of boards along x, each with its own shade and joints; not repeating."""
+    """A floor of boards along x, each with its own shade and joints; does not repeat."""
     picture = wood(rng, colour, shape)
     height, width = shape
     edges = np.linspace(0, height, rows + 1).astype(int)
@@ -100,7 +100,7 @@ def cloth(rng: Rng, colour: Colour, contrast: float = 0.16) -> Picture:
 
 
 def stripes(rng: Rng, colours: Sequence[Colour], count: int = 8, upright: bool = True) -> Picture:
-    """Stripes of unequal width in turn."""
+    """Alternating stripes of unequal width."""
     cuts = np.cumsum(rng.uniform(0.5, 1.5, count))
     band = np.searchsorted(cuts / cuts[-1] * _SIDE, np.arange(_SIDE), side="right").clip(max=count - 1)
     line = np.asarray(colours)[band % len(colours)]
@@ -118,7 +118,7 @@ def checks(rng: Rng, first: Colour, second: Colour, count: int = 4) -> Picture:
 
 
 def marble(rng: Rng, colour: Colour, vein: Colour) -> Picture:
-    """Veins through a cloudy ground."""
+    """Marble: veins through a cloudy ground."""
     field = noise(rng, (_SIDE, _SIDE), 1.7)
     veins = np.exp(-((field + 0.3 * noise(rng, (_SIDE, _SIDE), 1.2)) ** 2) / 0.012)
     clouds = shaded(colour, 0.07 * noise(rng, (_SIDE, _SIDE), 1.4))
@@ -126,7 +126,7 @@ def marble(rng: Rng, colour: Colour, vein: Colour) -> Picture:
 
 
 def metal(rng: Rng, colour: Colour) -> Picture:
-    """Brushed along x, with stains."""
+    """Metal brushed along x, with stains."""
     fine = noise(rng, (_SIDE, _SIDE), 0.4, 40.0)
     return shaded(colour, 0.12 * fine + 0.05 * noise(rng, (_SIDE, _SIDE), 1.5, 5.0))
 
@@ -158,10 +158,10 @@ def motifs(
     count: int,
     radius: tuple[int, int],
 ) -> Picture:
-    """Leaves and blossoms scattered at random, no two alike, over a cloudy ground; not repeating.
+    """Leaves and blossoms scattered at random over a cloudy ground, all different; does not repeat.
 
     Args:
-        shape: (height, width) in texels; count: how many motifs; radius: their smallest and largest size.
+        shape: (height, width) in texels; count: number of motifs; radius: their smallest and largest size.
     """
     picture = np.ascontiguousarray(shaded(ground, 0.05 * noise(rng, shape, 1.2)))
     for _ in range(count):

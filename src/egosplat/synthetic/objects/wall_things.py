@@ -1,4 +1,4 @@
-"""What hangs on walls. Origin at the middle of the back, which lies in the wall's plane; front towards +z."""
+"""Objects on walls. Origin at the middle of the back, which lies in the wall's plane; front towards +z."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -103,7 +103,7 @@ def coat_rack(rng: Rng) -> Model:
 
 
 def curtain(rng: Rng) -> Model:
-    """A curtain in folds, hanging from a rod; to be put beside a window."""
+    """A curtain in folds that hangs from a rod next to a window."""
     w, h = 0.42, 1.75
     bar = join(
         [
@@ -120,7 +120,7 @@ def curtain(rng: Rng) -> Model:
 
 
 def _folds(width: float, height: float, depth: float, count: int) -> Shape:
-    """Cloth hanging from y = 0 in ``count`` waves; a closed sheet of two sides."""
+    """Cloth that hangs from y = 0 in ``count`` waves; a closed sheet with two sides."""
     sides = []
     for sign in (1.0, -1.0):
         flat = sheet((-sign * width / 2, 0, 0), (sign * width, 0, 0), (0, -height, 0), step=0.02)

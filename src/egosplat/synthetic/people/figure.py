@@ -1,4 +1,4 @@
-"""A person's body: how its limbs hang together when walking, bending and holding."""
+"""The skeleton of a person who walks, bends and holds objects."""
 
 import math
 from dataclasses import dataclass
@@ -47,14 +47,14 @@ JOINTS = [
 
 @dataclass(frozen=True)
 class Stance:
-    """What a body does at one moment.
+    """A person's posture at one moment.
 
     Attributes:
-        place: (2,) x and z of its middle; heading [rad]; walked [m].
-        crouch: how far the shoulders come down [m]; lean: and forward [m].
-        hands: (left, right) (3,) where the palms are to be, None for arms that hang.
-        reach: 0..1, how far they are on the way there.
-        lively: 0..1, how strongly legs and arms swing.
+        place: (2,) x and z of the body's centre; heading [rad]; walked: distance so far [m].
+        crouch: how far the shoulders move down [m]; lean: how far they move forward [m].
+        hands: (left, right) (3,) targets of the palms, None for an arm that hangs.
+        reach: 0..1, progress of the hands towards their targets.
+        lively: 0..1, amplitude of the swing of legs and arms.
     """
 
     place: Array
@@ -73,7 +73,7 @@ def joints_of(stance: Stance) -> dict[str, Array]:
     right = np.cross(forward, _UP)
     ground = np.array([stance.place[0], 0.0, stance.place[1]])
     phase = 2 * np.pi * stance.walked / _STRIDE_M
-    # Half of a crouch comes from the knees, the rest from the hips, which also carry the shoulders forward.
+    # The knees give 45 % of a crouch. The rest comes from the hips, which also tilt the shoulders forward.
     drop = 0.45 * stance.crouch
     bob = 0.012 * stance.lively * np.cos(2 * phase)
     tilt = np.arctan2(stance.lean + 0.12 * stance.crouch, _TORSO)
@@ -113,7 +113,7 @@ def joints_of(stance: Stance) -> dict[str, Array]:
 
 
 def _wrist_for(shoulder: Array, hand: Array) -> Array:
-    """A wrist a palm's length before the hand, on the way from the shoulder."""
+    """The wrist position one palm's length before the hand, on the line from the shoulder."""
     return hand - _HAND * _unit(hand - shoulder)
 
 
@@ -149,14 +149,14 @@ LIMBS = {
         )
     },
 }
-"""Each limb's two joints: its origin lies in the first, its y axis points to the second."""
+"""Joints of each limb: the first is its origin, its y axis points to the second."""
 
 
 ARMS = tuple(limb for limb in LIMBS if limb.split()[-1] in ("arm", "forearm", "hand"))
 
 
 def limb_pose(limb: str, joints: dict[str, Array], heading: float) -> Array:
-    """(4, 4) ``world_from_limb``: x to the person's left, as far as the y axis allows."""
+    """(4, 4) ``world_from_limb``: x points to the person's left, as far as the y axis allows."""
     start, end = (joints[name] for name in LIMBS[limb])
     y = _unit(end - start)
     left = -np.cross([np.sin(heading), 0.0, np.cos(heading)], _UP)

@@ -1,4 +1,4 @@
-"""What people do: carry a thing from where it stands to another piece of furniture."""
+"""Errands: a person carries an object from its place to another piece of furniture."""
 
 from dataclasses import dataclass
 
@@ -18,18 +18,18 @@ Array = NDArray[np.float64]
 _REACH_M = 0.78
 _TRIES = 400
 REACHING_S = 0.9
-"""From beginning to stretch the arm to the grip, and from the release to the arm's rest."""
+"""Time from the start of a reach to the grip, and from the release until the arm hangs again."""
 LIFTING_S = 0.7
 
 
 @dataclass(frozen=True)
 class Errand:
-    """A thing, where it is to go, and where one stands to take it and to put it down.
+    """An object, its destination, and where a person stands to pick it up and put it down.
 
     Attributes:
-        thing: as placed at first; target: (4, 4) pose at the end; support: number of what it stands on then.
+        thing: the object at its first place; target: (4, 4) final pose; support: number of its final support.
         pick_stand, put_stand: (2,) x and z.
-        route: (N, 2) the way between them.
+        route: (N, 2) route between them.
     """
 
     thing: Placed
@@ -41,45 +41,45 @@ class Errand:
 
     @property
     def walk_m(self) -> float:
-        """Length of the way."""
+        """Length of the route."""
         return length_of(self.route)
 
 
 @dataclass(frozen=True)
 class Job:
-    """An errand in time: seconds of the grip and of the release."""
+    """A scheduled errand, with the times of the grip and of the release [s]."""
 
     errand: Errand
     grip_s: float
     release_s: float
 
     def reach(self, times: Array) -> Array:
-        """(N,) 0..1: how far the arms are stretched towards the thing or hold it."""
+        """(N,) 0..1: how far the arms are stretched to the object; 1 while they hold it."""
         return smoothstep((times - self.grip_s) / REACHING_S + 1) * smoothstep(
             (self.release_s - times) / REACHING_S + 1
         )
 
     def bend(self, times: Array) -> tuple[Array, Array]:
-        """(N,) 0..1 each: how far one bends for taking it, and for putting it down."""
+        """(N,) 0..1 each: how far the person bends to pick the object up, and to put it down."""
         return tuple(
             smoothstep((times - moment) / REACHING_S + 1) * smoothstep((moment - times) / REACHING_S + 1)
             for moment in (self.grip_s, self.release_s)
         )  # type: ignore[return-value]
 
     def held(self, times: Array) -> Array:
-        """(N,) 0..1: from standing at rest to being carried and back."""
+        """(N,) 0..1: lift of the object from its place into the carrying position and back."""
         return smoothstep((times - self.grip_s) / LIFTING_S) * smoothstep(
             (self.release_s - times) / LIFTING_S
         )
 
 
 def length_of(route: Array) -> float:
-    """Of a line through (N, 2) places [m]."""
+    """Length of a polyline through (N, 2) places [m]."""
     return float(np.linalg.norm(np.diff(route, axis=0), axis=1).sum())
 
 
 def find_errands(apartment: Apartment, rng: Rng, count: int) -> list[Errand]:
-    """Up to ``count`` errands that can be run, in random order."""
+    """Up to ``count`` feasible errands, in random order."""
     layout = Layout(apartment.room, list(apartment.things))
     things = [thing for thing in apartment.things if thing.kind.hand]
     carriable = [thing for thing in things if _in_reach(apartment, thing.support, thing.surface)]
@@ -102,7 +102,7 @@ def find_errands(apartment: Apartment, rng: Rng, count: int) -> list[Errand]:
 
 
 def _in_reach(apartment: Apartment, support: int | None, surface: Surface | None) -> bool:
-    """Whether one can put something there without meeting a shelf above or the television."""
+    """Whether a person can put an object there without meeting a shelf above or the television."""
     if support is None or surface is None:
         return False
     kind = apartment.things[support].kind

@@ -23,7 +23,7 @@ class Clothes:
 
 
 def random_clothes(rng: Rng) -> Clothes:
-    """Somebody's."""
+    """Random clothes, skin and hair."""
     tones = ((0.86, 0.66, 0.52), (0.62, 0.42, 0.3), (0.4, 0.27, 0.2), (0.93, 0.76, 0.65))
     skin = tones[rng.integers(len(tones))]
     hair = ((0.15, 0.1, 0.08), (0.45, 0.3, 0.15), (0.6, 0.58, 0.55))[rng.integers(3)]
@@ -77,7 +77,7 @@ def limb_parts(limb: str, clothes: Clothes) -> tuple[Part, ...]:
 
 
 def _head_parts(clothes: Clothes) -> tuple[Part, ...]:
-    """y points to the head's top, z to the face."""
+    """Parts of the head: y points to its top, z to the face."""
     eyes = [ellipsoid((0.012, 0.009, 0.006), (x, 0.2, 0.095), 8) for x in (-0.034, 0.034)]
     ears = [ellipsoid((0.012, 0.03, 0.02), (x, 0.185, 0.0), 8) for x in (-0.08, 0.08)]
     face = [
@@ -98,7 +98,7 @@ def _head_parts(clothes: Clothes) -> tuple[Part, ...]:
 
 
 def _hand(side: float) -> Shape:
-    """A palm with four fingers along +y, slightly spread, and a thumb towards the body's middle."""
+    """A palm with four fingers along +y, slightly spread, and a thumb towards the middle of the body."""
     palm = cushion((-0.018, -0.02, -0.042), (0.018, 0.085, 0.042), 0.016)
     roots = [(0.0, 0.075, z) for z in (-0.032, -0.011, 0.011, 0.032)]
     fingers = [

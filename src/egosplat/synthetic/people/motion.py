@@ -1,4 +1,4 @@
-"""The wearer's head: walks through the room and looks at one thing after the other."""
+"""Motion of the wearer's head: a walk through the room, with gaze at one object after the other."""
 
 import itertools
 from collections.abc import Callable
@@ -23,7 +23,7 @@ _UPRIGHT_FROM_SENSOR = invert(CLOCKWISE)
 
 EYES_M = 1.62
 SHOULDERS_BEHIND_M = 0.15
-"""How far the shoulders are behind the camera."""
+"""Distance of the shoulders behind the camera."""
 _SPEEDS_M_S = (0.3, 0.55)
 _CARRYING_M_S = 0.6
 _TOUR_M = 9.0
@@ -31,15 +31,15 @@ _TURN_PER_S, _NOD_PER_S = 1.2, 0.8
 _PITCH_RANGE = (-0.95, 0.2)
 _STRIDE_M = 1.3
 _LEAD_S = 1.0
-"""The motion is defined for so long before and after the recording."""
+"""The motion is defined this long before and after the recording."""
 
 
 @dataclass(frozen=True)
 class HeadMotion:
-    """Where the head is and looks, by seconds of the recording.
+    """Position and orientation of the head over the recording.
 
     Attributes:
-        walk: of the body; gaze: time [s] -> yaw, pitch [rad]; jobs: what the wearer carries.
+        walk: of the body; gaze: time [s] -> yaw, pitch [rad]; jobs: scheduled errands of the wearer.
     """
 
     walk: Walk
@@ -47,9 +47,10 @@ class HeadMotion:
     jobs: tuple[Job, ...]
 
     def world_from_upright(self, times: Array) -> Array:
-        """(N, 4, 4) poses of the camera as held upright (OpenCV axes) at (N,) seconds."""
+        """(N, 4, 4) poses of the upright camera (OpenCV axes) at (N,) seconds."""
         x, z, heading, walked, crouch, lean = self.walk.track(times).T
         yaw, pitch = self.gaze(times).T
+        # The head sways once and bobs twice per stride of two steps.
         step = 2 * np.pi * walked / _STRIDE_M
         sway = 0.012 * np.sin(step)
         height = EYES_M - crouch + 0.012 * np.cos(2 * step)
@@ -63,7 +64,7 @@ class HeadMotion:
         )
         angles = np.stack([yaw, -(pitch + 0.006 * np.sin(2 * step)), 0.01 * np.sin(step)], axis=-1)
         head = Rotation.from_euler("YXZ", angles).as_matrix()
-        # The head's axes are x left, y up, z forward; the camera's x right, y down, z forward.
+        # Head axes: x left, y up, z forward. Camera axes: x right, y down, z forward.
         return make_pose(head * [-1.0, -1.0, 1.0], place)
 
     def world_from_camera(self, times: Array) -> Array:
@@ -82,7 +83,7 @@ class HeadMotion:
 
 
 def plan_head(apartment: Apartment, rng: Rng, seconds: float, errand: Errand | None) -> HeadMotion:
-    """A walk around the room, with one errand on the way."""
+    """Plan a walk around the room, with one errand on the way."""
     speed = float(np.clip(_TOUR_M / seconds, *_SPEEDS_M_S))
     span = (-_LEAD_S, seconds + _LEAD_S)
     plan, needed = apartment.plan, speed * (span[1] - span[0]) + 1.0
@@ -92,7 +93,7 @@ def plan_head(apartment: Apartment, rng: Rng, seconds: float, errand: Errand | N
         walk = make_walk(route, np.array(span), np.array([0.3, 0.3 + speed * (span[1] - span[0])]), [], span)
         return _looking_around(apartment, walk, [], rng, span)
     job = _schedule(errand, seconds)
-    # An errand that outlasts the recording is nonetheless run to its end.
+    # An errand that outlasts the recording is still planned to its end.
     span = (-_LEAD_S, max(seconds, job.release_s + REACHING_S) + _LEAD_S)
     needed = speed * (span[1] - span[0]) + 1.0
     before = _long_enough(plan, tour, errand.pick_stand, needed, -1)[::-1]
@@ -131,7 +132,8 @@ def _looking_around(
 
 
 def _schedule(errand: Errand, seconds: float) -> Job:
-    """Somewhat before the recording's middle."""
+    """Schedule the errand somewhat before the middle of the recording."""
+    # 0.5 s standing at the grip and 0.7 s before the release, see ``plan_head``.
     carrying = 1.2 + errand.walk_m / _CARRYING_M_S
     grip = max(0.9, 0.42 * seconds - carrying / 2)
     return Job(errand, grip, grip + carrying)
@@ -142,6 +144,7 @@ def _tour(plan: FloorPlan, rng: Rng, stops: int = 6) -> list[Array]:
     cells = np.argwhere(plan.inside & (plan.clearance > 0.33))
     places = plan.place(cells if len(cells) > stops else np.argwhere(plan.inside))
     chosen = [places[rng.integers(len(places))]]
+    # Farthest-point sampling.
     while len(chosen) < stops:
         distance = np.min([np.linalg.norm(places - other, axis=1) for other in chosen], axis=0)
         chosen.append(places[distance.argmax()])
@@ -151,7 +154,7 @@ def _tour(plan: FloorPlan, rng: Rng, stops: int = 6) -> list[Array]:
 
 
 def _long_enough(plan: FloorPlan, tour: list[Array], start: Array, needed_m: float, step: int) -> list[Array]:
-    """Stops from a place on around the tour, one way or the other, until the way is long enough."""
+    """Stops along the tour from a place, in one direction, until the route is long enough."""
     number = int(np.argmin([np.linalg.norm(place - start, axis=-1) for place in tour]))
     stops = [start]
     while _length(plan, stops) < needed_m:
@@ -161,12 +164,12 @@ def _long_enough(plan: FloorPlan, tour: list[Array], start: Array, needed_m: flo
 
 
 def _length(plan: FloorPlan, stops: list[Array]) -> float:
-    """At least, since routes go around things."""
+    """Lower bound of the route's length: straight lines between the stops."""
     return float(sum(np.linalg.norm(b - a, axis=-1) for a, b in itertools.pairwise(stops)))
 
 
 def _gaze(apartment: Apartment, walk: Walk, jobs: list[Job], rng: Rng, grid: Array) -> Array:
-    """(K, 2) yaw and pitch: at things in turn, at what is carried while it is taken and put down."""
+    """(K, 2) yaw and pitch of a gaze from object to object, and at the carried one around grip and release."""
     state = walk.controls
     eyes = np.stack([state[:, 0], EYES_M - state[:, 4], state[:, 1]], axis=-1)
     targets = _fixations(apartment, grid, eyes, state[:, 2], rng)
@@ -190,7 +193,7 @@ def _gaze(apartment: Apartment, walk: Walk, jobs: list[Job], rng: Rng, grid: Arr
 
 
 def _fixations(apartment: Apartment, grid: Array, eyes: Array, heading: Array, rng: Rng) -> Array:
-    """(K, 3) what is looked at: things ahead, not too near, none twice within a while."""
+    """(K, 3) gaze targets: objects ahead, not too near, none twice within a while."""
     centres = np.array([thing.bounds.mean(axis=0) for thing in apartment.things])
     seen_at = np.full(len(centres), -np.inf)
     targets, until, target = np.empty((len(grid), 3)), -np.inf, centres[0]
@@ -200,11 +203,12 @@ def _fixations(apartment: Apartment, grid: Array, eyes: Array, heading: Array, r
             distance = np.linalg.norm(way, axis=1)
             turn = np.arctan2(way[:, 0], way[:, 2]) - heading[k]
             off = np.abs((turn + np.pi) % (2 * np.pi) - np.pi)
+            # Prefer objects ahead, near but not too near, and not fixated in the last seconds.
             cost = 0.45 * off + 0.6 * (distance < 0.9) + 0.1 * distance
             cost += 2.0 * np.exp((seen_at - moment) / 8.0)
             number = int(np.argmin(cost + rng.uniform(0, 0.7, len(cost))))
             target = centres[number]
-            # What lies in the same direction has been seen with it.
+            # Objects in the same direction count as seen too.
             along = (way * way[number]).sum(axis=1) / (distance * distance[number])
             seen_at[along > 0.9] = moment
             until = moment + rng.uniform(1.4, 2.4)

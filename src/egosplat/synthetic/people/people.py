@@ -1,4 +1,4 @@
-"""Who is in the apartment: the wearer, of whom the arms are seen, and somebody else; and what they carry."""
+"""The people in the apartment: the wearer, of whom only the arms are rendered, and a visitor."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -29,17 +29,18 @@ _PAUSE_S, _LONGEST_PAUSE_S = 1.9, 4.5
 _KEEP_APART_M = 0.58
 _ATTEMPTS, _SHIFTS = 30, 10
 _OPEN_HAND_M = 0.06
-"""Things wider than twice this are held with both hands."""
+"""Objects wider than twice this are held with both hands."""
 
 
 @dataclass(frozen=True)
 class Person:
-    """Somebody, over the whole recording.
+    """A person over the whole recording.
 
     Attributes:
-        instance: as ADT has it; walk: where; jobs: what is carried; clothes; limbs: those that are drawn.
-        hold: forward and up [m] from the walk's place to what is carried.
-        behind_m: how far the body is behind the walk's place, which is where the wearer's camera is.
+        instance: ADT's entry; walk: the motion; jobs: scheduled errands; clothes: textures.
+        limbs: names of the limbs that are rendered.
+        hold: offset forward and up [m] from the walk's place to the carried object.
+        behind_m: distance of the body behind the walk's place, which for the wearer is the camera.
     """
 
     instance: Instance
@@ -58,7 +59,7 @@ class Person:
         ]
 
     def stance(self, time: float, poses: dict[int, Array]) -> Stance:
-        """What the body does at a moment, things being at ``poses`` (by their number)."""
+        """The posture at a time, with objects at ``poses`` (by object number)."""
         x, z, heading, walked, crouch, lean = self.walk.track(time).tolist()
         x, z = x - self.behind_m * np.sin(heading), z - self.behind_m * np.cos(heading)
         reaches = [float(job.reach(np.array(time))) for job in self.jobs]
@@ -72,7 +73,7 @@ class Person:
         return Stance(np.array([x, z]), heading, walked, crouch, lean, hands, reach, lively)
 
     def joints(self, time: float, poses: dict[int, Array]) -> Array:
-        """(J, 3) the skeleton, ``JOINTS`` in order."""
+        """(J, 3) positions of ``JOINTS``, in order."""
         joints = joints_of(self.stance(time, poses))
         return np.array([joints[name] for name in JOINTS])
 
@@ -83,7 +84,7 @@ class Person:
         return [limb_pose(limb, joints, stance.heading) for limb in self.limbs]
 
     def thing_poses(self, time: float) -> dict[int, Array]:
-        """(4, 4) pose at a moment of every thing that this person carries at some time, by its number."""
+        """(4, 4) pose at a time of every object that this person carries at some time, by object number."""
         return {job.errand.thing.number: self._carried(job, time) for job in self.jobs}
 
     def _carried(self, job: Job, time: float) -> Array:
@@ -95,12 +96,13 @@ class Person:
         x, z, heading, _, crouch, _ = self.walk.track(time).tolist()
         forward, up = self.hold[0], self.hold[1] - crouch
         place = np.array([x + forward * np.sin(heading), up, z + forward * np.cos(heading)])
-        # The thing is held as it stood, seen from the body, and turns on the way to its new orientation.
+        # The object keeps its orientation to the body and turns on the way to its final one.
         middle = float(smoothstep((time - job.grip_s) / max(job.release_s - job.grip_s, LIFTING_S)))
         start, end = _yaw(errand.thing.pose), _yaw(errand.target)
         turn = (end - start + np.pi) % (2 * np.pi) - np.pi
         rotation = Rotation.from_euler("y", start + middle * turn).as_matrix()
         lifted = rest[:3, 3] + share * (place - rest[:3, 3])
+        # An arc, so that the object does not graze its support.
         lifted[1] += 0.12 * np.sin(np.pi * share) * (1 - share)
         return make_pose(rotation, lifted)
 
@@ -110,7 +112,7 @@ def _yaw(pose: Array) -> float:
 
 
 def _grip(job: Job, pose: Array, heading: float) -> tuple[Array | None, Array | None]:
-    """Where the palms hold a thing: on both sides of it, or only the right one."""
+    """Targets of the palms on an object: both sides of it, or only the right one."""
     lower, upper = bounds_at(job.errand.thing.model, pose)
     centre = (lower + upper) / 2
     right = np.cross([np.sin(heading), 0.0, np.cos(heading)], [0.0, 1.0, 0.0])
@@ -122,7 +124,7 @@ def _grip(job: Job, pose: Array, heading: float) -> tuple[Array | None, Array | 
 
 
 def make_wearer(uid: int, head: HeadMotion, clothes: Clothes) -> Person:
-    """The wearer, of whom only the arms are drawn."""
+    """The wearer, of whom only the arms are rendered."""
     return Person(
         _human(uid, "Skeleton_W"), head.walk, head.jobs, clothes, ARMS, (0.4, 1.06), SHOULDERS_BEHIND_M
     )
@@ -131,10 +133,10 @@ def make_wearer(uid: int, head: HeadMotion, clothes: Clothes) -> Person:
 def plan_other(
     apartment: Apartment, errands: list[Errand], rng: Rng, head: HeadMotion, seconds: float, work_s: float
 ) -> tuple[Walk, tuple[Job, ...]] | None:
-    """Somebody who comes through the door, carries things about for a while and leaves.
+    """Plan a visitor who comes through the door, carries objects for a while and leaves.
 
-    Of several plans the one is taken that keeps farthest from the wearer. What the wearer carries is left
-    alone, and nothing is put where the wearer puts something. None where no plan keeps clear of the wearer.
+    Of several plans, return the one that keeps farthest from the wearer. The visitor does not touch what the
+    wearer carries and puts nothing where the wearer does. None if no plan keeps clear of the wearer.
     """
     times = np.linspace(0, seconds, int(seconds * 5) + 2)
     wearer = head.walk.place(times)
@@ -143,7 +145,7 @@ def plan_other(
     open_errands = [one for one in errands if one.thing.number not in taken and one.support not in full]
     best, farthest = None, _KEEP_APART_M
     for attempt in range(_ATTEMPTS):
-        # If nothing has been found so far, less is tried.
+        # While no plan is found, try with less work.
         share = 1 - attempt / _ATTEMPTS if best is None else 1
         chosen = _errands_for(open_errands, rng, work_s * share)
         if not chosen:
@@ -161,7 +163,7 @@ def plan_other(
 
 
 def _errands_for(errands: list[Errand], rng: Rng, work_s: float) -> list[Errand]:
-    """Errands for different things and to different places that fill the time."""
+    """Errands that fill the time, with different objects and destinations."""
     chosen: list[Errand] = []
     for errand in (errands[number] for number in rng.permutation(len(errands))):
         numbers = {other.thing.number for other in chosen}
@@ -175,12 +177,12 @@ def _errands_for(errands: list[Errand], rng: Rng, work_s: float) -> list[Errand]
 
 
 def _needed_s(errand: Errand) -> float:
-    """Time for an errand and for coming to it [s], roughly."""
+    """Rough time for an errand and the way to it [s]."""
     return 2 * _PAUSE_S + (errand.walk_m + 2.0) / _SPEED_M_S
 
 
 def _other_route(apartment: Apartment, errands: Sequence[Errand]) -> Route:
-    """From out of sight in the corridor along all stands and back."""
+    """Route from out of sight in the corridor to all stands and back."""
     room = apartment.room
     left, _, near, far = corridor_bounds(room)
     hidden = room.at(room.door.wall, left + 0.35, 0.0, -(near + far) / 2)[[0, 2]]
@@ -191,7 +193,7 @@ def _other_route(apartment: Apartment, errands: Sequence[Errand]) -> Route:
 def _other_walk(
     route: Route, errands: Sequence[Errand], seconds: float, share: float, pauses: Array
 ) -> tuple[Walk, tuple[Job, ...]]:
-    """Walk the route, starting as early (share 0) or late (1) as lets everything happen in the recording."""
+    """Walk the route as early (share 0) to as late (share 1) as fits into the recording."""
     clock, times, along = 0.0, [-60.0, 0.0], [0.0, 0.0]
     grips = []
     for before, here, pause in zip(
@@ -202,7 +204,7 @@ def _other_walk(
         along += [here, here]
         grips.append(clock + pause - _PAUSE_S + REACHING_S)
         clock += pause
-    # The last stop is the hiding place; the last but one is where the last thing is put down.
+    # The last stop is the hiding place; at the one before, the last object is put down.
     earliest, latest = 0.5 - grips[0], seconds - 0.5 - grips[-2]
     start = earliest + share * (latest - earliest)
     jobs = tuple(
@@ -217,7 +219,7 @@ def _other_walk(
 
 
 def make_other(uid: int, plan: tuple[Walk, tuple[Job, ...]], clothes: Clothes) -> Person:
-    """The second person, drawn from head to foot."""
+    """The visitor, rendered from head to foot."""
     return Person(_human(uid, "Skeleton_T"), plan[0], plan[1], clothes, tuple(LIMBS), (0.34, 0.98), 0.0)
 
 

@@ -8,11 +8,11 @@ Array = NDArray[np.float64]
 
 _DEGREE = 5
 STEP_S = 0.25
-"""Time between control points; the curve follows them with a blur of about this length."""
+"""Time between control points; also about the length over which the curve blurs them."""
 
 
 def control_times(start_s: float, end_s: float) -> Array:
-    """Times of the control points of a curve that is to cover an interval."""
+    """Times of the control points of a curve over an interval."""
     count = int(np.ceil((end_s - start_s) / STEP_S)) + 2 * _DEGREE
     return start_s + STEP_S * (np.arange(count) - _DEGREE + 1)
 
@@ -21,7 +21,7 @@ class SmoothTrack:
     """A quintic B-spline: four times continuously differentiable, within the bounds of its control points."""
 
     def __init__(self, times: Array, values: Array) -> None:
-        """Make a curve.
+        """Make a curve from control points; it does not pass through them.
 
         Args:
             times: (K,) from ``control_times``; values: (K, ...) control points.
@@ -35,13 +35,13 @@ class SmoothTrack:
 
 
 def smoothstep(values: ArrayLike) -> Array:
-    """0 below 0, 1 above 1, and twice continuously differentiable between."""
+    """0 below 0, 1 above 1, and twice continuously differentiable in between."""
     t = np.clip(np.asarray(values, dtype=np.float64), 0, 1)
     return t * t * t * (10 - 15 * t + 6 * t**2)
 
 
 def limited(angles: Array, largest_step: float) -> Array:
-    """Angles [rad] that follow (K,) given ones the short way round, no faster than ``largest_step`` each."""
+    """Follow (K,) angles [rad] the short way round, by at most ``largest_step`` per element."""
     result = np.array(angles, dtype=np.float64)
     for k in range(1, len(result)):
         turn = (angles[k] - result[k - 1] + np.pi) % (2 * np.pi) - np.pi

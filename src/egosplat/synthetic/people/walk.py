@@ -20,11 +20,11 @@ _TURN_PER_S = 2.2
 
 @dataclass(frozen=True)
 class Route:
-    """A line through the room with even spacing.
+    """A polyline through the room with even spacing.
 
     Attributes:
         places: (N, 2) x and z.
-        stops: (S,) distance from the beginning to the stops that it was made from [m].
+        stops: (S,) distance from the beginning to each of its stops [m].
     """
 
     places: Array
@@ -32,22 +32,23 @@ class Route:
 
     @property
     def length(self) -> float:
-        """In metres."""
+        """Length [m]."""
         return (len(self.places) - 1) * _SPACING_M
 
     def at(self, along: Array) -> Array:
-        """(K, 2) places by distance from the beginning [m], held at the ends."""
+        """(K, 2) places at distances from the beginning [m], clamped to the ends."""
         grid = np.arange(len(self.places)) * _SPACING_M
         return np.stack([np.interp(along, grid, self.places[:, axis]) for axis in (0, 1)], axis=-1)
 
 
 def make_route(plan: FloorPlan, stops: list[Array]) -> Route:
-    """A route through stops, its corners rounded as far as the furniture lets it."""
+    """A route through stops, with corners rounded as far as the furniture allows."""
     legs = [plan.route(a, b) for a, b in itertools.pairwise(stops)]
     line = np.concatenate([stops[0][None], *(leg[1:] for leg in legs)])
     steps = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
     grid = np.arange(0.0, steps[-1] + _SPACING_M, _SPACING_M)
     even = np.stack([np.interp(grid, steps, line[:, axis]) for axis in (0, 1)], axis=-1)
+    # Smooth as strongly as keeps 0.2 m from every obstacle.
     for blur_m in (0.22, 0.15, 0.1, 0.06):
         smooth = gaussian_filter1d(even, blur_m / _SPACING_M, axis=0, mode="nearest")
         if plan.clearance_at(smooth).min() > 0.2:
@@ -58,12 +59,11 @@ def make_route(plan: FloorPlan, stops: list[Array]) -> Route:
 
 @dataclass(frozen=True)
 class Walk:
-    """Where somebody is.
+    """A person's motion over time.
 
     Attributes:
-        controls: (K, 6) the track's control points.
-        track: time [s] -> x, z, heading [rad], distance walked [m], how far the shoulders come down, and
-            forward [m].
+        controls: (K, 6) control points of the track.
+        track: time [s] -> x, z, heading [rad], distance walked [m], crouch and lean of the shoulders [m].
     """
 
     track: SmoothTrack
@@ -91,14 +91,14 @@ def make_walk(
     """Walk a route.
 
     Args:
-        route: the way; times, along: (M,) when which distance along it is reached, linear between.
-        jobs: what is done on the way; one turns to the thing and bends for it.
-        duration: first and last second that the walk has to cover.
-        behind_m: how far the shoulders are behind the place that walks the route.
+        route: the way; times, along: (M,) times at which distances along it are reached, linear in between.
+        jobs: errands on the way; the person turns to the object and bends for it.
+        duration: first and last second of the walk.
+        behind_m: distance of the shoulders behind the place that follows the route.
     """
     grid = control_times(*duration)
     where = np.interp(grid, times, along)
-    # Beyond its ends the walk goes on at the same speed, so that it does not begin with a jerk.
+    # The person stands still before the first and after the last of ``times``.
     places = route.at(where)
     ahead = route.at(where + 0.25) - route.at(where - 0.25)
     heading = np.arctan2(ahead[:, 0], ahead[:, 1])
@@ -121,7 +121,7 @@ def make_walk(
 
 
 def _bend_for(distance: float, height: float) -> tuple[float, float]:
-    """How far the shoulders must come down and forward [m] to reach a thing."""
+    """How far the shoulders move down and forward [m] to reach an object."""
     forward = float(np.clip(distance - 0.3, 0, 0.45))
     left = distance - forward
     drop = np.sqrt(max(_ARM_M**2 - left**2, 0.01))

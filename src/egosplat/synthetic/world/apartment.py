@@ -1,4 +1,4 @@
-"""A furnished apartment at random: the room, the things in it, and their names and ids as ADT has them."""
+"""A randomly furnished apartment: the room, its objects, and their names and ids in ADT's style."""
 
 from collections import Counter
 from dataclasses import dataclass, replace
@@ -22,13 +22,13 @@ _LEAST_WALK_M2 = 2.5
 
 @dataclass(frozen=True)
 class Apartment:
-    """A room with everything in it, at the beginning of the recording.
+    """A room with its objects at the beginning of the recording.
 
     Attributes:
         room: its size and openings; shell: its parts, in world axes.
         things: the objects, by number.
         instances: the shell's instance, then one for each of ``things``, in their order.
-        plan: where there is room to walk.
+        plan: the walkable floor.
     """
 
     room: Room
@@ -42,11 +42,11 @@ def make_apartment(rng: Rng, objects: int) -> Apartment:
     """Furnish an apartment.
 
     Args:
-        rng: all chance comes from it.
-        objects: how many nameable things there are, without the shell; 16 to 40.
+        rng: source of all randomness.
+        objects: number of labelled objects, without the shell; 16 to 40.
 
     Raises:
-        UserError: so many objects find no place.
+        UserError: the objects do not fit.
     """
     for _ in range(_LAYOUTS):
         layout = _furnish(random_room(rng), rng, objects)
@@ -59,12 +59,13 @@ def make_apartment(rng: Rng, objects: int) -> Apartment:
                 layout.room, shell, tuple(layout.placed), tuple(_instances(layout, shell, rng)), plan
             )
     raise UserError(
-        f"synthetic.objects = {objects}: so many find no place in {_LAYOUTS} rooms. Take fewer, or another seed"
+        f"synthetic.objects = {objects}: they fit into none of {_LAYOUTS} rooms. "
+        "Use fewer, or another synthetic.seed."
     )
 
 
 def _furnish(room: Room, rng: Rng, objects: int) -> Layout | None:
-    """A layout with as many objects as asked for, ``CORE`` among them; None where they find no place."""
+    """A layout with exactly ``objects`` objects, including ``CORE``; None if they do not fit."""
     layout = Layout(room)
     layout.keep_clear.append(opening_box(room, room.door))
     models: dict[str, Model] = {}

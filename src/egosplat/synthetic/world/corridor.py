@@ -13,7 +13,7 @@ _HEIGHT_M = 2.3
 
 
 def corridor_parts(room: Room, rng: Rng) -> list[Part]:
-    """A short corridor across the doorway, in which people wait out of sight, and the door, wide open."""
+    """A short corridor across the doorway, where people wait out of sight, and the open door."""
     door, (left, right, near, far) = room.door, corridor_bounds(room)
     across, inward = room.right(door.wall), room.normal(door.wall)
     ground = sheet(room.at(door.wall, left, 0, -far), across * (right - left), inward * far)
@@ -56,7 +56,7 @@ def _walls(room: Room) -> Shape:
 
 
 def _door(room: Room, rng: Rng) -> list[Part]:
-    """Reveal, frame, and the leaf, turned out into the corridor."""
+    """Reveal, frame and door leaf, which is open into the corridor."""
     door, near = room.door, REVEAL_M
     posts = ((door.left - 0.06, door.left), (door.right, door.right + 0.06))
     frame = [block(room, door.wall, post, (0.0, door.top + 0.06), (0.0, 0.02)) for post in posts]

@@ -1,4 +1,4 @@
-"""Where there is room to walk, and how to get from one place to another."""
+"""The walkable floor of a room, and shortest routes on it."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,21 +16,21 @@ Array = NDArray[np.float64]
 
 _CELL_M = 0.06
 _BODY_M = 0.27
-"""How far a walking person's middle keeps from everything."""
+"""Distance that the middle of a walking person keeps from every obstacle."""
 _HEAD_ROOM_M = 1.95
 _MARGIN_M = 1.8
 
 
 @dataclass(frozen=True)
 class FloorPlan:
-    """A grid over the floor, the corridor included.
+    """A grid over the floor of the room and the corridor.
 
     Attributes:
-        origin: (2,) x and z of cell (0, 0)'s middle [m].
+        origin: (2,) x and z of the centre of cell (0, 0) [m].
         clearance: (X, Z) float64 distance to the nearest obstacle [m].
-        inside: (X, Z) bool cells of the room itself in which one can stand, all connected.
-        connected: (X, Z) bool the same with the corridor.
-        reaches_door: whether one can leave.
+        inside: (X, Z) bool, connected cells of the room in which a person can stand.
+        connected: (X, Z) bool, the same including the corridor.
+        reaches_door: whether a person can leave through the door.
     """
 
     origin: Array
@@ -41,11 +41,11 @@ class FloorPlan:
 
     @property
     def walkable_m2(self) -> float:
-        """Area in which a person's middle can be."""
+        """Area available to the middle of a person."""
         return float(self.inside.sum() * _CELL_M**2)
 
     def cell(self, place: Array) -> tuple[int, int]:
-        """The cell of (2,) x and z, clipped to the grid."""
+        """The cell at (2,) x and z, clipped to the grid."""
         index = np.round((np.asarray(place) - self.origin) / _CELL_M).astype(int)
         x, z = np.clip(index, 0, np.array(self.clearance.shape) - 1).tolist()
         return x, z
@@ -60,19 +60,19 @@ class FloorPlan:
         return ndimage.map_coordinates(self.clearance, index.T, order=1, mode="nearest")
 
     def nearest(self, place: Array, inside: bool = True) -> Array:
-        """(2,) the nearest place in which one can stand."""
+        """(2,) the nearest place where a person can stand."""
         cells = np.argwhere(self.inside if inside else self.connected)
         distance = np.linalg.norm(self.place(cells) - np.asarray(place), axis=1)
         return self.place(cells[distance.argmin()])
 
     @cached_property
     def _number(self) -> NDArray[np.int64]:
-        """(X, Z) running number of the connected cells, -1 elsewhere."""
+        """(X, Z) index of each connected cell, -1 elsewhere."""
         return np.where(self.connected, np.cumsum(self.connected).reshape(self.connected.shape) - 1, -1)
 
     @cached_property
     def _trees(self) -> dict[int, NDArray[np.int32]]:
-        """Shortest ways from cells that were asked for: each cell's predecessor."""
+        """Shortest-path trees by start cell, filled on demand: each cell's predecessor."""
         return {}
 
     @cached_property
@@ -80,7 +80,7 @@ class FloorPlan:
         return _graph(self._number, self.clearance)
 
     def route(self, start: Array, end: Array) -> Array:
-        """(N, 2) places about a cell apart on the way between two places, keeping off obstacles."""
+        """(N, 2) places about one cell apart on the way between two places, away from obstacles."""
         cells, number = np.argwhere(self.connected), self._number
         source, target = (int(number[self.cell(self.nearest(place, inside=False))]) for place in (start, end))
         if source not in self._trees:
@@ -95,6 +95,7 @@ class FloorPlan:
 
 def _graph(number: NDArray[np.int64], clearance: Array) -> csr_array:
     """Steps between neighbouring cells; narrow places cost more."""
+    # Clearance at either end makes a step dearer, so that routes keep off the furniture.
     cost = 1.0 + 0.6 / np.clip(clearance, 0.1, 1.0)
     rows, columns, weights = [], [], []
     for dx, dz in ((1, 0), (0, 1), (1, 1), (1, -1)):
@@ -111,7 +112,7 @@ def _graph(number: NDArray[np.int64], clearance: Array) -> csr_array:
 
 
 def floor_plan(layout: Layout) -> FloorPlan:
-    """The plan of a furnished room."""
+    """The floor plan of a furnished room."""
     room = layout.room
     half = np.array([room.width / 2, room.depth / 2]) + _MARGIN_M
     size = np.ceil(2 * half / _CELL_M).astype(int)
@@ -140,11 +141,11 @@ def _largest(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _corridor_cells(room: Room, grid: Array) -> NDArray[np.bool_]:
-    """The doorway and the corridor behind it."""
+    """Cells of the doorway and of the corridor."""
     door = room.door
     left, _right, near, far = corridor_bounds(room)
     free = np.zeros(grid.shape[:2], dtype=bool)
-    # The open door leaf stands at the corridor's right: nobody goes there.
+    # The open door leaf blocks the right side of the corridor.
     for along, away in (((door.left, door.right), (0.05, -near)), ((left, door.right), (-near, -far))):
         ends = np.stack([room.at(door.wall, a, 0.0, d)[[0, 2]] for a, d in zip(along, away, strict=True)])
         free |= ((grid >= ends.min(axis=0)) & (grid <= ends.max(axis=0))).all(axis=-1)

@@ -1,4 +1,4 @@
-"""Where things stand: at random, on what carries them, without running into one another."""
+"""Random placement of objects on the floor, on walls and on each other, without collisions."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -27,12 +27,12 @@ _CHAIR_GAP_M = 0.05
 
 @dataclass(frozen=True)
 class Placed:
-    """A thing in its place.
+    """A placed object.
 
     Attributes:
-        kind, model: what it is; number: its running number in the apartment.
+        kind, model: its kind and shape; number: its index in the apartment.
         pose: (4, 4) float64 ``world_from_object``.
-        support: number of what it stands on, None for floor and walls; surface: which of its surfaces.
+        support: number of the object that it stands on, None for floor and walls; surface: the surface used.
     """
 
     number: int
@@ -44,7 +44,7 @@ class Placed:
 
     @cached_property
     def bounds(self) -> Array:
-        """(2, 3) its box in world axes [m]."""
+        """(2, 3) box in world axes [m]."""
         return np.stack(bounds_at(self.model, self.pose))
 
 
@@ -57,11 +57,11 @@ class Layout:
     keep_clear: list[Array] = field(default_factory=list)
 
     def of(self, kind: Kind) -> list[Placed]:
-        """All things of a kind."""
+        """All objects of a kind."""
         return [thing for thing in self.placed if thing.kind == kind]
 
     def is_free(self, bounds: Array, ignore: set[int | None]) -> bool:
-        """Whether a box (2, 3) lies in the room and touches nothing, but for things by these numbers."""
+        """Whether a (2, 3) box lies in the room and touches no object except those numbered in ``ignore``."""
         half = np.array([self.room.width / 2, np.inf, self.room.depth / 2])
         if (
             (bounds[0] < -half - 1e-6).any()
@@ -74,7 +74,7 @@ class Layout:
 
 
 def place_kind(layout: Layout, kind: Kind, model: Model, rng: Rng) -> bool:
-    """Find a place for a thing and put it there; False where there is none."""
+    """Find a place for an object and put it there; False if there is none."""
     for _ in range(_TRIES):
         found = _propose(layout, kind, model, rng)
         if found is None:
@@ -88,7 +88,7 @@ def place_kind(layout: Layout, kind: Kind, model: Model, rng: Rng) -> bool:
 
 
 def _fits(layout: Layout, thing: Placed) -> bool:
-    """Nothing is touched, no window hidden, and passages stay open."""
+    """Whether the object touches nothing, hides no window and keeps passages open."""
     if not layout.is_free(thing.bounds, {thing.support}):
         return False
     if thing.support is not None:
@@ -104,7 +104,7 @@ Proposal = tuple[Array, int | None, Surface | None]
 
 
 def _propose(layout: Layout, kind: Kind, model: Model, rng: Rng) -> Proposal | None:
-    """A place to try; None where there was none this time."""
+    """Propose a random place; None if this attempt found none."""
     if kind.stands_on:
         return _on_surface(layout, kind, model, rng)
     match kind.place:
@@ -135,7 +135,7 @@ def _wall_yaw(room: Room, wall: int) -> float:
 
 
 def _at_wall(layout: Layout, kind: Kind, model: Model, rng: Rng) -> Array:
-    """Back to a wall; the TV stand preferably opposite to the couch."""
+    """Back to a wall; the TV stand preferably opposite the couch."""
     room, wall = layout.room, int(rng.integers(4))
     if kind == catalogue.TV_STAND and rng.random() < 0.8:
         facing = layout.of(catalogue.COUCH)[0].pose[:3, 2]
@@ -146,7 +146,7 @@ def _at_wall(layout: Layout, kind: Kind, model: Model, rng: Rng) -> Array:
 
 
 def _before(couch: Placed, model: Model, rng: Rng) -> Array:
-    """In front of the couch, its long side along it."""
+    """In front of the couch, with its long side along it."""
     lower, _ = _extent(model)
     front = bounds_at(couch.model, np.eye(4))[1][2]
     local = np.array([rng.uniform(-0.15, 0.15), 0.0, front + rng.uniform(0.28, 0.36) - lower[2]])
@@ -161,7 +161,7 @@ def _in_the_middle(room: Room, rng: Rng) -> Array:
 
 
 def _at_table(table: Placed, model: Model, rng: Rng) -> Array:
-    """Drawn up to one of the table's sides, more or less straight."""
+    """At one of the table's sides, roughly straight."""
     lower, upper = bounds_at(table.model, np.eye(4))
     side, seat = int(rng.integers(4)), _extent(model)[1][2]
     away = seat + _CHAIR_GAP_M
@@ -207,14 +207,14 @@ def _beside_window(room: Room, model: Model, rng: Rng) -> Array:
 
 
 def _on_surface(layout: Layout, kind: Kind, model: Model, rng: Rng) -> Proposal | None:
-    """Somewhere on a surface that suits the kind."""
+    """At a random place on a surface that suits the kind."""
     choices = [
         (thing, surface)
         for thing in layout.placed
         for surface in thing.model.surfaces
         if surface.use in kind.stands_on and surface.headroom > _extent(model)[1][1]
     ]
-    # What is to be carried about must not stand where the television is in the way.
+    # The television would block a person's reach to an object behind or next to it.
     choices = [one for one in choices if not kind.hand or one[0].kind != catalogue.TV_STAND] or choices
     if not choices:
         return None
@@ -224,9 +224,9 @@ def _on_surface(layout: Layout, kind: Kind, model: Model, rng: Rng) -> Proposal 
 
 
 def on_surface(thing: Placed, surface: Surface, kind: Kind, model: Model, rng: Rng) -> Array | None:
-    """A pose for a model on another's surface; None where it is too large for it.
+    """A pose for a model on another object's surface; None if it is too large.
 
-    What has a front faces the way its support does, more or less.
+    An object with a front faces roughly the same way as its support.
     """
     aligned = surface.use != "table"
     yaw = rng.uniform(-0.05, 0.05) if aligned else rng.uniform(-0.6, 0.6)

@@ -1,4 +1,4 @@
-"""Windows with the view behind them, and the thickness of the walls in every opening."""
+"""Windows with the view behind them, and the wall thickness in every opening."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ _UP = np.array([0.0, 1.0, 0.0])
 def block(
     room: Room, wall: int, along: tuple[float, float], heights: tuple[float, float], away: tuple[float, float]
 ) -> Shape:
-    """A box given along a wall."""
+    """A box placed along a wall."""
     ends = np.stack([room.at(wall, a, h, d) for a, h, d in zip(along, heights, away, strict=True)])
     return box(ends.min(axis=0), ends.max(axis=0))
 
@@ -42,7 +42,7 @@ def window_parts(room: Room, hole: Opening, rng: Rng) -> list[Part]:
 
 
 def _view(room: Room, hole: Opening, rng: Rng) -> Part:
-    """A picture of the street behind a window, bent around so that no ray passes beside it."""
+    """An image of the street behind a window, curved so that no ray passes around it."""
     wall, depth = hole.wall, 0.7
     left, right = max(0.0, hole.left - 0.9), min(room.length(wall), hole.right + 0.9)
     bottom, top = hole.bottom - 0.8, hole.top + 0.9
@@ -61,7 +61,7 @@ def _view(room: Room, hole: Opening, rng: Rng) -> Part:
 
 
 def reveal(room: Room, hole: Opening) -> Shape:
-    """The wall's thickness around an opening: sides, top and, of a window, bottom."""
+    """The wall thickness around an opening: sides, top and, for a window, bottom."""
     wall, depth = hole.wall, REVEAL_M
     right, inward = room.right(wall), room.normal(wall)
     rise = hole.top - hole.bottom

@@ -13,7 +13,7 @@ CORRIDOR_DEPTH_M, CORRIDOR_WIDTH_M = 1.3, 3.0
 
 
 REVEAL_M = 0.12
-"""Thickness of the walls, as seen in openings."""
+"""Thickness of the walls, visible in openings."""
 
 
 _DOOR_CLEAR_M = 1.0
@@ -25,8 +25,9 @@ class Opening:
     """A hole in a wall.
 
     Attributes:
-        wall: which one, 0 to 3. left, right: along the wall from its left end as seen from inside [m].
-        bottom, top: heights [m]. door: whether it reaches the corridor, else it is a window.
+        wall: its number, 0 to 3.
+        left, right: distance along the wall from its left end as seen from inside [m].
+        bottom, top: heights [m]. door: True for the door to the corridor, False for a window.
     """
 
     wall: int
@@ -41,7 +42,7 @@ class Opening:
 class Room:
     """The room's size and openings.
 
-    World axes: y up, the floor at y = 0, the room's middle above the origin. The inward normals of walls 0..3
+    World axes: y up, the floor at y = 0, the room's centre above the origin. The inward normals of walls 0..3
     are +z, +x, -z, -x.
     """
 
@@ -59,7 +60,7 @@ class Room:
         return np.cross(_UP, self.normal(wall))
 
     def length(self, wall: int) -> float:
-        """Of a wall [m]."""
+        """Length of a wall [m]."""
         return self.width if wall % 2 == 0 else self.depth
 
     def corner(self, wall: int) -> Array:
@@ -68,17 +69,17 @@ class Room:
         return -self.normal(wall) * reach / 2 - self.right(wall) * self.length(wall) / 2
 
     def at(self, wall: int, along: float, height: float, away: float = 0.0) -> Array:
-        """(3,) a point by its place along a wall, its height and its distance from the wall into the room."""
+        """(3,) point at a distance along a wall, a height, and a distance from the wall into the room [m]."""
         return self.corner(wall) + self.right(wall) * along + _UP * height + self.normal(wall) * away
 
     @property
     def door(self) -> Opening:
-        """The way out."""
+        """The opening that is the door."""
         return next(opening for opening in self.openings if opening.door)
 
     @property
     def windows(self) -> tuple[Opening, ...]:
-        """All openings but the door."""
+        """All openings except the door."""
         return tuple(opening for opening in self.openings if not opening.door)
 
 
@@ -106,7 +107,7 @@ def corridor_bounds(room: Room) -> tuple[float, float, float, float]:
 
 
 def opening_box(room: Room, opening: Opening) -> Array:
-    """(2, 3) the space before an opening that is to be left free."""
+    """(2, 3) box in front of an opening that must stay free."""
     away = _DOOR_CLEAR_M if opening.door else 0.25
     first = room.at(opening.wall, opening.left, opening.bottom)
     last = room.at(opening.wall, opening.right, opening.top, away)

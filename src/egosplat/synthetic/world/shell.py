@@ -65,7 +65,7 @@ def _rug(room: Room, rng: Rng) -> Part:
 
 
 def _ceiling(room: Room, rng: Rng) -> Part:
-    """Plaster with a faint painted pattern, so that it too can be recognised."""
+    """Plaster with a faint painted pattern, so that its features can be matched between views."""
     w, d = room.width, room.depth
     white = (0.9, 0.88, 0.84)
     tints = [(0.84, 0.81, 0.76), (0.86, 0.83, 0.8), (0.78, 0.76, 0.73)]
@@ -90,7 +90,7 @@ def _lamp(room: Room, rng: Rng) -> list[Part]:
 
 
 def _walls(room: Room, rng: Rng) -> list[Part]:
-    """Four walls in two papers; no two places of a wall look alike."""
+    """Four walls in two wallpapers whose patterns repeat nowhere on a wall."""
     grounds = [random_colour(rng, (0.06, 0.3), (0.78, 0.95)) for _ in range(2)]
     inks = [
         [_faint(random_colour(rng, (0.2, 0.6), (0.3, 0.85)), ground) for _ in range(3)] for ground in grounds
@@ -116,13 +116,14 @@ def _walls(room: Room, rng: Rng) -> list[Part]:
 
 
 def _faint(ink: Colour, ground: Colour) -> Colour:
-    """Half way to the ground's colour: paper must not outshine what stands before it."""
+    """Mix 45 % of the ground colour into the ink."""
+    # Strong wallpaper would dominate the objects in front of it.
     red, green, blue = (0.55 * a + 0.45 * b for a, b in zip(ink, ground, strict=True))
     return red, green, blue
 
 
 def _with_holes(room: Room, wall: int, holes: list[Opening]) -> Shape:
-    """A wall around its openings; the texture runs on across the pieces."""
+    """A wall with holes for its openings; the texture is continuous across the pieces."""
     cuts = sorted({0.0, room.length(wall), *(cut for hole in holes for cut in (hole.left, hole.right))})
     pieces = []
     for left, right in itertools.pairwise(cuts):

@@ -1,4 +1,4 @@
-"""A furnished apartment, who is in it, and where everything is at any moment."""
+"""A furnished apartment, its people, and the pose of everything at any moment."""
 
 from dataclasses import dataclass
 
@@ -18,20 +18,20 @@ from egosplat.synthetic.world.apartment import Apartment, make_apartment
 Array = NDArray[np.float64]
 
 MOTIONS = {"none": 0.0, "low": 0.25, "high": 1.0}
-"""Names for some amounts of motion."""
+"""Named fractions of the time in which people are at work."""
 
 _OTHER_FROM_S = 7.0
-"""Work of less time than this is done by the wearer alone."""
+"""If people work for less time than this, only the wearer works."""
 _HOMES, _PLANS, _ERRANDS = 8, 6, 30
 
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """Everything that is true of a recording, before anything is rendered.
+    """The full state of a recording before rendering.
 
     Attributes:
-        apartment: the room and its things; head: the wearer's; people: who else moves, and the wearer's arms.
-        geometry: all surfaces; seed: of whatever is left to chance in rendering; start_ns: of the recording.
+        apartment: the room and its objects; head: the wearer's head; people: the wearer and a visitor.
+        geometry: all surfaces; seed: for the randomness of rendering; start_ns: start of the recording.
     """
 
     apartment: Apartment
@@ -43,17 +43,17 @@ class World:
 
     @property
     def instances(self) -> list[Instance]:
-        """Of the shell, the things and the people."""
+        """Instances of the shell, the objects and the people."""
         return [*self.apartment.instances, *(person.instance for person in self.people)]
 
     def moved_things(self, seconds: float) -> dict[int, Array]:
-        """(4, 4) poses of the things that anybody carries at some time, by their number."""
+        """(4, 4) poses of the objects that anybody carries at some time, by object number."""
         return {
             number: pose for person in self.people for number, pose in person.thing_poses(seconds).items()
         }
 
     def thing_poses(self, seconds: float) -> dict[int, Array]:
-        """(4, 4) pose of every thing labelled dynamic, by instance id."""
+        """(4, 4) pose of every object labelled dynamic, by instance id."""
         moved = self.moved_things(seconds)
         things = zip(self.apartment.instances[1:], self.apartment.things, strict=True)
         return {
@@ -82,7 +82,7 @@ class World:
 
 
 def make_world(*, seed: int, seconds: float, objects: int, motion: float | str) -> World:
-    """Everything but the pictures; the parameters are ``make_sequence``'s."""
+    """Make the world to be rendered; parameters as for ``make_sequence``."""
     share = MOTIONS[motion] if isinstance(motion, str) else float(motion)
     if not 0 <= share <= 1:
         raise ValueError(f"motion is {motion}, not within 0..1")
@@ -100,14 +100,15 @@ def make_world(*, seed: int, seconds: float, objects: int, motion: float | str) 
 
 
 def _apartment(rng: np.random.Generator, objects: int, at_work: bool) -> tuple[Apartment, list[Errand]]:
-    """An apartment and, if people are to be ``at_work`` in it, some errands: one at least."""
+    """An apartment and, if ``at_work``, at least one errand for people to run."""
     for _ in range(_HOMES):
         apartment = make_apartment(rng, objects)
         errands = find_errands(apartment, rng, _ERRANDS) if at_work else []
         if errands or not at_work:
             return apartment, errands
     raise UserError(
-        f"synthetic.objects = {objects}: in {_HOMES} apartments nothing can be carried. Take another number or seed"
+        f"synthetic.objects = {objects}: in {_HOMES} apartments no object can be carried. "
+        "Use another number or another synthetic.seed."
     )
 
 
@@ -119,9 +120,9 @@ def _plan_motion(
     seconds: float,
     work_s: float,
 ) -> tuple[HeadMotion, tuple[Person, ...]]:
-    """The wearer's way and who else is there, for ``work_s`` seconds of work.
+    """Plan the wearer's way and the second person for ``work_s`` seconds of work.
 
-    Not every way of the wearer leaves room for a second person; a few are tried.
+    Some ways of the wearer leave no room for a second person, so several are tried.
     """
     wanted = 0 if work_s <= 0 else 1 if work_s < _OTHER_FROM_S else 2
     wanted_m = float(np.clip(0.5 * (work_s - 3.0), 0.8, 3.0))
@@ -143,7 +144,7 @@ def _people(
     seconds: float,
     work_s: float,
 ) -> tuple[Person, ...]:
-    """The wearer and, if there is work for longer, somebody else; nobody where there is no work."""
+    """The wearer and, for longer work, a second person; nobody without work."""
     if work_s <= 0:
         return ()
     used = {one.instance_id for one in apartment.instances}
@@ -157,5 +158,5 @@ def _people(
 
 
 def camera_pose(world: World, seconds: float) -> Array:
-    """(4, 4) ``world_from_camera``, sensor orientation, at a moment of the recording."""
+    """(4, 4) ``world_from_camera``, sensor orientation, at a time of the recording."""
     return world.head.world_from_camera(np.array([seconds]))[0]
