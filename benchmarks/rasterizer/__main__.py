@@ -3,7 +3,7 @@
     python -m benchmarks.rasterizer
 
 Measures forward and backward pass of the C++ kernels (each variant that the processor runs) and of plain PyTorch on four scenes,
-a training iteration, and peak memory, in about ten minutes. Writes README.md and rasterizer.json in this folder. `--quick`
+and a training iteration, in some minutes. Writes README.md and rasterizer.json in this folder. `--quick`
 measures scene D alone in under a minute and fails where the kernels' lead over PyTorch is less than two thirds of the committed
 one. `--gpu` compares with gsplat on a CUDA device.
 """

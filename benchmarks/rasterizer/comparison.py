@@ -10,7 +10,6 @@ from typing import Any
 
 import torch
 
-from benchmarks.common import MIB
 from benchmarks.rasterizer import iteration, passes
 from benchmarks.rasterizer.scenes import SCENES
 from benchmarks.rasterizer.timing import Turn, start_worker, summary, take_turns
@@ -33,13 +32,6 @@ ITERATION_ROUNDS = 16
 
 MAX_ERROR = 1e-3
 """Relative difference (L2) of images or gradients above which two rasterizers do not do the same work."""
-
-MEMORY = {
-    "Gaussians": [(n, 640, 480, 3) for n in (10_000, 50_000, 100_000, 200_000, 400_000)],
-    "pixels": [(50_000, w, h, 3) for w, h in ((320, 240), (640, 480), (960, 720), (1408, 1408))],
-    "channels": [(50_000, 640, 480, c) for c in (3, 12, 32)],
-}
-"""Gaussians, width, height and channels of each measurement of memory, by the size that grows."""
 
 Workers = dict[str, ProcessPoolExecutor]
 Rows = list[dict[str, Any]]
@@ -83,7 +75,7 @@ def everything() -> dict[str, Any]:
         sweep = [row for count in SWEEP for row in compare(pool, "D", count)]
         log("training iterations")
         iterations = [row for scene in SCENES for row in compare_iterations(pool, scene)]
-    measured = {"raster": raster, "sweep": sweep, "iterations": iterations, "memory": _memory()}
+    measured = {"raster": raster, "sweep": sweep, "iterations": iterations}
     return {"machine": _machine(), **measured}
 
 
@@ -170,17 +162,6 @@ def _kind(name: str) -> str:
 
 def _on_two_threads(two: dict[str, list], name: str) -> dict[str, float]:
     return {"wall_ms_min_2_threads": summary(two[name])["wall_ms_min"]} if name in two else {}
-
-
-def _memory() -> Rows:
-    rows = []
-    for grows, cases in MEMORY.items():
-        for case in track(cases, f"peak memory against {grows}"):
-            with start_worker(None) as worker:
-                peak = worker.submit(iteration.peak_bytes, *case).result() / MIB
-            sizes = dict(zip(("gaussians", "width", "height", "channels"), case, strict=True))
-            rows.append({"grows": grows, **sizes, "mib": round(peak, 1)})
-    return rows
 
 
 def _machine() -> dict[str, Any]:

@@ -1,7 +1,6 @@
-"""Time and memory of a whole training iteration."""
+"""Time of a whole training iteration."""
 
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -58,19 +57,6 @@ def sample_iteration(scene: str, threads: int) -> Sample:
     return sample(training.iterate, threads)
 
 
-def peak_bytes(gaussians: int, width: int, height: int, channel_count: int) -> int:
-    """Peak memory of training beyond that of the process before [B]; call it in a process of its own."""
-    torch.set_num_threads(1)
-    Training(make_scene(500, 64, 48), channel_count - 3).iterate()
-    before = _memory("VmRSS")
-    training = Training(make_scene(gaussians, width, height), channel_count - 3)
-    # Resets the peak: making the scene may have taken more. (ru_maxrss would include the parent's.)
-    Path("/proc/self/clear_refs").write_text("5")
-    for _ in range(2):
-        training.iterate()
-    return _memory("VmHWM") - before
-
-
 @lru_cache(maxsize=1)
 def _training(scene: str) -> Training:
     training = Training(make_scene(*SCENES[scene]), 0)
@@ -107,9 +93,3 @@ def _views(scene: Scene, gaussians: Gaussians) -> Views:
         pictures.append((255.0 * seen.clamp(0.0, 1.0)).round().to(torch.uint8))
     frame = np.arange(len(pictures), dtype=np.int64)
     return Views(frame, torch.stack(pictures), camera_to_world, None, None, camera, torch.device("cpu"))
-
-
-def _memory(key: str) -> int:
-    """A line of /proc/self/status [bytes]."""
-    lines = Path("/proc/self/status").read_text().splitlines()
-    return next(1024 * int(line.split()[1]) for line in lines if line.startswith(f"{key}:"))

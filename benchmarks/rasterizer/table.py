@@ -1,12 +1,9 @@
 """The measurements as a page in Markdown."""
 
-from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from benchmarks.common import markdown
-from benchmarks.rasterizer.comparison import MEMORY, Rows, find_row, ratio
+from benchmarks.rasterizer.comparison import Rows, find_row, ratio
 
 
 def page(results: dict[str, Any], command: str) -> str:
@@ -27,7 +24,6 @@ def page(results: dict[str, Any], command: str) -> str:
         + _iterations(results["iterations"]),
         "## Channels, scene D, forward and backward pass, one thread [CPU-ms]\n\n"
         + _channels(results["sweep"]),
-        *(_memory(results["memory"], grows) for grows in MEMORY),
     ]
     return "\n\n".join(parts) + "\n"
 
@@ -61,32 +57,6 @@ def _channels(rows: Rows) -> str:
     cases = _cases(rows)
     lines = [[name, *(_both(find_row(rows, *case, name)) for case in cases)] for name in _names(rows)]
     return markdown(["variant", *(str(count) for _, count in cases)], lines)
-
-
-def _memory(rows: Rows, grows: str) -> str:
-    rows = [row for row in rows if row["grows"] == grows]
-    lines = [
-        [f"{r['gaussians']:,}", f"{r['width']}x{r['height']}", r["channels"], f"{r['mib']:.0f}"] for r in rows
-    ]
-    sizes = {
-        "Gaussians": ("1,000 Gaussians", [row["gaussians"] / 1e3 for row in rows]),
-        "pixels": ("1,000 pixels", [row["width"] * row["height"] / 1e3 for row in rows]),
-        "channels": ("channel", [row["channels"] for row in rows]),
-    }
-    unit, size = sizes[grows]
-    slope, start, error = fit_line(size, [row["mib"] for row in rows])
-    return (
-        f"## Peak memory of training against {grows}\n\nBeyond the memory of the process before: {start:.0f} MiB + "
-        f"{slope:.3g} MiB per {unit}, largest error {100 * error:.0f} %.\n\n"
-        + markdown(["Gaussians", "size", "channels", "peak [MiB]"], lines, words=0)
-    )
-
-
-def fit_line(x: Sequence[float], y: Sequence[float]) -> tuple[float, float, float]:
-    """Slope and intercept of the least-squares line, and its largest relative error."""
-    slope, start = np.polyfit(x, y, 1)
-    errors = np.abs(slope * np.asarray(x) + start - y) / y
-    return float(slope), float(start), float(errors.max())
 
 
 def _cases(rows: Rows) -> list[tuple[str, int]]:

@@ -1,12 +1,10 @@
 """The benchmark of the rasterizer compares on repeatable scenes and reports a lost lead."""
 
-import pytest
 import torch
 
 from benchmarks.rasterizer import passes
 from benchmarks.rasterizer.__main__ import shortfalls
 from benchmarks.rasterizer.scenes import make_problem, make_scene
-from benchmarks.rasterizer.table import fit_line
 
 
 def test_kernels_and_reference_do_the_same_work():
@@ -43,9 +41,3 @@ def test_a_lost_lead_is_reported():
     assert shortfalls(rows(14.9), rows(10.0), "avx2") == []
     (short,) = shortfalls(rows(15.1), rows(10.0), "avx2")
     assert "12 channels" in short
-
-
-def test_the_published_line_and_its_error():
-    """Slope, intercept and largest relative error of the tables of memory."""
-    slope, start, error = fit_line([1.0, 2.0, 3.0], [3.0, 5.0, 7.0])
-    assert (slope, start, error) == pytest.approx((2.0, 1.0, 0.0), abs=1e-9)
