@@ -1,6 +1,6 @@
 """Scores of scenes and of their ablation variants, and paired differences between variants.
 
-    snakemake --cores 2 results/adt/scene{1,2,3,4,5}/{,variants/{baseline,aggregation,initial}/}metrics.json
+    snakemake --cores 2 results/adt/scene{1,2,3,4,5}/{,variants/{baseline,no_masks,network_masks}/}metrics.json
     python -m benchmarks.ablation results/adt/scene{1,2,3,4,5} > benchmarks/ablation/README.md
 
 Apartments kept for reporting only get tables of their own. Masking by variant: `baseline` and `aggregation` mask nothing,
@@ -30,16 +30,16 @@ from egosplat.tables.table import Cell, number
 
 VARIANTS = {
     "baseline": "variants/baseline/",
-    "aggregation": "variants/aggregation/",
-    "initial": "variants/initial/",
+    "no_masks": "variants/no_masks/",
+    "network_masks": "variants/network_masks/",
     "full": "",
 }
 """Folder of each variant inside the scene's folder."""
 
 COMPARED = (
-    ("aggregation", "baseline"),
-    ("initial", "aggregation"),
-    ("full", "aggregation"),
+    ("no_masks", "baseline"),
+    ("network_masks", "no_masks"),
+    ("full", "no_masks"),
     ("full", "baseline"),
 )
 """Pairs of variants whose answers to the same queries are compared."""

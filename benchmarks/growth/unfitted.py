@@ -15,7 +15,7 @@ TRACKED_MB = 19.2
 """Of an instance that SAM2 tracks at 1024 px: 1.9 at 320 px (benchmarks/segments_growth/README.md), by area [MiB]."""
 
 ABSENT_STRIDE = 3
-"""``segments.absent_stride``: an instance that is not seen is searched for in every third frame."""
+"""``segments.lost_track_stride``: an instance that is not seen is searched for in every third frame."""
 
 BUSY_CORES = {"segments": 1.3, "segments_published": 1.3, "splats": 1.6, "poses_colmap": 1.8}
 """Processor time / time on the clock of the stages of adt/scene1 on two cores; other stages keep one core busy."""

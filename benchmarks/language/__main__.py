@@ -102,7 +102,7 @@ def trained(scene: Scene, views: TaughtViews, levels: int, iterations: int) -> T
     """Codes trained by gradients."""
     keys = defaults()["language"]
     options = CodeOptions(
-        iterations=iterations, lr=keys["lr"], unit_codes=keys["unit_codes"], seed=keys["seed"]
+        iterations=iterations, lr=keys["lr"], normalize_codes=keys["normalize_codes"], seed=keys["seed"]
     )
     training = CodeTraining(scene.gaussians, levels, scene.targets.channels, options)
     with TemporaryDirectory() as folder:

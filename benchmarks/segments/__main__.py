@@ -30,8 +30,8 @@ METHODS: dict[str, dict[str, Any]] = {
     "SAM2, initial frame": {"prompting": "initial_frame"},
     "SAM2, key frames": {},
     "the same, 384 px": {"image_size": 384},
-    "the same, each level for itself": {"share_iou": 1.01},
-    "the same, every frame searched": {"absent_stride": 1},
+    "the same, each level for itself": {"cross_level_iou": 1.01},
+    "the same, every frame searched": {"lost_track_stride": 1},
     "classical": {},
 }
 """The compared methods, by their keys over the defaults."""

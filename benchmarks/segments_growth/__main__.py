@@ -37,13 +37,13 @@ KEEP_ALL = {
     "nms_inner_thresh": 1.0,
     "min_area": 0.0,
     "prompting": "initial_frame",
-    "min_uncovered": 0.0,
-    "new_cover_thresh": 1.0,
+    "min_uncovered_fraction": 0.0,
+    "max_covered_new": 1.0,
     "merge_iou": 1.0,
     "min_frames": 1,
     # Each level tracks its own instances, in every frame: the largest possible work.
-    "share_iou": 1.01,
-    "absent_stride": 1,
+    "cross_level_iou": 1.01,
+    "lost_track_stride": 1,
     "batch": 32,
 }
 """Keys with which every mask is tracked."""

@@ -34,7 +34,7 @@ def test_a_finished_run_has_nothing_to_do(workdir):
         ("segments: {segmenter: classical, min_frames: 4}", AFTER_SEGMENTS),
         ("view_features: {min_area: 0.001}", AFTER_VIEWS),
         ("features: {mad_k: 2.5}", AFTER_FEATURES),
-        ("transient: {lambda2: 0.005}", AFTER_TRANSIENT),
+        ("transient: {transient_penalty: 0.005}", AFTER_TRANSIENT),
         ("masks: {threshold: 0.5}", AFTER_MASKS),
         ("splats: {iterations: 41}", AFTER_SPLATS),
         ("splats: {masking: none}", AFTER_SPLATS),

@@ -17,7 +17,7 @@ PAGE = f"{SCENE}/tradeoff/tradeoff.html"
 def points(seeds=(), presets=(), **knobs) -> str:
     """Configuration; knobs as ``features__dims=[8]``."""
     named = {name.replace("__", "."): values for name, values in knobs.items()}
-    return json.dumps({"tradeoff": {"seeds": list(seeds), "presets": list(presets), "knobs": named}})
+    return json.dumps({"tradeoff": {"seeds": list(seeds), "presets": list(presets), "sweep": named}})
 
 
 def planned(workdir, config: str) -> Counter[str]:
@@ -93,7 +93,7 @@ def test_a_page_of_one_knob_is_made_and_then_up_to_date(workdir):
 @pytest.mark.parametrize(
     "config, message",
     [
-        (points(features__dim=[4]), "tradeoff.knobs: no key features.dim; did you mean features.dims"),
+        (points(features__dim=[4]), "tradeoff.sweep: no key features.dim; did you mean features.dims"),
         (points(features__dims=[0]), "variant features-dims-0: features.dims = 0 is not allowed"),
         (json.dumps({"budget": {"minutes": 3}}), "key 'budget' was removed; set preset"),
     ],

@@ -10,8 +10,8 @@ VARIANT = f"{SCENE}/variants"
     "target, expected",
     [
         ("baseline/language.zarr", {"features", "splats", "language"}),
-        ("aggregation/language.zarr", {"splats", "language"}),
-        ("initial/splats.zarr", {"splats"}),
+        ("no_masks/language.zarr", {"splats", "language"}),
+        ("network_masks/splats.zarr", {"splats"}),
     ],
 )
 def test_a_variant_makes_only_what_its_keys_change(workdir, target, expected):
@@ -33,7 +33,10 @@ def test_a_user_variant_is_made_next_to_the_scene(workdir):
     "target, message",
     [
         ("nope/splats.zarr", "no variant 'nope'"),
-        ("initial/frames.zarr", f"variant initial changes nothing of frames.zarr; take {SCENE}/frames.zarr"),
+        (
+            "network_masks/frames.zarr",
+            f"variant network_masks changes nothing of frames.zarr; take {SCENE}/frames.zarr",
+        ),
     ],
 )
 def test_an_invalid_target_is_reported_in_one_line(workdir, target, message):

@@ -34,7 +34,7 @@ def transient_alarms(mean_probability: float | None) -> Iterator[Alarm]:
             "transient.probability",
             "0.02 to 0.11",
             f"a pixel is transient with a mean probability of {mean_probability:.2f}",
-            "The network calls much of what stands still moving; look at transient.png, raise transient.lambda2 or "
+            "The network calls much of what stands still moving; look at transient.png, raise transient.transient_penalty or "
             "iterations, or set splats.masking: none where nothing moves",
         )
 

@@ -28,18 +28,18 @@ def code_l1(rendered: Tensor, targets: Targets, weight: Tensor | None) -> Tensor
 
 
 class JointLanguage:
-    """L_RGB-w + lambda1 L_F-w; the features of the Gaussians are the codes of all levels, side by side.
+    """L_RGB-w + feature_weight L_F-w; the features of the Gaussians are the codes of all levels, side by side.
 
     Attributes:
         advice: what the user may change where training diverges.
     """
 
-    advice = "lower splats.position_lr or splats.lambda1, or raise splats.near_plane"
+    advice = "lower splats.position_lr or splats.feature_weight, or raise splats.near_plane"
 
-    def __init__(self, ssim_lambda: float, lambda1: float, targets: CodeTargets) -> None:
-        """``lambda1``: weight of the codes' loss; ``ssim_lambda``: see ``L1Ssim``."""
+    def __init__(self, ssim_lambda: float, feature_weight: float, targets: CodeTargets) -> None:
+        """``feature_weight``: weight of the codes' loss; ``ssim_lambda``: see ``L1Ssim``."""
         self._colours = L1Ssim(ssim_lambda)
-        self._lambda1, self._targets = lambda1, targets
+        self._lambda1, self._targets = feature_weight, targets
 
     def loss(self, image: Tensor, views: Views, index: int) -> Tensor:
         """See ``egosplat.gaussians.objective.Objective``."""

@@ -61,19 +61,19 @@ class MethodMetricsOptions(BenchmarkQueries, IntervalOptions):
     ``config.schema.yaml`` describes each.
     """
 
-    target: str
-    smoothing: float
+    hit_region: str
+    box_filter: float
     segmentation_threshold: float
-    majority: float
+    majority_filter: float
 
     @property
     def query(self) -> QueryOptions:
         """How the maps are read."""
         return replace(
             LANGSPLAT,
-            smoothing=self.smoothing,
+            box_filter=self.box_filter,
             segmentation_threshold=self.segmentation_threshold,
-            majority=self.majority,
+            majority_filter=self.majority_filter,
         )
 
 
@@ -108,7 +108,7 @@ def run(
     seen = _frames(pictures, walk, truth)
     queries = _queries(truth, valid, options, seen)
     _check_complete(maps, queries)
-    asked = list(_ask(queries, truth, maps, valid, options.query, options.target))
+    asked = list(_ask(queries, truth, maps, valid, options.query, options.hit_region))
     scores = summarise([one.score for one in asked], options)
     instances = instances_of(truth)
     document = {
@@ -180,7 +180,7 @@ def _ask(
     maps: Relevancy,
     valid: Mask,
     options: QueryOptions,
-    target: str,
+    hit_region: str,
 ) -> Iterator[Asked]:
     undecided = 0
     for row, own in groupby(track(queries, "reading maps", unit="query"), key=lambda query: query.row):
@@ -188,7 +188,7 @@ def _ask(
         for query in own:
             found = find_in_maps(maps.maps(query.frame, query.category), valid, options)
             undecided += found is not None and len(found.location.candidates) > UNDECIDED * valid.size
-            yield _asked(query, found, instance_map, valid, target)
+            yield _asked(query, found, instance_map, valid, hit_region)
     if undecided:
         log(
             f"warning: in {undecided} of {len(queries)} queries more than {UNDECIDED:.0%} of the picture has the "
@@ -196,12 +196,14 @@ def _ask(
         )
 
 
-def _asked(query: Query, found: Found | None, instance_map: InstanceMap, valid: Mask, target: str) -> Asked:
+def _asked(
+    query: Query, found: Found | None, instance_map: InstanceMap, valid: Mask, hit_region: str
+) -> Asked:
     candidates = np.zeros((0, 2), np.int64) if found is None else found.location.candidates
     mask = np.zeros_like(valid) if found is None else found.segmentation.mask
     return Asked(
         query=query,
-        score=score_query(query, candidates, mask, instance_map, valid, target),
+        score=score_query(query, candidates, mask, instance_map, valid, hit_region),
         relevancy=0.0 if found is None else found.location.score,
         level=None if found is None else found.location.level,
         pixel=None if found is None else found.location.pixel,

@@ -11,18 +11,18 @@ TARGETS = ("box", "mask")
 """What has to be hit: an instance's bounding box, as in LangSplat, or its pixels."""
 
 
-def target_area(instance_map: InstanceMap, instances: Sequence[int], target: str) -> Mask:
+def target_area(instance_map: InstanceMap, instances: Sequence[int], hit_region: str) -> Mask:
     """(H, W) bool: the pixels that hit any of the instances.
 
     Args:
         instance_map: (H, W) int32.
         instances: indices in it.
-        target: one of ``TARGETS``.
+        hit_region: one of ``TARGETS``.
 
     Raises:
-        ValueError: the target is unknown.
+        ValueError: the hit region is unknown.
     """
-    match target:
+    match hit_region:
         case "mask":
             return np.isin(instance_map, instances)
         case "box":
@@ -30,7 +30,7 @@ def target_area(instance_map: InstanceMap, instances: Sequence[int], target: str
             for x0, y0, x1, y1 in bounding_boxes(instance_map, instances):
                 area[y0 : y1 + 1, x0 : x1 + 1] = True
             return area
-    raise ValueError(f"target {target!r} is none of {TARGETS}")
+    raise ValueError(f"hit_region {hit_region!r} is none of {TARGETS}")
 
 
 def is_hit(candidates: NDArray[np.int64], area: Mask) -> bool:

@@ -42,7 +42,7 @@ def ask_all(
     scene: LanguageScene,
     texts: Texts,
     options: QueryOptions,
-    target: str,
+    hit_region: str,
 ) -> Iterator[Asked]:
     """Ask all queries, each in its frame.
 
@@ -52,7 +52,7 @@ def ask_all(
         scene: is asked.
         texts: of all categories.
         options: how queries are answered.
-        target: see ``egosplat.evaluation.localization.target_area``.
+        hit_region: see ``egosplat.evaluation.localization.target_area``.
     """
     wanted = {query.frame for query in queries}
     frames = [frame for frame in evaluation.frames if frame.index in wanted]
@@ -62,7 +62,7 @@ def ask_all(
         words = texts.of([query.category for query in own])
         answers = ask(scene, words, evaluation.camera, pose, evaluation.valid, options)
         for query, answer in zip(own, answers, strict=True):
-            score = score_query(query, answer.candidates, answer.mask, truth, evaluation.valid, target)
+            score = score_query(query, answer.candidates, answer.mask, truth, evaluation.valid, hit_region)
             yield _without_maps(query, answer, score)
 
 

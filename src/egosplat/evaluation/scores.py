@@ -71,7 +71,7 @@ def score_query(
     mask: Mask,
     instance_map: InstanceMap,
     valid: Mask | None,
-    target: str,
+    hit_region: str,
 ) -> QueryScore:
     """Compare an answer with the truth of each group; the answer is the same for all.
 
@@ -80,11 +80,11 @@ def score_query(
         candidates, mask: of the answer, see ``egosplat.query.answer.Answer``; (K, 2) int64 and (H, W) bool.
         instance_map: (H, W) int32 of the query's frame, see ``read_map``.
         valid: (H, W) bool pixels that show the scene, or None for all.
-        target: see ``target_area``.
+        hit_region: see ``target_area``.
     """
 
     def result(own: Sequence[int]) -> Result:
-        area = target_area(instance_map, own, target)
+        area = target_area(instance_map, own, hit_region)
         return Result(
             hit=is_hit(candidates, area),
             iou=iou(mask, np.isin(instance_map, own), valid),

@@ -52,7 +52,7 @@ class MetricsOptions(QueryOptions, BenchmarkQueries, IntervalOptions):
     """
 
     backend: str
-    target: str
+    hit_region: str
     negatives: tuple[str, ...]
     clip_model: str
     clip_checkpoint: str
@@ -89,7 +89,7 @@ def run(
     queries = _queries(evaluation, options)
     texts = encode_texts(clip, sorted({query.category for query in queries}), options.canonical)
     scene = read_scene(trained, meaning, words, options.backend)
-    asked = list(ask_all(queries, evaluation, scene, texts, options, options.target))
+    asked = list(ask_all(queries, evaluation, scene, texts, options, options.hit_region))
     phrases = presence_phrases(queries, evaluation.instances, options.negatives)
     presence = presence_entry(
         ask_presence(*phrases, evaluation, walk, scene, clip, options), options.min_score

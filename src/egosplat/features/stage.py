@@ -55,10 +55,10 @@ class FeaturesOptions:
 
     mad_norm: str
     mad_k: float
-    renormalise: bool
-    target: str
-    outliers: str
-    slipped: str
+    normalize: bool
+    supervision: str
+    outlier_target: str
+    mismatched_views: str
     compression: str
     dims: int | str
     min_cosine: float
@@ -135,9 +135,13 @@ def _aggregated(views: _Views, found: Aggregate, options: FeaturesOptions) -> _A
     inlier = np.zeros(len(views.good), bool)
     inlier[known] = found.inlier
     consistent = found.feature
-    if options.renormalise:
+    if options.normalize:
         consistent = consistent_directions(consistent, views.feature[known], views.instance[known])
-    limit = agreement_limit(spread(consistent[found.views > 0])) if options.slipped == "own" else -math.inf
+    limit = (
+        agreement_limit(spread(consistent[found.views > 0]))
+        if options.mismatched_views == "keep_own"
+        else -math.inf
+    )
     off = np.zeros(len(views.good), bool)
     supervision = np.empty_like(views.feature)
     for begin in range(0, len(supervision), _ROWS_AT_ONCE):
@@ -145,8 +149,8 @@ def _aggregated(views: _Views, found: Aggregate, options: FeaturesOptions) -> _A
         common = consistent[views.instance[part]]
         own = np.where(views.good[part, None], views.feature[part], common)
         off[part] = views.good[part] & ((unit(own) * unit(common)).sum(axis=1) < limit)
-        values = supervise(own, common, inlier[part], off[part], options.target, options.outliers)
-        if options.renormalise:
+        values = supervise(own, common, inlier[part], off[part], options.supervision, options.outlier_target)
+        if options.normalize:
             values = unit(np.where(vanishing(values)[:, None], common, values))
         supervision[part] = values
     return _Aggregated(consistent.astype(np.float32), supervision, found.views, inlier, off)

@@ -14,7 +14,7 @@ TARGETS = ("average", "consistent", "view")
 
 
 def supervise(
-    own: Floats, consistent: Floats, inlier: Bools, slipped: Bools, target: str, outliers: str
+    own: Floats, consistent: Floats, inlier: Bools, mismatched: Bools, target: str, outlier_target: str
 ) -> Floats:
     """The supervision of R views, before it is brought to unit norm.
 
@@ -22,9 +22,9 @@ def supervise(
         own: (R, D) features of the views.
         consistent: (R, D) those of their instances.
         inlier: (R,) views that agree with their instance.
-        slipped: (R,) views that take their own feature in place of an average.
+        mismatched: (R,) views that take their own feature in place of an average.
         target: one of ``TARGETS``; ``average`` is the paper's.
-        outliers: for an average, what an outlier takes: ``consistent``, that alone, or ``average``
+        outlier_target: for an average, what an outlier takes: ``consistent``, that alone, or ``average``
             (docs/method.md#supervision-average).
     """
     if target == "view":
@@ -32,8 +32,8 @@ def supervise(
     if target == "consistent":
         return consistent
     mixed = (own + consistent) / 2
-    averaged = mixed if outliers == "average" else np.where(inlier[:, None], mixed, consistent)
-    return np.where(slipped[:, None], own, averaged)
+    averaged = mixed if outlier_target == "average" else np.where(inlier[:, None], mixed, consistent)
+    return np.where(mismatched[:, None], own, averaged)
 
 
 def agreement_limit(apart: float | None) -> float:

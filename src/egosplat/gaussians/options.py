@@ -32,7 +32,7 @@ class TrainingOptions:
     Attributes:
         render: how they are rendered.
         iterations: length of the run.
-        density: ``stock`` (3DGS) or ``mcmc`` (3DGS-MCMC).
+        strategy: ``default`` (3DGS) or ``mcmc`` (3DGS-MCMC).
         max_gaussians: budget.
         position_lr: learning rate of the means at the start, per unit of scene extent; it ends at 1/100 of it.
         grow_grad2d: gradient of the image position above which ``stock`` lets a Gaussian grow.
@@ -50,7 +50,7 @@ class TrainingOptions:
 
     render: RenderOptions
     iterations: int
-    density: str
+    strategy: str
     max_gaussians: int
     position_lr: float
     grow_grad2d: float
@@ -67,14 +67,14 @@ class TrainingOptions:
     @property
     def schedule(self) -> Schedule:
         """The stock schedule of the kind of density control, for ``iterations``."""
-        stock = STOCK_MCMC if self.density == "mcmc" else replace(STOCK, reset_at_start=self.reset_at_start)
+        stock = STOCK_MCMC if self.strategy == "mcmc" else replace(STOCK, reset_at_start=self.reset_at_start)
         rates = {"position_lr_init": self.position_lr, "position_lr_final": self.position_lr / 100}
         fitted = cut if self.cuts_schedule else scaled
         return replace(fitted(stock, self.iterations), **rates)
 
     def population(self, extent: float) -> Population:
         """Density control of the kind asked for, in a scene of ``extent`` [m]."""
-        if self.density == "mcmc":
+        if self.strategy == "mcmc":
             return Mcmc(McmcOptions(self.max_gaussians), self.schedule)
         options = DensityOptions(
             self.max_gaussians,

@@ -30,7 +30,7 @@ def starting_gaussians(
     views: Views,
     *,
     max_points: int,
-    cover: bool,
+    densify_init: bool,
     sh_degree: int,
     near_plane: float,
     seed: int,
@@ -41,7 +41,7 @@ def starting_gaussians(
         poses: the poses artifact, which has the points.
         views: the training views.
         max_points: of more points a random subset is kept; and so many random ones are made.
-        cover: add points where a view shows none; see ``egosplat.gaussians.densify_init``.
+        densify_init: add points where a view shows none; see ``egosplat.gaussians.densify_init``.
         sh_degree: degree that the colours get coefficients for.
         near_plane: least camera z at which a point is seen [m].
         seed: of everything random.
@@ -61,7 +61,7 @@ def starting_gaussians(
     if not len(xyz):
         log(f"no points to start from: {max_points} random ones are taken")
         xyz, rgb = random_points(max_points, views.camera, cameras, near_plane=near_plane, seed=seed)
-    elif cover:
+    elif densify_init:
         xyz, rgb = _covered(*_some(xyz, rgb, max_points, seed), views, max_points, near_plane, seed)
     start = from_points(xyz, rgb, sh_degree=sh_degree, feature_channels=0, max_points=max_points, seed=seed)
     return start.to(views.device)

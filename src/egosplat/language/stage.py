@@ -41,7 +41,7 @@ class LanguageOptions:
     method: str
     iterations: int
     lr: float
-    unit_codes: bool
+    normalize_codes: bool
     checkpoint_s: float
     backend: str
     seed: int
@@ -105,7 +105,10 @@ def _begin(keys: dict[str, Any], used: list[Artifact], moving: Masking) -> Prove
 
 def _training(options: LanguageOptions) -> CodeOptions:
     return CodeOptions(
-        iterations=options.iterations, lr=options.lr, unit_codes=options.unit_codes, seed=options.seed
+        iterations=options.iterations,
+        lr=options.lr,
+        normalize_codes=options.normalize_codes,
+        seed=options.seed,
     )
 
 
@@ -142,7 +145,7 @@ def _trained(
     except UserError:
         checkpoint.remove()
         raise
-    return shown_codes(training.code.detach(), options.unit_codes), training.curve
+    return shown_codes(training.code.detach(), options.normalize_codes), training.curve
 
 
 def _write(

@@ -26,14 +26,14 @@ class CodeOptions:
     Attributes:
         iterations: one view each.
         lr: Adam's learning rate.
-        unit_codes: whether each Gaussian's code of a level is brought to unit norm before it is rendered
+        normalize_codes: whether each Gaussian's code of a level is brought to unit norm before it is rendered
             (docs/method.md#code-norm).
         seed: of the order of views.
     """
 
     iterations: int
     lr: float
-    unit_codes: bool
+    normalize_codes: bool
     seed: int
 
 
@@ -86,7 +86,7 @@ class CodeTraining:
         index = self._order.pop()
         targets = views.targets(int(views.frame[index]))
         self._adam.zero_grad()
-        values = shown_codes(self.code, self._options.unit_codes).flatten(1)
+        values = shown_codes(self.code, self._options.normalize_codes).flatten(1)
         image, _ = render_values(gaussians, values, views.camera, views.camera_to_world[index], lens)
         codes = image.permute(2, 0, 1).unflatten(0, targets.codes.shape[:2])
         loss = code_l1(codes, targets, views.weight(index))
@@ -126,6 +126,6 @@ class CodeTraining:
         self._loss = state["loss"].to(self.code.device)
 
 
-def shown_codes(code: Tensor, unit_codes: bool) -> Tensor:
+def shown_codes(code: Tensor, normalize_codes: bool) -> Tensor:
     """(N, L, C) codes as they are rendered: of unit norm where that is asked for, 0 where they are 0."""
-    return torch.nn.functional.normalize(code, dim=-1, eps=1e-9) if unit_codes else code
+    return torch.nn.functional.normalize(code, dim=-1, eps=1e-9) if normalize_codes else code

@@ -27,8 +27,8 @@ def coerced(config: Mapping[str, Any]) -> Config:
         if isinstance(sets := found.get(named), Mapping):
             found[named] = {name: _coerced(keys, {"properties": sections}) for name, keys in sets.items()}
     tradeoff = found.get("tradeoff")
-    if isinstance(tradeoff, Mapping) and isinstance(knobs := tradeoff.get("knobs"), Mapping):
-        found["tradeoff"] = {**tradeoff, "knobs": {key: _coerced_knob(key, knobs[key]) for key in knobs}}
+    if isinstance(tradeoff, Mapping) and isinstance(knobs := tradeoff.get("sweep"), Mapping):
+        found["tradeoff"] = {**tradeoff, "sweep": {key: _coerced_knob(key, knobs[key]) for key in knobs}}
     return found
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from egosplat.pipeline.dag import default_pages
 from egosplat.pipeline.scenes import Scene
 
-ABLATIONS = ("baseline", "aggregation", "initial")
+ABLATIONS = ("baseline", "no_masks", "network_masks")
 """The variants that have rows in the tables, beside the scene itself."""
 
 

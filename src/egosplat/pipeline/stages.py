@@ -204,7 +204,7 @@ _STAGES = (
         libraries=("jsonschema", "numpy", "opencv-contrib-python-headless", "scipy", "torch", "zarr"),
         sections=("metrics",),
         # The other keys of the section are of egosplat's own maps.
-        keys={"query": ("smoothing", "segmentation_threshold", "majority")},
+        keys={"query": ("box_filter", "segmentation_threshold", "majority_filter")},
         scene=("title",),
     ),
     Stage(

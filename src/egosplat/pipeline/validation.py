@@ -113,6 +113,34 @@ _ALLOWED = {
 _REMOVED = {"budget": "set preset to fast, balanced or paper (docs/speed.md)"}
 """Keys that earlier versions had, and what to use now."""
 
+_RENAMED = {
+    "tradeoff.knobs": "sweep",
+    "segments.min_uncovered": "min_uncovered_fraction",
+    "segments.new_cover_thresh": "max_covered_new",
+    "segments.share_iou": "cross_level_iou",
+    "segments.absent_stride": "lost_track_stride",
+    "features.renormalise": "normalize",
+    "features.target": "supervision",
+    "features.outliers": "outlier_target",
+    "features.slipped": "mismatched_views",
+    "transient.lambda2": "transient_penalty",
+    "transient.density": "strategy",
+    "transient.cover": "densify_init",
+    "splats.lambda1": "feature_weight",
+    "splats.density": "strategy",
+    "splats.cover": "densify_init",
+    "language.unit_codes": "normalize_codes",
+    "query.smoothing": "box_filter",
+    "query.majority": "majority_filter",
+    "metrics.target": "hit_region",
+}
+"""Keys by the name that they had before this version, with their new name; for one release."""
+
+
+def renamed(section: str, key: str) -> str | None:
+    """The new name of a key, by its section and the name that it had before this version."""
+    return _RENAMED.get(f"{section}.{key}")
+
 
 def explained(error: ValidationError) -> str:
     """Which key is wrong, its value, and what is allowed, in one line."""
@@ -136,6 +164,8 @@ def _unknown(error: ValidationError, key: str) -> str:
     near = difflib.get_close_matches(name, known, n=1)
     if not key and unknown in _REMOVED:
         return f"key {unknown!r} was removed; {_REMOVED[unknown]}"
+    if new := renamed(key.rpartition(".")[2], unknown):
+        return f"key '{key}.{unknown}' was renamed; write {new!r}"
     if colon and name in known:
         advice = f"write a blank after the colon: {name}: {value[:_LONGEST]}"
     elif near:

@@ -14,7 +14,7 @@ from egosplat.pipeline.dag import inputs_of
 from egosplat.pipeline.scenes import Scene, Target, check_recording, find_scene
 from egosplat.pipeline.stages import STAGES
 
-OVER = "over"
+EXTENDS = "extends"
 """Key of a variant that names another, or a list of others, whose keys its own stand over; later ones over earlier."""
 
 NAMED = 8
@@ -64,7 +64,7 @@ def variant_config(base: Config, name: str, where: str) -> Config:
     """
     merged = base
     for one in _ancestry(base["variants"], name, where):
-        keys = {key: value for key, value in base["variants"][one].items() if key != OVER}
+        keys = {key: value for key, value in base["variants"][one].items() if key != EXTENDS}
         merged = configuration.merge(merged, keys)
     configuration.check(merged, f"variant {name}")
     if merged["synthetic"] != base["synthetic"]:
@@ -132,7 +132,7 @@ def _ancestry(variants: Mapping[str, Mapping[str, Any]], name: str, where: str) 
     def visit(one: str, above: tuple[str, ...]) -> None:
         if one in above:
             raise UserError(
-                f"variant {name}: stands over itself ({', '.join(above)}); change its key {OVER!r}"
+                f"variant {name}: stands over itself ({', '.join(above)}); change its key {EXTENDS!r}"
             )
         if one not in variants:
             raise UserError(
@@ -150,7 +150,7 @@ def _ancestry(variants: Mapping[str, Mapping[str, Any]], name: str, where: str) 
 
 def _below(variants: Mapping[str, Mapping[str, Any]], name: str) -> list[str]:
     """Those that a variant stands over itself."""
-    below = variants[name].get(OVER, [])
+    below = variants[name].get(EXTENDS, [])
     return [below] if isinstance(below, str) else below
 
 

@@ -69,7 +69,7 @@ def find_in_maps(maps: Map, valid: Mask, options: QueryOptions) -> Found | None:
         maps: (L, h, w) float32 relevancy in 0..1, NaN where nothing is seen; of the picture resized, with pixel centres
             where they were.
         valid: (H, W) bool pixels of the picture that show the scene; there is no answer elsewhere.
-        options: ``smoothing``, ``segmentation_threshold`` and ``majority`` are used.
+        options: ``box_filter``, ``segmentation_threshold`` and ``majority_filter`` are used.
 
     Returns:
         None where nothing is seen at any level.
@@ -85,7 +85,7 @@ def find_in_maps(maps: Map, valid: Mask, options: QueryOptions) -> Found | None:
     filled = (fill_unseen(*level) for level in zip(maps, seen, strict=True))
     raw = np.stack([_resize(level, valid.shape, cv2.INTER_LINEAR) for level in filled])
     longer = max(valid.shape)
-    filtered = np.stack([box_filter(level, options.smoothing_px(longer)) for level in raw])
+    filtered = np.stack([box_filter(level, options.box_filter_px(longer)) for level in raw])
     location = localize(filtered, shown)
     mask = segment(raw, filtered, shown, options.segmentation_threshold, options.majority_px(longer))
     if location is None or mask is None:

@@ -96,7 +96,7 @@ def ask_scene(index: SceneIndex, texts: Texts, options: QueryOptions, most: int)
     Args:
         index: of the scene.
         texts: the queries, by the model that the scene's features were made with.
-        options: ``temperature``, ``segmentation_threshold`` and ``smoothing`` are used.
+        options: ``temperature``, ``segmentation_threshold`` and ``box_filter`` are used.
         most: things an answer names at most.
     """
     scene = index.scene
@@ -107,8 +107,8 @@ def ask_scene(index: SceneIndex, texts: Texts, options: QueryOptions, most: int)
     for part in texts.in_parts(max(1, _NUMBERS_AT_ONCE // max(1, levels * count))):
         maps = relevancy_maps(codes, seen, scene.decoder, part, options.temperature)[..., 0]
         for phrase, relevancy in zip(part.phrases, maps.cpu().numpy(), strict=True):
-            threshold, smoothing = options.segmentation_threshold, options.smoothing
-            things = find_things(index.surface, relevancy, threshold, smoothing, most)
+            threshold, box_side = options.segmentation_threshold, options.box_filter
+            things = find_things(index.surface, relevancy, threshold, box_side, most)
             yield SceneAnswer(phrase, tuple(things))
 
 

@@ -139,7 +139,7 @@ class Surface:
 
 
 def find_things(
-    surface: Surface, relevancy: Floats, threshold: float, smoothing: float, most: int
+    surface: Surface, relevancy: Floats, threshold: float, box_side: float, most: int
 ) -> list[Thing]:
     """The things that fit a query best, told apart in 3D.
 
@@ -154,14 +154,14 @@ def find_things(
         surface: what is asked.
         relevancy: (L, N) float32 in 0..1.
         threshold: of the smoothed relevancy, 0..1.
-        smoothing: side of the box filter, as a share of the picture's side.
+        box_side: side of the box filter, as a share of the picture's side.
         most: number of things at most.
 
     Returns:
         Things by falling score, no two of which are the same, see ``SAME``.
     """
     found = [
-        _thing(surface, values, members, level, smoothing)
+        _thing(surface, values, members, level, box_side)
         for level, values in enumerate(relevancy)
         for members in _parts(surface, values, level, threshold)
     ]
@@ -189,7 +189,7 @@ def _parts(surface: Surface, values: Floats, level: int, threshold: float) -> li
 
 
 def _thing(
-    surface: Surface, values: Floats, members: NDArray[np.int64], level: int, smoothing: float
+    surface: Surface, values: Floats, members: NDArray[np.int64], level: int, box_side: float
 ) -> Thing:
     weight, means = surface.weight[members, level].astype(np.float64), surface.means[members]
     total = weight.sum()
@@ -199,7 +199,7 @@ def _thing(
     return Thing(
         members=members,
         level=level,
-        score=float(weight @ values[members] / total * shown[view] / (shown[view] + smoothing**2)),
+        score=float(weight @ values[members] / total * shown[view] / (shown[view] + box_side**2)),
         view=view,
         centre=weight @ means / total,
         low=low,

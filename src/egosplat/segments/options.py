@@ -27,13 +27,13 @@ class SegmentsOptions:
     # Which instances are tracked (docs/method.md#prompting), and which of them are kept.
     prompting: str
     key_frame_stride: int
-    min_uncovered: float
-    new_cover_thresh: float
+    min_uncovered_fraction: float
+    max_covered_new: float
     merge_iou: float
     min_frames: int
     max_instances: int
-    share_iou: float
-    absent_stride: int
+    cross_level_iou: float
+    lost_track_stride: int
     levels: str
     batch: int
 

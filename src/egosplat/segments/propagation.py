@@ -42,16 +42,16 @@ class Group:
 class Follower:
     """Follows groups of objects from frame to frame, forwards or backwards."""
 
-    def __init__(self, sam2: Sam2, frames: int, absent_stride: int = 1) -> None:
+    def __init__(self, sam2: Sam2, frames: int, lost_track_stride: int = 1) -> None:
         """Prepare.
 
         Args:
             frames: how many the video has.
-            absent_stride: objects that were not seen for so many frames are looked for in every so manieth frame
+            lost_track_stride: objects that were not seen for so many frames are looked for in every so manieth frame
                 alone; in those between, they are taken for absent and remembered as they were.
         """
         self._model = sam2.video_predictor
-        self._frames, self._absent_stride = frames, absent_stride
+        self._frames, self._absent_stride = frames, lost_track_stride
 
     def begin(self, encoded: Encoded, frame: int, ids: list[int], logits: Tensor) -> Group:
         """Objects from masks on one frame: (K, M, M) logits of the model's own masks."""

@@ -43,7 +43,7 @@ class Tracker:
         self._levels = [Level() for _ in LEVELS]
         self._instances: list[Instance] = []
         self._labels = LabelMaps((len(LEVELS), *valid.shape))
-        self._follower = Follower(sam2, frames, options.absent_stride)
+        self._follower = Follower(sam2, frames, options.lost_track_stride)
         self._key_frames: list[int] = []
         self._ahead = self._back = 0
         side = sam2.video_predictor.image_size // 4
@@ -138,7 +138,7 @@ class Tracker:
         """Prompt where a level is not covered, and begin to follow what is new there."""
         followed = [together(found, self._inside)[1] for found in seen]
         free = [self._inside & ~union_of(masks) for masks in followed]
-        least = self._options.min_uncovered * float(self._inside.sum())
+        least = self._options.min_uncovered_fraction * float(self._inside.sum())
         asked = [number for number, place in enumerate(free) if float(place.sum()) > least]
         points = grid_points(self._options.points_per_side)
         side = self._inside.shape[0]
@@ -153,11 +153,9 @@ class Tracker:
         begun: Seen = [], self._inside.new_zeros(0, *self._inside.shape)
         for number in reversed(asked):
             new = thin_out(found[number], self._options)
-            new = only_new(
-                new, followed[number], self._options.new_cover_thresh, self._options.nms_iou_thresh
-            )
+            new = only_new(new, followed[number], self._options.max_covered_new, self._options.nms_iou_thresh)
             new = new.take(new.scores.argsort(descending=True, stable=True)[: self._room(number)])
-            alike = matches(new.masks, begun[1], self._options.share_iou)
+            alike = matches(new.masks, begun[1], self._options.cross_level_iou)
             self._begin_shared(
                 frame,
                 number,

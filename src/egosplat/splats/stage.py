@@ -50,11 +50,11 @@ class SplatsOptions:
 
     masking: str
     language: str
-    lambda1: float
+    feature_weight: float
     iterations: int
-    density: str
+    strategy: str
     max_points: int
-    cover: bool
+    densify_init: bool
     max_gaussians: int
     sh_degree: int | str
     ssim_lambda: float
@@ -84,7 +84,7 @@ class SplatsOptions:
                 backend=self.backend,
             ),
             iterations=self.iterations,
-            density=self.density,
+            strategy=self.strategy,
             max_gaussians=self.max_gaussians,
             position_lr=self.position_lr,
             grow_grad2d=self.grow_grad2d,
@@ -135,7 +135,7 @@ def run(
         walk,
         photographs.training,
         max_points=min(options.max_points, options.max_gaussians),
-        cover=options.cover,
+        densify_init=options.densify_init,
         sh_degree=MAX_SH_DEGREE if isinstance(options.sh_degree, str) else options.sh_degree,
         near_plane=options.near_plane,
         seed=options.seed,
@@ -143,7 +143,7 @@ def run(
     objective: Objective = L1Ssim(options.ssim_lambda)
     if words:
         targets = CodeTargets(*words, photographs.training.device)
-        objective = JointLanguage(options.ssim_lambda, options.lambda1, targets)
+        objective = JointLanguage(options.ssim_lambda, options.feature_weight, targets)
         start = replace(start, features=with_codes(start.count, targets, start.means.device))
     checkpoint = Checkpoint(output, provenance.key_of(made), options.checkpoint_s)
     state = _trained(start, photographs, options.training, objective, checkpoint)

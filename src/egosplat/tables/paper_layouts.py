@@ -109,7 +109,7 @@ LAYOUTS = (
         _by_metric(AVERAGE),
         (
             Line("baseline", "baseline", (False, False)),
-            Line("aggregation", "aggregation", (True, False)),
+            Line("aggregation", "no_masks", (True, False)),
             Line("full", FULL, (True, True)),
         ),
         ("Multi-view aggregation", "Transient prediction"),
@@ -131,8 +131,8 @@ LAYOUTS = (
         ("scene1",),
         _by_metric("scene1"),
         (
-            Line("none", "aggregation", (False, False)),
-            Line("initial", "initial", (True, False)),
+            Line("none", "no_masks", (False, False)),
+            Line("initial", "network_masks", (True, False)),
             Line("refined", FULL, (True, True)),
         ),
         ("Initial stage", "Refinement stage"),

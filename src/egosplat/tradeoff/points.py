@@ -17,7 +17,7 @@ from egosplat.errors import UserError
 from egosplat.pipeline.config import Config, section_keys
 from egosplat.pipeline.presets import QUESTIONS, preset_keys
 from egosplat.pipeline.scenes import Scene, read_scenes
-from egosplat.pipeline.variants import OVER, reaches, variant_config, variant_folder
+from egosplat.pipeline.variants import EXTENDS, reaches, variant_config, variant_folder
 
 PRESET = "preset"
 """The knob whose values are presets."""
@@ -88,14 +88,14 @@ def with_points(config: Config, presets: Path, format: str) -> Config:
         name = variant_name(setting)
         if name in settings:
             raise UserError(
-                f"tradeoff.knobs: {setting.knob} has two values of the name {name}; take one of them"
+                f"tradeoff.sweep: {setting.knob} has two values of the name {name}; take one of them"
             )
         settings[name] = _keys(setting, presets, format)
     found = dict(settings)
     for seed in config["tradeoff"]["seeds"]:
         over = _seed_name(seed)
         found[over] = {section: {"seed": seed} for section in SEEDED}
-        found |= {_with_seed(name, seed): {OVER: [name, over]} for name in settings}
+        found |= {_with_seed(name, seed): {EXTENDS: [name, over]} for name in settings}
     if taken := sorted(set(found) & set(config["variants"])):
         raise UserError(
             f"variants: {taken[0]} is the name of a point of the section tradeoff; give it another name"
@@ -150,13 +150,13 @@ def shown(value: Any) -> str:
 def _settings(config: Config) -> Iterator[Setting]:
     about = config["tradeoff"]
     yield from (Setting(PRESET, name) for name in about["presets"])
-    for knob, values in about["knobs"].items():
+    for knob, values in about["sweep"].items():
         _check_knob(knob)
         yield from (Setting(knob, value) for value in values)
 
 
 def _own_settings(config: Config) -> Iterator[Setting]:
-    for knob in config["tradeoff"]["knobs"]:
+    for knob in config["tradeoff"]["sweep"]:
         section, _, key = knob.partition(".")
         yield Setting(knob, config[section][key])
 
@@ -167,13 +167,13 @@ def _check_knob(knob: str) -> None:
     if key not in known:
         near = difflib.get_close_matches(key, known, n=1)
         advice = f"did you mean {section}.{near[0]}?" if near else "egosplat keys tells all"
-        raise UserError(f"tradeoff.knobs: no key {knob}; {advice}")
+        raise UserError(f"tradeoff.sweep: no key {knob}; {advice}")
     if section in QUESTIONS or knob in QUESTIONS:
         raise UserError(
-            f"tradeoff.knobs: with other values of {knob} scores cannot be compared; leave it out"
+            f"tradeoff.sweep: with other values of {knob} scores cannot be compared; leave it out"
         )
     if key == "seed" or section == "tradeoff":
-        raise UserError(f"tradeoff.knobs: {knob} is no knob; leave it out (seeds stand in tradeoff.seeds)")
+        raise UserError(f"tradeoff.sweep: {knob} is no knob; leave it out (seeds stand in tradeoff.seeds)")
 
 
 def _keys(setting: Setting, presets: Path, format: str) -> Config:

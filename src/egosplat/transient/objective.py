@@ -24,22 +24,22 @@ class InitialOptions:
     Attributes:
         iterations: length of the run.
         warmup: iterations at its beginning in which the Gaussians are trained alone.
-        lambda2: what calling a pixel transient costs; H does so where the residual is larger.
+        transient_penalty: what calling a pixel transient costs; H does so where the residual is larger.
         residual: ``mean`` or ``sum`` of the squared differences over the channels.
         lr: Adam's learning rate for H.
     """
 
     iterations: int
     warmup: int
-    lambda2: float
+    transient_penalty: float
     residual: str
     lr: float
 
 
 class InitialObjective:
-    """L_init = mean over pixels of (1 - M) d_I + lambda2 |M|, with d_I the squared difference (the paper's).
+    """L_init = mean over pixels of (1 - M) d_I + transient_penalty |M|, with d_I the squared difference (the paper's).
 
-    For a constant residual e of a pixel the optimum is M = 0 where e < lambda2, else 1
+    For a constant residual e of a pixel the optimum is M = 0 where e < transient_penalty, else 1
     (docs/method.md#transient-loss). H never gets there, and how far it gets depends on learning rate and iterations.
 
     Attributes:
@@ -68,7 +68,7 @@ class InitialObjective:
         self._probability[self._iteration - 1] = probability.detach().mean()
         static = 1.0 - probability
         weight = static if views.valid is None else views.valid * static
-        return factor * l2(image, picture, weight) + self._options.lambda2 * probability.mean()
+        return factor * l2(image, picture, weight) + self._options.transient_penalty * probability.mean()
 
     def step(self) -> None:
         """One step of H; none in the warm-up, and none by a gradient that is not finite."""

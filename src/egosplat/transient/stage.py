@@ -42,16 +42,16 @@ class TransientOptions:
     iterations: int
     warmup: float
     resolution: int
-    lambda2: float
+    transient_penalty: float
     residual: str
     lr: float
     input_size: int
     encoder_weights: str | None
     batch_norm: str
-    density: str
+    strategy: str
     schedule: str
     max_points: int
-    cover: bool
+    densify_init: bool
     max_gaussians: int
     grow_grad2d: float
     reset_opacity: float
@@ -75,7 +75,7 @@ class TransientOptions:
                 backend=self.backend,
             ),
             iterations=self.iterations,
-            density=self.density,
+            strategy=self.strategy,
             max_gaussians=self.max_gaussians,
             position_lr=POSITION_LR,
             grow_grad2d=self.grow_grad2d,
@@ -95,7 +95,7 @@ class TransientOptions:
         return InitialOptions(
             iterations=self.iterations,
             warmup=round(self.warmup * self.iterations),
-            lambda2=self.lambda2,
+            transient_penalty=self.transient_penalty,
             residual=self.residual,
             lr=self.lr,
         )
@@ -129,7 +129,7 @@ def run(
         walk,
         views,
         max_points=min(options.max_points, options.max_gaussians),
-        cover=options.cover,
+        densify_init=options.densify_init,
         sh_degree=options.sh_degree,
         near_plane=options.near_plane,
         seed=options.seed,

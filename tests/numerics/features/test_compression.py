@@ -163,7 +163,7 @@ def test_the_stage(tmp_path, capsys, kind, target):
     rows[8] = -rows[7]
     instance = np.array([0, 0, 1, 2, 2, 2, 2, 3, 3, 4, 5, 5], np.int32)
     write_view_features(tmp_path, rows, instance)
-    keys = defaults()["features"] | {"compression": kind, "dims": 3, "epochs": 2, "target": target}
+    keys = defaults()["features"] | {"compression": kind, "dims": 3, "epochs": 2, "supervision": target}
     stage.run(tmp_path / "view_features.zarr", tmp_path / "features.zarr", stage.FeaturesOptions(**keys))
     assert "3 of 12 views are left out" in capsys.readouterr().err
     made = open_artifact(tmp_path / "features.zarr", FEATURES)

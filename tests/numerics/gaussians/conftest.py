@@ -21,7 +21,7 @@ KEYS = defaults()["splats"] | {
     "masking": "none",
     "iterations": 40,
     "max_points": 60,
-    "cover": False,
+    "densify_init": False,
     "max_gaussians": 80,
     "evaluate_every": 20,
     "sh_degree": 1,

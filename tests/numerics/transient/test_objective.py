@@ -1,4 +1,4 @@
-"""The network's loss with lambda2 at its ends, and pictures and residuals that are extreme."""
+"""The network's loss with transient_penalty at its ends, and pictures and residuals that are extreme."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from egosplat.transient.network import make_network
 from egosplat.transient.objective import InitialObjective, InitialOptions
 
 SIZE = 32
-OPTIONS = InitialOptions(iterations=40, warmup=0, lambda2=0.004, residual="mean", lr=3e-3)
+OPTIONS = InitialOptions(iterations=40, warmup=0, transient_penalty=0.004, residual="mean", lr=3e-3)
 
 
 @pytest.fixture
@@ -67,30 +67,34 @@ def test_the_loss(views, measured, offset, residual):
         probability = one.net(picture, SIZE, SIZE).double()
         found = one.loss(image, views, 0).item()
     error = (image.double() - picture).square().sum(dim=2) * (1.0 if residual == "sum" else 1 / 3)
-    truth = float(((1 - probability) * error).mean() + OPTIONS.lambda2 * probability.mean())
+    truth = float(((1 - probability) * error).mean() + OPTIONS.transient_penalty * probability.mean())
     measured(abs(found - truth) / truth)
 
 
-@pytest.mark.numerics("lambda2 = 0: masking costs nothing", outside="the probability rises; nothing is NaN")
+@pytest.mark.numerics(
+    "transient_penalty = 0: masking costs nothing", outside="the probability rises; nothing is NaN"
+)
 def test_lambda2_of_zero(views):
-    one = objective(lambda2=0.0, lr=1e-2)
-    losses = trained(one, views, 0.3, 20)
-    assert sound(one) and losses[-1] < losses[0]
-
-
-@pytest.mark.numerics("lambda2 = 1e6: masking never pays", outside="the probability falls; nothing is NaN")
-def test_a_huge_lambda2(views):
-    one = objective(lambda2=1e6, lr=1e-2)
+    one = objective(transient_penalty=0.0, lr=1e-2)
     losses = trained(one, views, 0.3, 20)
     assert sound(one) and losses[-1] < losses[0]
 
 
 @pytest.mark.numerics(
-    "lambda2 = 1e30: gradients whose norm overflows float32",
+    "transient_penalty = 1e6: masking never pays", outside="the probability falls; nothing is NaN"
+)
+def test_a_huge_lambda2(views):
+    one = objective(transient_penalty=1e6, lr=1e-2)
+    losses = trained(one, views, 0.3, 20)
+    assert sound(one) and losses[-1] < losses[0]
+
+
+@pytest.mark.numerics(
+    "transient_penalty = 1e30: gradients whose norm overflows float32",
     outside="no step is taken: the network stays as it was",
 )
 def test_lambda2_beyond_float32(views):
-    one = objective(lambda2=1e30)
+    one = objective(transient_penalty=1e30)
     before = [p.detach().clone() for p in one.net.parameters()]
     trained(one, views, 0.3, 3)
     assert sound(one)
@@ -132,7 +136,7 @@ def test_no_valid_pixel(views, measured):
         mean = one.net(blind.picture(0), SIZE, SIZE).double().mean()
     loss = one.loss(image, blind, 0)
     loss.backward()
-    measured(abs(loss.item() - OPTIONS.lambda2 * float(mean)))
+    measured(abs(loss.item() - OPTIONS.transient_penalty * float(mean)))
     assert not image.grad.any()
 
 

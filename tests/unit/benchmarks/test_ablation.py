@@ -72,8 +72,8 @@ def test_variants_are_compared_query_by_query():
     better = answered(*((name, n < 7, 0.5) for n, name in enumerate(names)))
     worse = answered(*((name, n == 7, 0.3) for n, name in enumerate(names)))
     scenes = {
-        "adt/scene1": {"baseline": worse, "aggregation": better, "initial": better, "full": better},
-        "adt/scene2": {"baseline": worse, "aggregation": worse, "initial": worse, "full": better},
+        "adt/scene1": {"baseline": worse, "no_masks": better, "network_masks": better, "full": better},
+        "adt/scene2": {"baseline": worse, "no_masks": worse, "network_masks": worse, "full": better},
     }
     rows = differences(scenes).splitlines()[2:]
     assert len(rows) == len(COMPARED)

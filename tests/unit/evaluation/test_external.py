@@ -104,7 +104,7 @@ def scored(tmp_path, scene):
         defaults = {name: key["default"] for name, key in stage_keys("method_metrics").items()}
         paths = {name: scene / f"{name}.zarr" for name in ("frames", "poses", "annotations")}
         output = tmp_path / "metrics.json"
-        keys = defaults | {"resamples": 50, "smoothing": 0.0, "majority": 0.0} | keys
+        keys = defaults | {"resamples": 50, "box_filter": 0.0, "majority_filter": 0.0} | keys
         options = other_methods.MethodMetricsOptions(**keys)
         other_methods.run(**paths, relevancy=relevancy, output=output, options=options, title="adt/scene1")
         return json.loads(output.read_text())

@@ -148,7 +148,7 @@ def test_provenance_names_inputs_options_and_versions(word_scene, scored):
     assert found["models"]["clip_checkpoint"]["small"]
     own, parts = found["provenance"], found["artifacts"].values()
     assert own["models"] == {"clip_checkpoint": found["models"]["clip_checkpoint"]["hash"]}
-    assert own["options"]["temperature"] == 10.0 and own["options"]["target"] == "box"
+    assert own["options"]["temperature"] == 10.0 and own["options"]["hit_region"] == "box"
     assert found["total"]["wall_s"] == pytest.approx(own["wall_s"] + sum(one["wall_s"] for one in parts))
     assert found["total"]["peak_memory_mb"] >= own["peak_memory_mb"]
     assert all(one["disk_mb"] > 0 and one["cpu_s"] >= 0 for one in parts)

@@ -53,12 +53,12 @@ def test_the_wrong_view_is_left_out(run, feature, mad_norm):
 
 
 def test_supervision_is_the_average_and_of_unit_norm(run, feature):
-    features = run(slipped="average")
+    features = run(mismatched_views="average")
     consistent, supervision = features.read("consistent"), features.read("supervision")
     np.testing.assert_allclose(np.linalg.norm(supervision, axis=1), 1.0, rtol=1e-6)
     np.testing.assert_allclose(supervision[8], unit(feature[8] + consistent[2]), atol=1e-6)
     np.testing.assert_allclose(supervision[6], consistent[0], atol=1e-6)  # an outlier
-    kept_half = run(slipped="average", outliers="average").read("supervision")
+    kept_half = run(mismatched_views="average", outlier_target="average").read("supervision")
     np.testing.assert_allclose(kept_half[6], unit(feature[6] + consistent[0]), atol=1e-6)
 
 
@@ -77,7 +77,7 @@ def test_a_view_of_another_thing_keeps_its_own_feature(run, feature):
 
 def test_mismatched_views_are_averaged_unless_configured(run):
     views = unit(np.array([[1, 1, 1], [1, 1, 1], [-1, -1, -1]], np.float32))
-    features = run(views, [0] * 3, [0], compression="none", slipped="average")
+    features = run(views, [0] * 3, [0], compression="none", mismatched_views="average")
     assert features.facts["slipped"] == 0
 
 
@@ -87,7 +87,7 @@ def test_one_instance_alone_has_no_mismatched_views(run):
 
 
 def test_without_renormalising_means_keep_their_length(run, feature):
-    features = run(renormalise=False, mad_norm="none", slipped="average")
+    features = run(normalize=False, mad_norm="none", mismatched_views="average")
     consistent = features.read("consistent")
     np.testing.assert_allclose(consistent[0], feature[:7].mean(axis=0), atol=1e-6)
     assert np.linalg.norm(consistent[0]) < 0.95
@@ -97,7 +97,7 @@ def test_without_renormalising_means_keep_their_length(run, feature):
 def test_the_paper_s_reference_value(run):
     """Of 0, 1, 2, 3, 10 the consistent value is 1.5, the average of 10 is 5.75 (docs/method.md#supervision)."""
     feature = np.stack([np.array([0, 1, 2, 3, 10]), np.full(5, 1.0)], axis=1)
-    keys = {"renormalise": False, "outliers": "average", "compression": "none"}
+    keys = {"normalize": False, "outlier_target": "average", "compression": "none"}
     features = run(feature, [0] * 5, [0], **keys)
     assert features.read("consistent")[0].tolist() == [1.5, 1.0]
     assert features.read("supervision")[4].tolist() == [5.75, 1.0]
@@ -105,7 +105,7 @@ def test_the_paper_s_reference_value(run):
 
 @pytest.mark.parametrize("target", ["view", "consistent"])
 def test_supervision_without_an_average(run, feature, target):
-    features = run(target=target)
+    features = run(supervision=target)
     expected = feature if target == "view" else features.read("consistent")[INSTANCE]
     np.testing.assert_allclose(features.read("supervision"), expected, atol=1e-6)
 

@@ -24,7 +24,7 @@ from egosplat.geometry import Camera
 OPTIONS = TrainingOptions(
     render=RenderOptions(near_plane=0.1, background="black", antialiased=False, backend="auto"),
     iterations=60,
-    density="stock",
+    strategy="default",
     max_gaussians=80,
     position_lr=1.6e-4,
     grow_grad2d=2e-4,
@@ -72,9 +72,9 @@ def same(left: Gaussians, right: Gaussians) -> bool:
     return left.count == right.count and all(torch.equal(*pair) for pair in pairs)
 
 
-@pytest.mark.parametrize("density", ["stock", "mcmc"])
-def test_training_lowers_the_error_on_all_frames(trained, density):
-    state = trained(iterations=200, density=density, evaluate_every=100)
+@pytest.mark.parametrize("strategy", ["default", "mcmc"])
+def test_training_lowers_the_error_on_all_frames(trained, strategy):
+    state = trained(iterations=200, strategy=strategy, evaluate_every=100)
     curves = state.curves
     assert curves.evaluated == [100, 200] and curves.psnr[1] > curves.psnr[0]
     assert curves.psnr[1] > 24.0 and curves.ssim[1] > 0.8
@@ -111,11 +111,11 @@ class StoppingCheckpoint(Checkpoint):
     "changes",
     [
         {},
-        {"density": "mcmc"},
+        {"strategy": "mcmc"},
         {"patience": 5, "min_improvement": 0.0},
         {"searches_degree": True, "min_improvement": 100.0},
     ],
-    ids=["stock", "mcmc", "early stopping", "SH degree searched"],
+    ids=["default", "mcmc", "early stopping", "SH degree searched"],
 )
 def test_a_resumed_run_equals_an_uninterrupted_one(trained, start, photographs, tmp_path, changes):
     changes |= {"render": replace(OPTIONS.render, background="random")}
@@ -208,7 +208,7 @@ def test_regularisation_is_of_the_means(start):
 
 
 def test_options_scale_the_schedule_of_the_kind_of_density_control():
-    stock, mcmc = (replace(OPTIONS, iterations=3000, density=kind).schedule for kind in ("stock", "mcmc"))
+    stock, mcmc = (replace(OPTIONS, iterations=3000, strategy=kind).schedule for kind in ("default", "mcmc"))
     assert (
         stock.densify_until == STOCK.densify_until // 10
         and mcmc.densify_until == STOCK_MCMC.densify_until // 10

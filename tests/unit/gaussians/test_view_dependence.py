@@ -64,7 +64,7 @@ def test_a_glossy_scene_keeps_its_degree(scene, glossy):
 
 def test_the_frame_that_judges_is_trained_on_once_it_is_decided(scene, pictures):
     """The middle one of eight training frames decides; its picture matters after, not before."""
-    keys = {"min_improvement": 100.0, "cover": False}
+    keys = {"min_improvement": 100.0, "densify_init": False}
     found = run(scene(), **keys)
     assert found.facts["views"] == {"training": 8, "validation": 0, "held out": 1}
     blank = pictures.copy()

@@ -68,7 +68,7 @@ def scene(tmp_path, wall, camera_to_world, labels) -> Callable[..., Path]:
     """``scene(target=..., rows=..., levels=...)``: a folder with all that the stage reads but the splats.
 
     Args:
-        target: as features.target; rows: (instance, frame) of the views that were encoded, by default all.
+        target: as features.supervision; rows: (instance, frame) of the views that were encoded, by default all.
         levels: of the instances.
     """
 

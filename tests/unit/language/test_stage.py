@@ -89,11 +89,11 @@ def test_codes_trained_with_the_geometry_are_taken_as_they_are(scene):
 
 
 def test_joint_codes_are_rendered_in_queries_as_they_were_in_training(scene):
-    """Whatever language.unit_codes says: codes of another norm would be composited with other weights."""
+    """Whatever language.normalize_codes says: codes of another norm would be composited with other weights."""
     folder = scene()
     train(folder, language="joint")
     stored = verify(folder / "splats.zarr", SCHEMAS).read("features")
-    found = run(folder, "unit.zarr", unit_codes=True)
+    found = run(folder, "unit.zarr", normalize_codes=True)
     taught = found.read("share") > 0
     code = found.read("code")[taught]
     assert np.array_equal(code, stored.reshape(found.shape("code"))[taught])

@@ -12,7 +12,7 @@ from egosplat.language.training import CodeOptions, CodeTraining, shown_codes
 from egosplat.language.views import taught_views
 
 CPU = torch.device("cpu")
-OPTIONS = CodeOptions(iterations=60, lr=0.05, unit_codes=False, seed=0)
+OPTIONS = CodeOptions(iterations=60, lr=0.05, normalize_codes=False, seed=0)
 
 
 @pytest.fixture

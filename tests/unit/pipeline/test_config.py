@@ -151,7 +151,7 @@ def test_the_reference_page_holds_every_key_once_under_its_section():
         ({"transient": {"input_size": 100}}, "transient.input_size = 100 .* a multiple of 32"),
         ({"variants": {"a/b": {}}}, "variants = 'a/b' .* only letters, digits, _ and -"),
         ({"variants": {"a" * 201: {}}}, "variants = 'aaa.* at most 200 letters"),
-        ({"tradeoff": {"knobs": {"iterations": [5]}}}, "only section.key, as in splats.iterations"),
+        ({"tradeoff": {"sweep": {"iterations": [5]}}}, "only section.key, as in splats.iterations"),
         ({"tradeoff": {"seeds": [1, 1]}}, "tradeoff.seeds = .* each may stand in it once"),
         (
             {"poses": {"matching": "exhausting"}},

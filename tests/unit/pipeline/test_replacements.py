@@ -69,8 +69,8 @@ def record(folder, stage, attributes):
         ({}, {"splats": {"iterations": 9}}, ALL, {"splats"}),
         ({}, {"splats": {"iterations": 9}}, ("features.zarr",), set()),
         ({}, {"splats": {"iterations": 9}}, ("tradeoff/tradeoff.html",), {"splats"}),
-        ({}, {"query": {"smoothing": 0.0}}, ALL, {"metrics"}),
-        ({}, {"query": {"smoothing": 0.0}}, ("splats.png",), set()),
+        ({}, {"query": {"box_filter": 0.0}}, ALL, {"metrics"}),
+        ({}, {"query": {"box_filter": 0.0}}, ("splats.png",), set()),
         ({}, {"models": {"precision": "float32"}}, ALL, {"segments", "view_features", "metrics"}),
         ({"preset": "fast"}, {"preset": "fast"}, ALL, set()),
         ({}, {"preset": "balanced", "splats": {"iterations": 3000}}, ALL, set()),
@@ -107,7 +107,7 @@ def test_a_synthetic_recording_of_another_preset_is_replaced_too(scene):
 
 def test_the_variant_that_is_named_is_one_that_there_is(scene):
     """The presets compared in the section tradeoff are variants; one that is left out is none."""
-    now = {"preset": "fast", "tradeoff": {"presets": ["balanced"], "knobs": {}}}
+    now = {"preset": "fast", "tradeoff": {"presets": ["balanced"], "sweep": {}}}
     asked = scene(now)
     assert "fast" not in asked.config["variants"]
     assert "variants/NAME/metrics.json" in replacement_notices([asked])[1]
@@ -115,11 +115,11 @@ def test_the_variant_that_is_named_is_one_that_there_is(scene):
 
 
 def test_other_keys_are_given_as_a_variant_would_have_them(scene):
-    asked = scene({"splats": {"iterations": 9, "cover": False}})
+    asked = scene({"splats": {"iterations": 9, "densify_init": False}})
     told, way = replacement_notices([asked])
     assert "preset" not in told and "splats.iterations 3000 -> 9" in told
-    assert "variants: {NAME: {splats: {iterations: 9, cover: false}}}" in way or (
-        "variants: {NAME: {splats: {cover: false, iterations: 9}}}" in way
+    assert "variants: {NAME: {splats: {iterations: 9, densify_init: false}}}" in way or (
+        "variants: {NAME: {splats: {densify_init: false, iterations: 9}}}" in way
     )
     assert f"{asked.folder}/variants/NAME/metrics.json" in way
 

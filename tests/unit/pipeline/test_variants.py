@@ -31,7 +31,7 @@ def test_a_key_reaches_its_stage_and_those_after_it():
     assert reached(features={"mad_k": 2.0}).isdisjoint({"view_features", "splats", "masks"})
     assert reached(splats={"masking": "none"}) >= {"splats", "language"}
     assert reached(splats={"masking": "none"}).isdisjoint({"masks", "transient", "features"})
-    assert reached(transient={"lambda2": 0.1}) >= {"transient", "masks", "splats", "language"}
+    assert reached(transient={"transient_penalty": 0.1}) >= {"transient", "masks", "splats", "language"}
     assert reached(frames={"stride": 3}) >= {"frames", "poses", "segments", "features", "transient", "splats"}
 
 
@@ -70,7 +70,7 @@ def test_a_survey_reaches_the_splats_where_it_decides_their_masking():
 
 
 def test_transient_keys_reach_splats_if_the_survey_decides():
-    changed = merge(ALL_FRAMES, {"transient": {"lambda2": 0.1}})
+    changed = merge(ALL_FRAMES, {"transient": {"transient_penalty": 0.1}})
     assert reaches("splats", ALL_FRAMES, changed) and not reaches("survey", ALL_FRAMES, changed)
 
 
@@ -86,10 +86,10 @@ OVER = merge(
         "splats": {"masking": "refined"},
         "variants": {
             "short": {"splats": {"iterations": 5}},
-            "narrow": {"over": "short", "features": {"dims": 4}},
-            "back": {"over": "narrow", "features": {"dims": BASE["features"]["dims"]}},
+            "narrow": {"extends": "short", "features": {"dims": 4}},
+            "back": {"extends": "narrow", "features": {"dims": BASE["features"]["dims"]}},
             "dense": {"segments": {"points_per_side": 4}, "splats": {"iterations": 7}},
-            "both": {"over": ["dense", "short"]},
+            "both": {"extends": ["dense", "short"]},
         },
     },
 )
@@ -98,7 +98,7 @@ OVER = merge(
 def test_a_variant_inherits_keys():
     found = variant_config(OVER, "narrow", "adt/scene1")
     assert (found["splats"]["iterations"], found["features"]["dims"]) == (5, 4)
-    assert "over" not in found
+    assert "extends" not in found
 
 
 def test_later_parents_of_a_variant_win():
@@ -130,14 +130,14 @@ def test_a_variant_shares_artifacts_with_its_parents(name, expected):
         ({"mine": {"splat": {"masking": "none"}}}, "mine", "did you mean 'splats'"),
         ({"mine": {"synthetic": {"seed": 9}}}, "mine", "leave out the section synthetic"),
         ({"mine": {"preset": "fast"}}, "mine", "preset is chosen for all; leave it out"),
-        ({"mine": {"over": "nope"}}, "mine", "no variant 'nope'.*take one of: baseline"),
-        ({"a": {"over": "b"}, "b": {"over": "a"}}, "a", "variant a: stands over itself .a, b."),
+        ({"mine": {"extends": "nope"}}, "mine", "no variant 'nope'.*take one of: baseline"),
+        ({"a": {"extends": "b"}, "b": {"extends": "a"}}, "a", "variant a: stands over itself .a, b."),
         (
-            {"a": {"over": ["c", "b"]}, "b": {"over": "a"}, "c": {}},
+            {"a": {"extends": ["c", "b"]}, "b": {"extends": "a"}, "c": {}},
             "a",
             "variant a: stands over itself .a, b.",
         ),
-        ({"a": {"over": ["c", "d"]}, "c": {}}, "a", "no variant 'd'"),
+        ({"a": {"extends": ["c", "d"]}, "c": {}}, "a", "no variant 'd'"),
         ({f"v{i}": {} for i in range(20)}, "mine", r"v3, v4, 15 more$"),
     ],
 )

@@ -38,7 +38,7 @@ def scene() -> LanguageScene:
 @pytest.mark.parametrize("resolution", [0, 32])
 def test_things_are_found_at_their_position(scene, resolution):
     texts = Texts(("left", "right"), torch.eye(4)[:2], torch.eye(4)[2:3])
-    options = replace(LANGSPLAT, smoothing=4 / 64, resolution=resolution)
+    options = replace(LANGSPLAT, box_filter=4 / 64, resolution=resolution)
     answers = ask(scene, texts, CAMERA, np.eye(4), None, options)
     for answer, place in zip(answers, scene.gaussians.means.numpy(), strict=True):
         assert answer.score > 0.99 and answer.mask.shape == (48, 64)

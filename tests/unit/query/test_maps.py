@@ -15,7 +15,7 @@ from egosplat.query.relevancy import relevancy_maps
 from egosplat.query.text import Texts
 
 SIZE = 48
-OPTIONS = replace(LANGSPLAT, smoothing=6 / SIZE, majority=7 / SIZE)
+OPTIONS = replace(LANGSPLAT, box_filter=6 / SIZE, majority_filter=7 / SIZE)
 ALL = np.ones((SIZE, SIZE), bool)
 
 

@@ -11,17 +11,17 @@ from egosplat.query.options import CANONICAL, LANGSPLAT, QueryOptions
 def test_defaults_are_langsplats():
     assert CANONICAL == ("object", "things", "stuff", "texture")
     assert (LANGSPLAT.temperature, LANGSPLAT.segmentation_threshold) == (10.0, 0.7)
-    assert (LANGSPLAT.smoothing_px(1408), LANGSPLAT.majority_px(1408)) == (30, 7)
+    assert (LANGSPLAT.box_filter_px(1408), LANGSPLAT.majority_px(1408)) == (30, 7)
 
 
 @pytest.mark.parametrize("longer, smoothing, majority", [(1056, 22, 5), (512, 11, 3), (96, 2, 1), (1, 1, 1)])
 def test_squares_go_with_the_picture(longer, smoothing, majority):
-    assert (LANGSPLAT.smoothing_px(longer), LANGSPLAT.majority_px(longer)) == (smoothing, majority)
+    assert (LANGSPLAT.box_filter_px(longer), LANGSPLAT.majority_px(longer)) == (smoothing, majority)
 
 
 def test_squares_can_be_left_out():
-    options = replace(LANGSPLAT, smoothing=0.0, majority=0.0)
-    assert (options.smoothing_px(1408), options.majority_px(1408)) == (1, 1)
+    options = replace(LANGSPLAT, box_filter=0.0, majority_filter=0.0)
+    assert (options.box_filter_px(1408), options.majority_px(1408)) == (1, 1)
 
 
 def test_the_configuration_s_defaults_are_langsplat_s():
@@ -40,9 +40,9 @@ def test_the_configuration_s_defaults_are_langsplat_s():
         ("resolution", -1),
         ("min_coverage", 0.0),
         ("min_coverage", 1.0),
-        ("smoothing", -0.1),
+        ("box_filter", -0.1),
         ("segmentation_threshold", 1.0),
-        ("majority", 1.1),
+        ("majority_filter", 1.1),
         ("min_score", -0.1),
         ("min_score", 1.1),
     ],

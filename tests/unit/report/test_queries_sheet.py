@@ -89,7 +89,7 @@ def test_what_was_found_is_on_the_left_and_what_was_missed_on_the_right(word_sce
 
 def test_the_maps_are_those_that_were_scored(word_scene):
     folder = word_scene()
-    scored = read_scored_scene(score(folder, resolution=40, canonical=["thing"], smoothing=0.1))
+    scored = read_scored_scene(score(folder, resolution=40, canonical=["thing"], box_filter=0.1))
     sources = open_sources([folder / f"{name}.zarr" for name in NAMES], scored)
     queries = scored_queries(scored.document)
     shown = {one.scored: one for one in ask_again(queries, sources, scored.document["provenance"]["options"])}

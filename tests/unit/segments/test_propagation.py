@@ -118,7 +118,7 @@ def test_what_is_long_unseen_is_looked_for_now_and_then(sam2, video, monkeypatch
     monkeypatch.setattr(Follower, "_track", track)
     with sam2.compute.inference():
         encoded = encode(sam2, video[0])
-        follower = Follower(sam2, 12, absent_stride=2)
+        follower = Follower(sam2, 12, lost_track_stride=2)
         group = follower.begin(encoded, 0, [0, 1], logits(video))
         group.begun["obj_ptr"] = torch.arange(2.0)[:, None].expand(2, 128).clone()
         seen = {}
@@ -134,7 +134,7 @@ def test_what_is_long_unseen_is_looked_for_now_and_then(sam2, video, monkeypatch
 def test_some_objects_are_remembered_apart_from_others(sam2, video):
     with sam2.compute.inference():
         encoded = [encode(sam2, frame) for frame in video]
-        follower = Follower(sam2, FRAMES, absent_stride=10)
+        follower = Follower(sam2, FRAMES, lost_track_stride=10)
         both, alone = (
             follower.begin(encoded[0], 0, [0, 1][:count], logits(video)[:count]) for count in (2, 1)
         )
@@ -151,7 +151,7 @@ def test_some_objects_are_remembered_apart_from_others(sam2, video):
 def test_all_objects_may_be_out_of_view(sam2, video):
     with sam2.compute.inference():
         encoded = encode(sam2, video[0])
-        follower = Follower(sam2, 20, absent_stride=100)
+        follower = Follower(sam2, 20, lost_track_stride=100)
         group = follower.begin(encoded, 0, [0, 1], logits(video))
         follower.step(encoded, 1, group, reverse=False)
         group.unseen = [100, 100]

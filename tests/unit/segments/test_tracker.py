@@ -35,13 +35,13 @@ OPTIONS = SegmentsOptions(
         "min_area": 0.001,
         "prompting": "key_frames",
         "key_frame_stride": 2,
-        "min_uncovered": 0.05,
-        "new_cover_thresh": 0.5,
+        "min_uncovered_fraction": 0.05,
+        "max_covered_new": 0.5,
         "merge_iou": 0.9,
         "min_frames": 1,
         "max_instances": 6,
-        "share_iou": 0.8,
-        "absent_stride": 1,
+        "cross_level_iou": 0.8,
+        "lost_track_stride": 1,
         "batch": 4,
     }
 )
@@ -133,11 +133,11 @@ def test_what_two_levels_show_alike_is_followed_once(sam2, pictures, monkeypatch
 
     monkeypatch.setattr(tracking, "prompt", alike)
     steps = {}
-    for share_iou in (0.8, 1.01):
+    for cross_level_iou in (0.8, 1.01):
         counted = mock.Mock(side_effect=Follower._track, autospec=Follower._track)
         with mock.patch.object(Follower, "_track", lambda self, *a, counted=counted: counted(self, *a)):
-            segmented, _ = tracked(sam2, pictures, options=replace(OPTIONS, share_iou=share_iou))
-        steps[share_iou] = counted.call_count
+            segmented, _ = tracked(sam2, pictures, options=replace(OPTIONS, cross_level_iou=cross_level_iou))
+        steps[cross_level_iou] = counted.call_count
         levels = [[one for one in segmented.instances if one.level == level] for level in range(3)]
         assert len(levels[0]) == len(levels[1]) == len(levels[2]) > 0
         for frame in range(FRAMES):
@@ -157,7 +157,7 @@ def test_batches_do_not_change_what_is_found(sam2, pictures):
 @pytest.mark.parametrize("reads", [1, 3, FRAMES, FRAMES + 1])
 def test_a_killed_run_goes_on_to_the_same_end(sam2, pictures, tmp_path, reads):
     """Killed when it asks for its picture after so many, forwards or backwards."""
-    options, valid = replace(OPTIONS, absent_stride=2), np.ones((HEIGHT, WIDTH), bool)
+    options, valid = replace(OPTIONS, lost_track_stride=2), np.ones((HEIGHT, WIDTH), bool)
     expected, asked = tracked(sam2, pictures, options=options)
     assert len(asked) > reads, "there is something left to do"
     left = iter(range(reads))

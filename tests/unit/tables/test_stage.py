@@ -18,7 +18,13 @@ NAMES = ("adt_accuracy", "adt_iou", "adt_ablation", "hoi4d", "adt_transient")
 PIXEL = base64.b64decode(
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="
 )
-OPTIONS = {"confidence": 0.95, "target": "box", "min_area": 0.001, "excluded": ["shelter"], "people": False}
+OPTIONS = {
+    "confidence": 0.95,
+    "hit_region": "box",
+    "min_area": 0.001,
+    "excluded": ["shelter"],
+    "people": False,
+}
 
 
 def least(part: dict, whole: dict):
@@ -284,7 +290,7 @@ def test_models_with_one_name_are_distinguished_by_hash(tables, scored):
 def test_the_ablations_take_their_variants(tables, scored):
     paths = [scored("adt/scene1", 0.9)] + [
         scored(f"adt/scene1/variants/{name}", accuracy)
-        for name, accuracy in (("aggregation", 0.7), ("initial", 0.8))
+        for name, accuracy in (("no_masks", 0.7), ("network_masks", 0.8))
     ]
     found = tables(*paths)
     lines = {}
@@ -332,8 +338,8 @@ def test_scores_from_another_folder_keep_their_scene_name(scored, tmp_path):
     path.write_text(scored("hoi4d/scene2").read_text())
     found = read_scored_scene(path)
     assert (found.dataset, found.scene, found.variant) == ("hoi4d", "scene2", "full")
-    path.write_text(scored("adt/scene1/variants/initial").read_text())
-    assert read_scored_scene(path).variant == "initial"
+    path.write_text(scored("adt/scene1/variants/network_masks").read_text())
+    assert read_scored_scene(path).variant == "network_masks"
     path.write_text(path.read_text().replace("adt/scene1, initial", "kitchen"))
     with pytest.raises(UserError, match="elsewhere.json"):
         read_scored_scene(path)
@@ -349,7 +355,7 @@ def test_scores_in_the_folder_of_another_scene_are_rejected(scored):
 
 def test_scores_without_a_table_are_reported(tables, scored, capsys):
     found = tables(
-        scored("plain/room"), scored("adt/scene9", origin="real"), scored("adt/scene2/variants/initial")
+        scored("plain/room"), scored("adt/scene9", origin="real"), scored("adt/scene2/variants/network_masks")
     )
     told = capsys.readouterr().err
     for place in ("plain/room, variant full", "adt/scene9, variant full", "adt/scene2, variant initial"):
@@ -357,7 +363,7 @@ def test_scores_without_a_table_are_reported(tables, scored, capsys):
     assert not any("synthetic" in set(table.kind) for table in found.values())
 
 
-@pytest.mark.parametrize("key, value", [("confidence", 0.9), ("target", "mask"), ("people", True)])
+@pytest.mark.parametrize("key, value", [("confidence", 0.9), ("hit_region", "mask"), ("people", True)])
 def test_scores_with_different_options_are_rejected(tables, scored, key, value):
     paths = [scored("adt/scene1"), scored("adt/scene2", options={key: value})]
     with pytest.raises(UserError, match=f"scene2/metrics.json.* metrics.{key} = .?{value}"):
@@ -365,7 +371,7 @@ def test_scores_with_different_options_are_rejected(tables, scored, key, value):
 
 
 def test_datasets_may_differ_in_options_but_not_in_confidence(tables, scored):
-    tables(scored("adt/scene1"), scored("hoi4d/scene1", options={"target": "mask"}))
+    tables(scored("adt/scene1"), scored("hoi4d/scene1", options={"hit_region": "mask"}))
     with pytest.raises(UserError, match="hoi4d/scene1/metrics.json.* metrics.confidence"):
         tables(scored("adt/scene1"), scored("hoi4d/scene1", options={"confidence": 0.9}))
 

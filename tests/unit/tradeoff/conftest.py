@@ -8,7 +8,13 @@ from typing import Any
 import pytest
 
 SCENE = "results/adt/scene1"
-OPTIONS = {"confidence": 0.95, "target": "box", "min_area": 0.001, "excluded": ["shelter"], "people": False}
+OPTIONS = {
+    "confidence": 0.95,
+    "hit_region": "box",
+    "min_area": 0.001,
+    "excluded": ["shelter"],
+    "people": False,
+}
 QUERIES = 80
 
 

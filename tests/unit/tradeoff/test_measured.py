@@ -65,8 +65,8 @@ def test_scores_of_other_scenes_or_questions_are_rejected(scored, tmp_path):
     with pytest.raises(UserError, match="another scene"):
         read_points([{"settings": [], "metrics": [first, str(other)]}])
     stricter = Path(scored("strict"))
-    stricter.write_text(stricter.read_text().replace('"target": "box"', '"target": "mask"'))
-    with pytest.raises(UserError, match="metrics.target"):
+    stricter.write_text(stricter.read_text().replace('"hit_region": "box"', '"hit_region": "mask"'))
+    with pytest.raises(UserError, match="metrics.hit_region"):
         read_points([{"settings": [], "metrics": [first, str(stricter)]}])
     with pytest.raises(UserError, match="does not exist"):
         read_points([{"settings": [], "metrics": [str(tmp_path / "metrics.json")]}])

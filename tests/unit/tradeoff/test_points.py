@@ -17,7 +17,7 @@ PRESETS = Path(__file__).resolve().parents[3] / "config" / "presets"
 def scene(presets=(), seeds=(), base=None, **knobs):
     """A configuration with points; knobs as ``features__dims=[8]``."""
     about = {"presets": list(presets), "seeds": list(seeds)}
-    about["knobs"] = {name.replace("__", "."): values for name, values in knobs.items()}
+    about["sweep"] = {name.replace("__", "."): values for name, values in knobs.items()}
     config = merge(base or defaults(), {})
     return with_points(config | {"tradeoff": about}, PRESETS, "adt")
 
@@ -130,14 +130,14 @@ def test_presets_replace_the_scenes_own_preset(name, below):
     [
         ("features.dim", "no key features.dim; did you mean features.dims"),
         ("nothing.here", "no key nothing.here"),
-        ("metrics.target", "with other values of metrics.target scores cannot be compared"),
+        ("metrics.hit_region", "with other values of metrics.hit_region scores cannot be compared"),
         ("frames.evaluation_frames", "scores cannot be compared"),
         ("synthetic.size", "scores cannot be compared"),
         ("splats.seed", "splats.seed is no knob"),
     ],
 )
 def test_an_invalid_sweep_is_rejected(knob, message):
-    with pytest.raises(UserError, match=f"tradeoff.knobs: .*{message}"):
+    with pytest.raises(UserError, match=f"tradeoff.sweep: .*{message}"):
         scene(**{knob.replace(".", "__"): [1]})
 
 

@@ -8,7 +8,7 @@ import torch
 from egosplat.transient.network import make_network
 from egosplat.transient.objective import InitialObjective, InitialOptions
 
-OPTIONS = InitialOptions(iterations=12, warmup=0, lambda2=0.05, residual="mean", lr=3e-3)
+OPTIONS = InitialOptions(iterations=12, warmup=0, transient_penalty=0.05, residual="mean", lr=3e-3)
 
 
 def make(**changes: object) -> InitialObjective:
@@ -43,7 +43,7 @@ def test_the_loss_is_the_papers(views, residual, channels):
 
 @torch.no_grad()
 def test_the_loss_uses_valid_pixels_only(views):
-    objective, weight = make(lambda2=0.0), torch.zeros(32, 32)
+    objective, weight = make(transient_penalty=0.0), torch.zeros(32, 32)
     weight[:, 16:] = 1.0
     masked = replace(views, valid=weight)
     image = views.picture(0).clone()
@@ -51,7 +51,9 @@ def test_the_loss_uses_valid_pixels_only(views):
     assert float(objective.loss(image, masked, 0)) == 0.0 < float(objective.loss(image, views, 0))
 
 
-@pytest.mark.parametrize(("offset", "rises"), [(0.1, False), (0.5, True)], ids=["e < lambda2", "e > lambda2"])
+@pytest.mark.parametrize(
+    ("offset", "rises"), [(0.1, False), (0.5, True)], ids=["e < transient_penalty", "e > transient_penalty"]
+)
 def test_probability_follows_the_residual(views, offset, rises):
     objective = make()
     steps(objective, views, 12, offset)
