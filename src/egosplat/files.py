@@ -11,11 +11,11 @@ import os
 import shutil
 import tempfile
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from egosplat.errors import NO_ROOM, UserError
+from egosplat.errors import MAKE_ROOM, NO_ROOM, UserError
 
 
 @contextlib.contextmanager
@@ -80,6 +80,34 @@ def read_json(path: Path, parse_constant: Callable[[str], Any] | None = None) ->
         return json.loads(path.read_text(encoding="utf-8"), parse_constant=parse_constant)
     except RecursionError:
         raise ValueError("nested too deeply") from None
+
+
+_ROOM_BYTES = 2**20
+"""Logs and notes of a run take less."""
+
+
+def check_writable(folders: Iterable[Path]) -> None:
+    """Check that a file of a mebibyte can be made in each folder, or in the first one above it that is there.
+
+    Nothing is left behind.
+
+    Raises:
+        UserError: a folder may not be written, or its disk is full.
+    """
+    for folder in dict.fromkeys(map(_nearest, folders)):
+        try:
+            with tempfile.NamedTemporaryFile(prefix=".egosplat-", dir=folder) as probe:
+                probe.write(bytes(_ROOM_BYTES))
+                probe.flush()
+        except OSError as error:
+            writable = "Results, logs and notes are written there: it has to be writable"
+            advice = MAKE_ROOM if error.errno in NO_ROOM else writable
+            raise UserError(f"{folder.absolute()}: {error.strerror}. {advice}") from None
+
+
+def _nearest(folder: Path) -> Path:
+    """The folder, or the first one above it that is there."""
+    return next(each for each in (folder, *folder.absolute().parents) if each.is_dir())
 
 
 def _begin(path: Path) -> Path:

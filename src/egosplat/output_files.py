@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from egosplat.errors import UserError
-from egosplat.files import atomic_file, read_json
-from egosplat.pipeline.process_guards import check_writable
+from egosplat.files import atomic_file, check_writable, read_json
 
 SOFTWARE = "Software"
 """The keyword of PNG's text chunk that names the program."""

@@ -12,7 +12,8 @@ from snakemake.logging import logger
 from egosplat.errors import UserError
 from egosplat.pipeline.config import check_config_files
 from egosplat.pipeline.failures import shorten_errors
-from egosplat.pipeline.process_guards import check_cores, check_writable
+from egosplat.files import check_writable
+from egosplat.pipeline.process_guards import check_cores
 from egosplat.pipeline.snakemake_call import Call, read_call
 
 SHIPPED = Path("config/config.yaml")

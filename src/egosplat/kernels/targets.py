@@ -4,7 +4,7 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from egosplat.kernels.source_hash import cpp_hash
+from egosplat.pipeline.source_hash import cpp_hash
 
 HERE = Path(__file__).parent
 """Where the sources lie, in the folder ``source``, and where their libraries do."""

@@ -16,13 +16,13 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from egosplat.kernels.source_hash import cpp_hash
+from egosplat.pipeline.source_hash import cpp_hash
 
 NEUTRAL = {
     "egosplat",  # holds the version alone
     "egosplat.files",
     "egosplat.artifacts.usage",
-    "egosplat.kernels.source_hash",
+    "egosplat.pipeline.source_hash",
     "egosplat.errors",
     "egosplat.pipeline",
     "egosplat.pipeline.code_hash",

@@ -1,15 +1,13 @@
-"""Guards of a run's processes: stages end with their Snakemake, locks of a killed one go, folders can be written."""
+"""Guards of a run's processes: stages end with their Snakemake, locks of a killed one go."""
 
 import fcntl
 import os
 import shutil
-import tempfile
 import threading
 import time
-from collections.abc import Iterable
 from pathlib import Path
 
-from egosplat.errors import MAKE_ROOM, NO_ROOM, UserError
+from egosplat.errors import UserError
 from egosplat.progress import log
 
 STARTED_BY = "EGOSPLAT_STARTED_BY"
@@ -75,34 +73,6 @@ def _taken(handle: int, kind: int) -> bool:
     except OSError:
         return False
     return True
-
-
-_ROOM_BYTES = 2**20
-"""Logs and notes of a run take less."""
-
-
-def check_writable(folders: Iterable[Path]) -> None:
-    """Check that a file of a mebibyte can be made in each folder, or in the first one above it that is there.
-
-    Nothing is left behind.
-
-    Raises:
-        UserError: a folder may not be written, or its disk is full.
-    """
-    for folder in dict.fromkeys(map(_nearest, folders)):
-        try:
-            with tempfile.NamedTemporaryFile(prefix=".egosplat-", dir=folder) as probe:
-                probe.write(bytes(_ROOM_BYTES))
-                probe.flush()
-        except OSError as error:
-            writable = "Results, logs and notes are written there: it has to be writable"
-            advice = MAKE_ROOM if error.errno in NO_ROOM else writable
-            raise UserError(f"{folder.absolute()}: {error.strerror}. {advice}") from None
-
-
-def _nearest(folder: Path) -> Path:
-    """The folder, or the first one above it that is there."""
-    return next(each for each in (folder, *folder.absolute().parents) if each.is_dir())
 
 
 def check_cores(cores: int | None, nodes: int | None) -> None:

@@ -6,7 +6,7 @@ import hashlib
 from pathlib import Path
 
 from egosplat.errors import UserError, reraise_as
-from egosplat.kernels.source_hash import cpp_hash
+from egosplat.pipeline.source_hash import cpp_hash
 
 HERE = Path(__file__).parent
 """The folder of the library and, in ``source``, of its sources."""

@@ -7,7 +7,7 @@ import tempfile
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.pipeline.process_guards import check_writable
+from egosplat.files import check_writable
 
 
 def test_the_write_probe_leaves_no_file(tmp_path):

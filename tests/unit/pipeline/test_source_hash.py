@@ -2,7 +2,7 @@
 
 import pytest
 
-from egosplat.kernels.source_hash import cpp_hash, cpp_tokens
+from egosplat.pipeline.source_hash import cpp_hash, cpp_tokens
 
 SOURCE = """\
 #include <cmath>
