@@ -28,11 +28,12 @@ from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.usage import peak_memory_mb
 from egosplat.codes.decoder import Decoder, decode, read_decoder
-from egosplat.codes.rendering import Lens, lens_of, render_codes
+from egosplat.codes.rendering import render_codes
 from egosplat.codes.targets import CodeTargets, Targets
-from egosplat.gaussians.io import read_gaussians
+from egosplat.gaussians.io import read_gaussians, read_render_settings
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.pixel_weights import open_masking
+from egosplat.gaussians.render import RenderSettings
 from egosplat.language.lifting import lift
 from egosplat.language.training import CodeOptions, CodeTraining
 from egosplat.language.views import TaughtViews, taught_views
@@ -61,7 +62,7 @@ class Scene:
     """Inputs from which a scene's codes are computed."""
 
     gaussians: Gaussians
-    lens: Lens
+    settings: RenderSettings
     decoder: Decoder
     views: TaughtViews
     targets: CodeTargets
@@ -85,7 +86,9 @@ def read(folder: Path) -> Scene:
     targets = CodeTargets(found["segments"], found["features"], CPU)
     views = taught_views(found["frames"], found["poses"], targets.of, masking, CPU)
     decoder = read_decoder(found["features"])
-    return Scene(read_gaussians(splats), lens_of(splats, "auto"), decoder, views, targets, **found)
+    return Scene(
+        read_gaussians(splats), read_render_settings(splats, "auto"), decoder, views, targets, **found
+    )
 
 
 def of_level(targets: Callable[[int], Targets], level: int) -> Callable[[int], Targets]:
@@ -106,7 +109,7 @@ def trained(scene: Scene, views: TaughtViews, levels: int, iterations: int) -> T
     )
     training = CodeTraining(scene.gaussians, levels, scene.targets.channels, options)
     with TemporaryDirectory() as folder:
-        training.run(scene.gaussians, views, scene.lens, Checkpoint(Path(folder) / "x", "", 1e9))
+        training.run(scene.gaussians, views, scene.settings, Checkpoint(Path(folder) / "x", "", 1e9))
     return training.code.detach()
 
 
@@ -125,11 +128,12 @@ def cosines(scene: Scene, code: Tensor, share: Tensor) -> list[float]:
     poses = scene.poses.read("camera_to_world")
     features = torch.from_numpy(scene.features.read("consistent"))
     seen = torch.from_numpy(scene.features.read("views") > 0)
-    how = {name: getattr(scene.lens, name) for name in ("near_plane", "antialiased", "backend")}
     found: list[list[Tensor]] = [[] for _ in range(code.shape[1])]
     for frame in np.flatnonzero(held_out):
         with torch.no_grad():
-            rendered = render_codes(scene.gaussians, code, share, scene.views.camera, poses[frame], **how)
+            rendered = render_codes(
+                scene.gaussians, code, share, scene.views.camera, poses[frame], scene.settings
+            )
         labels = torch.from_numpy(scene.segments.row("labels", int(frame))).long()
         for level, cosine in enumerate(found):
             known = (labels[level] >= 0) & seen[labels[level]]
@@ -141,7 +145,7 @@ def cosines(scene: Scene, code: Tensor, share: Tensor) -> list[float]:
 def measure(folder: Path, way: str, iterations: int) -> dict[str, object]:
     """Measure one way in this process."""
     scene = read(folder)
-    found, seconds = timed(lift, scene.gaussians, scene.views, scene.lens)
+    found, seconds = timed(lift, scene.gaussians, scene.views, scene.settings)
     code = found.code
     if way != LIFTED:
         code, seconds = timed(codes, scene, way, iterations)

@@ -11,8 +11,8 @@ from egosplat.gaussians import trainer as train
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.objective import L1Ssim
 from egosplat.gaussians.optimizer import Adam, LearningRates
-from egosplat.gaussians.options import RenderOptions, TrainingOptions
-from egosplat.gaussians.render import render
+from egosplat.gaussians.options import TrainingOptions
+from egosplat.gaussians.render import RenderSettings, render
 from egosplat.gaussians.schedule import Schedule
 from egosplat.gaussians.training_state import TrainingState
 from egosplat.gaussians.training_views import Views
@@ -22,7 +22,7 @@ _SH_CONSTANT = 0.28209479
 _SH_COEFFICIENTS = 16
 _NO_DENSITY_CONTROL = Schedule(densify_from=30_000, densify_until=30_000, reset_every=None, sh_interval=1)
 _OPTIONS = TrainingOptions(
-    render=RenderOptions(near_plane=NEAR_PLANE, background="black", antialiased=False, backend="cpu"),
+    render=RenderSettings(near_plane=NEAR_PLANE, background="black", antialiased=False, backend="cpu"),
     iterations=30_000,
     strategy="default",
     max_gaussians=1_000_000,
@@ -87,8 +87,7 @@ def _views(scene: Scene, gaussians: Gaussians) -> Views:
     noise = torch.Generator().manual_seed(1)
     pictures = []
     for pose in camera_to_world:
-        options = {"near_plane": NEAR_PLANE, "antialiased": False, "backend": "cpu"}
-        image, _, _ = render(gaussians, camera, pose, sh_degree=3, background=None, **options)
+        image, _, _ = render(gaussians, camera, pose, _OPTIONS.render, sh_degree=3, background=None)
         seen = image[..., :3] + 0.05 * torch.randn(camera.height, camera.width, 3, generator=noise)
         pictures.append((255.0 * seen.clamp(0.0, 1.0)).round().to(torch.uint8))
     frame = np.arange(len(pictures), dtype=np.int64)

@@ -9,7 +9,7 @@ import torch
 
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import render
+from egosplat.gaussians.render import RenderSettings, render
 from egosplat.geometry import Camera
 from tests.support.scenes import camera_facts, put_scene
 
@@ -46,8 +46,9 @@ def camera_to_world() -> np.ndarray:
 @pytest.fixture(scope="session")
 def pictures(truth, camera_to_world) -> np.ndarray:
     """(9, 24, 24, 3) uint8."""
-    options = {"sh_degree": 0, "background": None, "near_plane": 0.1, "antialiased": False}
-    images = [render(truth, CAMERA, pose, backend="auto", **options)[0] for pose in camera_to_world]
+    settings = RenderSettings(0.1, "black", False, "auto")
+    options = {"sh_degree": 0, "background": None}
+    images = [render(truth, CAMERA, pose, settings, **options)[0] for pose in camera_to_world]
     return (torch.stack(images).clamp(0, 1) * 255).round().to(torch.uint8).numpy()
 
 

@@ -12,7 +12,7 @@ import torch
 from egosplat.artifacts.provenance import begin
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import render
+from egosplat.gaussians.render import RenderSettings, render
 from egosplat.geometry import Camera
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
@@ -22,7 +22,7 @@ from tests.support.scenes import digests, put
 
 SIZE = 48
 CAMERA = Camera(SIZE, SIZE, 44.0, 44.0, SIZE / 2, SIZE / 2)
-RENDERING = {"near_plane": 0.1, "antialiased": False}
+RENDERING = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
 SMALL = {"clip_model": "small", "clip_checkpoint": "small"}
 LIGHTER = 20
 """By so much the photograph of the right half, a cup that moves, is lighter than its render."""
@@ -103,8 +103,7 @@ def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -
     ) -> Path:
         write = partial(put, tmp_path, origin=origin)
         clip_hash = clip_hash or model_hash(CLIP, SMALL)
-        settings = RENDERING | {"sh_degree": 0, "background": None, "backend": "auto"}
-        picture, _, _ = render(halves, CAMERA, np.eye(4), **settings)
+        picture, _, _ = render(halves, CAMERA, np.eye(4), RENDERING, sh_degree=0, background=None)
         photograph = (picture.clamp(0, 1) * 255).round().to(torch.uint8).numpy()
         lighter = photograph.copy()
         lighter[:, SIZE // 2 :] += LIGHTER
@@ -114,7 +113,6 @@ def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -
         level = ["part", "whole"]
         clip = {"model": "small", "checkpoint": "small", "hash": clip_hash, "small": True}
         facts = {"levels": level, "clip": clip, "decoder": {"widths": [meant.shape[1]]}}
-        lens = RENDERING | {"background": "black"}
         things = [
             {"id": 1, "name": "Couch_1", "category": "couch", "motion_type": "static"},
             {"id": 2, "name": "Cup_1", "category": "cup", "motion_type": "dynamic"},
@@ -161,7 +159,7 @@ def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -
         renders = photograph[None][: 1 in evaluated]
         held_out = {"held_out/frame": np.arange(1, 1 + len(renders)), "held_out/render": renders}
         about = {"camera": asdict(CAMERA), "sh_degree_in_use": 0, "views": {"training": 2}}
-        write("splats", stored | held_out, about, options=lens, made_from=["frames", "poses"])
+        write("splats", stored | held_out, about, options=asdict(RENDERING), made_from=["frames", "poses"])
         write(
             "language",
             {

@@ -1,35 +1,19 @@
 """Pictures of what Gaussians mean: codes composited as colours are, by weight and by share."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from egosplat.artifacts.reader import Artifact
 from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Camera, invert
 from egosplat.rasterize.api import rasterization
 
 _LEAST_COVERAGE = 1e-6
 """Below it a pixel shows nothing that means anything, and its code is 0."""
-
-
-@dataclass(frozen=True)
-class Lens:
-    """How the Gaussians were trained to be rendered; the same for their codes.
-
-    Attributes:
-        near_plane: nearest camera z that is drawn [m].
-        antialiased: see ``egosplat.gaussians.render.render``.
-        backend: see ``egosplat.rasterize.api.rasterization``.
-    """
-
-    near_plane: float
-    antialiased: bool
-    backend: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,14 +29,12 @@ class RenderedCodes:
     coverage: Tensor
 
 
-def lens_of(splats: Artifact, backend: str) -> Lens:
-    """The lens that a splats artifact was trained with."""
-    options: dict[str, Any] = splats.provenance["options"]
-    return Lens(options["near_plane"], options["antialiased"], backend)
-
-
 def render_values(
-    gaussians: Gaussians, values: Tensor, camera: Camera, camera_to_world: NDArray[np.float64], lens: Lens
+    gaussians: Gaussians,
+    values: Tensor,
+    camera: Camera,
+    camera_to_world: NDArray[np.float64],
+    settings: RenderSettings,
 ) -> tuple[Tensor, Tensor]:
     """Composite (N, X) values of Gaussians, any number of them; differentiable by the values.
 
@@ -61,7 +43,7 @@ def render_values(
         values: (N, X) float32 on their device.
         camera: pinhole camera of the picture.
         camera_to_world: (4, 4) float64, OpenCV axes, metres.
-        lens: how to render.
+        settings: how to render.
 
     Returns:
         (H, W, X) float32 on zeros, and (H, W) accumulated opacity.
@@ -77,28 +59,32 @@ def render_values(
         torch.from_numpy(camera.matrix).to(device, torch.float32)[None],
         camera.width,
         camera.height,
-        near_plane=lens.near_plane,
-        rasterize_mode="antialiased" if lens.antialiased else "classic",
-        backend=lens.backend,
+        near_plane=settings.near_plane,
+        rasterize_mode="antialiased" if settings.antialiased else "classic",
+        backend=settings.backend,
     )
     return images[0], alphas[0, ..., 0]
 
 
 def sum_over_pixels(
-    gaussians: Gaussians, image: Tensor, camera: Camera, camera_to_world: NDArray[np.float64], lens: Lens
+    gaussians: Gaussians,
+    image: Tensor,
+    camera: Camera,
+    camera_to_world: NDArray[np.float64],
+    settings: RenderSettings,
 ) -> Tensor:
     """The transposed map of ``render_values``: each Gaussian's sum of a picture over its compositing weights.
 
     Args:
         gaussians: whose geometry is used.
         image: (H, W, X) float32 on their device.
-        camera, camera_to_world, lens: as ``render_values``.
+        camera, camera_to_world, settings: as ``render_values``.
 
     Returns:
         (N, X) float32.
     """
     values = torch.zeros(gaussians.count, image.shape[-1], device=gaussians.means.device, requires_grad=True)
-    rendered, _ = render_values(gaussians, values, camera, camera_to_world, lens)
+    rendered, _ = render_values(gaussians, values, camera, camera_to_world, settings)
     (sums,) = torch.autograd.grad(rendered, values, image)
     return sums
 
@@ -109,10 +95,7 @@ def render_codes(
     share: Tensor,
     camera: Camera,
     camera_to_world: NDArray[np.float64],
-    *,
-    near_plane: float,
-    antialiased: bool,
-    backend: str,
+    settings: RenderSettings,
 ) -> RenderedCodes:
     """Render what Gaussians mean.
 
@@ -123,12 +106,11 @@ def render_codes(
         gaussians: the scene, on any device.
         code: (N, L, C) and share: (N, L) of language.zarr, on the same.
         camera, camera_to_world: of the picture; see ``render_values``.
-        near_plane, antialiased, backend: see ``Lens``.
+        settings: how to render.
     """
     count, levels, channels = code.shape
     values = torch.cat([(code * share[..., None]).reshape(count, -1), share], dim=1)
-    lens = Lens(near_plane, antialiased, backend)
-    image, _ = render_values(gaussians, values, camera, camera_to_world, lens)
+    image, _ = render_values(gaussians, values, camera, camera_to_world, settings)
     sums, coverage = image.split([levels * channels, levels], dim=-1)
     sums = sums.unflatten(-1, (levels, channels)).movedim(-2, 0)
     coverage = coverage.movedim(-1, 0)

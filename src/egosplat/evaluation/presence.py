@@ -19,7 +19,7 @@ from egosplat.geometry import Camera
 from egosplat.models.open_clip_loader import OpenClip
 from egosplat.query.answer import rendering_camera
 from egosplat.query.options import QueryOptions
-from egosplat.query.scene import LanguageScene
+from egosplat.query.scene import QueryScene
 from egosplat.query.scene_query import ask_scene, index_scene
 from egosplat.query.text import encode_texts, untaught_words
 from egosplat.query.things import Thing
@@ -76,7 +76,7 @@ def ask_presence(
     absent: Sequence[str],
     evaluation: Evaluation,
     poses: Artifact,
-    scene: LanguageScene,
+    scene: QueryScene,
     clip: OpenClip,
     options: QueryOptions,
 ) -> list[PresenceQuery]:
@@ -142,7 +142,7 @@ def presence_entry(queries: Sequence[PresenceQuery], min_score: float) -> dict[s
 
 
 def annotated_shares(
-    scene: LanguageScene, things: Sequence[Thing], evaluation: Evaluation
+    scene: QueryScene, things: Sequence[Thing], evaluation: Evaluation
 ) -> tuple[NDArray[np.float64], list[str]]:
     """How much of each thing lies on each annotated category, over the evaluation frames.
 
@@ -164,7 +164,7 @@ def annotated_shares(
         category = _category_map(evaluation, frame, names, camera)
         pose = evaluation.camera_to_world[frame.index]
         with torch.inference_mode():
-            filled, _ = render_values(scene.gaussians, members, camera, pose, scene.lens)
+            filled, _ = render_values(scene.gaussians, members, camera, pose, scene.settings)
         pixels, counted = filled.cpu().numpy().reshape(-1, len(things)), category.ravel() >= 0
         onehot = np.eye(len(names) + 1)[category.ravel()[counted]]
         total += pixels[counted].T.astype(np.float64) @ onehot
@@ -195,7 +195,7 @@ def separation(present: Sequence[float], absent: Sequence[float]) -> float:
     return float((ranks.mean() - (len(present) + 1) / 2) / len(absent))
 
 
-def _indicators(things: Sequence[Thing], scene: LanguageScene) -> torch.Tensor:
+def _indicators(things: Sequence[Thing], scene: QueryScene) -> torch.Tensor:
     """(N, T) 1 where a Gaussian belongs to a thing."""
     values = torch.zeros(scene.gaussians.count, len(things))
     for column, thing in enumerate(things):

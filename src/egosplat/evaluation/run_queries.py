@@ -10,7 +10,7 @@ from egosplat.geometry import Array
 from egosplat.progress import track
 from egosplat.query.answer import Answer, ask
 from egosplat.query.options import QueryOptions
-from egosplat.query.scene import LanguageScene
+from egosplat.query.scene import QueryScene
 from egosplat.query.text import Texts
 
 
@@ -39,7 +39,7 @@ class Asked:
 def ask_all(
     queries: Sequence[Query],
     evaluation: Evaluation,
-    scene: LanguageScene,
+    scene: QueryScene,
     texts: Texts,
     options: QueryOptions,
     hit_region: str,

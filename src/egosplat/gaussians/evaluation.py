@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.options import RenderOptions
-from egosplat.gaussians.render import render
+from egosplat.gaussians.render import RenderSettings, render
 from egosplat.gaussians.training_views import Views
 from egosplat.image_quality import mean_similarity, psnr, similarity
 
@@ -42,7 +41,7 @@ def _mean(values: NDArray[np.float64]) -> float:
 def evaluate(
     gaussians: Gaussians,
     views: Views,
-    options: RenderOptions,
+    settings: RenderSettings,
     sh_degree: int,
     show: Callable[[int, NDArray[np.uint8]], object] = lambda index, picture: None,
 ) -> Scores:
@@ -51,31 +50,29 @@ def evaluate(
     Args:
         gaussians: to be rendered, on the device of the views.
         views: what they are compared with; may be empty.
-        options: how to render; a random background is black here.
+        settings: how to render.
         sh_degree: degree in use.
         show: is given the index and the rendered (H, W, 3) uint8 picture of each view.
     """
     scores = np.empty((len(views), 2))
     for index in range(len(views)):
-        picture = (rendered(gaussians, views, index, options, sh_degree) * 255.0).round().to(torch.uint8)
+        picture = (rendered(gaussians, views, index, settings, sh_degree) * 255.0).round().to(torch.uint8)
         scores[index] = _scores(picture, views.pictures[index].to(views.device), views.weight(index))
         show(index, picture.cpu().numpy())
     return Scores(scores[:, 0], scores[:, 1])
 
 
 def rendered(
-    gaussians: Gaussians, views: Views, index: int, options: RenderOptions, sh_degree: int
+    gaussians: Gaussians, views: Views, index: int, settings: RenderSettings, sh_degree: int
 ) -> Tensor:
     """(H, W, 3) float32 picture of a view, clamped to [0, 1]."""
     image, _, _ = render(
         gaussians,
         views.camera,
         views.camera_to_world[index],
+        settings,
         sh_degree=sh_degree,
-        background=torch.ones(3) if options.background == "white" else None,
-        near_plane=options.near_plane,
-        antialiased=options.antialiased,
-        backend=options.backend,
+        background=settings.still_background,
     )
     return image[..., :3].clamp(0.0, 1.0)
 

@@ -7,6 +7,7 @@ from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.writer import Writer
 from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.training_state import Curves
 
 STORED = ("means", "quats", "log_scales", "logit_opacities", "sh", "features")
@@ -41,3 +42,9 @@ def put_curves(artifact: Writer, curves: Curves) -> None:
     artifact.put("history/psnr", np.array(curves.psnr, np.float64))
     artifact.put("history/ssim", np.array(curves.ssim, np.float64))
     artifact.put("history/validation_psnr", np.array(curves.validation_psnr, np.float64))
+
+
+def read_render_settings(artifact: Artifact, backend: str) -> RenderSettings:
+    """The render settings that a splats artifact was trained with; the backend may be another."""
+    options = artifact.provenance["options"]
+    return RenderSettings(options["near_plane"], options["background"], options["antialiased"], backend)

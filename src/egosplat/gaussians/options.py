@@ -4,25 +4,9 @@ from dataclasses import dataclass, replace
 
 from egosplat.gaussians.mcmc import Mcmc, McmcOptions
 from egosplat.gaussians.population import Population
+from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.schedule import STOCK, STOCK_MCMC, Schedule, cut, scaled
 from egosplat.gaussians.strategy import DensityControl, DensityOptions
-
-
-@dataclass(frozen=True)
-class RenderOptions:
-    """How Gaussians are rendered, in training and in evaluation.
-
-    Attributes:
-        near_plane: nearest camera z that is drawn [m].
-        background: ``black``, ``white``, or ``random``: another colour in each training iteration.
-        antialiased: see ``egosplat.gaussians.render.render``.
-        backend: see ``egosplat.rasterize.api.rasterization``.
-    """
-
-    near_plane: float
-    background: str
-    antialiased: bool
-    backend: str
 
 
 @dataclass(frozen=True)
@@ -48,7 +32,7 @@ class TrainingOptions:
         searches_degree: whether SH degrees that photographs set aside do not justify are taken away.
     """
 
-    render: RenderOptions
+    render: RenderSettings
     iterations: int
     strategy: str
     max_gaussians: int

@@ -1,5 +1,6 @@
 """One camera's picture of the Gaussians."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,16 +14,36 @@ from egosplat.rasterize.api import rasterization
 from egosplat.rasterize.contract import shows_colors
 
 
+@dataclass(frozen=True)
+class RenderSettings:
+    """How Gaussians are rendered, in training and afterwards.
+
+    Attributes:
+        near_plane: nearest camera z that is rendered [m].
+        background: ``black``, ``white``, or ``random``: another colour in each training iteration, black elsewhere.
+        antialiased: dim Gaussians that are smaller than a pixel (Yu et al. 2024) rather than inflate them.
+        backend: see ``egosplat.rasterize.api.rasterization``.
+    """
+
+    near_plane: float
+    background: str
+    antialiased: bool
+    backend: str
+
+    @property
+    def still_background(self) -> Tensor | None:
+        """(3,) float32 background colour of evaluation and pages; None for black."""
+        return torch.ones(3) if self.background == "white" else None
+
+
 def render(
     gaussians: Gaussians,
     camera: Camera,
     camera_to_world: NDArray[np.float64],
+    settings: RenderSettings,
     *,
     sh_degree: int,
     background: Tensor | None,
-    near_plane: float,
-    antialiased: bool,
-    backend: str,
     render_mode: str = "RGB",
 ) -> tuple[Tensor, Tensor, dict[str, Any]]:
     """Render colours, then features, then depth (in the modes that have it), in one pass.
@@ -31,11 +52,9 @@ def render(
         gaussians: the scene.
         camera: pinhole camera of the picture.
         camera_to_world: (4, 4) float64, OpenCV axes, metres.
+        settings: how to render; ``background`` decides the colour behind the scene, not ``settings.background``.
         sh_degree: degree up to which ``sh`` is used; at most ``gaussians.sh_degree``.
         background: (3,) float32 colour behind the scene, None for black. Behind features and depth is zero.
-        near_plane: nearest camera z that is drawn [m].
-        antialiased: dim Gaussians that are smaller than a pixel (Yu et al. 2024) rather than inflate them.
-        backend: see ``egosplat.rasterize.api.rasterization``.
         render_mode: "RGB", "D", "ED", "RGB+D" or "RGB+ED"; "D" and "ED" render no colours and features.
 
     Returns:
@@ -60,13 +79,13 @@ def render(
         intrinsics[None],
         camera.width,
         camera.height,
-        near_plane=near_plane,
+        near_plane=settings.near_plane,
         sh_degree=sh_degree,
         features=gaussians.features if gaussians.features.shape[1] else None,
         backgrounds=_backgrounds(background, gaussians) if shows_colors(render_mode) else None,
         render_mode=render_mode,
-        rasterize_mode="antialiased" if antialiased else "classic",
-        backend=backend,
+        rasterize_mode="antialiased" if settings.antialiased else "classic",
+        backend=settings.backend,
     )
     return images[0], alphas[0], meta
 

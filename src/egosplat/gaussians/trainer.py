@@ -119,11 +119,9 @@ def iterate(
         state.gaussians,
         views.camera,
         views.camera_to_world[index],
+        options.render,
         sh_degree=schedule.sh_degree(iteration, state.gaussians.sh_degree),
         background=draw_background(options.render.background, state.generator),
-        near_plane=options.render.near_plane,
-        antialiased=options.render.antialiased,
-        backend=options.render.backend,
     )
     loss = state.objective.loss(image, views, index)
     regulariser = regularisation(state.gaussians, state.population.opacity_reg, state.population.scale_reg)

@@ -18,7 +18,7 @@ from torch import Tensor
 from egosplat.gaussians.evaluation import evaluate
 from egosplat.gaussians.initialization import in_picture
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.options import RenderOptions
+from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera, invert, transform
 from egosplat.progress import log
@@ -50,7 +50,7 @@ def settle_degree(
     degree: int,
     training: Views,
     aside: Views,
-    options: RenderOptions,
+    settings: RenderSettings,
     tolerance_db: float,
 ) -> Gaussians:
     """The Gaussians to go on with: themselves, or with fewer coefficients; closes ``search``.
@@ -63,14 +63,14 @@ def settle_degree(
         degree: the highest in use.
         training: whose cameras tell from where the Gaussians are seen.
         aside: photographs that decide.
-        options: how to render them.
+        settings: how to render them.
         tolerance_db: so much mean PSNR less than with ``degree`` is as good.
     """
-    means = mean_basis(gaussians.means, training.camera, training.camera_to_world, options.near_plane)
+    means = mean_basis(gaussians.means, training.camera, training.camera_to_world, settings.near_plane)
     candidates = [gaussians]
     for dropped in range(degree, 0, -1):
         candidates.insert(0, without_degree(candidates[0], dropped, means))
-    psnr = [evaluate(some, aside, options, used).mean_psnr for used, some in enumerate(candidates)]
+    psnr = [evaluate(some, aside, settings, used).mean_psnr for used, some in enumerate(candidates)]
     enough = next((used for used in range(degree) if psnr[used] >= psnr[degree] - tolerance_db), degree)
     search.open, search.psnr = False, [one if math.isfinite(one) else None for one in psnr]
     shown = ", ".join(f"{one:.2f}" for one in psnr)

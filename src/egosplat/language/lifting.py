@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from egosplat.codes.rendering import Lens, sum_over_pixels
+from egosplat.codes.rendering import sum_over_pixels
 from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import RenderSettings
 from egosplat.language.views import TaughtViews
 from egosplat.progress import track
 
@@ -28,7 +29,7 @@ class Lifted:
     share: Tensor
 
 
-def lift(gaussians: Gaussians, views: TaughtViews, lens: Lens) -> Lifted:
+def lift(gaussians: Gaussians, views: TaughtViews, settings: RenderSettings) -> Lifted:
     """Weighted means over all views: ``f_g = sum w_gp F(p) / sum w_gp`` over the pixels p with a code.
 
     w is alpha times transmittance, times 1 - M. A Gaussian that no view shows has share 0.
@@ -36,7 +37,7 @@ def lift(gaussians: Gaussians, views: TaughtViews, lens: Lens) -> Lifted:
     Args:
         gaussians: the scene, not requiring gradients.
         views: at least one.
-        lens: how to render.
+        settings: how to render.
     """
     sums = seen = None
     for index in track(range(len(views)), "lifting", unit="view"):
@@ -46,7 +47,7 @@ def lift(gaussians: Gaussians, views: TaughtViews, lens: Lens) -> Lifted:
         shown = counted.new_ones(counted.shape[1:]) if weight is None else weight
         pixels = torch.cat([(targets.codes * counted[:, None]).flatten(0, 1), counted, shown[None]])
         pose = views.camera_to_world[index]
-        part = sum_over_pixels(gaussians, pixels.permute(1, 2, 0), views.camera, pose, lens)
+        part = sum_over_pixels(gaussians, pixels.permute(1, 2, 0), views.camera, pose, settings)
         sums = part if sums is None else sums + part
         seen = targets
     assert sums is not None and seen is not None

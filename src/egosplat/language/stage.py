@@ -21,13 +21,13 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.writer import create
-from egosplat.codes.rendering import Lens, lens_of
 from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
 from egosplat.gaussians.device import training_device
-from egosplat.gaussians.io import read_gaussians
+from egosplat.gaussians.io import read_gaussians, read_render_settings
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.pixel_weights import Masking, open_masking
+from egosplat.gaussians.render import RenderSettings
 from egosplat.language.lifting import Lifted, lift
 from egosplat.language.training import CodeOptions, CodeTraining, Curve, shown_codes
 from egosplat.language.views import TaughtViews, taught_views
@@ -84,14 +84,14 @@ def run(
     targets = CodeTargets(instances, words, device)
     views = taught_views(pictures, walk, targets.of, moving, device, kept)
     gaussians = read_gaussians(scene).to(device)
-    lens = lens_of(scene, options.backend)
-    lifted = lift(gaussians, views, lens)
+    settings = read_render_settings(scene, options.backend)
+    lifted = lift(gaussians, views, settings)
     checkpoint = Checkpoint(output, provenance.key_of(made), options.checkpoint_s)
     method, code, curve = options.method, lifted.code, Curve()
     if _is_joint(scene):
         method, code = "joint", _joint_codes(scene, words, lifted)
     elif method == "trained":
-        code, curve = _trained(gaussians, views, lens, lifted, _training(options), checkpoint)
+        code, curve = _trained(gaussians, views, settings, lifted, _training(options), checkpoint)
     facts = {"levels": targets.levels, "method": method, "views": len(views)}
     _write(output, made, code, lifted.share, curve, facts)
     checkpoint.remove()
@@ -130,7 +130,7 @@ def _joint_codes(splats: Artifact, features: Artifact, lifted: Lifted) -> Tensor
 def _trained(
     gaussians: Gaussians,
     views: TaughtViews,
-    lens: Lens,
+    settings: RenderSettings,
     lifted: Lifted,
     options: CodeOptions,
     checkpoint: Checkpoint,
@@ -141,7 +141,7 @@ def _trained(
         training.load_state_dict(saved)
         log(f"training of codes goes on after iteration {training.iteration}")
     try:
-        training.run(gaussians, views, lens, checkpoint)
+        training.run(gaussians, views, settings, checkpoint)
     except UserError:
         checkpoint.remove()
         raise

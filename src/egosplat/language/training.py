@@ -9,9 +9,10 @@ from torch import Tensor
 
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.codes.joint_objective import code_l1
-from egosplat.codes.rendering import Lens, render_values
+from egosplat.codes.rendering import render_values
 from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import RenderSettings
 from egosplat.language.views import TaughtViews
 from egosplat.progress import track
 
@@ -66,7 +67,9 @@ class CodeTraining:
         self._order: list[int] = []
         self._loss = self.code.new_zeros(())
 
-    def run(self, gaussians: Gaussians, views: TaughtViews, lens: Lens, checkpoint: Checkpoint) -> None:
+    def run(
+        self, gaussians: Gaussians, views: TaughtViews, settings: RenderSettings, checkpoint: Checkpoint
+    ) -> None:
         """Go on until the last iteration.
 
         Raises:
@@ -74,20 +77,20 @@ class CodeTraining:
         """
         rest = range(self.iteration + 1, self._options.iterations + 1)
         for iteration in track(rest, "training codes", unit="iteration"):
-            self._iterate(gaussians, views, lens)
+            self._iterate(gaussians, views, settings)
             self.iteration = iteration
             if iteration % RECORD_EVERY == 0 or iteration == self._options.iterations:
                 self._record()
                 checkpoint.save_if_due(self.state_dict)
 
-    def _iterate(self, gaussians: Gaussians, views: TaughtViews, lens: Lens) -> None:
+    def _iterate(self, gaussians: Gaussians, views: TaughtViews, settings: RenderSettings) -> None:
         if not self._order:
             self._order = torch.randperm(len(views), generator=self._generator).tolist()
         index = self._order.pop()
         targets = views.targets(int(views.frame[index]))
         self._adam.zero_grad()
         values = shown_codes(self.code, self._options.normalize_codes).flatten(1)
-        image, _ = render_values(gaussians, values, views.camera, views.camera_to_world[index], lens)
+        image, _ = render_values(gaussians, values, views.camera, views.camera_to_world[index], settings)
         codes = image.permute(2, 0, 1).unflatten(0, targets.codes.shape[:2])
         loss = code_l1(codes, targets, views.weight(index))
         loss.backward()

@@ -16,7 +16,7 @@ from egosplat.geometry import Array, Camera, transform
 from egosplat.query.maps import Found, Map, Mask, find_in_maps
 from egosplat.query.options import QueryOptions
 from egosplat.query.relevancy import relevancy_maps
-from egosplat.query.scene import LanguageScene
+from egosplat.query.scene import QueryScene
 from egosplat.query.text import Texts
 
 _MAPS_AT_ONCE = 2**27
@@ -74,7 +74,7 @@ class Answer:
 
 
 def ask(
-    scene: LanguageScene,
+    scene: QueryScene,
     texts: Texts,
     camera: Camera,
     camera_to_world: Array,
@@ -102,14 +102,13 @@ def ask(
 
 @torch.inference_mode()
 def view_of(
-    scene: LanguageScene, camera: Camera, camera_to_world: Array, valid: Mask | None, resolution: int
+    scene: QueryScene, camera: Camera, camera_to_world: Array, valid: Mask | None, resolution: int
 ) -> View:
     """One view's codes and depth; arguments as ``ask``, and ``resolution`` as in ``QueryOptions``."""
-    drawn, lens = rendering_camera(camera, resolution), scene.lens
-    how = {"near_plane": lens.near_plane, "antialiased": lens.antialiased, "backend": lens.backend}
-    codes = render_codes(scene.gaussians, scene.code, scene.share, drawn, camera_to_world, **how)
+    drawn, settings = rendering_camera(camera, resolution), scene.settings
+    codes = render_codes(scene.gaussians, scene.code, scene.share, drawn, camera_to_world, settings)
     depth, _, _ = render(
-        scene.gaussians, drawn, camera_to_world, sh_degree=0, background=None, render_mode="ED", **how
+        scene.gaussians, drawn, camera_to_world, settings, sh_degree=0, background=None, render_mode="ED"
     )
     return View(codes.codes, codes.coverage, depth[..., 0], camera, camera_to_world, valid)
 

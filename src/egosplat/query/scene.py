@@ -1,51 +1,98 @@
-"""A scene that can be asked: Gaussians with what they mean, read from artifacts."""
+"""Trained scenes: Gaussians with their render settings, and the codes that queries need."""
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.codes.decoder import Decoder, read_decoder
-from egosplat.codes.rendering import Lens, lens_of
 from egosplat.gaussians.device import training_device
-from egosplat.gaussians.io import read_gaussians
+from egosplat.gaussians.io import read_gaussians, read_render_settings
 from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import RenderSettings, render
+from egosplat.geometry import Camera
 
 
 @dataclass(frozen=True, eq=False)
-class LanguageScene:
-    """N Gaussians that mean something at L levels.
+class TrainedScene:
+    """N Gaussians as they were trained.
 
     Attributes:
         gaussians: on any device.
-        code, share: (N, L, C) and (N, L) float32 of language.zarr, on the same device.
-        decoder: of the codes.
-        lens: how they are rendered.
+        settings: how they are rendered.
+        camera: of the training views.
+        sh_degree: degree of the spherical harmonics in use.
     """
 
     gaussians: Gaussians
+    settings: RenderSettings
+    camera: Camera
+    sh_degree: int
+
+    @torch.no_grad()
+    def picture(self, camera: Camera, camera_to_world: NDArray[np.float64]) -> NDArray[np.float32]:
+        """(H, W, 3) float32 sRGB in [0, 1], rendered as in training; a random background is black."""
+        image, _, _ = render(
+            self.gaussians,
+            camera,
+            camera_to_world,
+            self.settings,
+            sh_degree=self.sh_degree,
+            background=self.settings.still_background,
+        )
+        return image.clamp(0.0, 1.0).cpu().numpy()
+
+
+@dataclass(frozen=True, eq=False)
+class QueryScene(TrainedScene):
+    """A trained scene whose Gaussians have codes at L levels.
+
+    Attributes:
+        code, share: (N, L, C) and (N, L) float32 of language.zarr, on the Gaussians' device.
+        decoder: from codes to features.
+    """
+
     code: Tensor
     share: Tensor
     decoder: Decoder
-    lens: Lens
 
 
-def read_scene(splats: Artifact, language: Artifact, features: Artifact, backend: str) -> LanguageScene:
-    """Read what a query needs, onto the device of the backend.
+def read_trained_scene(splats: Artifact, backend: str) -> TrainedScene:
+    """Read the Gaussians onto the device of the backend.
 
     Args:
-        splats, language, features: which belong together, see ``egosplat.artifacts.lineage.lineage``.
+        splats: the splats artifact.
         backend: see ``egosplat.rasterize.api.rasterization``.
 
     Raises:
         UserError: the backend cannot run.
     """
-    device = training_device(backend)
-    return LanguageScene(
-        gaussians=read_gaussians(splats).to(device),
+    return TrainedScene(
+        gaussians=read_gaussians(splats).to(training_device(backend)),
+        settings=read_render_settings(splats, backend),
+        camera=Camera(**splats.facts["camera"]),
+        sh_degree=splats.facts["sh_degree_in_use"],
+    )
+
+
+def read_scene(splats: Artifact, language: Artifact, features: Artifact, backend: str) -> QueryScene:
+    """Read what a query needs, onto the device of the backend.
+
+    Args:
+        splats, language, features: artifacts that belong together, see ``egosplat.artifacts.lineage.lineage``.
+        backend: see ``egosplat.rasterize.api.rasterization``.
+
+    Raises:
+        UserError: the backend cannot run.
+    """
+    trained = read_trained_scene(splats, backend)
+    device = trained.gaussians.means.device
+    return QueryScene(
+        **vars(trained),
         code=torch.from_numpy(language.read("code")).to(device),
         share=torch.from_numpy(language.read("share")).to(device),
         decoder=read_decoder(features),
-        lens=lens_of(splats, backend),
     )

@@ -10,15 +10,16 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.codes.rendering import Lens, sum_over_pixels
+from egosplat.codes.rendering import sum_over_pixels
 from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Array, Camera
 from egosplat.progress import track
 from egosplat.query.answer import rendering_camera
 from egosplat.query.maps import Mask
 from egosplat.query.options import QueryOptions
 from egosplat.query.relevancy import relevancy_maps
-from egosplat.query.scene import LanguageScene
+from egosplat.query.scene import QueryScene
 from egosplat.query.text import Texts
 from egosplat.query.things import Surface, Thing, find_things
 
@@ -44,7 +45,7 @@ class SceneIndex:
         frame: (V,) int64 frames whose views were looked at.
     """
 
-    scene: LanguageScene
+    scene: QueryScene
     surface: Surface
     frame: NDArray[np.int64]
 
@@ -71,7 +72,7 @@ class SceneAnswer:
         return self.things[0].score if self.things else 0.0
 
 
-def index_scene(scene: LanguageScene, poses: Artifact, camera: Camera, valid: Mask | None) -> SceneIndex:
+def index_scene(scene: QueryScene, poses: Artifact, camera: Camera, valid: Mask | None) -> SceneIndex:
     """Look at a scene from the frames of its recording.
 
     Args:
@@ -86,7 +87,7 @@ def index_scene(scene: LanguageScene, poses: Artifact, camera: Camera, valid: Ma
     small = rendering_camera(camera, VIEW_SIDE)
     seen = None if valid is None else _shrunk(valid, small)
     views = track(poses.read("camera_to_world")[frame], "looking around", unit="view")
-    shares = visible_shares(scene.gaussians, small, views, seen, scene.lens).cpu().numpy()
+    shares = visible_shares(scene.gaussians, small, views, seen, scene.settings).cpu().numpy()
     return SceneIndex(scene, _surface(scene, shares), frame)
 
 
@@ -112,7 +113,7 @@ def ask_scene(index: SceneIndex, texts: Texts, options: QueryOptions, most: int)
             yield SceneAnswer(phrase, tuple(things))
 
 
-def _surface(scene: LanguageScene, shares: NDArray[np.float32]) -> Surface:
+def _surface(scene: QueryScene, shares: NDArray[np.float32]) -> Surface:
     gaussians = scene.gaussians
     means = gaussians.means.double().cpu().numpy()
     radii = gaussians.scales.amax(dim=1).double().cpu().numpy()
@@ -120,7 +121,7 @@ def _surface(scene: LanguageScene, shares: NDArray[np.float32]) -> Surface:
 
 
 def visible_shares(
-    gaussians: Gaussians, camera: Camera, poses: Iterable[Array], valid: Mask | None, lens: Lens
+    gaussians: Gaussians, camera: Camera, poses: Iterable[Array], valid: Mask | None, settings: RenderSettings
 ) -> Tensor:
     """Share of each view that every Gaussian fills, with what stands in front of it taken into account.
 
@@ -133,13 +134,13 @@ def visible_shares(
         camera: of all views, at the resolution to measure in.
         poses: V (4, 4) float64 camera_to_world.
         valid: (height, width) bool pixels of the camera that show the scene, or None for all.
-        lens: how to render.
+        settings: how to render.
 
     Returns:
         (V, N) float32 on the device of the Gaussians, each row with a sum of at most about 1.
     """
     ones = torch.from_numpy(_window(camera, valid)).to(gaussians.means.device)
-    rows = [sum_over_pixels(gaussians, ones[..., None], camera, pose, lens)[:, 0] for pose in poses]
+    rows = [sum_over_pixels(gaussians, ones[..., None], camera, pose, settings)[:, 0] for pose in poses]
     return torch.stack(rows) if rows else ones.new_zeros(0, gaussians.count)
 
 

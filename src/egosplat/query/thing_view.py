@@ -12,7 +12,7 @@ from egosplat.query.answer import rendering_camera
 from egosplat.query.maps import Map, Mask
 from egosplat.query.options import QueryOptions
 from egosplat.query.relevancy import relevancy_maps
-from egosplat.query.scene import LanguageScene
+from egosplat.query.scene import QueryScene
 from egosplat.query.text import Texts
 from egosplat.query.things import Thing
 
@@ -37,7 +37,7 @@ class ThingView:
 
 @torch.inference_mode()
 def view_thing(
-    scene: LanguageScene,
+    scene: QueryScene,
     thing: Thing,
     texts: Texts,
     camera: Camera,
@@ -60,19 +60,16 @@ def view_thing(
     inside = np.ones(size[::-1], bool) if valid is None else valid
     members = torch.zeros(scene.gaussians.count, 1, device=scene.code.device)
     members[torch.from_numpy(thing.members).to(members.device)] = 1.0
-    filled, _ = render_values(scene.gaussians, members, small, camera_to_world, scene.lens)
+    filled, _ = render_values(scene.gaussians, members, small, camera_to_world, scene.settings)
     mask = (cv2.resize(filled[..., 0].cpu().numpy(), size) > HALF) & inside
     at = slice(thing.level, thing.level + 1)
-    lens = scene.lens
     codes = render_codes(
         scene.gaussians,
         scene.code[:, at],
         scene.share[:, at],
         small,
         camera_to_world,
-        near_plane=lens.near_plane,
-        antialiased=lens.antialiased,
-        backend=lens.backend,
+        scene.settings,
     )
     seen = codes.coverage > options.min_coverage
     fits = relevancy_maps(codes.codes, seen, scene.decoder, texts, options.temperature)[0, 0]

@@ -12,12 +12,14 @@ from scipy.spatial.transform import Rotation
 from egosplat.alarms.found import warnings_of
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.language import LANGUAGE
+from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.splats import SPLATS
 from egosplat.codes.rendering import render_codes
 from egosplat.geometry import Camera, make_pose
 from egosplat.output_files import check_output, picture_kind
+from egosplat.query.scene import TrainedScene, read_trained_scene
 from egosplat.report.figure import draw_heading, plt, save_figure
-from egosplat.report.trained_scene import TrainedScene, open_trained_scene
 
 PAGE = picture_kind("egosplat language-sheet")
 
@@ -66,14 +68,17 @@ def run(poses: Path, splats: Path, language: Path, output: Path, *, title: str) 
         UserError: the inputs do not belong together.
     """
     check_output(output, PAGE)
-    scene, meaning = open_trained_scene(poses, splats), open_artifact(language, LANGUAGE)
-    check_made_from(meaning, scene.poses, scene.splats)
+    walk, trained = open_artifact(poses, POSES), open_artifact(splats, SPLATS)
+    meaning = open_artifact(language, LANGUAGE)
+    check_made_from(trained, walk)
+    check_made_from(meaning, walk, trained)
+    scene = read_trained_scene(trained, "auto")
     levels = meaning.facts["levels"]
     camera = _reduced(scene.camera)
     size = (CELL * TURNS, (CELL * camera.height / camera.width + 0.25) * (1 + len(levels)) + 0.9)
     figure, grid = plt.subplots(1 + len(levels), TURNS, squeeze=False, figsize=size, layout="constrained")
     draw_heading(figure, f"{title}: {_summary(meaning)}", warnings_of(meaning))
-    _draw_views(grid, scene, meaning, camera)
+    _draw_views(grid, scene, walk, meaning, camera)
     save_figure(figure, output, PAGE)
 
 
@@ -92,28 +97,28 @@ def _summary(meaning: Artifact) -> str:
 
 
 @torch.no_grad()
-def _draw_views(grid: NDArray[np.object_], scene: TrainedScene, meaning: Artifact, camera: Camera) -> None:
+def _draw_views(
+    grid: NDArray[np.object_], scene: TrainedScene, walk: Artifact, meaning: Artifact, camera: Camera
+) -> None:
     code, share = meaning.read("code"), meaning.read("share")
-    colours = principal_colours(code, share)
-    poses, up = scene.poses.read("camera_to_world"), scene.poses.read("up")
-    frame = choose_place(poses, scene.poses.read("registered"), up)
+    colours, device = principal_colours(code, share), scene.gaussians.means.device
+    poses, up = walk.read("camera_to_world"), walk.read("up")
+    frame = choose_place(poses, walk.read("registered"), up)
     for column, turn in enumerate(np.arange(TURNS) * 360.0 / TURNS):
         pose = turned_right(poses[frame], up, turn)
         heading = f"turned {turn:.0f}° to the right" if column else f"as in frame {frame}"
         _show(grid[0, column], scene.picture(camera, pose), heading)
         rendered = render_codes(
             scene.gaussians,
-            torch.from_numpy(code),
-            torch.from_numpy(share),
+            torch.from_numpy(code).to(device),
+            torch.from_numpy(share).to(device),
             camera,
             pose,
-            near_plane=scene.near_plane,
-            antialiased=scene.antialiased,
-            backend="auto",
+            scene.settings,
         )
         for row, name in enumerate(meaning.facts["levels"]):
-            coverage = rendered.coverage[row].numpy()
-            picture = colours.paint(rendered.codes[row].numpy(), coverage)
+            coverage = rendered.coverage[row].cpu().numpy()
+            picture = colours.paint(rendered.codes[row].cpu().numpy(), coverage)
             _show(grid[1 + row, column], picture, f"{name}: {coverage.mean():.0%} has a meaning")
 
 

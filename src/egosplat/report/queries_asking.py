@@ -27,7 +27,6 @@ from egosplat.query.options import QueryOptions
 from egosplat.query.scene import read_scene
 from egosplat.query.text import encode_texts
 from egosplat.report.queries_choice import ScoredQuery
-from egosplat.report.trained_scene import open_trained_scene
 from egosplat.tables.scored_scenes import ScoredScene
 
 _SCHEMAS = (FRAMES, POSES, ANNOTATIONS, FEATURES, SPLATS, LANGUAGE)
@@ -105,11 +104,10 @@ def ask_again(
     clip = load_clip_of(sources.features, model, checkpoint, "auto", precision)
     texts = encode_texts(clip, sorted({one.category for one in chosen}), reading.canonical)
     scene = read_scene(sources.splats, sources.language, sources.features, "auto")
-    drawn = open_trained_scene(sources.poses.path, sources.splats.path)
     for frame in sorted({one.frame for one in chosen}):
         own = [one for one in chosen if one.frame == frame]
         pose, words = evaluation.camera_to_world[frame], texts.of([one.category for one in own])
-        photograph, view = sources.frames.row("rgb", frame), drawn.picture(evaluation.camera, pose)
+        photograph, view = sources.frames.row("rgb", frame), scene.picture(evaluation.camera, pose)
         answers = ask(scene, words, evaluation.camera, pose, evaluation.valid, reading)
         for one, answer in zip(own, answers, strict=True):
             truth, boxes = _target(evaluation, asked[frame, one.category])

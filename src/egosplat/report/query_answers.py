@@ -12,7 +12,7 @@ from egosplat.geometry import Array
 from egosplat.progress import track
 from egosplat.query.answer import Answer, ask
 from egosplat.query.options import QueryOptions
-from egosplat.query.scene import LanguageScene
+from egosplat.query.scene import QueryScene
 from egosplat.query.scene_query import SceneAnswer, SceneIndex, ask_scene, index_scene
 from egosplat.query.text import Texts
 from egosplat.query.thing_view import view_thing
@@ -20,7 +20,6 @@ from egosplat.query.things import Thing
 from egosplat.query.verdict import refusal
 from egosplat.query.viewpoint import Viewpoint
 from egosplat.report.query_sheet import DrawnAnswer
-from egosplat.report.trained_scene import TrainedScene
 
 MOST_DRAWN = 8
 """Answers in the picture; more are in the table alone, so that many queries take no longer for pictures."""
@@ -48,15 +47,13 @@ class Question:
         texts: the queries, each once.
         untaught: for each query, its words that the model was not trained on.
         options: how queries are answered.
-        scene: is asked.
-        drawn: renders the pictures.
+        scene: is asked and rendered.
     """
 
     texts: Texts
     untaught: Mapping[str, Sequence[str]]
     options: QueryOptions
-    scene: LanguageScene
-    drawn: TrainedScene
+    scene: QueryScene
 
     def refusal(self, phrase: str, score: float) -> str | None:
         """Why a query has no answer, in words; None where it has one."""
@@ -86,7 +83,7 @@ def answer_in_scene(question: Question, sources: QuerySources, most: int) -> Ans
     """Find each query's things in 3D, and draw the best one in the view that shows it best."""
     unit = length_unit(sources.poses)
     columns = ("query", "score", "level", f"centre [{unit}]", f"size [{unit}]", "frame")
-    index = index_scene(question.scene, sources.poses, question.drawn.camera, sources.frames.read("valid"))
+    index = index_scene(question.scene, sources.poses, question.scene.camera, sources.frames.read("valid"))
     asked = ask_scene(index, question.texts, question.options, most)
     answers = list(track(asked, "asking", unit="answer", total=len(question.texts.phrases)))
     levels = sources.language.facts["levels"]
@@ -127,7 +124,7 @@ def _draw_thing(
     thing: Thing = answer.things[0]
     frame = index.best_frame(thing)
     pose = sources.poses.read("camera_to_world")[frame]
-    texts, camera = question.texts.of([answer.phrase]), question.drawn.camera
+    texts, camera = question.texts.of([answer.phrase]), question.scene.camera
     valid = sources.frames.read("valid")
     seen = view_thing(question.scene, thing, texts, camera, pose, valid, question.options)
     level = sources.language.facts["levels"][thing.level]
@@ -135,7 +132,7 @@ def _draw_thing(
         answer.phrase,
         answer.score,
         where=f"frame {frame}",
-        picture=question.drawn.picture(camera, pose),
+        picture=question.scene.picture(camera, pose),
         pixel=seen.pixel,
         relevancy=seen.relevancy,
         level=level,
@@ -146,10 +143,10 @@ def _draw_thing(
 
 def answer_in_view(question: Question, sources: QuerySources, viewpoint: Viewpoint) -> Answered:
     """Find each query in one view."""
-    camera, pose = question.drawn.camera, viewpoint.camera_to_world
+    camera, pose = question.scene.camera, viewpoint.camera_to_world
     unit = length_unit(sources.poses)
     columns = ("query", "score", "level", "pixel", f"position [{unit}]")
-    picture = question.drawn.picture(camera, pose)
+    picture = question.scene.picture(camera, pose)
     levels = sources.language.facts["levels"]
     asked = ask(question.scene, question.texts, camera, pose, viewpoint.valid, question.options)
     rows: list[tuple[str, ...]] = []

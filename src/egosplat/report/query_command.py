@@ -22,7 +22,6 @@ from egosplat.query.text import encode_texts, untaught_words
 from egosplat.query.viewpoint import Viewpoint, file_viewpoint, frame_viewpoint
 from egosplat.report.query_answers import Answered, QuerySources, Question, answer_in_scene, answer_in_view
 from egosplat.report.query_sheet import QUERY_PICTURE, draw_answers
-from egosplat.report.trained_scene import open_trained_scene
 
 _VERIFIED = {"poses": POSES, "features": FEATURES, "splats": SPLATS, "language": LANGUAGE}
 """Artifacts whose every byte is checked. Of frames.zarr, which may hold gigabytes, only a little is read."""
@@ -81,7 +80,6 @@ def run(
         untaught={phrase: untaught_words(clip, phrase) for phrase in phrases},
         options=options,
         scene=read_scene(sources.splats, sources.language, sources.features, backend),
-        drawn=open_trained_scene(sources.poses.path, sources.splats.path),
     )
     if viewpoint is None:
         answered = answer_in_scene(question, sources, asking.most)

@@ -14,13 +14,15 @@ from egosplat.alarms.found import warnings_of
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.masks import MASKS
+from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
+from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.output_files import check_output, picture_kind
+from egosplat.query.scene import read_trained_scene
 from egosplat.report.figure import draw_heading, middles_of_parts, plt, save_figure
 from egosplat.report.page_text import add_name
-from egosplat.report.trained_scene import TrainedScene, open_trained_scene
 
 PAGE = picture_kind("egosplat transient-sheet")
 
@@ -55,10 +57,11 @@ HEAT = 0.75
 @dataclass(frozen=True)
 class _Sources:
     frames: Artifact
+    poses: Artifact
     transient: Artifact
     segments: Artifact
     masks: Artifact
-    scene: TrainedScene
+    splats: Artifact
 
 
 def run(
@@ -79,7 +82,7 @@ def run(
     """
     check_output(output, PAGE)
     sources = _open(frames, poses, transient, segments, masks, splats)
-    shown = choose_frames(_masked_shares(sources.masks), sources.scene.poses.read("registered"))
+    shown = choose_frames(_masked_shares(sources.masks), sources.poses.read("registered"))
     _, height, width, _ = sources.frames.shape("rgb")
     columns = max(len(shown), 3)
     pictures = 4 * (CELL * height / width + 0.25)
@@ -94,12 +97,13 @@ def run(
 def _open(frames: Path, poses: Path, transient: Path, segments: Path, masks: Path, splats: Path) -> _Sources:
     pictures, found = open_artifact(frames, FRAMES), open_artifact(segments, SEGMENTS)
     predicted, refined = open_artifact(transient, TRANSIENT), open_artifact(masks, MASKS)
-    scene = open_trained_scene(poses, splats)
-    for artifact in (scene.poses, found, predicted, scene.splats):
+    walk, trained = open_artifact(poses, POSES), open_artifact(splats, SPLATS)
+    check_made_from(trained, walk)
+    for artifact in (walk, found, predicted, trained):
         check_made_from(artifact, pictures)
     check_made_from(refined, found, predicted)
-    check_made_from(scene.splats, predicted, refined)
-    return _Sources(pictures, predicted, found, refined, scene)
+    check_made_from(trained, predicted, refined)
+    return _Sources(pictures, walk, predicted, found, refined, trained)
 
 
 def _masked_shares(masks: Artifact) -> NDArray[np.float64]:
@@ -125,7 +129,7 @@ def choose_frames(masked: NDArray[np.float64], posed: NDArray[np.bool_]) -> list
 
 
 def _summary(sources: _Sources) -> str:
-    facts, masking = sources.masks.facts, sources.scene.splats.provenance["options"]["masking"]
+    facts, masking = sources.masks.facts, sources.splats.provenance["options"]["masking"]
     trained = {"none": "all pixels", "initial": "all pixels, less where the probability is high"}
     return (
         f"{facts['transient']} of {facts['instances']} instances move, {facts['masked_share']:.1%} of all pixels; "
@@ -139,8 +143,8 @@ def _draw_frames(page: SubFigure, sources: _Sources, shown: list[int], columns: 
     grid = page.subplots(4, columns, squeeze=False)
     for cell in grid.flat:
         cell.set_axis_off()
-    times, scene = sources.frames.read("timestamp_ns"), sources.scene
-    poses = scene.poses.read("camera_to_world")
+    times, scene = sources.frames.read("timestamp_ns"), read_trained_scene(sources.splats, "auto")
+    poses = sources.poses.read("camera_to_world")
     heat = None
     for column, frame in enumerate(shown):
         photograph = sources.frames.row("rgb", frame)

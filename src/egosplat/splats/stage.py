@@ -27,8 +27,9 @@ from egosplat.gaussians.initialization import scene_extent
 from egosplat.gaussians.io import put_curves, put_gaussians
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.objective import L1Ssim, Objective
-from egosplat.gaussians.options import RenderOptions, TrainingOptions
+from egosplat.gaussians.options import TrainingOptions
 from egosplat.gaussians.pixel_weights import Masking, open_masking
+from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.starting_points import starting_gaussians
 from egosplat.gaussians.trainer import Photographs, resume_and_train
 from egosplat.gaussians.training_state import TrainingState
@@ -77,7 +78,7 @@ class SplatsOptions:
     def training(self) -> TrainingOptions:
         """How the Gaussians are trained."""
         return TrainingOptions(
-            render=RenderOptions(
+            render=RenderSettings(
                 near_plane=self.near_plane,
                 background=self.background,
                 antialiased=self.antialiased,

@@ -20,7 +20,8 @@ from egosplat.artifacts.writer import Writer, create
 from egosplat.compute import single_thread
 from egosplat.gaussians.device import rasterizer_used, training_device
 from egosplat.gaussians.initialization import scene_extent
-from egosplat.gaussians.options import RenderOptions, TrainingOptions
+from egosplat.gaussians.options import TrainingOptions
+from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.starting_points import starting_gaussians
 from egosplat.gaussians.trainer import Photographs, resume_and_train
 from egosplat.gaussians.training_state import TrainingState
@@ -68,7 +69,7 @@ class TransientOptions:
     def gaussians(self) -> TrainingOptions:
         """How the temporary Gaussians are trained."""
         return TrainingOptions(
-            render=RenderOptions(
+            render=RenderSettings(
                 near_plane=self.near_plane,
                 background=self.background,
                 antialiased=False,

@@ -9,11 +9,11 @@ import torch
 
 from egosplat.evaluation.rendering import region_scores
 from egosplat.gaussians.evaluation import evaluate, rendered
-from egosplat.gaussians.options import RenderOptions
+from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
 
-OPTIONS = RenderOptions(near_plane=0.1, background="black", antialiased=False, backend="auto")
+OPTIONS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
 
 
 @pytest.fixture
@@ -66,7 +66,7 @@ def test_the_true_gaussians_render_the_pictures(truth, views):
 def test_the_background_of_evaluation(truth, views, background, value):
     behind = truth.select(torch.arange(1))
     behind.means[:, 2] = -5.0
-    options = RenderOptions(near_plane=0.1, background=background, antialiased=False, backend="auto")
+    options = RenderSettings(near_plane=0.1, background=background, antialiased=False, backend="auto")
     image = rendered(behind, views, 0, options, 0)
     assert image.shape == (24, 24, 3) and bool((image == value).all())
 

@@ -8,7 +8,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from egosplat.gaussians.model import PARAMETERS, Gaussians, as_rows, rotation_matrices
-from egosplat.gaussians.render import render
+from egosplat.gaussians.render import RenderSettings, render
 from egosplat.geometry import Camera, make_pose
 
 
@@ -116,11 +116,9 @@ def picture(gaussians: Gaussians, pose: np.ndarray, mode: str, background: torch
         gaussians,
         CAMERA,
         pose,
+        RenderSettings(0.1, "black", False, "reference"),
         sh_degree=0,
         background=background,
-        near_plane=0.1,
-        antialiased=False,
-        backend="reference",
         render_mode=mode,
     )
 

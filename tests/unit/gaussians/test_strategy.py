@@ -9,7 +9,7 @@ import torch
 from egosplat.errors import UserError
 from egosplat.gaussians.model import PARAMETERS, Gaussians, rotation_matrices
 from egosplat.gaussians.optimizer import Adam, LearningRates
-from egosplat.gaussians.render import render
+from egosplat.gaussians.render import RenderSettings, render
 from egosplat.gaussians.schedule import Schedule
 from egosplat.gaussians.strategy import (
     DensityControl,
@@ -267,8 +267,9 @@ def opacity_gradient_beside_the_image(reset_to: float) -> float:
     gaussians.means.detach()[:] = torch.tensor([-0.2, 0.0, 1.0])
     reset_opacities(gaussians, with_moments(gaussians), reset_to)
     camera = Camera(40, 41, 40.0, 40.0, 0.5, 20.5)
-    options = {"sh_degree": 0, "background": None, "near_plane": 0.1, "antialiased": False}
-    _, alpha, _ = render(gaussians, camera, np.eye(4), backend="reference", **options)
+    settings = RenderSettings(0.1, "black", False, "reference")
+    options = {"sh_degree": 0, "background": None}
+    _, alpha, _ = render(gaussians, camera, np.eye(4), settings, **options)
     alpha.sum().backward()
     return float(gaussians.logit_opacities.grad.abs())
 

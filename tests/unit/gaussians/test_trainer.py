@@ -13,8 +13,8 @@ from egosplat.gaussians import objective
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import PARAMETERS, Gaussians
 from egosplat.gaussians.objective import L1Ssim
-from egosplat.gaussians.options import RenderOptions, TrainingOptions
-from egosplat.gaussians.render import render
+from egosplat.gaussians.options import TrainingOptions
+from egosplat.gaussians.render import RenderSettings, render
 from egosplat.gaussians.schedule import STOCK, STOCK_MCMC
 from egosplat.gaussians.trainer import Photographs, draw_background, record, regularisation, train
 from egosplat.gaussians.training_state import TrainingState
@@ -22,7 +22,7 @@ from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
 
 OPTIONS = TrainingOptions(
-    render=RenderOptions(near_plane=0.1, background="black", antialiased=False, backend="auto"),
+    render=RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto"),
     iterations=60,
     strategy="default",
     max_gaussians=80,
@@ -246,11 +246,9 @@ def test_what_is_large_on_screen_is_pruned_with_the_renderers_own_radii(trained)
         state.gaussians,
         Camera(24, 24, 22.0, 22.0, 12.0, 12.0),
         np.eye(4),
+        RenderSettings(0.1, "black", False, "auto"),
         sh_degree=0,
         background=None,
-        near_plane=0.1,
-        antialiased=False,
-        backend="auto",
     )
     density = replace(OPTIONS, iterations=30_000, prune_screen_px=float(meta["radii"].max()) - 1).population(
         EXTENT

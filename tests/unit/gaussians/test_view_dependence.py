@@ -9,8 +9,7 @@ import torch
 from egosplat.artifacts.reader import verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError
-from egosplat.gaussians.options import RenderOptions
-from egosplat.gaussians.render import render
+from egosplat.gaussians.render import RenderSettings, render
 from egosplat.gaussians.training_views import Views
 from egosplat.gaussians.view_dependence import DegreeSearch, mean_basis, settle_degree, without_degree
 from egosplat.geometry import Camera
@@ -40,10 +39,9 @@ def glossy(truth, camera_to_world) -> np.ndarray:
     """The pictures, were the Gaussians' red brighter from the left and their blue from the right."""
     sh = torch.cat([truth.sh, torch.zeros(truth.count, 3, 3)], dim=1)
     sh[:, 3] = torch.tensor([3.0, 0.0, -3.0])
-    options = {"sh_degree": 1, "background": None, "near_plane": 0.1, "antialiased": False}
-    images = [
-        render(replace(truth, sh=sh), CAMERA, pose, backend="auto", **options)[0] for pose in camera_to_world
-    ]
+    settings = RenderSettings(0.1, "black", False, "auto")
+    options = {"sh_degree": 1, "background": None}
+    images = [render(replace(truth, sh=sh), CAMERA, pose, settings, **options)[0] for pose in camera_to_world]
     return (torch.stack(images).clamp(0, 1) * 255).round().to(torch.uint8).numpy()
 
 
@@ -126,7 +124,7 @@ def test_without_valid_validation_pixels_the_degree_stays(truth, pictures, camer
     some, poses = torch.from_numpy(pictures[:2]), camera_to_world[:2]
     moving = torch.ones(2, 24, 24, dtype=torch.bool)
     views = Views(np.arange(2), some, poses, None, moving, CAMERA, torch.device("cpu"))
-    search, options = DegreeSearch(open=True), RenderOptions(0.1, "black", False, "auto")
+    search, options = DegreeSearch(open=True), RenderSettings(0.1, "black", False, "auto")
     assert settle_degree(search, gaussians, 1, views, views, options, tolerance_db=0.05) is gaussians
     assert search == DegreeSearch(open=False, psnr=[None, None])
     seen = replace(views, transient=None)

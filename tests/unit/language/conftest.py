@@ -12,10 +12,9 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
-from egosplat.codes.rendering import Lens
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import render
+from egosplat.gaussians.render import RenderSettings, render
 from egosplat.geometry import Camera
 from tests.support.scenes import LEVELS, camera_facts, put
 
@@ -28,8 +27,8 @@ CODES = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, -0.5], [0.3, 0.3, 0.3]], np.float3
 
 
 @pytest.fixture(scope="session")
-def lens() -> Lens:
-    return Lens(near_plane=0.1, antialiased=False, backend="auto")
+def settings() -> RenderSettings:
+    return RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
 
 
 @pytest.fixture(scope="session")
@@ -75,10 +74,9 @@ def scene(tmp_path, wall, camera_to_world, labels) -> Callable[..., Path]:
     def make(
         target: str = "average", rows: list[tuple[int, int]] | None = None, levels: Sequence[int] = (1, 1, 0)
     ) -> Path:
-        options = {"sh_degree": 0, "background": None, "near_plane": 0.1, "antialiased": False}
-        images = torch.stack(
-            [render(wall, CAMERA, pose, backend="auto", **options)[0] for pose in camera_to_world]
-        )
+        settings = RenderSettings(0.1, "black", False, "auto")
+        options = {"sh_degree": 0, "background": None}
+        images = torch.stack([render(wall, CAMERA, pose, settings, **options)[0] for pose in camera_to_world])
         facts = camera_facts(CAMERA)
         frames = {
             "rgb": (images.clamp(0, 1) * 255).round().to(torch.uint8).numpy(),

@@ -29,14 +29,14 @@ def views(scene, opened):
 
 
 @pytest.mark.parametrize("masked", [False, True])
-def test_lifted_codes_are_means_by_rendering_weight(wall, views, lens, masked):
+def test_lifted_codes_are_means_by_rendering_weight(wall, views, settings, masked):
     given = views(masked)
-    lifted = lift(wall, given, lens)
+    lifted = lift(wall, given, settings)
     # Each column of the identity shows where one Gaussian is rendered, and how much of it.
     codes, known, seen = torch.zeros(wall.count, 2, 3), torch.zeros(wall.count, 2), torch.zeros(wall.count)
     for index in range(len(given)):
         image, _ = render_values(
-            wall, torch.eye(wall.count), given.camera, given.camera_to_world[index], lens
+            wall, torch.eye(wall.count), given.camera, given.camera_to_world[index], settings
         )
         targets, weight = given.targets(int(given.frame[index])), given.weight(index)
         counted = targets.known * (torch.ones(24, 24) if weight is None else weight)
@@ -52,8 +52,8 @@ def test_lifted_codes_are_means_by_rendering_weight(wall, views, lens, masked):
     )
 
 
-def test_each_half_gets_the_code_of_its_instance(wall, views, lens):
-    lifted = lift(wall, views(), lens)
+def test_each_half_gets_the_code_of_its_instance(wall, views, settings):
+    lifted = lift(wall, views(), settings)
     inside = (wall.means[:, 0].abs() > 0.4) & (wall.means[:, :2].abs() < 1.0).all(dim=1)
     left, right = inside & (wall.means[:, 0] < 0), inside & (wall.means[:, 0] > 0)
     assert left.any() and right.any()
@@ -66,26 +66,24 @@ def test_each_half_gets_the_code_of_its_instance(wall, views, lens):
     assert float(lifted.share[far, 0].max()) == 0.0 and float(lifted.code[far, 0].abs().max()) == 0.0
 
 
-def test_gaussians_in_no_view_get_no_code(wall, views, lens):
+def test_gaussians_in_no_view_get_no_code(wall, views, settings):
     behind = wall.select(torch.arange(3))
     behind.means[:, 2] = -5.0
-    lifted = lift(Gaussians.concatenate([wall, behind]), views(), lens)
+    lifted = lift(Gaussians.concatenate([wall, behind]), views(), settings)
     assert float(lifted.share[-3:].abs().max()) == 0.0 and float(lifted.code[-3:].abs().max()) == 0.0
     assert bool(lifted.code.isfinite().all()) and bool((lifted.share <= 1).all())
 
 
-def test_rendered_codes_are_those_that_were_lifted(wall, views, lens, camera_to_world, labels):
+def test_rendered_codes_are_those_that_were_lifted(wall, views, settings, camera_to_world, labels):
     given = views()
-    lifted = lift(wall, given, lens)
+    lifted = lift(wall, given, settings)
     found = render_codes(
         wall,
         lifted.code,
         lifted.share,
         given.camera,
         camera_to_world[2],  # held out
-        near_plane=lens.near_plane,
-        antialiased=lens.antialiased,
-        backend=lens.backend,
+        settings,
     )
     assert found.codes.shape == (2, 24, 24, 3) and found.coverage.shape == (2, 24, 24)
     nearest = torch.cdist(
@@ -97,14 +95,13 @@ def test_rendered_codes_are_those_that_were_lifted(wall, views, lens, camera_to_
     assert bool(none.any()) and float(found.codes[0][none].abs().max()) == 0.0
 
 
-def test_gaussians_without_share_do_not_contribute(wall, camera_to_world, lens, views):
+def test_gaussians_without_share_do_not_contribute(wall, camera_to_world, settings, views):
     code = torch.zeros(wall.count, 1, 2)
     code[: wall.count // 2] = torch.tensor([1.0, 2.0])
     code[wall.count // 2 :] = 1e6
     share = torch.zeros(wall.count, 1)
     share[: wall.count // 2] = 0.25
-    options = {"near_plane": 0.1, "antialiased": False, "backend": "auto"}
-    found = render_codes(wall, code, share, views().camera, camera_to_world[0], **options)
+    found = render_codes(wall, code, share, views().camera, camera_to_world[0], settings)
     covered = found.coverage[0] > 1e-6
     assert bool(covered.any())
     values = found.codes[0][covered]

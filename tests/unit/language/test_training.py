@@ -26,9 +26,9 @@ def checkpoint(tmp_path):
     return Checkpoint(tmp_path / "language.zarr", "key", 1e9)
 
 
-def test_the_loss_falls_and_each_half_learns_its_code(wall, views, lens, checkpoint):
+def test_the_loss_falls_and_each_half_learns_its_code(wall, views, settings, checkpoint):
     training = CodeTraining(wall, 2, 3, OPTIONS)
-    training.run(wall, views, lens, checkpoint)
+    training.run(wall, views, settings, checkpoint)
     assert training.curve.iteration == [10, 20, 30, 40, 50, 60]
     assert training.curve.loss[-1] < 0.2 * training.curve.loss[0]
     left = (wall.means[:, 0] < -0.4) & (wall.means[:, :2].abs() < 0.9).all(dim=1)
@@ -36,21 +36,21 @@ def test_the_loss_falls_and_each_half_learns_its_code(wall, views, lens, checkpo
     assert float((training.code.detach()[left, 1].mean(dim=0) - expected).abs().max()) < 0.2
 
 
-def test_a_run_resumes_to_the_same_codes(wall, views, lens, checkpoint):
+def test_a_run_resumes_to_the_same_codes(wall, views, settings, checkpoint):
     whole = CodeTraining(wall, 2, 3, OPTIONS)
-    whole.run(wall, views, lens, checkpoint)
+    whole.run(wall, views, settings, checkpoint)
     half = CodeTraining(wall, 2, 3, CodeOptions(30, 0.05, False, 0))
-    half.run(wall, views, lens, checkpoint)
+    half.run(wall, views, settings, checkpoint)
     rest = CodeTraining(wall, 2, 3, OPTIONS)
     rest.load_state_dict(half.state_dict())
-    rest.run(wall, views, lens, checkpoint)
+    rest.run(wall, views, settings, checkpoint)
     assert torch.equal(whole.code, rest.code) and whole.curve == rest.curve
 
 
-def test_a_learning_rate_far_too_large_ends_training(wall, views, lens, checkpoint):
+def test_a_learning_rate_far_too_large_ends_training(wall, views, settings, checkpoint):
     training = CodeTraining(wall, 2, 3, CodeOptions(20, 3e37, False, 0))
     with pytest.raises(UserError, match=r"language\.lr"):
-        training.run(wall, views, lens, checkpoint)
+        training.run(wall, views, settings, checkpoint)
 
 
 def test_unit_codes():

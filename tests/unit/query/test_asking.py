@@ -7,21 +7,21 @@ import pytest
 import torch
 
 from egosplat.codes.decoder import Decoder
-from egosplat.codes.rendering import Lens
 from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Camera
 from egosplat.query.answer import ask, rendering_camera, view_of
 from egosplat.query.options import LANGSPLAT
-from egosplat.query.scene import LanguageScene
+from egosplat.query.scene import QueryScene
 from egosplat.query.text import Texts
 
 CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)
-LENS = Lens(near_plane=0.1, antialiased=False, backend="auto")
+SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
 IDENTITY = Decoder((4,), np.zeros(0, np.float32))
 
 
 @pytest.fixture
-def scene() -> LanguageScene:
+def scene() -> QueryScene:
     """Two opaque balls at 2 m, left and right, that mean directions 0 and 1 at the one level there is."""
     means = torch.tensor([[-0.5, 0.0, 2.0], [0.5, 0.1, 2.0]])
     gaussians = Gaussians(
@@ -32,7 +32,7 @@ def scene() -> LanguageScene:
         torch.zeros(2, 1, 3),
         torch.zeros(2, 0),
     )
-    return LanguageScene(gaussians, torch.eye(4)[:2, None], torch.ones(2, 1), IDENTITY, LENS)
+    return QueryScene(gaussians, SETTINGS, CAMERA, 0, torch.eye(4)[:2, None], torch.ones(2, 1), IDENTITY)
 
 
 @pytest.mark.parametrize("resolution", [0, 32])

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.codes.rendering import Lens, render_values
+from egosplat.codes.rendering import render_values
 from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Camera
 from egosplat.query.scene_query import visible_shares
 
 CAMERA = Camera(20, 16, 18.0, 18.0, 10.0, 8.0)
-LENS = Lens(near_plane=0.1, antialiased=False, backend="cpu")
+SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="cpu")
 
 
 @pytest.fixture
@@ -35,8 +36,8 @@ def window() -> np.ndarray:
 
 def test_shares_are_sums_of_compositing_weights(cloud):
     """Each Gaussian rendered alone in white, behind what hides it, gives the same sum."""
-    (shares,) = visible_shares(cloud, CAMERA, [np.eye(4)], None, LENS)
-    weights, _ = render_values(cloud, torch.eye(4), CAMERA, np.eye(4), LENS)
+    (shares,) = visible_shares(cloud, CAMERA, [np.eye(4)], None, SETTINGS)
+    weights, _ = render_values(cloud, torch.eye(4), CAMERA, np.eye(4), SETTINGS)
     expected = (weights.numpy() * window()[..., None]).sum(axis=(0, 1))
     np.testing.assert_allclose(shares.numpy(), expected, rtol=1e-4, atol=1e-7)
     assert shares[3] == 0.0 and 0 < shares.sum() <= 1.0
@@ -46,14 +47,14 @@ def test_invalid_pixels_show_nothing(cloud):
     """A lens circle that leaves out the right half hides what is there."""
     valid = np.ones((16, 20), bool)
     valid[:, 10:] = False
-    (everything,) = visible_shares(cloud, CAMERA, [np.eye(4)], None, LENS)
-    (half,) = visible_shares(cloud, CAMERA, [np.eye(4)], valid, LENS)
+    (everything,) = visible_shares(cloud, CAMERA, [np.eye(4)], None, SETTINGS)
+    (half,) = visible_shares(cloud, CAMERA, [np.eye(4)], valid, SETTINGS)
     assert half[2] < 0.1 * everything[2] and half[0] > 0.3 * everything[0]
 
 
 def test_one_row_a_view(cloud):
     """A view from behind sees the Gaussian that the first one does not."""
     behind = np.diag([-1.0, 1.0, -1.0, 1.0])
-    shares = visible_shares(cloud, CAMERA, [np.eye(4), behind], None, LENS)
+    shares = visible_shares(cloud, CAMERA, [np.eye(4), behind], None, SETTINGS)
     assert shares.shape == (2, 4) and shares[1, 3] > 0 and (shares[1, :3] == 0).all()
-    assert visible_shares(cloud, CAMERA, [], None, LENS).shape == (0, 4)
+    assert visible_shares(cloud, CAMERA, [], None, SETTINGS).shape == (0, 4)

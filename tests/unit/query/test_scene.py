@@ -1,13 +1,15 @@
-"""Gaussians are drawn as they were trained to be."""
+"""A trained scene is rendered with the settings that it was trained with."""
 
 from dataclasses import asdict
 
 import numpy as np
 import pytest
 
-from egosplat.errors import UserError
+from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.splats import SPLATS
+from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Camera
-from egosplat.report.trained_scene import open_trained_scene
+from egosplat.query.scene import read_trained_scene
 from tests.support.scenes import put
 
 CAMERA = Camera(16, 12, 12.0, 12.0, 8.0, 6.0)
@@ -15,12 +17,11 @@ CAMERA = Camera(16, 12, 12.0, 12.0, 8.0, 6.0)
 
 @pytest.fixture
 def scene(tmp_path):
-    """``scene(background=, degree=, made_from=)``: one Gaussian ahead, green where its harmonics are used."""
+    """``scene(background=, degree=)``: one Gaussian ahead, green where its harmonics are used."""
 
-    def make(background: str = "black", degree: int = 1, made_from: str | None = None):
+    def make(background: str = "black", degree: int = 1):
         sh = np.zeros((1, 4, 3), np.float32)
         sh[0, 2, 1] = 1.0  # along z
-        poses = {"registered": np.ones(1, bool), "intrinsics": CAMERA.matrix}
         splats = {
             "means": np.float32([[0, 0, 2]]),
             "log_scales": np.full((1, 3), -2.0, np.float32),
@@ -29,10 +30,8 @@ def scene(tmp_path):
         }
         facts = {"camera": asdict(CAMERA), "sh_degree_in_use": degree}
         options = {"near_plane": 0.5, "antialiased": True, "background": background}
-        put(tmp_path, "poses", poses, facts)
-        inputs = {"poses.zarr": made_from} if made_from else {}
-        put(tmp_path, "splats", splats, facts, made_from=["poses"], inputs=inputs, options=options)
-        return open_trained_scene(tmp_path / "poses.zarr", tmp_path / "splats.zarr")
+        put(tmp_path, "splats", splats, facts, options=options)
+        return read_trained_scene(open_artifact(tmp_path / "splats.zarr", SPLATS), "auto")
 
     return make
 
@@ -53,14 +52,9 @@ def test_harmonics_are_used_up_to_the_degree_in_use(scene):
 
 def test_render_settings_come_from_training(scene):
     made = scene()
-    assert made.camera == CAMERA and made.near_plane == 0.5 and made.antialiased
+    assert made.camera == CAMERA and made.settings == RenderSettings(0.5, "black", True, "auto")
     behind = np.diag([-1.0, 1.0, -1.0, 1.0])
     assert (made.picture(CAMERA, behind) == 0).all()
     near = np.eye(4)
     near[2, 3] = 1.6
     assert (made.picture(CAMERA, near) == 0).all()  # nearer than the plane
-
-
-def test_gaussians_of_other_poses_are_rejected(scene):
-    with pytest.raises(UserError, match=r"splats.zarr: was made from another poses.zarr than .*Rebuild it: "):
-        scene(made_from="0" * 64)
