@@ -9,7 +9,7 @@ from typing import Any
 from egosplat.artifacts.reader import Artifact, open_any
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.pipeline.survey_file import read_survey
-from egosplat.survey.moving import SIDE
+from egosplat.survey.motion import SIDE
 
 Sizes = dict[str, float]
 

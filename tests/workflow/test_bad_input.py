@@ -149,7 +149,7 @@ def test_a_truncated_segmentation(scene, refused):
     [
         ("", "not readable as JSON"),
         ("{", "not readable as JSON"),
-        ("[]", "holds no instances"),
+        ("[]", "has no instances"),
         ('{"x": {}}', "instance x lacks"),
     ],
 )
@@ -167,7 +167,7 @@ def test_an_empty_video(scene, refused, tmp_path):
 def test_a_folder_without_pictures(scene, refused, tmp_path):
     (tmp_path / "folder").mkdir()
     said = refused(*frames(scene, recording=tmp_path / "folder", format="plain"))
-    assert "folder: holds no png, jpg or jpeg image" in said
+    assert "folder: has no png, jpg or jpeg image" in said
 
 
 def test_a_picture_of_another_size(scene, refused, tmp_path):
@@ -181,7 +181,7 @@ def test_a_picture_of_another_size(scene, refused, tmp_path):
 def test_a_broken_picture(scene, refused, tmp_path):
     folder = pictures(tmp_path / "folder")
     (folder / "3.png").write_bytes((folder / "3.png").read_bytes()[:40])
-    assert "folder/3.png: not an image" in refused(
+    assert "folder/3.png: not a readable image" in refused(
         *frames(scene, recording=folder, format="plain", resolution=48)
     )
 
@@ -240,7 +240,7 @@ def spoil(file: Path, column: str, value: str, row: int = 5) -> None:
     [
         ("tx_world_device", "nan", "not a finite number"),
         ("tx_world_device", "far", "not a finite number"),
-        ("tracking_timestamp_us", "7", "tracking_timestamp_us not after that of the row before"),
+        ("tracking_timestamp_us", "7", "tracking_timestamp_us not after that of the previous row"),
     ],
 )
 def test_a_trajectory_with_garbage(scene, refused, column, value, problem):
@@ -293,7 +293,7 @@ def test_a_device_trajectory_asked_of_a_plain_recording(scene, refused, plain_fr
 def test_pictures_that_do_not_reconstruct(scene, refused, plain_frames, tmp_path):
     path = video(tmp_path / "v.mp4")
     changes = {"frames": plain_frames(path), "output": scene / "p.zarr"}
-    assert "too little texture: 0 of 4 pictures" in refused(*poses(scene, recording=path, **changes))
+    assert "too little texture: 0 of 4 frames" in refused(*poses(scene, recording=path, **changes))
 
 
 def test_damaged_artifacts(scene, refused):
@@ -345,7 +345,7 @@ def test_plain_annotations_of_the_wrong_size(scene, refused, plain_frames, tmp_p
         "id\tname\tcategory\tmotion_type\n1\tcup_1\tcup\tstatic\n"
     )
     flags = ["--recording", folder, "--frames", plain_frames(folder), "--output", scene / "a.zarr"]
-    assert "annotations/2.png: 10x10 px, but the picture is 64x64" in refused("annotations", *flags)
+    assert "annotations/2.png: 10x10 px, but the frame is 64x64" in refused("annotations", *flags)
 
 
 def test_a_full_disk_is_reported_in_one_line(scene, refused, monkeypatch):

@@ -78,5 +78,5 @@ def test_colmap_is_not_begun_on_a_full_disk(small_disk, finished, tmp_path, monk
     monkeypatch.setattr("sys.argv", ["egosplat", "poses", *map(str, words)])
     with pytest.raises(SystemExit):
         main()
-    assert f"egosplat: {small_disk.folder}: 16 MiB are left, and COLMAP needs 32" in capfd.readouterr().err
+    assert f"egosplat: {small_disk.folder}: 16 MiB are free, and COLMAP needs 32" in capfd.readouterr().err
     assert not list(small_disk.folder.iterdir())

@@ -5,7 +5,7 @@ The parameters of a rule hold the flags of its stage and the content hash of its
 when one of them changes. Functions of (dataset, scene, variant) are cached, because every rule calls them.
 """
 
-from egosplat.frames.companions import is_annotated
+from egosplat.frames.recording_files import is_annotated
 from egosplat.frames.watched import watched_files
 from egosplat.models.checkpoints import model_hashes
 from egosplat.pipeline import dag

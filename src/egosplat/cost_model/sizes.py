@@ -161,7 +161,7 @@ _FROM_CONFIG: dict[str, Callable[[Config, Sizes], float]] = {
     "kept": lambda _, sizes: sizes["frames"],
     "training": lambda _, sizes: sizes["frames"],
     "pairs": lambda _, sizes: sizes["frames"],
-    "surveyed_pixels": lambda _, sizes: min(sizes["pixels"], 256**2),  # egosplat.survey.moving.SIDE
+    "surveyed_pixels": lambda _, sizes: min(sizes["pixels"], 256**2),  # egosplat.survey.motion.SIDE
     "evaluated": _evaluated,
     "points": lambda *_: 1_000_000,
     # Instances and what is known of them.

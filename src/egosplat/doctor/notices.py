@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 
 from egosplat.errors import UserError
-from egosplat.frames.origin import recording_origin
+from egosplat.frames.recording_files import recording_origin
 from egosplat.models.suitability import configured_checkpoints, notice
 from egosplat.pipeline.config import Config
 from egosplat.pipeline.scenes import Scene, Target, is_own

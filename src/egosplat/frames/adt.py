@@ -1,5 +1,7 @@
-"""Aria Digital Twin recordings: the pictures of ``video.vrs``, rectified. Nothing else of a sequence is read
-but ``metadata.json``, for the recording's origin (docs/method.md#adt-files)."""
+"""Read the frames of Aria Digital Twin (ADT) recordings.
+
+Of a sequence only ``video.vrs``, and ``metadata.json`` for the origin, are read (docs/method.md#adt-files).
+"""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,23 +15,22 @@ from projectaria_tools.core.sensor_data import TimeDomain
 from projectaria_tools.core.stream_id import StreamId
 
 from egosplat.errors import UserError
-from egosplat.frames.native_log import captured_log, damage, report
-from egosplat.frames.origin import recording_origin
+from egosplat.frames.native_log import captured_log, find_damage, log_messages
 from egosplat.frames.recording import Capture
-from egosplat.frames.rectify import Rectification, pinhole
+from egosplat.frames.recording_files import recording_origin
+from egosplat.frames.rectify import Rectification, clockwise_turns, pinhole
 from egosplat.frames.selection import select_frames
-from egosplat.frames.upright import clockwise_turns
 from egosplat.frames.vrs import check_complete, check_log
 from egosplat.geometry import Camera
 
 RGB_LABEL = "camera-rgb"
 RGB_STREAM = StreamId("214-1")
+# Half of the rolling shutter's readout (docs/method.md#exposure-time).
 EXPOSURE_MIDDLE_AFTER_CAPTURE_NS = 2_500_000
-"""From a capture timestamp to the middle of the picture: half of the rolling shutter (docs/method.md#exposure-time)."""
 
 
 class AdtRecording:
-    """The RGB pictures of a sequence folder; a ``Recording``."""
+    """The RGB frames of an ADT sequence folder; a ``Recording``."""
 
     def __init__(
         self,
@@ -42,13 +43,13 @@ class AdtRecording:
         start_s: float,
         end_s: float | None,
     ) -> None:
-        """Open ``video.vrs`` and select frames; pictures are decoded only when asked for.
+        """Open ``video.vrs`` and select frames; ``read_frames`` decodes them.
 
         Args:
             folder: the sequence folder.
-            resolution: side of the rectified pictures [px].
-            focal: focal length of the rectified pictures [px] if they were 1408 px wide (the paper: 460).
-            upright: whether pictures are turned upright; the sensor of Aria gen1 lies on its side.
+            resolution: side of the rectified frames [px].
+            focal: focal length of the rectified frames at 1408 px [px] (the paper: 460).
+            upright: whether frames are turned upright; the sensor of Aria gen1 is mounted sideways.
             stride, start_s, end_s: see ``selection.select_frames``.
 
         Raises:
@@ -61,7 +62,7 @@ class AdtRecording:
             self._provider.get_timestamps_ns(RGB_STREAM, TimeDomain.DEVICE_TIME), dtype=np.int64
         )
         if not len(timestamps):
-            raise UserError(f"{self._path}: holds no RGB picture. Download it again.")
+            raise UserError(f"{self._path}: has no RGB frame. Download it again.")
         self._frames = select_frames(
             timestamps, stride=stride, start_s=start_s, end_s=end_s, source=self._path
         )
@@ -79,47 +80,47 @@ class AdtRecording:
             upright=upright or clockwise_turns(device, RGB_LABEL) == 0,
         )
 
-    def pictures(self, indices: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
-        """Yield the (H, W, 3) uint8 RGB picture of each index; see ``Recording.pictures``.
+    def read_frames(self, indices: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
+        """Yield the (H, W, 3) uint8 RGB frame of each index; see ``Recording.read_frames``.
 
         Raises:
-            UserError: a picture cannot be decoded or is black.
+            UserError: a frame cannot be decoded or is black.
         """
         for index in indices:
-            source = self._decode(int(self._frames[index]))
+            fisheye = self._decode(int(self._frames[index]))
             try:
-                picture = self._rectification.colour(source)
+                image = self._rectification.colour(fisheye)
             except ValueError as error:
                 raise UserError(f"{self._path}: RGB frame {self._frames[index]}: {error}.") from error
-            if not picture.any():
+            if not image.any():
                 raise UserError(
-                    f"{self._path}: RGB frame {self._frames[index]} is black. Leave it out by start_s/end_s."
+                    f"{self._path}: RGB frame {self._frames[index]} is black. Exclude it with start_s and end_s."
                 )
-            yield picture
+            yield image
 
     def _decode(self, frame: int) -> NDArray[np.uint8]:
         try:
             with captured_log() as messages:
                 data, _ = self._provider.get_image_data_by_index(RGB_STREAM, frame)
-                picture = data.to_numpy_array() if data.is_valid() else None
+                image = data.to_numpy_array() if data.is_valid() else None
         except RuntimeError as error:
-            picture, messages = None, [*messages, str(error)]
-        # A damaged JPEG is decoded to whatever comes out, with no more than a line in the log.
-        reason = damage(messages)
-        if picture is None or picture.ndim != 3 or reason:
-            reason = reason or "; ".join(messages) or "not a colour picture"
+            image, messages = None, [*messages, str(error)]
+        # The library returns a damaged JPEG partly decoded and only logs a line about it.
+        reason = find_damage(messages)
+        if image is None or image.ndim != 3 or reason:
+            reason = reason or "; ".join(messages) or "not a colour image"
             raise UserError(
                 f"{self._path}: RGB frame {frame} cannot be decoded ({reason}). Download it again."
             )
-        report(messages, self._path)
-        return picture
+        log_messages(messages, self._path)
+        return image
 
 
 def open_video(folder: Path) -> VrsDataProvider:
-    """Open a sequence's ``video.vrs``, known to be complete and to have an RGB stream with a calibration.
+    """Open ``video.vrs`` of a sequence and check that it is complete and has an RGB stream.
 
     Raises:
-        UserError: it is not so.
+        UserError: the folder or the file is missing, or the file is damaged or has no RGB stream.
     """
     if not folder.is_dir():
         raise UserError(f"{folder}: no such folder. Give the folder of an ADT sequence.")
@@ -133,43 +134,41 @@ def open_video(folder: Path) -> VrsDataProvider:
     if provider is None:
         raise UserError(f"{path}: cannot be read ({'; '.join(messages)}). Download it again.")
     check_log(path, messages)
-    report(messages, path)
+    log_messages(messages, path)
     if not provider.check_stream_is_active(RGB_STREAM):
-        raise UserError(f"{path}: has no RGB stream (214-1). It must be the video.vrs of an ADT sequence.")
+        raise UserError(f"{path}: has no RGB stream (214-1). Give the video.vrs of an ADT sequence.")
     return provider
 
 
 def device_calibration(provider: VrsDataProvider, path: Path) -> DeviceCalibration:
-    """The factory calibration of a device that has an RGB camera.
+    """The factory calibration of the device, including its RGB camera.
 
     Raises:
-        UserError: the file has none.
+        UserError: the file has no calibration of the RGB camera.
     """
     device = provider.get_device_calibration()
     if device is None or device.get_camera_calib(RGB_LABEL) is None:
-        raise UserError(
-            f"{path}: has no calibration of {RGB_LABEL}. It must be the video.vrs of an ADT sequence."
-        )
+        raise UserError(f"{path}: has no calibration of {RGB_LABEL}. Give the video.vrs of an ADT sequence.")
     return device
 
 
 def rectification(device: DeviceCalibration, camera: Camera, upright: bool, path: Path) -> Rectification:
-    """What takes the RGB camera's pictures, and the labels of their pixels, to a pinhole camera.
+    """Rectification of RGB frames, and of label maps in their pixels, to a pinhole camera.
 
     Args:
         device: see ``device_calibration``.
         camera: from ``rectify.pinhole``.
-        upright: whether the result is turned upright, as the device's own calibration tells.
-        path: the recording's file, for messages.
+        upright: whether to turn the result upright, according to the device's calibration.
+        path: the recording's file, named in errors.
 
     Raises:
-        UserError: it is to be turned, and the calibration does not tell how.
+        UserError: ``upright`` is set, but the calibration does not give the orientation.
     """
     turns = clockwise_turns(device, RGB_LABEL) if upright else 0
     if turns is None:
         version = device.get_device_version().name
         raise UserError(
-            f"{path}: its calibration is of no Aria that is known (version {version}), and which side of its pictures "
-            "is up is not told. Set frames.upright=false to take them as they are."
+            f"{path}: the calibration is of an unknown Aria (version {version}), so the upright direction is "
+            "unknown. Set frames.upright=false to keep the frames as they are."
         )
     return Rectification(device.get_camera_calib(RGB_LABEL), camera, turns)

@@ -1,4 +1,4 @@
-"""Aria Digital Twin annotations: the instance of each pixel. For evaluation only."""
+"""Read the instance segmentation of Aria Digital Twin (ADT). For evaluation only."""
 
 import itertools
 import os
@@ -11,7 +11,7 @@ from projectaria_tools.projects.adt import AriaDigitalTwinDataPaths, AriaDigital
 from egosplat.errors import UserError
 from egosplat.files import read_json
 from egosplat.frames.adt import RGB_STREAM, device_calibration, open_video, rectification
-from egosplat.frames.native_log import captured_log, damage, report
+from egosplat.frames.native_log import captured_log, find_damage, log_messages
 from egosplat.frames.recording import Instance
 from egosplat.frames.vrs import check_complete, check_log
 from egosplat.geometry import Camera
@@ -24,10 +24,10 @@ _ALLOWED = {"motion_type": ("static", "dynamic"), "instance_type": ("object", "h
 
 
 class AdtAnnotations:
-    """The instances of a sequence folder; an ``Annotations``.
+    """The annotations of a sequence folder; an ``Annotations``.
 
-    People are instances, from ``segmentations_with_skeleton.vrs``; some releases lack it, then
-    ``segmentations.vrs`` is read and a line says so. Pixel value 0 is outside the lens circle: -1.
+    ``segmentations_with_skeleton.vrs`` includes people. Releases without it have ``segmentations.vrs``, which is read
+    instead and logged.
     """
 
     def __init__(self, folder: Path, *, camera: Camera, upright: bool, max_age_ns: int = 3_000_000) -> None:
@@ -35,10 +35,10 @@ class AdtAnnotations:
 
         Args:
             folder: the sequence folder.
-            camera: of the rectified pictures (``Capture.camera``).
-            upright: as the pictures were read.
-            max_age_ns: a segmentation further from a picture's capture than this, before or after it, is
-                not that picture's. The ground truth follows the other cameras' clock, about 0.1 ms off.
+            camera: of the rectified frames (``Capture.camera``).
+            upright: as for the frames.
+            max_age_ns: largest time between a frame and its segmentation, in either direction. The ground truth
+                follows the clock of the other cameras, about 0.1 ms off.
 
         Raises:
             UserError: a file is missing or damaged.
@@ -49,7 +49,7 @@ class AdtAnnotations:
         if path is None:
             raise UserError(f"{folder}: has no {WITH_PEOPLE}. Download this file of the recording.")
         if path.name == WITHOUT_PEOPLE:
-            log(f"{folder}: no {WITH_PEOPLE}; {WITHOUT_PEOPLE} is read, in which people are not annotated")
+            log(f"{folder}: has no {WITH_PEOPLE}; reading {WITHOUT_PEOPLE}, which does not annotate people")
         check_complete(path)
         self._path = path
         video = folder / "video.vrs"
@@ -59,7 +59,7 @@ class AdtAnnotations:
         self._ids = np.array([instance.id for instance in self.instances], dtype=np.uint64)
 
     def instance_map(self, timestamp_ns: int) -> NDArray[np.int32] | None:
-        """The instances of the picture captured at ``timestamp_ns``; see ``Annotations.instance_map``.
+        """The instance of each pixel of the frame captured at ``timestamp_ns``; see ``Annotations.instance_map``.
 
         Raises:
             UserError: the segmentation cannot be decoded, or holds an id that ``instances.json`` lacks.
@@ -67,16 +67,16 @@ class AdtAnnotations:
         try:
             with captured_log() as messages:
                 found = self._provider.get_segmentation_image_by_timestamp_ns(timestamp_ns, RGB_STREAM)
-                # The provider answers with the nearest segmentation, however far away that is.
+                # The provider returns the nearest segmentation, however far away in time.
                 if not found.is_valid() or abs(found.dt_ns()) > self._max_age_ns:
                     return None
                 ids = found.data().to_numpy_array()
         except RuntimeError as error:
             raise UserError(f"{self._path}: cannot be decoded ({error}). Download it again.") from error
-        # A damaged segmentation comes out in part, with no more than lines in the log.
-        if reason := damage(messages):
+        # The library returns a damaged segmentation partly decoded and only logs lines about it.
+        if reason := find_damage(messages):
             raise UserError(f"{self._path}: cannot be decoded ({reason}). Download it again.")
-        report(messages, self._path)
+        log_messages(messages, self._path)
         try:
             rectified = self._rectification.labels(ids)
         except ValueError as error:
@@ -84,27 +84,29 @@ class AdtAnnotations:
         return self._to_index(rectified)
 
     def _to_index(self, ids: NDArray[np.uint64]) -> NDArray[np.int32]:
-        place = np.searchsorted(self._ids, ids).clip(max=len(self._ids) - 1)
-        unknown = ids[(self._ids[place] != ids) & (ids != 0)]
+        """(H, W) uint64 ids -> (H, W) int32 index into ``instances``."""
+        index = np.searchsorted(self._ids, ids).clip(max=len(self._ids) - 1)
+        unknown = ids[(self._ids[index] != ids) & (ids != 0)]
         if len(unknown):
             raise UserError(
                 f"{self._path}: instance id {unknown[0]} is not in instances.json. "
                 "Are both of the same recording? Download them again."
             )
-        return np.where(ids == 0, -1, place).astype(np.int32)
+        # Id 0 lies outside the lens circle.
+        return np.where(ids == 0, -1, index).astype(np.int32)
 
 
 def find_segmentation(folder: Path) -> Path | None:
-    """The segmentation of a sequence folder, preferably the one with people; None where there is none."""
+    """The segmentation of a sequence folder, preferably the one with people; None if there is none."""
     candidates = [folder / name for name in (WITH_PEOPLE, WITHOUT_PEOPLE)]
     return next((path for path in candidates if os.path.lexists(path)), None)
 
 
 def read_instances(path: Path) -> list[Instance]:
-    """Read ``instances.json``, in order of id.
+    """Read ``instances.json``, sorted by id.
 
     Raises:
-        UserError: the file is missing, is no JSON, or an entry lacks a field or has an unknown value.
+        UserError: the file is missing or not JSON, or an entry lacks a field or has an unknown value.
     """
     try:
         entries = read_json(path)
@@ -113,7 +115,7 @@ def read_instances(path: Path) -> list[Instance]:
     except (OSError, ValueError) as error:
         raise UserError(f"{path}: not readable as JSON ({error}). Download it again.") from error
     if not isinstance(entries, dict) or not entries:
-        raise UserError(f"{path}: holds no instances. Download it again.")
+        raise UserError(f"{path}: has no instances. Download it again.")
     instances = sorted(
         (_instance(path, key, entry) for key, entry in entries.items()), key=lambda one: one.id
     )
@@ -148,7 +150,7 @@ def _open_segmentation(folder: Path, path: Path) -> AriaDigitalTwinDataProvider:
     except RuntimeError as error:
         raise UserError(f"{path}: cannot be read ({error}). Download it again.") from error
     if not usable:
-        raise UserError(f"{path}: holds no segmentation. Download it again.")
+        raise UserError(f"{path}: has no segmentation. Download it again.")
     check_log(path, messages)
-    report(messages, path)
+    log_messages(messages, path)
     return provider

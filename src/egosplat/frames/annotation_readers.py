@@ -1,26 +1,26 @@
-"""Opening a recording's annotations by the name of its format. For evaluation only."""
+"""Open the annotations of a recording by the name of its format. For evaluation only."""
 
 from pathlib import Path
 
 from egosplat.errors import UserError
 from egosplat.frames import adt_annotations, hoi4d_annotations, plain_annotations
-from egosplat.frames.companions import is_annotated
 from egosplat.frames.hoi4d import find_sequence
 from egosplat.frames.readers import FORMATS
 from egosplat.frames.recording import Annotations
+from egosplat.frames.recording_files import is_annotated
 from egosplat.geometry import Camera
 
 
 def open_annotations(
     format: str, path: Path, *, camera: Camera, upright: bool, max_age_ns: int = 3_000_000
 ) -> Annotations | None:
-    """Open a recording's annotations, or None where it has none.
+    """Open the annotations of a recording; None if it has none.
 
     Args:
-        format, path, upright: as the pictures were opened, see ``readers.open_recording``.
-        camera: of the pictures as they were read (``Capture.camera``).
-        max_age_ns: how far in time an annotation may be from the picture that it is taken for; plain
-            recordings have theirs by frame.
+        format, path, upright: as for the frames, see ``readers.open_recording``.
+        camera: of the frames (``Capture.camera``).
+        max_age_ns: largest time between a frame and its annotation; unused for plain recordings, which annotate
+            frames by name.
 
     Raises:
         UserError: the format is unknown, the recording missing, or its annotations unreadable.

@@ -1,4 +1,4 @@
-"""Stage ``annotations``: instance maps of the evaluation frames. For evaluation only."""
+"""Stage ``annotations``: read the instance maps of the evaluation frames. For evaluation only."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -30,32 +30,35 @@ def run(recording: Path, frames: Path, output: Path, options: AnnotationsOptions
     A recording without annotations gives an artifact with no instances and no annotated frame.
 
     Raises:
-        UserError: an annotation is damaged or does not fit the pictures, or there are some, and none of these frames.
+        UserError: an annotation is damaged or does not fit its frame, or no evaluation frame of an annotated
+            recording has one.
     """
-    source = open_artifact(frames, FRAMES)
-    indices = np.flatnonzero(source.read("evaluation")).astype(np.int64)
-    times = source.read("timestamp_ns")[indices]
-    camera = Camera(**source.facts["camera"])
+    frames_artifact = open_artifact(frames, FRAMES)
+    facts = frames_artifact.facts
+    indices = np.flatnonzero(frames_artifact.read("evaluation")).astype(np.int64)
+    times = frames_artifact.read("timestamp_ns")[indices]
+    camera = Camera(**facts["camera"])
     reader = open_annotations(
-        source.facts["format"],
+        facts["format"],
         recording,
         camera=camera,
-        upright=source.facts["upright"],
+        upright=facts["upright"],
         max_age_ns=round(options.max_age_ms * 1e6),
     )
-    made = provenance.begin_from("annotations", asdict(options), [source])
+    made = provenance.begin_from("annotations", asdict(options), [frames_artifact])
     annotated = np.zeros(len(indices), bool)
     with create(output, ANNOTATIONS, made) as artifact:
         artifact.allocate("instance_map", (len(indices), camera.height, camera.width))
         for row, time in enumerate(track(times, "reading annotations", total=len(times))):
-            found = reader.instance_map(int(time)) if reader else None
-            annotated[row] = found is not None
-            nothing = np.full((camera.height, camera.width), -1, np.int32)
-            artifact.put_row("instance_map", row, nothing if found is None else found)
+            instance_map = reader.instance_map(int(time)) if reader else None
+            annotated[row] = instance_map is not None
+            if instance_map is None:
+                instance_map = np.full((camera.height, camera.width), -1, np.int32)
+            artifact.put_row("instance_map", row, instance_map)
         if reader and not annotated.any():
             raise UserError(
-                f"{recording}: its annotations have none of the {len(indices)} evaluation frames. "
-                "Are they of the same recording, and is frames.evaluation_frames more than a few?"
+                f"{recording}: none of the {len(indices)} evaluation frames is annotated. Are the annotations of "
+                "this recording? If so, raise frames.evaluation_frames."
             )
         artifact.put("frame", indices)
         artifact.put("annotated", annotated)
@@ -64,7 +67,7 @@ def run(recording: Path, frames: Path, output: Path, options: AnnotationsOptions
 
 
 def _summary(frames: NDArray[np.int64], annotated: NDArray[np.bool_]) -> str:
-    """How many evaluation frames are annotated, and which are not, by their numbers."""
-    told = f"{annotated.sum()} of {len(frames)} evaluation frames are annotated"
+    """The log line with the number of annotated evaluation frames and the indices of the others."""
+    line = f"{annotated.sum()} of {len(frames)} evaluation frames are annotated"
     missing = ", ".join(map(str, frames[~annotated]))
-    return f"{told}; without annotation, of the frames in use counted from 0: {missing}" if missing else told
+    return f"{line}; not annotated (indices from 0): {missing}" if missing else line

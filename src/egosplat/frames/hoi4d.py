@@ -1,7 +1,7 @@
-"""HOI4D recordings: the pictures of ``align_rgb/image.mp4`` with their calibration (docs/method.md#hoi4d-files).
+"""Read the frames of HOI4D recordings (docs/method.md#hoi4d-files).
 
-A sequence is the folder ``ZY…/H…/C…/N…/S…/s…/T…`` of the dataset. The intrinsics are a download of their
-own: ``camera_params/<ZY…>/intrin.npy`` in the dataset's root folder.
+A sequence is a folder ``ZY…/H…/C…/N…/S…/s…/T…`` of the dataset with the video ``align_rgb/image.mp4``. The
+intrinsics are a separate download: ``camera_params/<ZY…>/intrin.npy`` in the dataset's root folder.
 """
 
 import re
@@ -13,23 +13,23 @@ from numpy.typing import NDArray
 
 from egosplat.errors import UserError
 from egosplat.frames.recording import Capture
-from egosplat.frames.resize import resize_picture
+from egosplat.frames.resize import resize_image
 from egosplat.frames.selection import select_frames
 from egosplat.frames.video import Video
 from egosplat.geometry import Camera
 
+# Root folders of the dataset's two downloads: videos and annotations.
 RELEASE, ANNOTATIONS = "HOI4D_release", "HOI4D_annotations"
-"""Names of the root folders of the dataset's downloads of videos and of annotations."""
 
 _PARTS = (r"ZY\d+", r"H\d+", r"C\d+", r"N\d+", r"S\d+", r"s\d+", r"T\d+")
 _SEQUENCE = re.compile(r"(?:^|/)" + "[/_]".join(f"({part})" for part in _PARTS) + "$")
 
+# intrin.npy has pixel centres at integers, as OpenCV and Open3D do.
 _OPENCV_PIXEL_OFFSET = 0.5
-"""``intrin.npy`` puts a pixel's centre at the integer, as OpenCV and Open3D do."""
 
 
 class Hoi4dRecording:
-    """The pictures of one sequence; a ``Recording`` without device frame."""
+    """The frames of one sequence; a ``Recording`` without a device frame."""
 
     def __init__(
         self, path: Path, *, resolution: int, stride: int, start_s: float, end_s: float | None
@@ -38,7 +38,7 @@ class Hoi4dRecording:
 
         Args:
             path: the sequence's folder, or its name with underscores in the dataset's root folder.
-            resolution: width of the pictures [px], at most the video's; the height keeps the aspect.
+            resolution: width of the frames [px], at most the video's; the height keeps the aspect ratio.
             stride, start_s, end_s: see ``selection.select_frames``.
 
         Raises:
@@ -50,7 +50,7 @@ class Hoi4dRecording:
         width, height = self._video.width, self._video.height
         if not 1 <= resolution <= width:
             raise UserError(
-                f"resolution: {resolution} px, but {self._video.path} is {width} wide; choose up to that."
+                f"resolution: {resolution} px, but {self._video.path} is {width} px wide. Choose from 1 to {width}."
             )
         camera = read_intrinsics(find_intrinsics(folder), width, height)
         times = self._video.timestamp_ns
@@ -61,22 +61,22 @@ class Hoi4dRecording:
         valid = np.ones((target.height, target.width), dtype=bool)
         self.capture = Capture.of_video(times[self._frames], target, True, valid)
 
-    def pictures(self, indices: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
-        """Yield the (H, W, 3) uint8 RGB picture of each index; see ``Recording.pictures``.
+    def read_frames(self, indices: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
+        """Yield the (H, W, 3) uint8 RGB frame of each index; see ``Recording.read_frames``.
 
         Raises:
             UserError: the video ends too early.
         """
         camera = self.capture.camera
-        for picture in self._video.pictures(self._frames[indices]):
-            yield resize_picture(picture, camera.width, camera.height)
+        for image in self._video.read_frames(self._frames[indices]):
+            yield resize_image(image, camera.width, camera.height)
 
 
 def find_sequence(path: Path) -> Path:
-    """The folder of a sequence, given as that folder or as ``root/ZY…_H…_C…_N…_S…_s…_T…``.
+    """The folder of a sequence that is given as this folder or as ``root/ZY…_H…_C…_N…_S…_s…_T…``.
 
     Raises:
-        UserError: there is no such folder.
+        UserError: the folder does not exist.
     """
     if path.is_dir():
         return path.absolute()
@@ -91,7 +91,7 @@ def sequence_parts(path: Path) -> tuple[str, ...]:
     """The seven parts of a sequence's name: camera, person, category, object, room, layout, task.
 
     Raises:
-        UserError: the path does not end in such a name.
+        UserError: the path does not end in a sequence's name.
     """
     match = _SEQUENCE.search(path.as_posix())
     if match is None:
@@ -102,10 +102,10 @@ def sequence_parts(path: Path) -> tuple[str, ...]:
 
 
 def find_intrinsics(folder: Path) -> Path:
-    """``camera_params/<ZY…>/intrin.npy`` in a folder above the sequence, or ``intrin.npy`` in or beside it.
+    """Path of ``intrin.npy``: in the sequence or its parent folder, or in ``camera_params/<ZY…>`` of a folder above.
 
     Raises:
-        UserError: there is none.
+        UserError: the file does not exist.
     """
     camera = sequence_parts(folder)[0]
     nearby = [folder / "intrin.npy", folder.parent / "intrin.npy"]
@@ -114,24 +114,22 @@ def find_intrinsics(folder: Path) -> Path:
         if path.is_file():
             return path
     raise UserError(
-        f"{folder}: no intrinsics. Put HOI4D's camera parameters at camera_params/{camera}/intrin.npy "
+        f"{folder}: has no intrinsics. Put HOI4D's camera parameters at camera_params/{camera}/intrin.npy "
         "in the dataset's root folder."
     )
 
 
 def read_intrinsics(path: Path, width: int, height: int) -> Camera:
-    """Read a 3x3 intrinsic matrix of pictures of ``width`` x ``height`` pixels.
+    """Read the 3x3 intrinsic matrix of images of ``width`` x ``height`` pixels.
 
     Raises:
-        UserError: the file is no such matrix.
+        UserError: the file is unreadable or not an intrinsic matrix.
     """
     try:
         with path.open("rb") as file:
             matrix = np.asarray(np.lib.format.read_array(file, allow_pickle=False), dtype=np.float64)
     except (OSError, ValueError, TypeError, EOFError, MemoryError) as error:
-        raise UserError(
-            f"{path}: not a NumPy array that can be read ({error}). Download it again."
-        ) from error
+        raise UserError(f"{path}: not a readable NumPy array ({error}). Download it again.") from error
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
         raise UserError(f"{path}: not a finite 3x3 matrix (shape {matrix.shape}). Download it again.")
     upper = np.array([[1, 0, 1], [0, 1, 1], [0, 0, 0]], dtype=bool)
@@ -140,5 +138,5 @@ def read_intrinsics(path: Path, width: int, height: int) -> Camera:
     matrix[:2, 2] += _OPENCV_PIXEL_OFFSET
     camera = Camera.from_matrix(matrix, width, height)
     if not camera.contains(matrix[:2, 2]):
-        raise UserError(f"{path}: its principal point lies outside of the {width}x{height} px video.")
+        raise UserError(f"{path}: the principal point lies outside the {width}x{height} px video.")
     return camera

@@ -1,8 +1,8 @@
-"""HOI4D annotations: 2D motion segmentation, hands and handled objects. For evaluation only.
+"""Read HOI4D's motion segmentation: hands and handled objects. For evaluation only.
 
-Masks are RGB pictures in ``2Dseg/shift_mask`` or ``2Dseg/mask``, ``00000.png`` for the first frame, 15 a
-second. Colours are those of ``voc_color_map``; what label 1, 2, … means depends on the object category
-(the dataset's ``definitions/motion segmentation/label.csv``). Everything labelled moves or is moved.
+Masks are RGB images in ``2Dseg/shift_mask`` or ``2Dseg/mask``, 15 per second, from ``00000.png`` for the first frame.
+Their colours are those of ``voc_color_map``. The meaning of labels 1, 2, … depends on the object category (the
+dataset's ``definitions/motion segmentation/label.csv``).
 """
 
 from pathlib import Path
@@ -18,8 +18,8 @@ from egosplat.frames.resize import resize_labels
 from egosplat.geometry import Camera
 
 MASKS_PER_SECOND = 15
+# In order of preference: shift_mask is aligned with the video where mask is not.
 _MASK_FOLDERS = ("shift_mask", "mask")
-"""In order of preference: ``shift_mask`` is aligned with the video where ``mask`` is not."""
 
 _LABELS: dict[str, tuple[str, ...]] = {
     "C1": ("toy car", "right hand"),
@@ -44,21 +44,22 @@ _OBJECTS = {
     "C7": "bowl", "C8": "bucket", "C9": "scissors", "C11": "pliers", "C12": "kettle", "C13": "knife",
     "C14": "trash can", "C17": "lamp", "C18": "stapler", "C20": "chair",
 }  # fmt: skip
-_LARGEST_LABEL = 6
-_TOLERATED_FOREIGN_SHARE = 0.01
+_MAX_LABEL = 6
+# The dataset's own tools ignore colours of no label; more than this share means another kind of image.
+_MAX_UNKNOWN_SHARE = 0.01
 
 
 class Hoi4dAnnotations:
-    """The labels of one sequence; an ``Annotations``. Instance ids are the dataset's labels 1 to 6."""
+    """The annotations of one sequence; an ``Annotations``. Instance ids are the dataset's labels 1 to 6."""
 
     def __init__(self, path: Path, *, camera: Camera, max_age_ns: int = 3_000_000) -> None:
         """Find the masks.
 
         Args:
             path: as for ``Hoi4dRecording``.
-            camera: of the pictures as they were read (``Capture.camera``).
-            max_age_ns: a mask further from a picture's time than this is not that picture's; matters
-                where a video does not have 15 frames a second.
+            camera: of the frames (``Capture.camera``).
+            max_age_ns: largest time between a frame and its mask; matters if the video does not have 15 frames
+                per second.
 
         Raises:
             UserError: there are no masks, or the object category is unknown.
@@ -67,7 +68,7 @@ class Hoi4dAnnotations:
         masks = find_masks(folder)
         if masks is None:
             raise UserError(
-                f"{folder}: no masks in 2Dseg/shift_mask or 2Dseg/mask. Download the annotations."
+                f"{folder}: has no masks in 2Dseg/shift_mask or 2Dseg/mask. Download the annotations."
             )
         self._masks = masks
         self._camera = camera
@@ -75,12 +76,10 @@ class Hoi4dAnnotations:
         self.instances = instances_of(sequence_parts(folder)[2], folder)
 
     def instance_map(self, timestamp_ns: int) -> NDArray[np.int32] | None:
-        """The labels of the picture shown at ``timestamp_ns``; see ``Annotations.instance_map``.
-
-        Colours that are no label count as unlabelled, as in the dataset's own tools.
+        """The instance of each pixel of the frame at ``timestamp_ns``; see ``Annotations.instance_map``.
 
         Raises:
-            UserError: the mask is unreadable, of another aspect, or in other colours.
+            UserError: the mask is unreadable, or has another aspect ratio or other colours.
         """
         number = round(timestamp_ns * MASKS_PER_SECOND / 1e9)
         path = self._masks / f"{number:05d}.png"
@@ -88,33 +87,33 @@ class Hoi4dAnnotations:
         if age_ns > self._max_age_ns or not path.is_file():
             return None
         labels = decode_labels(read_rgb(path))
-        foreign = float((labels < 0).mean())
-        if foreign > _TOLERATED_FOREIGN_SHARE:
+        unknown = float((labels < 0).mean())
+        if unknown > _MAX_UNKNOWN_SHARE:
             raise UserError(
-                f"{path}: {foreign:.0%} of its pixels have colours that are no HOI4D label. Download it again."
+                f"{path}: {unknown:.0%} of the pixels have a colour of no HOI4D label. Download it again."
             )
         height, width = labels.shape
         if abs(height * self._camera.width - width * self._camera.height) > max(width, self._camera.width):
             raise UserError(
-                f"{path}: {width}x{height} px has another aspect than the video. Download it again."
+                f"{path}: {width}x{height} px has another aspect ratio than the video. Download it again."
             )
         resized = resize_labels(labels, self._camera.width, self._camera.height)
         return np.where(resized > 0, resized - 1, -1).astype(np.int32)
 
 
 def find_masks(folder: Path) -> Path | None:
-    """The mask folder of a sequence, also where videos and annotations were unpacked to different roots."""
+    """The mask folder of a sequence; None if there is none. Videos and annotations may have separate root folders."""
     elsewhere = Path(folder.as_posix().replace(f"/{RELEASE}/", f"/{ANNOTATIONS}/"))
     candidates = [root / "2Dseg" / name for root in (folder, elsewhere) for name in _MASK_FOLDERS]
     return next((path for path in candidates if path.is_dir()), None)
 
 
 def instances_of(category: str, folder: Path) -> list[Instance]:
-    """The instances that labels 1 to 6 stand for; a label without documented meaning is called as the object.
+    """The instances of labels 1 to 6.
 
     Args:
         category: ``C1`` … ``C20``.
-        folder: the sequence, for messages.
+        folder: the sequence, named in errors.
 
     Raises:
         UserError: HOI4D has no such category.
@@ -122,13 +121,14 @@ def instances_of(category: str, folder: Path) -> list[Instance]:
     if category not in _OBJECTS:
         raise UserError(f"{folder}: {category} is not an object category of HOI4D.")
     documented = _LABELS[category]
-    undocumented = (_OBJECTS[category],) * (_LARGEST_LABEL - len(documented))
+    # A label without a documented meaning gets the name of the object.
+    undocumented = (_OBJECTS[category],) * (_MAX_LABEL - len(documented))
     return [
         Instance(
             id=label,
             name=f"{meaning.title().replace(' ', '')}_{label}",
             category=meaning,
-            motion_type="dynamic",
+            motion_type="dynamic",  # HOI4D labels only what moves or is moved
             instance_type="human" if meaning.endswith(" hand") else "object",
         )
         for label, meaning in enumerate(documented + undocumented, start=1)
@@ -136,26 +136,24 @@ def instances_of(category: str, folder: Path) -> list[Instance]:
 
 
 def voc_color_map(count: int = 256) -> NDArray[np.uint8]:
-    """The PASCAL VOC palette: (count, 3) uint8, RGB of each label.
-
-    Bits 0, 3, 6 of a label are the highest bits of red (from the top down), bits 1, 4, 7 of green, bits 2
-    and 5 of blue.
-    """
+    """The PASCAL VOC palette: (count, 3) uint8 RGB of each label."""
     labels = np.arange(count, dtype=np.uint8)
     palette = np.zeros((count, 3), dtype=np.uint8)
+    # Bits 0, 3, 6 of a label become the highest bits of red, in this order; bits 1, 4, 7 of green; bits 2, 5 of blue.
     for bit in range(8):
         palette[:, bit % 3] |= ((labels >> bit) & 1) << (7 - bit // 3)
     return palette
 
 
-def decode_labels(picture: NDArray[np.uint8]) -> NDArray[np.int64]:
+def decode_labels(mask: NDArray[np.uint8]) -> NDArray[np.int64]:
     """(H, W, 3) uint8 RGB mask -> (H, W) int64 labels 0 (none) to 6; -1 for other colours."""
-    palette = _packed(voc_color_map(_LARGEST_LABEL + 1))
+    palette = _packed(voc_color_map(_MAX_LABEL + 1))
     order = np.argsort(palette)
-    packed = _packed(picture)
-    place = np.searchsorted(palette[order], packed).clip(max=_LARGEST_LABEL)
-    return np.where(palette[order][place] == packed, order[place], -1)
+    packed = _packed(mask)
+    position = np.searchsorted(palette[order], packed).clip(max=_MAX_LABEL)
+    return np.where(palette[order][position] == packed, order[position], -1)
 
 
 def _packed(colours: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """(..., 3) RGB -> (...) one integer per colour."""
     return colours.astype(np.int64) @ np.array([1 << 16, 1 << 8, 1])

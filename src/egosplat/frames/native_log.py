@@ -1,7 +1,6 @@
-"""What libraries written in C++ (projectaria-tools, FFmpeg inside OpenCV) have to say.
+"""Capture the log of C++ libraries (projectaria-tools, FFmpeg inside OpenCV).
 
-They write every step, and now and then a real problem, straight to the process's standard output and
-error. ``captured_log`` keeps what matters of it.
+They log every step, and occasionally a real problem, directly to the process's standard output and error.
 """
 
 import contextlib
@@ -17,7 +16,7 @@ from egosplat.progress import log
 _COLOUR_CODE = re.compile(r"\x1b\[[0-9;]*m")
 _CHATTER = re.compile(
     r"\[(INFO|DEBUG)\]"
-    # True of every segmentation file of the dataset, and of no consequence for it.
+    # Logged for every segmentation file of ADT; harmless.
     r"|not found in Aria Device Model|does not contain calib_json|Tag 'metadata' was not found"
     r"|Invalid device version|No metadata file provided|Unknown dataset version"
 )
@@ -27,11 +26,12 @@ _DAMAGE = re.compile(r"\[ERROR\]|corrupt|premature end|unsupported marker|decomp
 
 @contextlib.contextmanager
 def captured_log() -> Iterator[list[str]]:
-    """Collect what C++ code logs inside the block, chatter left out; the list is filled when the block ends.
+    """Capture the messages that C++ code logs inside the block, without chatter.
 
-    Works on the process's file descriptors 1 and 2, which is where C++ writes. Hand the messages to
-    ``report`` or put them into an error: they are shown nowhere else.
+    The list is filled when the block ends. Pass the messages to ``log_messages`` or put them into an error;
+    they appear nowhere else.
     """
+    # C++ writes to file descriptors 1 and 2, so redirecting sys.stdout and sys.stderr would not catch it.
     messages: list[str] = []
     sys.stdout.flush()
     sys.stderr.flush()
@@ -46,20 +46,20 @@ def captured_log() -> Iterator[list[str]]:
                 os.dup2(copy, number)
                 os.close(copy)
             sink.seek(0)
-            messages += _worth_telling(sink.read().decode(errors="replace"))
+            messages += _without_chatter(sink.read().decode(errors="replace"))
 
 
-def _worth_telling(text: str) -> list[str]:
+def _without_chatter(text: str) -> list[str]:
     lines = (_COLOUR_CODE.sub("", line).strip() for line in text.splitlines())
     return [line for line in lines if line and not _CHATTER.search(line)]
 
 
-def damage(messages: list[str]) -> str | None:
-    """The first message that says that data is damaged: libraries go on then with whatever came out."""
+def find_damage(messages: list[str]) -> str | None:
+    """The first message that reports damaged data; the libraries continue after it with partial data."""
     return next((message for message in messages if _DAMAGE.search(message)), None)
 
 
-def report(messages: list[str], path: Path) -> None:
-    """Show what the library logged about ``path``, on standard error, each message once."""
+def log_messages(messages: list[str], path: Path) -> None:
+    """Log each message of a library about ``path`` once."""
     for message in dict.fromkeys(messages):
         log(f"{path}: {message}")

@@ -1,16 +1,13 @@
-"""Annotations of plain recordings. For evaluation only.
+"""Read the annotations of plain recordings (docs/recordings.md). For evaluation only.
 
-The folder ``annotations/`` (beside a video: ``clip.mp4.annotations/``) holds:
+The folder ``annotations/`` (of a video: ``clip.mp4.annotations/``) holds:
 
-- ``instances.tsv``: a table with one line an instance, separated by tabs, with a header line. Columns
-  ``id`` (1..65535, unique), ``name``, ``category`` (what a query asks for), ``motion_type`` (``static`` or
-  ``dynamic``) and, optional, ``instance_type`` (``object``, the default, or ``human``).
-- one PNG for each annotated frame, of the full-size picture's size, with a single channel: 8-bit grey, 8-bit
-  palette (the index counts, colours do not) or 16-bit grey. A pixel's value is its instance's ``id``;
-  0 is nothing. It is called as the image is (``img_7.jpg``: ``img_7.png``); for a video, by the frame's
-  number, counted from 0 (``12.png`` or ``00012.png``).
-
-Frames without PNG have no annotation.
+- ``instances.tsv``: a tab-separated table with a header and one line per instance. Columns: ``id`` (1..65535,
+  unique), ``name``, ``category`` (the phrase of its query), ``motion_type`` (``static`` or ``dynamic``) and,
+  optionally, ``instance_type`` (``object``, the default, or ``human``).
+- one PNG for each annotated frame, in full size, with a single channel: 8-bit grey, 8-bit palette (indices, not
+  colours) or 16-bit grey. Pixels hold the ``id`` of their instance, or 0. The PNG has the name of its image
+  (``img_7.png`` for ``img_7.jpg``), or the number of the video frame from 0 (``12.png`` or ``00012.png``).
 """
 
 import csv
@@ -21,10 +18,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from egosplat.errors import UserError
-from egosplat.frames.companions import ANNOTATIONS, companion
 from egosplat.frames.images import ImageFolder
 from egosplat.frames.plain import open_source
 from egosplat.frames.recording import Instance
+from egosplat.frames.recording_files import ANNOTATIONS, companion_path
 from egosplat.frames.resize import resize_labels
 from egosplat.frames.video import Video
 from egosplat.geometry import Camera
@@ -32,37 +29,38 @@ from egosplat.geometry import Camera
 TABLE = "instances.tsv"
 _COLUMNS = ("id", "name", "category", "motion_type")
 _ONE_CHANNEL = ("1", "L", "P", "I;16", "I;16L", "I;16B", "I")
-_LARGEST_ID = 65535
+_MAX_ID = 65535
+_NO_INSTANCE, _UNKNOWN_ID = -1, -2
 
 
 class PlainAnnotations:
-    """The instances of a plain recording; an ``Annotations``."""
+    """The annotations of a plain recording; an ``Annotations``."""
 
     def __init__(self, path: Path, *, camera: Camera) -> None:
         """Read the table and list the annotated frames.
 
         Args:
             path: video file or image folder.
-            camera: of the pictures as they were read (``Capture.camera``).
+            camera: of the frames (``Capture.camera``).
 
         Raises:
             UserError: the table is unreadable, or a PNG belongs to no frame.
         """
-        folder = companion(path, ANNOTATIONS)
+        folder = companion_path(path, ANNOTATIONS)
         self.instances = read_instances(folder / TABLE)
         self._camera = camera
         source = open_source(path)
         self._size = (source.width, source.height)
         self._pngs = _png_of_timestamp(folder, source)
-        self._index_of_id = np.full(_LARGEST_ID + 1, -2, dtype=np.int32)
-        self._index_of_id[0] = -1
+        self._index_of_id = np.full(_MAX_ID + 1, _UNKNOWN_ID, dtype=np.int32)
+        self._index_of_id[0] = _NO_INSTANCE
         self._index_of_id[[instance.id for instance in self.instances]] = np.arange(len(self.instances))
 
     def instance_map(self, timestamp_ns: int) -> NDArray[np.int32] | None:
-        """The instances of the picture captured at ``timestamp_ns``; see ``Annotations.instance_map``.
+        """The instance of each pixel of the frame captured at ``timestamp_ns``; see ``Annotations.instance_map``.
 
         Raises:
-            UserError: the PNG is unreadable, of the wrong size or kind, or holds an id not in the table.
+            UserError: the PNG is unreadable, has the wrong size or type, or holds an id that is not in the table.
         """
         path = self._pngs.get(int(timestamp_ns))
         if path is None:
@@ -70,26 +68,27 @@ class PlainAnnotations:
         ids = _read_ids(path)
         if ids.shape[::-1] != self._size:
             raise UserError(
-                f"{path}: {ids.shape[1]}x{ids.shape[0]} px, but the picture is {self._size[0]}x{self._size[1]}."
+                f"{path}: {ids.shape[1]}x{ids.shape[0]} px, but the frame is {self._size[0]}x{self._size[1]}."
             )
         index = self._index_of_id[ids]
-        if (index == -2).any():
-            raise UserError(f"{path}: instance id {ids[index == -2][0]} is not in {TABLE}. Add it there.")
+        unknown = ids[index == _UNKNOWN_ID]
+        if len(unknown):
+            raise UserError(f"{path}: instance id {unknown[0]} is not in {TABLE}. Add it there.")
         return resize_labels(index, self._camera.width, self._camera.height)
 
 
 def read_instances(path: Path) -> list[Instance]:
-    """Read ``instances.tsv``, in its order.
+    """Read ``instances.tsv`` in its order.
 
     Raises:
-        UserError: it is missing or unreadable, lacks a column, or a line is wrong.
+        UserError: the table is missing or unreadable, lacks a column, or has a bad line.
     """
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.DictReader(file, delimiter="\t")
             columns, lines = reader.fieldnames or [], list(reader)
     except (OSError, UnicodeError, csv.Error) as error:
-        raise UserError(f"{path}: not a table that can be read ({error}).") from error
+        raise UserError(f"{path}: not a readable table ({error}).") from error
     for column in _COLUMNS:
         if column not in columns:
             raise UserError(
@@ -114,10 +113,10 @@ def _instance(path: Path, number: int, line: dict[str, str | None]) -> Instance:
 
     identity = field("id")
     if not (
-        identity.isascii() and identity.isdigit() and len(identity) < 10 and 1 <= int(identity) <= _LARGEST_ID
+        identity.isascii() and identity.isdigit() and len(identity) < 10 and 1 <= int(identity) <= _MAX_ID
     ):
         raise UserError(
-            f"{path}: line {number}: id is {identity[:40]!r}, not a whole number from 1 to {_LARGEST_ID}."
+            f"{path}: line {number}: id is {identity[:40]!r}, not a whole number from 1 to {_MAX_ID}."
         )
     return Instance(
         id=int(identity),
@@ -129,34 +128,32 @@ def _instance(path: Path, number: int, line: dict[str, str | None]) -> Instance:
 
 
 def _png_of_timestamp(folder: Path, source: Video | ImageFolder) -> dict[int, Path]:
-    """The PNG of each annotated frame, by the frame's timestamp."""
+    """The PNG of each annotated frame by the frame's timestamp."""
     if isinstance(source, Video):
         numbers = {number: number for number in range(len(source.timestamp_ns))}
     else:
         numbers = {image.stem: number for number, image in enumerate(source.paths)}
-    found: dict[int, Path] = {}
+    pngs: dict[int, Path] = {}
     for path in sorted(folder.glob("*.png")):
         is_number = path.stem.isascii() and path.stem.isdigit()
         key = int(path.stem) if isinstance(source, Video) and is_number else path.stem
         if key not in numbers:
-            raise UserError(f"{path}: {source.path} has no frame of that name. Rename or remove it.")
+            raise UserError(f"{path}: {source.path} has no frame of this name. Rename or remove it.")
         timestamp = int(source.timestamp_ns[numbers[key]])
-        if timestamp in found:
-            raise UserError(f"{path}: the same frame as {found[timestamp].name}. Remove one.")
-        found[timestamp] = path
-    return found
+        if timestamp in pngs:
+            raise UserError(f"{path}: annotates the same frame as {pngs[timestamp].name}. Remove one.")
+        pngs[timestamp] = path
+    return pngs
 
 
 def _read_ids(path: Path) -> NDArray[np.int64]:
     try:
         with Image.open(path) as image:
             if image.mode not in _ONE_CHANNEL:
-                raise UserError(
-                    f"{path}: pixels of type {image.mode}; it must have a single channel of 8 or 16 bits."
-                )
+                raise UserError(f"{path}: pixels of type {image.mode}; use a single channel of 8 or 16 bits.")
             ids = np.array(image).astype(np.int64)
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-        raise UserError(f"{path}: not an image that can be read ({error}).") from error
-    if ids.min() < 0 or ids.max() > _LARGEST_ID:
-        raise UserError(f"{path}: pixel values outside of 0..{_LARGEST_ID}.")
+        raise UserError(f"{path}: not a readable image ({error}).") from error
+    if ids.min() < 0 or ids.max() > _MAX_ID:
+        raise UserError(f"{path}: pixel values outside 0..{_MAX_ID}.")
     return ids

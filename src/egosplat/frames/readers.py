@@ -1,4 +1,4 @@
-"""Opening a recording by the name of its format."""
+"""Open a recording by the name of its format."""
 
 from pathlib import Path
 
@@ -22,17 +22,17 @@ def open_recording(
     start_s: float,
     end_s: float | None,
 ) -> Recording:
-    """Open a recording's pictures.
+    """Open the frames of a recording.
 
     Args:
         format: ``adt`` (a sequence folder), ``hoi4d`` (a sequence folder or name) or ``plain`` (a video
             file or image folder).
         path: the recording.
-        resolution: of the pictures [px]: side (adt), width (hoi4d), longer side (plain).
-        focal: focal length [px] at 1408 px of rectified Aria pictures; of no meaning elsewhere.
-        upright: whether Aria pictures are turned upright; of no meaning elsewhere.
-        stride: every how many frames one is taken.
-        start_s, end_s: the part start <= t < end in seconds after the first frame; None: to the end.
+        resolution: size of the frames [px]: side (adt), width (hoi4d), longer side (plain).
+        focal: adt only: focal length [px] of rectified frames of 1408 px.
+        upright: adt only: whether frames are turned upright.
+        stride: take every ``stride``-th frame.
+        start_s, end_s: take frames with start <= t < end, in seconds after the first frame; None: to the end.
 
     Raises:
         UserError: the format is unknown, the recording unreadable, or an option out of range.

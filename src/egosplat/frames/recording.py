@@ -1,7 +1,7 @@
-"""What a reader offers: a recording's pictures, rectified to a pinhole, and its annotations.
+"""Interfaces of a recording: its rectified frames and its annotations.
 
-``Recording`` is all that training may see. ``Annotations`` is for evaluation only and is kept in modules
-of its own (``*_annotations.py``), so that no training stage reaches them, not even through code.
+Training reads ``Recording`` only. ``Annotations`` serves evaluation and is implemented in separate modules
+(``*_annotations.py``), which no training stage imports.
 """
 
 from collections.abc import Iterator
@@ -11,24 +11,23 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.frames.recording_files import Origin
 from egosplat.geometry import Camera
-
-Origin = Literal["real", "synthetic"]
 
 
 @dataclass(frozen=True)
 class Capture:
-    """What is known of a recording before a picture is decoded; all of it after rectification.
+    """Camera and times of a recording after rectification, known before any frame is decoded.
 
     Attributes:
-        timestamp_ns: (F,) int64, strictly increasing: when each picture was captured (video: from its start).
-        exposure_middle_ns: (F,) int64: when the middle of the picture was exposed; poses belong to this moment.
-        camera: the pinhole camera of every picture.
-        camera_known: whether ``camera`` is a calibration, not a guess from the field of view.
-        device_from_camera: (4, 4) float64, or None where the recording has no device frame.
-        valid: (H, W) bool: pixels that show the scene (inside the lens circle, after rectification).
+        timestamp_ns: (F,) int64, strictly increasing: capture time of each frame (video: since its start).
+        exposure_middle_ns: (F,) int64: middle of each exposure; poses are of this time.
+        camera: the pinhole camera of all frames.
+        camera_known: True for a calibration, False for a guessed field of view.
+        device_from_camera: (4, 4) float64, or None if the recording has no device frame.
+        valid: (H, W) bool: pixels that show the scene (inside the lens circle).
         origin: ``real`` or ``synthetic``.
-        upright: whether up in the pictures is up in the world, as far as the recording tells.
+        upright: whether up in the frames is up in the world, as far as the recording tells.
     """
 
     timestamp_ns: NDArray[np.int64]
@@ -44,18 +43,18 @@ class Capture:
     def of_video(
         cls, timestamp_ns: NDArray[np.int64], camera: Camera, camera_known: bool, valid: NDArray[np.bool_]
     ) -> "Capture":
-        """What is known of a real recording by a camera alone: exposed when it is stamped, no device frame."""
+        """Capture of a real video without a device frame; frames are exposed at their timestamps."""
         return cls(timestamp_ns, timestamp_ns, camera, camera_known, None, valid, "real")
 
 
 class Recording(Protocol):
-    """A recording's pictures."""
+    """The frames of a recording."""
 
     @property
     def capture(self) -> Capture: ...
 
-    def pictures(self, indices: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
-        """Yield the (H, W, 3) uint8 RGB picture of each index, in the given (increasing) order.
+    def read_frames(self, indices: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
+        """Yield the (H, W, 3) uint8 RGB frame of each index; indices increase.
 
         Pixels outside ``capture.valid`` are 0.
         """
@@ -64,13 +63,13 @@ class Recording(Protocol):
 
 @dataclass(frozen=True)
 class Instance:
-    """One annotated thing.
+    """One annotated instance.
 
     Attributes:
-        id: the dataset's own id.
-        name: the dataset's own name of this instance.
-        category: what a query asks for, for example ``"step stool"``.
-        motion_type: ``static`` or ``dynamic``, as the dataset labels it; people are dynamic.
+        id: the dataset's id.
+        name: the dataset's name of this instance.
+        category: the phrase of its query, for example ``"step stool"``.
+        motion_type: the dataset's label ``static`` or ``dynamic``; people are dynamic.
         instance_type: ``object`` or ``human``.
     """
 
@@ -82,15 +81,15 @@ class Instance:
 
 
 class Annotations(Protocol):
-    """A recording's annotations, in the geometry of its rectified pictures."""
+    """The annotations of a recording, in the pixels of its rectified frames."""
 
     @property
     def instances(self) -> list[Instance]: ...
 
     def instance_map(self, timestamp_ns: int) -> NDArray[np.int32] | None:
-        """The instances of the picture captured at ``timestamp_ns``, or None where it has no annotation.
+        """The instance of each pixel of the frame captured at ``timestamp_ns``; None if it is not annotated.
 
         Returns:
-            (H, W) int32: index into ``instances``; -1 where nothing is annotated (outside the lens circle).
+            (H, W) int32 index into ``instances``; -1 where nothing is annotated.
         """
         ...

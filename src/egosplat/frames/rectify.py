@@ -1,8 +1,8 @@
-"""Rectification of Aria's fisheye pictures, as in EgoLifter's preprocessing of ADT (docs/method.md#rectification).
+"""Rectify Aria's fisheye images, as EgoLifter's preprocessing of ADT does (docs/method.md#rectification).
 
-projectaria-tools computes where each pinhole pixel lies in the fisheye picture, once a recording; OpenCV
-then samples each picture there, which is as accurate as the library's own ``distort_by_calibration``
-(within one grey level: that one cuts fractions off, this one rounds) and several times as fast.
+projectaria-tools computes once per recording where each pinhole pixel lies in the fisheye image, and OpenCV
+samples every image there. This is several times as fast as the library's ``distort_by_calibration``, and equal
+within one grey level: the library truncates, OpenCV rounds.
 """
 
 import math
@@ -12,6 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from projectaria_tools.core.calibration import (
     CameraCalibration,
+    CpfType,
+    DeviceCalibration,
+    DeviceVersion,
     distort_by_calibration,
     distort_label_by_calibration,
     get_linear_camera_calibration,
@@ -21,21 +24,24 @@ from egosplat.errors import UserError
 from egosplat.geometry import CLOCKWISE, Camera
 
 FOCAL_SIDE = 1408
-"""Side [px] of the picture for which a focal length is given, ADT's own; smaller pictures scale it."""
+"""Side of ADT's images [px]; ``frames.focal`` is given for this size."""
 
+# Far enough outside the source that bilinear sampling gives 0.
 _OUTSIDE = -10.0
-"""A source coordinate far enough outside that bilinear sampling there gives 0."""
+
+# Clockwise quarter turns of devices whose build the library has no CAD of: gen1 mounts the RGB sensor sideways.
+_TURNS = {DeviceVersion.Gen1: 1, DeviceVersion.Gen2: 0}
 
 
 def pinhole(resolution: int, focal: float) -> Camera:
-    """The square pinhole camera whose principal point is the middle of the image.
+    """A square pinhole camera with the principal point in the middle of the image.
 
     Args:
         resolution: side of the image [px].
-        focal: focal length [px] that the image would have at ``FOCAL_SIDE`` (the paper: 460).
+        focal: focal length at a side of ``FOCAL_SIDE`` [px] (the paper: 460).
 
     Raises:
-        UserError: an option is out of its range.
+        UserError: an option is out of range.
     """
     if resolution < 1:
         raise UserError(f"resolution: {resolution} is not a positive number of pixels.")
@@ -47,25 +53,48 @@ def pinhole(resolution: int, focal: float) -> Camera:
     return Camera(resolution, resolution, scaled, scaled, resolution / 2, resolution / 2)
 
 
+def clockwise_turns(device: DeviceCalibration, label: str) -> int | None:
+    """Clockwise quarter turns that bring the images of camera ``label`` upright.
+
+    Returns:
+        0 to 3; None if the calibration is of an unknown device.
+    """
+    if device.get_transform_cpf_sensor(label, True) is not None:
+        cpf_from_device = device.get_transform_device_cpf(CpfType.CadBased).to_matrix().T[:3, :3]
+        device_from_camera = device.get_camera_calib(label).get_transform_device_camera().to_matrix()[:3, :3]
+        return turns_from_rotation(cpf_from_device @ device_from_camera)
+    return _TURNS.get(device.get_device_version())
+
+
+def turns_from_rotation(cpf_from_camera: NDArray[np.float64]) -> int:
+    """Clockwise quarter turns, 0 to 3, that bring up in the image closest to up in the central pupil frame (CPF).
+
+    Args:
+        cpf_from_camera: (3, 3) rotation. CPF: x to the wearer's left, y up, z ahead. Camera: OpenCV's axes.
+    """
+    right, down, _ = cpf_from_camera[1]
+    return round(np.arctan2(-right, -down) / (np.pi / 2)) % 4
+
+
 class Rectification:
-    """Everything that takes one fisheye camera's pictures and labels to one pinhole camera.
+    """Maps images and label maps of one fisheye camera to one pinhole camera.
 
     Attributes:
-        camera: the pinhole camera; the same in sensor orientation and upright, being square and centred.
+        camera: the pinhole camera. It is square and centred, so turning the image does not change it.
         device_from_camera: (4, 4) float64 pose of the pinhole camera in the device frame.
-        valid: (H, W) bool: pixels whose whole area lies inside the lens circle and the fisheye picture.
+        valid: (H, W) bool: pixels whose whole area lies inside the lens circle and the fisheye image.
     """
 
     def __init__(self, calibration: CameraCalibration, camera: Camera, turns: int) -> None:
-        """Prepare the sampling.
+        """Compute the sampling positions.
 
         Args:
-            calibration: of the fisheye pictures.
+            calibration: of the fisheye images.
             camera: from ``pinhole``.
-            turns: clockwise quarter turns of the result, see ``upright.clockwise_turns``.
+            turns: clockwise quarter turns of the result, see ``clockwise_turns``.
         """
         if camera != camera.rotated_clockwise():
-            raise ValueError("Aria pictures are rectified to a square camera with a central principal point")
+            raise ValueError("Aria images are rectified to a square camera with a central principal point")
         self.camera = camera
         self.device_from_camera = calibration.get_transform_device_camera().to_matrix()
         for _ in range(turns):
@@ -77,18 +106,15 @@ class Rectification:
         self._source_index = self._turn(_nearest_source(calibration, camera))
         self._source_shape = _source_shape(calibration)
 
-    def colour(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """(h, w, 3) uint8 fisheye picture -> (H, W, 3) uint8 pinhole picture, 0 where not ``valid``.
-
-        Bilinear sampling reads four source pixels however far apart two target pixels lie, so a small
-        picture would alias. It is therefore sampled ``supersampling`` times as finely and averaged over
-        each pixel's area.
+    def colour(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """(h, w, 3) uint8 fisheye image -> (H, W, 3) uint8 pinhole image, 0 where not ``valid``.
 
         Raises:
-            ValueError: the picture has another size than the calibration.
+            ValueError: the image and the calibration differ in size.
         """
-        self._check_shape(picture)
-        fine = cv2.remap(picture, self._map_u, self._map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+        self._check_shape(image)
+        fine = cv2.remap(image, self._map_u, self._map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+        # Bilinear sampling reads only four source pixels, so a small image would alias: average finer samples.
         if self._factor > 1:
             size = (self.camera.width, self.camera.height)
             fine = cv2.resize(fine, size, interpolation=cv2.INTER_AREA)
@@ -96,61 +122,61 @@ class Rectification:
         turned[~self.valid] = 0
         return turned
 
-    def labels(self, picture: NDArray[np.generic]) -> NDArray[np.generic]:
-        """(h, w) fisheye labels of any type -> (H, W) labels by nearest neighbour, 0 where not ``valid``.
+    def labels(self, labels: NDArray[np.generic]) -> NDArray[np.generic]:
+        """(h, w) fisheye labels of any dtype -> (H, W) labels by nearest neighbour, 0 where not ``valid``.
 
         Raises:
-            ValueError: the picture has another size than the calibration.
+            ValueError: the labels and the calibration differ in size.
         """
-        self._check_shape(picture)
-        sampled = picture.reshape(-1)[self._source_index]
+        self._check_shape(labels)
+        sampled = labels.reshape(-1)[self._source_index]
         sampled[~self.valid] = 0
         return sampled
 
     def _turn(self, image: NDArray) -> NDArray:
         return np.ascontiguousarray(np.rot90(image, -self._turns)) if self._turns else image
 
-    def _check_shape(self, picture: NDArray) -> None:
-        if picture.shape[:2] != self._source_shape:
-            raise ValueError(f"picture of {picture.shape[:2]} pixels, calibration for {self._source_shape}")
+    def _check_shape(self, image: NDArray) -> None:
+        if image.shape[:2] != self._source_shape:
+            raise ValueError(f"image of {image.shape[:2]} pixels, calibration for {self._source_shape}")
 
 
 def supersampling(calibration: CameraCalibration, camera: Camera) -> int:
-    """How many samples a pixel's side needs so that they lie at most 1.5 source pixels apart.
-
-    In the middle, where a pinhole picture is coarsest, a step of one pixel is ``source focal / focal``
-    source pixels. Rounding keeps the paper's own case, 1408 px at focal length 460, at a single sample.
-    """
+    """Samples per pixel side, so that samples lie at most 1.5 source pixels apart."""
+    # A pinhole image is coarsest in the middle: there one pixel spans this many source pixels.
     step = float(np.max(calibration.get_focal_lengths())) / camera.fx
+    # Rounding gives one sample for the paper's case, 1408 px at focal length 460.
     return max(1, round(step))
 
 
 def linear_calibration(camera: Camera, label: str = "") -> CameraCalibration:
-    """projectaria-tools' form of a ``pinhole`` camera (its principal point is at ``(side - 1) / 2``)."""
+    """A ``pinhole`` camera as projectaria-tools represents it (principal point at ``(side - 1) / 2``)."""
     return get_linear_camera_calibration(camera.width, camera.height, camera.fx, label)
 
 
 def _source_coordinates(
     calibration: CameraCalibration, camera: Camera, factor: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
-    """Where each sample lies in the source (pixel centre at the integer, as OpenCV has it), and whether.
+    """Source position of each sample and whether it lies inside the source.
 
-    Rectifying pictures of the source's own column and row numbers gives them for all pixels in one call:
-    bilinear interpolation of a linear function is exact. The library rejects what is outside the valid
-    radius or has no four source neighbours.
+    Returns:
+        Columns u and rows v, (H * factor, W * factor) float32 [px, pixel centres at integers as in OpenCV], and
+        (H * factor, W * factor) bool: inside the valid radius, with four source neighbours.
     """
     fine = linear_calibration(camera.scaled_to(camera.width * factor, camera.height * factor))
     height, width = _source_shape(calibration)
+    # Rectifying the column and row numbers gives all positions in one call: bilinear interpolation of a linear
+    # function is exact.
     rows, columns = np.mgrid[:height, :width].astype(np.float32)
     inside = distort_by_calibration(np.ones_like(rows), fine, calibration) > 0.5
-    # The library marks what is outside with 0, which is a column and a row of the source.
+    # The library returns 0 outside, which is also a valid column and row.
     map_u = np.where(inside, distort_by_calibration(columns, fine, calibration), np.float32(_OUTSIDE))
     map_v = np.where(inside, distort_by_calibration(rows, fine, calibration), np.float32(_OUTSIDE))
     return map_u, map_v, inside
 
 
 def _nearest_source(calibration: CameraCalibration, camera: Camera) -> NDArray[np.int64]:
-    """(H, W) flat index of the source pixel nearest to each target pixel's centre; 0 where there is none."""
+    """(H, W) int64 flat index of the source pixel nearest to each target pixel's centre; 0 where there is none."""
     height, width = _source_shape(calibration)
     index = np.arange(height * width, dtype=np.uint64).reshape(height, width)
     return distort_label_by_calibration(index, linear_calibration(camera), calibration).astype(np.int64)
@@ -162,6 +188,6 @@ def _source_shape(calibration: CameraCalibration) -> tuple[int, int]:
 
 
 def _shrink_mask(mask: NDArray[np.bool_], factor: int) -> NDArray[np.bool_]:
-    """A coarse pixel is in the mask if all of its ``factor`` x ``factor`` samples are."""
+    """(H * factor, W * factor) bool -> (H, W) bool: True where all samples of a pixel are in the mask."""
     height, width = mask.shape[0] // factor, mask.shape[1] // factor
     return mask.reshape(height, factor, width, factor).all(axis=(1, 3))

@@ -1,23 +1,25 @@
-"""Making pictures, masks and label maps smaller."""
+"""Resize images, masks and label maps to a smaller size."""
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 
-def resize_picture(picture: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
-    """(h, w, 3) uint8 -> (height, width, 3) uint8, averaging over the area of each new pixel."""
-    return cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+def resize_image(image: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
+    """(h, w, 3) uint8 -> (height, width, 3) uint8, averaged over the area of each new pixel."""
+    return cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
 
 
 def resize_mask(mask: NDArray[np.bool_], width: int, height: int) -> NDArray[np.bool_]:
-    """(h, w) bool -> (height, width) bool: new pixels whose whole area is inside the mask."""
-    share = cv2.resize(mask.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
-    return share > 1 - 1e-4
+    """(h, w) bool -> (height, width) bool: True where the whole area of the new pixel is in the mask."""
+    coverage = cv2.resize(mask.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
+    # 1 up to float32 rounding.
+    return coverage > 1 - 1e-4
 
 
 def resize_labels(labels: NDArray[np.generic], width: int, height: int) -> NDArray[np.generic]:
-    """(h, w) -> (height, width): each new pixel takes the label under its centre."""
+    """(h, w) -> (height, width): the label under the centre of each new pixel."""
+    # The source pixel of centre i + 1/2 in integer arithmetic, without rounding.
     rows = (2 * np.arange(height) + 1) * labels.shape[0] // (2 * height)
     columns = (2 * np.arange(width) + 1) * labels.shape[1] // (2 * width)
     return labels[rows[:, None], columns]

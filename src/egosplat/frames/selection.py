@@ -1,4 +1,4 @@
-"""Which frames of a recording are used."""
+"""Select frames of a recording by time and stride."""
 
 import math
 from pathlib import Path
@@ -8,26 +8,26 @@ from numpy.typing import NDArray
 
 from egosplat.errors import UserError
 
-_LONGEST_S = 9e9
-"""Of which the nanoseconds are still whole numbers of 64 bits."""
+# Longer times in nanoseconds overflow int64.
+_MAX_S = 9e9
 
 
 def select_frames(
     timestamp_ns: NDArray[np.int64], *, stride: int, start_s: float, end_s: float | None, source: Path
 ) -> NDArray[np.int64]:
-    """Every ``stride``-th frame of a time range.
+    """Select every ``stride``-th frame of a time range.
 
     Args:
         timestamp_ns: (N,) int64, strictly increasing capture times of all frames.
         stride: 1 takes every frame; the first frame of the range is always taken.
         start_s, end_s: the range start <= t < end in seconds after the first frame; None: to the end.
-        source: the recording, for messages.
+        source: the recording, named in errors.
 
     Returns:
         (F,) int64 indices into ``timestamp_ns``, F >= 1.
 
     Raises:
-        UserError: an option is out of its range, or no frame is left.
+        UserError: an option is out of range, or no frame is left.
     """
     if stride < 1:
         raise UserError(f"stride: {stride} is not a positive whole number; 1 takes every frame.")
@@ -37,15 +37,15 @@ def select_frames(
         raise UserError(f"end_s: {end_s} does not lie after start_s = {start_s}.")
     if not (np.diff(timestamp_ns) > 0).all():
         raise UserError(
-            f"{source}: its frames are not in order of time. Is the recording damaged? Copy it again."
+            f"{source}: frames are not in order of time. Is the recording damaged? Copy it again."
         )
     elapsed_ns = timestamp_ns - timestamp_ns[0]
-    inside = elapsed_ns >= round(min(start_s, _LONGEST_S) * 1e9)
-    if end_s is not None and end_s < _LONGEST_S:
-        inside &= elapsed_ns < round(end_s * 1e9)
-    chosen = np.flatnonzero(inside)[::stride].astype(np.int64)
-    if not len(chosen):
+    in_range = elapsed_ns >= round(min(start_s, _MAX_S) * 1e9)
+    if end_s is not None and end_s < _MAX_S:
+        in_range &= elapsed_ns < round(end_s * 1e9)
+    selected = np.flatnonzero(in_range)[::stride].astype(np.int64)
+    if not len(selected):
         raise UserError(
             f"{source}: no frame between start_s and end_s; the last one is at {elapsed_ns[-1] * 1e-9:.3f} s."
         )
-    return chosen
+    return selected

@@ -1,4 +1,4 @@
-"""Stage ``frames``: a recording's rectified pictures and the train / evaluation split."""
+"""Stage ``frames``: read and rectify the frames of a recording, and split them into training and evaluation."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -8,9 +8,9 @@ import numpy as np
 from egosplat.artifacts import provenance
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.writer import create
-from egosplat.frames.companions import is_annotated
 from egosplat.frames.readers import open_recording
-from egosplat.frames.sharpness import blurred, sharpness
+from egosplat.frames.recording_files import is_annotated
+from egosplat.frames.sharpness import count_blurred, sharpness
 from egosplat.frames.split import AUTO, evaluation_count, split_frames
 from egosplat.progress import log, track
 
@@ -30,10 +30,10 @@ class FramesOptions:
 
 
 def run(recording: Path, output: Path, options: FramesOptions, *, format: str) -> None:
-    """Read ``recording``, which is laid out as ``format`` says, and write its frames artifact.
+    """Read a recording of a given format and write its frames artifact.
 
     Raises:
-        UserError: the recording is absent, damaged, or the keys select no frame.
+        UserError: the recording is missing or damaged, or the keys select no frame.
     """
     reader = open_recording(
         format,
@@ -58,10 +58,10 @@ def run(recording: Path, output: Path, options: FramesOptions, *, format: str) -
         artifact.put("train", train)
         artifact.put("evaluation", evaluation)
         artifact.allocate("rgb", (count, *capture.valid.shape, 3))
-        pictures, sharp = reader.pictures(np.arange(count)), []
-        for index, picture in enumerate(track(pictures, f"reading {recording.name}", total=count)):
-            artifact.put_row("rgb", index, picture)
-            sharp.append(sharpness(picture, capture.valid))
+        images, sharpnesses = reader.read_frames(np.arange(count)), []
+        for index, image in enumerate(track(images, f"reading {recording.name}", total=count)):
+            artifact.put_row("rgb", index, image)
+            sharpnesses.append(sharpness(image, capture.valid))
         device = capture.device_from_camera
         artifact.facts = {
             "recording": recording.name,
@@ -69,17 +69,17 @@ def run(recording: Path, output: Path, options: FramesOptions, *, format: str) -
             "upright": capture.upright,
             "camera": asdict(capture.camera),
             "camera_known": capture.camera_known,
-            "blurred_frames": blurred(sharp),
+            "blurred_frames": count_blurred(sharpnesses),
             "device_from_camera": None if device is None else device.tolist(),
         }
     log(_split_line(count, int(evaluation.sum()), options.evaluation_frames == AUTO and not annotated))
 
 
 def _split_line(count: int, evaluation: int, unannotated: bool) -> str:
-    """How the frames are split, in one line."""
+    """The log line about the split."""
     if unannotated:
         return (
-            f"{count} frames, all trained on: the recording has no annotations to evaluate with "
+            f"{count} frames, all for training: the recording has no annotations "
             "(frames.evaluation_frames=N holds N of them out)"
         )
     return f"{count} frames, {evaluation} of them for evaluation"

@@ -1,8 +1,7 @@
-"""Whether a VRS file is complete.
+"""Check that a VRS file is complete.
 
-projectaria-tools drops records that lie beyond the end of a truncated file and goes on with a shorter
-recording, so completeness is checked here: by walking through the file, and, for a file that ends at the
-end of a record, by what the library logged about its index.
+projectaria-tools drops records beyond the end of a truncated file and continues with a shorter recording.
+``check_complete`` walks through the records; ``check_log`` covers files truncated exactly at a record's end.
 """
 
 import mmap
@@ -11,18 +10,18 @@ from pathlib import Path
 
 from egosplat.errors import UserError
 
+# Two magic numbers, file id, sizes of file and record header, offsets of index, description and first record.
 _HEADER = struct.Struct("<IIQIIqqq")
-"""Two magic numbers, file id, sizes of file and record header, offsets of index, description, first record."""
 _MAGIC = (0x69736956, 0x65526E6F)
 _HEADER_SIZE = 80
 _DROPPED_RECORDS = "beyond the end of the file"
 
 
 def check_complete(path: Path) -> None:
-    """Walk through a VRS file's record headers up to its end.
+    """Walk through the record headers of a VRS file to its end.
 
     Raises:
-        UserError: the file is missing, is no VRS file, or is truncated or damaged.
+        UserError: the file is missing, not a VRS file, truncated or damaged.
     """
     if not path.is_file():
         raise UserError(f"{path}: not found. Check the path, or download this file of the recording.")
@@ -51,7 +50,7 @@ def _walk_records(path: Path, data: mmap.mmap, position: int, header_size: int) 
 
 
 def check_log(path: Path, messages: list[str]) -> None:
-    """Refuse a file of which the library dropped records, by what it logged on opening it.
+    """Check that the library dropped no record, from the messages it logged when it opened the file.
 
     Raises:
         UserError: records are missing.

@@ -1,4 +1,4 @@
-"""What every way of finding poses gives back."""
+"""The result of pose estimation, by whichever method."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -9,21 +9,22 @@ from numpy.typing import NDArray
 from egosplat.errors import UserError
 from egosplat.geometry import Camera, is_rigid
 
-_LEAST_AGREEMENT_ON_UP = 1e-3
+# A shorter mean of the cameras' up axes has no reliable direction.
+_MIN_MEAN_UP = 1e-3
 
 
 @dataclass(frozen=True)
 class Poses:
-    """Where the camera was for each frame, and the points that were found on the way.
+    """Poses of the frames, and points of the scene.
 
     Attributes:
         camera_to_world: (F, 4, 4) float64, OpenCV camera axes; NaN where not registered.
-        registered: (F,) bool: frames whose pose is known.
-        camera: of the pictures; COLMAP may have refined it.
-        points: (P, 3) float64 in the world [m; COLMAP: its own arbitrary unit].
+        registered: (F,) bool: frames with a pose.
+        camera: of the frames; COLMAP may have refined it.
+        points: (P, 3) float64 in the world [m; COLMAP: arbitrary unit].
         point_rgb: (P, 3) uint8.
-        up: (3,) float64: unit vector against gravity in the world.
-        notes: plain JSON figures for the provenance record.
+        up: (3,) float64 unit vector against gravity in the world.
+        notes: statistics, as plain JSON.
     """
 
     camera_to_world: NDArray[np.float64]
@@ -35,12 +36,11 @@ class Poses:
     notes: dict[str, Any] = field(default_factory=dict)
 
     def check(self) -> "Poses":
-        """Return self if it keeps what the class promises.
+        """Check the invariants of the class and return self.
 
         Raises:
-            ValueError: a wrong shape or dtype, no registered frame, a registered pose that is not a rigid
-                motion, an unregistered one that is not NaN, points that are not finite, ``up`` not a unit
-                vector.
+            ValueError: a shape or dtype is wrong, no frame is registered, a registered pose is not a rigid motion,
+                an unregistered one is not NaN, a point is not finite, or ``up`` is not a unit vector.
         """
         self._check_arrays()
         if not self.registered.any():
@@ -68,17 +68,16 @@ class Poses:
         for name, (shape, dtype) in expected.items():
             array = getattr(self, name)
             if array.shape != shape or array.dtype != dtype:
-                wanted = f"{shape} {np.dtype(dtype)}"
-                raise ValueError(f"{name} is {array.shape} {array.dtype} where {wanted} is expected")
+                raise ValueError(f"{name} is {array.shape} {array.dtype}, not {shape} {np.dtype(dtype)}")
 
 
 def unregistered(frames: int) -> NDArray[np.float64]:
-    """(frames, 4, 4) float64, all NaN: no frame has a pose yet."""
+    """(frames, 4, 4) float64 NaN: poses of unregistered frames."""
     return np.full((frames, 4, 4), np.nan)
 
 
 def mean_camera_up(camera_to_world: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The direction in the world that is up in upright pictures: the mean of the cameras' -y axes.
+    """Mean of the cameras' up axes (-y): up in the world if the frames are upright.
 
     Args:
         camera_to_world: (N, 4, 4) float64, registered poses only.
@@ -87,12 +86,10 @@ def mean_camera_up(camera_to_world: NDArray[np.float64]) -> NDArray[np.float64]:
         (3,) float64 unit vector.
 
     Raises:
-        UserError: the pictures have no common up, so the mean has no direction.
+        UserError: the frames have no common up direction.
     """
     mean = -camera_to_world[:, :3, 1].mean(axis=0)
     length = float(np.linalg.norm(mean))
-    if not length > _LEAST_AGREEMENT_ON_UP:
-        raise UserError(
-            "the pictures have no common upward direction: turn them upright before finding poses"
-        )
+    if not length > _MIN_MEAN_UP:
+        raise UserError("the frames have no common upward direction: turn them upright first")
     return mean / length

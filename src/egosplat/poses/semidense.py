@@ -1,4 +1,4 @@
-"""The semi-dense point cloud of Project Aria's Machine Perception Services (MPS).
+"""Read the semi-dense point cloud of Project Aria's Machine Perception Services (MPS).
 
 Format: projectaria_tools, "MPS output - Semi-dense point cloud": a gzipped table with the columns ``uid``,
 ``graph_uid``, ``px_world``, ``py_world``, ``pz_world`` [m], ``inv_dist_std`` [1/m] and ``dist_std`` [m].
@@ -14,28 +14,29 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from egosplat.errors import UserError
-from egosplat.poses.trajectory import FARTHEST_M
+from egosplat.poses.trajectory import MAX_POSITION_M
 from egosplat.progress import track
 
 FILE_NAMES = ("semidense_points.csv.gz", "global_points.csv.gz")
-"""The current name of the file and its older one."""
+"""Current and older name of the file."""
 
+# The cameras that observe the points are monochrome, so the file has no colours.
 GRAY = 128
-"""The cameras that make the cloud are monochrome and the file holds no colour."""
 
 _POSITION = ["px_world", "py_world", "pz_world"]
 _COLUMNS = [*_POSITION, "inv_dist_std", "dist_std"]
-_ROWS_AT_A_TIME = 1_000_000
+# The file is read in blocks, so that memory holds the kept points and one block.
+_ROWS_PER_BLOCK = 1_000_000
 
 
 @dataclass(frozen=True)
 class SemidensePoints:
-    """The points that passed the filter.
+    """Points that pass the filter.
 
     Attributes:
         points: (P, 3) float64 [m].
         read: number of points in the file.
-        rejected: how many each criterion rejects; a point may fail several.
+        rejected: number of points that fail each criterion; a point may fail several.
     """
 
     points: NDArray[np.float64]
@@ -44,36 +45,34 @@ class SemidensePoints:
 
 
 def find_points(folder: Path) -> Path | None:
-    """The point cloud in the MPS folder ``folder``, or None."""
+    """Path of the point cloud in an MPS folder; None if there is none."""
     return next((folder / name for name in FILE_NAMES if (folder / name).is_file()), None)
 
 
 def read_semidense_points(path: Path, max_inv_dist_std: float, max_dist_std: float) -> SemidensePoints:
-    """Read the points that are located well enough (docs/method.md#point-filter).
-
-    The file is read in pieces, so that memory holds the kept points and one piece only.
+    """Read the points with a small position uncertainty (docs/method.md#point-filter).
 
     Args:
-        path: ``semidense_points.csv.gz``, or the same table not compressed.
-        max_inv_dist_std: points whose inverse distance has a standard deviation below this are kept [1/m].
-        max_dist_std: and whose distance has one below this [m].
+        path: ``semidense_points.csv.gz``, or the uncompressed table.
+        max_inv_dist_std: limit of the standard deviation of the inverse distance [1/m].
+        max_dist_std: limit of the standard deviation of the distance [m].
 
     Raises:
         UserError: the file is damaged or lacks a column.
     """
     kept, rejected, read = [], dict.fromkeys(("not_finite", "too_far", "inv_dist_std", "dist_std"), 0), 0
     try:
-        with pd.read_csv(path, usecols=_COLUMNS, dtype=np.float64, chunksize=_ROWS_AT_A_TIME) as pieces:
-            for piece in track(pieces, f"reading {path.name}", unit="block"):
-                position = piece[_POSITION].to_numpy()
+        with pd.read_csv(path, usecols=_COLUMNS, dtype=np.float64, chunksize=_ROWS_PER_BLOCK) as blocks:
+            for block in track(blocks, f"reading {path.name}", unit="block"):
+                position = block[_POSITION].to_numpy()
                 failed = {
                     "not_finite": ~np.isfinite(position).all(axis=1),
-                    "too_far": (np.abs(position) > FARTHEST_M).any(axis=1),
-                    "inv_dist_std": ~(piece["inv_dist_std"].to_numpy() < max_inv_dist_std),
-                    "dist_std": ~(piece["dist_std"].to_numpy() < max_dist_std),
+                    "too_far": (np.abs(position) > MAX_POSITION_M).any(axis=1),
+                    "inv_dist_std": ~(block["inv_dist_std"].to_numpy() < max_inv_dist_std),
+                    "dist_std": ~(block["dist_std"].to_numpy() < max_dist_std),
                 }
                 kept.append(position[~np.logical_or.reduce(list(failed.values()))])
-                read += len(piece)
+                read += len(block)
                 for name, mask in failed.items():
                     rejected[name] += int(mask.sum())
     except (ValueError, pd.errors.ParserError, gzip.BadGzipFile, EOFError, zlib.error) as error:

@@ -1,4 +1,4 @@
-"""Stage ``poses``: a camera pose for each frame, and the points of the scene."""
+"""Stage ``poses``: camera poses of the frames and points of the scene, from the device or COLMAP."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -37,21 +37,21 @@ def run(recording: Path, frames: Path, output: Path, options: PosesOptions) -> N
     """Write the poses artifact of ``frames``.
 
     Raises:
-        UserError: the trajectory is absent or damaged, or COLMAP does not reconstruct.
+        UserError: the trajectory is missing or damaged, or COLMAP fails.
     """
-    source = open_artifact(frames, FRAMES)
-    has_device = source.facts["device_from_camera"] is not None
+    frames_artifact = open_artifact(frames, FRAMES)
+    has_device = frames_artifact.facts["device_from_camera"] is not None
     if options.method == "device" and not has_device:
         raise UserError(
             f"poses.method = device: {recording.name} has no device trajectory; use colmap or auto"
         )
-    made = provenance.begin_from("poses", asdict(options), [source])
+    record = provenance.begin_from("poses", asdict(options), [frames_artifact])
     if has_device and options.method != "colmap":
-        poses = _from_device(recording, source, options)
+        poses = _from_device(recording, frames_artifact, options)
     else:
-        poses = _from_colmap(source, options)
+        poses = _from_colmap(frames_artifact, options)
     log(f"{poses.registered.sum()} of {len(poses.registered)} frames have a pose; {len(poses.points)} points")
-    with create(output, POSES, made) as artifact:
+    with create(output, POSES, record) as artifact:
         artifact.put("camera_to_world", poses.camera_to_world)
         artifact.put("registered", poses.registered)
         artifact.put("intrinsics", poses.camera.matrix)
@@ -61,12 +61,12 @@ def run(recording: Path, frames: Path, output: Path, options: PosesOptions) -> N
         artifact.facts = {"notes": poses.notes}
 
 
-def _from_device(recording: Path, source: Artifact, options: PosesOptions) -> Poses:
+def _from_device(recording: Path, frames: Artifact, options: PosesOptions) -> Poses:
     return adt_poses(
         recording,
-        source.read("exposure_middle_ns"),
-        np.asarray(source.facts["device_from_camera"], dtype=np.float64),
-        Camera(**source.facts["camera"]),
+        frames.read("exposure_middle_ns"),
+        np.asarray(frames.facts["device_from_camera"], dtype=np.float64),
+        Camera(**frames.facts["camera"]),
         trajectory=options.trajectory,
         max_gap_ms=options.max_gap_ms,
         max_inv_dist_std=options.max_inv_dist_std,
@@ -74,13 +74,13 @@ def _from_device(recording: Path, source: Artifact, options: PosesOptions) -> Po
     )
 
 
-def _from_colmap(source: Artifact, options: PosesOptions) -> Poses:
-    count = source.shape("rgb")[0]
+def _from_colmap(frames: Artifact, options: PosesOptions) -> Poses:
+    count = frames.shape("rgb")[0]
     return colmap_poses(
-        (source.row("rgb", index) for index in range(count)),
-        source.read("valid"),
-        Camera(**source.facts["camera"]),
-        source.facts["camera_known"],
+        (frames.row("rgb", index) for index in range(count)),
+        frames.read("valid"),
+        Camera(**frames.facts["camera"]),
+        frames.facts["camera_known"],
         matching=options.matching,
         overlap=options.overlap,
         min_registered=options.min_registered,

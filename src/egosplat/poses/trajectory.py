@@ -1,7 +1,7 @@
-"""Trajectories as MPS writes them to ``closed_loop_trajectory.csv``, and ADT to ``aria_trajectory.csv``.
+"""Read and interpolate trajectories: MPS' ``closed_loop_trajectory.csv`` and ADT's ``aria_trajectory.csv``.
 
-The tables are read here and not with ``projectaria_tools.core.mps``: that reader (2.3) stops at a damaged row
-and returns the rows before it without an error, and gives NaN poses for a quaternion of zero norm.
+``projectaria_tools.core.mps`` (2.3) is not used: it stops at a damaged row and returns the rows before without an
+error, and it returns NaN poses for a quaternion of zero norm.
 """
 
 from dataclasses import dataclass
@@ -24,8 +24,8 @@ _NUMBERS = [_TIME, *_TRANSLATION, *_QUATERNION, *_GRAVITY]
 
 _QUATERNION_NORM_TOLERANCE = 1e-2
 _GRAVITY_RANGE = (9.0, 10.5)
-FARTHEST_M = 1e6
-"""Further from where the recording began nobody walks."""
+MAX_POSITION_M = 1e6
+"""Positions beyond this are damaged data."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Trajectory:
         path: the file.
         timestamp_ns: (N,) int64, strictly increasing, N >= 2, in the device's clock.
         world_from_device: (N, 4, 4) float64.
-        up: (3,) float64: unit vector against gravity in the world.
+        up: (3,) float64 unit vector against gravity in the world.
     """
 
     path: Path
@@ -46,15 +46,15 @@ class Trajectory:
 
 
 @dataclass(frozen=True)
-class Bridged:
+class InterpolatedPoses:
     """Poses of a trajectory at given times.
 
     Attributes:
-        poses: (F, 4, 4) float64; NaN where there is none.
-        known: (F,) bool.
+        poses: (F, 4, 4) float64; NaN where unknown.
+        known: (F,) bool: times with a pose.
         outside: number of times before the first or after the last row.
-        in_gaps: number of times whose neighbouring rows lie too far apart.
-        largest_gap_ms: the longest time between two rows that a pose was interpolated across; 0 if none was.
+        in_gaps: number of times between rows that are too far apart.
+        largest_gap_ms: largest time between two rows that were interpolated; 0 if none were.
     """
 
     poses: NDArray[np.float64]
@@ -68,53 +68,50 @@ def read_trajectory(path: Path) -> Trajectory:
     """Read a trajectory table.
 
     Raises:
-        UserError: the file is missing, has no such columns, fewer than two rows, or a row that cannot be used
-            (the message names its line): a value that is not a finite number, a time not after the one
-            before, a quaternion that is not of unit norm, a position out of this world, poses in another frame
-            than the rows before.
+        UserError: the file is missing, lacks a column, has fewer than two rows, or has a bad row (the message
+            names its line): a value that is not a finite number, a time not after the previous row's, a
+            quaternion without unit norm, a position too far away, or another world frame than the first row.
     """
     table = _read_table(path)
     numbers = table[_NUMBERS].apply(pd.to_numeric, errors="coerce")
-    _refuse(
-        path,
-        ~np.isfinite(numbers).to_numpy().all(axis=1),
-        "has a value that is missing or not a finite number",
-    )
+    not_finite = ~np.isfinite(numbers).to_numpy().all(axis=1)
+    _check_rows(path, not_finite, "has a value that is missing or not a finite number")
     frame = table[_FRAME].to_numpy()
-    _refuse(path, frame != frame[0], "belongs to another world frame (graph_uid) than the first row")
+    _check_rows(path, frame != frame[0], "belongs to another world frame (graph_uid) than the first row")
     time_us = numbers[_TIME].to_numpy().astype(np.int64)
-    _refuse(
-        path, np.diff(time_us, prepend=time_us[0] - 1) <= 0, f"has a {_TIME} not after that of the row before"
-    )
+    not_after = np.diff(time_us, prepend=time_us[0] - 1) <= 0
+    _check_rows(path, not_after, f"has a {_TIME} not after that of the previous row")
     quaternion = numbers[_QUATERNION].to_numpy(np.float64)
     off = np.abs(np.linalg.norm(quaternion, axis=1) - 1.0)
-    _refuse(path, off > _QUATERNION_NORM_TOLERANCE, "has a quaternion that is not of unit norm")
+    _check_rows(path, off > _QUATERNION_NORM_TOLERANCE, "has a quaternion without unit norm")
     translation = numbers[_TRANSLATION].to_numpy(np.float64)
-    far = (np.abs(translation) > FARTHEST_M).any(axis=1)
-    _refuse(path, far, "has a position more than 1,000 km from the origin")
+    far = (np.abs(translation) > MAX_POSITION_M).any(axis=1)
+    _check_rows(path, far, "has a position more than 1,000 km from the origin")
     poses = make_pose(Rotation.from_quat(quaternion).as_matrix(), translation)
     return Trajectory(path, time_us * 1000, poses, _up(path, numbers[_GRAVITY].to_numpy(np.float64)))
 
 
-def at_times(trajectory: Trajectory, timestamp_ns: NDArray[np.int64], max_gap_ms: float) -> Bridged:
-    """Interpolate the poses of the device between rows.
+def interpolate_trajectory(
+    trajectory: Trajectory, timestamp_ns: NDArray[np.int64], max_gap_ms: float
+) -> InterpolatedPoses:
+    """Interpolate the poses of the device at given times.
 
     Args:
         trajectory: as read.
         timestamp_ns: (F,) int64 in the device's clock.
-        max_gap_ms: rows further apart than this are not interpolated between.
+        max_gap_ms: times between rows further apart than this get no pose.
     """
     times = trajectory.timestamp_ns
     wanted = np.asarray(timestamp_ns, dtype=np.int64)
     inside = (wanted >= times[0]) & (wanted <= times[-1])
     after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
-    # A time that a row has needs no neighbour, however long the trajectory pauses after it.
+    # A time on a row needs no interpolation, even next to a gap.
     on_row = inside & ((times[after] == wanted) | (times[after - 1] == wanted))
     gap_ms = np.where(on_row, 0.0, (times[after] - times[after - 1]) * 1e-6)
     known = inside & (gap_ms <= max_gap_ms)
     poses = np.full((len(wanted), 4, 4), np.nan)
     poses[known] = interpolate_poses(times, trajectory.world_from_device, wanted[known])
-    return Bridged(
+    return InterpolatedPoses(
         poses,
         known,
         outside=int((~inside).sum()),
@@ -129,27 +126,28 @@ def _read_table(path: Path) -> pd.DataFrame:
     try:
         table = pd.read_csv(path, usecols=lambda name: name in {_FRAME, *_NUMBERS}, low_memory=False)
     except (ValueError, pd.errors.ParserError, UnicodeDecodeError) as error:
-        raise UserError(f"{path} is not a table of a trajectory ({error}); download it again") from error
+        raise UserError(f"{path} is not a readable trajectory table ({error}); download it again") from error
     missing = [name for name in (_FRAME, *_NUMBERS) if name not in table.columns]
     if missing:
-        raise UserError(
-            f"{path} has no column {', '.join(missing)}: it must be a trajectory of MPS or of ADT 2.0"
-        )
+        raise UserError(f"{path} has no column {', '.join(missing)}: give a trajectory of MPS or of ADT 2.0")
     if len(table) < 2:
-        raise UserError(f"{path} has {len(table)} rows; a trajectory needs two at least: download it again")
+        raise UserError(f"{path} has {len(table)} rows; a trajectory needs at least two: download it again")
     return table
 
 
-def _refuse(path: Path, bad_rows: NDArray[np.bool_], what: str) -> None:
+def _check_rows(path: Path, bad_rows: NDArray[np.bool_], problem: str) -> None:
+    """Raise UserError naming the line of the first bad row, if there is one."""
     bad = np.flatnonzero(bad_rows)
     if len(bad):
         more = f" (and {len(bad) - 1} more)" if len(bad) > 1 else ""
+        # Line 1 is the header.
         raise UserError(
-            f"{path}, line {bad[0] + 2}{more}: the row {what}; mend the file or download it again"
+            f"{path}, line {bad[0] + 2}{more}: the row {problem}; correct the file or download it again"
         )
 
 
 def _up(path: Path, gravity: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit vector against the mean of (N, 3) gravity vectors."""
     mean = gravity.mean(axis=0)
     length = float(np.linalg.norm(mean))
     if not _GRAVITY_RANGE[0] <= length <= _GRAVITY_RANGE[1]:

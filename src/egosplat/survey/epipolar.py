@@ -1,9 +1,9 @@
-"""Where a static point can be seen after the camera has moved, and how far from there it is seen.
+"""Where static points can appear after the camera has moved, and the distance of optical flow from there.
 
-The second picture is turned first as the camera of the first was, by the homography of the rotation between them. What
-is left is a translation: a static point at depth z moves along the line to the epipole, the further the nearer it is.
-Between a point infinitely far away, which stays where it is, and one at the least depth this is a segment; without
-translation it is a point. So a turn on the spot needs no case of its own, and its epipole no definition.
+The second image is first rotated to the orientation of the first camera, by the homography of their relative rotation.
+What remains is a translation: a static point moves along the line through the epipole, the further the nearer it is.
+Between infinite depth, where it does not move, and the minimum depth, its positions form a segment. Without translation
+the segment is a point, so a pure rotation needs no special case.
 """
 
 import numpy as np
@@ -13,56 +13,56 @@ from egosplat.geometry import invert
 
 Array = NDArray[np.float64]
 
-_LEAST_RATIO = 0.1
-"""Of a point's depth in the second camera to its depth in the first; nearer to the second camera nothing is seen."""
+# Minimum depth in the second camera relative to the depth in the first: nothing nearer to the camera is visible.
+_MIN_DEPTH_RATIO = 0.1
 
 
-def rotation_homography(matrix: Array, first: Array, second: Array) -> Array:
-    """(3, 3) homography that turns a picture: from pixels as ``first`` is turned to pixels as ``second`` is.
+def rotation_homography(intrinsics: Array, first: Array, second: Array) -> Array:
+    """(3, 3) homography from pixels in the orientation of ``first`` to pixels in the orientation of ``second``.
 
     Args:
-        matrix: (3, 3) intrinsic matrix of both.
+        intrinsics: (3, 3) matrix of both images.
         first, second: (4, 4) camera_to_world.
     """
     relative = second[:3, :3].T @ first[:3, :3]
-    return matrix @ relative @ np.linalg.inv(matrix)
+    return intrinsics @ relative @ np.linalg.inv(intrinsics)
 
 
-def epipole(matrix: Array, first: Array, second: Array) -> Array:
-    """(3,) homogeneous image of the first camera's centre in the second picture, turned as the first is [px m]."""
-    return matrix @ (invert(first) @ second)[:3, 3] * -1.0
+def find_epipole(intrinsics: Array, first: Array, second: Array) -> Array:
+    """(3,) homogeneous image of the first camera's centre in the second image after rotation [px m]."""
+    return intrinsics @ (invert(first) @ second)[:3, 3] * -1.0
 
 
-def longest_flow(pixels: Array, towards: Array, least_depth: float) -> Array:
-    """What the nearest static point moves by in the second picture, turned as the first is.
+def max_static_flow(pixels: Array, epipole: Array, min_depth: float) -> Array:
+    """Flow to the second, rotated image of a static point at the minimum depth.
 
     Args:
-        pixels: (..., 2) in the first picture [px].
-        towards: (3,) homogeneous, from ``epipole``.
-        least_depth: of anything static along the first camera's axis, more than 0 [m].
+        pixels: (..., 2) in the first image [px].
+        epipole: (3,) homogeneous, from ``find_epipole``.
+        min_depth: smallest depth of static points in the first camera, positive [m].
 
     Returns:
-        (..., 2) float64 [px]; static points further away move by a share of it.
+        (..., 2) float64 [px]; points further away move by a fraction of it.
     """
-    # x z + e is where a point at depth z is seen; nothing is seen behind, or right before, the second camera.
-    depth = max(least_depth, -towards[2] / (1.0 - _LEAST_RATIO))
-    return (towards[:2] - towards[2] * np.asarray(pixels, np.float64)) / (depth + towards[2])
+    # A point at depth z appears at x z + e. Points behind or right before the second camera are not visible.
+    depth = max(min_depth, -epipole[2] / (1.0 - _MIN_DEPTH_RATIO))
+    return (epipole[:2] - epipole[2] * np.asarray(pixels, np.float64)) / (depth + epipole[2])
 
 
-def miss_distance(pixels: Array, flow: Array, towards: Array, least_depth: float) -> Array:
-    """How far pixels end from where a static point can: from its segment of the epipolar line.
+def epipolar_distance(pixels: Array, flow: Array, epipole: Array, min_depth: float) -> Array:
+    """Distance of flow from the segment of the epipolar line where a static point can appear.
 
     Args:
-        pixels: (..., 2) in the first picture [px].
-        flow: (..., 2) what each moves by in the second picture, which is turned as the first is [px].
-        towards: (3,) homogeneous, from ``epipole``.
-        least_depth: of anything static along the first camera's axis, more than 0 [m].
+        pixels: (..., 2) in the first image [px].
+        flow: (..., 2) from there to the second image, rotated to the orientation of the first [px].
+        epipole: (3,) homogeneous, from ``find_epipole``.
+        min_depth: smallest depth of static points in the first camera, positive [m].
 
     Returns:
         (...) float64 [px].
     """
     flow = np.asarray(flow, np.float64)
-    span = longest_flow(pixels, towards, least_depth)
-    length = (span**2).sum(axis=-1)
-    along = (flow * span).sum(axis=-1) / np.where(length > 0, length, 1.0)
-    return np.linalg.norm(flow - along.clip(0.0, 1.0)[..., None] * span, axis=-1)
+    segment = max_static_flow(pixels, epipole, min_depth)
+    length = (segment**2).sum(axis=-1)
+    along = (flow * segment).sum(axis=-1) / np.where(length > 0, length, 1.0)
+    return np.linalg.norm(flow - along.clip(0.0, 1.0)[..., None] * segment, axis=-1)

@@ -1,4 +1,4 @@
-"""What moves between two pictures: optical flow against what the known poses allow."""
+"""Detect motion in a recording: optical flow that the known poses do not explain."""
 
 import math
 from dataclasses import dataclass
@@ -7,80 +7,183 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.geometry import Array
-from egosplat.optical_flow import agree, find_flow, padded, pixel_grid
-from egosplat.survey.epipolar import epipole, longest_flow, miss_distance, rotation_homography
+from egosplat.artifacts.reader import Artifact
+from egosplat.geometry import Array, Camera
+from egosplat.optical_flow import find_flow, is_consistent, padded, pixel_grid
+from egosplat.progress import track
+from egosplat.survey.epipolar import epipolar_distance, find_epipole, max_static_flow, rotation_homography
+from egosplat.survey.views import depth_quantile, visible_depths
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float32]
 Grey = NDArray[np.uint8]
 
+SIDE = 256
+"""Longest side of the images that flow is computed of [px]."""
+MIN_MEASURED = 0.2
+"""Motion is undecided if flow is reliable in less than this fraction of the valid pixels."""
+MIN_PAIRS = 2
+# Frames of a pair are this far apart, or as far as the next frame, up to a limit.
+_PAIR_INTERVAL_S, _MAX_PAIR_INTERVAL_S = 0.2, 1.1
+_MAX_PAIRS = 120
+# Minimum depth of static points: half the depth of the nearest 2 % of the points.
+_NEAR_QUANTILE, _NEAR_FACTOR = 0.02, 0.5
+# Without points: an arm's length is 0.6 m.
+_DEFAULT_MIN_DEPTH_M = 0.2
+
+# Tolerated distance from the epipolar line [px], in addition to a tenth of the flow's length.
 _TOLERANCE = 1.5
-"""By which a static pixel may miss its epipolar line at the working size [px], beside a tenth of its flow's length."""
 _RELATIVE = 0.1
-_DISAGREEMENT = 1.0
-"""By which flow forwards and backwards may miss each other [px]."""
+# Tolerated forward-backward error [px].
+_MAX_FLOW_ERROR = 1.0
+# Flow is unreliable within this distance of the border of the common view [px].
 _MARGIN = 8
-"""Of what both pictures show, in which flow is not believed [px]."""
-_BETTER = 6.0
-"""By which a pixel must look more like where flow leads than like anything on its line [grey levels]."""
+# A moving pixel matches its flow better than any static position by this much [grey levels].
+_MIN_GAIN = 6.0
+# Spacing of the positions tried along the epipolar segment [px], and their maximum number.
 _STEP, _STEPS = 1.5, 64
-"""How finely the line is looked along [px], and in how many steps at most."""
+# Side of the patches that are compared [px].
 _PATCH = 7
-"""Side of the surroundings that are compared [px]."""
-_WIDTH, _AREA = 7, 0.0015
-"""What is narrower [px], or smaller as a share of the picture, is a speck."""
+# Regions narrower than this [px], or smaller than this fraction of the image, are noise.
+_MIN_WIDTH, _MIN_AREA = 7, 0.0015
 _BLANK = 128
 
 
 @dataclass(frozen=True, eq=False)
-class Moved:
-    """What a pair of pictures shows, (h, w) bool each: where flow is believed, and where it breaks the poses."""
+class Motion:
+    """Motion in P pairs of frames.
+
+    Attributes:
+        pairs: (P, 2) int64 frames.
+        moving: (P,) float64 fraction of the measured pixels that moves; 0 if none is measured.
+        measured: (P,) float64 fraction of the valid pixels with reliable flow.
+    """
+
+    pairs: NDArray[np.int64]
+    moving: Array
+    measured: Array
+
+    @property
+    def share(self) -> float | None:
+        """Mean of ``moving``; None if too little is measured."""
+        enough = len(self.pairs) >= MIN_PAIRS and self.measured.mean() >= MIN_MEASURED
+        return float(self.moving.mean()) if enough else None
+
+
+@dataclass(frozen=True, eq=False)
+class PairMotion:
+    """Motion between two images, (h, w) bool each: pixels with reliable flow, and pixels that move."""
 
     measured: Bools
     moving: Bools
 
 
-def find_moving(
-    first: Grey, second: Grey, valid: Bools, matrix: Array, poses: tuple[Array, Array], least_depth: float
-) -> Moved:
-    """What moves from one picture to the next.
+def is_static(motion: Motion, threshold: float) -> bool:
+    """Whether the moving share is measured and below a threshold."""
+    return motion.share is not None and motion.share < threshold
 
-    A pixel moves where flow leads away from its epipolar line, and its surroundings look more like what they are led to
-    than like anything that the line passes: the second alone tells a thing that moves from a match gone astray in a
-    repeating texture.
+
+def measure_motion(frames: Artifact, poses: Artifact) -> Motion:
+    """Measure motion between pairs of frames throughout a recording."""
+    pairs = choose_pairs(frames.read("timestamp_ns"), poses.read("registered"))
+    camera_to_world, points = poses.read("camera_to_world"), poses.read("points/xyz")
+    valid, camera = _working_view(frames, poses)
+    size = valid.shape[::-1]
+    moving, measured = np.zeros(len(pairs)), np.zeros(len(pairs))
+    valid_count = max(1, int(valid.sum()))
+    for row, (first, second) in enumerate(track(pairs, "measuring motion", unit="pair")):
+        pair_poses = camera_to_world[first], camera_to_world[second]
+        images = [_grey(frames.row("rgb", frame), size) for frame in (first, second)]
+        min_depth = _min_depth(camera, pair_poses[0], points)
+        motion = detect_motion(*images, valid, camera.matrix, pair_poses, min_depth)
+        count = int(motion.measured.sum())
+        moving[row], measured[row] = motion.moving.sum() / max(1, count), count / valid_count
+    return Motion(pairs, moving, measured)
+
+
+def choose_pairs(times_ns: NDArray[np.int64], registered: Bools) -> NDArray[np.int64]:
+    """Choose pairs of registered frames a short time apart, evenly over the recording.
+
+    Args:
+        times_ns: (F,) int64, increasing.
+        registered: (F,) bool.
+
+    Returns:
+        (P, 2) int64.
+    """
+    known = np.flatnonzero(registered)
+    # Half a millisecond of tolerance: a camera's clock is not exact.
+    later = np.searchsorted(times_ns[known], times_ns[known] + round((_PAIR_INTERVAL_S - 5e-4) * 1e9))
+    first = np.flatnonzero(later < len(known))
+    pairs = np.stack([known[first], known[later[first]]], axis=1)
+    pairs = pairs[np.diff(times_ns[pairs], axis=1)[:, 0] <= _MAX_PAIR_INTERVAL_S * 1e9]
+    count = len(pairs)
+    if count <= _MAX_PAIRS:
+        return pairs
+    return pairs[[count * (2 * part + 1) // (2 * _MAX_PAIRS) for part in range(_MAX_PAIRS)]]
+
+
+def detect_motion(
+    first: Grey, second: Grey, valid: Bools, intrinsics: Array, poses: tuple[Array, Array], min_depth: float
+) -> PairMotion:
+    """Find pixels of the first image that move until the second.
+
+    A pixel moves if its flow leaves the epipolar segment of static points, and its patch matches the flow's target better
+    than every position on the segment. The second condition rejects wrong matches in repeating textures.
 
     Args:
         first, second: (h, w) uint8.
         valid: (h, w) bool, of both.
-        matrix: (3, 3) intrinsic matrix [px].
+        intrinsics: (3, 3) matrix [px].
         poses: (4, 4) camera_to_world of each.
-        least_depth: of anything static, more than 0 [m].
+        min_depth: smallest depth of static points, positive [m].
     """
-    turn = rotation_homography(matrix, *poses)
-    turned = _turned(second, turn)
-    both = valid & (_turned(valid.astype(np.uint8), turn) > 0)
-    # What only one of them shows is blank in both: an edge that does not move.
-    first, turned = (np.where(both, one, np.uint8(_BLANK)) for one in (first, turned))
-    forward, backward = _flow(first, turned), _flow(turned, first)
-    measured = agree(forward, backward, _DISAGREEMENT) & _inner(both)
-    pixels, towards = pixel_grid(*first.shape) + 0.5, epipole(matrix, *poses)
+    homography = rotation_homography(intrinsics, *poses)
+    rotated = _warp(second, homography)
+    common = valid & (_warp(valid.astype(np.uint8), homography) > 0)
+    # The border of the common view is blanked in both images, so that it is an edge without motion.
+    first, rotated = (np.where(common, image, np.uint8(_BLANK)) for image in (first, rotated))
+    forward, backward = _flow(first, rotated), _flow(rotated, first)
+    measured = is_consistent(forward, backward, _MAX_FLOW_ERROR) & _without_margin(common)
+    pixels, epipole = pixel_grid(*first.shape) + 0.5, find_epipole(intrinsics, *poses)
     tolerance = _TOLERANCE + _RELATIVE * np.linalg.norm(forward, axis=2)
-    astray = measured & (miss_distance(pixels, forward, towards, least_depth) > tolerance)
-    if blobs(astray).any():
-        span = longest_flow(pixels, towards, least_depth)
-        astray &= _unlike(first, turned, forward) + _BETTER < _least_unlike(first, turned, span)
-    return Moved(measured, blobs(astray))
+    moving = measured & (epipolar_distance(pixels, forward, epipole, min_depth) > tolerance)
+    # Matching patches is slow, so it is skipped where no region remains.
+    if large_regions(moving).any():
+        segment = max_static_flow(pixels, epipole, min_depth)
+        moving &= _patch_difference(first, rotated, forward) + _MIN_GAIN < _min_static_difference(
+            first, rotated, segment
+        )
+    return PairMotion(measured, large_regions(moving))
 
 
-def blobs(mask: Bools) -> Bools:
-    """(h, w) the parts of a mask that are wide and large enough to be a thing."""
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (_WIDTH, _WIDTH))
+def large_regions(mask: Bools) -> Bools:
+    """(h, w) bool: the parts of a mask that are wide and large enough to be an object."""
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (_MIN_WIDTH, _MIN_WIDTH))
     wide = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, kernel)
-    _, labels, facts, _ = cv2.connectedComponentsWithStats(wide)
-    large = facts[:, cv2.CC_STAT_AREA] >= _AREA * mask.size
-    large[0] = False  # the ground
+    _, labels, statistics, _ = cv2.connectedComponentsWithStats(wide)
+    large = statistics[:, cv2.CC_STAT_AREA] >= _MIN_AREA * mask.size
+    large[0] = False  # the background
     return large[labels]
+
+
+def _working_view(frames: Artifact, poses: Artifact) -> tuple[Bools, Camera]:
+    """Valid pixels and camera at the size at which flow is computed."""
+    _, height, width, _ = frames.shape("rgb")
+    scale = min(1.0, SIDE / max(height, width))
+    size = max(1, round(width * scale)), max(1, round(height * scale))
+    camera = Camera.from_matrix(poses.read("intrinsics"), width, height).scaled_to(*size)
+    valid = cv2.resize(frames.read("valid").astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    return valid > 1 - 1e-6, camera
+
+
+def _grey(rgb: NDArray[np.uint8], size: tuple[int, int]) -> Grey:
+    return cv2.resize(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), size, interpolation=cv2.INTER_AREA)
+
+
+def _min_depth(camera: Camera, camera_to_world: Array, points: Array) -> float:
+    near = depth_quantile(visible_depths(camera, camera_to_world, points), _NEAR_QUANTILE)
+    return _DEFAULT_MIN_DEPTH_M if near is None else _NEAR_FACTOR * near
 
 
 def _flow(source: Grey, target: Grey) -> Floats:
@@ -88,32 +191,33 @@ def _flow(source: Grey, target: Grey) -> Floats:
     return find_flow(padded(source), padded(target))[:height, :width]
 
 
-def _turned(picture: Grey, turn: Array) -> Grey:
-    """A picture as a camera turned otherwise shows it; 0 where it shows nothing."""
-    height, width = picture.shape
-    # Pixel centres are at + 0.5 in the package and at whole numbers in OpenCV.
+def _warp(image: Grey, homography: Array) -> Grey:
+    """Sample an image at the pixels that a homography maps to; 0 outside."""
+    height, width = image.shape
+    # Pixel centres are at + 0.5 in the package and at integers in OpenCV.
     shift = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    return cv2.warpPerspective(picture, np.linalg.inv(shift) @ turn @ shift, (width, height), flags=flags)
+    return cv2.warpPerspective(image, np.linalg.inv(shift) @ homography @ shift, (width, height), flags=flags)
 
 
-def _inner(mask: Bools) -> Bools:
-    """(h, w) without its margin; beyond the picture's edge there is nothing."""
+def _without_margin(mask: Bools) -> Bools:
+    """(h, w) bool: the mask without the pixels near its border."""
+    # Padding makes the border of the image a border of the mask.
     framed = np.pad(mask, 1).astype(np.uint8)
     return cv2.distanceTransform(framed, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1] > _MARGIN
 
 
-def _least_unlike(first: Grey, second: Grey, span: Array) -> Floats:
-    """(h, w) how unlike at least pixels are to what static points at any depth show there."""
-    steps = min(_STEPS, 1 + math.ceil(np.linalg.norm(span, axis=-1).max() / _STEP))
+def _min_static_difference(first: Grey, second: Grey, segment: Array) -> Floats:
+    """(h, w) float32 smallest patch difference over all positions of a static point [grey levels]."""
+    steps = min(_STEPS, 1 + math.ceil(np.linalg.norm(segment, axis=-1).max() / _STEP))
     least = np.full(first.shape, np.inf, np.float32)
     for share in np.linspace(0.0, 1.0, steps + 1):
-        np.minimum(least, _unlike(first, second, share * span), out=least)
+        np.minimum(least, _patch_difference(first, second, share * segment), out=least)
     return least
 
 
-def _unlike(first: Grey, second: Grey, flow: NDArray[np.floating]) -> Floats:
-    """(h, w) mean absolute difference of pixels' surroundings to those where they move [grey levels]."""
-    ends = (pixel_grid(*first.shape) + flow).astype(np.float32)
-    there = cv2.remap(second, ends, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return cv2.blur(cv2.absdiff(first, there).astype(np.float32), (_PATCH, _PATCH))
+def _patch_difference(first: Grey, second: Grey, flow: NDArray[np.floating]) -> Floats:
+    """(h, w) float32 mean absolute difference between each pixel's patch and the patch at its target [grey levels]."""
+    targets = (pixel_grid(*first.shape) + flow).astype(np.float32)
+    moved = cv2.remap(second, targets, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return cv2.blur(cv2.absdiff(first, moved).astype(np.float32), (_PATCH, _PATCH))

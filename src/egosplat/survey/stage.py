@@ -1,4 +1,4 @@
-"""Stage ``survey``: what a scene requires, decided by its frames and poses alone."""
+"""Stage ``survey``: decide from frames and poses whether anything moves and which frames add views."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -16,7 +16,7 @@ from egosplat.geometry import Camera
 from egosplat.output_files import check_output
 from egosplat.pipeline.survey_file import FORMAT_VERSION, SURVEY, digest_of_frames, write_survey
 from egosplat.progress import log
-from egosplat.survey.moving import Motion, is_static, measure_motion
+from egosplat.survey.motion import Motion, is_static, measure_motion
 from egosplat.survey.views import choose_views, median_depths
 
 
@@ -32,52 +32,55 @@ def run(frames: Path, poses: Path, output: Path, options: SurveyOptions) -> None
     """Write the survey of ``frames`` with ``poses``.
 
     Raises:
-        UserError: the inputs do not belong together.
+        UserError: the poses are not of these frames.
     """
     check_output(output, SURVEY)
-    pictures, walk = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
-    check_made_from(walk, pictures, axes=("frame",))
-    made = provenance.begin_from("survey", asdict(options), (pictures, walk))
+    frames_artifact, poses_artifact = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
+    check_made_from(poses_artifact, frames_artifact, axes=("frame",))
+    record = provenance.begin_from("survey", asdict(options), (frames_artifact, poses_artifact))
+    motion = measure_motion(frames_artifact, poses_artifact)
     document = {
         "format_version": FORMAT_VERSION,
-        "origin": made.origin,
-        "motion": _motion(measure_motion(pictures, walk), options.max_moving_share),
-        "views": _views(pictures, walk, options.min_view_change_deg),
-        "poses": _poses(pictures, walk),
-        "provenance": made.record(),
+        "origin": record.origin,
+        "motion": _motion(motion, options.max_moving_share),
+        "views": _views(frames_artifact, poses_artifact, options.min_view_change_deg),
+        "poses": _poses(frames_artifact, poses_artifact),
+        "provenance": record.record(),
     }
     write_survey(output, document)
-    _tell(document)
+    _log_summary(document)
 
 
-def _motion(found: Motion, threshold: float) -> dict[str, Any]:
-    static = is_static(found, threshold)
-    rows = zip(found.pairs.tolist(), found.moving.tolist(), found.measured.tolist(), strict=True)
+def _motion(motion: Motion, threshold: float) -> dict[str, Any]:
+    static = is_static(motion, threshold)
+    rows = zip(motion.pairs.tolist(), motion.moving.tolist(), motion.measured.tolist(), strict=True)
     return {
         "static": static,
         "masking": "none" if static else "refined",
-        "share": found.share,
+        "share": motion.share,
         "threshold": threshold,
-        "measured": float(found.measured.mean()) if len(found.pairs) else None,
-        "pairs": [{"frames": pair, "moving": moving, "measured": part} for pair, moving, part in rows],
+        "measured": float(motion.measured.mean()) if len(motion.pairs) else None,
+        "pairs": [
+            {"frames": pair, "moving": moving, "measured": measured} for pair, moving, measured in rows
+        ],
     }
 
 
-def _views(pictures: Artifact, walk: Artifact, least_deg: float) -> dict[str, Any]:
-    _, height, width, _ = pictures.shape("rgb")
-    camera = Camera.from_matrix(walk.read("intrinsics"), width, height)
-    camera_to_world, registered = walk.read("camera_to_world"), walk.read("registered")
-    depths = median_depths(camera, camera_to_world, registered, walk.read("points/xyz"))
-    optional = pictures.read("train") & ~pictures.read("evaluation")
-    times = pictures.read("timestamp_ns")
-    kept = choose_views(camera_to_world, depths, times, registered, optional, least_deg)
-    stay = np.flatnonzero(kept)
+def _views(frames: Artifact, poses: Artifact, min_change_deg: float) -> dict[str, Any]:
+    _, height, width, _ = frames.shape("rgb")
+    camera = Camera.from_matrix(poses.read("intrinsics"), width, height)
+    camera_to_world, registered = poses.read("camera_to_world"), poses.read("registered")
+    depths = median_depths(camera, camera_to_world, registered, poses.read("points/xyz"))
+    optional = frames.read("train") & ~frames.read("evaluation")
+    times = frames.read("timestamp_ns")
+    kept = choose_views(camera_to_world, depths, times, registered, optional, min_change_deg)
+    kept_frames = np.flatnonzero(kept)
     return {
-        "kept": stay.tolist(),
+        "kept": kept_frames.tolist(),
         "left_out": np.flatnonzero(~kept).tolist(),
-        "min_view_change_deg": least_deg,
+        "min_view_change_deg": min_change_deg,
         "median_depth_m": _median(depths),
-        "digest": digest_of_frames(stay),
+        "digest": digest_of_frames(kept_frames),
     }
 
 
@@ -86,22 +89,24 @@ def _median(depths: NDArray[np.float64]) -> float | None:
     return float(np.median(known)) if len(known) else None
 
 
-def _poses(pictures: Artifact, walk: Artifact) -> dict[str, Any]:
-    by_device = pictures.facts["device_from_camera"] is not None
-    known = by_device and walk.provenance["options"]["method"] != "colmap"
+def _poses(frames: Artifact, poses: Artifact) -> dict[str, Any]:
+    has_device = frames.facts["device_from_camera"] is not None
+    from_device = has_device and poses.provenance["options"]["method"] != "colmap"
     return {
-        "source": "device" if known else "colmap",
-        "registered": int(walk.read("registered").sum()),
-        "frames": pictures.shape("rgb")[0],
-        "points": walk.shape("points/xyz")[0],
+        "source": "device" if from_device else "colmap",
+        "registered": int(poses.read("registered").sum()),
+        "frames": frames.shape("rgb")[0],
+        "points": poses.shape("points/xyz")[0],
     }
 
 
-def _tell(document: dict[str, Any]) -> None:
+def _log_summary(document: dict[str, Any]) -> None:
     motion, views = document["motion"], document["views"]
     if motion["share"] is None:
-        log("motion: too little could be measured to say; something is taken to move")
+        log("motion: too little is measured to decide; treated as moving")
     else:
         verdict = "nothing moves" if motion["static"] else "something moves"
         log(f"motion: {verdict}; {motion['share']:.3%} of the pixels, threshold {motion['threshold']:.3%}")
-    log(f"views: {len(views['kept'])} frames stay, {len(views['left_out'])} add too little to the one before")
+    log(
+        f"views: {len(views['kept'])} frames kept, {len(views['left_out'])} dropped for too small a view change"
+    )

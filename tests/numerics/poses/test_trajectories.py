@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from egosplat.errors import UserError
 from egosplat.geometry import interpolate_poses, invert, is_rigid, make_pose, rotation_angle, transform
-from egosplat.poses.trajectory import at_times, read_trajectory
+from egosplat.poses.trajectory import interpolate_trajectory, read_trajectory
 
 EPOCH = 1_700_000_000_000_000_000
 """Nanoseconds of a clock that counts from 1970: too many for a float64."""
@@ -93,7 +93,7 @@ def test_signs_of_quaternions(write, measured, signs):
     plain = Rotation.from_rotvec(np.outer(angles, AXIS)).as_quat()
     wanted = np.arange(0, 5_000_000, 250_000)
     found, truth = (
-        at_times(read_trajectory(write(times, rows)), wanted, 50.0).poses
+        interpolate_trajectory(read_trajectory(write(times, rows)), wanted, 50.0).poses
         for rows in (plain * np.array(signs)[:, None], plain)
     )
     measured(np.abs(found - truth).max())
@@ -142,7 +142,9 @@ def test_frames_out_of_order(write, measured, order):
     rows = Rotation.from_rotvec(np.outer(np.linspace(0, 1, 5), AXIS)).as_quat()
     trajectory = read_trajectory(write(np.arange(5) * 1000, rows))
     times = np.arange(8) * 500_000
-    sorted_, shuffled = (at_times(trajectory, times[list(each)], 50.0).poses for each in (range(8), order))
+    sorted_, shuffled = (
+        interpolate_trajectory(trajectory, times[list(each)], 50.0).poses for each in (range(8), order)
+    )
     measured(np.abs(shuffled - sorted_[list(order)]).max())
 
 
@@ -156,7 +158,9 @@ def test_times_out_of_order(times):
 @pytest.mark.numerics("a trajectory of two rows", within=1e-14, outside="of one row or none: UserError")
 def test_two_rows(write, measured):
     rows = Rotation.from_rotvec(np.outer([0.0, 0.5], AXIS)).as_quat()
-    found = at_times(read_trajectory(write([0, 1000], rows)), np.array([0, 500_000, 1_000_000]), 50.0)
+    found = interpolate_trajectory(
+        read_trajectory(write([0, 1000], rows)), np.array([0, 500_000, 1_000_000]), 50.0
+    )
     assert found.known.all()
     measured(np.abs(found.poses - poses([0.0, 0.25, 0.5])).max())
     for count in (0, 1):
@@ -170,7 +174,7 @@ def test_two_rows(write, measured):
 )
 def test_frames_without_a_pose(write):
     rows = Rotation.from_rotvec(np.outer([0.0, 0.5, 0.6], AXIS)).as_quat()
-    found = at_times(
+    found = interpolate_trajectory(
         read_trajectory(write([0, 1000, 500_000], rows)), np.array([-1, 250_000_000, 500_000_001]), 50.0
     )
     assert not found.known.any() and np.isnan(found.poses).all()

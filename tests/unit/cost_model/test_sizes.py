@@ -8,7 +8,7 @@ import zarr
 
 from egosplat.cost_model.sizes import _IN_ARTIFACTS, Sizes
 from egosplat.pipeline.config import defaults
-from egosplat.survey.moving import SIDE
+from egosplat.survey.motion import SIDE
 
 ARRAYS = {
     "frames.zarr/rgb": (7, 20, 30, 3),

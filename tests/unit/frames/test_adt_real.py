@@ -24,7 +24,7 @@ def full_size(sample):
 
 def open_and_read(folder, **options):
     recording = AdtRecording(folder, **(OPTIONS | options))
-    return list(recording.pictures(np.arange(len(recording.capture.timestamp_ns))))
+    return list(recording.read_frames(np.arange(len(recording.capture.timestamp_ns))))
 
 
 def test_three_colour_pictures_in_the_lens_circle(full_size):
@@ -34,7 +34,7 @@ def test_three_colour_pictures_in_the_lens_circle(full_size):
     assert capture.origin == "real" and capture.camera_known
     assert capture.camera == pinhole(1408, 460.0)
     assert 0.74 < capture.valid.mean() < 0.76
-    pictures = list(full_size.pictures(np.arange(3)))
+    pictures = list(full_size.read_frames(np.arange(3)))
     assert [(picture.shape, picture.dtype.name) for picture in pictures] == [((1408, 1408, 3), "uint8")] * 3
     for picture in pictures:
         assert (picture[~capture.valid] == 0).all()
@@ -53,8 +53,8 @@ def test_timestamps_are_those_of_the_picture_records(sample):
 
 def test_a_small_picture_is_the_large_one_averaged(sample, full_size):
     small = AdtRecording(sample, **OPTIONS)
-    (picture,) = small.pictures(np.array([1]))
-    (large,) = full_size.pictures(np.array([1]))
+    (picture,) = small.read_frames(np.array([1]))
+    (large,) = full_size.read_frames(np.array([1]))
     averaged = large.reshape(352, 4, 352, 4, 3).mean(axis=(1, 3))
     both = small.capture.valid & full_size.capture.valid.reshape(352, 4, 352, 4).all(axis=(1, 3))
     assert np.abs(averaged - picture)[both].mean() < 1.5
@@ -64,8 +64,8 @@ def test_stride_and_range(sample):
     assert AdtRecording(sample, **(OPTIONS | {"stride": 2})).capture.timestamp_ns.tolist() == CAPTURE_NS[::2]
     late = AdtRecording(sample, **(OPTIONS | {"start_s": 0.02}))
     assert late.capture.timestamp_ns.tolist() == CAPTURE_NS[1:]
-    first, second = AdtRecording(sample, **OPTIONS).pictures(np.array([0, 2]))
-    assert (second == next(late.pictures(np.array([1])))).all() and (first != second).any()
+    first, second = AdtRecording(sample, **OPTIONS).read_frames(np.array([0, 2]))
+    assert (second == next(late.read_frames(np.array([1])))).all() and (first != second).any()
     with pytest.raises(UserError, match="no frame"):
         AdtRecording(sample, **(OPTIONS | {"start_s": 1.0}))
 
@@ -141,4 +141,4 @@ def test_a_black_picture_is_named(sample, monkeypatch):
     recording = AdtRecording(sample, **OPTIONS)
     monkeypatch.setattr(recording, "_decode", lambda frame: np.zeros((1408, 1408, 3), np.uint8))
     with pytest.raises(UserError, match="frame 2 .*black"):
-        next(recording.pictures(np.array([2])))
+        next(recording.read_frames(np.array([2])))

@@ -62,7 +62,7 @@ def test_pictures_are_scaled_with_their_camera(root):
     assert capture.camera == Camera(32, 24, 25.0, 25.5, 16.0, 12.0)
     assert capture.camera_known and capture.device_from_camera is None and capture.valid.all()
     assert np.abs(capture.timestamp_ns - np.arange(12) * 1e9 / 15).max() < 1000
-    pictures = list(recording.pictures(np.array([0, 7])))
+    pictures = list(recording.read_frames(np.array([0, 7])))
     assert [picture.shape for picture in pictures] == [(24, 32, 3)] * 2
     assert abs(int(pictures[1][12, 28, 1]) - 70) <= 3
     assert pictures[1][12, 4, 0] > 200
@@ -71,7 +71,7 @@ def test_pictures_are_scaled_with_their_camera(root):
 def test_stride_and_range_select_by_the_containers_time(root):
     recording = Hoi4dRecording(root / FOLDER, **(OPTIONS | {"stride": 2, "start_s": 0.2, "end_s": 0.6}))
     assert np.round(recording.capture.timestamp_ns * 15e-9).tolist() == [3, 5, 7]
-    (picture,) = recording.pictures(np.array([2]))
+    (picture,) = recording.read_frames(np.array([2]))
     assert abs(int(picture[12, 28, 1]) - 70) <= 3
 
 
@@ -132,9 +132,9 @@ def test_what_labels_mean_depends_on_the_category(root):
         (np.full((3, 3), np.nan), "not a finite 3x3 matrix"),
         (np.zeros((3, 3)), "not an intrinsic matrix"),
         (MATRIX + np.array([[0, 9, 0], [0, 0, 0], [0, 0, 0]]), "not an intrinsic matrix"),
-        (MATRIX * [[30], [1], [1]], "principal point lies outside of the 64x48 px"),
-        (np.array(["a", "b"]), "not a NumPy array that can be read"),
-        (np.array([{"fx": 1}], dtype=object), "not a NumPy array that can be read"),
+        (MATRIX * [[30], [1], [1]], "principal point lies outside the 64x48 px"),
+        (np.array(["a", "b"]), "not a readable NumPy array"),
+        (np.array([{"fx": 1}], dtype=object), "not a readable NumPy array"),
     ],
 )
 def test_bad_intrinsics_are_named(root, matrix, problem):

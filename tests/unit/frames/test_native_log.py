@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from egosplat.frames.native_log import captured_log, damage, report
+from egosplat.frames.native_log import captured_log, find_damage, log_messages
 
 
 def test_important_native_messages_are_kept(capfd):
@@ -18,7 +18,7 @@ def test_important_native_messages_are_kept(capfd):
         os.write(1, b"Corrupt JPEG data\n")
     assert sorted(messages) == ["Corrupt JPEG data", "[Reader][ERROR]: Cannot read."]
     assert capfd.readouterr() == ("", "")
-    report(messages[:1], Path("video.vrs"))
+    log_messages(messages[:1], Path("video.vrs"))
     assert capfd.readouterr().err.startswith("video.vrs: ")
 
 
@@ -34,7 +34,7 @@ def test_the_descriptors_are_restored_after_an_error(capfd):
 
 
 def test_damage_messages_are_recognised():
-    assert damage(["[Reader][WARNING]: slow", "Corrupt JPEG data: premature end of data segment"]).startswith(
-        "Corrupt"
-    )
-    assert damage(["[Reader][WARNING]: slow"]) is None
+    assert find_damage(
+        ["[Reader][WARNING]: slow", "Corrupt JPEG data: premature end of data segment"]
+    ).startswith("Corrupt")
+    assert find_damage(["[Reader][WARNING]: slow"]) is None

@@ -37,7 +37,7 @@ def images(tmp_path):
 
 
 def reds(recording, indices):
-    return [int(picture[5, 5, 0]) for picture in recording.pictures(np.array(indices))]
+    return [int(picture[5, 5, 0]) for picture in recording.read_frames(np.array(indices))]
 
 
 def test_images_come_in_natural_order(images):
@@ -104,8 +104,8 @@ def test_a_calibration_beside_the_source_is_used(images, video, kind):
         (json.dumps(CALIBRATION | {"fx": "wide"}), "not an object with the numbers .*'wide'"),
         (json.dumps(CALIBRATION | {"fx": 10**400}), "not an object with the numbers .*too large"),
         (json.dumps(CALIBRATION | {"fx": -1}), "fx, fy must be positive"),
-        (json.dumps(CALIBRATION | {"cx": float("nan")}), r"\(cx, cy\) inside the picture"),
-        (json.dumps(CALIBRATION | {"width": 65}), "for 65x48 px, but the pictures are 64x48"),
+        (json.dumps(CALIBRATION | {"cx": float("nan")}), r"\(cx, cy\) inside the image"),
+        (json.dumps(CALIBRATION | {"width": 65}), "for 65x48 px, but the frames are 64x48"),
     ],
 )
 def test_a_bad_calibration_is_named(images, content, problem):
@@ -122,7 +122,7 @@ def test_a_mask_shrinks_to_pixels_that_are_wholly_valid(images):
     expected = np.ones((24, 32), bool)
     expected[:, :5] = False
     assert (recording.capture.valid == expected).all()
-    (picture,) = recording.pictures(np.array([11]))
+    (picture,) = recording.read_frames(np.array([11]))
     assert (picture[~expected] == 0).all() and (picture[expected] == [110, 100, 0]).all()
     assert len(recording.capture.timestamp_ns) == 12
 
@@ -144,7 +144,7 @@ def test_exif_orientation_is_applied(tmp_path):
     exif[0x0112] = 6  # shown turned clockwise
     Image.fromarray(picture).save(folder / "a.jpg", exif=exif, quality=95)
     recording = PlainRecording(folder, **(OPTIONS | {"resolution": 64}))
-    (shown,) = recording.pictures(np.array([0]))
+    (shown,) = recording.read_frames(np.array([0]))
     assert shown.shape == (64, 48, 3)
     assert shown[:, 40, 1].min() > 150 and shown[:, 8, 1].max() < 50
 
@@ -153,7 +153,7 @@ def test_transparency_and_palettes_become_plain_colours(tmp_path):
     folder = write_images(tmp_path / "images", ["0.png"])
     Image.new("RGBA", (64, 48), (10, 20, 30, 0)).save(folder / "1.png")
     Image.new("RGB", (64, 48), (10, 20, 30)).quantize(4).save(folder / "2.png")
-    pictures = list(PlainRecording(folder, **OPTIONS).pictures(np.array([1, 2])))
+    pictures = list(PlainRecording(folder, **OPTIONS).read_frames(np.array([1, 2])))
     assert [picture[3, 3].tolist() for picture in pictures] == [[10, 20, 30]] * 2
 
 
@@ -191,14 +191,14 @@ def test_area_averaging_does_not_alias(tmp_path):
     folder = write_images(tmp_path / "images", ["0.png"])
     checkers = np.indices((48, 64)).sum(axis=0) % 2 * 255
     Image.fromarray(np.repeat(checkers[..., None], 3, axis=2).astype(np.uint8)).save(folder / "0.png")
-    (picture,) = PlainRecording(folder, **(OPTIONS | {"resolution": 16})).pictures(np.array([0]))
+    (picture,) = PlainRecording(folder, **(OPTIONS | {"resolution": 16})).read_frames(np.array([0]))
     assert np.abs(picture.astype(int) - 127).max() <= 1
 
 
 def test_video_frames_and_times(video):
     recording = PlainRecording(video(), **(OPTIONS | {"stride": 5}))
     assert np.abs(recording.capture.timestamp_ns - np.array([0, 5, 10]) * 1e9 / 15).max() < 1000
-    greens = [int(picture[12, 28, 1]) for picture in recording.pictures(np.array([1, 2]))]
+    greens = [int(picture[12, 28, 1]) for picture in recording.read_frames(np.array([1, 2]))]
     assert np.abs(np.array(greens) - [50, 100]).max() <= 3
 
 
@@ -217,7 +217,7 @@ def test_a_rotated_video_is_shown_upright(video):
     recording = PlainRecording(turned, **OPTIONS)
     camera = recording.capture.camera
     assert (camera.width, camera.height) == (24, 32)
-    (picture,) = recording.pictures(np.array([2]))
+    (picture,) = recording.read_frames(np.array([2]))
     # Turned counter-clockwise, the red left half comes to lie below.
     assert picture[28, 12, 0] > 200 and picture[4, 12, 0] < 60
 

@@ -59,7 +59,7 @@ def test_evaluation_frames_without_annotation_are_reported(images, tmp_path, cap
     stage.run(images, tmp_path / "frames.zarr", stage.FramesOptions(**keys), format="plain")
     annotations_stage.run(images, tmp_path / "frames.zarr", tmp_path / "annotations.zarr", AGE)
     last = capsys.readouterr().err.splitlines()[-1]
-    missing = "" if evaluation == 1 else "; without annotation, of the frames in use counted from 0: 0"
+    missing = "" if evaluation == 1 else "; not annotated (indices from 0): 0"
     assert last == f"{told} evaluation frames are annotated{missing}"
 
 
@@ -74,7 +74,7 @@ def split(recording, output, **keys):
 def test_without_annotations_every_frame_is_trained_on(images, tmp_path, capsys):
     shutil.rmtree(images / "annotations")
     assert split(images, tmp_path / "frames.zarr") == ([True] * 3, [False] * 3)
-    assert "3 frames, all trained on" in capsys.readouterr().err
+    assert "3 frames, all for training" in capsys.readouterr().err
     assert split(images, tmp_path / "frames.zarr", evaluation_frames=1) == (
         [True, False, True],
         [False, True, False],
@@ -177,7 +177,7 @@ def test_missing_and_undecodable_tables_are_named(images):
 @pytest.mark.parametrize(
     ("picture", "message"),
     [
-        (Image.fromarray(IDS[:, :-1]), "63x48 px, but the picture is 64x48"),
+        (Image.fromarray(IDS[:, :-1]), "63x48 px, but the frame is 64x48"),
         (Image.fromarray(IDS + 1), "instance id 1 is not in instances.tsv"),
         (Image.new("RGB", (64, 48)), "single channel"),
         (Image.new("LA", (64, 48)), "single channel"),

@@ -49,7 +49,7 @@ def test_a_missing_recording_is_named_with_what_is_wrong(tmp_path, format, probl
 def test_every_format_has_its_reader(tmp_path, video):
     plain = open_recording("plain", video(), **OPTIONS)
     assert plain.capture.valid.shape == (24, 32)
-    (picture,) = plain.pictures(np.array([3]))
+    (picture,) = plain.read_frames(np.array([3]))
     assert picture.shape == (24, 32, 3)
     assert open_annotations("plain", tmp_path / "clip.mp4", camera=CAMERA, upright=True) is None
     sequence = tmp_path / "ZY20210800001/H1/C11/N58/S376/s02/T2"

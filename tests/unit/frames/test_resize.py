@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from egosplat.frames.resize import resize_labels, resize_mask, resize_picture
+from egosplat.frames.resize import resize_image, resize_labels, resize_mask
 
 
 @pytest.mark.parametrize("factor", [1, 2, 3, 4])
@@ -32,5 +32,5 @@ def test_a_mask_keeps_pixels_that_are_wholly_inside():
 
 def test_resizing_keeps_the_mean():
     picture = np.random.default_rng(0).integers(0, 256, (60, 80, 3), dtype=np.uint8)
-    small = resize_picture(picture, 20, 15)
+    small = resize_image(picture, 20, 15)
     assert np.abs(small - picture.reshape(15, 4, 20, 4, 3).mean(axis=(1, 3))).max() <= 0.5

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from egosplat.frames.sharpness import BLURRED, blurred, sharpness
+from egosplat.frames.sharpness import BLURRED, count_blurred, sharpness
 
 EVERYWHERE = np.ones((64, 64), bool)
 
@@ -28,6 +28,6 @@ def test_the_border_of_the_lens_circle_is_no_edge():
 
 
 def test_pictures_are_counted_below_their_limit_and_not_at_it():
-    assert blurred([1.0, 1.0, 1.0, BLURRED]) == 0
-    assert blurred([1.0, 1.0, 1.0, BLURRED - 1e-9]) == 1
-    assert blurred([0.0, 0.0, 0.0, 5.0]) == 3, "most are blank: the median is no measure"
+    assert count_blurred([1.0, 1.0, 1.0, BLURRED]) == 0
+    assert count_blurred([1.0, 1.0, 1.0, BLURRED - 1e-9]) == 1
+    assert count_blurred([0.0, 0.0, 0.0, 5.0]) == 3, "most are blank: the median is no measure"

@@ -19,8 +19,7 @@ from egosplat.errors import UserError
 from egosplat.frames import adt
 from egosplat.frames.adt import AdtRecording, rectification
 from egosplat.frames.adt_annotations import AdtAnnotations
-from egosplat.frames.rectify import pinhole
-from egosplat.frames.upright import clockwise_turns, turns_of
+from egosplat.frames.rectify import clockwise_turns, pinhole, turns_from_rotation
 from egosplat.synthetic.adt_format.aria import calibration_json
 
 RGB = "camera-rgb"
@@ -83,7 +82,7 @@ def test_every_quarter_turn_is_found():
     for turns in range(4):
         for tilt in (-40, 0, 40):
             turned = upright @ Rotation.from_euler("z", 90 * turns + tilt, degrees=True).as_matrix()
-            assert turns_of(turned) == turns
+            assert turns_from_rotation(turned) == turns
 
 
 @pytest.mark.parametrize(
@@ -137,8 +136,8 @@ def test_a_gen2_recording_is_not_turned(sample, monkeypatch):
     for upright in (True, False):
         turned = AdtRecording(sample, upright=upright, **OPTIONS)
         assert turned.capture.upright
-        picture = next(turned.pictures(np.array([0])))
-        assert (picture == next(lying.pictures(np.array([0])))).all()
+        picture = next(turned.read_frames(np.array([0])))
+        assert (picture == next(lying.read_frames(np.array([0])))).all()
     found = [
         AdtAnnotations(sample, camera=lying.capture.camera, upright=upright).instance_map(
             int(lying.capture.timestamp_ns[0])

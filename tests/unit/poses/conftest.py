@@ -1,6 +1,6 @@
-"""What the tests of poses share: exact pictures of a drawn room, and made-up trajectory tables.
+"""Fixtures for tests of poses: rendered images of a room, and trajectory tables.
 
-The room is a corner with a poster in front of it; a picture is one homography per plane.
+The room is a corner with a poster in front of it; an image is one homography per plane.
 """
 
 from collections.abc import Callable, Iterator
@@ -53,9 +53,9 @@ def texture(plane: Plane, seed: int) -> NDArray[np.uint8]:
 
 def render(pose: NDArray[np.float64], textures: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
     """(H, W, 3) uint8: the room from the camera pose ``pose`` (4, 4); every plane must lie in front of it."""
-    picture = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)
+    rendered = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)
     camera_from_world = invert(pose)
-    # cv2 counts pixels from the centre of the first one; the package's cameras count from its corner.
+    # OpenCV has pixel centres at integers; the package has them at + 0.5.
     centre = np.array([[1.0, 0.0, -0.5], [0.0, 1.0, -0.5], [0.0, 0.0, 1.0]])
     for plane, image in zip(ROOM, textures, strict=True):
         sides = np.array([plane.right, plane.down]).T / [image.shape[1], image.shape[0]]
@@ -66,50 +66,50 @@ def render(pose: NDArray[np.float64], textures: list[NDArray[np.uint8]]) -> NDAr
         inside = cv2.warpPerspective(
             np.full(image.shape[:2], 255, np.uint8), homography, size, flags=cv2.INTER_NEAREST
         )
-        picture = np.where(inside[..., None] > 0, drawn, picture)
-    return picture
+        rendered = np.where(inside[..., None] > 0, drawn, rendered)
+    return rendered
 
 
-class DrawnRoom:
-    """The room, its camera, and ways through it."""
+class RenderedRoom:
+    """The room, its camera, and camera paths."""
 
     camera = CAMERA
 
     def __init__(self) -> None:
         self.textures = [texture(plane, seed) for seed, plane in enumerate(ROOM)]
 
-    def pictures(self, poses: NDArray[np.float64]) -> list[NDArray[np.uint8]]:
-        """A picture from each of (N, 4, 4) camera poses."""
+    def images(self, poses: NDArray[np.float64]) -> list[NDArray[np.uint8]]:
+        """An image from each of (N, 4, 4) camera poses."""
         return [render(pose, self.textures) for pose in poses]
 
     def walk(self, count: int) -> NDArray[np.float64]:
-        """(count, 4, 4) poses of a camera that walks sideways on a bow and looks at the poster."""
+        """(count, 4, 4) poses on an arc, moving sideways and looking at the poster."""
         along = np.linspace(-1.0, 1.0, count)
         position = np.stack([along, 0.3 * np.sin(3.0 * along), 0.5 * along**2 - 0.4], axis=-1)
         angles = np.stack([-0.3 * along, 0.05 * np.cos(4.0 * along), 0.03 * np.sin(5.0 * along)], axis=-1)
         return make_pose(Rotation.from_euler("YXZ", angles).as_matrix(), position)
 
     def pan(self, count: int) -> NDArray[np.float64]:
-        """(count, 4, 4) poses of a camera that only turns."""
+        """(count, 4, 4) poses that only rotate."""
         angles = np.zeros((count, 3))
         angles[:, 0] = np.linspace(-0.3, 0.3, count)
         return make_pose(Rotation.from_euler("YXZ", angles).as_matrix(), np.zeros((count, 3)))
 
 
 @pytest.fixture(scope="session")
-def room() -> DrawnRoom:
-    """A drawn room of which every pose is known."""
-    return DrawnRoom()
+def room() -> RenderedRoom:
+    """A rendered room with known poses."""
+    return RenderedRoom()
 
 
 @pytest.fixture(scope="session")
-def walk_pictures(room: DrawnRoom) -> list[NDArray[np.uint8]]:
-    """Ten pictures along ``walk(10)``."""
-    return room.pictures(room.walk(10))
+def walk_images(room: RenderedRoom) -> list[NDArray[np.uint8]]:
+    """Ten images along ``walk(10)``."""
+    return room.images(room.walk(10))
 
 
 def trajectory_table(times_us: list[int], angles_deg: list[float]) -> pd.DataFrame:
-    """A trajectory that moves at 1 m/s along x and turns about y to the given angles; gravity is -y."""
+    """A trajectory at 1 m/s along x, rotated about y by the given angles; gravity is -y."""
     quaternion = Rotation.from_euler("y", np.array(angles_deg)[:, None], degrees=True).as_quat()
     columns: dict[str, object] = {"graph_uid": "a", "tracking_timestamp_us": times_us, "utc_timestamp_ns": -1}
     columns |= {
@@ -129,7 +129,7 @@ def trajectory_table(times_us: list[int], angles_deg: list[float]) -> pd.DataFra
 
 @pytest.fixture
 def table() -> pd.DataFrame:
-    """Five rows: 10 ms apart, then a pause of 100 ms."""
+    """Five rows, 10 ms apart with one gap of 100 ms."""
     return trajectory_table(
         [1_000_000, 1_010_000, 1_020_000, 1_120_000, 1_130_000], [0.0, 30.0, 90.0, 90.0, 80.0]
     )
@@ -137,7 +137,7 @@ def table() -> pd.DataFrame:
 
 @pytest.fixture
 def recording(tmp_path: Path) -> Iterator[Callable[..., Path]]:
-    """Write a trajectory, and points if there are any, where ADT has them."""
+    """``recording(table, points, closed_loop)``: write a trajectory and points to their paths in ADT."""
 
     def write(
         trajectory: pd.DataFrame, points: pd.DataFrame | None = None, closed_loop: bool = False

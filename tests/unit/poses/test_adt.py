@@ -46,9 +46,7 @@ def cloud(inv_dist_std: list[float], dist_std: list[float]) -> pd.DataFrame:
     return pd.DataFrame(columns | {"inv_dist_std": inv_dist_std, "dist_std": dist_std})
 
 
-def test_at_a_row_the_pose_is_that_row_and_between_rows_it_is_halfway(
-    table: pd.DataFrame, recording: Recording
-):
+def test_poses_are_exact_at_rows_and_interpolated_between_them(table: pd.DataFrame, recording: Recording):
     poses = poses_at(recording(table), [1_010_000, 1_015_000, 1_002_500])
     expected = [device_pose(1.01, 30.0), device_pose(1.015, 60.0), device_pose(1.0025, 7.5)]
     np.testing.assert_allclose(poses.camera_to_world, np.array(expected) @ MOUNT, atol=1e-12)
@@ -56,9 +54,7 @@ def test_at_a_row_the_pose_is_that_row_and_between_rows_it_is_halfway(
     assert poses.notes["largest_gap_bridged_ms"] == pytest.approx(10.0)
 
 
-def test_frames_in_a_gap_or_outside_are_left_out_but_not_those_on_its_rows(
-    table: pd.DataFrame, recording: Recording
-):
+def test_frames_in_gaps_or_outside_are_not_registered(table: pd.DataFrame, recording: Recording):
     folder = recording(table)
     times = [999_999.999, 1_000_000, 1_020_000, 1_020_001, 1_119_999, 1_120_000, 1_130_000, 1_130_000.001]
     poses = poses_at(folder, times)
@@ -69,7 +65,7 @@ def test_frames_in_a_gap_or_outside_are_left_out_but_not_those_on_its_rows(
     assert poses_at(folder, times, gap=100.0).registered.sum() == 6
 
 
-def test_up_is_against_gravity(table: pd.DataFrame, recording: Recording):
+def test_up_is_opposite_to_gravity(table: pd.DataFrame, recording: Recording):
     table["gravity_x_world"], table["gravity_y_world"] = 9.81 * 0.6, -9.81 * 0.8
     np.testing.assert_allclose(poses_at(recording(table), [1_000_000]).up, [-0.6, 0.8, 0.0], atol=1e-12)
 
@@ -95,9 +91,7 @@ def test_a_bad_row_is_named(
 
 
 @pytest.mark.parametrize("scale", [0.0, 0.5, 1.5])
-def test_a_quaternion_that_is_not_of_unit_norm_is_named(
-    table: pd.DataFrame, recording: Recording, scale: float
-):
+def test_a_quaternion_without_unit_norm_is_named(table: pd.DataFrame, recording: Recording, scale: float):
     table.loc[[1, 3], [f"q{axis}_world_device" for axis in "xyzw"]] *= scale
     with pytest.raises(UserError, match=r"line 3 \(and 1 more\): .*quaternion"):
         poses_at(recording(table), [1_000_000])
@@ -120,7 +114,7 @@ def test_a_bad_table_is_rejected(
         poses_at(recording(change(table)), [1_000_000])
 
 
-def test_a_missing_an_empty_and_a_binary_file_are_rejected(tmp_path: Path):
+def test_a_missing_empty_or_binary_file_is_rejected(tmp_path: Path):
     path = tmp_path / "aria_trajectory.csv"
     with pytest.raises(UserError, match="is missing"):
         read_trajectory(path)
@@ -130,16 +124,18 @@ def test_a_missing_an_empty_and_a_binary_file_are_rejected(tmp_path: Path):
             read_trajectory(path)
 
 
-@pytest.mark.parametrize("asked, there", [("closed_loop", "ground_truth"), ("ground_truth", "closed_loop")])
-def test_a_missing_trajectory_names_the_key_of_the_other_where_that_is_there(
-    table: pd.DataFrame, recording: Recording, asked: str, there: str
+@pytest.mark.parametrize(
+    "wanted, present", [("closed_loop", "ground_truth"), ("ground_truth", "closed_loop")]
+)
+def test_a_missing_trajectory_advises_the_one_that_is_present(
+    table: pd.DataFrame, recording: Recording, wanted: str, present: str
 ):
-    folder = recording(table, closed_loop=there == "closed_loop")
-    with pytest.raises(UserError, match=f"{TRAJECTORIES[asked].name} .*poses.trajectory={there}"):
-        poses_at(folder, [1_000_000], asked)
-    (folder / TRAJECTORIES[there]).unlink()
-    with pytest.raises(UserError, match=f"{TRAJECTORIES[there].name}.: "):
-        poses_at(folder, [1_000_000], asked)
+    folder = recording(table, closed_loop=present == "closed_loop")
+    with pytest.raises(UserError, match=f"{TRAJECTORIES[wanted].name} .*poses.trajectory={present}"):
+        poses_at(folder, [1_000_000], wanted)
+    (folder / TRAJECTORIES[present]).unlink()
+    with pytest.raises(UserError, match=f"{TRAJECTORIES[present].name}: "):
+        poses_at(folder, [1_000_000], wanted)
 
 
 def test_no_registered_frame_is_rejected_with_the_reason(table: pd.DataFrame, recording: Recording):
@@ -190,7 +186,7 @@ def test_a_damaged_point_cloud_is_rejected(table: pd.DataFrame, recording: Recor
         poses_at(path.parents[2], [1_000_000])
 
 
-def test_a_real_trajectory_reads_as_the_official_reader_reads_it(real_data: Callable[[str], Path]):
+def test_a_real_trajectory_equals_the_official_readers(real_data: Callable[[str], Path]):
     path = real_data("adt_sample") / "aria_trajectory.csv"
     official = mps.read_closed_loop_trajectory(str(path))
     ours = read_trajectory(path)
@@ -201,13 +197,13 @@ def test_a_real_trajectory_reads_as_the_official_reader_reads_it(real_data: Call
     assert ours.timestamp_ns.tolist() == times
 
 
-def test_real_frames_get_poses_that_look_upright_and_move_little(real_data: Callable[[str], Path]):
+def test_poses_of_real_frames_are_upright_and_move_little(real_data: Callable[[str], Path]):
     folder = real_data("adt_sample")
     provider = data_provider.create_vrs_data_provider(str(folder / "video.vrs"))
     sensor = provider.get_device_calibration().get_transform_device_sensor("camera-rgb").to_matrix()
     times = np.array([87551170813262, 87551204152300, 87551237472175], dtype=np.int64)
     poses = adt_poses(folder, times, sensor @ CLOCKWISE, CAMERA, trajectory="ground_truth", max_gap_ms=50.0)
-    # The first picture was captured 97 microseconds before the ground truth begins.
+    # The first frame was captured 97 microseconds before the ground truth begins.
     assert poses.registered.tolist() == [False, True, True]
     assert poses.notes["largest_gap_bridged_ms"] == pytest.approx(33.328)
     np.testing.assert_allclose(poses.up, [0.0, 1.0, 0.0], atol=1e-12)
@@ -223,8 +219,8 @@ def test_frames_that_are_not_upright_are_reported(
 ):
     folder, time = recording(table), np.array([1_000_000_000], dtype=np.int64)
     for turn_deg, told in ((180.0, False), (90.0, True), (0.0, True)):
-        # The device's y is up, and so is the -y of a camera that is turned by 180 degrees about z.
+        # The device's y axis points up, as does -y of a camera rotated by 180 degrees about z.
         mount = make_pose(Rotation.from_rotvec([0.0, 0.0, np.radians(turn_deg)]).as_matrix(), np.zeros(3))
         poses = adt_poses(folder, time, mount, CAMERA, trajectory="ground_truth", max_gap_ms=50.0)
         assert poses.notes["up_against_pictures_deg"] == pytest.approx(180.0 - turn_deg)
-        assert ("are the pictures upright?" in capsys.readouterr().err) == told
+        assert ("are the frames upright?" in capsys.readouterr().err) == told

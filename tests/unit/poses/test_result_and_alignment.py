@@ -1,4 +1,4 @@
-"""The promise of ``Poses``, and trajectory errors."""
+"""The checks of ``Poses``, the mean up direction, and trajectory errors."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ def random_poses(count: int, seed: int = 0) -> np.ndarray:
     return make_pose(Rotation.random(count, rng).as_matrix(), rng.normal(size=(count, 3)))
 
 
-def good_poses() -> Poses:
+def valid_poses() -> Poses:
     camera_to_world = random_poses(4)
     camera_to_world[2] = np.nan
     registered = np.array([True, True, False, True])
@@ -28,7 +28,7 @@ def good_poses() -> Poses:
 
 
 def test_valid_poses_are_accepted():
-    poses = good_poses()
+    poses = valid_poses()
     assert poses.check() is poses
 
 
@@ -49,10 +49,10 @@ def test_valid_poses_are_accepted():
 )
 def test_broken_poses_are_rejected(field: str, value: np.ndarray, message: str):
     with pytest.raises(ValueError, match=message):
-        replace(good_poses(), **{field: value}).check()
+        replace(valid_poses(), **{field: value}).check()
 
 
-def test_mean_up_of_upright_cameras_and_of_opposed_ones():
+def test_mean_up_of_upright_cameras_and_of_opposite_ones():
     level = make_pose(
         Rotation.from_euler("y", [[0], [90], [200]], degrees=True).as_matrix(), np.zeros((3, 3))
     )
@@ -64,7 +64,7 @@ def test_mean_up_of_upright_cameras_and_of_opposed_ones():
 
 @pytest.mark.parametrize("flat", [False, True])
 @pytest.mark.parametrize("count", [3, 20])
-def test_a_similarity_is_undone_exactly_even_for_cameras_in_one_plane(flat: bool, count: int):
+def test_alignment_inverts_a_similarity_even_for_cameras_in_a_plane(flat: bool, count: int):
     true = random_poses(count)
     true[:, 2, 3] *= not flat
     turn = Rotation.from_rotvec([0.3, -2.0, 0.7]).as_matrix()
@@ -87,7 +87,7 @@ def test_errors_are_root_mean_squares():
     assert error["rotation_rmse_deg"] == pytest.approx(2.0, rel=0.02)
 
 
-def test_the_alignment_is_the_least_squares_one():
+def test_the_alignment_is_the_least_squares_solution():
     rng = np.random.default_rng(2)
     source, target = rng.normal(size=(30, 3)), rng.normal(size=(30, 3))
     scale, rotation, translation = similarity(source, target)

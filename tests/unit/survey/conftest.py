@@ -1,4 +1,4 @@
-"""Pictures of a wall and a board before it, from anywhere, with a thing that may move; and as artifacts."""
+"""Images of a room from any pose: a wall, a board in front of it, and an object that may move; also as artifacts."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -14,12 +14,12 @@ from tests.support.scenes import camera_facts, put_scene
 
 SIZE = 160
 CAMERA = Camera(SIZE, SIZE, 120.0, 120.0, SIZE / 2, SIZE / 2)
-WALL, BOARD, THING = 4.0, 2.0, 1.5
-"""Depths [m]; the board has 0.8 m and stands to the left, the thing 0.5 m."""
+WALL, BOARD, OBJECT = 4.0, 2.0, 1.5
+"""Depths [m]. The board is 0.8 m wide and stands on the left, the object is 0.5 m wide."""
 
 
 def texture(side: int, seed: int) -> np.ndarray:
-    """(side, side) uint8: spots of all sizes, nowhere alike."""
+    """(side, side) uint8: random spots of all sizes."""
     rng = np.random.default_rng(seed)
     parts = [cv2.GaussianBlur(rng.normal(size=(side, side)), (0, 0), sigma) * sigma for sigma in (2, 4, 8)]
     spots = sum(parts)
@@ -27,24 +27,26 @@ def texture(side: int, seed: int) -> np.ndarray:
 
 
 def pose(x: float = 0.0, y: float = 0.0, z: float = 0.0, yaw: float = 0.0, pitch: float = 0.0) -> np.ndarray:
-    """camera_to_world; metres and degrees."""
+    """(4, 4) camera_to_world; position [m], angles [deg]."""
     return make_pose(Rotation.from_euler("yx", [yaw, pitch], degrees=True).as_matrix(), np.array([x, y, z]))
 
 
-def picture(walk: np.ndarray, thing: tuple[float, float] | None = None, textured: bool = True) -> np.ndarray:
-    """(SIZE, SIZE) uint8 as seen from a pose; ``thing``: where its corner is [m]."""
+def image(
+    camera_to_world: np.ndarray, corner: tuple[float, float] | None = None, textured: bool = True
+) -> np.ndarray:
+    """(SIZE, SIZE) uint8 image from a pose; ``corner``: position of the object [m], None without it."""
     seen = np.full((SIZE, SIZE), 128, np.uint8)
     if textured:
-        _paint(seen, walk, texture(900, 0), (-6.0, -6.0), 12.0, WALL)
-        _paint(seen, walk, texture(200, 1), (-0.9, -0.4), 0.8, BOARD)
-    if thing is not None:
-        _paint(seen, walk, texture(150, 2), thing, 0.5, THING)
+        _paint(seen, camera_to_world, texture(900, 0), (-6.0, -6.0), 12.0, WALL)
+        _paint(seen, camera_to_world, texture(200, 1), (-0.9, -0.4), 0.8, BOARD)
+    if corner is not None:
+        _paint(seen, camera_to_world, texture(150, 2), corner, 0.5, OBJECT)
     return seen
 
 
 def _paint(
     seen: np.ndarray,
-    walk: np.ndarray,
+    camera_to_world: np.ndarray,
     spots: np.ndarray,
     corner: tuple[float, float],
     side: float,
@@ -52,8 +54,8 @@ def _paint(
 ) -> None:
     scale = side / len(spots)
     plane = np.array([[scale, 0.0, corner[0]], [0.0, scale, corner[1]], [0.0, 0.0, depth]])
-    plane[:, 2] -= walk[:3, 3]
-    to_pixels = CAMERA.matrix @ walk[:3, :3].T @ plane
+    plane[:, 2] -= camera_to_world[:3, 3]
+    to_pixels = CAMERA.matrix @ camera_to_world[:3, :3].T @ plane
     shift = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])
     found = np.linalg.inv(shift) @ to_pixels @ shift
     size = (SIZE, SIZE)
@@ -63,44 +65,46 @@ def _paint(
 
 @pytest.fixture(scope="session")
 def room() -> SimpleNamespace:
-    """``room.pose``, ``room.picture``, and its constants."""
-    return SimpleNamespace(pose=pose, picture=picture, camera=CAMERA, size=SIZE, board=BOARD)
+    """``room.pose``, ``room.image``, and its constants."""
+    return SimpleNamespace(pose=pose, image=image, camera=CAMERA, size=SIZE, board=BOARD)
 
 
 @pytest.fixture(scope="session")
-def walks() -> list[np.ndarray]:
-    """Eight steps of 8 cm to the right."""
+def trajectory() -> list[np.ndarray]:
+    """Eight poses, 8 cm apart to the right."""
     return [pose(x=0.08 * frame) for frame in range(8)]
 
 
 @pytest.fixture(scope="session")
-def still(walks) -> list[np.ndarray]:
-    """What is seen on that way."""
-    return [picture(walk, (0.2, -0.3)) for walk in walks]
+def still(trajectory) -> list[np.ndarray]:
+    """Images along ``trajectory`` with the object in place."""
+    return [image(camera_to_world, (0.2, -0.3)) for camera_to_world in trajectory]
 
 
 @pytest.fixture(scope="session")
-def moving(walks) -> list[np.ndarray]:
-    """The same while the thing sinks."""
-    return [picture(walk, (0.2, -0.4 + 0.05 * frame)) for frame, walk in enumerate(walks)]
+def moving(trajectory) -> list[np.ndarray]:
+    """Images along ``trajectory`` while the object sinks."""
+    return [
+        image(camera_to_world, (0.2, -0.4 + 0.05 * frame)) for frame, camera_to_world in enumerate(trajectory)
+    ]
 
 
 @pytest.fixture
 def scene(tmp_path) -> Callable[..., Path]:
-    """``scene(poses, pictures, **changes)``: a folder with frames.zarr and poses.zarr, five frames a second."""
+    """``scene(poses, images, **changes)``: a folder with frames.zarr and poses.zarr, five frames per second."""
 
-    def make(walks: list[np.ndarray], pictures: list[np.ndarray], **changes: np.ndarray) -> Path:
-        count = len(walks)
+    def make(trajectory: list[np.ndarray], images: list[np.ndarray], **changes: np.ndarray) -> Path:
+        count = len(trajectory)
         grid = np.linspace(-1.0, 1.0, 12)
         wall = np.stack(np.meshgrid(grid, grid, [WALL]), axis=-1).reshape(-1, 3)
         board = np.stack(np.meshgrid(grid * 0.3 - 0.5, grid * 0.3, [BOARD]), axis=-1).reshape(-1, 3)
         points = np.concatenate([wall, board])
         arrays = {
-            "rgb": np.stack([np.stack([one] * 3, axis=-1) for one in pictures]),
+            "rgb": np.stack([np.stack([one] * 3, axis=-1) for one in images]),
             "timestamp_ns": np.arange(count) * 200_000_000,
             "exposure_middle_ns": np.arange(count) * 200_000_000,
             "train": np.arange(count) % 4 != 2,
-            "camera_to_world": np.stack(walks),
+            "camera_to_world": np.stack(trajectory),
             "intrinsics": CAMERA.matrix,
             "points/xyz": points,
             "points/rgb": np.zeros((len(points), 3), np.uint8),

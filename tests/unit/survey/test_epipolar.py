@@ -1,24 +1,24 @@
-"""Where static points can be seen: projections of known points, and the cases in which there is no epipole."""
+"""Epipolar segments against projections of known points, and cameras without an epipole."""
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from egosplat.geometry import Camera, invert, make_pose, transform
-from egosplat.survey.epipolar import epipole, longest_flow, miss_distance, rotation_homography
+from egosplat.survey.epipolar import epipolar_distance, find_epipole, max_static_flow, rotation_homography
 
 CAMERA = Camera(256, 256, 90.0, 95.0, 127.0, 130.0)
 NEAR = 0.5
 
 
-def a_pose(seed: int, far: float = 0.2, turn: float = 15.0) -> np.ndarray:
+def random_pose(seed: int, far: float = 0.2, turn: float = 15.0) -> np.ndarray:
     rng = np.random.default_rng(seed)
     rotation = Rotation.from_rotvec(rng.normal(size=3) * turn, degrees=True).as_matrix()
     return make_pose(rotation, rng.normal(size=3) * far)
 
 
-def points_seen(pose: np.ndarray, seed: int) -> np.ndarray:
-    """(N, 3) in the world, before the camera between the nearest depth and 20 m."""
+def visible_points(pose: np.ndarray, seed: int) -> np.ndarray:
+    """(N, 3) in the world, in front of the camera, from the minimum depth to 20 m."""
     rng = np.random.default_rng(seed)
     depth = NEAR + rng.uniform(0, 20, 500) ** 1.5 / 5
     pixels = rng.uniform(0, 256, (500, 2))
@@ -26,50 +26,52 @@ def points_seen(pose: np.ndarray, seed: int) -> np.ndarray:
     return transform(pose, rays * depth[:, None])
 
 
-def seen_turned(points: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """(N, 2) where the second camera sees points, were it turned as the first is."""
+def project_rotated(points: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(N, 2) pixels of points in the second camera, rotated to the orientation of the first."""
     turned = make_pose(first[:3, :3], second[:3, 3])
     return CAMERA.project(transform(invert(turned), points))
 
 
 @pytest.mark.parametrize("seed", range(8))
 def test_static_points_stay_on_their_segment(seed):
-    first, second = a_pose(seed), a_pose(seed + 100)
-    points = points_seen(first, seed)
+    first, second = random_pose(seed), random_pose(seed + 100)
+    points = visible_points(first, seed)
     pixels = CAMERA.project(transform(invert(first), points))
-    ends = seen_turned(points, first, second)
+    ends = project_rotated(points, first, second)
     visible = np.isfinite(ends).all(axis=1) & (np.abs(ends - pixels) < 256).all(axis=1)
-    missed = miss_distance(pixels, ends - pixels, epipole(CAMERA.matrix, first, second), NEAR)
+    missed = epipolar_distance(pixels, ends - pixels, find_epipole(CAMERA.matrix, first, second), NEAR)
     assert visible.sum() > 300 and missed[visible].max() < 1e-9
 
 
-def test_what_moves_across_the_line_or_against_it_misses_by_as_much():
+def test_distance_of_flow_across_and_against_the_segment():
     first, second = np.eye(4), make_pose(np.eye(3), np.array([0.1, 0.0, 0.0]))
-    towards = epipole(CAMERA.matrix, first, second)
+    towards = find_epipole(CAMERA.matrix, first, second)
     pixel = np.array([100.0, 80.0])
     # Static points move to the left, at most by fx 0.1 / 0.5 = 18 px.
-    assert longest_flow(pixel, towards, NEAR) == pytest.approx([-18.0, 0.0])
+    assert max_static_flow(pixel, towards, NEAR) == pytest.approx([-18.0, 0.0])
     flows = np.array([[-10.0, 0.0], [-10.0, 4.0], [6.0, 0.0], [-25.0, 0.0], [0.0, 0.0]])
-    assert miss_distance(pixel, flows, towards, NEAR) == pytest.approx([0.0, 4.0, 6.0, 7.0, 0.0])
+    assert epipolar_distance(pixel, flows, towards, NEAR) == pytest.approx([0.0, 4.0, 6.0, 7.0, 0.0])
 
 
 @pytest.mark.parametrize("turn", [0.0, 25.0])
-def test_without_translation_a_static_point_stays_where_it_is(turn):
-    first, second = np.eye(4), a_pose(3, far=0.0, turn=turn)
+def test_a_pure_rotation_leaves_static_points_in_place(turn):
+    first, second = np.eye(4), random_pose(3, far=0.0, turn=turn)
     flow = np.array([[0.0, 0.0], [3.0, 4.0]])
-    missed = miss_distance(np.full((2, 2), 50.0), flow, epipole(CAMERA.matrix, first, second), NEAR)
+    missed = epipolar_distance(np.full((2, 2), 50.0), flow, find_epipole(CAMERA.matrix, first, second), NEAR)
     assert missed == pytest.approx([0.0, 5.0], abs=1e-12)
 
 
-def test_walking_past_the_nearest_points_is_no_division_by_zero():
-    """Two metres ahead through everything nearer: only what is still ahead can be seen."""
+def test_passing_the_nearest_points_is_no_division_by_zero():
+    """Moving 2 m ahead passes all points at the minimum depth; only points still ahead are visible."""
     first, second = np.eye(4), make_pose(np.eye(3), np.array([0.0, 0.0, 2.0]))
-    span = longest_flow(np.array([[0.0, 0.0], [127.0, 130.0]]), epipole(CAMERA.matrix, first, second), NEAR)
+    span = max_static_flow(
+        np.array([[0.0, 0.0], [127.0, 130.0]]), find_epipole(CAMERA.matrix, first, second), NEAR
+    )
     assert np.isfinite(span).all() and (span[0] < 0).all() and span[1] == pytest.approx([0.0, 0.0])
 
 
 def test_far_points_follow_the_homography_of_the_rotation():
-    first, second = a_pose(1), a_pose(2)
+    first, second = random_pose(1), random_pose(2)
     rays = np.array([[0.1, 0.2, 1.0], [-0.3, 0.1, 1.0]])
     far = transform(first, rays * 1e9)
     pixels = np.concatenate([CAMERA.project(rays), np.ones((2, 1))], axis=1)

@@ -1,4 +1,4 @@
-"""COLMAP's first steps: the pictures on disk, their one camera, and their SIFT features in the database."""
+"""COLMAP's first step: images on disk, their shared camera, and SIFT features in the database."""
 
 import shutil
 from collections.abc import Iterable, Iterator, Sequence
@@ -16,19 +16,20 @@ from egosplat.progress import track
 
 Item = TypeVar("Item")
 
-FEATURES_WANTED = 50
-"""A picture with fewer features than this has too little texture to be registered."""
+MIN_FEATURES = 50
+"""An image with fewer features has too little texture to be registered."""
 
-_PICTURES_AT_A_TIME = 8
-_ROOM_BYTES = 2**25
-"""More than a step takes: 8 pictures of 8,192 features of 152 bytes, or 100 pairs of 8,192 matches of 16, twice in SQLite."""
+_IMAGES_PER_BATCH = 8
+# More than a batch writes: 8 images of 8,192 features of 152 bytes, or 100 pairs of 8,192 matches of 16 bytes, twice
+# in SQLite.
+_MIN_FREE_BYTES = 2**25
 
+# Distance of features from the edge of the valid region, as a fraction of the image height.
 _MASK_MARGIN = 0.01
-"""Of the picture's height: how far features keep away from the edge of what shows the scene."""
 
 
 class Project:
-    """The files of one run of COLMAP in ``folder``, and the names of its pictures in order of the frames."""
+    """The files of one COLMAP run in a folder, and the names of its images in the order of the frames."""
 
     def __init__(self, folder: Path) -> None:
         self.database = folder / "database.db"
@@ -41,66 +42,62 @@ class Project:
         self.images.mkdir()
         self.models.mkdir()
 
-    def check_room(self) -> None:
-        """Check that the disk has room for the next step; where SQLite finds none, COLMAP takes the whole process down.
+    def check_free_space(self) -> None:
+        """Check that the disk has room for the next batch.
 
         Raises:
-            UserError: it has not.
+            UserError: it does not.
         """
-        if (free := shutil.disk_usage(self.images).free) < _ROOM_BYTES:
+        # COLMAP aborts the whole process if SQLite cannot write.
+        if (free := shutil.disk_usage(self.images).free) < _MIN_FREE_BYTES:
             raise UserError(
-                f"{self.images.parent.parent}: {free >> 20} MiB are left, and COLMAP needs {_ROOM_BYTES >> 20} for its next "
-                "step: make room there, or set TMPDIR to a folder on a larger disk"
+                f"{self.images.parent.parent}: {free >> 20} MiB are free, and COLMAP needs {_MIN_FREE_BYTES >> 20} "
+                "for its next step: free some, or set TMPDIR to a folder on a larger disk"
             )
 
     def in_batches(self, items: Sequence[Item], size: int, what: str, unit: str) -> Iterator[Sequence[Item]]:
-        """Yield ``items`` in slices of ``size``, for each of which there is room, while showing the progress in items.
+        """Yield ``items`` in slices of ``size``; show progress in items and check the disk before each slice.
 
         Raises:
-            UserError: there is no room for the next.
+            UserError: the disk is full.
         """
         for index, _ in enumerate(track(items, what, unit=unit)):
             if index % size == 0:
-                self.check_room()
+                self.check_free_space()
                 yield items[index : index + size]
 
     def frame_of(self, name: str) -> int:
-        """The frame that the picture ``name`` shows."""
+        """The frame of the image ``name``."""
         return int(Path(name).stem)
 
-    def write_pictures(self, pictures: Iterable[NDArray[np.uint8]], camera: Camera) -> None:
-        """Write each (H, W, 3) uint8 RGB picture as a PNG file.
+    def write_images(self, images: Iterable[NDArray[np.uint8]], camera: Camera) -> None:
+        """Write each (H, W, 3) uint8 RGB image as a PNG file.
 
         Raises:
-            ValueError: a picture does not have the camera's size.
+            ValueError: an image does not have the camera's size.
         """
-        for index, picture in enumerate(track(pictures, "COLMAP: writing pictures")):
-            self.check_room()
-            if picture.shape != (camera.height, camera.width, 3) or picture.dtype != np.uint8:
-                raise ValueError(
-                    f"picture {index} is {picture.shape} {picture.dtype}, unlike its camera {camera}"
-                )
+        for index, image in enumerate(track(images, "COLMAP: writing images")):
+            self.check_free_space()
+            if image.shape != (camera.height, camera.width, 3) or image.dtype != np.uint8:
+                raise ValueError(f"image {index} is {image.shape} {image.dtype}, unlike its camera {camera}")
             name = f"{index:06d}.png"
-            bgr = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
+            bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
             _write_png(self.images / name, bgr)
             self.names.append(name)
 
     def write_mask(self, valid: NDArray[np.bool_]) -> None:
-        """Write the mask of all pictures, where 0 means no features, if there is anything to mask.
-
-        The valid region is shrunk, for the edge of the lens circle is a strong feature that moves with the
-        camera.
-        """
+        """Write the mask of all images unless every pixel is valid; COLMAP finds no features where it is 0."""
         if valid.all():
             return
+        # The edge of the lens circle is a strong feature that moves with the camera, so the region is shrunk.
         margin = max(2, round(valid.shape[0] * _MASK_MARGIN))
         kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * margin + 1, 2 * margin + 1))
-        # The picture's own border is no such edge: what lies outside of it does not erode it.
+        # The border of the image is not such an edge.
         shrunk = cv2.erode(valid.astype(np.uint8) * 255, kernel, borderValue=255)
         _write_png(self.mask, shrunk)
 
-    def import_pictures(self, camera: Camera, camera_known: bool) -> None:
-        """Enter the pictures, in order, and their camera; an unknown one is entered as a first guess only."""
+    def import_images(self, camera: Camera, camera_known: bool) -> None:
+        """Enter the images in order, and their camera; an unknown camera is marked as a guess."""
         pycolmap.Database.open(self.database).close()
         pycolmap.import_images(
             self.database, self.images, pycolmap.CameraMode.SINGLE, self.names, self._reader(camera)
@@ -113,16 +110,14 @@ class Project:
             database.update_camera(entered)
 
     def extract(self, camera: Camera, threads: int) -> NDArray[np.int64]:
-        """Find SIFT features.
+        """Extract SIFT features.
 
         Returns:
-            (F,) int64: number of features of each picture.
+            (F,) int64 number of features of each image.
         """
-        # The pictures are in the database already, so their ids do not depend on which thread ends first.
+        # The images are in the database already, so their ids do not depend on the order of the threads.
         options = pycolmap.FeatureExtractionOptions(num_threads=threads)
-        for names in self.in_batches(
-            self.names, _PICTURES_AT_A_TIME, "COLMAP: extracting features", "picture"
-        ):
+        for names in self.in_batches(self.names, _IMAGES_PER_BATCH, "COLMAP: extracting features", "image"):
             pycolmap.extract_features(
                 self.database,
                 self.images,
@@ -149,24 +144,24 @@ class Project:
 
 
 def _write_png(path: Path, image: NDArray[np.uint8]) -> None:
-    # Little compression: the file is read once and thrown away.
+    # Low compression: the file is read once and deleted.
     if not cv2.imwrite(str(path), image, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
-        raise UserError(f"{path} cannot be written: is the disk of the temporary folder full?")
+        raise UserError(f"{path}: cannot be written. Is the disk of the temporary folder full?")
 
 
 def check_features(counts: NDArray[np.int64]) -> None:
-    """Refuse pictures without texture.
+    """Check that at least three images have enough features.
 
     Args:
-        counts: (F,) int64 features of each picture.
+        counts: (F,) int64 features of each image.
 
     Raises:
-        UserError: fewer than three pictures have features enough.
+        UserError: they do not.
     """
-    rich = int((counts >= FEATURES_WANTED).sum())
-    if rich < 3:
+    sufficient = int((counts >= MIN_FEATURES).sum())
+    if sufficient < 3:
         raise UserError(
-            f"COLMAP finds too little texture: {rich} of {len(counts)} pictures have {FEATURES_WANTED}"
-            f" features or more (median {int(np.median(counts))}, most {counts.max()}); use sharper, brighter"
-            " or larger pictures"
+            f"COLMAP finds too little texture: {sufficient} of {len(counts)} frames have {MIN_FEATURES}"
+            f" features or more (median {int(np.median(counts))}, maximum {counts.max()}); use sharper, brighter"
+            " or larger frames"
         )

@@ -1,4 +1,4 @@
-"""COLMAP's second step: which pictures are compared, and what the comparison tells of the camera's motion."""
+"""COLMAP's second step: match features between images and verify the matches."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -12,21 +12,21 @@ from egosplat.poses.colmap.pairs import every_pair, sequential_pairs
 Matching = Literal["auto", "exhaustive", "sequential"]
 
 EXHAUSTIVE_UP_TO = 80
-"""``auto`` compares every pair of up to this many pictures (3,160 pairs)."""
+"""``auto`` compares every pair of up to this many images (3,160 pairs)."""
 
-_PAIRS_AT_A_TIME = 100
+_PAIRS_PER_BATCH = 100
 
 
 @dataclass(frozen=True)
-class Matched:
-    """What matching found.
+class MatchingResult:
+    """Statistics of feature matching.
 
     Attributes:
         strategy: ``exhaustive`` or ``sequential``.
         compared: number of pairs compared.
-        verified: number of pairs that two views of one rigid scene explain.
-        with_parallax: how many of these show that the camera moved past things at different depths.
-        median_shift_px: median over the verified pairs of the median distance between matches; 0 if none.
+        verified: number of pairs whose matches are consistent with a rigid scene.
+        with_parallax: number of verified pairs with parallax: the camera moved past objects at different depths.
+        median_shift_px: median over verified pairs of the median distance between matches [px]; 0 without pairs.
     """
 
     strategy: str
@@ -36,32 +36,34 @@ class Matched:
     median_shift_px: float
 
 
-def match(project: Project, matching: Matching, overlap: int, seed: int, threads: int) -> Matched:
-    """Match features between pictures and verify the matches geometrically.
+def match_images(
+    project: Project, matching: Matching, overlap: int, seed: int, threads: int
+) -> MatchingResult:
+    """Match features between images and verify the matches geometrically.
 
     Args:
         project: with features.
-        matching: ``exhaustive``: every pair; ``sequential``: each picture with the ``overlap`` next ones,
-            with those 2, 4, 8, ... on, and with others that look like it, which closes loops;
-            ``auto``: exhaustive for up to ``EXHAUSTIVE_UP_TO`` pictures.
-        overlap: number of next pictures.
+        matching: ``exhaustive``: every pair. ``sequential``: each image with the ``overlap`` next ones, with those
+            2, 4, 8, ... later, and with similar images, which closes loops. ``auto``: exhaustive for up to
+            ``EXHAUSTIVE_UP_TO`` images.
+        overlap: number of next images.
         seed: of RANSAC and of the vocabulary.
-        threads: to match with; the result does not depend on it.
+        threads: number of threads; the result does not depend on it.
     """
-    project.check_room()
+    project.check_free_space()
     exhaustive = matching == "exhaustive" or (matching == "auto" and len(project.names) <= EXHAUSTIVE_UP_TO)
     pairs = every_pair(project) if exhaustive else sequential_pairs(project, overlap, seed)
     options = pycolmap.FeatureMatchingOptions(num_threads=threads)
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = seed
-    for batch in project.in_batches(pairs, _PAIRS_AT_A_TIME, "COLMAP: matching pictures", "pair"):
+    for batch in project.in_batches(pairs, _PAIRS_PER_BATCH, "COLMAP: matching images", "pair"):
         project.pairs.write_text("".join(f"{first} {second}\n" for first, second in batch))
         listed = pycolmap.ImportedPairingOptions(match_list_path=project.pairs)
         pycolmap.match_image_pairs(project.database, options, listed, verification, pycolmap.Device.cpu)
     return _summary(project, "exhaustive" if exhaustive else "sequential", len(pairs))
 
 
-def _summary(project: Project, strategy: str, compared: int) -> Matched:
+def _summary(project: Project, strategy: str, compared: int) -> MatchingResult:
     with pycolmap.Database.open(project.database) as database:
         pair_ids, geometries = database.read_two_view_geometries()
         keypoints = {
@@ -78,4 +80,5 @@ def _summary(project: Project, strategy: str, compared: int) -> Matched:
         first, second = pycolmap.pair_id_to_image_pair(pair_id)
         shift = keypoints[first][inliers[:, 0], :2] - keypoints[second][inliers[:, 1], :2]
         shifts.append(float(np.median(np.linalg.norm(shift, axis=1))))
-    return Matched(strategy, compared, verified, with_parallax, float(np.median(shifts)) if shifts else 0.0)
+    shift_px = float(np.median(shifts)) if shifts else 0.0
+    return MatchingResult(strategy, compared, verified, with_parallax, shift_px)

@@ -1,4 +1,4 @@
-"""Which pictures COLMAP compares."""
+"""Choose the pairs of images that COLMAP matches."""
 
 import math
 
@@ -9,37 +9,35 @@ from egosplat.poses.colmap.database import Project
 from egosplat.progress import log
 
 Pair = tuple[str, str]
-"""Names of two pictures."""
+"""Names of two images."""
 
+# For every 5th image COLMAP looks up the 5 most similar ones.
 _LOOP_PERIOD = 5
-"""Every how many pictures COLMAP asks which others look like it."""
-_LOOP_PICTURES = 5
-_WORD_DESCRIPTORS = 40
-"""Descriptors for each visual word that clustering asks for."""
-_MOST_DESCRIPTORS = 200_000
-_MOST_WORDS = 4096
+_LOOP_IMAGES = 5
+# Descriptors per visual word that clustering needs.
+_DESCRIPTORS_PER_WORD = 40
+_MAX_DESCRIPTORS = 200_000
+_MAX_WORDS = 4096
 
 
 def every_pair(project: Project) -> list[Pair]:
-    """Every pair of pictures."""
+    """Every pair of images."""
     with pycolmap.Database.open(project.database) as database:
         generator = pycolmap.ExhaustivePairGenerator(pycolmap.ExhaustivePairingOptions(), database)
         return _named(database, generator)
 
 
 def sequential_pairs(project: Project, overlap: int, seed: int) -> list[Pair]:
-    """Pairs near in time, and pairs further apart that look alike, which close loops.
-
-    COLMAP finds the latter with a vocabulary of visual words, which is usually downloaded; this one is
-    clustered from the recording's own descriptors.
+    """Pairs near in time, and pairs of similar images further apart, which close loops.
 
     Args:
         project: with features.
-        overlap: each picture is paired with so many next ones, and with those 2, 4, ..., 2^(overlap - 1) on.
+        overlap: each image is paired with this many next ones, and with those 2, 4, ..., 2^(overlap - 1) later.
         seed: of the choice of descriptors; clustering takes COLMAP's.
     """
     with pycolmap.Database.open(project.database) as database:
         pairs = _near_in_time(database, overlap)
+        # COLMAP's vocabulary of visual words is a download; this one is clustered from the recording's descriptors.
         if not _write_vocabulary(project, database, seed):
             log("COLMAP: too few features for a vocabulary; loops are not closed")
             return pairs
@@ -49,20 +47,20 @@ def sequential_pairs(project: Project, overlap: int, seed: int) -> list[Pair]:
             num_threads=1,
             loop_detection=True,
             loop_detection_period=_LOOP_PERIOD,
-            loop_detection_num_images=_LOOP_PICTURES,
+            loop_detection_num_images=_LOOP_IMAGES,
             loop_detection_min_index_distance=overlap + 1,
             vocab_tree_path=project.vocabulary,
         )
-        alike = _named(database, pycolmap.SequentialPairGenerator(loops, database))
+        similar = _named(database, pycolmap.SequentialPairGenerator(loops, database))
     known = set(pairs)
-    closing = [pair for pair in alike if pair not in known]
-    log(f"COLMAP: {len(pairs)} pairs near in time, {len(closing)} more that look alike")
+    closing = [pair for pair in similar if pair not in known]
+    log(f"COLMAP: {len(pairs)} pairs near in time, {len(closing)} more of similar images")
     return pairs + closing
 
 
 def _near_in_time(database: pycolmap.Database, overlap: int) -> list[Pair]:
     pairs: set[Pair] = set()
-    # COLMAP's quadratic overlap takes the place of the plain one (offsets 1, 2, 4, ...); both are wanted.
+    # COLMAP's quadratic overlap (offsets 1, 2, 4, ...) replaces the plain one, so both are generated.
     for quadratic in (False, True):
         options = pycolmap.SequentialPairingOptions(
             overlap=overlap, quadratic_overlap=quadratic, num_threads=1
@@ -72,32 +70,33 @@ def _near_in_time(database: pycolmap.Database, overlap: int) -> list[Pair]:
 
 
 def _named(database: pycolmap.Database, generator: pycolmap.PairGenerator) -> list[Pair]:
-    """The generator's pairs by name, each once and in order; it also pairs pictures with themselves."""
+    """The generator's pairs by name, sorted and without duplicates."""
     names = {image.image_id: image.name for image in database.read_all_images()}
     pairs: set[Pair] = set()
     for one, other in generator.all_pairs():
         first, second = sorted((names[one], names[other]))
+        # The generator also pairs images with themselves.
         if first != second:
             pairs.add((first, second))
     return sorted(pairs)
 
 
 def _write_vocabulary(project: Project, database: pycolmap.Database, seed: int) -> bool:
-    """Cluster descriptors of all pictures into visual words.
+    """Cluster descriptors of all images into visual words.
 
     Returns:
-        False if the pictures have too few descriptors for a vocabulary.
+        False if there are too few descriptors for a vocabulary.
     """
     images = sorted(database.read_all_images(), key=lambda image: image.name)
-    per_picture = math.ceil(_MOST_DESCRIPTORS / len(images))
+    per_image = math.ceil(_MAX_DESCRIPTORS / len(images))
     rng = np.random.default_rng(seed)
     sampled = []
     for image in images:
         descriptors = database.read_descriptors(image.image_id).to_float().data
-        chosen = rng.permutation(len(descriptors))[:per_picture]
+        chosen = rng.permutation(len(descriptors))[:per_image]
         sampled.append(np.asarray(descriptors)[np.sort(chosen)])
     data = np.concatenate(sampled)
-    words = min(_MOST_WORDS, len(data) // _WORD_DESCRIPTORS)
+    words = min(_MAX_WORDS, len(data) // _DESCRIPTORS_PER_WORD)
     if words < 2:
         return False
     log(f"COLMAP: clustering {len(data)} descriptors into {words} visual words")

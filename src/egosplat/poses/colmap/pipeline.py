@@ -1,12 +1,11 @@
-"""Poses by structure from motion: COLMAP's incremental mapping through pycolmap, on the CPU, offline.
+"""Estimate poses by structure from motion: COLMAP's incremental mapping through pycolmap, on the CPU.
 
-The world keeps the frame in which COLMAP leaves it: the cameras lie around the origin and span about ten
-units, which are not metres, in no particular orientation (``Poses.up`` tells where up is).
+The world has COLMAP's frame: cameras around the origin spanning about ten arbitrary units, in no particular orientation
+(``Poses.up`` gives the up direction).
 
-Same pictures, options and seed give the same poses on one machine, whatever the number of threads: the
-pictures get their ids before features are extracted in parallel, RANSAC is seeded, and mapping runs on one
-thread, because on several its bundle adjustment adds up in no fixed order and its choices depend on their
-number. On two cores the single thread costs no time (50 pictures, 150,000 observations: 18 s against 19 s).
+The same images, options and seed give the same poses on one machine, with any number of threads: images get their ids
+before features are extracted in parallel, RANSAC is seeded, and mapping runs on one thread. With more threads, bundle
+adjustment sums in no fixed order, and is not faster on two cores (50 images, 150,000 observations: 19 s against 18 s).
 """
 
 import contextlib
@@ -23,19 +22,19 @@ from egosplat.errors import UserError
 from egosplat.files import scratch_directory
 from egosplat.geometry import Camera, invert, make_pose
 from egosplat.poses.colmap.database import Project, check_features
-from egosplat.poses.colmap.mapping import FEWEST_PICTURES, build_models, largest_model
-from egosplat.poses.colmap.matching import Matching, match
+from egosplat.poses.colmap.mapping import MIN_IMAGES, build_models, largest_model
+from egosplat.poses.colmap.matching import Matching, match_images
 from egosplat.poses.result import Poses, mean_camera_up, unregistered
 
-SHORTEST_TRACK = 3
-"""Two views alone leave a point's depth unchecked."""
-LARGEST_ERROR_PX = 2.0
+# Two views alone leave a point's depth unchecked.
+MIN_TRACK_LENGTH = 3
+MAX_REPROJECTION_ERROR_PX = 2.0
 
 _FATAL_ONLY = 3
 
 
 def colmap_poses(
-    pictures: Iterable[NDArray[np.uint8]],
+    images: Iterable[NDArray[np.uint8]],
     valid: NDArray[np.bool_],
     camera: Camera,
     camera_known: bool,
@@ -47,54 +46,50 @@ def colmap_poses(
     threads: int | None = None,
     workdir: Path | None = None,
 ) -> Poses:
-    """Poses of upright pictures of one camera, in order of time.
+    """Estimate the poses of upright images of one camera, in order of time.
 
     Args:
-        pictures: F pictures, (H, W, 3) uint8 RGB; read once.
-        valid: (H, W) bool: pixels that show the scene; features are found there only.
-        camera: of all pictures, without distortion.
-        camera_known: whether ``camera`` is a calibration, which is kept, or a guess, whose focal lengths are
+        images: F images, (H, W, 3) uint8 RGB; read once.
+        valid: (H, W) bool: pixels that show the scene; features are extracted there only.
+        camera: of all images, without distortion.
+        camera_known: True: ``camera`` is a calibration and kept. False: it is a guess, and its focal lengths are
             refined.
-        matching: which pictures are compared; see ``colmap_matching.match``.
-        overlap: for sequential matching: with how many next pictures.
-        min_registered: share of the pictures, 0 to 1, that must be registered.
+        matching, overlap: see ``matching.match_images``.
+        min_registered: required fraction of registered images, 0 to 1.
         seed: of everything random in COLMAP.
-        threads: for features and matches; None: as many as this process may use. No result depends on it.
-        workdir: folder in which the temporary folder is made, a few MB a picture; None: the system's.
+        threads: for features and matches; None: all of this process. The result does not depend on it.
+        workdir: parent of the temporary folder, which takes a few MB per image; None: the system's.
 
     Returns:
-        Poses in COLMAP's own frame and scale, of the largest model; frames outside of it are not registered.
-        Points are those seen in ``SHORTEST_TRACK`` pictures or more, with a mean reprojection error
-        up to ``LARGEST_ERROR_PX``.
+        Poses of the largest model in COLMAP's frame and scale; other frames are not registered. Points are seen in
+        ``MIN_TRACK_LENGTH`` images or more, with a mean reprojection error up to ``MAX_REPROJECTION_ERROR_PX``.
 
     Raises:
-        UserError: too few pictures, features or matches, no parallax, too small a model, or too full a disk.
+        UserError: there are too few images, features, matches or registered images, no parallax, or no disk space.
     """
     threads = threads or len(os.sched_getaffinity(0))
     with scratch_directory("egosplat-colmap-", workdir) as folder, _quiet_colmap():
         project = Project(folder)
-        project.write_pictures(pictures, camera)
+        project.write_images(images, camera)
         frames = len(project.names)
-        if frames < FEWEST_PICTURES:
-            raise UserError(
-                f"COLMAP needs {FEWEST_PICTURES} pictures or more, not {frames}: take more frames"
-            )
+        if frames < MIN_IMAGES:
+            raise UserError(f"COLMAP needs {MIN_IMAGES} frames or more, not {frames}: use more frames")
         pycolmap.set_random_seed(seed)
         project.write_mask(valid)
-        project.import_pictures(camera, camera_known)
+        project.import_images(camera, camera_known)
         features = project.extract(camera, threads)
         check_features(features)
-        matched = match(project, matching, overlap, seed, threads)
+        matches = match_images(project, matching, overlap, seed, threads)
         models = build_models(project, camera_known, seed)
-        model = largest_model(models, matched, project, min_registered)
+        model = largest_model(models, matches, project, min_registered)
         notes = {
             "frames": frames,
             "features_median": float(np.median(features)),
-            "matching": matched.strategy,
-            "pairs_compared": matched.compared,
-            "pairs_verified": matched.verified,
-            "pairs_with_parallax": matched.with_parallax,
-            "models": sorted((found.num_reg_images() for found in models), reverse=True),
+            "matching": matches.strategy,
+            "pairs_compared": matches.compared,
+            "pairs_verified": matches.verified,
+            "pairs_with_parallax": matches.with_parallax,
+            "models": sorted((model.num_reg_images() for model in models), reverse=True),
         }
         return _poses(project, model, camera_known, notes)
 
@@ -110,7 +105,7 @@ def _poses(
         frame = project.frame_of(image.name)
         camera_to_world[frame] = invert(make_pose(matrix[:, :3], matrix[:, 3]))
         registered[frame] = True
-    points, colours, point_notes = kept_points(model)
+    points, colours, point_notes = filter_points(model)
     notes = {
         **notes,
         "registered": int(registered.sum()),
@@ -124,18 +119,18 @@ def _poses(
     return Poses(camera_to_world, registered, _camera(model), points, colours, up, notes).check()
 
 
-def kept_points(
+def filter_points(
     model: pycolmap.Reconstruction,
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8], dict[str, Any]]:
-    """The points of a model that enough pictures see, and see well enough.
+    """The points of a model with a long enough track and a small enough reprojection error.
 
     Returns:
-        (P, 3) float64 positions, (P, 3) uint8 RGB, and how many were left out and why, for the notes.
+        (P, 3) float64 positions, (P, 3) uint8 RGB, and the numbers of rejected points for the notes.
     """
     every = [point for _, point in sorted(model.points3D.items())]
     track_length = np.array([point.track.length() for point in every])
     error = np.array([point.error for point in every])
-    short, far = track_length < SHORTEST_TRACK, ~(error <= LARGEST_ERROR_PX)
+    short, far = track_length < MIN_TRACK_LENGTH, ~(error <= MAX_REPROJECTION_ERROR_PX)
     kept = [point for point, bad in zip(every, short | far, strict=True) if not bad]
     notes = {
         "points": len(kept),
@@ -153,7 +148,7 @@ def _camera(model: pycolmap.Reconstruction) -> Camera:
 
 @contextlib.contextmanager
 def _quiet_colmap() -> Iterator[None]:
-    """Silence COLMAP's log, a line for every picture and pair; what matters becomes a UserError."""
+    """Silence COLMAP's log, which has a line for every image and pair; failures become a UserError."""
     before = pycolmap.logging.minloglevel
     pycolmap.logging.minloglevel = _FATAL_ONLY
     try:

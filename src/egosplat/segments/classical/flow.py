@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.optical_flow import agree, find_flow, padded, pixel_grid
+from egosplat.optical_flow import find_flow, is_consistent, padded, pixel_grid
 from egosplat.segments.classical.motion import find_motion, move
 from egosplat.segments.classical.options import ClassicalOptions
 from egosplat.segments.classical.working_image import make_working
@@ -55,7 +55,7 @@ def find_origins(
     motion = find_motion(now, before)
     backward, forward = _flow(now, before, motion), _flow(before, now, np.linalg.inv(motion))
     shape = small[0].valid.shape
-    agrees = agree(backward, forward, options.flow_error * small[0].unit)
+    agrees = is_consistent(backward, forward, options.flow_error * small[0].unit)
     agrees &= _look_alike(*colours, backward, small[0].unit, options)
     scale = np.array([width / shape[1], height / shape[0]], dtype=np.float32)
     if (height, width) != shape:
