@@ -1,12 +1,11 @@
-"""Cameras and rigid motions: the one convention of the whole package.
+"""Cameras and rigid motions, in the conventions of the whole package (docs/conventions.md).
 
-Conventions:
-    - Camera axes are OpenCV's: x right, y down, z forward. Metres.
-    - A pose is ``camera_to_world``, a 4x4 float64 matrix: ``x_world = R x_camera + t``.
-    - Images are (height, width); a point of the image is (u, v) = (right, down) in pixels.
-    - The centre of the pixel in column i and row j is (i + 0.5, j + 0.5), as in COLMAP and gsplat.
-      projectaria-tools puts it at (i, j): see ``to_aria_pixels``.
-    - Rotations become quaternions only through ``scipy.spatial.transform.Rotation``.
+- Camera axes are OpenCV's: x right, y down, z forward. Metres.
+- A pose is ``camera_to_world``, a 4x4 float64 matrix: ``x_world = R x_camera + t``.
+- Images are (height, width); a point of the image is (u, v) = (right, down) in pixels.
+- The centre of the pixel in column i and row j is (i + 0.5, j + 0.5), as in COLMAP and gsplat.
+  projectaria-tools puts it at (i, j): see ``to_aria_pixels``.
+- Rotations become quaternions only through ``scipy.spatial.transform.Rotation``.
 """
 
 from dataclasses import dataclass
@@ -40,12 +39,12 @@ class Camera:
 
     @property
     def matrix(self) -> Array:
-        """The 3x3 intrinsic matrix K."""
+        """The (3, 3) float64 intrinsic matrix K."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
     @classmethod
     def from_matrix(cls, matrix: Array, width: int, height: int) -> "Camera":
-        """The camera of a 3x3 intrinsic matrix without skew."""
+        """The camera of a (3, 3) intrinsic matrix without skew."""
         k = np.asarray(matrix, dtype=np.float64)
         return cls(width, height, float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2]))
 
@@ -73,7 +72,7 @@ class Camera:
         return np.stack([self.fx * x / depth + self.cx, self.fy * y / depth + self.cy], axis=-1)
 
     def contains(self, pixels: Array) -> NDArray[np.bool_]:
-        """Which of (..., 2) image points lie inside the image; NaN does not."""
+        """(...) bool: which of (..., 2) image points lie inside the image; NaN does not."""
         u, v = np.moveaxis(np.asarray(pixels, dtype=np.float64), -1, 0)
         return (u >= 0) & (u < self.width) & (v >= 0) & (v < self.height)
 
@@ -81,7 +80,7 @@ class Camera:
 CLOCKWISE = np.array(
     [[0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 )
-"""``sensor_from_upright``: takes camera axes of the clockwise-rotated image to those of the sensor image."""
+"""``sensor_from_upright``: maps camera axes of the clockwise-rotated image to those of the sensor image."""
 
 
 def to_aria_pixels(pixels: Array) -> Array:
@@ -111,21 +110,20 @@ def transform(pose: Array, points: Array) -> Array:
 
 
 def rotate(rotation: NDArray, vectors: NDArray) -> NDArray:
-    """Turn (..., 3) vectors by a (3, 3) rotation, in their dtype.
-
-    The sums have one order on every processor. Those of ``@`` are BLAS's, which has its own for each.
-    """
+    """Rotate (..., 3) vectors by a (3, 3) rotation, in their dtype."""
+    # ``@`` calls BLAS, whose order of summation depends on the processor.
     x, y, z = (vectors[..., axis : axis + 1] * rotation[:, axis] for axis in range(3))
     return x + y + z
 
 
 def compose(first: Array, second: Array) -> Array:
-    """Product ``first @ second`` of (..., 4, 4) poses or (..., 3, 3) rotations; sums are ordered as ``rotate``'s."""
+    """Product ``first @ second`` of (..., 4, 4) poses or (..., 3, 3) rotations."""
+    # einsum has the same order of summation on every processor, as ``rotate``.
     return np.einsum("...ij,...jk->...ik", first, second)
 
 
 def is_rigid(pose: Array, tolerance: float = 1e-6) -> NDArray[np.bool_]:
-    """Which of (..., 4, 4) matrices are rigid motions: finite, orthonormal, right-handed, last row 0 0 0 1."""
+    """(...) bool: which of (..., 4, 4) matrices are finite, orthonormal, right-handed, with last row 0 0 0 1."""
     pose = np.asarray(pose, dtype=np.float64)
     finite = np.isfinite(pose).all(axis=(-1, -2))
     safe = np.where(finite[..., None, None], pose, np.eye(4))
@@ -137,7 +135,7 @@ def is_rigid(pose: Array, tolerance: float = 1e-6) -> NDArray[np.bool_]:
 
 
 def interpolate_poses(times: NDArray[np.int64], poses: Array, at: NDArray[np.int64]) -> Array:
-    """Poses at the times ``at``: translations linearly, rotations along the shortest arc.
+    """Interpolate poses: translations linearly, rotations along the shortest arc.
 
     Args:
         times: (N,) int64 nanoseconds, strictly increasing, N >= 2.
@@ -154,7 +152,7 @@ def interpolate_poses(times: NDArray[np.int64], poses: Array, at: NDArray[np.int
     if len(times) < 2 or (np.diff(times) <= 0).any():
         raise ValueError("pose times must be at least two and strictly increasing")
     if len(at) and (at.min() < times[0] or at.max() > times[-1]):
-        raise ValueError("a pose is asked for outside of the trajectory's time range")
+        raise ValueError("a time lies outside the trajectory")
     # Seconds from the start: nanoseconds since the epoch do not fit a float64.
     grid, query = (times - times[0]) * 1e-9, (at - times[0]) * 1e-9
     rotation = Slerp(grid, Rotation.from_matrix(poses[:, :3, :3]))(query).as_matrix()
@@ -163,6 +161,7 @@ def interpolate_poses(times: NDArray[np.int64], poses: Array, at: NDArray[np.int
 
 
 def rotation_angle(pose: Array) -> Array:
-    """Angle [rad] of the rotation of (..., 4, 4) poses; accurate for small angles, unlike the arc cosine."""
+    """(...) angle of the rotation of (..., 4, 4) poses [rad]."""
+    # scipy's magnitude is accurate for small angles, unlike the arc cosine of the trace.
     flat = np.asarray(pose, dtype=np.float64).reshape(-1, 4, 4)
     return Rotation.from_matrix(flat[:, :3, :3]).magnitude().reshape(pose.shape[:-2])

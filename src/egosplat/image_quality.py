@@ -1,14 +1,13 @@
-"""How well a render shows a photograph: PSNR and SSIM over the pixels that are valid.
+"""PSNR and SSIM between a render and a photograph over valid pixels.
 
-The only definition of both scores; training's evaluation and the benchmark use it. A pixel is valid where it shows the
-scene, inside the lens circle. Invalid pixels count in neither score:
+Evaluation during training and the ``metrics`` stage share these definitions. Invalid pixels (outside the lens circle)
+count in neither score:
 
-- PSNR is over the valid pixels (of a region, over the region's).
-- SSIM is the mean of the SSIM map over the pixels whose whole window of 11 x 11 lies inside the picture and inside what
-  is valid. A window that reached beyond would have to be filled: with equal pixels, which raises the score, or with a
-  part of the Gaussian, whose variances come from so few pixels that they are lower, which raises it too. Where all
-  pixels are valid this is Wang et al.'s (2004) own SSIM; torchmetrics has the same map there, and mirrors the picture
-  at its border, which is left out here.
+- PSNR is over the valid pixels of a region.
+- SSIM is the mean of the SSIM map over pixels whose whole 11 x 11 window lies inside the image and the valid region.
+  Filling the windows that reach beyond would raise the score, with equal pixels as with a truncated window. Without
+  invalid pixels this is the SSIM of Wang et al. (2004); torchmetrics has the same map, but mirrors the image at its
+  border.
 
 LPIPS is left out: it needs the weights of a network that are not shipped.
 """
@@ -19,72 +18,72 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-REACH = 5
-"""Pixels from the middle of SSIM's window to its edge."""
+WINDOW_RADIUS = 5
+"""Radius of SSIM's 11 x 11 window [px]."""
 
+# Constants of Wang et al. (2004): Gaussian window, (K1 L)^2 and (K2 L)^2 with L = 1.
 _SIGMA = 1.5
 _C1, _C2 = 0.01**2, 0.03**2
-_LARGEST = 255
+_MAX_VALUE = 255
 
 
 def psnr(render: Tensor, photograph: Tensor, region: Tensor) -> float:
-    """PSNR over the pixels of a region.
+    """PSNR over the pixels of a region [dB].
 
     Args:
         render, photograph: (H, W, 3) uint8.
-        region: (H, W) bool; all of it valid.
+        region: (H, W) bool, inside the valid pixels.
 
     Returns:
-        [dB]; infinite where both are equal there, NaN where the region is empty.
+        Infinite for equal images, NaN for an empty region.
     """
     difference = render[region].long() - photograph[region].long()
     count, error = difference.numel(), int(difference.square().sum())
     if not count:
         return math.nan
-    return 10.0 * math.log10(_LARGEST**2 * count / error) if error else math.inf
+    return 10.0 * math.log10(_MAX_VALUE**2 * count / error) if error else math.inf
 
 
-def similarity(render: Tensor, photograph: Tensor, valid: Tensor) -> Tensor:
-    """The SSIM map, the mean over the channels.
+def ssim_map(render: Tensor, photograph: Tensor, valid: Tensor) -> Tensor:
+    """SSIM of each pixel, averaged over the channels.
 
     Args:
         render, photograph: (H, W, 3) uint8.
         valid: (H, W) bool.
 
     Returns:
-        (H, W) float32, at most 1; NaN where the window does not lie wholly inside the picture and what is valid.
+        (H, W) float32, at most 1; NaN where the window reaches outside the image or the valid pixels.
     """
-    whole = torch.full(valid.shape, math.nan, device=valid.device)
+    values = torch.full(valid.shape, math.nan, device=valid.device)
     height, width = valid.shape
-    if min(height, width) <= 2 * REACH:
-        return whole
-    x, y = render.float() / _LARGEST, photograph.float() / _LARGEST
+    if min(height, width) <= 2 * WINDOW_RADIUS:
+        return values
+    x, y = render.float() / _MAX_VALUE, photograph.float() / _MAX_VALUE
     invalid = (~valid).float()[None, None]
-    reached = functional.max_pool2d(invalid, 2 * REACH + 1, stride=1)[0, 0] > 0
+    reached = functional.max_pool2d(invalid, 2 * WINDOW_RADIUS + 1, stride=1)[0, 0] > 0
     inner = structural_similarity(x, y, padding=0).mean(dim=-1)
-    whole[REACH:-REACH, REACH:-REACH] = inner.masked_fill(reached, math.nan)
-    return whole
+    values[WINDOW_RADIUS:-WINDOW_RADIUS, WINDOW_RADIUS:-WINDOW_RADIUS] = inner.masked_fill(reached, math.nan)
+    return values
 
 
-def mean_similarity(similarity: Tensor, region: Tensor) -> float:
-    """Mean of an SSIM map over the pixels of a region that have a value; NaN where none has.
+def mean_ssim(values: Tensor, region: Tensor) -> float:
+    """Mean of (H, W) SSIM values over the pixels of a region that have one; NaN if none has.
 
     Args:
-        similarity: (H, W), see ``similarity``.
+        values: (H, W), from ``ssim_map``.
         region: (H, W) bool.
     """
-    values = similarity[region].double()
+    values = values[region].double()
     return float(values[~values.isnan()].mean())
 
 
 def structural_similarity(x: Tensor, y: Tensor, padding: int) -> Tensor:
-    """SSIM of each value's surroundings (Wang et al. 2004): Gaussian window of 11 x 11 pixels and standard deviation
-    1.5 px, K1 = 0.01, K2 = 0.03, data range 1; each channel by itself.
+    """SSIM of each pixel and channel (Wang et al. 2004).
 
     Args:
-        x, y: (H, W, C) floating point.
-        padding: pixels of 0 around the picture. With 0 the windows lie wholly inside it, and the map is 10 px smaller
-            on a side; with ``REACH`` it has the picture's size, as in 3DGS's loss.
+        x, y: (H, W, C) floating point, 0 to 1.
+        padding: width of the border of zeros [px]. 0 gives a map of whole windows only; ``WINDOW_RADIUS`` gives one
+            of the image's size, as in 3DGS's loss.
 
     Returns:
         (H, W, C), or (H - 10, W - 10, C).
@@ -98,10 +97,10 @@ def structural_similarity(x: Tensor, y: Tensor, padding: int) -> Tensor:
 
 
 def _blur(images: Tensor, padding: int) -> Tensor:
-    """(..., H, W) under the window of SSIM."""
-    taps = [math.exp(-0.5 * (i / _SIGMA) ** 2) for i in range(-REACH, REACH + 1)]
+    """(..., H, W) images filtered with SSIM's window."""
+    taps = [math.exp(-0.5 * (i / _SIGMA) ** 2) for i in range(-WINDOW_RADIUS, WINDOW_RADIUS + 1)]
     window = images.new_tensor(taps) / sum(taps)
-    # Every image is a channel of its own: as images of one channel each, torch takes ten times as long on the CPU.
+    # Images as channels: as a batch of single-channel images, torch takes ten times as long on the CPU.
     channels = images.flatten(end_dim=-3)[None]
     count = channels.shape[1]
     along_rows = window.expand(count, 1, 1, -1)

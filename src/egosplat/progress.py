@@ -1,4 +1,4 @@
-"""Progress of long work: a bar on a terminal, plain lines in a log."""
+"""Report progress: a bar on a terminal, plain lines in a log file."""
 
 import sys
 import time
@@ -13,19 +13,19 @@ _SECONDS_BETWEEN_LINES = 10.0
 
 
 def track(items: Iterable[Item], what: str, total: int | None = None, unit: str = "frame") -> Iterator[Item]:
-    """Yield ``items`` while showing how far the work is, its rate and the time that remains.
+    """Yield ``items`` and report progress, rate and remaining time.
 
-    On a terminal this is a bar; elsewhere (a log file) it is a plain line about every ten seconds and
-    one at the end, because a redrawn bar fills a log with carriage returns.
+    A terminal gets a bar. A log file gets a line about every ten seconds and one at the end.
 
     Args:
-        items: what is worked through.
+        items: to iterate over.
         what: the work in a few words, for example ``"reading frames"``.
-        total: number of items, where ``items`` has no length.
-        unit: what one item is called.
+        total: number of items, if ``items`` has no length.
+        unit: name of one item, in the singular.
     """
     if total is None and isinstance(items, Sized):
         total = len(items)
+    # A redrawn bar would fill a log file with carriage returns.
     if sys.stderr.isatty():
         yield from tqdm(items, desc=what, total=total, unit=unit, file=sys.stderr)
         return
@@ -42,7 +42,7 @@ def track(items: Iterable[Item], what: str, total: int | None = None, unit: str 
 
 
 def log(message: str) -> None:
-    """Write one line to standard error, at once."""
+    """Write one line to standard error and flush it."""
     print(message, file=sys.stderr, flush=True)
 
 

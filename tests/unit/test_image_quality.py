@@ -7,7 +7,7 @@ import pytest
 import torch
 from torchmetrics.functional.image import peak_signal_noise_ratio, structural_similarity_index_measure
 
-from egosplat.image_quality import REACH, mean_similarity, psnr, similarity
+from egosplat.image_quality import WINDOW_RADIUS, mean_ssim, psnr, ssim_map
 
 HEIGHT, WIDTH = 30, 40
 EVERYWHERE = torch.ones(HEIGHT, WIDTH, dtype=torch.bool)
@@ -24,7 +24,7 @@ def planar(one: torch.Tensor) -> torch.Tensor:
 
 
 def ssim(render: torch.Tensor, photograph: torch.Tensor, valid: torch.Tensor) -> float:
-    return mean_similarity(similarity(render, photograph, valid), valid)
+    return mean_ssim(ssim_map(render, photograph, valid), valid)
 
 
 def test_psnr_is_torchmetrics():
@@ -38,12 +38,12 @@ def test_ssim_is_torchmetrics_where_windows_are_whole():
     _, full = structural_similarity_index_measure(
         planar(render), planar(photograph), data_range=1.0, return_full_image=True
     )
-    found = similarity(render, photograph, EVERYWHERE)
-    inner = found[REACH:-REACH, REACH:-REACH]
-    expected = full[0].mean(dim=0)[REACH:-REACH, REACH:-REACH]
+    found = ssim_map(render, photograph, EVERYWHERE)
+    inner = found[WINDOW_RADIUS:-WINDOW_RADIUS, WINDOW_RADIUS:-WINDOW_RADIUS]
+    expected = full[0].mean(dim=0)[WINDOW_RADIUS:-WINDOW_RADIUS, WINDOW_RADIUS:-WINDOW_RADIUS]
     assert torch.allclose(inner.double(), expected, atol=1e-5)
     assert int(found.isnan().sum()) == HEIGHT * WIDTH - inner.numel()
-    assert mean_similarity(found, EVERYWHERE) == pytest.approx(float(expected.mean()), abs=1e-5)
+    assert mean_ssim(found, EVERYWHERE) == pytest.approx(float(expected.mean()), abs=1e-5)
 
 
 def test_invalid_pixels_count_in_neither_score():
@@ -61,9 +61,11 @@ def test_invalid_pixels_count_in_neither_score():
 def test_a_window_that_reaches_one_invalid_pixel_has_no_value():
     valid = EVERYWHERE.clone()
     valid[15, 20] = False
-    found = similarity(picture(0), picture(1), valid)
-    assert found[15 - REACH : 16 + REACH, 20 - REACH : 21 + REACH].isnan().all()
-    assert not found[15, 20 + REACH + 1].isnan() and not found[15 + REACH + 1, 20].isnan()
+    found = ssim_map(picture(0), picture(1), valid)
+    assert (
+        found[15 - WINDOW_RADIUS : 16 + WINDOW_RADIUS, 20 - WINDOW_RADIUS : 21 + WINDOW_RADIUS].isnan().all()
+    )
+    assert not found[15, 20 + WINDOW_RADIUS + 1].isnan() and not found[15 + WINDOW_RADIUS + 1, 20].isnan()
 
 
 def test_equal_pictures_are_perfect_and_a_tenth_is_20_decibels():

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from egosplat.evaluation.queries import GROUPS, InstanceMap, Mask
 from egosplat.frames.recording import Instance
-from egosplat.image_quality import mean_similarity, psnr, similarity
+from egosplat.image_quality import mean_ssim, psnr, ssim_map
 
 Picture = NDArray[np.uint8]
 
@@ -95,9 +95,9 @@ def region_scores(
             f"render {render.shape}, photograph {photograph.shape} and valid {valid.shape} differ"
         )
     image, truth = torch.from_numpy(render), torch.from_numpy(photograph)
-    alike = similarity(image, truth, torch.from_numpy(valid))
+    alike = ssim_map(image, truth, torch.from_numpy(valid))
     regions = {name: torch.from_numpy(own) for name, own in groups.items()}
     return {
-        name: RegionScore(int(own.sum()), psnr(image, truth, own), mean_similarity(alike, own))
+        name: RegionScore(int(own.sum()), psnr(image, truth, own), mean_ssim(alike, own))
         for name, own in regions.items()
     }

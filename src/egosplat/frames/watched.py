@@ -1,9 +1,10 @@
-"""The files of a recording that a stage reads: inputs of its rule, so that a change of one is seen."""
+"""List the files of a recording that a stage reads, as inputs of its rule: a change of one reruns the stage."""
 
 import os
 from glob import escape, glob
 from pathlib import Path
 
+# By format and stage: patterns inside the recording's folder, or after a video's name.
 _WATCHED = {
     "adt": {
         "frames": ["video.vrs", "metadata.json"],
@@ -15,29 +16,28 @@ _WATCHED = {
         "annotations": ["2Dseg/*mask"],
         "poses": [],
     },
-    # A folder's own time shows that files come or go, not that one is replaced: the files are watched too.
+    # A folder's modification time does not change when a file in it is replaced, so the files are listed too.
     "plain": {
         "frames": [".", "camera.json", "valid.png"],
         "annotations": ["annotations", "annotations/*"],
         "poses": [],
     },
 }
-"""By format of the recording and stage: patterns below the recording's folder, or after a video's name."""
 
 
 def watched_files(format: str, recording: Path, stage: str) -> list[str]:
-    """The files of a recording that a stage reads and that exist, sorted; the stage reports a missing one.
+    """The existing files of a recording that a stage reads, sorted. The stage itself reports missing ones.
 
     Args:
         format: ``adt``, ``hoi4d`` or ``plain``.
-        recording: folder, or video file with the files beside it (``clip.mp4.camera.json``).
+        recording: folder, or video file with companion files (``clip.mp4.camera.json``).
         stage: ``frames``, ``annotations`` or ``poses``.
     """
     is_folder = recording.is_dir()
-    within = "/" if is_folder else "."
-    patterns = [escape(str(recording)) + within + pattern for pattern in _WATCHED[format][stage]]
+    separator = "/" if is_folder else "."
+    patterns = [escape(str(recording)) + separator + pattern for pattern in _WATCHED[format][stage]]
     found = [path for pattern in patterns for path in glob(pattern)]
     if not is_folder:
         found.append(str(recording))
-    # Snakemake takes braces for wildcards, and "folder/." for missing.
+    # Snakemake reads braces as wildcards and does not find "folder/.".
     return sorted(os.path.normpath(path) for path in found if not set("{}") & set(path))

@@ -11,7 +11,7 @@ from torch import Tensor
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, render
 from egosplat.gaussians.training_views import Views
-from egosplat.image_quality import mean_similarity, psnr, similarity
+from egosplat.image_quality import mean_ssim, psnr, ssim_map
 
 
 @dataclass(frozen=True)
@@ -80,4 +80,4 @@ def rendered(
 def _scores(picture: Tensor, truth: Tensor, weight: Tensor | None) -> tuple[float, float]:
     """PSNR [dB] and SSIM of (H, W, 3) uint8 pictures; pixels whose weight (H, W) is below a half are invalid."""
     valid = torch.ones_like(truth[..., 0], dtype=torch.bool) if weight is None else weight >= 0.5
-    return psnr(picture, truth, valid), mean_similarity(similarity(picture, truth, valid), valid)
+    return psnr(picture, truth, valid), mean_ssim(ssim_map(picture, truth, valid), valid)

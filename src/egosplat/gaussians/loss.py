@@ -9,7 +9,7 @@ or beyond 1e8, weighs 0, and so does a weight that is not finite.
 import torch
 from torch import Tensor
 
-from egosplat.image_quality import REACH, structural_similarity
+from egosplat.image_quality import WINDOW_RADIUS, structural_similarity
 from egosplat.kernels import library
 
 LARGEST_VALUE = 1e8
@@ -48,7 +48,9 @@ def torch_l1_ssim(render: Tensor, target: Tensor, weight: Tensor | None, ssim_la
     difference, y, weight = _cleaned(render, target, weight)
     x = y + weight * difference
     l1 = (x - y).abs().mean()
-    return (1.0 - ssim_lambda) * l1 + ssim_lambda * (1.0 - structural_similarity(x, y, padding=REACH).mean())
+    return (1.0 - ssim_lambda) * l1 + ssim_lambda * (
+        1.0 - structural_similarity(x, y, padding=WINDOW_RADIUS).mean()
+    )
 
 
 def l2(render: Tensor, target: Tensor, weight: Tensor | None) -> Tensor:

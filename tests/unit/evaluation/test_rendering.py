@@ -13,7 +13,7 @@ from egosplat.evaluation.rendering import (
     regions,
     summarise_rendering,
 )
-from egosplat.image_quality import similarity
+from egosplat.image_quality import ssim_map
 
 
 @pytest.fixture
@@ -62,7 +62,7 @@ def test_an_error_is_where_it_is(photograph, valid, groups):
     assert found["all"].psnr == pytest.approx(expected + 10 * math.log10(1140 / 110), abs=1e-3)
     assert found["dynamic"].ssim < found["all"].ssim < 1.0
     # The mean over pixels whose window is whole: their numbers weigh the parts.
-    whole = ~similarity(*map(torch.from_numpy, (render, photograph, valid))).isnan().numpy()
+    whole = ~ssim_map(*map(torch.from_numpy, (render, photograph, valid))).isnan().numpy()
     counts = {name: int((whole & own).sum()) for name, own in groups.items()}
     assert 0 < counts["dynamic"] < 110 and counts["static"] + counts["dynamic"] == counts["all"]
     parts = sum(counts[name] * found[name].ssim for name in ("static", "dynamic"))

@@ -7,7 +7,7 @@ from torchmetrics.functional.image import structural_similarity_index_measure
 
 from egosplat.gaussians import loss
 from egosplat.gaussians.loss import l1_ssim, l2, torch_l1_ssim
-from egosplat.image_quality import REACH, structural_similarity
+from egosplat.image_quality import WINDOW_RADIUS, structural_similarity
 from egosplat.kernels import library
 
 
@@ -24,7 +24,7 @@ def test_ssim_is_torchmetrics_within_the_picture() -> None:
     images = [picture.detach().permute(2, 0, 1)[None] for picture in (render, target)]
     options = {"sigma": 1.5, "data_range": 1.0, "return_full_image": True}
     wanted = structural_similarity_index_measure(*images, **options)[1][0].permute(1, 2, 0)
-    mine = structural_similarity(render.detach(), target, padding=REACH)
+    mine = structural_similarity(render.detach(), target, padding=WINDOW_RADIUS)
     torch.testing.assert_close(mine[5:-5, 5:-5], wanted[5:-5, 5:-5], rtol=1e-5, atol=1e-5)
 
 
