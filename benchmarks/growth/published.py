@@ -16,9 +16,9 @@ from benchmarks.published_models.weights import CLIP, SAM2, save_clip, save_sam2
 from benchmarks.segments_growth.__main__ import keep_all
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.models.sam2_loader import Sam2, load_sam2
-from egosplat.segments.image_encoder import Encoded, encode
+from egosplat.segments.image_encoder import EncodedImage, encode
 from egosplat.segments.prompts import prompt
-from egosplat.segments.propagation import Follower
+from egosplat.segments.propagation import Propagator
 
 OBJECTS, PROMPTS, CROPS = 2, 4, 4
 
@@ -47,17 +47,17 @@ def _sam2(sam2: Sam2) -> dict[str, float]:
     return {"picture": picture_s, "prompt": prompt_s / PROMPTS, "tracked": tracked_s}
 
 
-def _tracked(sam2: Sam2, encoded: Encoded) -> float:
+def _tracked(sam2: Sam2, encoded: EncodedImage) -> float:
     """Seconds of an object in a frame; the same picture is every frame, which costs what others cost."""
     memories = sam2.video_predictor.num_maskmem
-    follower = Follower(sam2, 100)
+    propagator = Propagator(sam2, 100)
     side = sam2.video_predictor.image_size // 4
     logits = torch.full((OBJECTS, side, side), -10.0)
     logits[:, side // 4 : side // 2, side // 4 : side // 2] = 10.0
-    group = follower.begin(encoded, 0, list(range(OBJECTS)), logits)
+    group = propagator.begin(encoded, 0, list(range(OBJECTS)), logits)
     for frame in range(1, memories):
-        follower.step(encoded, frame, group, reverse=False)
-    _, seconds = timed(lambda: follower.step(encoded, memories, group, reverse=False))
+        propagator.step(encoded, frame, group, reverse=False)
+    _, seconds = timed(lambda: propagator.step(encoded, memories, group, reverse=False))
     return seconds / OBJECTS
 
 

@@ -20,8 +20,8 @@ from egosplat.artifacts.usage import peak_memory_mb
 from egosplat.models.sam2_loader import load_sam2
 from egosplat.pipeline.config import stage_keys
 from egosplat.progress import log
-from egosplat.segments.classical.video import segment_video
-from egosplat.segments.instances import Segmented, settle
+from egosplat.segments.classical.segmenter import segment_video
+from egosplat.segments.instances import Segmented, finalize_instances
 from egosplat.segments.options import SegmentsOptions
 from egosplat.segments.tracker import Tracker
 from training.small_models.worlds import NOTHING, FilmedWorld, read_world
@@ -74,7 +74,7 @@ def segment(world: FilmedWorld, method: str, checkpoint: str) -> tuple[list[np.n
 
 def final_labels(segmented: Segmented, min_frames: int) -> list[np.ndarray]:
     """The labels that the stage writes."""
-    table = settle(segmented, min_frames).table
+    table = finalize_instances(segmented, min_frames).table
     return [table[segmented.labels[frame]] for frame in range(len(segmented.labels))]
 
 

@@ -92,7 +92,9 @@ class ClassicalSegmenter:
 
     def track(self, film: Film) -> Masks:
         """By optical flow, snapped to regions."""
-        frames = classical.follow(film.masks[:, 0], film.rgb, film.valid, classical.ClassicalOptions())
+        frames = classical.propagate_masks(
+            film.masks[:, 0], film.rgb, film.valid, classical.ClassicalOptions()
+        )
         return np.stack(list(frames), axis=1)
 
 

@@ -248,7 +248,7 @@ def stage_command(stage: str) -> click.Command:
     """The command of a stage, with a flag for each path and each key of its configuration section."""
 
     def call(**values: Any) -> None:
-        from egosplat.alarms.found import log_warnings
+        from egosplat.alarms.artifact_alarms import log_warnings
 
         keys = {name: values.pop(name) for name in stage_keys(stage)}
         run_stage(stage, keys, **values)

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from egosplat.cost_model.laws import MEASURED_ON
-from egosplat.doctor.configured import read_configuration
+from egosplat.doctor.configuration import read_configuration
 from egosplat.doctor.findings import Finding, Mark
 from egosplat.doctor.inputs import model_findings, recording_findings, suitability_findings
 from egosplat.doctor.machine import machine_findings
@@ -18,7 +18,7 @@ def examine(files: Sequence[Path], options: Sequence[str]) -> list[Finding]:
     """All findings about this machine and the configuration.
 
     Args:
-        files, options: see ``configured.read_configuration``.
+        files, options: see ``configuration.read_configuration``.
 
     Raises:
         UserError: the configuration itself is wrong.

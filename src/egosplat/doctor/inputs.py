@@ -7,7 +7,7 @@ from pathlib import Path
 from egosplat.doctor.findings import Finding, Mark
 from egosplat.doctor.notices import scene_notice
 from egosplat.errors import UserError, user_message
-from egosplat.models.checkpoints import CLIP, SAM2, Model, find_checkpoint, model_hash
+from egosplat.models.checkpoints import CLIP, SAM2, ModelSpec, find_checkpoint, model_hash
 from egosplat.pipeline.config import Config
 from egosplat.pipeline.scenes import Scene, is_own
 
@@ -41,7 +41,7 @@ def suitability_findings(scenes: list[Scene]) -> Iterator[Finding]:
             yield Finding(Mark.NOTE, f"{scene.dataset}/{scene.scene}", first, advice)
 
 
-def _model(model: Model, config: Config) -> Finding:
+def _model(model: ModelSpec, config: Config) -> Finding:
     from egosplat.models.weights import read_tensors
 
     keys = config["models"]

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from egosplat.alarms.found import alarms_of_all
+from egosplat.alarms.artifact_alarms import alarms_of_all
 from egosplat.artifacts import provenance
 from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.frames import FRAMES

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from egosplat.alarms.alarm import Alarm, warning_lines
-from egosplat.alarms.found import alarms_of_all
+from egosplat.alarms.artifact_alarms import alarms_of_all
 from egosplat.alarms.scene import metrics_alarms
 from egosplat.artifacts import provenance
 from egosplat.artifacts.annotations import ANNOTATIONS

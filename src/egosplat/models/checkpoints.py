@@ -16,7 +16,7 @@ MISSING = "missing"
 
 
 @dataclass(frozen=True)
-class Model:
+class ModelSpec:
     """One of the models that egosplat stands on.
 
     Attributes:
@@ -35,7 +35,7 @@ class Model:
     address: str
 
 
-SAM2 = Model(
+SAM2 = ModelSpec(
     "SAM2",
     "sam2_config",
     "sam2_checkpoint",
@@ -44,7 +44,7 @@ SAM2 = Model(
     "https://dl.fbaipublicfiles.com/segment_anything_2/092824/sam2.1_hiera_base_plus.pt",
 )
 
-CLIP = Model(
+CLIP = ModelSpec(
     "OpenCLIP",
     "clip_model",
     "clip_checkpoint",
@@ -57,7 +57,7 @@ CONFIG_FILES = {SAM2: sam2_config_files, CLIP: clip_config_files}
 """The files that describe a model's architecture, from the value of its configuration key."""
 
 
-def find_checkpoint(model: Model, checkpoint: str) -> Path:
+def find_checkpoint(model: ModelSpec, checkpoint: str) -> Path:
     """The checkpoint's file.
 
     Args:
@@ -89,7 +89,7 @@ def content_hash(path: Path) -> str:
     return _sha256(path, facts.st_size, facts.st_mtime_ns)
 
 
-def model_hash(model: Model, models: Mapping[str, str]) -> str:
+def model_hash(model: ModelSpec, models: Mapping[str, str]) -> str:
     """Hash of a model's checkpoint and of the files that describe its architecture; 16 hexadecimal digits.
 
     Args:
@@ -116,7 +116,7 @@ def model_hashes(config: Mapping[str, Any]) -> dict[str, str]:
     return {model.checkpoint_key: _hash_or_missing(model, config["models"]) for model in (SAM2, CLIP)}
 
 
-def _hash_or_missing(model: Model, models: Mapping[str, str]) -> str:
+def _hash_or_missing(model: ModelSpec, models: Mapping[str, str]) -> str:
     try:
         return model_hash(model, models)
     except UserError:

@@ -50,7 +50,7 @@ def sam2_config_file(config: str) -> Path:
 
 
 def sam2_side(config: str) -> int:
-    """Side of the square to which a SAM2 architecture resizes pictures [px].
+    """Side of the square to which a SAM2 architecture resizes images [px].
 
     Raises:
         UserError: as ``sam2_config_file``; or the file tells no side.

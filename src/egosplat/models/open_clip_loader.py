@@ -1,4 +1,4 @@
-"""OpenCLIP from a configuration and a checkpoint, with its tokenizer and what it wants of a picture."""
+"""OpenCLIP from a configuration and a checkpoint, with its tokenizer and what it wants of an image."""
 
 import zlib
 from collections.abc import Sequence
@@ -42,7 +42,7 @@ _PREPROCESSING = {
 
 @dataclass(frozen=True)
 class Preprocessing:
-    """What a model wants of a picture.
+    """What a model wants of an image.
 
     Attributes:
         image_size: height and width [px].
@@ -63,7 +63,7 @@ class OpenClip:
     """OpenCLIP with its weights.
 
     Attributes:
-        model: has ``encode_image`` of (N, 3, H, W) prepared pictures and ``encode_text`` of (N, T) tokens; each
+        model: has ``encode_image`` of (N, 3, H, W) prepared images and ``encode_text`` of (N, T) tokens; each
             gives (N, D).
         preprocessing: what ``encode_image`` wants.
         tokenizer: makes (N, T) int64 tokens of a list of N texts.

@@ -1,4 +1,4 @@
-"""SAM2 from a configuration and a checkpoint, as predictor for pictures and for videos."""
+"""SAM2 from a configuration and a checkpoint, as predictor for images and for videos."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ class Sam2:
 
     Attributes:
         video_predictor: follows objects through a video; its ``image_size`` is the side of the square to which
-            every picture is resized [px].
+            every image is resized [px].
         compute: where it runs; all predictions are made within ``compute.inference()``.
     """
 
@@ -73,13 +73,13 @@ def load_sam2(
 
 
 def set_image_size(model: "SAM2Base", side: int) -> None:
-    """Let a model work on pictures of another side: SAM2's weights fit any, and larger ones show finer things.
+    """Let a model work on images of another side: SAM2's weights fit any, and larger ones show finer things.
 
-    Positions are told as shares of the picture's side, or computed for the features that come; nothing else knows
+    Positions are told as shares of the image's side, or computed for the features that come; nothing else knows
     of it.
 
     Args:
-        side: of the square picture, a multiple of 32 [px].
+        side: of the square image, a multiple of 32 [px].
     """
     prompts = model.sam_prompt_encoder
     cells = side // model.backbone_stride

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from egosplat.errors import UserError, is_out_of_memory
-from egosplat.models.checkpoints import Model
+from egosplat.models.checkpoints import ModelSpec
 
 PICKLED = (".pt", ".pth", ".bin")
 WRAPPERS = ("model", "state_dict")
@@ -59,7 +59,7 @@ def read_tensors(path: Path) -> dict[str, Tensor]:
     return _state(content, path)
 
 
-def load_weights(module: nn.Module, tensors: Mapping[str, Tensor], path: Path, model: Model) -> None:
+def load_weights(module: nn.Module, tensors: Mapping[str, Tensor], path: Path, model: ModelSpec) -> None:
     """Copy a checkpoint's tensors into a module, in the module's own number type.
 
     Args:

@@ -9,7 +9,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import hsv_to_rgb
 from numpy.typing import NDArray
 
-from egosplat.alarms.found import warnings_of
+from egosplat.alarms.artifact_alarms import warnings_of
 from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES

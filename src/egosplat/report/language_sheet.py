@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from egosplat.alarms.found import warnings_of
+from egosplat.alarms.artifact_alarms import warnings_of
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.poses import POSES

@@ -1,1 +1,1 @@
-"""Pictures cut into regions at three levels (subpart, part, whole), and regions followed from frame to frame."""
+"""Images cut into regions at three levels (subpart, part, whole), and regions followed from frame to frame."""

@@ -12,13 +12,13 @@ REPEATED = 0.95
 """A level repeats another where so many of its instances are the other's."""
 
 
-def repeated_levels(
+def find_duplicate_levels(
     labels: LabelMaps, table: NDArray[np.int32], level: NDArray[np.int8], count: int
 ) -> dict[int, int]:
     """Which level repeats which that stays; of two that are alike the finer one repeats.
 
     Args:
-        labels: of all frames, by old numbers; table: their new ones, see ``instances.Settled``.
+        labels: of all frames, by old numbers; table: their new ones, see ``instances.FinalInstances``.
         level: (N,) of each instance that stays.
         count: of levels. One without an instance repeats none.
     """
@@ -40,7 +40,9 @@ def _last(repeated: dict[int, int], level: int) -> int:
     return level
 
 
-def without(repeated: dict[int, int], table: NDArray[np.int32], level: NDArray[np.int8]) -> NDArray[np.int32]:
+def drop_levels(
+    repeated: dict[int, int], table: NDArray[np.int32], level: NDArray[np.int8]
+) -> NDArray[np.int32]:
     """The table of new numbers without the instances of levels that repeat another; the others close up."""
     stays = ~np.isin(level, list(repeated))
     closed = np.where(stays, np.cumsum(stays) - 1, -1)

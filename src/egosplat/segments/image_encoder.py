@@ -1,4 +1,4 @@
-"""What SAM2's image encoder makes of one picture, for prompts and for tracking alike."""
+"""What SAM2's image encoder makes of one image, for prompts and for tracking alike."""
 
 from dataclasses import dataclass
 
@@ -14,8 +14,8 @@ _MEAN, _STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
 
 @dataclass(frozen=True)
-class Encoded:
-    """Features of one picture.
+class EncodedImage:
+    """Features of one image.
 
     Attributes:
         features, positions: (h * w, 1, C) each, finest first, as ``SAM2Base.track_step`` takes them.
@@ -26,7 +26,7 @@ class Encoded:
     positions: list[Tensor]
     sizes: list[tuple[int, int]]
 
-    def repeated(self, count: int) -> tuple[list[Tensor], list[Tensor]]:
+    def expand(self, count: int) -> tuple[list[Tensor], list[Tensor]]:
         """Features and positions for a batch of objects, without a copy."""
         features = [feature.expand(-1, count, -1) for feature in self.features]
         return features, [position.expand(-1, count, -1) for position in self.positions]
@@ -37,14 +37,14 @@ class Encoded:
         return feature.permute(1, 2, 0).reshape(1, feature.shape[2], *self.sizes[level])
 
 
-def encode(sam2: Sam2, picture: NDArray[np.uint8]) -> Encoded:
-    """Run the image encoder on a (H, W, 3) uint8 RGB picture, resized to the model's square."""
+def encode(sam2: Sam2, image: NDArray[np.uint8]) -> EncodedImage:
+    """Run the image encoder on a (H, W, 3) uint8 RGB image, resized to the model's square."""
     model = sam2.video_predictor
-    values = torch.tensor(picture, device=sam2.compute.device).permute(2, 0, 1)[None].float() / 255
+    values = torch.tensor(image, device=sam2.compute.device).permute(2, 0, 1)[None].float() / 255
     side = (model.image_size, model.image_size)
     values = F.interpolate(values, side, mode="bilinear", antialias=True, align_corners=False)
     mean, std = (torch.tensor(each, device=values.device)[:, None, None] for each in (_MEAN, _STD))
     _, features, positions, sizes = model._prepare_backbone_features(
         model.forward_image((values - mean) / std)
     )
-    return Encoded(list(features), list(positions), [tuple(size) for size in sizes])
+    return EncodedImage(list(features), list(positions), [tuple(size) for size in sizes])

@@ -6,11 +6,11 @@ import torch
 from torch import Tensor
 
 from egosplat.artifacts.checkpoint import State
-from egosplat.segments.memory import moved
-from egosplat.segments.merging import Overlaps
+from egosplat.segments.instances import Overlaps
+from egosplat.segments.memory import to_device
 from egosplat.segments.propagation import Group
 
-Seen = tuple[list[int], Tensor]
+LevelMasks = tuple[list[int], Tensor]
 """Numbers of K instances and their (K, M, M) float32 logits, or bool masks, in one frame."""
 
 
@@ -49,13 +49,13 @@ class Level:
 
 
 def _group(saved: State, device: torch.device) -> Group:
-    group = Group(saved["ids"], saved["first_frame"], moved(saved["begun"], device))
-    group.recent = {frame: moved(output, device) for frame, output in saved["recent"].items()}
+    group = Group(saved["ids"], saved["first_frame"], to_device(saved["begun"], device))
+    group.recent = {frame: to_device(output, device) for frame, output in saved["recent"].items()}
     group.unseen = saved["unseen"]
     return group
 
 
-def show_shared(levels: list[Level], seen: list[list[Seen]]) -> None:
+def add_shared(levels: list[Level], seen: list[list[LevelMasks]]) -> None:
     """Add to what is seen of each level what is followed for it at another."""
     logits = {
         number: row for found in seen for ids, rows in found for number, row in zip(ids, rows, strict=True)
@@ -66,7 +66,7 @@ def show_shared(levels: list[Level], seen: list[list[Seen]]) -> None:
             found.append((ids, torch.stack([logits[level.shared[number]] for number in ids])))
 
 
-def together(seen: list[Seen], inside: Tensor) -> Seen:
+def stack_masks(seen: list[LevelMasks], inside: Tensor) -> LevelMasks:
     """All numbers and (K, M, M) bool masks of a level in one frame, within (M, M) ``inside``."""
     if not seen:
         return [], inside.new_zeros(0, *inside.shape)

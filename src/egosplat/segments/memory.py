@@ -5,12 +5,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
-Output = dict[str, Any]
+Memory = dict[str, Any]
 """``maskmem_features`` (K, C, h, w) bfloat16, ``maskmem_pos_enc`` one (K, C, h, w), and ``obj_ptr`` (K, C), as SAM2
 names them; of older frames the pointers alone."""
 
 
-def remembered(stored: Tensor, position: list[Tensor], pointers: Tensor) -> Output:
+def make_memory(stored: Tensor, position: list[Tensor], pointers: Tensor) -> Memory:
     """Memory of a frame: features in half the bytes, as SAM2 keeps them; positions are the same for all objects."""
     return {
         "maskmem_features": stored.to(torch.bfloat16),
@@ -19,16 +19,16 @@ def remembered(stored: Tensor, position: list[Tensor], pointers: Tensor) -> Outp
     }
 
 
-def of_some(output: Output, chosen: list[int]) -> Output:
+def select_objects(output: Memory, chosen: list[int]) -> Memory:
     """The memory of the chosen objects alone."""
-    part: Output = {"obj_ptr": output["obj_ptr"][chosen]}
+    part: Memory = {"obj_ptr": output["obj_ptr"][chosen]}
     if "maskmem_features" in output:
         part["maskmem_features"] = output["maskmem_features"][chosen]
         part["maskmem_pos_enc"] = _alike(output["maskmem_pos_enc"], len(chosen))
     return part
 
 
-def renewed(last: Output, chosen: list[int], new: Output) -> Output:
+def update_memory(last: Memory, chosen: list[int], new: Memory) -> Memory:
     """The memory of all objects: ``new`` of the chosen ones, of the others that of the ``last`` frame."""
     merged = dict(last)
     for name in {"maskmem_features", "obj_ptr"} & last.keys():
@@ -37,7 +37,7 @@ def renewed(last: Output, chosen: list[int], new: Output) -> Output:
     return merged
 
 
-def moved(output: Output, device: torch.device) -> Output:
+def to_device(output: Memory, device: torch.device) -> Memory:
     """The same memory on a device."""
     on_device = {name: value.to(device) for name, value in output.items() if isinstance(value, Tensor)}
     if "maskmem_pos_enc" in output:
@@ -46,7 +46,7 @@ def moved(output: Output, device: torch.device) -> Output:
     return on_device
 
 
-def forget_features(output: Output) -> None:
+def drop_features(output: Memory) -> None:
     """Keep the pointers alone."""
     output.pop("maskmem_features", None)
     output.pop("maskmem_pos_enc", None)

@@ -19,6 +19,11 @@ def areas(masks: Tensor) -> Tensor:
     return masks.flatten(1).sum(1).float()
 
 
+def union(masks: Tensor) -> Tensor:
+    """(K, M, M) bool -> (M, M) bool: where any of them is; nothing of none."""
+    return masks.any(0) if len(masks) else torch.zeros(masks.shape[1:], dtype=torch.bool, device=masks.device)
+
+
 def mask_iou(first: Tensor, second: Tensor) -> Tensor:
     """(N, H, W) and (M, H, W) bool masks -> (N, M) IoU; 0 where both are empty."""
     shared = intersections(first, second)

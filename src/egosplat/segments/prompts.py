@@ -1,4 +1,4 @@
-"""Masks of one picture from a grid of point prompts, at three levels, thinned out."""
+"""Masks of one image from a grid of point prompts, at three levels, thinned out."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from egosplat.models.sam2_loader import Sam2
-from egosplat.segments.image_encoder import Encoded
+from egosplat.segments.image_encoder import EncodedImage
 from egosplat.segments.nms import areas, box_nms, intersections, mask_iou, mask_nms, stability_score
 from egosplat.segments.options import LEVELS, SegmentsOptions
 
@@ -45,16 +45,16 @@ class Candidates:
 
 
 def grid_points(points_per_side: int) -> Tensor:
-    """(P, 2) float32 x, y as shares of the picture's sides, at the middles of a square grid's cells."""
+    """(P, 2) float32 x, y as shares of the image's sides, at the middles of a square grid's cells."""
     steps = (torch.arange(points_per_side) + 0.5) / points_per_side
     return torch.cartesian_prod(steps, steps).flip(1).contiguous()
 
 
-def prompt(sam2: Sam2, encoded: Encoded, points: Tensor, options: SegmentsOptions) -> list[Candidates]:
+def prompt(sam2: Sam2, encoded: EncodedImage, points: Tensor, options: SegmentsOptions) -> list[Candidates]:
     """What SAM2 finds at some points: its three masks each, apart by level, those of low quality left out.
 
     Args:
-        points: (P, 2) x, y as shares of the picture's sides.
+        points: (P, 2) x, y as shares of the image's sides.
 
     Returns:
         Candidates of each level, in the points' order.
@@ -67,7 +67,7 @@ def prompt(sam2: Sam2, encoded: Encoded, points: Tensor, options: SegmentsOption
 
 
 def _decode(
-    sam2: Sam2, encoded: Encoded, points: Tensor, options: SegmentsOptions
+    sam2: Sam2, encoded: EncodedImage, points: Tensor, options: SegmentsOptions
 ) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:
     """Logits, predicted IoU and stability by level for a batch of points, only good masks."""
     model, device = sam2.video_predictor, sam2.compute.device
@@ -97,7 +97,7 @@ def _decode(
     return kept
 
 
-def thin_out(found: Candidates, options: SegmentsOptions) -> Candidates:
+def filter_masks(found: Candidates, options: SegmentsOptions) -> Candidates:
     """Leave out masks that repeat others: by their boxes, then by LangSplat's filter (docs/method.md#mask-filters)."""
     if len(found) == 0:
         return found
@@ -112,11 +112,11 @@ def thin_out(found: Candidates, options: SegmentsOptions) -> Candidates:
     return found.take(kept)
 
 
-def only_new(found: Candidates, followed: Tensor, cover_thresh: float, iou_thresh: float) -> Candidates:
+def drop_covered(found: Candidates, followed: Tensor, cover_thresh: float, iou_thresh: float) -> Candidates:
     """Leave out masks of what is followed already.
 
     Args:
-        followed: (K, M, M) bool masks of the level's instances in this picture.
+        followed: (K, M, M) bool masks of the level's instances in this image.
         cover_thresh: masks of which a larger share is covered are dropped; iou_thresh: also those that overlap
             an instance more.
     """
@@ -127,7 +127,7 @@ def only_new(found: Candidates, followed: Tensor, cover_thresh: float, iou_thres
     return found.take((covered <= cover_thresh) & ~repeats)
 
 
-def matches(masks: Tensor, others: Tensor, least_iou: float) -> Tensor:
+def match_masks(masks: Tensor, others: Tensor, least_iou: float) -> Tensor:
     """(N, M, M) and (K, M, M) bool masks -> (N,) which of the others each looks most like; -1 below ``least_iou``."""
     if len(masks) == 0 or len(others) == 0:
         return torch.full((len(masks),), -1, dtype=torch.int64, device=masks.device)

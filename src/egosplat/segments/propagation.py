@@ -14,8 +14,8 @@ from torch import Tensor
 
 from egosplat.models.mask_holes import fill_holes
 from egosplat.models.sam2_loader import Sam2
-from egosplat.segments.image_encoder import Encoded
-from egosplat.segments.memory import Output, forget_features, of_some, remembered, renewed
+from egosplat.segments.image_encoder import EncodedImage
+from egosplat.segments.memory import Memory, drop_features, make_memory, select_objects, update_memory
 
 
 @dataclass
@@ -31,15 +31,15 @@ class Group:
 
     ids: list[int]
     first_frame: int
-    begun: Output
-    recent: dict[int, Output] = field(default_factory=dict)
+    begun: Memory
+    recent: dict[int, Memory] = field(default_factory=dict)
     unseen: list[int] = field(init=False)
 
     def __post_init__(self) -> None:
         self.unseen = [0] * len(self.ids)
 
 
-class Follower:
+class Propagator:
     """Follows groups of objects from frame to frame, forwards or backwards."""
 
     def __init__(self, sam2: Sam2, frames: int, lost_track_stride: int = 1) -> None:
@@ -51,13 +51,13 @@ class Follower:
                 alone; in those between, they are taken for absent and remembered as they were.
         """
         self._model = sam2.video_predictor
-        self._frames, self._absent_stride = frames, lost_track_stride
+        self._frames, self._lost_track_stride = frames, lost_track_stride
 
-    def begin(self, encoded: Encoded, frame: int, ids: list[int], logits: Tensor) -> Group:
+    def begin(self, encoded: EncodedImage, frame: int, ids: list[int], logits: Tensor) -> Group:
         """Objects from masks on one frame: (K, M, M) logits of the model's own masks."""
         side = (self._model.image_size, self._model.image_size)
         masks = F.interpolate(logits[:, None], side, mode="bilinear", align_corners=False) > 0
-        features, positions = encoded.repeated(len(ids))
+        features, positions = encoded.expand(len(ids))
         output = self._model.track_step(
             frame_idx=frame,
             is_init_cond_frame=True,
@@ -79,24 +79,24 @@ class Follower:
             object_score_logits=output["object_score_logits"],
             is_mask_from_pts=True,
         )
-        return Group(ids, frame, remembered(stored, position, output["obj_ptr"]))
+        return Group(ids, frame, make_memory(stored, position, output["obj_ptr"]))
 
-    def step(self, encoded: Encoded, frame: int, group: Group, reverse: bool) -> Tensor:
+    def step(self, encoded: EncodedImage, frame: int, group: Group, reverse: bool) -> Tensor:
         """Where a group's objects are in the next frame: (K, M, M) float32 logits; all below 0 where absent."""
         count, side = len(group.ids), self._model.image_size // 4
         logits = encoded.features[0].new_full((count, side, side), NO_OBJ_SCORE, dtype=torch.float32)
-        chosen = self._looked_for(group, frame)
+        chosen = self._searched(group, frame)
         last = group.recent.get(frame + 1 if reverse else frame - 1, group.begun)
         if len(chosen) == count:
             logits, group.recent[frame] = self._track(
                 encoded, frame, group.first_frame, group.begun, group.recent, reverse
             )
         elif chosen:
-            recent = {number: of_some(output, chosen) for number, output in group.recent.items()}
+            recent = {number: select_objects(output, chosen) for number, output in group.recent.items()}
             logits[chosen], new = self._track(
-                encoded, frame, group.first_frame, of_some(group.begun, chosen), recent, reverse
+                encoded, frame, group.first_frame, select_objects(group.begun, chosen), recent, reverse
             )
-            group.recent[frame] = renewed(last, chosen, new)
+            group.recent[frame] = update_memory(last, chosen, new)
         else:
             group.recent[frame] = dict(last)
         seen = (logits > 0).flatten(1).any(1).tolist()
@@ -104,22 +104,22 @@ class Follower:
         self._forget(group, frame)
         return logits
 
-    def _looked_for(self, group: Group, frame: int) -> list[int]:
+    def _searched(self, group: Group, frame: int) -> list[int]:
         """Places in the batch of the objects that are looked for in a frame."""
-        stride = self._absent_stride
+        stride = self._lost_track_stride
         return [place for place, unseen in enumerate(group.unseen) if unseen < stride or frame % stride == 0]
 
     def _track(
         self,
-        encoded: Encoded,
+        encoded: EncodedImage,
         frame: int,
         first_frame: int,
-        begun: Output,
-        recent: dict[int, Output],
+        begun: Memory,
+        recent: dict[int, Memory],
         reverse: bool,
-    ) -> tuple[Tensor, Output]:
+    ) -> tuple[Tensor, Memory]:
         """Logits (K, M, M) of the objects that are remembered, and what is to be remembered of this frame."""
-        features, positions = encoded.repeated(len(begun["obj_ptr"]))
+        features, positions = encoded.expand(len(begun["obj_ptr"]))
         output = self._model.track_step(
             frame_idx=frame,
             is_init_cond_frame=False,
@@ -132,7 +132,7 @@ class Follower:
             num_frames=self._frames,
             track_in_reverse=reverse,
         )
-        new = remembered(output["maskmem_features"], output["maskmem_pos_enc"], output["obj_ptr"])
+        new = make_memory(output["maskmem_features"], output["maskmem_pos_enc"], output["obj_ptr"])
         return fill_holes(output["pred_masks"][:, 0].float(), self._model.hole_area), new
 
     def _forget(self, group: Group, frame: int) -> None:
@@ -140,11 +140,11 @@ class Follower:
         for number, output in list(group.recent.items()):
             age = abs(frame - number) + 1
             if age > (self._model.num_maskmem - 1) * self._model.memory_temporal_stride_for_eval:
-                forget_features(output)
+                drop_features(output)
             if age > self._model.max_obj_ptrs_in_encoder:
                 del group.recent[number]
 
 
-def restarted(group: Group) -> Group:
+def restart(group: Group) -> Group:
     """The group as it began, to be followed the other way."""
     return Group(group.ids, group.first_frame, group.begun)

@@ -17,9 +17,9 @@ from egosplat.artifacts.writer import Writer, create
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import SAM2, model_hash
 from egosplat.progress import log, track
-from egosplat.segments.classical.video import segment_video
-from egosplat.segments.duplicate_levels import repeated_levels, without
-from egosplat.segments.instances import Segmented, Settled, settle
+from egosplat.segments.classical.segmenter import segment_video
+from egosplat.segments.duplicate_levels import drop_levels, find_duplicate_levels
+from egosplat.segments.instances import FinalInstances, Segmented, finalize_instances
 from egosplat.segments.occupancy import Occupancy
 from egosplat.segments.options import LEVELS, SegmentsOptions
 
@@ -39,17 +39,17 @@ def run(frames: Path, output: Path, options: SegmentsOptions, *, survey: Path | 
     Raises:
         UserError: the model cannot be loaded, the survey is of other frames, or nothing at all is found.
     """
-    pictures = open_artifact(frames, FRAMES)
-    kept, by_survey = kept_frames(pictures, survey)
+    images = open_artifact(frames, FRAMES)
+    kept, by_survey = kept_frames(images, survey)
     used = {"sam2_config": options.sam2_config, "sam2_checkpoint": options.sam2_checkpoint}
     models = {"sam2_checkpoint": model_hash(SAM2, used)} if options.segmenter == "sam2" else {}
-    made = provenance.begin_from("segments", asdict(options) | by_survey, [pictures], models)
-    video = _Video(pictures, np.flatnonzero(kept))
+    made = provenance.begin_from("segments", asdict(options) | by_survey, [images], models)
+    video = _Video(images, np.flatnonzero(kept))
     checkpoint = Checkpoint(output, provenance.key_of(made), CHECKPOINT_S)
     if options.segmenter == "classical":
-        segmented = segment_video(video.picture, len(video.frame), pictures.read("valid"))
+        segmented = segment_video(video.image, len(video.frame), images.read("valid"))
     else:
-        segmented = _by_sam2(video, options, checkpoint)
+        segmented = _track_with_sam2(video, options, checkpoint)
     try:
         with create(output, SEGMENTS, made) as artifact:
             _write(artifact, segmented, video, options)
@@ -67,74 +67,76 @@ class _Video:
     source: Artifact
     frame: NDArray[np.intp]
 
-    def picture(self, place: int) -> NDArray[np.uint8]:
+    def image(self, place: int) -> NDArray[np.uint8]:
         """(H, W, 3) uint8 RGB of the frame at a place of the video."""
         return self.source.row("rgb", self.frame[place])
 
 
-def _by_sam2(video: _Video, options: SegmentsOptions, checkpoint: Checkpoint) -> Segmented:
+def _track_with_sam2(video: _Video, options: SegmentsOptions, checkpoint: Checkpoint) -> Segmented:
     # Only here: the classical segmenter does without torch, which takes seconds to import.
     from egosplat.models.sam2_loader import load_sam2
     from egosplat.segments.tracker import Tracker
 
     model = (options.sam2_config, options.sam2_checkpoint, options.device, options.precision)
     sam2, valid = load_sam2(*model, options.image_size), video.source.read("valid")
-    return Tracker(sam2, video.picture, len(video.frame), valid, options).run(checkpoint)
+    return Tracker(sam2, video.image, len(video.frame), valid, options).run(checkpoint)
 
 
 def _write(artifact: Writer, segmented: Segmented, video: _Video, options: SegmentsOptions) -> None:
     """Merge what is one thing, drop what is seen too briefly and levels that repeat, and write the rest by frame."""
     labels, count = segmented.labels, video.source.shape("rgb")[0]
     place_of = {int(frame): place for place, frame in enumerate(video.frame)}
-    settled = settle(segmented, options.min_frames)
-    if len(settled.staying) == 0:
+    final = finalize_instances(segmented, options.min_frames)
+    if len(final.staying) == 0:
         raise UserError(
             "segments: nothing was found in any frame. Lower segments.pred_iou_thresh and stability_score_thresh, "
             "or take segmenter: classical"
         )
-    settled, repeated = _own_levels(segmented, settled) if options.levels == "auto" else (settled, {})
+    final, repeated = _drop_duplicate_levels(segmented, final) if options.levels == "auto" else (final, {})
     first = labels[0]
     artifact.allocate("labels", (count, *first.shape))
-    occupancy = Occupancy(len(settled.staying), video.source.read("valid"))
+    occupancy = Occupancy(len(final.staying), video.source.read("valid"))
     for frame in track(range(count), "writing labels"):
         place = place_of.get(frame)
-        row = np.full_like(first, -1) if place is None else settled.table[labels[place]]
+        row = np.full_like(first, -1) if place is None else final.table[labels[place]]
         if place is not None:
             occupancy.add(row)
         artifact.put_row("labels", frame, row)
-    chosen = [segmented.instances[number] for number in settled.staying]
+    chosen = [segmented.instances[number] for number in final.staying]
     artifact.put("instances/level", np.array([one.level for one in chosen], dtype=np.int8))
     artifact.put("instances/predicted_iou", np.array([one.predicted_iou for one in chosen], dtype=np.float32))
     artifact.put("instances/stability", np.array([one.stability for one in chosen], dtype=np.float32))
     begun = video.frame[[one.first_frame for one in chosen]]
     artifact.put("instances/first_frame", begun.astype(np.int64))
     by_level = {name: sum(one.level == number for one in chosen) for number, name in enumerate(LEVELS)}
-    dropped = len(segmented.instances) - len(settled.staying)
+    dropped = len(segmented.instances) - len(final.staying)
     log(
-        f"{len(settled.staying)} instances ({by_level}); {dropped} merged with others, repeated or seen too briefly"
+        f"{len(final.staying)} instances ({by_level}); {dropped} merged with others, repeated or seen too briefly"
     )
     artifact.facts = {
         "levels": list(LEVELS),
         "instances": by_level,
         "found": len(segmented.instances),
-        "merged": settled.merged,
+        "merged": final.merged,
         "repeats": {LEVELS[one]: LEVELS[other] for one, other in repeated.items()},
         **occupancy.figures(),
-        **_renamed(segmented.notes, video),
+        **_to_frame_indices(segmented.notes, video),
     }
 
 
-def _own_levels(segmented: Segmented, settled: Settled) -> tuple[Settled, dict[int, int]]:
+def _drop_duplicate_levels(
+    segmented: Segmented, final: FinalInstances
+) -> tuple[FinalInstances, dict[int, int]]:
     """What stays without the levels that repeat another, and these."""
-    level = np.array([segmented.instances[number].level for number in settled.staying], dtype=np.int8)
-    repeated = repeated_levels(segmented.labels, settled.table, level, len(LEVELS))
+    level = np.array([segmented.instances[number].level for number in final.staying], dtype=np.int8)
+    repeated = find_duplicate_levels(segmented.labels, final.table, level, len(LEVELS))
     for one, other in repeated.items():
         log(f"level {LEVELS[one]} is left out: it repeats {LEVELS[other]}")
-    table = without(repeated, settled.table, level)
-    return replace(settled, table=table, staying=settled.staying[~np.isin(level, list(repeated))]), repeated
+    table = drop_levels(repeated, final.table, level)
+    return replace(final, table=table, staying=final.staying[~np.isin(level, list(repeated))]), repeated
 
 
-def _renamed(notes: dict[str, Any], video: _Video) -> dict[str, Any]:
+def _to_frame_indices(notes: dict[str, Any], video: _Video) -> dict[str, Any]:
     """The notes with frames in place of places in the video."""
     if "key_frames" not in notes:
         return notes

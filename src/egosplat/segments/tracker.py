@@ -10,15 +10,14 @@ from numpy.typing import NDArray
 from egosplat.artifacts.checkpoint import Checkpoint, State
 from egosplat.models.sam2_loader import Sam2
 from egosplat.progress import log, track
-from egosplat.segments.image_encoder import Encoded, encode
-from egosplat.segments.instances import Instance, Segmented
-from egosplat.segments.label_maps import LabelMaps
-from egosplat.segments.label_painting import paint
-from egosplat.segments.levels import Level, Seen, show_shared, together
-from egosplat.segments.merging import union_of
+from egosplat.segments.image_encoder import EncodedImage, encode
+from egosplat.segments.instances import Segmented, Track
+from egosplat.segments.label_maps import LabelMaps, paint
+from egosplat.segments.levels import Level, LevelMasks, add_shared, stack_masks
+from egosplat.segments.nms import union
 from egosplat.segments.options import LEVELS, SegmentsOptions
-from egosplat.segments.prompts import Candidates, grid_points, matches, only_new, prompt, thin_out
-from egosplat.segments.propagation import Follower, restarted
+from egosplat.segments.prompts import Candidates, drop_covered, filter_masks, grid_points, match_masks, prompt
+from egosplat.segments.propagation import Propagator, restart
 
 
 class Tracker:
@@ -27,7 +26,7 @@ class Tracker:
     def __init__(
         self,
         sam2: Sam2,
-        pictures: Callable[[int], NDArray[np.uint8]],
+        images: Callable[[int], NDArray[np.uint8]],
         frames: int,
         valid: NDArray[np.bool_],
         options: SegmentsOptions,
@@ -35,15 +34,15 @@ class Tracker:
         """Prepare.
 
         Args:
-            pictures: (H, W, 3) uint8 RGB of a frame, by its index.
+            images: (H, W, 3) uint8 RGB of a frame, by its index.
             frames: how many there are; valid: (H, W) bool.
         """
-        self._sam2, self._pictures, self._frames, self._valid = sam2, pictures, frames, valid
+        self._sam2, self._images, self._frames, self._valid = sam2, images, frames, valid
         self._options = options
         self._levels = [Level() for _ in LEVELS]
-        self._instances: list[Instance] = []
+        self._instances: list[Track] = []
         self._labels = LabelMaps((len(LEVELS), *valid.shape))
-        self._follower = Follower(sam2, frames, options.lost_track_stride)
+        self._propagator = Propagator(sam2, frames, options.lost_track_stride)
         self._key_frames: list[int] = []
         self._ahead = self._back = 0
         side = sam2.video_predictor.image_size // 4
@@ -62,7 +61,7 @@ class Tracker:
                 self._save(checkpoint)
             if not self._back:
                 for level in self._levels:
-                    level.groups = [restarted(group) for group in level.groups]
+                    level.groups = [restart(group) for group in level.groups]
             last = max((group.first_frame for level in self._levels for group in level.groups), default=0)
             for frame in track(range(last - 1 - self._back, -1, -1), "following instances backwards"):
                 self._backwards(frame)
@@ -90,7 +89,7 @@ class Tracker:
         """Go on from what ``state_dict`` gave."""
         self._ahead, self._back = state["ahead"], state["back"]
         self._key_frames = state["key_frames"]
-        self._instances = [Instance(**values) for values in state["instances"]]
+        self._instances = [Track(**values) for values in state["instances"]]
         self._labels.load_state_dict(state["labels"])
         for level, saved in zip(self._levels, state["levels"], strict=True):
             level.load_state_dict(saved, self._sam2.compute.device)
@@ -100,44 +99,47 @@ class Tracker:
             checkpoint.save_if_due(self.state_dict)
 
     def _forwards(self, frame: int) -> None:
-        encoded = encode(self._sam2, self._pictures(frame))
+        encoded = encode(self._sam2, self._images(frame))
         seen = [
-            [(group.ids, self._follower.step(encoded, frame, group, reverse=False)) for group in level.groups]
+            [
+                (group.ids, self._propagator.step(encoded, frame, group, reverse=False))
+                for group in level.groups
+            ]
             for level in self._levels
         ]
-        show_shared(self._levels, seen)
+        add_shared(self._levels, seen)
         if frame == 0 or (
             self._options.prompting == "key_frames" and frame % self._options.key_frame_stride == 0
         ):
-            self._look_for_more(encoded, frame, seen)
+            self._add_new_tracks(encoded, frame, seen)
         for level, found in zip(self._levels, seen, strict=True):
-            level.overlaps.add(*together(found, self._inside))
+            level.overlaps.add(*stack_masks(found, self._inside))
         self._labels[frame] = np.stack([self._paint(found) for found in seen])
 
     def _backwards(self, frame: int) -> None:
-        encoded = encode(self._sam2, self._pictures(frame))
+        encoded = encode(self._sam2, self._images(frame))
         labels = self._labels[frame]
         seen = [
             [
-                (group.ids, self._follower.step(encoded, frame, group, reverse=True))
+                (group.ids, self._propagator.step(encoded, frame, group, reverse=True))
                 for group in level.groups
                 if group.first_frame > frame
             ]
             for level in self._levels
         ]
-        show_shared(self._levels, seen)
+        add_shared(self._levels, seen)
         for number, (level, found) in enumerate(zip(self._levels, seen, strict=True)):
-            back = together(found, self._inside)
+            back = stack_masks(found, self._inside)
             level.overlaps.add(*back)
             level.overlaps.add_between(*back, *self._as_masks(labels[number]))
             # What was followed forwards was found earlier, and stays.
             labels[number] = np.where(labels[number] >= 0, labels[number], self._paint(found))
         self._labels[frame] = labels
 
-    def _look_for_more(self, encoded: Encoded, frame: int, seen: list[list[Seen]]) -> None:
+    def _add_new_tracks(self, encoded: EncodedImage, frame: int, seen: list[list[LevelMasks]]) -> None:
         """Prompt where a level is not covered, and begin to follow what is new there."""
-        followed = [together(found, self._inside)[1] for found in seen]
-        free = [self._inside & ~union_of(masks) for masks in followed]
+        followed = [stack_masks(found, self._inside)[1] for found in seen]
+        free = [self._inside & ~union(masks) for masks in followed]
         least = self._options.min_uncovered_fraction * float(self._inside.sum())
         asked = [number for number, place in enumerate(free) if float(place.sum()) > least]
         points = grid_points(self._options.points_per_side)
@@ -150,12 +152,14 @@ class Tracker:
             return
         self._key_frames.append(frame)
         found = prompt(self._sam2, encoded, points[wanted.cpu()], self._options)
-        begun: Seen = [], self._inside.new_zeros(0, *self._inside.shape)
+        begun: LevelMasks = [], self._inside.new_zeros(0, *self._inside.shape)
         for number in reversed(asked):
-            new = thin_out(found[number], self._options)
-            new = only_new(new, followed[number], self._options.max_covered_new, self._options.nms_iou_thresh)
+            new = filter_masks(found[number], self._options)
+            new = drop_covered(
+                new, followed[number], self._options.max_covered_new, self._options.nms_iou_thresh
+            )
             new = new.take(new.scores.argsort(descending=True, stable=True)[: self._room(number)])
-            alike = matches(new.masks, begun[1], self._options.cross_level_iou)
+            alike = match_masks(new.masks, begun[1], self._options.cross_level_iou)
             self._begin_shared(
                 frame,
                 number,
@@ -170,20 +174,20 @@ class Tracker:
         return max(0, self._options.max_instances - self._levels[level].instances)
 
     def _begin(
-        self, encoded: Encoded, frame: int, level: int, new: Candidates, seen: list[Seen]
+        self, encoded: EncodedImage, frame: int, level: int, new: Candidates, seen: list[LevelMasks]
     ) -> list[int]:
         """Begin to follow; the numbers of the instances."""
         ids = self._add_instances(frame, level, new)
         for first in range(0, len(ids), self._options.batch):
             some = slice(first, first + self._options.batch)
             self._levels[level].groups.append(
-                self._follower.begin(encoded, frame, ids[some], new.logits[some])
+                self._propagator.begin(encoded, frame, ids[some], new.logits[some])
             )
             seen.append((ids[some], new.logits[some]))
         return ids
 
     def _begin_shared(
-        self, frame: int, level: int, new: Candidates, followed: list[int], seen: list[Seen]
+        self, frame: int, level: int, new: Candidates, followed: list[int], seen: list[LevelMasks]
     ) -> None:
         """Note instances that are ``followed`` for another level already, as these numbers."""
         ids = self._add_instances(frame, level, new)
@@ -194,13 +198,13 @@ class Tracker:
     def _add_instances(self, frame: int, level: int, new: Candidates) -> list[int]:
         facts = zip(new.predicted_iou.tolist(), new.stability.tolist(), strict=True)
         first = len(self._instances)
-        self._instances += [Instance(level, frame, iou, stability) for iou, stability in facts]
+        self._instances += [Track(level, frame, iou, stability) for iou, stability in facts]
         return list(range(first, len(self._instances)))
 
-    def _paint(self, seen: list[Seen]) -> NDArray[np.int32]:
+    def _paint(self, seen: list[LevelMasks]) -> NDArray[np.int32]:
         return paint(seen, self._valid, self._sam2.compute.device)
 
-    def _as_masks(self, labels: NDArray[np.int32]) -> Seen:
+    def _as_masks(self, labels: NDArray[np.int32]) -> LevelMasks:
         """What a label map shows, as masks of the model's own size."""
         side = self._inside.shape[0]
         rows, columns = ((np.arange(side) + 0.5) * length / side for length in labels.shape)

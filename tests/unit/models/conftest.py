@@ -145,7 +145,7 @@ def no_network(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def model_tree() -> dict[str, Any]:
-    """The description of a tiny SAM2 for pictures of 256 pixels, to be changed at will."""
+    """The description of a tiny SAM2 for images of 256 pixels, to be changed at will."""
     return {"model": copy.deepcopy(MODEL)}
 
 
@@ -182,6 +182,6 @@ def save_half(module: torch.nn.Module, path: Path) -> None:
 
 
 @pytest.fixture
-def picture() -> np.ndarray:
-    """A picture of odd size, (77, 101, 3) uint8."""
+def image() -> np.ndarray:
+    """An image of odd size, (77, 101, 3) uint8."""
     return np.random.default_rng(0).integers(0, 256, (77, 101, 3), dtype=np.uint8)

@@ -33,7 +33,7 @@ def test_a_missing_checkpoint_names_its_key(tmp_path, model, address):
 
 
 def test_a_missing_small_checkpoint_is_reported(tmp_path, monkeypatch):
-    gone = checkpoints.Model(**vars(SAM2) | {"small": tmp_path / "model.safetensors"})
+    gone = checkpoints.ModelSpec(**vars(SAM2) | {"small": tmp_path / "model.safetensors"})
     with pytest.raises(UserError, match="SAM2.*model.safetensors"):
         find_checkpoint(gone, "small")
     gone.small.touch()

@@ -40,10 +40,10 @@ def test_pictures_and_texts_become_features(tiny_clip, precision):
     clip = load(tiny_clip, precision)
     height, width = clip.preprocessing.image_size
     with clip.compute.inference():
-        pictures = clip.model.encode_image(torch.rand(2, 3, height, width))
+        images = clip.model.encode_image(torch.rand(2, 3, height, width))
         texts = clip.model.encode_text(clip.tokenizer(["a chair", "the red chair by the door", "x"]))
-    assert pictures.shape == (2, 8) and texts.shape == (3, 8)
-    assert pictures.isfinite().all() and texts.isfinite().all()
+    assert images.shape == (2, 8) and texts.shape == (3, 8)
+    assert images.isfinite().all() and texts.isfinite().all()
 
 
 def test_preprocessing_comes_from_the_folder_or_open_clip(tiny_clip):

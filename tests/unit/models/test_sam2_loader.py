@@ -1,4 +1,4 @@
-"""SAM2 loads from a file, for pictures of any size, and says what is wrong."""
+"""SAM2 loads from a file, for images of any size, and says what is wrong."""
 
 import numpy as np
 import pytest
@@ -28,28 +28,28 @@ def test_half_precision_is_loaded_into_float32(sam2, tiny_sam2):
 
 
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
-def test_masks_are_of_the_picture_s_size(tiny_sam2, picture, precision):
+def test_masks_are_of_the_image_size(tiny_sam2, image, precision):
     sam2 = load_sam2(str(tiny_sam2 / "sam2.yaml"), str(tiny_sam2 / "model.safetensors"), "cpu", precision)
     predictor = image_predictor(sam2)
     with sam2.compute.inference():
-        predictor.set_image(picture)
+        predictor.set_image(image)
         masks, scores, logits = predictor.predict(np.array([[30.0, 40.0]]), np.array([1]))
     assert masks.shape == (3, 77, 101) and scores.shape == (3,) and logits.shape == (3, 64, 64)
     assert np.isfinite(scores).all() and np.isfinite(logits).all()
 
 
-def test_bfloat16_gives_nearly_the_scores_of_float32(tiny_sam2, picture):
+def test_bfloat16_gives_nearly_the_scores_of_float32(tiny_sam2, image):
     scores = []
     for precision in ("float32", "bfloat16"):
         sam2 = load_sam2(str(tiny_sam2 / "sam2.yaml"), str(tiny_sam2 / "model.safetensors"), "cpu", precision)
         predictor = image_predictor(sam2)
         with sam2.compute.inference():
-            predictor.set_image(picture)
+            predictor.set_image(image)
             scores.append(predictor.predict(np.array([[30.0, 40.0]]), np.array([1]))[1])
     np.testing.assert_allclose(scores[1], scores[0], atol=0.02)
 
 
-def test_other_sides_are_those_of_a_model_made_for_them(tiny_sam2, picture, tmp_path):
+def test_other_sides_are_those_of_a_model_made_for_them(tiny_sam2, image, tmp_path):
     weights = str(tiny_sam2 / "model.safetensors")
     tree = yaml.safe_load((tiny_sam2 / "sam2.yaml").read_text())
     tree["model"]["image_size"] = 192
@@ -59,7 +59,7 @@ def test_other_sides_are_those_of_a_model_made_for_them(tiny_sam2, picture, tmp_
         sam2 = load_sam2(str(config), weights, "cpu", "float32", side)
         predictor = image_predictor(sam2)
         with sam2.compute.inference():
-            predictor.set_image(picture)
+            predictor.set_image(image)
             answers.append(predictor.predict(np.array([[30.0, 40.0]]), np.array([1])))
     assert answers[1][2].shape == (3, 48, 48)
     for made, changed in zip(*answers, strict=True):

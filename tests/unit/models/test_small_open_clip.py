@@ -1,4 +1,4 @@
-"""The packaged small OpenCLIP tells things of the synthetic world apart, by words, from pictures it has never seen.
+"""The packaged small OpenCLIP tells things of the synthetic world apart, by words, from images it has never seen.
 
 Things are built from seeds that no training world has, and rendered alone by a plain renderer of its own.
 """
@@ -64,10 +64,10 @@ def render(kind: Kind, seed: int) -> np.ndarray:
     return squared((255 * rgb).astype(np.uint8).reshape(2 * SIDE, 2 * SIDE, 3))
 
 
-def squared(picture: np.ndarray) -> np.ndarray:
+def squared(image: np.ndarray) -> np.ndarray:
     """(SIDE, SIDE, 3): the square around what is not black."""
-    rows, columns = (np.flatnonzero(picture.any(axis=(2, other))) for other in (1, 0))
-    inside = picture[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    rows, columns = (np.flatnonzero(image.any(axis=(2, other))) for other in (1, 0))
+    inside = image[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     height, width = inside.shape[:2]
     side = max(height, width)
     square = np.zeros((side, side, 3), dtype=np.float32)
@@ -79,9 +79,9 @@ def squared(picture: np.ndarray) -> np.ndarray:
     return resized[0].permute(1, 2, 0).numpy().astype(np.uint8)
 
 
-def encode(clip: OpenClip, pictures: list[np.ndarray]) -> torch.Tensor:
+def encode(clip: OpenClip, images: list[np.ndarray]) -> torch.Tensor:
     """(N, D) of unit norm."""
-    values = torch.from_numpy(np.stack(pictures)).permute(0, 3, 1, 2).float() / 255
+    values = torch.from_numpy(np.stack(images)).permute(0, 3, 1, 2).float() / 255
     mean, std = (
         torch.tensor(numbers)[:, None, None] for numbers in (clip.preprocessing.mean, clip.preprocessing.std)
     )
@@ -98,8 +98,8 @@ def texts(clip: OpenClip, phrases: tuple[str, ...]) -> torch.Tensor:
 @pytest.fixture(scope="module")
 def features(clip: OpenClip) -> torch.Tensor:
     """(8 kinds, 4 seeds, D)."""
-    pictures = [render(KINDS[name], seed) for name in TOLD for seed in range(4)]
-    return encode(clip, pictures).reshape(len(TOLD), 4, -1)
+    images = [render(KINDS[name], seed) for name in TOLD for seed in range(4)]
+    return encode(clip, images).reshape(len(TOLD), 4, -1)
 
 
 def test_the_model_is_small_and_complete() -> None:

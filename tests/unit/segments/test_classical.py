@@ -1,4 +1,4 @@
-"""Pictures cut into nested regions without learned weights."""
+"""Images cut into nested regions without learned weights."""
 
 import cv2
 import numpy as np
@@ -10,19 +10,19 @@ OPTIONS = ClassicalOptions()
 
 
 def scene(side: int) -> tuple[np.ndarray, np.ndarray]:
-    """A smooth picture of a red box with a white lid on a green wall over a blue floor, and where each is."""
+    """A smooth image of a red box with a white lid on a green wall over a blue floor, and where each is."""
     what = np.zeros((256, 256), dtype=np.uint8)
     what[160:] = 1
     what[90:200, 80:180] = 2
     what[90:120, 80:180] = 3
     colours = np.array([[60, 120, 60], [40, 50, 130], [170, 40, 40], [240, 240, 235]], dtype=np.uint8)
     size = (side, side)
-    picture = cv2.resize(cv2.GaussianBlur(colours[what], (0, 0), 0.7), size, interpolation=cv2.INTER_AREA)
-    return picture, cv2.resize(what, size, interpolation=cv2.INTER_NEAREST)
+    image = cv2.resize(cv2.GaussianBlur(colours[what], (0, 0), 0.7), size, interpolation=cv2.INTER_AREA)
+    return image, cv2.resize(what, size, interpolation=cv2.INTER_NEAREST)
 
 
-def everywhere(picture: np.ndarray) -> np.ndarray:
-    return np.ones(picture.shape[:2], dtype=bool)
+def everywhere(image: np.ndarray) -> np.ndarray:
+    return np.ones(image.shape[:2], dtype=bool)
 
 
 def iou(left: np.ndarray, right: np.ndarray) -> float:
@@ -46,15 +46,15 @@ def textured(side: int = 96) -> np.ndarray:
 
 @pytest.mark.parametrize("side", [256, 512, 1408])
 def test_things_are_found_at_any_size(side):
-    picture, what = scene(side)
-    levels = segment(picture, everywhere(picture), OPTIONS)
+    image, what = scene(side)
+    levels = segment(image, everywhere(image), OPTIONS)
     assert levels.shape == (3, side, side) and levels.dtype == np.int32
     assert all(best_iou(levels, what == one) > 0.93 for one in range(4))
 
 
 def test_sizes_give_alike_results():
-    pictures = [scene(side)[0] for side in (256, 512, 1408)]
-    found = [segment(picture, everywhere(picture), OPTIONS) for picture in pictures]
+    images = [scene(side)[0] for side in (256, 512, 1408)]
+    found = [segment(image, everywhere(image), OPTIONS) for image in images]
     small, *larger = [cv2.resize(one[2], (256, 256), interpolation=cv2.INTER_NEAREST) for one in found]
     for other in larger:
         assert all(best_iou(other[None], small == region) > 0.93 for region in np.unique(small))
@@ -62,9 +62,9 @@ def test_sizes_give_alike_results():
     assert (np.abs(counts - counts[0]) <= 2 + 0.2 * counts[0]).all()
 
 
-@pytest.mark.parametrize("picture", [scene(128)[0], textured()], ids=["scene", "textured"])
-def test_levels_are_nested_and_every_valid_pixel_has_a_region(picture):
-    levels = segment(picture, everywhere(picture), OPTIONS)
+@pytest.mark.parametrize("image", [scene(128)[0], textured()], ids=["scene", "textured"])
+def test_levels_are_nested_and_every_valid_pixel_has_a_region(image):
+    levels = segment(image, everywhere(image), OPTIONS)
     assert levels.min() == 0
     counts = [len(np.unique(level)) for level in levels]
     for finer, coarser, count in zip(levels[:2], levels[1:], counts[:2], strict=True):
@@ -73,21 +73,21 @@ def test_levels_are_nested_and_every_valid_pixel_has_a_region(picture):
 
 
 def test_levels_are_not_all_the_same():
-    picture = textured()
-    levels = segment(picture, everywhere(picture), ClassicalOptions(subpart=2.0, part=30.0, whole=1000.0))
+    image = textured()
+    levels = segment(image, everywhere(image), ClassicalOptions(subpart=2.0, part=30.0, whole=1000.0))
     counts = [len(np.unique(level)) for level in levels]
     assert counts[0] > counts[1] > counts[2] == 1
 
 
 def test_invalid_pixels_have_no_region_and_no_influence():
-    picture, _ = scene(128)
+    image, _ = scene(128)
     y, x = np.indices((128, 128))
     valid = (y - 64) ** 2 + (x - 64) ** 2 < 55**2
-    levels = segment(picture, valid, OPTIONS)
+    levels = segment(image, valid, OPTIONS)
     assert (levels[:, ~valid] == -1).all() and (levels[:, valid] >= 0).all()
-    other = np.where(valid[..., None], picture, textured(128))
+    other = np.where(valid[..., None], image, textured(128))
     assert (segment(other, valid, OPTIONS) == levels).all()
-    assert (segment(picture, np.zeros_like(valid), OPTIONS) == -1).all()
+    assert (segment(image, np.zeros_like(valid), OPTIONS) == -1).all()
 
 
 def test_one_valid_pixel_of_a_large_picture_is_a_region():
@@ -98,20 +98,20 @@ def test_one_valid_pixel_of_a_large_picture_is_a_region():
 
 
 def test_the_same_picture_gives_the_same_regions():
-    picture = textured()
-    first, second = (segment(picture.copy(), everywhere(picture), OPTIONS) for _ in range(2))
+    image = textured()
+    first, second = (segment(image.copy(), everywhere(image), OPTIONS) for _ in range(2))
     assert (first == second).all()
 
 
 @pytest.mark.parametrize("colour", [0, 255, (200, 30, 90)])
 def test_one_colour_is_one_region(colour):
-    picture = np.full((90, 120, 3), colour, dtype=np.uint8)
-    assert (segment(picture, everywhere(picture), OPTIONS) == 0).all()
+    image = np.full((90, 120, 3), colour, dtype=np.uint8)
+    assert (segment(image, everywhere(image), OPTIONS) == 0).all()
 
 
 def test_noise_gives_few_large_regions():
-    picture = np.random.default_rng(3).integers(0, 256, (128, 128, 3), dtype=np.uint8)
-    subpart, _, whole = segment(picture, everywhere(picture), OPTIONS)
+    image = np.random.default_rng(3).integers(0, 256, (128, 128, 3), dtype=np.uint8)
+    subpart, _, whole = segment(image, everywhere(image), OPTIONS)
     assert np.bincount(whole.ravel()).max() > 0.2 * whole.size
     assert len(np.unique(whole)) < 40
     assert np.bincount(subpart.ravel()).min() >= OPTIONS.least_area * subpart.size
@@ -120,19 +120,19 @@ def test_noise_gives_few_large_regions():
 def test_textures_of_one_mean_colour_are_distinguished():
     rng = np.random.default_rng(4)
     amplitude = np.where(np.arange(128) < 64, 4, 90)[None, :, None]
-    picture = (120 + amplitude * rng.uniform(-1, 1, (128, 128, 1)) + np.zeros(3)).astype(np.uint8)
-    levels = segment(picture, everywhere(picture), OPTIONS)
+    image = (120 + amplitude * rng.uniform(-1, 1, (128, 128, 1)) + np.zeros(3)).astype(np.uint8)
+    levels = segment(image, everywhere(image), OPTIONS)
     left = np.broadcast_to(np.arange(128) < 64, (128, 128))
     assert best_iou(levels, left) > 0.85
 
 
 def test_small_regions_and_slivers_go_to_a_neighbour_like_them():
-    picture = np.full((128, 128, 3), (200, 40, 40), dtype=np.uint8)
-    picture[:, 64:] = (40, 40, 200)
-    picture[60:62, 63:65] = (190, 50, 50)
-    picture[:, 30] = (180, 60, 60)
+    image = np.full((128, 128, 3), (200, 40, 40), dtype=np.uint8)
+    image[:, 64:] = (40, 40, 200)
+    image[60:62, 63:65] = (190, 50, 50)
+    image[:, 30] = (180, 60, 60)
     kept, cleaned = (
-        segment(picture, everywhere(picture), ClassicalOptions(least_area=area, least_width=width))[0]
+        segment(image, everywhere(image), ClassicalOptions(least_area=area, least_width=width))[0]
         for area, width in ((1e-4, 0.0), (1e-3, 9.0))
     )
     assert len(np.unique(cleaned)) <= 3 < len(np.unique(kept))
@@ -142,13 +142,13 @@ def test_small_regions_and_slivers_go_to_a_neighbour_like_them():
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (2, 3), (8, 8), (37, 61), (200, 5)])
 def test_odd_and_tiny_pictures(shape):
-    picture = np.random.default_rng(6).integers(0, 256, (*shape, 3), dtype=np.uint8)
-    levels = segment(picture, everywhere(picture), OPTIONS)
+    image = np.random.default_rng(6).integers(0, 256, (*shape, 3), dtype=np.uint8)
+    levels = segment(image, everywhere(image), OPTIONS)
     assert levels.shape == (3, *shape) and levels.min() == 0
 
 
 @pytest.mark.parametrize(
-    ("picture", "valid"),
+    ("image", "valid"),
     [
         (np.zeros((8, 8, 3), dtype=np.float32), np.ones((8, 8), dtype=bool)),
         (np.zeros((8, 8), dtype=np.uint8), np.ones((8, 8), dtype=bool)),
@@ -158,9 +158,9 @@ def test_odd_and_tiny_pictures(shape):
         (np.zeros((8, 8, 3), dtype=np.uint8), np.ones((8, 8), dtype=np.uint8)),
     ],
 )
-def test_wrong_input_is_rejected(picture, valid):
-    with pytest.raises(ValueError, match="picture|valid"):
-        segment(picture, valid, OPTIONS)
+def test_wrong_input_is_rejected(image, valid):
+    with pytest.raises(ValueError, match="image|valid"):
+        segment(image, valid, OPTIONS)
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,8 @@ import pytest
 from egosplat.segments.classical.segmenter import (
     LEVELS,
     ClassicalOptions,
-    follow,
     propagate,
+    propagate_masks,
     segment,
     track,
     track_levels,
@@ -33,10 +33,10 @@ VALID = np.ones((SIDE, SIDE), dtype=bool)
 
 def frame(column: int | None) -> tuple[np.ndarray, np.ndarray]:
     """A red box on a green wall, and its mask; no box for None."""
-    picture, mask = WALL.copy(), np.zeros_like(VALID)
+    image, mask = WALL.copy(), np.zeros_like(VALID)
     if column is not None:
-        picture[44:84, column : column + 40], mask[44:84, column : column + 40] = BOX, True
-    return picture, mask
+        image[44:84, column : column + 40], mask[44:84, column : column + 40] = BOX, True
+    return image, mask
 
 
 def iou(left: np.ndarray, right: np.ndarray) -> float:
@@ -44,22 +44,22 @@ def iou(left: np.ndarray, right: np.ndarray) -> float:
 
 
 def test_a_moving_box_keeps_its_track():
-    pictures, masks = zip(*(frame(column) for column in (20, 25, 30, 35)), strict=True)
-    found = list(track(iter(pictures), VALID, "whole", OPTIONS))
+    images, masks = zip(*(frame(column) for column in (20, 25, 30, 35)), strict=True)
+    found = list(track(iter(images), VALID, "whole", OPTIONS))
     number = found[0][64, 40]
     assert all(labels.dtype == np.int32 and labels.shape == VALID.shape for labels in found)
     assert all(iou(labels == number, mask) > 0.8 for labels, mask in zip(found, masks, strict=True))
 
 
 def test_the_first_frame_is_cut_as_by_segment():
-    picture, _ = frame(40)
-    (labels,) = track([picture], VALID, "part", OPTIONS)
-    assert (labels == segment(picture, VALID, OPTIONS)[1]).all()
+    image, _ = frame(40)
+    (labels,) = track([image], VALID, "part", OPTIONS)
+    assert (labels == segment(image, VALID, OPTIONS)[1]).all()
 
 
 def test_new_objects_get_new_tracks_and_lost_ones_end():
-    pictures = [frame(column)[0] for column in (None, 40, None)]
-    before, during, after = track(pictures, VALID, "whole", OPTIONS)
+    images = [frame(column)[0] for column in (None, 40, None)]
+    before, during, after = track(images, VALID, "whole", OPTIONS)
     mask = frame(40)[1]
     (new,) = set(np.unique(during[mask & (cv2.erode(mask.astype(np.uint8), np.ones((9, 9))) > 0)]))
     assert new not in before
@@ -68,25 +68,25 @@ def test_new_objects_get_new_tracks_and_lost_ones_end():
 
 
 def test_tracking_twice_gives_the_same():
-    pictures = [frame(column)[0] for column in (20, 24, 28)]
-    first, second = (np.stack(list(track(pictures, VALID, "subpart", OPTIONS))) for _ in range(2))
+    images = [frame(column)[0] for column in (20, 24, 28)]
+    first, second = (np.stack(list(track(images, VALID, "subpart", OPTIONS))) for _ in range(2))
     assert (first == second).all()
 
 
 def test_tracking_holds_two_frames_in_memory():
     alive = []
 
-    def pictures():
+    def images():
         import weakref
 
         for column in (20, 24, 28, 32, 36):
-            picture = frame(column)[0]
-            alive.append(weakref.ref(picture))
-            yield picture
-            del picture
+            image = frame(column)[0]
+            alive.append(weakref.ref(image))
+            yield image
+            del image
             assert sum(one() is not None for one in alive) <= 2
 
-    for _ in track(pictures(), VALID, "whole", OPTIONS):
+    for _ in track(images(), VALID, "whole", OPTIONS):
         pass
     assert len(alive) == 5
 
@@ -127,10 +127,10 @@ def test_large_uncovered_regions_become_tracks():
 
 
 def test_overlapping_masks_are_followed():
-    pictures, masks = zip(*(frame(column) for column in (20, 25, 30)), strict=True)
+    images, masks = zip(*(frame(column) for column in (20, 25, 30)), strict=True)
     half = masks[0].copy()
     half[64:] = False
-    found = list(follow(np.stack([masks[0], half, ~masks[0]]), pictures, VALID, OPTIONS))
+    found = list(propagate_masks(np.stack([masks[0], half, ~masks[0]]), images, VALID, OPTIONS))
     assert (found[0] == np.stack([masks[0], half, ~masks[0]])).all()
     assert found[2].dtype == bool and found[2].shape == (3, SIDE, SIDE)
     assert iou(found[2][0], masks[2]) > 0.9
@@ -141,14 +141,14 @@ def test_overlapping_masks_are_followed():
 
 
 def test_tracking_without_masks_works():
-    found = list(follow(np.zeros((0, SIDE, SIDE), dtype=bool), [frame(20)[0]] * 2, VALID, OPTIONS))
+    found = list(propagate_masks(np.zeros((0, SIDE, SIDE), dtype=bool), [frame(20)[0]] * 2, VALID, OPTIONS))
     assert [one.shape for one in found] == [(0, SIDE, SIDE)] * 2
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (8, 8), (5, 40), (33, 61)])
 def test_tiny_and_odd_pictures_are_tracked(shape):
-    picture = np.full((*shape, 3), 90, dtype=np.uint8)
-    found = list(track([picture] * 3, np.ones(shape, dtype=bool), "whole", OPTIONS))
+    image = np.full((*shape, 3), 90, dtype=np.uint8)
+    found = list(track([image] * 3, np.ones(shape, dtype=bool), "whole", OPTIONS))
     assert all((labels == 0).all() for labels in found)
 
 
@@ -160,35 +160,35 @@ def test_pictures_larger_than_the_flow_are_tracked_alike():
     ]
     options = ClassicalOptions(flow_side=128)
     masks = large[0][1][None] > 0
-    _, found = follow(masks, [one for one, _ in large], np.ones((512, 512), dtype=bool), options)
+    _, found = propagate_masks(masks, [one for one, _ in large], np.ones((512, 512), dtype=bool), options)
     assert iou(found[0], large[1][1] > 0) > 0.9
 
 
 def test_wrong_input_is_rejected_at_once():
-    picture, mask = frame(20)
+    image, mask = frame(20)
     labels = np.zeros(VALID.shape, dtype=np.int32)
     with pytest.raises(ValueError, match="level"):
-        track([picture], VALID, "piece", OPTIONS)
+        track([image], VALID, "piece", OPTIONS)
     with pytest.raises(ValueError, match="masks"):
-        follow(mask, [picture], VALID, OPTIONS)
+        propagate_masks(mask, [image], VALID, OPTIONS)
     with pytest.raises(ValueError, match="masks"):
-        follow(mask[None].astype(np.uint8), [picture], VALID, OPTIONS)
+        propagate_masks(mask[None].astype(np.uint8), [image], VALID, OPTIONS)
     with pytest.raises(ValueError, match="labels"):
-        propagate(labels[:-1], picture, picture, labels, OPTIONS)
+        propagate(labels[:-1], image, image, labels, OPTIONS)
     with pytest.raises(ValueError, match="regions"):
-        propagate(labels, picture, picture, labels.astype(np.int64), OPTIONS)
-    with pytest.raises(ValueError, match="picture"):
-        propagate(labels, picture.astype(float), picture, labels, OPTIONS)
-    with pytest.raises(ValueError, match="picture"):
-        list(track([picture[..., 0]], VALID, "whole", OPTIONS))
+        propagate(labels, image, image, labels.astype(np.int64), OPTIONS)
+    with pytest.raises(ValueError, match="image"):
+        propagate(labels, image.astype(float), image, labels, OPTIONS)
+    with pytest.raises(ValueError, match="image"):
+        list(track([image[..., 0]], VALID, "whole", OPTIONS))
 
 
 def test_all_levels_at_once_are_the_levels_one_by_one() -> None:
     rng = np.random.default_rng(4)
     coarse = rng.integers(0, 255, (6, 8, 3), dtype=np.uint8)
     large = np.repeat(np.repeat(coarse, 10, 0), 10, 1)
-    pictures, valid = [np.roll(large, 2 * frame, axis=1) for frame in range(3)], np.ones((60, 80), bool)
-    together = list(track_levels(pictures, valid, ClassicalOptions()))
+    images, valid = [np.roll(large, 2 * frame, axis=1) for frame in range(3)], np.ones((60, 80), bool)
+    together = list(track_levels(images, valid, ClassicalOptions()))
     for number, level in enumerate(LEVELS):
-        for frame, alone in enumerate(track(pictures, valid, level, ClassicalOptions())):
+        for frame, alone in enumerate(track(images, valid, level, ClassicalOptions())):
             assert np.array_equal(together[frame][number], alone)

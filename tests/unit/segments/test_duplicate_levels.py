@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from egosplat.segments.duplicate_levels import repeated_levels, without
+from egosplat.segments.duplicate_levels import drop_levels, find_duplicate_levels
 from egosplat.segments.label_maps import LabelMaps
 
 EACH = 25
@@ -46,7 +46,7 @@ NARROW = [10] * EACH
     ],
 )
 def test_a_level_repeats_another_whose_instances_it_shows(levels, expected):
-    assert repeated_levels(*film(*levels), 3) == expected
+    assert find_duplicate_levels(*film(*levels), 3) == expected
 
 
 def test_a_level_that_shows_less_repeats_and_one_that_shows_more_does_not():
@@ -56,19 +56,19 @@ def test_a_level_that_shows_less_repeats_and_one_that_shows_more_does_not():
     new = np.append(np.cumsum(shown[:-1] >= 0) - 1, -1)
     table = np.where(shown >= 0, new, -1).astype(np.int32)
     level = np.array([0] * 5 + [1] * EACH, np.int8)
-    assert repeated_levels(labels, table, level, 2) == {0: 1}
-    assert repeated_levels(labels, table, 1 - level, 2) == {1: 0}
+    assert find_duplicate_levels(labels, table, level, 2) == {0: 1}
+    assert find_duplicate_levels(labels, table, 1 - level, 2) == {1: 0}
 
 
 def test_a_level_without_instances_repeats_none():
     labels, table, level = film([None] * EACH, SAME)
     table[:EACH] = -1
     table[EACH:-1] -= EACH
-    assert repeated_levels(labels, table, level[EACH:], 2) == {}
+    assert find_duplicate_levels(labels, table, level[EACH:], 2) == {}
 
 
 def test_remaining_levels_are_renumbered():
     table = np.array([0, 1, -1, 2, 3, -1], np.int32)
     level = np.array([0, 1, 0, 1], np.int8)
-    assert without({0: 1}, table, level).tolist() == [-1, 0, -1, -1, 1, -1]
-    assert without({}, table, level).tolist() == table.tolist()
+    assert drop_levels({0: 1}, table, level).tolist() == [-1, 0, -1, -1, 1, -1]
+    assert drop_levels({}, table, level).tolist() == table.tolist()

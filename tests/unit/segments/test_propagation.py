@@ -9,7 +9,7 @@ from egosplat.compute import choose_compute
 from egosplat.models.configs import SMALL_SAM2
 from egosplat.models.sam2_loader import Sam2, build_predictor, set_image_size
 from egosplat.segments.image_encoder import encode
-from egosplat.segments.propagation import Follower, restarted
+from egosplat.segments.propagation import Propagator, restart
 
 FRAMES = 5
 
@@ -54,11 +54,11 @@ def test_propagation_equals_sam2s_predictor(sam2, video, tmp_path):
             large = torch.nn.functional.interpolate(mask[None, None], (256, 256), mode="bilinear")[0, 0] > 0
             predictor.add_new_mask(state, 0, number, large)
         expected = {frame: state["output_dict_per_obj"] for frame, *_ in predictor.propagate_in_video(state)}
-        pictures = [np.asarray(Image.open(tmp_path / f"{number:03d}.jpg")) for number in range(FRAMES)]
-        follower = Follower(sam2, FRAMES)
-        group = follower.begin(encode(sam2, pictures[0]), 0, [0, 1], logits(video))
+        images = [np.asarray(Image.open(tmp_path / f"{number:03d}.jpg")) for number in range(FRAMES)]
+        propagator = Propagator(sam2, FRAMES)
+        group = propagator.begin(encode(sam2, images[0]), 0, [0, 1], logits(video))
         for frame in range(1, FRAMES):
-            found = follower.step(encode(sam2, pictures[frame]), frame, group, reverse=False)
+            found = propagator.step(encode(sam2, images[frame]), frame, group, reverse=False)
             outputs = [expected[frame][number]["non_cond_frame_outputs"][frame] for number in (0, 1)]
             truth = torch.cat([output["pred_masks"][:, 0] for output in outputs])
             torch.testing.assert_close(found, truth, rtol=1e-3, atol=1e-3)
@@ -67,24 +67,24 @@ def test_propagation_equals_sam2s_predictor(sam2, video, tmp_path):
 def test_backwards_is_forwards_of_the_reversed_video(sam2, video):
     with sam2.compute.inference():
         encoded = [encode(sam2, frame) for frame in video]
-        follower = Follower(sam2, FRAMES)
-        ahead = follower.begin(encoded[-1], 0, [0, 1], logits(video))
-        back = restarted(follower.begin(encoded[-1], FRAMES - 1, [0, 1], logits(video)))
+        propagator = Propagator(sam2, FRAMES)
+        ahead = propagator.begin(encoded[-1], 0, [0, 1], logits(video))
+        back = restart(propagator.begin(encoded[-1], FRAMES - 1, [0, 1], logits(video)))
         for step in range(1, FRAMES):
-            one = follower.step(encoded[-1 - step], step, ahead, reverse=False)
-            other = follower.step(encoded[-1 - step], FRAMES - 1 - step, back, reverse=True)
+            one = propagator.step(encoded[-1 - step], step, ahead, reverse=False)
+            other = propagator.step(encoded[-1 - step], FRAMES - 1 - step, back, reverse=True)
             torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-4)
 
 
 def test_objects_do_not_influence_each_other(sam2, video):
     with sam2.compute.inference():
         encoded = [encode(sam2, frame) for frame in video[:3]]
-        follower = Follower(sam2, FRAMES)
-        both = follower.begin(encoded[0], 0, [0, 1], logits(video))
-        alone = follower.begin(encoded[0], 0, [1], logits(video)[1:])
+        propagator = Propagator(sam2, FRAMES)
+        both = propagator.begin(encoded[0], 0, [0, 1], logits(video))
+        alone = propagator.begin(encoded[0], 0, [1], logits(video)[1:])
         for frame in (1, 2):
-            together = follower.step(encoded[frame], frame, both, reverse=False)
-            single = follower.step(encoded[frame], frame, alone, reverse=False)
+            together = propagator.step(encoded[frame], frame, both, reverse=False)
+            single = propagator.step(encoded[frame], frame, alone, reverse=False)
             torch.testing.assert_close(together[1:], single, rtol=1e-4, atol=1e-4)
 
 
@@ -92,15 +92,15 @@ def test_memory_does_not_grow(sam2, video):
     model = sam2.video_predictor
     with sam2.compute.inference():
         encoded = encode(sam2, video[0])
-        follower = Follower(sam2, 20)
-        group = follower.begin(encoded, 0, [0, 1], logits(video))
+        propagator = Propagator(sam2, 20)
+        group = propagator.begin(encoded, 0, [0, 1], logits(video))
         for frame in range(1, 13):
-            follower.step(encoded, frame, group, reverse=False)
+            propagator.step(encoded, frame, group, reverse=False)
     held = [output for output in group.recent.values() if "maskmem_features" in output]
     assert len(held) == model.num_maskmem - 1 and len(group.recent) == model.max_obj_ptrs_in_encoder
 
 
-def test_what_is_long_unseen_is_looked_for_now_and_then(sam2, video, monkeypatch):
+def test_what_is_long_unseen_is_searched_now_and_then(sam2, video, monkeypatch):
     """Object 1 is lost after frame 2, and there again from frame 5 on: it is found when it is looked for."""
     looked: dict[int, list[int]] = {}
 
@@ -115,15 +115,15 @@ def test_what_is_long_unseen_is_looked_for_now_and_then(sam2, video, monkeypatch
                 logits[row] = -10.0
         return logits, {name: begun[name] for name in begun}
 
-    monkeypatch.setattr(Follower, "_track", track)
+    monkeypatch.setattr(Propagator, "_track", track)
     with sam2.compute.inference():
         encoded = encode(sam2, video[0])
-        follower = Follower(sam2, 12, lost_track_stride=2)
-        group = follower.begin(encoded, 0, [0, 1], logits(video))
+        propagator = Propagator(sam2, 12, lost_track_stride=2)
+        group = propagator.begin(encoded, 0, [0, 1], logits(video))
         group.begun["obj_ptr"] = torch.arange(2.0)[:, None].expand(2, 128).clone()
         seen = {}
         for frame in range(1, 8):
-            found = follower.step(encoded, frame, group, reverse=False)
+            found = propagator.step(encoded, frame, group, reverse=False)
             seen[frame] = [bool((each > 0).any()) for each in found]
     assert looked[3] == [0, 1] and looked[4] == [0, 1], "two frames of absence come first"
     assert looked[5] == [0] and looked[6] == [0, 1], "then every second frame"
@@ -134,15 +134,15 @@ def test_what_is_long_unseen_is_looked_for_now_and_then(sam2, video, monkeypatch
 def test_some_objects_are_remembered_apart_from_others(sam2, video):
     with sam2.compute.inference():
         encoded = [encode(sam2, frame) for frame in video]
-        follower = Follower(sam2, FRAMES, lost_track_stride=10)
+        propagator = Propagator(sam2, FRAMES, lost_track_stride=10)
         both, alone = (
-            follower.begin(encoded[0], 0, [0, 1][:count], logits(video)[:count]) for count in (2, 1)
+            propagator.begin(encoded[0], 0, [0, 1][:count], logits(video)[:count]) for count in (2, 1)
         )
         # The second is taken for long gone: the first must be followed as if it were alone.
         both.unseen = [0, 10]
         for frame in range(1, FRAMES):
-            together = follower.step(encoded[frame], frame, both, reverse=False)
-            single = follower.step(encoded[frame], frame, alone, reverse=False)
+            together = propagator.step(encoded[frame], frame, both, reverse=False)
+            single = propagator.step(encoded[frame], frame, alone, reverse=False)
             torch.testing.assert_close(together[:1], single, rtol=1e-4, atol=1e-4)
             assert (together[1] < 0).all()
     assert both.unseen[1] == 10 + FRAMES - 1
@@ -151,11 +151,11 @@ def test_some_objects_are_remembered_apart_from_others(sam2, video):
 def test_all_objects_may_be_out_of_view(sam2, video):
     with sam2.compute.inference():
         encoded = encode(sam2, video[0])
-        follower = Follower(sam2, 20, lost_track_stride=100)
-        group = follower.begin(encoded, 0, [0, 1], logits(video))
-        follower.step(encoded, 1, group, reverse=False)
+        propagator = Propagator(sam2, 20, lost_track_stride=100)
+        group = propagator.begin(encoded, 0, [0, 1], logits(video))
+        propagator.step(encoded, 1, group, reverse=False)
         group.unseen = [100, 100]
         for frame in range(2, 15):
-            assert (follower.step(encoded, frame, group, reverse=False) < 0).all()
+            assert (propagator.step(encoded, frame, group, reverse=False) < 0).all()
         group.unseen = [0, 0]
-        assert follower.step(encoded, 15, group, reverse=False).isfinite().all(), "memory is still there"
+        assert propagator.step(encoded, 15, group, reverse=False).isfinite().all(), "memory is still there"

@@ -8,7 +8,7 @@ from egosplat.artifacts.segments import SEGMENTS
 from egosplat.errors import UserError
 from egosplat.pipeline.config import stage_keys
 from egosplat.segments import stage
-from egosplat.segments.instances import Instance, Segmented
+from egosplat.segments.instances import Segmented, Track
 from egosplat.segments.label_maps import LabelMaps
 from egosplat.segments.options import SegmentsOptions
 from tests.support.scenes import put
@@ -76,12 +76,12 @@ def test_frames_that_a_survey_leaves_out_are_passed_over(frames, tmp_path, keys,
     survey, output = survey_that_keeps(tmp_path, [1, 2, 5]), tmp_path / "segments.zarr"
     seen = []
 
-    def look(pictures, count, valid):
-        seen.extend(int(pictures(place)[20, :, 0].argmax()) for place in range(count))
+    def look(images, count, valid):
+        seen.extend(int(images(place)[20, :, 0].argmax()) for place in range(count))
         labels = LabelMaps((3, SIDE, SIDE))
         for place in range(count):
             labels[place] = np.full((3, SIDE, SIDE), 0, np.int32)
-        return Segmented(labels, [Instance(0, 1, 1.0, 1.0)], [], {"key_frames": [0, 2]})
+        return Segmented(labels, [Track(0, 1, 1.0, 1.0)], [], {"key_frames": [0, 2]})
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(stage, "segment_video", look)
@@ -105,10 +105,10 @@ def test_duplicates_are_merged_and_fragments_dropped(frames, tmp_path, keys, mon
         changed[2, 50:] = 3
         labels[frame] = changed
     instances = [
-        Instance(0, 0, 0.9, 0.95),
-        Instance(1, 4, 0.8, 0.9),
-        Instance(0, 3, 0.7, 0.9),
-        Instance(2, 0, 0.6, 0.8),
+        Track(0, 0, 0.9, 0.95),
+        Track(1, 4, 0.8, 0.9),
+        Track(0, 3, 0.7, 0.9),
+        Track(2, 0, 0.6, 0.8),
     ]
     segmented = Segmented(labels, instances, [(0, 2)], {})
     monkeypatch.setattr(stage, "segment_video", lambda *_: segmented)

@@ -12,13 +12,13 @@ from egosplat.compute import choose_compute
 from egosplat.models.configs import SMALL_SAM2
 from egosplat.models.sam2_loader import Sam2, build_predictor, set_image_size
 from egosplat.pipeline.config import defaults, stage_values
-from egosplat.segments import merging
+from egosplat.segments import instances as instances_module
 from egosplat.segments import tracker as tracking
 from egosplat.segments.image_encoder import encode
 from egosplat.segments.nms import intersections
 from egosplat.segments.options import LEVELS, SegmentsOptions
-from egosplat.segments.prompts import grid_points, matches, only_new, prompt, thin_out
-from egosplat.segments.propagation import Follower
+from egosplat.segments.prompts import drop_covered, filter_masks, grid_points, match_masks, prompt
+from egosplat.segments.propagation import Propagator
 from egosplat.segments.tracker import Tracker
 
 OPTIONS = SegmentsOptions(
@@ -58,24 +58,24 @@ def sam2():
 
 
 @pytest.fixture(scope="module")
-def pictures():
+def images():
     rng = np.random.default_rng(0)
     coarse = rng.integers(0, 255, (FRAMES, 5, 7, 3), dtype=np.uint8)
     return np.repeat(np.repeat(coarse, 8, 1), 8, 2)
 
 
-def tracked(sam2, pictures, options=OPTIONS, valid=None):
+def tracked(sam2, images, options=OPTIONS, valid=None):
     valid = np.ones((HEIGHT, WIDTH), bool) if valid is None else valid
     asked: list[int] = []
 
     def read(frame: int) -> np.ndarray:
         asked.append(frame)
-        return pictures[frame]
+        return images[frame]
 
-    return Tracker(sam2, read, len(pictures), valid, options).run(), asked
+    return Tracker(sam2, read, len(images), valid, options).run(), asked
 
 
-def test_a_video_is_tracked_in_bfloat16_as_on_a_gpu(sam2, pictures):
+def test_a_video_is_tracked_in_bfloat16_as_on_a_gpu(sam2, images):
     """The whole way: prompts, filters, both directions, merging. Counts of pixels stay exact numbers."""
     half = Sam2(sam2.video_predictor, choose_compute("cpu", "bfloat16"))
     counted = []
@@ -84,8 +84,8 @@ def test_a_video_is_tracked_in_bfloat16_as_on_a_gpu(sam2, pictures):
         counted.append((intersections(first, second), first, second))
         return counted[-1][0]
 
-    with mock.patch.object(merging, "intersections", watched):
-        segmented, asked = tracked(half, pictures)
+    with mock.patch.object(instances_module, "intersections", watched):
+        segmented, asked = tracked(half, images)
     assert segmented.instances and asked[:FRAMES] == list(range(FRAMES))
     assert {one.level for one in segmented.instances} == set(range(len(LEVELS)))
     assert max(int(shared.max()) for shared, _, _ in counted if shared.numel()) > 256, (
@@ -96,10 +96,10 @@ def test_a_video_is_tracked_in_bfloat16_as_on_a_gpu(sam2, pictures):
         assert torch.equal(shared, exact.float())
 
 
-def test_instances_belong_to_one_level_and_labels_to_instances(sam2, pictures):
+def test_instances_belong_to_one_level_and_labels_to_instances(sam2, images):
     valid = np.ones((HEIGHT, WIDTH), bool)
     valid[:, :6] = False
-    segmented, asked = tracked(sam2, pictures, valid=valid)
+    segmented, asked = tracked(sam2, images, valid=valid)
     assert segmented.instances, "random weights give masks, and thresholds of 0 take them"
     assert asked[:FRAMES] == list(range(FRAMES)), "each frame is read once forwards"
     for frame in range(FRAMES):
@@ -112,19 +112,19 @@ def test_instances_belong_to_one_level_and_labels_to_instances(sam2, pictures):
     assert segmented.notes["key_frames"][0] == 0
 
 
-def test_the_first_frame_alone_where_that_is_asked_for(sam2, pictures):
-    segmented, _ = tracked(sam2, pictures, options=replace(OPTIONS, prompting="initial_frame"))
+def test_the_first_frame_alone_where_that_is_asked_for(sam2, images):
+    segmented, _ = tracked(sam2, images, options=replace(OPTIONS, prompting="initial_frame"))
     assert {one.first_frame for one in segmented.instances} == {0} and segmented.notes["key_frames"] == [0]
 
 
-def test_the_number_of_tracked_instances_is_limited(sam2, pictures):
+def test_the_number_of_tracked_instances_is_limited(sam2, images):
     for most in (1, 3):
-        segmented, _ = tracked(sam2, pictures, options=replace(OPTIONS, max_instances=most))
+        segmented, _ = tracked(sam2, images, options=replace(OPTIONS, max_instances=most))
         for level in range(len(LEVELS)):
             assert sum(one.level == level for one in segmented.instances) <= most
 
 
-def test_what_two_levels_show_alike_is_followed_once(sam2, pictures, monkeypatch):
+def test_what_two_levels_show_alike_is_followed_once(sam2, images, monkeypatch):
     """Where all levels find the same, one of them is followed, and all show it."""
 
     def alike(*arguments):
@@ -134,9 +134,9 @@ def test_what_two_levels_show_alike_is_followed_once(sam2, pictures, monkeypatch
     monkeypatch.setattr(tracking, "prompt", alike)
     steps = {}
     for cross_level_iou in (0.8, 1.01):
-        counted = mock.Mock(side_effect=Follower._track, autospec=Follower._track)
-        with mock.patch.object(Follower, "_track", lambda self, *a, counted=counted: counted(self, *a)):
-            segmented, _ = tracked(sam2, pictures, options=replace(OPTIONS, cross_level_iou=cross_level_iou))
+        counted = mock.Mock(side_effect=Propagator._track, autospec=Propagator._track)
+        with mock.patch.object(Propagator, "_track", lambda self, *a, counted=counted: counted(self, *a)):
+            segmented, _ = tracked(sam2, images, options=replace(OPTIONS, cross_level_iou=cross_level_iou))
         steps[cross_level_iou] = counted.call_count
         levels = [[one for one in segmented.instances if one.level == level] for level in range(3)]
         assert len(levels[0]) == len(levels[1]) == len(levels[2]) > 0
@@ -146,26 +146,26 @@ def test_what_two_levels_show_alike_is_followed_once(sam2, pictures, monkeypatch
     assert steps[1.01] == 3 * steps[0.8]
 
 
-def test_batches_do_not_change_what_is_found(sam2, pictures):
-    one, _ = tracked(sam2, pictures, options=replace(OPTIONS, batch=1))
-    four, _ = tracked(sam2, pictures, options=replace(OPTIONS, batch=4))
+def test_batches_do_not_change_what_is_found(sam2, images):
+    one, _ = tracked(sam2, images, options=replace(OPTIONS, batch=1))
+    four, _ = tracked(sam2, images, options=replace(OPTIONS, batch=4))
     assert one.instances == four.instances
     differing = [(one.labels[frame] != four.labels[frame]).mean() for frame in range(FRAMES)]
     assert max(differing) < 0.01, "rounding decides single pixels at most"
 
 
 @pytest.mark.parametrize("reads", [1, 3, FRAMES, FRAMES + 1])
-def test_a_killed_run_goes_on_to_the_same_end(sam2, pictures, tmp_path, reads):
-    """Killed when it asks for its picture after so many, forwards or backwards."""
+def test_a_killed_run_goes_on_to_the_same_end(sam2, images, tmp_path, reads):
+    """Killed when it asks for its image after so many, forwards or backwards."""
     options, valid = replace(OPTIONS, lost_track_stride=2), np.ones((HEIGHT, WIDTH), bool)
-    expected, asked = tracked(sam2, pictures, options=options)
+    expected, asked = tracked(sam2, images, options=options)
     assert len(asked) > reads, "there is something left to do"
     left = iter(range(reads))
 
     def killed(frame: int) -> np.ndarray:
         if next(left, None) is None:
             raise KeyboardInterrupt
-        return pictures[frame]
+        return images[frame]
 
     def checkpoint() -> Checkpoint:
         return Checkpoint(tmp_path / "segments.zarr", "key", 0.0)
@@ -176,7 +176,7 @@ def test_a_killed_run_goes_on_to_the_same_end(sam2, pictures, tmp_path, reads):
 
     def read(frame: int) -> np.ndarray:
         again.append(frame)
-        return pictures[frame]
+        return images[frame]
 
     found = Tracker(sam2, read, FRAMES, valid, options).run(checkpoint())
     assert again == asked[reads:], "what was done is not done again"
@@ -186,20 +186,20 @@ def test_a_killed_run_goes_on_to_the_same_end(sam2, pictures, tmp_path, reads):
         assert np.array_equal(found.labels[frame], expected.labels[frame])
 
 
-def test_no_masks_give_no_instance(sam2, pictures):
-    segmented, _ = tracked(sam2, pictures, options=replace(OPTIONS, pred_iou_thresh=1.0))
+def test_no_masks_give_no_instance(sam2, images):
+    segmented, _ = tracked(sam2, images, options=replace(OPTIONS, pred_iou_thresh=1.0))
     assert segmented.instances == [] and segmented.same == []
     assert all((segmented.labels[frame] == -1).all() for frame in range(FRAMES))
 
 
-def test_what_is_found_later_is_followed_back(sam2, pictures):
+def test_what_is_found_later_is_followed_back(sam2, images):
     """With nothing found in the first frame, what the second key frame finds is seen before it."""
-    black = pictures.copy()
+    black = images.copy()
 
     class LateTracker(Tracker):
-        def _look_for_more(self, encoded, frame, seen):
+        def _add_new_tracks(self, encoded, frame, seen):
             if frame > 0:
-                super()._look_for_more(encoded, frame, seen)
+                super()._add_new_tracks(encoded, frame, seen)
 
     valid = np.ones((HEIGHT, WIDTH), bool)
     segmented = LateTracker(sam2, lambda frame: black[frame], FRAMES, valid, OPTIONS).run()
@@ -213,29 +213,29 @@ def test_grid_points_are_cell_middles_row_by_row():
     assert len(grid_points(32)) == 1024
 
 
-def test_candidates_keep_their_levels_apart_and_are_thinned(sam2, pictures):
+def test_candidates_keep_their_levels_apart_and_are_thinned(sam2, images):
     with sam2.compute.inference():
-        encoded = encode(sam2, pictures[0])
+        encoded = encode(sam2, images[0])
         found = prompt(sam2, encoded, grid_points(4), OPTIONS)
         assert len(found) == 3
         for level in found:
             assert level.logits.shape[1:] == (64, 64) and len(level.predicted_iou) == len(
                 level.stability
             ) == len(level)
-            thin = thin_out(level, OPTIONS)
+            thin = filter_masks(level, OPTIONS)
             assert len(thin) <= len(level)
             taken = thin.masks
-            assert len(only_new(thin, taken, 0.5, 0.8)) == 0, "what is followed already is not new"
-            assert len(only_new(thin, taken[:0], 0.5, 0.8)) == len(thin)
+            assert len(drop_covered(thin, taken, 0.5, 0.8)) == 0, "what is followed already is not new"
+            assert len(drop_covered(thin, taken[:0], 0.5, 0.8)) == len(thin)
 
 
 def test_a_mask_matches_the_one_most_like_it():
     masks = torch.zeros(3, 8, 8, dtype=torch.bool)
     masks[0, :4], masks[1, :5], masks[2, 6:] = True, True, True
-    assert matches(masks, masks[[1, 0]], 0.7).tolist() == [1, 0, -1]
-    assert matches(masks[:1], masks[1:2], 0.7).tolist() == [0]
-    assert matches(masks[:1], masks[1:2], 0.81).tolist() == [-1]
+    assert match_masks(masks, masks[[1, 0]], 0.7).tolist() == [1, 0, -1]
+    assert match_masks(masks[:1], masks[1:2], 0.7).tolist() == [0]
+    assert match_masks(masks[:1], masks[1:2], 0.81).tolist() == [-1]
     assert (
-        matches(masks, masks[:0], 0.5).tolist() == [-1, -1, -1]
-        and matches(masks[:0], masks, 0.5).tolist() == []
+        match_masks(masks, masks[:0], 0.5).tolist() == [-1, -1, -1]
+        and match_masks(masks[:0], masks, 0.5).tolist() == []
     )

@@ -1,4 +1,4 @@
-"""Where the pixels of a picture were in the picture before."""
+"""Where the pixels of an image were in the image before."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from egosplat.optical_flow import find_flow, is_consistent, padded, pixel_grid
 from egosplat.segments.classical.motion import find_motion, move
 from egosplat.segments.classical.options import ClassicalOptions
-from egosplat.segments.classical.working_image import make_working
+from egosplat.segments.classical.working_image import resize_to_side
 
 Floats = NDArray[np.float32]
 
@@ -19,11 +19,11 @@ _SURROUNDINGS = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Origins:
-    """Where the pixels of a picture come from.
+    """Where the pixels of an image come from.
 
     Attributes:
-        rows, columns: (H, W) int64 pixel of the previous picture that each pixel shows.
-        known: (H, W) bool: that pixel is in the previous picture and was not hidden there.
+        rows, columns: (H, W) int64 pixel of the previous image that each pixel shows.
+        known: (H, W) bool: that pixel is in the previous image and was not hidden there.
     """
 
     rows: NDArray[np.int64]
@@ -31,7 +31,7 @@ class Origins:
     known: NDArray[np.bool_]
 
     def look_up(self, values: NDArray[np.generic]) -> NDArray[np.generic]:
-        """(..., H, W) of the previous picture -> of this one; meaningless where ``known`` is not."""
+        """(..., H, W) of the previous image -> of this one; meaningless where ``known`` is not."""
         return values[..., self.rows, self.columns]
 
 
@@ -49,7 +49,7 @@ def find_origins(
         options: see ``ClassicalOptions``.
     """
     height, width = valid.shape
-    small = [make_working(one, valid, options.flow_side) for one in (previous, current)]
+    small = [resize_to_side(one, valid, options.flow_side) for one in (previous, current)]
     colours = [cv2.cvtColor(one.rgb, cv2.COLOR_RGB2LAB) for one in small]
     before, now = (np.rint(one[..., 0] * 2.55).astype(np.uint8) for one in colours)
     motion = find_motion(now, before)

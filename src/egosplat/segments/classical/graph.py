@@ -1,4 +1,4 @@
-"""The superpixels of a picture as a graph: what each looks like, and what is between two neighbours."""
+"""The superpixels of an image as a graph: what each looks like, and what is between two neighbours."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.segments.classical.options import ClassicalOptions
-from egosplat.segments.classical.working_image import Working
+from egosplat.segments.classical.working_image import WorkingImage
 
 Floats = NDArray[np.float64]
 
@@ -41,8 +41,8 @@ class RegionGraph:
     edge: Floats
 
 
-def make_graph(working: Working, options: ClassicalOptions) -> RegionGraph:
-    """Cut a picture into superpixels (Felzenszwalb and Huttenlocher 2004) and link those that touch."""
+def make_graph(working: WorkingImage, options: ClassicalOptions) -> RegionGraph:
+    """Cut an image into superpixels (Felzenszwalb and Huttenlocher 2004) and link those that touch."""
     lab = cv2.cvtColor(working.rgb, cv2.COLOR_RGB2LAB)
     labels = _superpixels(lab, working, options)
     count = int(labels.max()) + 1
@@ -59,7 +59,9 @@ def make_graph(working: Working, options: ClassicalOptions) -> RegionGraph:
     return RegionGraph(labels, area, np.stack(profile, axis=1), *_boundaries(labels, gradient, count))
 
 
-def _superpixels(lab: NDArray[np.float32], working: Working, options: ClassicalOptions) -> NDArray[np.int32]:
+def _superpixels(
+    lab: NDArray[np.float32], working: WorkingImage, options: ClassicalOptions
+) -> NDArray[np.int32]:
     pixels = working.valid.sum()
     cutter = cv2.ximgproc.segmentation.createGraphSegmentation(
         sigma=options.smoothing * working.unit,

@@ -1,11 +1,11 @@
-"""The motion of the camera between two pictures, as one homography."""
+"""The motion of the camera between two images, as one homography."""
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 _LEAST_SIDE = 64
-"""Of pictures in which features are looked for [px]; ORB's pyramid fails in tiny ones."""
+"""Of images in which features are looked for [px]; ORB's pyramid fails in tiny ones."""
 _FEATURES = 1500
 _FAST_THRESHOLD = 7
 _LEAST_MATCHES = 12
@@ -43,7 +43,7 @@ def find_motion(source: NDArray[np.uint8], target: NDArray[np.uint8]) -> NDArray
 
 
 def _is_plausible(motion: NDArray[np.float64], shape: tuple[int, int]) -> bool:
-    """Whether the corners of the picture stay in front, in order, and less than one side away."""
+    """Whether the corners of the image stay in front, in order, and less than one side away."""
     height, width = shape
     corners = np.array([[[0, 0], [width, 0], [width, height], [0, height]]], dtype=np.float32)
     depth = np.dstack([corners, np.ones((1, 4, 1))]) @ motion[2]

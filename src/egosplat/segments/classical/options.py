@@ -5,15 +5,15 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class ClassicalOptions:
-    """How pictures are cut into regions, and how regions are followed; tuned on synthetic apartments.
+    """How images are cut into regions, and how regions are followed; tuned on synthetic apartments.
 
     A difference is a distance in CIELAB (about 2 is just noticeable, black to white is 100 times
-    ``lightness_weight``). An area is a share of the valid part of the picture, so that the size of the picture
+    ``lightness_weight``). An area is a share of the valid part of the image, so that the size of the image
     does not matter.
 
     Attributes:
-        side: longest side that work is done at [px]; larger pictures are made smaller, and their labels larger.
-        smoothing: of the picture before its superpixels are found, a Gaussian's sigma at ``side`` [px].
+        side: longest side that work is done at [px]; larger images are made smaller, and their labels larger.
+        smoothing: of the image before its superpixels are found, a Gaussian's sigma at ``side`` [px].
         granularity: of superpixels (Felzenszwalb and Huttenlocher's k): the larger, the larger they are
             [difference x area].
         least_area: smaller regions are merged into the neighbour that is most like them.

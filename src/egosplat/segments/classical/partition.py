@@ -1,25 +1,154 @@
-"""A picture cut into nested regions."""
+"""Regions merged in the order of how alike they are."""
+
+import heapq
 
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.segments.classical.graph import make_graph
-from egosplat.segments.classical.merging import merge_levels
+from egosplat.segments.classical.graph import Floats, RegionGraph, make_graph
 from egosplat.segments.classical.options import ClassicalOptions
-from egosplat.segments.classical.working_image import check_picture, enlarge, make_working
+from egosplat.segments.classical.working_image import check_image, enlarge, resize_to_side
 
 
 def partition(
-    picture: NDArray[np.uint8], valid: NDArray[np.bool_], options: ClassicalOptions
+    image: NDArray[np.uint8], valid: NDArray[np.bool_], options: ClassicalOptions
 ) -> NDArray[np.int32]:
-    """(4, H, W) int32 fine regions, subparts, parts and wholes of a picture; -1 outside of ``valid``.
+    """(4, H, W) int32 fine regions, subparts, parts and wholes of an image; -1 outside of ``valid``.
 
     Args and errors: see ``egosplat.segments.classical.segment``.
     """
-    check_picture(picture, valid)
+    check_image(image, valid)
     if not valid.any():
         return np.full((4, *valid.shape), -1, dtype=np.int32)
-    working = make_working(picture, valid, options.side)
+    working = resize_to_side(image, valid, options.side)
     graph = make_graph(working, options)
     levels = merge_levels(graph, working.unit, options)
     return np.where(valid, enlarge(levels[:, graph.labels], working.shape), np.int32(-1))
+
+
+def merge_levels(graph: RegionGraph, unit: float, options: ClassicalOptions) -> NDArray[np.int32]:
+    """Merge superpixels into the regions of each level.
+
+    The two regions that differ least are merged, again and again (as in Salembier and Garrido's binary partition
+    tree, 2000). What two regions differ by is the earth mover's distance of their colours and textures plus the
+    gradient across their boundary, less for small and for enclosed regions: see ``ClassicalOptions``.
+
+    Args:
+        graph: of N superpixels.
+        unit: see ``WorkingImage``.
+
+    Returns:
+        (4, N) int32 region of each superpixel: fine regions, subparts, parts, wholes; each from 0 without gaps.
+    """
+    merging = _Merging(graph, options)
+    merging.clean(options.least_area * graph.area.sum(), options.least_width * unit)
+    levels = [merging.region.copy()]
+    merging.start()
+    for threshold in (options.subpart, options.part, options.whole):
+        merging.merge_below(threshold)
+        levels.append(merging.region.copy())
+    return np.stack([np.unique(level, return_inverse=True)[1] for level in levels]).astype(np.int32)
+
+
+class _Merging:
+    """A partition that becomes coarser; a region is known by one of its superpixels."""
+
+    def __init__(self, graph: RegionGraph, options: ClassicalOptions) -> None:
+        count = len(graph.area)
+        self.region = np.arange(count)
+        self._options = options
+        self._hundredth = graph.area.sum() / 100
+        self._members = [[number] for number in range(count)]
+        self._area = graph.area.copy()
+        self._sum = graph.profile.copy()
+        self._mean = graph.profile / graph.area[:, None, None]
+        self._neighbours: list[dict[int, tuple[float, float]]] = [{} for _ in range(count)]
+        for (a, b), *boundary in zip(
+            graph.pairs.tolist(), graph.length.tolist(), graph.edge.tolist(), strict=True
+        ):
+            self._neighbours[a][b] = self._neighbours[b][a] = tuple(boundary)
+        self._outline = np.array([_length(one) for one in self._neighbours])
+        # Entries of the queue that name an older version of a region are out of date.
+        self._version = [0] * count
+        self._queue: list[tuple[float, int, int, int, int]] = []
+
+    def clean(self, least_area: float, least_width: float) -> None:
+        """Merge every region that is too small or too thin, the smallest first, into its most similar neighbour."""
+
+        def is_poor(number: int) -> bool:
+            area = self._area[number]
+            return area < least_area or 2 * area < least_width * self._outline[number]
+
+        queue = [(self._area[one], one) for one in self.region.tolist() if is_poor(one)]
+        heapq.heapify(queue)
+        while queue:
+            area, number = heapq.heappop(queue)
+            if area != self._area[number] or not self._neighbours[number]:
+                continue
+            others = list(self._neighbours[number])
+            kept = self._merge(number, others[int(np.argmin(self._differences(number, others)))])
+            if is_poor(kept):
+                heapq.heappush(queue, (self._area[kept], kept))
+
+    def start(self) -> None:
+        """Queue all pairs of neighbours."""
+        for number, neighbours in enumerate(self._neighbours):
+            self._push(number, [other for other in neighbours if other > number])
+
+    def merge_below(self, threshold: float) -> None:
+        """Merge until all neighbours differ by at least ``threshold``."""
+        while self._queue and self._queue[0][0] < threshold:
+            _, a, b, version_a, version_b = heapq.heappop(self._queue)
+            if (self._version[a], self._version[b]) == (version_a, version_b):
+                kept = self._merge(a, b)
+                self._push(kept, list(self._neighbours[kept]))
+
+    def _push(self, number: int, others: list[int]) -> None:
+        if not others:
+            return
+        weighed = self._differences(number, others) * self._size_weight(number, others)
+        mine = self._version[number]
+        for difference, other in zip(weighed.tolist(), others, strict=True):
+            heapq.heappush(self._queue, (difference, number, other, mine, self._version[other]))
+
+    def _differences(self, number: int, others: list[int]) -> Floats:
+        """(K,) by how much a region differs from each of K neighbours [CIELAB]."""
+        apart = np.abs(self._mean[others] - self._mean[number]).sum(axis=2)
+        boundary = np.array([self._neighbours[number][other] for other in others])
+        edge = boundary[:, 1] / boundary[:, 0]
+        return np.sqrt(np.square(apart).sum(axis=1)) + self._options.edge_weight * edge
+
+    def _size_weight(self, number: int, others: list[int]) -> Floats:
+        """(K,) what the differences are multiplied by for the sizes and the contact of the regions."""
+        length = np.array([self._neighbours[number][other][0] for other in others])
+        # As Ward's criterion: near the smaller area where the two are unlike, half of it where they are equal.
+        size = self._area[others] * self._area[number] / (self._area[others] + self._area[number])
+        contact = length / np.minimum(self._outline[others], self._outline[number])
+        size = (size / self._hundredth) ** self._options.size_power
+        return size * (1 - self._options.contact_weight * contact)
+
+    def _merge(self, a: int, b: int) -> int:
+        """Make two neighbours one region; returns its number, that of the larger."""
+        kept, gone = (a, b) if (self._area[a], -a) >= (self._area[b], -b) else (b, a)
+        self._sum[kept] += self._sum[gone]
+        self._area[kept] += self._area[gone]
+        self._area[gone] = 0
+        self._mean[kept] = self._sum[kept] / self._area[kept]
+        self._version[kept] += 1
+        self._version[gone] = -1
+        self.region[self._members[gone]] = kept
+        self._members[kept] += self._members[gone]
+        del self._neighbours[gone][kept], self._neighbours[kept][gone]
+        mine = self._neighbours[kept]
+        for other, (length, edge) in self._neighbours[gone].items():
+            del self._neighbours[other][gone]
+            known_length, known_edge = mine.get(other, (0.0, 0.0))
+            mine[other] = self._neighbours[other][kept] = (known_length + length, known_edge + edge)
+        self._neighbours[gone] = {}
+        self._outline[kept] = _length(mine)
+        return kept
+
+
+def _length(neighbours: dict[int, tuple[float, float]]) -> float:
+    """Of the whole boundary to all neighbours [px]."""
+    return sum(length for length, _ in neighbours.values())

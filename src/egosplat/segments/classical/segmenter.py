@@ -1,28 +1,42 @@
 """The segmenter without weights: graph segmentation, region merging, and optical flow.
 
-It knows nothing of objects: the baseline for segmenters that have learned, and a choice for pictures unlike
+It knows nothing of objects: the baseline for segmenters that have learned, and a choice for images unlike
 everything that they have learned from.
 """
+
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.segments.classical.following import follow
+from egosplat.progress import track as progress
+from egosplat.segments.classical.mask_propagation import propagate_masks
 from egosplat.segments.classical.options import ClassicalOptions
 from egosplat.segments.classical.partition import partition
 from egosplat.segments.classical.tracking import propagate, track, track_levels
+from egosplat.segments.instances import Segmented, Track
+from egosplat.segments.label_maps import LabelMaps
 from egosplat.segments.options import LEVELS
 
-__all__ = ["LEVELS", "ClassicalOptions", "follow", "propagate", "segment", "track", "track_levels"]
+__all__ = [
+    "LEVELS",
+    "ClassicalOptions",
+    "propagate",
+    "propagate_masks",
+    "segment",
+    "segment_video",
+    "track",
+    "track_levels",
+]
 
 
 def segment(
-    picture: NDArray[np.uint8], valid: NDArray[np.bool_], options: ClassicalOptions
+    image: NDArray[np.uint8], valid: NDArray[np.bool_], options: ClassicalOptions
 ) -> NDArray[np.int32]:
-    """Cut a picture into nested regions.
+    """Cut an image into nested regions.
 
     Args:
-        picture: (H, W, 3) uint8 RGB.
+        image: (H, W, 3) uint8 RGB.
         valid: (H, W) bool; pixels outside have no influence.
         options: see ``ClassicalOptions``.
 
@@ -33,4 +47,37 @@ def segment(
     Raises:
         ValueError: wrong shape or element type.
     """
-    return partition(picture, valid, options)[1:]
+    return partition(image, valid, options)[1:]
+
+
+def segment_video(
+    images: Callable[[int], NDArray[np.uint8]], frames: int, valid: NDArray[np.bool_]
+) -> Segmented:
+    """Regions of each level, followed by optical flow; a region's track is an instance.
+
+    Args:
+        images: (H, W, 3) uint8 RGB of a frame, by its index; frames: how many; valid: (H, W) bool.
+    """
+    labels = LabelMaps((len(LEVELS), *valid.shape))
+    instances: list[Track] = []
+    tracked = track_levels(map(images, range(frames)), valid, ClassicalOptions())
+    known: list[dict[int, int]] = [{} for _ in LEVELS]
+    for frame, levels in enumerate(progress(tracked, "following regions", total=frames)):
+        maps = []
+        for level, regions in enumerate(levels):
+            for number in np.unique(regions[regions >= 0]).tolist():
+                if number not in known[level]:
+                    known[level][number] = len(instances)
+                    instances.append(Track(level, frame, 1.0, 1.0))
+            maps.append(_to_instance_numbers(regions, known[level]))
+        labels[frame] = np.stack(maps)
+    return Segmented(labels, instances, [], {})
+
+
+def _to_instance_numbers(regions: NDArray[np.int32], numbers: dict[int, int]) -> NDArray[np.int32]:
+    """Track numbers of a level as instance numbers."""
+    table = np.full(int(regions.max(initial=-1)) + 2, -1, dtype=np.int32)
+    for track_number, instance in numbers.items():
+        if track_number < len(table) - 1:
+            table[track_number] = instance
+    return table[regions]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from egosplat.segments.classical.flow import Origins, find_origins
 from egosplat.segments.classical.options import ClassicalOptions
 from egosplat.segments.classical.partition import partition
-from egosplat.segments.classical.working_image import check_map, check_picture
+from egosplat.segments.classical.working_image import check_image, check_map
 from egosplat.segments.options import LEVELS
 
 Labels = NDArray[np.int32]
@@ -39,14 +39,14 @@ def propagate(
         ValueError: wrong shape or element type.
     """
     valid = regions >= 0
-    check_picture(previous, valid)
-    check_picture(current, valid)
+    check_image(previous, valid)
+    check_image(current, valid)
     check_map(regions, np.dtype(np.int32), valid.shape, "regions")
     check_map(labels, np.dtype(np.int32), valid.shape, "labels")
-    return _carried(labels, find_origins(previous, current, valid, options), regions, options)
+    return _propagate_along(labels, find_origins(previous, current, valid, options), regions, options)
 
 
-def _carried(labels: Labels, origins: Origins, regions: Labels, options: ClassicalOptions) -> Labels:
+def _propagate_along(labels: Labels, origins: Origins, regions: Labels, options: ClassicalOptions) -> Labels:
     """``propagate``, where it is known already where pixels come from."""
     brought = np.where(origins.known, origins.look_up(labels), np.int32(-1))
     return _vote(brought, regions, options)
@@ -72,13 +72,13 @@ def _vote(brought: Labels, regions: Labels, options: ClassicalOptions) -> Labels
 
 
 def track(
-    pictures: Iterable[NDArray[np.uint8]], valid: NDArray[np.bool_], level: str, options: ClassicalOptions
+    images: Iterable[NDArray[np.uint8]], valid: NDArray[np.bool_], level: str, options: ClassicalOptions
 ) -> Iterator[Labels]:
     """Follow the regions of a level; what comes into view becomes a new track. Holds two frames at a time.
 
     Args:
-        pictures: (H, W, 3) uint8 RGB each.
-        valid: (H, W) bool, of all pictures.
+        images: (H, W, 3) uint8 RGB each.
+        valid: (H, W) bool, of all images.
         level: one of ``LEVELS``.
         options: see ``ClassicalOptions``.
 
@@ -92,18 +92,18 @@ def track(
     if level not in LEVELS:
         raise ValueError(f"level {level!r} is none of {', '.join(LEVELS)}")
     # A function that yields checks nothing before its first frame is asked for: hence the second one.
-    return (labels[0] for labels in _track(pictures, valid, (LEVELS.index(level) + 1,), options))
+    return (labels[0] for labels in _track(images, valid, (LEVELS.index(level) + 1,), options))
 
 
 def track_levels(
-    pictures: Iterable[NDArray[np.uint8]], valid: NDArray[np.bool_], options: ClassicalOptions
+    images: Iterable[NDArray[np.uint8]], valid: NDArray[np.bool_], options: ClassicalOptions
 ) -> Iterator[list[Labels]]:
-    """``track`` of all ``LEVELS`` at once: each picture is cut, and its flow computed, once."""
-    return _track(pictures, valid, tuple(range(1, len(LEVELS) + 1)), options)
+    """``track`` of all ``LEVELS`` at once: each image is cut, and its flow computed, once."""
+    return _track(images, valid, tuple(range(1, len(LEVELS) + 1)), options)
 
 
 def _track(
-    pictures: Iterable[NDArray[np.uint8]],
+    images: Iterable[NDArray[np.uint8]],
     valid: NDArray[np.bool_],
     levels: tuple[int, ...],
     options: ClassicalOptions,
@@ -112,17 +112,17 @@ def _track(
     previous = None
     labels = [np.full(valid.shape, -1, dtype=np.int32) for _ in levels]
     tracks = [0] * len(levels)
-    for picture in pictures:
-        found = partition(picture, valid, options)
+    for image in images:
+        found = partition(image, valid, options)
         if previous is not None:
-            origins = find_origins(previous, picture, valid, options)
-            labels = [_carried(one, origins, found[0], options) for one in labels]
+            origins = find_origins(previous, image, valid, options)
+            labels = [_propagate_along(one, origins, found[0], options) for one in labels]
         # In the first frame all is uncovered, and everything however small is given a track.
         least = options.new_area * valid.sum() if previous is not None else 1
         for number, level in enumerate(levels):
             labels[number] = open_tracks(labels[number], found[level], tracks[number], least)
             tracks[number] = max(tracks[number], int(labels[number].max(initial=-1)) + 1)
-        previous = picture
+        previous = image
         yield list(labels)
 
 

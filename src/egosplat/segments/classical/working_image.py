@@ -1,4 +1,4 @@
-"""A picture at the size that the segmenter works at, and labels back at the picture's own size."""
+"""An image at the size that the segmenter works at, and labels back at the image's own size."""
 
 from dataclasses import dataclass
 
@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, eq=False)
-class Working:
-    """A picture made smaller.
+class WorkingImage:
+    """An image made smaller.
 
     Attributes:
         rgb: (h, w, 3) float32 in [0, 1]; pixels that are not valid have the colour of the nearest that is.
         valid: (h, w) bool: pixels of which some part is valid.
-        shape: height and width of the picture itself.
+        shape: height and width of the image itself.
         unit: working pixels per pixel at the nominal side, at most 1.
     """
 
@@ -24,11 +24,11 @@ class Working:
     unit: float
 
 
-def check_picture(picture: NDArray[np.uint8], valid: NDArray[np.bool_]) -> None:
-    """Raise ValueError unless ``picture`` is (H, W, 3) uint8, not empty, and ``valid`` is (H, W) bool."""
-    if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3 or picture.size == 0:
-        raise ValueError(f"a picture is (H, W, 3) uint8, not {picture.shape} {picture.dtype}")
-    check_map(valid, np.dtype(bool), picture.shape[:2], "valid")
+def check_image(image: NDArray[np.uint8], valid: NDArray[np.bool_]) -> None:
+    """Raise ValueError unless ``image`` is (H, W, 3) uint8, not empty, and ``valid`` is (H, W) bool."""
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or image.size == 0:
+        raise ValueError(f"an image is (H, W, 3) uint8, not {image.shape} {image.dtype}")
+    check_map(valid, np.dtype(bool), image.shape[:2], "valid")
 
 
 def check_map(values: NDArray[np.generic], dtype: np.dtype, shape: tuple[int, ...], name: str) -> None:
@@ -37,11 +37,11 @@ def check_map(values: NDArray[np.generic], dtype: np.dtype, shape: tuple[int, ..
         raise ValueError(f"{name} is {shape} {dtype}, not {values.shape} {values.dtype}")
 
 
-def make_working(picture: NDArray[np.uint8], valid: NDArray[np.bool_], side: int) -> Working:
-    """The picture with its longest side at most ``side``; what is not valid has no influence on it.
+def resize_to_side(image: NDArray[np.uint8], valid: NDArray[np.bool_], side: int) -> WorkingImage:
+    """The image with its longest side at most ``side``; what is not valid has no influence on it.
 
     Args:
-        picture: (H, W, 3) uint8 RGB.
+        image: (H, W, 3) uint8 RGB.
         valid: (H, W) bool.
         side: [px].
     """
@@ -49,11 +49,11 @@ def make_working(picture: NDArray[np.uint8], valid: NDArray[np.bool_], side: int
     scale = min(1.0, side / max(height, width))
     size = max(1, round(width * scale)), max(1, round(height * scale))
     weight = cv2.resize(valid.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    kept = np.where(valid[..., None], picture, 0).astype(np.float32) / 255
+    kept = np.where(valid[..., None], image, 0).astype(np.float32) / 255
     rgb = cv2.resize(kept, size, interpolation=cv2.INTER_AREA)
     some = weight > 1e-6
     rgb /= np.where(some, weight, 1)[..., None]
-    return Working(fill(rgb, some), some, (height, width), max(size) / side)
+    return WorkingImage(fill(rgb, some), some, (height, width), max(size) / side)
 
 
 def fill(values: NDArray[np.generic], known: NDArray[np.bool_]) -> NDArray[np.generic]:

@@ -13,8 +13,8 @@ from egosplat.segments.classical.working_image import check_map
 Masks = NDArray[np.bool_]
 
 
-def follow(
-    masks: Masks, pictures: Iterable[NDArray[np.uint8]], valid: NDArray[np.bool_], options: ClassicalOptions
+def propagate_masks(
+    masks: Masks, images: Iterable[NDArray[np.uint8]], valid: NDArray[np.bool_], options: ClassicalOptions
 ) -> Iterator[Masks]:
     """Follow masks, which may overlap, by optical flow and the fine regions of each frame.
 
@@ -22,13 +22,13 @@ def follow(
     all; where a region is split the pixels decide. Holds two frames at a time.
 
     Args:
-        masks: (K, H, W) bool of the first picture.
-        pictures: (H, W, 3) uint8 RGB each.
-        valid: (H, W) bool, of all pictures.
+        masks: (K, H, W) bool of the first image.
+        images: (H, W, 3) uint8 RGB each.
+        valid: (H, W) bool, of all images.
         options: see ``ClassicalOptions``.
 
     Yields:
-        (K, H, W) bool for each picture; the first are ``masks`` within ``valid``.
+        (K, H, W) bool for each image; the first are ``masks`` within ``valid``.
 
     Raises:
         ValueError: wrong shape or element type.
@@ -37,22 +37,22 @@ def follow(
         raise ValueError(f"masks are (K, H, W) bool, not {masks.shape} {masks.dtype}")
     check_map(masks, np.dtype(bool), (len(masks), *valid.shape), "masks")
     check_map(valid, np.dtype(bool), masks.shape[1:], "valid")
-    return _follow(masks & valid, pictures, valid, options)
+    return _propagate(masks & valid, images, valid, options)
 
 
-def _follow(
-    masks: Masks, pictures: Iterable[NDArray[np.uint8]], valid: NDArray[np.bool_], options: ClassicalOptions
+def _propagate(
+    masks: Masks, images: Iterable[NDArray[np.uint8]], valid: NDArray[np.bool_], options: ClassicalOptions
 ) -> Iterator[Masks]:
     previous = None
-    for picture in pictures:
-        regions = partition(picture, valid, options)[0]
+    for image in images:
+        regions = partition(image, valid, options)[0]
         if previous is not None:
-            origins = find_origins(previous, picture, valid, options)
+            origins = find_origins(previous, image, valid, options)
             brought = origins.look_up(masks) & origins.known
             masks = np.zeros_like(masks)
             for mask, one in zip(masks, brought, strict=True):
                 mask[:] = snap(one, origins.known, regions, options)
-        previous = picture
+        previous = image
         yield masks
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from egosplat import cli
-from egosplat.alarms.found import alarms_of, alarms_of_all, log_warnings
+from egosplat.alarms.artifact_alarms import alarms_of, alarms_of_all, log_warnings
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.models.suitability import notice

@@ -3,10 +3,9 @@
 import numpy as np
 import torch
 
-from egosplat.segments.instances import frames_seen
-from egosplat.segments.label_maps import LabelMaps
-from egosplat.segments.label_painting import paint
-from egosplat.segments.merging import Overlaps, kept, merged, union_of
+from egosplat.segments.instances import Overlaps, frames_seen, merge_roots, number_kept
+from egosplat.segments.label_maps import LabelMaps, paint
+from egosplat.segments.nms import union
 
 
 def masks(*columns: tuple[int, int]) -> torch.Tensor:
@@ -42,17 +41,17 @@ def test_only_pairs_between_two_sets_are_counted():
 
 
 def test_merging_is_transitive():
-    assert merged(6, [(0, 4), (4, 2), (1, 5)]).tolist() == [0, 1, 0, 3, 0, 1]
-    assert merged(3, []).tolist() == [0, 1, 2] and merged(0, []).tolist() == []
+    assert merge_roots(6, [(0, 4), (4, 2), (1, 5)]).tolist() == [0, 1, 0, 3, 0, 1]
+    assert merge_roots(3, []).tolist() == [0, 1, 2] and merge_roots(0, []).tolist() == []
 
 
 def test_briefly_seen_instances_are_dropped():
     roots = np.array([0, 1, 0, 3])
-    new, staying = kept(roots, np.array([5, 2, 0, 3]), 3, 10)
+    new, staying = number_kept(roots, np.array([5, 2, 0, 3]), 3, 10)
     assert new.tolist() == [0, -1, 0, 1] and staying.tolist() == [0, 3]
-    new, staying = kept(roots, np.array([2, 1, 0, 2]), 3, 2)
+    new, staying = number_kept(roots, np.array([2, 1, 0, 2]), 3, 2)
     assert staying.tolist() == [0, 3], "a video of two frames asks for two"
-    assert kept(np.zeros(0, np.int64), np.zeros(0, np.int64), 3, 5)[1].tolist() == []
+    assert number_kept(np.zeros(0, np.int64), np.zeros(0, np.int64), 3, 5)[1].tolist() == []
 
 
 def test_labels_come_back_as_they_were_put():
@@ -87,4 +86,4 @@ def test_the_highest_logit_gets_the_pixel():
 
 
 def test_union_of_nothing_is_nothing():
-    assert not union_of(masks()).any() and union_of(masks((0, 3), (5, 6))).sum() == 32
+    assert not union(masks()).any() and union(masks((0, 3), (5, 6))).sum() == 32
