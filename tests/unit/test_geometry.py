@@ -1,4 +1,4 @@
-"""The one axis convention, against projectaria-tools' own projection and independent formulas."""
+"""The axis convention agrees with projectaria-tools and with independent formulas."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def aria_linear(size: int, focal: float) -> calibration.CameraCalibration:
     return calibration.get_linear_camera_calibration(size, size, focal, "test")
 
 
-def test_projection_is_aria_s_half_a_pixel_on():
+def test_projection_equals_arias_plus_half_a_pixel():
     camera, aria = Camera(1408, 1408, 460.0, 460.0, 704.0, 704.0), aria_linear(1408, 460.0)
     points = RNG.uniform([-1, -1, 0.5], [1, 1, 3], (200, 3))
     expected = np.array([aria.project(point) for point in points if aria.project(point) is not None])
@@ -38,7 +38,7 @@ def test_projection_is_aria_s_half_a_pixel_on():
     assert inside.sum() > 100
 
 
-def test_upright_camera_is_aria_s_rotated_one():
+def test_the_upright_camera_equals_arias_rotated_one():
     sensor = Camera(1408, 1408, 460.0, 460.0, 704.0, 704.0)
     aria = calibration.rotate_camera_calib_cw90deg(aria_linear(1408, 460.0))
     device_from_sensor = np.eye(4)
@@ -72,7 +72,7 @@ def test_resizing_keeps_the_corners():
     assert Camera.from_matrix(camera.matrix, 640, 480) == camera
 
 
-def test_behind_and_in_the_camera_plane_is_nan():
+def test_points_not_in_front_of_the_camera_project_to_nan():
     camera = Camera(64, 64, 50.0, 50.0, 32.0, 32.0)
     pixels = camera.project(np.array([[0, 0, -1.0], [1, 1, 0.0], [0, 0, 1.0], [np.nan, 0, 1]]))
     assert np.isnan(pixels).any(axis=1).tolist() == [True, True, False, True]
@@ -89,7 +89,7 @@ def test_aria_pixels_go_there_and_back():
     np.testing.assert_allclose(to_aria_pixels(pixels), pixels - ARIA_PIXEL_OFFSET)
 
 
-def test_inverse_undoes():
+def test_the_inverse_inverts():
     poses = random_poses(7)
     np.testing.assert_allclose(poses @ invert(poses), np.broadcast_to(np.eye(4), (7, 4, 4)), atol=1e-12)
     point = RNG.normal(size=(4, 3))
@@ -121,7 +121,7 @@ def test_interpolation_is_exact_on_rows_and_halves_the_arc():
 @pytest.mark.parametrize(
     "times, at", [([0, 0], [0]), ([1, 0], [0]), ([0], [0]), ([0, 10], [11]), ([0, 10], [-1])]
 )
-def test_interpolation_refuses_disorder_and_extrapolation(times, at):
+def test_interpolation_rejects_unsorted_times_and_extrapolation(times, at):
     with pytest.raises(ValueError):
         interpolate_poses(np.array(times), random_poses(len(times)), np.array(at))
 

@@ -1,4 +1,4 @@
-"""PSNR and SSIM: the one definition that training's evaluation and the benchmark share."""
+"""PSNR and SSIM agree with torchmetrics, and invalid pixels count in neither."""
 
 import math
 
@@ -58,7 +58,7 @@ def test_invalid_pixels_count_in_neither_score():
         assert ssim(shown, photograph, valid) == pytest.approx(ssim(*cut), abs=1e-6)
 
 
-def test_a_window_that_reaches_one_invalid_pixel_has_no_value():
+def test_a_window_with_an_invalid_pixel_has_no_value():
     valid = EVERYWHERE.clone()
     valid[15, 20] = False
     found = ssim_map(picture(0), picture(1), valid)
@@ -68,7 +68,7 @@ def test_a_window_that_reaches_one_invalid_pixel_has_no_value():
     assert not found[15, 20 + WINDOW_RADIUS + 1].isnan() and not found[15 + WINDOW_RADIUS + 1, 20].isnan()
 
 
-def test_equal_pictures_are_perfect_and_a_tenth_is_20_decibels():
+def test_scores_of_equal_images_and_of_a_known_error():
     one = picture(0)
     assert psnr(one, one, EVERYWHERE) == math.inf
     assert ssim(one, one, EVERYWHERE) == pytest.approx(1.0, abs=1e-6)
@@ -79,7 +79,7 @@ def test_equal_pictures_are_perfect_and_a_tenth_is_20_decibels():
     assert psnr(flat, flat + 20, EVERYWHERE) == pytest.approx(expected, abs=1e-9)
 
 
-def test_flat_pictures_have_a_similarity():
+def test_constant_images_have_an_ssim():
     """No variance at all, and black: no division by zero."""
     black = torch.zeros(HEIGHT, WIDTH, 3, dtype=torch.uint8)
     assert ssim(black, black, EVERYWHERE) == pytest.approx(1.0)
@@ -87,7 +87,7 @@ def test_flat_pictures_have_a_similarity():
 
 
 @pytest.mark.parametrize("height, width", [(10, 40), (1, 1), (11, 10)])
-def test_a_picture_smaller_than_a_window_has_no_ssim(height, width):
+def test_an_image_smaller_than_a_window_has_no_ssim(height, width):
     one, valid = torch.zeros(height, width, 3, dtype=torch.uint8), torch.ones(height, width, dtype=torch.bool)
     assert math.isnan(ssim(one, one, valid)) and psnr(one, one, valid) == math.inf
 

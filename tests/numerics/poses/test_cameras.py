@@ -1,4 +1,4 @@
-"""Cameras that do not move, that only turn, that are two, or of which nothing is known."""
+"""Cameras that do not move, that only rotate, too few cameras, and cameras without poses."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ NEAR = 0.1
 
 
 def turning(count: int, place: tuple[float, float, float] = (1.0, 2.0, 3.0)) -> np.ndarray:
-    """Cameras in one place that only turn."""
+    """Cameras in one place that only rotate."""
     turns = Rotation.from_rotvec(np.outer(np.linspace(0, 1, count), [0.1, 1.0, 0.2])).as_matrix()
     return make_pose(turns, np.tile(place, (count, 1)))
 

@@ -1,4 +1,4 @@
-"""Trajectories: few rows, rows in disorder, quaternions with either sign, turns of any angle, gaps and far origins."""
+"""Trajectories: few or unsorted rows, quaternions of either sign, rotations of any angle, gaps and far origins."""
 
 from collections.abc import Callable
 from fractions import Fraction
@@ -16,13 +16,13 @@ from egosplat.geometry import interpolate_poses, invert, is_rigid, make_pose, ro
 from egosplat.poses.trajectory import interpolate_trajectory, read_trajectory
 
 EPOCH = 1_700_000_000_000_000_000
-"""Nanoseconds of a clock that counts from 1970: too many for a float64."""
+"""Nanoseconds since 1970, too many for a float64."""
 
 AXIS = np.array([0.48, -0.6, 0.64])
 
 
 def poses(angles: list[float], places: np.ndarray | None = None) -> np.ndarray:
-    """Turned about one axis by angles [rad]."""
+    """(N, 4, 4) poses rotated about one axis by angles [rad]."""
     turns = Rotation.from_rotvec(np.outer(angles, AXIS)).as_matrix()
     return make_pose(turns, np.zeros((len(angles), 3)) if places is None else places)
 

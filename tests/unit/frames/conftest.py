@@ -1,4 +1,4 @@
-"""Small recordings that the tests of this room make for themselves."""
+"""Small recordings for the tests of frames."""
 
 import shutil
 from collections.abc import Callable
@@ -33,32 +33,32 @@ def fisheye() -> CameraCalibration:
     return full.rescale(np.array([352, 352]), 0.25)
 
 
-def write_video(path: Path, pictures: list[NDArray[np.uint8]], fps: float = 15.0) -> Path:
-    """Write (H, W, 3) RGB pictures as an mp4."""
-    height, width = pictures[0].shape[:2]
+def write_video(path: Path, frames: list[NDArray[np.uint8]], fps: float = 15.0) -> Path:
+    """Write (H, W, 3) RGB frames as an mp4."""
+    height, width = frames[0].shape[:2]
     path.parent.mkdir(parents=True, exist_ok=True)
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), fps, (width, height))
     assert writer.isOpened()
-    for picture in pictures:
-        writer.write(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+    for image in frames:
+        writer.write(cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
     writer.release()
     return path
 
 
-def grey_pictures(count: int, width: int = 64, height: int = 48) -> list[NDArray[np.uint8]]:
+def grey_frames(count: int, width: int = 64, height: int = 48) -> list[NDArray[np.uint8]]:
     """Pictures whose grey value is 10 times their number (modulo 250); the left half is redder."""
-    pictures = [np.full((height, width, 3), 10 * number % 250, dtype=np.uint8) for number in range(count)]
-    for picture in pictures:
-        picture[:, : width // 2, 0] = 250
-    return pictures
+    frames = [np.full((height, width, 3), 10 * number % 250, dtype=np.uint8) for number in range(count)]
+    for image in frames:
+        image[:, : width // 2, 0] = 250
+    return frames
 
 
 @pytest.fixture
 def video(tmp_path: Path) -> Callable[..., Path]:
-    """Write a video of ``count`` pictures, 15 a second: ``video(name, count, fps)``."""
+    """Write a video of ``count`` frames, 15 a second: ``video(name, count, fps)``."""
 
     def write(name: str = "clip.mp4", count: int = 12, fps: float = 15.0) -> Path:
-        return write_video(tmp_path / name, grey_pictures(count), fps)
+        return write_video(tmp_path / name, grey_frames(count), fps)
 
     return write
 

@@ -35,7 +35,7 @@ def test_instances_are_read_with_their_categories(annotations):
     assert len({one.id for one in instances}) == 350
 
 
-def test_instance_maps_belong_to_their_pictures_only(annotations, full_size):
+def test_instance_maps_belong_to_their_frames_only(annotations, full_size):
     maps = [annotations.instance_map(time) for time in CAPTURE_NS]
     assert maps[2] is None
     valid = full_size.capture.valid

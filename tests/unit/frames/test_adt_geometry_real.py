@@ -1,4 +1,4 @@
-"""Our cameras and poses against ADT's own boxes and depth, on a real recording."""
+"""Cameras and poses agree with ADT's boxes and depth on a real recording."""
 
 import numpy as np
 import pandas as pd
@@ -72,7 +72,7 @@ def test_box_centres_project_into_the_2d_boxes(sample, boxes, world_from_device)
 
 
 @pytest.mark.parametrize("upright", [False, True])
-def test_our_pinhole_finds_the_same_instances_at_box_centres(sample, boxes, world_from_device, upright):
+def test_the_pinhole_camera_finds_the_instances_at_box_centres(sample, boxes, world_from_device, upright):
     recording = AdtRecording(sample, **(OPTIONS | {"resolution": 1408, "upright": upright}))
     capture = recording.capture
     reader = AdtAnnotations(sample, camera=capture.camera, upright=upright)
@@ -84,7 +84,7 @@ def test_our_pinhole_finds_the_same_instances_at_box_centres(sample, boxes, worl
     usable = capture.camera.contains(pixels)
     u, v = np.floor(pixels[usable]).astype(int).T
     found = np.array([instance.id for instance in reader.instances] + [0])[instance_map[v, u]]
-    # The same, from the fisheye picture: whatever is in front of a box's centre there is so here.
+    # The same, from the fisheye image: whatever is in front of a box's centre there is so here.
     calibration = rgb_calibration(sample)
     camera_points = transform(
         invert(world_from_device[0] @ calibration.get_transform_device_camera().to_matrix()), world

@@ -1,4 +1,4 @@
-"""The pictures of a real Aria Digital Twin recording of three frames, whole and damaged."""
+"""The frames of a real Aria Digital Twin recording of three frames, whole and damaged."""
 
 import shutil
 import struct
@@ -27,37 +27,37 @@ def open_and_read(folder, **options):
     return list(recording.read_frames(np.arange(len(recording.capture.timestamp_ns))))
 
 
-def test_three_colour_pictures_in_the_lens_circle(full_size):
+def test_three_colour_frames_in_the_lens_circle(full_size):
     capture = full_size.capture
     assert capture.timestamp_ns.tolist() == CAPTURE_NS
     assert (capture.exposure_middle_ns - capture.timestamp_ns == EXPOSURE_MIDDLE_AFTER_CAPTURE_NS).all()
     assert capture.origin == "real" and capture.camera_known
     assert capture.camera == pinhole(1408, 460.0)
     assert 0.74 < capture.valid.mean() < 0.76
-    pictures = list(full_size.read_frames(np.arange(3)))
-    assert [(picture.shape, picture.dtype.name) for picture in pictures] == [((1408, 1408, 3), "uint8")] * 3
-    for picture in pictures:
-        assert (picture[~capture.valid] == 0).all()
-        assert 40 < picture[capture.valid].mean() < 120
-    # 33 ms apart, the same room: neighbours differ, but less than a picture and its mirror image.
-    change = np.abs(pictures[0].astype(int) - pictures[1]).mean()
-    assert 0 < change < 0.3 * np.abs(pictures[0].astype(int) - pictures[0][:, ::-1]).mean()
+    frames = list(full_size.read_frames(np.arange(3)))
+    assert [(image.shape, image.dtype.name) for image in frames] == [((1408, 1408, 3), "uint8")] * 3
+    for image in frames:
+        assert (image[~capture.valid] == 0).all()
+        assert 40 < image[capture.valid].mean() < 120
+    # 33 ms apart, the same room: neighbours differ, but less than a image and its mirror image.
+    change = np.abs(frames[0].astype(int) - frames[1]).mean()
+    assert 0 < change < 0.3 * np.abs(frames[0].astype(int) - frames[0][:, ::-1]).mean()
 
 
-def test_timestamps_are_those_of_the_picture_records(sample):
+def test_timestamps_are_those_of_the_frame_records(sample):
     with captured_log():
         provider = data_provider.create_vrs_data_provider(str(sample / "video.vrs"))
         records = [provider.get_image_data_by_index(RGB_STREAM, index)[1] for index in range(3)]
     assert [record.capture_timestamp_ns for record in records] == CAPTURE_NS
 
 
-def test_a_small_picture_is_the_large_one_averaged(sample, full_size):
+def test_a_small_frame_is_the_large_one_averaged(sample, full_size):
     small = AdtRecording(sample, **OPTIONS)
-    (picture,) = small.read_frames(np.array([1]))
+    (image,) = small.read_frames(np.array([1]))
     (large,) = full_size.read_frames(np.array([1]))
     averaged = large.reshape(352, 4, 352, 4, 3).mean(axis=(1, 3))
     both = small.capture.valid & full_size.capture.valid.reshape(352, 4, 352, 4).all(axis=(1, 3))
-    assert np.abs(averaged - picture)[both].mean() < 1.5
+    assert np.abs(averaged - image)[both].mean() < 1.5
 
 
 def test_stride_and_range(sample):
@@ -121,7 +121,7 @@ def test_another_vrs_file_is_rejected(copy, name):
         AdtRecording(copy, **OPTIONS)
 
 
-def test_a_damaged_picture_is_named(copy):
+def test_a_damaged_frame_is_named(copy):
     content = bytearray((copy / "video.vrs").read_bytes())
     content[800_000:801_000] = bytes(byte ^ 0xFF for byte in content[800_000:801_000])
     (copy / "video.vrs").write_bytes(content)
@@ -137,7 +137,7 @@ def test_missing_videos_are_named(copy):
         AdtRecording(copy / "nowhere", **OPTIONS)
 
 
-def test_a_black_picture_is_named(sample, monkeypatch):
+def test_a_black_frame_is_named(sample, monkeypatch):
     recording = AdtRecording(sample, **OPTIONS)
     monkeypatch.setattr(recording, "_decode", lambda frame: np.zeros((1408, 1408, 3), np.uint8))
     with pytest.raises(UserError, match="frame 2 .*black"):

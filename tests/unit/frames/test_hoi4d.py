@@ -1,4 +1,4 @@
-"""HOI4D sequences written by the test in the dataset's layout."""
+"""HOI4D recordings and annotations, on sequences that the test writes in the dataset's layout."""
 
 import cv2
 import numpy as np
@@ -19,7 +19,7 @@ MATRIX = np.array([[50.0, 0.0, 31.5], [0.0, 51.0, 23.5], [0.0, 0.0, 1.0]])
 
 @pytest.fixture
 def root(tmp_path, video):
-    """A dataset of one sequence: 12 pictures of 64 x 48, masks of frames 0 and 3."""
+    """A dataset of one sequence: 12 frames of 64 x 48, masks of frames 0 and 3."""
     video(f"{FOLDER}/align_rgb/image.mp4")
     write_intrinsics(tmp_path, MATRIX)
     labels = np.zeros((48, 64), dtype=int)
@@ -49,30 +49,30 @@ def test_voc_palette_has_its_published_colours():
     assert len(np.unique(palette, axis=0)) == 256
 
 
-def test_labels_are_decoded_and_foreign_colours_marked():
+def test_labels_are_decoded_and_unknown_colours_marked():
     labels = np.arange(7).reshape(1, 7)
     assert (decode_labels(voc_color_map()[labels]) == labels).all()
     assert decode_labels(np.array([[[1, 2, 3], [64, 0, 0]]], dtype=np.uint8)).tolist() == [[-1, -1]]
 
 
-def test_pictures_are_scaled_with_their_camera(root):
+def test_frames_are_scaled_with_their_camera(root):
     recording = Hoi4dRecording(root / FOLDER, **OPTIONS)
     capture = recording.capture
     # intrin.npy has pixel centres at the integer: 31.5 there is the middle, 32, here, and 16 at half size.
     assert capture.camera == Camera(32, 24, 25.0, 25.5, 16.0, 12.0)
     assert capture.camera_known and capture.device_from_camera is None and capture.valid.all()
     assert np.abs(capture.timestamp_ns - np.arange(12) * 1e9 / 15).max() < 1000
-    pictures = list(recording.read_frames(np.array([0, 7])))
-    assert [picture.shape for picture in pictures] == [(24, 32, 3)] * 2
-    assert abs(int(pictures[1][12, 28, 1]) - 70) <= 3
-    assert pictures[1][12, 4, 0] > 200
+    frames = list(recording.read_frames(np.array([0, 7])))
+    assert [image.shape for image in frames] == [(24, 32, 3)] * 2
+    assert abs(int(frames[1][12, 28, 1]) - 70) <= 3
+    assert frames[1][12, 4, 0] > 200
 
 
 def test_stride_and_range_select_by_the_containers_time(root):
     recording = Hoi4dRecording(root / FOLDER, **(OPTIONS | {"stride": 2, "start_s": 0.2, "end_s": 0.6}))
     assert np.round(recording.capture.timestamp_ns * 15e-9).tolist() == [3, 5, 7]
-    (picture,) = recording.read_frames(np.array([2]))
-    assert abs(int(picture[12, 28, 1]) - 70) <= 3
+    (image,) = recording.read_frames(np.array([2]))
+    assert abs(int(image[12, 28, 1]) - 70) <= 3
 
 
 @pytest.mark.parametrize("path", [FOLDER, NAME])
@@ -80,7 +80,7 @@ def test_a_sequence_is_found_by_folder_and_by_name(root, path):
     assert find_sequence(root / path) == root / FOLDER
 
 
-def test_videos_and_annotations_may_have_roots_of_their_own(root):
+def test_videos_and_annotations_may_have_separate_root_folders(root):
     release = root / "HOI4D_release" / FOLDER
     release.parent.mkdir(parents=True)
     (root / FOLDER).rename(release)
@@ -91,12 +91,12 @@ def test_videos_and_annotations_may_have_roots_of_their_own(root):
     assert Hoi4dAnnotations(root / NAME, camera=CAMERA).instance_map(0) is not None
 
 
-def test_intrinsics_beside_the_sequence_come_first(root):
+def test_intrinsics_in_the_sequence_have_priority(root):
     np.save(root / FOLDER / "intrin.npy", MATRIX * [[2], [2], [1]])
     assert find_intrinsics(root / FOLDER) == root / FOLDER / "intrin.npy"
 
 
-def test_masks_follow_the_picture(root):
+def test_masks_belong_to_their_frames(root):
     annotations = Hoi4dAnnotations(root / FOLDER, camera=CAMERA)
     capture = Hoi4dRecording(root / FOLDER, **OPTIONS).capture
     maps = [annotations.instance_map(int(time)) for time in capture.timestamp_ns]
@@ -109,7 +109,7 @@ def test_masks_follow_the_picture(root):
     assert annotations.instance_map(int(capture.timestamp_ns[3]) + 3_100_000) is None
 
 
-def test_what_labels_mean_depends_on_the_category(root):
+def test_the_meaning_of_labels_depends_on_the_category(root):
     pliers = instances_of("C11", root)
     assert [instance.category for instance in pliers[:3]] == [
         "left part of the pliers", "right hand", "right part of the pliers",

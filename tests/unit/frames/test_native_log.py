@@ -1,4 +1,4 @@
-"""Keeping what C++ libraries write to the process's standard output and error."""
+"""Messages that C++ libraries write to the process's standard output and error are captured."""
 
 import os
 from pathlib import Path

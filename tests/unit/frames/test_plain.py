@@ -1,4 +1,4 @@
-"""Videos and image folders written by the test."""
+"""Plain recordings: videos and image folders, with calibration and mask."""
 
 import json
 import subprocess
@@ -37,7 +37,7 @@ def images(tmp_path):
 
 
 def reds(recording, indices):
-    return [int(picture[5, 5, 0]) for picture in recording.read_frames(np.array(indices))]
+    return [int(image[5, 5, 0]) for image in recording.read_frames(np.array(indices))]
 
 
 def test_images_come_in_natural_order(images):
@@ -49,7 +49,7 @@ def test_images_come_in_natural_order(images):
 
 
 @pytest.mark.parametrize("suffix", [".gif", ".webp", ".tif", ".TIFF", ".bmp", ".heic", ".avif", ".dng"])
-def test_pictures_of_formats_that_are_not_read_are_counted(images, capsys, suffix):
+def test_images_of_other_formats_are_counted(images, capsys, suffix):
     for number in range(3):
         (images / f"more{number}{suffix}").touch()
     assert len(PlainRecording(images, **OPTIONS).capture.timestamp_ns) == 12
@@ -57,14 +57,14 @@ def test_pictures_of_formats_that_are_not_read_are_counted(images, capsys, suffi
     assert f"3 {suffix}: only png and jpg are read" in told and f"mogrify -format png *{suffix}" in told
 
 
-def test_a_folder_of_other_formats_alone_says_how_to_convert_them(tmp_path):
+def test_a_folder_of_other_formats_only_advises_their_conversion(tmp_path):
     for name in ("a.heic", "b.heic", "c.webp"):
         (tmp_path / name).touch()
     with pytest.raises(UserError, match=r"2 \.heic, 1 \.webp: .*\*\.heic \*\.webp"):
         PlainRecording(tmp_path, **OPTIONS)
 
 
-def test_files_that_are_not_pictures_are_ignored_silently(images, capsys):
+def test_files_that_are_not_images_are_ignored_silently(images, capsys):
     for name in ("notes.txt", "camera.txt", ".hidden.webp"):
         (images / name).touch()
     PlainRecording(images, **OPTIONS)
@@ -74,7 +74,7 @@ def test_files_that_are_not_pictures_are_ignored_silently(images, capsys):
 @pytest.mark.parametrize(
     "first, second", [("000.png", "000.jpg"), ("a.jpeg", "a.jpg"), ("b.PNG", "b.png"), ("x 1.jpg", "x 1.png")]
 )
-def test_one_picture_twice_is_rejected_with_both_names(tmp_path, first, second):
+def test_two_images_of_one_name_are_rejected_with_both_names(tmp_path, first, second):
     """One of the two would be trained on and the other held out."""
     folder = write_images(tmp_path / "twice", ["5.png", first, second, "7.png"])
     with pytest.raises(UserError, match=f"{first} and {second}|{second} and {first}"):
@@ -88,7 +88,7 @@ def test_a_guessed_camera_is_marked_as_guessed(images):
 
 
 @pytest.mark.parametrize("kind", ["images", "video"])
-def test_a_calibration_beside_the_source_is_used(images, video, kind):
+def test_a_companion_calibration_is_used(images, video, kind):
     path = images if kind == "images" else video()
     target = path / "camera.json" if kind == "images" else path.with_name("clip.mp4.camera.json")
     target.write_text(json.dumps(CALIBRATION))
@@ -114,7 +114,7 @@ def test_a_bad_calibration_is_named(images, content, problem):
         PlainRecording(images, **OPTIONS)
 
 
-def test_a_mask_shrinks_to_pixels_that_are_wholly_valid(images):
+def test_a_resized_mask_keeps_wholly_valid_pixels(images):
     mask = np.full((48, 64), 255, np.uint8)
     mask[:, :9] = 0
     Image.fromarray(mask).save(images / "valid.png")
@@ -122,8 +122,8 @@ def test_a_mask_shrinks_to_pixels_that_are_wholly_valid(images):
     expected = np.ones((24, 32), bool)
     expected[:, :5] = False
     assert (recording.capture.valid == expected).all()
-    (picture,) = recording.read_frames(np.array([11]))
-    assert (picture[~expected] == 0).all() and (picture[expected] == [110, 100, 0]).all()
+    (image,) = recording.read_frames(np.array([11]))
+    assert (image[~expected] == 0).all() and (image[expected] == [110, 100, 0]).all()
     assert len(recording.capture.timestamp_ns) == 12
 
 
@@ -138,11 +138,11 @@ def test_bad_masks_are_named(images):
 
 def test_exif_orientation_is_applied(tmp_path):
     folder = write_images(tmp_path / "images", ["a.jpg"])
-    picture = np.zeros((48, 64, 3), np.uint8)
-    picture[:24, :, 1] = 200
+    image = np.zeros((48, 64, 3), np.uint8)
+    image[:24, :, 1] = 200
     exif = Image.Exif()
     exif[0x0112] = 6  # shown turned clockwise
-    Image.fromarray(picture).save(folder / "a.jpg", exif=exif, quality=95)
+    Image.fromarray(image).save(folder / "a.jpg", exif=exif, quality=95)
     recording = PlainRecording(folder, **(OPTIONS | {"resolution": 64}))
     (shown,) = recording.read_frames(np.array([0]))
     assert shown.shape == (64, 48, 3)
@@ -153,8 +153,8 @@ def test_transparency_and_palettes_become_plain_colours(tmp_path):
     folder = write_images(tmp_path / "images", ["0.png"])
     Image.new("RGBA", (64, 48), (10, 20, 30, 0)).save(folder / "1.png")
     Image.new("RGB", (64, 48), (10, 20, 30)).quantize(4).save(folder / "2.png")
-    pictures = list(PlainRecording(folder, **OPTIONS).read_frames(np.array([1, 2])))
-    assert [picture[3, 3].tolist() for picture in pictures] == [[10, 20, 30]] * 2
+    frames = list(PlainRecording(folder, **OPTIONS).read_frames(np.array([1, 2])))
+    assert [image[3, 3].tolist() for image in frames] == [[10, 20, 30]] * 2
 
 
 def test_bad_image_folders_are_named(images, tmp_path):
@@ -191,14 +191,14 @@ def test_area_averaging_does_not_alias(tmp_path):
     folder = write_images(tmp_path / "images", ["0.png"])
     checkers = np.indices((48, 64)).sum(axis=0) % 2 * 255
     Image.fromarray(np.repeat(checkers[..., None], 3, axis=2).astype(np.uint8)).save(folder / "0.png")
-    (picture,) = PlainRecording(folder, **(OPTIONS | {"resolution": 16})).read_frames(np.array([0]))
-    assert np.abs(picture.astype(int) - 127).max() <= 1
+    (image,) = PlainRecording(folder, **(OPTIONS | {"resolution": 16})).read_frames(np.array([0]))
+    assert np.abs(image.astype(int) - 127).max() <= 1
 
 
 def test_video_frames_and_times(video):
     recording = PlainRecording(video(), **(OPTIONS | {"stride": 5}))
     assert np.abs(recording.capture.timestamp_ns - np.array([0, 5, 10]) * 1e9 / 15).max() < 1000
-    greens = [int(picture[12, 28, 1]) for picture in recording.read_frames(np.array([1, 2]))]
+    greens = [int(image[12, 28, 1]) for image in recording.read_frames(np.array([1, 2]))]
     assert np.abs(np.array(greens) - [50, 100]).max() <= 3
 
 
@@ -217,9 +217,9 @@ def test_a_rotated_video_is_shown_upright(video):
     recording = PlainRecording(turned, **OPTIONS)
     camera = recording.capture.camera
     assert (camera.width, camera.height) == (24, 32)
-    (picture,) = recording.read_frames(np.array([2]))
+    (image,) = recording.read_frames(np.array([2]))
     # Turned counter-clockwise, the red left half comes to lie below.
-    assert picture[28, 12, 0] > 200 and picture[4, 12, 0] < 60
+    assert image[28, 12, 0] > 200 and image[4, 12, 0] < 60
 
 
 @pytest.mark.parametrize("content", [b"", b"no video"])

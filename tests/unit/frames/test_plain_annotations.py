@@ -1,4 +1,4 @@
-"""The annotation format of plain recordings."""
+"""Annotations of plain recordings, and the split that depends on them."""
 
 import shutil
 
@@ -53,14 +53,14 @@ def test_images_have_the_annotation_of_their_name(images):
     assert (third == np.where(expected == 0, 0, -1)).all()
 
 
-@pytest.mark.parametrize(("evaluation", "told"), [(1, "1 of 1"), (3, "2 of 3")])
-def test_evaluation_frames_without_annotation_are_reported(images, tmp_path, capsys, evaluation, told):
+@pytest.mark.parametrize(("evaluation", "annotated"), [(1, "1 of 1"), (3, "2 of 3")])
+def test_evaluation_frames_without_annotation_are_reported(images, tmp_path, capsys, evaluation, annotated):
     keys = defaults()["frames"] | {"resolution": 32, "evaluation_frames": evaluation, "holdout": False}
     stage.run(images, tmp_path / "frames.zarr", stage.FramesOptions(**keys), format="plain")
     annotations_stage.run(images, tmp_path / "frames.zarr", tmp_path / "annotations.zarr", AGE)
     last = capsys.readouterr().err.splitlines()[-1]
     missing = "" if evaluation == 1 else "; not annotated (indices from 0): 0"
-    assert last == f"{told} evaluation frames are annotated{missing}"
+    assert last == f"{annotated} evaluation frames are annotated{missing}"
 
 
 def split(recording, output, **keys):
@@ -71,7 +71,7 @@ def split(recording, output, **keys):
     return frames.read("train").tolist(), frames.read("evaluation").tolist()
 
 
-def test_without_annotations_every_frame_is_trained_on(images, tmp_path, capsys):
+def test_without_annotations_every_frame_trains(images, tmp_path, capsys):
     shutil.rmtree(images / "annotations")
     assert split(images, tmp_path / "frames.zarr") == ([True] * 3, [False] * 3)
     assert "3 frames, all for training" in capsys.readouterr().err
@@ -85,7 +85,7 @@ def test_with_annotations_frames_are_held_out(images, tmp_path):
     assert split(images, tmp_path / "frames.zarr") == ([True, False, True], [False, True, False])
 
 
-def test_a_video_without_annotations_is_trained_on_whole(video, tmp_path):
+def test_a_video_without_annotations_trains_on_every_frame(video, tmp_path):
     path = video()
     assert all(split(path, tmp_path / "frames.zarr")[0])
     (tmp_path / "clip.mp4.annotations").mkdir()
@@ -101,12 +101,12 @@ def test_held_out_frames_must_leave_training_frames(images, tmp_path, wanted):
 
 
 @pytest.mark.parametrize("value", [-1, 2.5, "all", True, None])
-def test_evaluation_frames_that_are_no_number_are_rejected(value):
+def test_a_bad_number_of_evaluation_frames_is_rejected(value):
     with pytest.raises(UserError, match="frames.evaluation_frames"):
         check(merge(defaults(), {"frames": {"evaluation_frames": value}}))
 
 
-def test_annotations_of_none_of_the_pictures_are_rejected(images, tmp_path):
+def test_annotations_without_an_evaluation_frame_are_rejected(images, tmp_path):
     for path in (images / "annotations").glob("*.png"):
         path.unlink()
     keys = defaults()["frames"] | {"resolution": 32, "evaluation_frames": 3, "holdout": False}
@@ -175,7 +175,7 @@ def test_missing_and_undecodable_tables_are_named(images):
 
 
 @pytest.mark.parametrize(
-    ("picture", "message"),
+    ("image", "message"),
     [
         (Image.fromarray(IDS[:, :-1]), "63x48 px, but the frame is 64x48"),
         (Image.fromarray(IDS + 1), "instance id 1 is not in instances.tsv"),
@@ -183,13 +183,13 @@ def test_missing_and_undecodable_tables_are_named(images):
         (Image.new("LA", (64, 48)), "single channel"),
     ],
 )
-def test_bad_pictures_are_named(images, picture, message):
-    picture.save(images / "annotations" / "img_2.png")
+def test_bad_label_images_are_named(images, image, message):
+    image.save(images / "annotations" / "img_2.png")
     with pytest.raises(UserError, match=f"img_2.png.*{message}"):
         maps(images)
 
 
-def test_pictures_of_no_frame_are_named(images):
+def test_label_images_of_no_frame_are_named(images):
     Image.fromarray(IDS).save(images / "annotations" / "img_3.png")
     with pytest.raises(UserError, match="img_3.png"):
         maps(images)

@@ -1,4 +1,4 @@
-"""Opening by format, and that pictures are read without code that reads annotations."""
+"""Recordings open by format, and reading frames imports no annotation code."""
 
 import subprocess
 import sys
@@ -16,7 +16,7 @@ OPTIONS = {"resolution": 32, "focal": 460.0, "upright": True, "stride": 1, "star
 CAMERA = Camera(32, 24, 30.0, 30.0, 16.0, 12.0)
 
 
-def test_reading_pictures_never_imports_annotation_code():
+def test_reading_frames_never_imports_annotation_code():
     code = "import sys, egosplat.frames.readers; print(*(m for m in sys.modules if m.startswith('egosplat')))"
     path = str(Path(__file__).resolve().parents[3] / "src")
     run = subprocess.run(
@@ -38,7 +38,7 @@ def test_an_unknown_format_is_rejected(tmp_path):
     "format, problem",
     [("adt", "no such folder"), ("hoi4d", "not the name of a HOI4D sequence"), ("plain", "not found")],
 )
-def test_a_missing_recording_is_named_with_what_is_wrong(tmp_path, format, problem):
+def test_a_missing_recording_is_named_with_the_reason(tmp_path, format, problem):
     nowhere = tmp_path / "nowhere"
     with pytest.raises(UserError, match=f"nowhere: {problem}"):
         open_recording(format, nowhere, **OPTIONS)
@@ -49,8 +49,8 @@ def test_a_missing_recording_is_named_with_what_is_wrong(tmp_path, format, probl
 def test_every_format_has_its_reader(tmp_path, video):
     plain = open_recording("plain", video(), **OPTIONS)
     assert plain.capture.valid.shape == (24, 32)
-    (picture,) = plain.read_frames(np.array([3]))
-    assert picture.shape == (24, 32, 3)
+    (image,) = plain.read_frames(np.array([3]))
+    assert image.shape == (24, 32, 3)
     assert open_annotations("plain", tmp_path / "clip.mp4", camera=CAMERA, upright=True) is None
     sequence = tmp_path / "ZY20210800001/H1/C11/N58/S376/s02/T2"
     video(sequence / "align_rgb/image.mp4")

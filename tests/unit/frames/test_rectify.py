@@ -1,4 +1,4 @@
-"""Rectification against projectaria-tools' own projection."""
+"""Rectification agrees with projectaria-tools."""
 
 import cv2
 import numpy as np
@@ -41,7 +41,7 @@ def test_pinhole_projects_like_arias_linear_calibration(resolution):
 
 
 @pytest.mark.parametrize("upright", [False, True])
-def test_device_points_project_as_by_the_rotated_linear_calibration(fisheye, upright):
+def test_device_points_project_like_the_rotated_linear_calibration(fisheye, upright):
     rectification = Rectification(fisheye, pinhole(352, 460.0), upright)
     pose = fisheye.get_transform_device_camera()
     device = points_in_front() @ pose.to_matrix()[:3, :3].T + pose.to_matrix()[:3, 3]
@@ -67,19 +67,19 @@ def noise(side: int = 352) -> np.ndarray:
 
 
 @pytest.mark.parametrize("upright", [False, True])
-def test_colour_is_the_librarys_own_within_a_grey_level(fisheye, upright):
+def test_colours_equal_the_librarys_within_a_grey_level(fisheye, upright):
     camera = pinhole(352, 460.0)
     rectification = Rectification(fisheye, camera, upright)
     assert supersampling(fisheye, camera) == 1
-    picture = noise()
-    theirs = distort_by_calibration(picture, linear_calibration(camera), fisheye)
+    image = noise()
+    theirs = distort_by_calibration(image, linear_calibration(camera), fisheye)
     theirs = np.rot90(theirs, -1) if upright else theirs
-    difference = np.abs(theirs.astype(int) - rectification.colour(picture))[rectification.valid]
+    difference = np.abs(theirs.astype(int) - rectification.colour(image))[rectification.valid]
     assert difference.max() <= 1
 
 
 @pytest.mark.parametrize("resolution", [352, 100])
-def test_labels_are_the_librarys_own(fisheye, resolution):
+def test_labels_equal_the_librarys(fisheye, resolution):
     camera = pinhole(resolution, 460.0)
     rectification = Rectification(fisheye, camera, False)
     labels = np.random.default_rng(1).integers(1, 2**60, (352, 352), dtype=np.uint64)
@@ -91,7 +91,7 @@ def test_labels_are_the_librarys_own(fisheye, resolution):
 
 
 @pytest.mark.parametrize("resolution", [352, 88])
-def test_valid_pixels_project_into_the_lens_circle_and_the_picture(fisheye, resolution):
+def test_valid_pixels_project_into_the_lens_circle_and_the_frame(fisheye, resolution):
     camera = pinhole(resolution, 460.0)
     rectification = Rectification(fisheye, camera, False)
     factor = supersampling(fisheye, camera)
@@ -109,7 +109,7 @@ def _visible(fisheye, linear, u, v) -> bool:
     return pixel is not None and bool(0 <= pixel.min() and pixel.max() <= 351)
 
 
-def test_invalid_pixels_are_black_and_no_valid_one_mixes_with_outside(fisheye):
+def test_invalid_pixels_are_black_and_valid_ones_do_not_mix_with_them(fisheye):
     rectification = Rectification(fisheye, pinhole(88, 460.0), True)
     white = rectification.colour(np.full((352, 352, 3), 255, dtype=np.uint8))
     assert (white[rectification.valid] == 255).all()
@@ -119,13 +119,11 @@ def test_invalid_pixels_are_black_and_no_valid_one_mixes_with_outside(fisheye):
 def test_a_fine_pattern_averages_instead_of_aliasing(fisheye):
     rows, columns = np.mgrid[:352, :352]
     checkers = np.where((rows + columns) % 2, 255, 0).astype(np.uint8)
-    picture = np.repeat(checkers[..., None], 3, axis=2)
+    image = np.repeat(checkers[..., None], 3, axis=2)
     camera = pinhole(44, 460.0)
     rectification = Rectification(fisheye, camera, False)
-    middle = rectification.colour(picture)[12:32, 12:32, 0].astype(float)
-    naive = distort_by_calibration(picture, linear_calibration(camera), fisheye)[12:32, 12:32, 0].astype(
-        float
-    )
+    middle = rectification.colour(image)[12:32, 12:32, 0].astype(float)
+    naive = distort_by_calibration(image, linear_calibration(camera), fisheye)[12:32, 12:32, 0].astype(float)
     assert np.abs(middle - 127.5).max() < 20
     assert naive.std() > 3 * middle.std()
 
@@ -133,13 +131,13 @@ def test_a_fine_pattern_averages_instead_of_aliasing(fisheye):
 def test_upright_turns_clockwise(fisheye):
     sensor = Rectification(fisheye, pinhole(176, 460.0), False)
     upright = Rectification(fisheye, pinhole(176, 460.0), True)
-    picture = noise()
-    assert (upright.colour(picture) == np.rot90(sensor.colour(picture), -1)).all()
+    image = noise()
+    assert (upright.colour(image) == np.rot90(sensor.colour(image), -1)).all()
     assert (upright.valid == np.rot90(sensor.valid, -1)).all()
-    labels = picture[..., 0].astype(np.uint16)
+    labels = image[..., 0].astype(np.uint16)
     assert (upright.labels(labels) == np.rot90(sensor.labels(labels), -1)).all()
 
 
-def test_a_picture_of_another_size_is_rejected(fisheye):
+def test_a_frame_of_another_size_is_rejected(fisheye):
     with pytest.raises(ValueError, match="calibration for"):
         Rectification(fisheye, pinhole(44, 460.0), False).colour(np.zeros((100, 100, 3), np.uint8))

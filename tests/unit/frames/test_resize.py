@@ -1,4 +1,4 @@
-"""Shrinking pictures, masks and labels."""
+"""Resizing images, masks and label maps."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from egosplat.frames.resize import resize_image, resize_labels, resize_mask
 
 
 @pytest.mark.parametrize("factor", [1, 2, 3, 4])
-def test_labels_are_taken_under_the_middle_of_each_pixel(factor):
+def test_labels_are_taken_under_the_centre_of_each_pixel(factor):
     labels = np.arange(24 * 12).reshape(24, 12)
     middle = factor // 2
     assert (resize_labels(labels, 12 // factor, 24 // factor) == labels[middle::factor, middle::factor]).all()
@@ -31,6 +31,6 @@ def test_a_mask_keeps_pixels_that_are_wholly_inside():
 
 
 def test_resizing_keeps_the_mean():
-    picture = np.random.default_rng(0).integers(0, 256, (60, 80, 3), dtype=np.uint8)
-    small = resize_image(picture, 20, 15)
-    assert np.abs(small - picture.reshape(15, 4, 20, 4, 3).mean(axis=(1, 3))).max() <= 0.5
+    image = np.random.default_rng(0).integers(0, 256, (60, 80, 3), dtype=np.uint8)
+    small = resize_image(image, 20, 15)
+    assert np.abs(small - image.reshape(15, 4, 20, 4, 3).mean(axis=(1, 3))).max() <= 0.5

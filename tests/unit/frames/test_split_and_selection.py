@@ -1,4 +1,4 @@
-"""The train / evaluation split, and the selection of frames."""
+"""Selection of frames, and their split into training and evaluation."""
 
 from pathlib import Path
 

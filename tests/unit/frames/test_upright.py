@@ -1,4 +1,4 @@
-"""Aria's pictures are turned upright by the device's own calibration, gen1's by a quarter turn and gen2's not at all."""
+"""Frames are turned upright by the device's calibration: gen1 by a quarter turn, gen2 not at all."""
 
 import numpy as np
 import pytest
@@ -63,21 +63,21 @@ def test_turns_are_those_of_the_device(version, build, origin, turns):
 
 
 @pytest.mark.parametrize("version, build, origin, turns", BUILDS)
-def test_up_in_the_picture_is_up_of_the_wearer(version, build, origin, turns, tmp_path):
-    """The pose of the rectified camera follows the same decision as its pictures."""
+def test_up_in_the_frame_is_up_of_the_wearer(version, build, origin, turns, tmp_path):
+    """The pose of the rectified camera follows the same decision as its frames."""
     calibration = device(version, build, origin)
     made = rectification(calibration, pinhole(64, 460.0), True, tmp_path)
     cpf_from_device = np.linalg.inv(calibration.get_transform_device_cpf(CpfType.CadBased).to_matrix())
     up = -(cpf_from_device @ made.device_from_camera)[:3, 1]
     assert up[1] > 0.98
     sensor = rectification(calibration, pinhole(64, 460.0), False, tmp_path)
-    picture = np.random.default_rng(0).integers(256, size=(192, 256, 3), dtype=np.uint8)
-    assert (made.colour(picture) == np.rot90(sensor.colour(picture), -turns)).all()
+    image = np.random.default_rng(0).integers(256, size=(192, 256, 3), dtype=np.uint8)
+    assert (made.colour(image) == np.rot90(sensor.colour(image), -turns)).all()
     assert (made.valid == np.rot90(sensor.valid, -turns)).all()
 
 
 def test_every_quarter_turn_is_found():
-    """A camera turned counterclockwise about its axis needs as many clockwise turns of its picture."""
+    """A camera turned counterclockwise about its axis needs as many clockwise turns of its image."""
     upright = np.diag([-1.0, -1.0, 1.0])  # x to the right, y down, against CPF's left and up
     for turns in range(4):
         for tilt in (-40, 0, 40):
@@ -106,7 +106,7 @@ OPTIONS = {"resolution": 64, "focal": 460.0, "stride": 1, "start_s": 0.0, "end_s
 
 
 def test_a_gen2_recording_is_not_turned(sample, monkeypatch):
-    """The sample's pictures with the mounting of gen2: as the sensor takes them, whatever frames.upright says."""
+    """The sample's frames with the mounting of gen2: as the sensor takes them, whatever frames.upright says."""
     lying = AdtRecording(sample, upright=False, **OPTIONS)
     assert not lying.capture.upright
 
@@ -136,8 +136,8 @@ def test_a_gen2_recording_is_not_turned(sample, monkeypatch):
     for upright in (True, False):
         turned = AdtRecording(sample, upright=upright, **OPTIONS)
         assert turned.capture.upright
-        picture = next(turned.read_frames(np.array([0])))
-        assert (picture == next(lying.read_frames(np.array([0])))).all()
+        image = next(turned.read_frames(np.array([0])))
+        assert (image == next(lying.read_frames(np.array([0])))).all()
     found = [
         AdtAnnotations(sample, camera=lying.capture.camera, upright=upright).instance_map(
             int(lying.capture.timestamp_ns[0])

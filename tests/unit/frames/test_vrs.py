@@ -1,4 +1,4 @@
-"""Completeness of VRS files, on a file of nothing but record headers."""
+"""Truncated and damaged VRS files are rejected, on a file of record headers only."""
 
 import struct
 

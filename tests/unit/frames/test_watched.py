@@ -19,8 +19,8 @@ def test_what_exists_is_watched_by_stage(tmp_path):
     }
 
 
-def test_a_video_is_watched_with_the_files_beside_it(tmp_path):
-    """Protects the naming of companions, and of names with glob characters or braces."""
+def test_a_video_is_watched_with_its_companion_files(tmp_path):
+    """Protects the names of companion files, and names with glob characters or braces."""
     video = tmp_path / "clip [1].mp4"
     for name in ("", ".camera.json", ".annotations/0.png", ".annotations/{2}.png"):
         file = tmp_path / f"{video.name}{name}"
