@@ -36,7 +36,7 @@ from egosplat.gaussians.pixel_weights import open_masking
 from egosplat.gaussians.render import RenderSettings
 from egosplat.language.lifting import lift
 from egosplat.language.training import CodeOptions, CodeTraining
-from egosplat.language.views import TaughtViews, taught_views
+from egosplat.language.views import CodeViews, select_code_views
 from egosplat.pipeline.config import defaults
 from egosplat.progress import log
 
@@ -64,7 +64,7 @@ class Scene:
     gaussians: Gaussians
     settings: RenderSettings
     decoder: Decoder
-    views: TaughtViews
+    views: CodeViews
     targets: CodeTargets
     segments: Artifact
     features: Artifact
@@ -84,7 +84,7 @@ def read(folder: Path) -> Scene:
         masks=folder / "masks.zarr",
     )
     targets = CodeTargets(found["segments"], found["features"], CPU)
-    views = taught_views(found["frames"], found["poses"], targets.of, masking, CPU)
+    views = select_code_views(found["frames"], found["poses"], targets.of, masking, CPU)
     decoder = read_decoder(found["features"])
     return Scene(
         read_gaussians(splats), read_render_settings(splats, "auto"), decoder, views, targets, **found
@@ -101,7 +101,7 @@ def of_level(targets: Callable[[int], Targets], level: int) -> Callable[[int], T
     return found
 
 
-def trained(scene: Scene, views: TaughtViews, levels: int, iterations: int) -> Tensor:
+def trained(scene: Scene, views: CodeViews, levels: int, iterations: int) -> Tensor:
     """Codes trained by gradients."""
     keys = defaults()["language"]
     options = CodeOptions(

@@ -1,7 +1,7 @@
-"""From codes back to features, by plain numbers that an artifact can hold.
+"""Decode codes to features, with a decoder stored as a plain array.
 
-A decoder is a chain of affine layers with ReLU between them, whose result is brought to unit norm. That is the decoder
-of LangSplat's autoencoder; with one layer it is a basis with a mean, with none it leaves codes as they are.
+A decoder is a chain of affine layers with ReLU in between, followed by normalization: the decoder of LangSplat's
+autoencoder. One layer is a basis with a mean; no layer leaves codes as they are.
 """
 
 from dataclasses import dataclass
@@ -19,21 +19,21 @@ from egosplat.artifacts.reader import Artifact
 
 @dataclass(frozen=True)
 class Decoder:
-    """The numbers of a decoder.
+    """Weights of a decoder.
 
     Attributes:
         widths: channels from the code to the feature, one more than there are layers.
-        values: (P,) float32, of each layer the (out, in) weights, then the (out,) biases.
+        values: (P,) float32, for each layer the (out, in) weights, then the (out,) biases.
     """
 
     widths: tuple[int, ...]
     values: NDArray[np.float32]
 
     def layers(self, like: Tensor) -> list[tuple[Tensor, Tensor]]:
-        """(out, in) weights and (out,) biases of each layer, of the type and on the device of ``like``.
+        """Return (out, in) weights and (out,) biases of each layer, with dtype and device of ``like``.
 
         Raises:
-            ValueError: there are not as many numbers as the widths need.
+            ValueError: the number of values does not match the widths.
         """
         sizes = [size for narrow, wide in pairwise(self.widths) for size in (wide * narrow, wide)]
         if sum(sizes) != len(self.values):
@@ -47,19 +47,17 @@ class Decoder:
 
 
 def decode(codes: Tensor, decoder: Decoder) -> Tensor:
-    """Features of unit norm.
-
-    Of rendered codes, those of full weight: divide by alpha where a ray is not filled, because layers have biases.
+    """Decode codes to features of unit norm.
 
     Args:
-        codes: (..., C) floats.
-        decoder: what they were made for.
+        codes: (..., C) floats. Divide rendered codes by alpha first: layers have biases.
+        decoder: decoder of these codes.
 
     Returns:
-        (..., D) of the same type and on the same device; zeros where a feature vanishes.
+        (..., D), same dtype and device; a feature that vanishes is zero.
 
     Raises:
-        ValueError: codes are of another length.
+        ValueError: codes have another number of channels.
     """
     if codes.shape[-1] != decoder.widths[0]:
         raise ValueError(f"codes have {codes.shape[-1]} channels, the decoder takes {decoder.widths[0]}")
@@ -70,10 +68,10 @@ def decode(codes: Tensor, decoder: Decoder) -> Tensor:
 
 
 def read_decoder(features: Artifact) -> Decoder:
-    """The decoder of a features artifact."""
+    """Read the decoder of a features artifact."""
     return Decoder(tuple(features.facts["decoder"]["widths"]), features.read("decoder/values"))
 
 
-def about(decoder: Decoder) -> dict[str, Any]:
-    """What the facts say of a decoder, for ``read_decoder``."""
+def decoder_metadata(decoder: Decoder) -> dict[str, Any]:
+    """Return the decoder's metadata, for ``read_decoder``."""
     return {"widths": list(decoder.widths)}

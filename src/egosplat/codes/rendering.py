@@ -1,4 +1,4 @@
-"""Pictures of what Gaussians mean: codes composited as colours are, by weight and by share."""
+"""Render codes of Gaussians: alpha compositing, as for colors, weighted by share."""
 
 from dataclasses import dataclass
 
@@ -12,17 +12,17 @@ from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Camera, invert
 from egosplat.rasterize.api import rasterization
 
+# Below this coverage a pixel has code 0.
 _LEAST_COVERAGE = 1e-6
-"""Below it a pixel shows nothing that means anything, and its code is 0."""
 
 
 @dataclass(frozen=True, eq=False)
 class RenderedCodes:
-    """What a picture means at L levels.
+    """Code image at L levels.
 
     Attributes:
-        codes: (L, H, W, C) float32, weighted means of the Gaussians' codes; 0 where nothing is covered.
-        coverage: (L, H, W) float32 in [0, 1], accumulated weight of Gaussians times their share.
+        codes: (L, H, W, C) float32, weighted means of the Gaussians' codes; 0 where the coverage is 0.
+        coverage: (L, H, W) float32 in [0, 1], accumulated compositing weight times share.
     """
 
     codes: Tensor
@@ -36,17 +36,17 @@ def render_values(
     camera_to_world: NDArray[np.float64],
     settings: RenderSettings,
 ) -> tuple[Tensor, Tensor]:
-    """Composite (N, X) values of Gaussians, any number of them; differentiable by the values.
+    """Composite (N, X) values of Gaussians, for any X; differentiable by the values.
 
     Args:
-        gaussians: whose geometry is used.
-        values: (N, X) float32 on their device.
-        camera: pinhole camera of the picture.
-        camera_to_world: (4, 4) float64, OpenCV axes, metres.
-        settings: how to render.
+        gaussians: their geometry is used.
+        values: (N, X) float32 on the same device.
+        camera: pinhole camera.
+        camera_to_world: (4, 4) float64, OpenCV axes, meters.
+        settings: render settings.
 
     Returns:
-        (H, W, X) float32 on zeros, and (H, W) accumulated opacity.
+        (H, W, X) float32 on background 0, and (H, W) accumulated opacity.
     """
     device = gaussians.means.device
     images, alphas, _ = rasterization(
@@ -73,12 +73,12 @@ def sum_over_pixels(
     camera_to_world: NDArray[np.float64],
     settings: RenderSettings,
 ) -> Tensor:
-    """The transposed map of ``render_values``: each Gaussian's sum of a picture over its compositing weights.
+    """Transposed map of ``render_values``: sum an image over each Gaussian's compositing weights.
 
     Args:
-        gaussians: whose geometry is used.
-        image: (H, W, X) float32 on their device.
-        camera, camera_to_world, settings: as ``render_values``.
+        gaussians: their geometry is used.
+        image: (H, W, X) float32 on the same device.
+        camera, camera_to_world, settings: as in ``render_values``.
 
     Returns:
         (N, X) float32.
@@ -97,18 +97,16 @@ def render_codes(
     camera_to_world: NDArray[np.float64],
     settings: RenderSettings,
 ) -> RenderedCodes:
-    """Render what Gaussians mean.
-
-    A Gaussian counts by its weight in the pixel times its share at the level: one that was seen as nothing in
-    particular has no say.
+    """Render the codes of Gaussians.
 
     Args:
         gaussians: the scene, on any device.
-        code: (N, L, C) and share: (N, L) of language.zarr, on the same.
-        camera, camera_to_world: of the picture; see ``render_values``.
-        settings: how to render.
+        code, share: (N, L, C) and (N, L) of language.zarr, on the same device.
+        camera, camera_to_world: see ``render_values``.
+        settings: render settings.
     """
     count, levels, channels = code.shape
+    # A Gaussian counts by compositing weight times share: without labeled pixels it has no influence.
     values = torch.cat([(code * share[..., None]).reshape(count, -1), share], dim=1)
     image, _ = render_values(gaussians, values, camera, camera_to_world, settings)
     sums, coverage = image.split([levels * channels, levels], dim=-1)

@@ -1,4 +1,4 @@
-"""What Gaussians shall show in words: the code of each pixel's instance, at every level."""
+"""Target codes for Gaussians: the code of each pixel's instance, at every level."""
 
 from dataclasses import dataclass
 
@@ -13,11 +13,11 @@ from egosplat.artifacts.reader import Artifact
 
 @dataclass(frozen=True, eq=False)
 class Targets:
-    """Codes of one frame's pixels, at L levels of C channels each.
+    """Target codes of one frame's pixels, at L levels with C channels each.
 
     Attributes:
         codes: (L, C, H, W) float32, 0 where there is none.
-        known: (L, H, W) bool, where there is one.
+        known: (L, H, W) bool, pixels with a target.
     """
 
     codes: Tensor
@@ -25,20 +25,21 @@ class Targets:
 
 
 class CodeTargets:
-    """The supervision F of the paper's L_F, compressed, of any frame; read when it is asked for.
+    """The supervision F of the paper's L_F, compressed; frames are read on request.
 
-    An instance has in each frame the code of its view there. Where it is too small to have been encoded it has the
-    consistent code, unless supervision is by the views' own features alone.
+    In each frame, an instance has the code of its view. An instance too small to be encoded there has the consistent
+    code, unless views are supervised by their own features only.
 
     Attributes:
-        levels: names of those that have instances; channels: C.
+        levels: names of the levels with instances.
+        channels: C.
     """
 
     def __init__(self, segments: Artifact, features: Artifact, device: torch.device) -> None:
-        """``device``: where the targets are to be.
+        """Load the codes; ``device`` is the device of the targets.
 
         Raises:
-            UserError: the features are of other segments.
+            UserError: the features were made from other segments.
         """
         self._segments, self._device = segments, device
         check_made_from(features, segments, axes=("instance",))
@@ -46,7 +47,7 @@ class CodeTargets:
         self._code = features.read("code")
         self._common = features.read("consistent_code")
         seen = features.read("views") > 0
-        views_alone = features.provenance["options"]["target"] == "view"
+        views_alone = features.provenance["options"]["supervision"] == "view"
         self._usable = np.zeros_like(seen) if views_alone else seen
         self._named = seen
         self._levels = np.unique(segments.read("instances/level"))
@@ -55,16 +56,16 @@ class CodeTargets:
         self.channels = self._code.shape[1]
 
     def of(self, frame: int) -> Targets:
-        """What the pixels of a frame, by its index in frames.zarr, shall show."""
+        """Return the targets of a frame, by its index in frames.zarr."""
         table, usable = self._table(frame)
         labels = torch.from_numpy(self._segments.row("labels", frame)[self._levels]).to(self._device).long()
-        # The last entry of both is the one that -1 picks: nothing.
+        # Label -1 indexes the last entry of both, which is empty.
         known = usable[labels]
         codes = torch.stack([table[:, level] for level in labels])
         return Targets(codes, known)
 
     def _table(self, frame: int) -> tuple[Tensor, Tensor]:
-        """(C, N + 1) code of each instance in the frame, and whether it has one, (N + 1,)."""
+        """Return the (C, N + 1) code of each instance in the frame, and (N + 1,) whether it has one."""
         codes, usable = self._common.copy(), self._usable.copy()
         rows: NDArray[np.intp] = np.flatnonzero(self._frame == frame)
         owners = self._instance[rows]

@@ -1,4 +1,4 @@
-"""Vectors of unit length, at any scale."""
+"""Normalize feature vectors of any scale."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,16 +7,14 @@ Floats = NDArray[np.floating]
 
 
 def usable(features: Floats) -> NDArray[np.bool_]:
-    """(R,) which of (R, D) features have a direction: all numbers finite, not all 0."""
+    """(R,) bool: features of (R, D) with a direction: all numbers finite, not all 0."""
     return np.isfinite(features).all(axis=-1) & (features != 0).any(axis=-1)
 
 
 def unit(features: Floats) -> NDArray[np.float64]:
-    """(..., D) features of unit norm, in float64; a feature of zeros stays 0.
-
-    Divided by its largest number first, so that no square overflows or vanishes.
-    """
+    """Normalize (..., D) features in float64; zero features stay 0."""
     values = features.astype(np.float64)
+    # Divided by the largest number first, so that no square overflows or underflows.
     largest = np.abs(values).max(axis=-1, keepdims=True, initial=0.0)
     values /= np.where(largest > 0, largest, 1.0)
     norm = np.linalg.norm(values, axis=-1, keepdims=True)

@@ -1,17 +1,15 @@
-"""Consistent features: the mean of an instance's views without those that disagree (paper, equations of the section
-"View-Consistent Feature extraction"; docs/method.md#aggregation).
+"""Consistent features: the mean of an instance's views without outliers (docs/method.md#aggregation).
 
-With views F_j, their channel-wise median Ft and their deviations d_j from it, a view counts where
-``d_j <= k * median(d)``; there is no factor 1.4826. What d_j is, the paper leaves open (docs/method.md#deviation):
+For views F_j with channel-wise median F~ and deviations d_j from it, a view is an inlier if ``d_j <= k * median(d)``;
+there is no factor 1.4826. The paper leaves the deviation open (docs/method.md#deviation):
 
-- ``element``: |F_j - Ft| in each channel by itself, so that each channel has its own views;
-- ``euclidean``: the length of F_j - Ft;
-- ``cosine``: 1 - cos(F_j, Ft);
-- ``none``: every view counts.
+- ``element``: |F_j - F~| in each channel separately, so each channel has its own inliers;
+- ``euclidean``: the norm of F_j - F~;
+- ``cosine``: 1 - cos(F_j, F~);
+- ``none``: every view is an inlier.
 
-What follows from the formula: one view, and two, are kept whole. Where more than half of the deviations are 0, all
-others are left out. Of an even number the median is the mean of the two in the middle. With k of at least 1 never all
-are left out. A majority of outliers decides as any majority does.
+One or two views are always kept. If more than half of the deviations are 0, all other views are outliers. With k >= 1
+at least one view is an inlier.
 """
 
 from collections.abc import Iterator
@@ -27,19 +25,18 @@ Bools = NDArray[np.bool_]
 
 NORMS = ("element", "euclidean", "cosine", "none")
 
+# Block size: 2 MiB of float64 fit into a processor's cache.
 _NUMBERS_AT_ONCE = 2**18
-"""Of one block of views in float64: 2 MiB, which stay in a processor's cache."""
 
 
 @dataclass(frozen=True)
 class Aggregate:
-    """What was aggregated of N instances with R views.
+    """Aggregation result for N instances with R views.
 
     Attributes:
         feature: (N, D) float64; 0 for an instance without views.
         views: (N,) int32 number of views.
-        inlier: (R,) bool views that count; with the norm ``element`` those that count in at least half of the
-            channels.
+        inlier: (R,) bool inliers; for ``element``, views that are inliers in at least half of the channels.
     """
 
     feature: Floats
@@ -50,7 +47,7 @@ class Aggregate:
 def aggregate(
     features: NDArray[np.floating], instance: NDArray[np.integer], count: int, norm: str, k: float
 ) -> Aggregate:
-    """The consistent feature of each instance.
+    """Compute the consistent feature of each instance.
 
     Args:
         features: (R, D) finite.
@@ -60,7 +57,7 @@ def aggregate(
         k: at least 1.
 
     Raises:
-        ValueError: k is below 1, or the norm unknown.
+        ValueError: k is below 1, or the norm is unknown.
     """
     if norm not in NORMS or not k >= 1:
         raise ValueError(f"norm {norm!r} is to be one of {NORMS}, k = {k} at least 1")
@@ -76,13 +73,13 @@ def aggregate(
 
 
 def robust_mean(views: NDArray[np.floating], norm: str, k: float) -> tuple[Floats, Bools]:
-    """The mean of the views that agree, for G instances of V views each; see the module for norm and k.
+    """Average the inlier views of G instances with V views each; see the module for norm and k.
 
     Args:
         views: (G, V, D) finite.
 
     Returns:
-        (G, D) float64 and (G, V) bool views that count.
+        (G, D) float64 and (G, V) bool inliers.
     """
     values = views.astype(np.float64)
     if norm == "none":
@@ -96,14 +93,14 @@ def robust_mean(views: NDArray[np.floating], norm: str, k: float) -> tuple[Float
 
 
 def disagreement(views: NDArray[np.floating], norm: str, k: float) -> tuple[Floats, float]:
-    """The number by which it is decided whether each view of one instance counts, and the largest that counts.
+    """Return the number that decides whether each view of one instance is an inlier, and its limit.
 
     Args:
-        views: (V, D) finite, one at least.
+        views: (V, D) finite, at least one.
 
     Returns:
-        (V,) float64: with the norm ``element`` the share of the channels in which the view does not count, with
-        ``euclidean`` and ``cosine`` d_j of the module, with ``none`` 0; and the limit.
+        (V,) float64 and the largest value of an inlier. ``element``: fraction of channels in which the view is an
+        outlier; ``euclidean`` and ``cosine``: d_j of the module; ``none``: 0.
     """
     values = views.astype(np.float64)[None]
     if norm == "none":
@@ -115,13 +112,13 @@ def disagreement(views: NDArray[np.floating], norm: str, k: float) -> tuple[Floa
 
 
 def _kept_channels(values: Floats, k: float) -> Bools:
-    """(G, V, D) where each channel of each view counts."""
+    """(G, V, D) bool: inliers of each channel."""
     deviation = np.abs(values - median(values)[:, None])
     return deviation <= k * median(deviation)[:, None]
 
 
 def _distances(values: Floats, norm: str, k: float) -> tuple[Floats, Floats]:
-    """(G, V) distances d_j of whole views, and (G,) the largest with which a view counts."""
+    """Return (G, V) distances d_j of whole views, and the (G,) largest distance of an inlier."""
     centre = median(values)[:, None]
     apart = values - centre if norm == "euclidean" else unit(values) - unit(centre)
     distance = np.linalg.norm(apart, axis=2)
@@ -132,8 +129,8 @@ def _distances(values: Floats, norm: str, k: float) -> tuple[Floats, Floats]:
 
 
 def median(values: Floats) -> Floats:
-    """(G, V, D) -> (G, D) medians over V; of an even number the mean of the two in the middle."""
-    # Sorting contiguous numbers is several times as fast as a partition across the middle axis.
+    """(G, V, D) -> (G, D) medians over V; for an even number, the mean of the two in the middle."""
+    # Sorting contiguous numbers is several times as fast as a partition along the middle axis.
     ordered = np.sort(np.ascontiguousarray(values.transpose(0, 2, 1)), axis=2)
     count = ordered.shape[2]
     # Halved first: the sum of two large numbers may overflow.
@@ -141,16 +138,14 @@ def median(values: Floats) -> Floats:
 
 
 def _mean(values: Floats, kept: Bools) -> Floats:
-    """Mean over axis 1 of what is kept, at least one of which there is."""
+    """Average over axis 1 where ``kept``; at least one entry is kept."""
     number = np.maximum(kept.sum(axis=1), 1)
     return (np.where(kept, values, 0.0) / number[:, None]).sum(axis=1)
 
 
 def _of_equal_length(instance: NDArray[np.integer], channels: int) -> Iterator[NDArray[np.int64]]:
-    """(G, V) rows of instances that have equally many views, few enough at a time.
-
-    Blocks without padding: a tracked scene has many instances, but few different numbers of views.
-    """
+    """Yield (G, V) rows of instances with equal numbers of views, in blocks that fit the cache."""
+    # Blocks without padding: a tracked scene has many instances but few different numbers of views.
     _, first, counts = np.unique(instance, return_index=True, return_counts=True)
     for count in np.unique(counts):
         starts = first[counts == count]

@@ -1,8 +1,4 @@
-"""LangSplat's autoencoder of features, from its description (docs/method.md#autoencoder).
-
-Its loss takes the cosine over the channels of each feature; LangSplat's own training takes it over the batch, which
-compares a channel's values among unrelated features.
-"""
+"""LangSplat's feature autoencoder, from its description (docs/method.md#autoencoder)."""
 
 import math
 from collections.abc import Callable
@@ -20,13 +16,13 @@ from egosplat.compute import single_thread
 from egosplat.errors import UserError
 from egosplat.progress import log, track
 
+# Channels of the hidden layers.
 ENCODER, DECODER = (256, 128, 64, 32), (16, 32, 64, 128, 256, 256)
-"""Channels of the hidden layers."""
 
 BATCH, LEARNING_RATE, COSINE_WEIGHT = 64, 7e-4, 0.001
 
+# The best of this last fraction of the epochs is kept: 5 of LangSplat's 100.
 _JUDGED = 0.05
-"""Share of the epochs, the last ones, of which the best is kept: 5 of LangSplat's 100."""
 
 _ROWS_AT_ONCE = 2**14
 
@@ -34,7 +30,7 @@ Features = NDArray[np.float32]
 
 
 class Autoencoder(nn.Module):
-    """Features of ``width`` channels to codes of ``dims``, and back; both are of unit norm."""
+    """Map features of ``width`` channels to codes of ``dims`` channels, and back; both have unit norm."""
 
     def __init__(self, width: int, dims: int) -> None:
         super().__init__()
@@ -50,7 +46,7 @@ class Autoencoder(nn.Module):
         self.decoder = nn.Sequential(*layers)
 
     def encode(self, features: Tensor) -> Tensor:
-        """(R, D) -> (R, C)."""
+        """(R, D) features -> (R, C) codes."""
         return F.normalize(self.encoder(features), dim=-1)
 
     def forward(self, features: Tensor) -> Tensor:
@@ -61,16 +57,16 @@ class Autoencoder(nn.Module):
 def fit_autoencoder(
     features: Features, dims: int, epochs: int, seed: int
 ) -> tuple[Callable[[Features], Features], Decoder]:
-    """Train on all rows, with one thread; the same rows and seed give the same numbers.
-
-    Sums in another order would end in other codes, and batches are too small for more threads to pay.
+    """Train on all rows; equal rows and seed give equal weights.
 
     Args:
-        features: (R, D) float32; zero rows are legal.
-        dims: C. epochs: how often each row is seen. seed: of weights and order.
+        features: (R, D) float32; zero rows are allowed.
+        dims: C.
+        epochs: passes over the rows.
+        seed: for weights and order.
 
     Returns:
-        the encoder as a function of (R, D) float32 rows, and the decoder.
+        The encoder as a function of (R, D) float32 rows, and the decoder.
 
     Raises:
         UserError: training diverges.
@@ -80,6 +76,7 @@ def fit_autoencoder(
         model = Autoencoder(features.shape[1], dims)
     if len(features):
         with single_thread():
+            # More threads sum in another order, which ends in other codes; batches are too small to gain from them.
             model.load_state_dict(_trained(model, torch.from_numpy(features), epochs, seed))
     model.eval()
 
@@ -92,7 +89,7 @@ def fit_autoencoder(
 
 
 def _trained(model: Autoencoder, rows: Tensor, epochs: int, seed: int) -> dict[str, Tensor]:
-    """The best of the last epochs' weights, judged on all rows."""
+    """Return the best weights of the last epochs, by the error on all rows."""
     order = torch.Generator().manual_seed(seed)
     optimizer = torch.optim.Adam(model.parameters(), lr=LEARNING_RATE)
     least, best = math.inf, None
@@ -113,12 +110,13 @@ def _trained(model: Autoencoder, rows: Tensor, epochs: int, seed: int) -> dict[s
 
 def loss(decoded: Tensor, features: Tensor, cosine_weight: float) -> Tensor:
     """Mean squared error plus the weighted mean of 1 - cosine, over (B, D) rows."""
+    # Over the channels of a feature. LangSplat's code takes it over the batch, which compares unrelated features.
     cosine = F.cosine_similarity(decoded, features, dim=1).mean()
     return F.mse_loss(decoded, features) + cosine_weight * (1 - cosine)
 
 
 def batches(count: int, order: torch.Generator) -> list[Tensor]:
-    """Every row once, in random order; batch normalisation needs two, so that a single row is never alone."""
+    """Split all rows into random batches. Batch normalization needs two rows, so no batch has a single row."""
     rows = torch.randperm(count, generator=order)
     parts = list(rows.split(BATCH))
     if len(parts[-1]) > 1:

@@ -1,4 +1,4 @@
-"""Compression of features to codes of few channels: none, a linear basis, or LangSplat's autoencoder."""
+"""Compress features to codes with few channels: none, a linear basis, or LangSplat's autoencoder."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -16,8 +16,8 @@ Features = NDArray[np.float32]
 Floats = NDArray[np.float64]
 
 
+# Fraction of rows that must be reconstructed. A few of thousands of views may be unusual.
 SHARE = 0.95
-"""Of the rows that are to come back alike enough: few of thousands of views may be odd."""
 
 
 _ROWS_AT_ONCE = 2**14
@@ -28,11 +28,11 @@ _COSINES_AT_ONCE = 2**12
 
 @dataclass(frozen=True)
 class Need:
-    """How many numbers are needed, and why.
+    """Number of code channels that features need.
 
     Attributes:
-        dims: the least number with which ``SHARE`` of the rows come back.
-        share: (D,) share of the rows that come back with 1, 2, ... numbers; 1 where there is no row.
+        dims: smallest number with which a fraction ``SHARE`` of the rows is reconstructed.
+        share: (D,) fraction of the rows reconstructed with 1, 2, ... channels; 1 if there are no rows.
     """
 
     dims: int
@@ -45,8 +45,8 @@ class Compression:
 
     Attributes:
         encode: (R, D) float32 features -> (R, C) float32 codes.
-        decoder: brings codes back.
-        need: why codes have their length, where the features decided it.
+        decoder: maps codes back to features.
+        need: reason for the number of channels, if it was ``auto``.
     """
 
     encode: Callable[[Features], Features]
@@ -60,14 +60,14 @@ def fit(
     """Fit a compression to features.
 
     Args:
-        features: (R, D) float32, finite; every row counts the same.
+        features: (R, D) float32, finite, equally weighted.
         kind: ``none``, ``linear`` or ``autoencoder``.
-        dims: C, or ``auto`` for as few as a linear basis needs, whatever the kind; of no meaning for ``none``.
-        epochs, seed: of the autoencoder's training.
-        least_cosine: what ``auto`` asks of features that come back.
+        dims: C, or ``auto`` for the fewest that a linear basis needs, for any kind; ignored for ``none``.
+        epochs, seed: for the autoencoder's training.
+        least_cosine: reconstruction quality that ``auto`` requires.
 
     Raises:
-        UserError: C is more than D, or training diverges.
+        UserError: C exceeds D, or training diverges.
     """
     width = features.shape[1]
     if kind == "none":
@@ -89,10 +89,9 @@ def fit(
 
 
 def fit_linear(features: Features, dims: int | None, least_cosine: float = 1.0) -> Compression:
-    """The mean of the rows and their ``dims`` principal directions: of all linear codes, the least squared error.
+    """Fit the mean and ``dims`` principal directions: the linear code with the least squared error.
 
-    Without ``dims`` as many as bring rows back with a cosine of at least ``least_cosine``: see ``needed_dims``.
-    A basis vector points to where its largest component is positive, so that equal rows give equal codes.
+    Without ``dims``, uses as many as ``needed_dims`` returns for ``least_cosine``.
     """
     width = features.shape[1]
     mean, scatter = np.zeros(width), np.zeros((width, width))
@@ -104,6 +103,7 @@ def fit_linear(features: Features, dims: int | None, least_cosine: float = 1.0) 
     need = needed_dims(features, mean, basis, least_cosine) if dims is None else None
     dims = need.dims if dims is None else dims
     basis = basis[:, :dims]
+    # The sign of an eigenvector is arbitrary: the largest component is made positive, so equal rows give equal codes.
     largest = np.abs(basis).argmax(axis=0)
     basis *= np.sign(basis[largest, np.arange(dims)])
 
@@ -115,17 +115,19 @@ def fit_linear(features: Features, dims: int | None, least_cosine: float = 1.0) 
 
 
 def _blocks(features: Features) -> Iterator[NDArray[np.float64]]:
-    """The rows in float64, few enough at a time."""
+    """Yield the rows in float64, in blocks."""
     for begin in range(0, len(features), _ROWS_AT_ONCE):
         yield features[begin : begin + _ROWS_AT_ONCE].astype(np.float64)
 
 
 def needed_dims(features: Features, mean: Floats, basis: Floats, least_cosine: float) -> Need:
-    """The least number of principal directions by which rows come back with a cosine of at least a bound.
+    """Return the fewest principal directions that reconstruct rows with at least a given cosine.
 
     Args:
-        features: (R, D) finite. mean: (D,). basis: (D, D) orthonormal columns, the most important first.
-        least_cosine: above 0, at most 1. All D numbers are taken where no fewer do, as for 1.
+        features: (R, D) finite.
+        mean: (D,).
+        basis: (D, D) orthonormal columns, most important first.
+        least_cosine: above 0, at most 1. All D directions are used if no fewer suffice.
     """
     good = np.zeros(len(mean))
     for cosines in _cosines(features, mean, basis):
@@ -136,12 +138,12 @@ def needed_dims(features: Features, mean: Floats, basis: Floats, least_cosine: f
 
 
 def _cosines(features: Features, mean: Floats, basis: Floats) -> Iterator[Floats]:
-    """(B, D) cosine of rows with what the first 1, 2, ... directions bring back, some rows at a time."""
+    """Yield (B, D) cosines of rows with their reconstruction from the first 1, 2, ... directions."""
     along = mean @ basis
     for begin in range(0, len(features), _COSINES_AT_ONCE):
         rows = features[begin : begin + _COSINES_AT_ONCE].astype(np.float64)
         codes = (rows - mean) @ basis
-        # Of x and its return y = mean + sum of c_i b_i, summed up direction by direction.
+        # Accumulated direction by direction, for x and its reconstruction y = mean + sum of c_i b_i.
         product = (rows @ mean)[:, None] + np.cumsum((rows @ basis) * codes, axis=1)
         square = mean @ mean + np.cumsum(codes * (2 * along + codes), axis=1)
         lengths = np.linalg.norm(rows, axis=1)[:, None] * np.sqrt(square.clip(0.0))

@@ -1,4 +1,4 @@
-"""Where instances are in a frame, and the crops that OpenCLIP is shown (docs/method.md#crops)."""
+"""Locate instances in a frame and cut their crops for OpenCLIP (docs/method.md#crops)."""
 
 from dataclasses import dataclass
 
@@ -15,12 +15,12 @@ RESAMPLING = {"bicubic": Image.Resampling.BICUBIC, "bilinear": Image.Resampling.
 
 @dataclass(frozen=True)
 class Regions:
-    """The K instances that a frame shows.
+    """The K instances visible in a frame.
 
     Attributes:
         instance: (K,) int32, ascending.
         area: (K,) int32 pixels.
-        box: (K, 4) int32 x0, y0, x1, y1 [px], the ends exclusive.
+        box: (K, 4) int32 x0, y0, x1, y1 [px], exclusive ends.
     """
 
     instance: NDArray[np.int32]
@@ -28,16 +28,16 @@ class Regions:
     box: NDArray[np.int32]
 
     def chosen(self, which: NDArray[np.bool_]) -> "Regions":
-        """Those that a mask chooses."""
+        """Select regions by a mask."""
         return Regions(self.instance[which], self.area[which], self.box[which])
 
 
 def find_regions(labels: Labels, count: int) -> Regions:
-    """Area and bounding box of each instance in a frame.
+    """Find area and bounding box of each instance in a frame.
 
     Args:
-        labels: (L, H, W) int32 instance at each level, -1 for none; an instance is of one level.
-        count: number of instances; labels are below.
+        labels: (L, H, W) int32 instance at each level, -1 for none; an instance belongs to one level.
+        count: number of instances; labels are below it.
     """
     area = np.bincount(labels.ravel() + 1, minlength=count + 1)[1:]
     box = np.zeros((count, 4), np.int32)
@@ -51,14 +51,17 @@ def find_regions(labels: Labels, count: int) -> Regions:
 
 
 def cut_crop(rgb: Pixels, labels: Labels, instance: int, box: NDArray[np.int32]) -> Pixels:
-    """The square around an instance's bounding box, black outside of its mask.
+    """Cut the square around an instance's bounding box, black outside its mask.
 
     Args:
-        rgb: (H, W, 3) uint8; labels: (H, W) of the instance's level; box: (4,) x0, y0, x1, y1 [px].
+        rgb: (H, W, 3) uint8.
+        labels: (H, W) at the instance's level.
+        instance: index of the instance.
+        box: (4,) x0, y0, x1, y1 [px].
 
     Returns:
-        (S, S, 3) uint8, S the box's longer side; the box is in the middle, half a pixel up or left of it where
-        the sides differ by an odd number.
+        (S, S, 3) uint8, S the longer side of the box. The box is centered, half a pixel up or left if the sides
+        differ by an odd number.
     """
     x0, y0, x1, y1 = (int(value) for value in box)
     inside = rgb[y0:y1, x0:x1] * (labels[y0:y1, x0:x1, None] == instance)
@@ -71,10 +74,12 @@ def cut_crop(rgb: Pixels, labels: Labels, instance: int, box: NDArray[np.int32])
 
 
 def resize(crop: Pixels, size: tuple[int, int], interpolation: str) -> Pixels:
-    """A square crop at the model's size, resampled as OpenCLIP's own preprocessing resamples pictures.
+    """Resize a square crop to the model's input, with the resampling of OpenCLIP's preprocessing.
 
     Args:
-        crop: (S, S, 3) uint8; size: height and width [px]; interpolation: ``bicubic`` or ``bilinear``.
+        crop: (S, S, 3) uint8.
+        size: height and width [px].
+        interpolation: ``bicubic`` or ``bilinear``.
     """
     if crop.shape[:2] == size:
         return crop

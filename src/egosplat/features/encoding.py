@@ -1,4 +1,4 @@
-"""OpenCLIP's features of crops."""
+"""Encode crops with OpenCLIP."""
 
 import numpy as np
 import torch
@@ -9,14 +9,14 @@ from egosplat.models.open_clip_loader import OpenClip
 
 
 def encode(clip: OpenClip, crops: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """The features of a batch of crops.
+    """Encode a batch of crops.
 
     Args:
         clip: the model.
-        crops: (B, H, W, 3) uint8 of the model's size, B at least 1.
+        crops: (B, H, W, 3) uint8 at the model's size, B >= 1.
 
     Returns:
-        (B, D) float32 of unit norm; NaN for a crop of which the model makes no direction.
+        (B, D) float32 of unit norm; NaN for a crop whose feature is zero or not finite.
     """
     wanted = clip.preprocessing
     device = clip.compute.device
@@ -29,5 +29,5 @@ def encode(clip: OpenClip, crops: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 def channels(clip: OpenClip) -> int:
-    """D, the length of the model's features."""
+    """Return D, the number of channels of the model's features."""
     return encode(clip, np.zeros((1, *clip.preprocessing.image_size, 3), np.uint8)).shape[1]

@@ -1,8 +1,7 @@
-"""What is finished of a long encoding, so that a killed run goes on where it was.
+"""Journal of encoded batches, from which a killed run resumes.
 
-The journal lies in a hidden folder beside the output, because the workflow deletes outputs before it makes them. It
-begins with the hash of all that decides the result; after that each record holds its first row, its shape, float32
-numbers, and a hash of these, by which a record that was cut short is known. What follows such a one is written anew.
+The file begins with the hash of everything that decides the result. Each record holds its first row, its shape, float32
+numbers and their hash, which detects a truncated record; it and all later ones are dropped.
 """
 
 import hashlib
@@ -17,8 +16,8 @@ from numpy.typing import NDArray
 
 from egosplat.progress import log
 
+# First row, rows, channels.
 _HEAD = struct.Struct("<QQQ")
-"""First row, rows, channels."""
 
 _DIGEST_BYTES = 32
 
@@ -29,14 +28,15 @@ class Journal:
     """The journal of the artifact at ``output``."""
 
     def __init__(self, output: Path, key: bytes) -> None:
-        """``key``: what it belongs to, such as ``provenance.key_of``."""
+        """``key``: identifies the result, for example ``provenance.key_of``."""
+        # Next to the output, not in it: the workflow deletes outputs before it runs a stage.
         self.file = output.parent / f".{output.name}.checkpoint" / "journal"
         self._key = key
         self._row = 0
         self._broken = False
 
     def resume(self) -> list[Rows]:
-        """All whole records in order; the file is cut after the last of them, or begun anew."""
+        """Return all complete records in order, and truncate the file after them. Another key empties the file."""
         try:
             return self._begin()
         except OSError as error:
@@ -56,7 +56,7 @@ class Journal:
         return records
 
     def append(self, rows: Rows) -> None:
-        """Add a record; one that cannot be written, on a full disk say, is told and is the last."""
+        """Append a record. If writing fails, for example on a full disk, log a warning and stop journaling."""
         if self._broken:
             return
         head, body = _HEAD.pack(self._row, *rows.shape), np.ascontiguousarray(rows, "<f4").tobytes()
@@ -68,12 +68,12 @@ class Journal:
         self._row += len(rows)
 
     def remove(self) -> None:
-        """Remove it."""
+        """Delete the journal."""
         shutil.rmtree(self.file.parent, ignore_errors=True)
 
     def _cannot_write(self, error: OSError) -> None:
         self._broken = True
-        log(f"warning: a killed run could not go on: {self.file}: {error.strerror}")
+        log(f"warning: a killed run could not resume: {self.file}: {error.strerror}")
 
     def _whole(self, file: BinaryIO) -> Iterator[Rows]:
         while len(head := file.read(_HEAD.size)) == _HEAD.size:

@@ -1,4 +1,4 @@
-"""What compression loses, as figures for the facts."""
+"""Measure the loss of compression, for the artifact's metadata."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -16,7 +16,7 @@ _ROWS_AT_ONCE = 2**14
 
 
 def reconstruction(features: Features, codes: Features, decoder: Decoder) -> NDArray[np.float64]:
-    """(R,) cosine of each feature with what its code is decoded to; 0 where either vanishes."""
+    """(R,) cosine of each feature with its decoded code; 0 if either vanishes."""
     cosines = [np.zeros(0)]
     for begin in range(0, len(features), _ROWS_AT_ONCE):
         part = slice(begin, begin + _ROWS_AT_ONCE)
@@ -26,10 +26,12 @@ def reconstruction(features: Features, codes: Features, decoder: Decoder) -> NDA
 
 
 def agreement(views: Features, consistent: Features, instance: NDArray[np.integer]) -> float | None:
-    """Mean cosine of each view's feature with its instance's consistent feature; None without any view.
+    """Mean cosine of each view's feature with its instance's consistent feature; None without views.
 
     Args:
-        views: (R, D); consistent: (N, D); instance: (R,) of each view.
+        views: (R, D).
+        consistent: (N, D).
+        instance: (R,) instance of each view.
     """
     total = 0.0
     for begin in range(0, len(views), _ROWS_AT_ONCE):
@@ -39,9 +41,9 @@ def agreement(views: Features, consistent: Features, instance: NDArray[np.intege
 
 
 def spread(features: Features) -> float | None:
-    """Mean cosine between two different ones of (N, D) features; None for fewer than two.
+    """Mean cosine between different rows of (N, D) features; None for fewer than two.
 
-    1 where all are the same, which is what too few dimensions lead to (docs/method.md#code-dimensions).
+    It is 1 if all are equal, which too few code channels cause (docs/method.md#code-dimensions).
     """
     count = len(features)
     if count < 2:
@@ -51,10 +53,12 @@ def spread(features: Features) -> float | None:
 
 
 def summary(cosines: NDArray[np.float64], level: NDArray[np.integer], names: Sequence[str]) -> dict[str, Any]:
-    """Mean and lowest cosine of all rows, and of those of each level.
+    """Mean and lowest cosine over all rows, and per level.
 
     Args:
-        cosines: (R,); level: (R,) index into the names.
+        cosines: (R,).
+        level: (R,) index into ``names``.
+        names: level names.
     """
     by_level = {name: _figures(cosines[level == number]) for number, name in enumerate(names)}
     return {**_figures(cosines), "by_level": by_level}

@@ -1,4 +1,4 @@
-"""Stage ``features``: each instance's consistent feature, what is supervised with, and codes of few channels."""
+"""Stage ``features``: aggregate each instance's consistent feature, form the supervision, compress to codes."""
 
 import math
 from dataclasses import asdict, dataclass
@@ -15,7 +15,7 @@ from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.view_features import VIEW_FEATURES
 from egosplat.artifacts.writer import create
-from egosplat.codes.decoder import about, decode
+from egosplat.codes.decoder import decode, decoder_metadata
 from egosplat.codes.vectors import unit, usable
 from egosplat.features.aggregation import Aggregate, aggregate
 from egosplat.features.compression import SHARE, Compression, Need, fit
@@ -30,7 +30,7 @@ _ROWS_AT_ONCE = 2**14
 
 @dataclass(frozen=True)
 class _Views:
-    """Of R views: instance, frame (R,) int32, feature (R, D) float32; ``good`` (R,) those with a feature."""
+    """R views: instance, frame (R,) int32, feature (R, D) float32; ``good`` (R,) bool, views with a feature."""
 
     instance: NDArray[np.int32]
     frame: NDArray[np.int32]
@@ -40,18 +40,18 @@ class _Views:
 
 @dataclass(frozen=True)
 class _Aggregated:
-    """``consistent`` (N, D) and ``supervision`` (R, D) float32; ``views`` (N,), ``inlier`` and ``slipped`` (R,)."""
+    """``consistent`` (N, D), ``supervision`` (R, D) float32; ``views`` (N,), ``inlier`` and ``mismatched`` (R,)."""
 
     consistent: Features
     supervision: Features
     views: NDArray[np.int32]
     inlier: NDArray[np.bool_]
-    slipped: NDArray[np.bool_]
+    mismatched: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class FeaturesOptions:
-    """The schema's keys of ``features``; ``config.schema.yaml`` describes each."""
+    """Configuration keys of the stage; ``config.schema.yaml`` describes each."""
 
     mad_norm: str
     mad_k: float
@@ -70,11 +70,11 @@ def run(view_features: Path, output: Path, options: FeaturesOptions) -> None:
     """Write the features of ``view_features``.
 
     Raises:
-        UserError: more dimensions are asked for than the features have, or training diverges.
+        UserError: ``dims`` exceeds the features' channels, or training diverges.
     """
-    source = open_artifact(view_features, VIEW_FEATURES)
-    made = provenance.begin_from("features", asdict(options), [source])
-    views, level = _read(source), source.read("instances/level")
+    view_features_artifact = open_artifact(view_features, VIEW_FEATURES)
+    record = provenance.begin_from("features", asdict(options), [view_features_artifact])
+    views, level = _read(view_features_artifact), view_features_artifact.read("instances/level")
     known = views.good.nonzero()[0]
     found = aggregate(
         views.feature[known], views.instance[known], len(level), options.mad_norm, options.mad_k
@@ -92,7 +92,7 @@ def run(view_features: Path, output: Path, options: FeaturesOptions) -> None:
     seen = found.views > 0
     codes[~seen[views.instance]] = 0.0
     consistent_codes[~seen] = 0.0
-    facts = _facts(source, views, result, codes, consistent_codes, compressed, level)
+    facts = _facts(view_features_artifact, views, result, codes, consistent_codes, compressed, level)
     arrays = {
         "consistent": result.consistent,
         "views": result.views,
@@ -105,13 +105,13 @@ def run(view_features: Path, output: Path, options: FeaturesOptions) -> None:
         "consistent_code": consistent_codes,
         "decoder/values": compressed.decoder.values,
     }
-    _write(output, made, arrays, facts)
-    log(_told(facts, result))
+    _write(output, record, arrays, facts)
+    log(_summary_line(facts, result))
 
 
-def _write(output: Path, made: Provenance, arrays: dict[str, NDArray[Any]], facts: dict[str, Any]) -> None:
-    """Nothing that is not finite is ever written."""
-    with create(output, FEATURES, made) as artifact:
+def _write(output: Path, record: Provenance, arrays: dict[str, NDArray[Any]], facts: dict[str, Any]) -> None:
+    """Write the artifact, after checking that all values are finite."""
+    with create(output, FEATURES, record) as artifact:
         for name, values in arrays.items():
             if not np.isfinite(values).all():
                 raise ValueError(f"{name} is not finite")
@@ -119,15 +119,15 @@ def _write(output: Path, made: Provenance, arrays: dict[str, NDArray[Any]], fact
         artifact.facts = facts
 
 
-def _read(source: Artifact) -> _Views:
-    """The views; those without a finite feature are told, and are left out of everything."""
-    feature = source.read("feature")
+def _read(view_features: Artifact) -> _Views:
+    """Read the views. Views without a finite feature are reported and excluded."""
+    feature = view_features.read("feature")
     good = usable(feature)
     if lost := int((~good).sum()):
         log(
-            f"warning: {source.path}: {lost} of {len(good)} views are left out: their features are not finite or 0"
+            f"warning: {view_features.path}: {lost} of {len(good)} views are skipped: their features are zero or not finite"
         )
-    return _Views(source.read("instance"), source.read("frame"), feature, good)
+    return _Views(view_features.read("instance"), view_features.read("frame"), feature, good)
 
 
 def _aggregated(views: _Views, found: Aggregate, options: FeaturesOptions) -> _Aggregated:
@@ -142,22 +142,24 @@ def _aggregated(views: _Views, found: Aggregate, options: FeaturesOptions) -> _A
         if options.mismatched_views == "keep_own"
         else -math.inf
     )
-    off = np.zeros(len(views.good), bool)
+    mismatched = np.zeros(len(views.good), bool)
     supervision = np.empty_like(views.feature)
     for begin in range(0, len(supervision), _ROWS_AT_ONCE):
         part = slice(begin, begin + _ROWS_AT_ONCE)
         common = consistent[views.instance[part]]
         own = np.where(views.good[part, None], views.feature[part], common)
-        off[part] = views.good[part] & ((unit(own) * unit(common)).sum(axis=1) < limit)
-        values = supervise(own, common, inlier[part], off[part], options.supervision, options.outlier_target)
+        mismatched[part] = views.good[part] & ((unit(own) * unit(common)).sum(axis=1) < limit)
+        values = supervise(
+            own, common, inlier[part], mismatched[part], options.supervision, options.outlier_target
+        )
         if options.normalize:
             values = unit(np.where(vanishing(values)[:, None], common, values))
         supervision[part] = values
-    return _Aggregated(consistent.astype(np.float32), supervision, found.views, inlier, off)
+    return _Aggregated(consistent.astype(np.float32), supervision, found.views, inlier, mismatched)
 
 
 def _facts(
-    source: Artifact,
+    view_features: Artifact,
     views: _Views,
     result: _Aggregated,
     codes: Features,
@@ -166,18 +168,18 @@ def _facts(
     level: NDArray[np.int8],
 ) -> dict[str, Any]:
     known, seen = views.good, result.views > 0
-    names = source.facts["levels"]
+    names = view_features.facts["levels"]
     cosines = reconstruction(result.supervision[known], codes[known], compressed.decoder)
     decoded = decode(torch.from_numpy(consistent_codes[seen]), compressed.decoder).numpy()
     return {
         "levels": names,
-        "clip": source.facts["clip"],
-        "decoder": about(compressed.decoder),
+        "clip": view_features.facts["clip"],
+        "decoder": decoder_metadata(compressed.decoder),
         "need": _need(compressed.need),
         "instances_without_views": int((~seen).sum()),
         "views_without_feature": int((~known).sum()),
         "outliers": int((known & ~result.inlier).sum()),
-        "slipped": int(result.slipped.sum()),
+        "slipped": int(result.mismatched.sum()),
         "reconstruction": summary(cosines, level[views.instance[known]], names),
         "agreement": agreement(views.feature[known], result.consistent, views.instance[known]),
         "spread": {"features": spread(result.consistent[seen]), "decoded": spread(decoded)},
@@ -185,16 +187,16 @@ def _facts(
 
 
 def _need(need: Need | None) -> dict[str, Any] | None:
-    """Why codes have their length, where that was left to the features; share of the views by length of the code."""
+    """Return why codes have their length, if it was ``auto``, with the share of views per length."""
     if need is None:
         return None
     return {"dims": need.dims, "share_wanted": SHARE, "share": [round(one, 6) for one in need.share.tolist()]}
 
 
-def _told(facts: dict[str, Any], result: _Aggregated) -> str:
+def _summary_line(facts: dict[str, Any], result: _Aggregated) -> str:
     cosine, apart = facts["reconstruction"]["mean"], facts["spread"]
     text = f"{int((result.views > 0).sum())} instances, {len(result.inlier)} views, {facts['outliers']} of them outliers, "
-    text += f"{facts['slipped']} of something else"
+    text += f"{facts['slipped']} mismatched"
     if cosine is None:
         return text
     text += f"; codes of {facts['decoder']['widths'][0]} dimensions, reconstruction cosine {cosine:.3f}"

@@ -1,4 +1,4 @@
-"""What the Gaussians are supervised with: of each view its own feature, the consistent one, or their average."""
+"""The supervision of Gaussians: a view's own feature, the consistent feature, or their average."""
 
 import math
 
@@ -16,15 +16,15 @@ TARGETS = ("average", "consistent", "view")
 def supervise(
     own: Floats, consistent: Floats, inlier: Bools, mismatched: Bools, target: str, outlier_target: str
 ) -> Floats:
-    """The supervision of R views, before it is brought to unit norm.
+    """Return the supervision of R views, before normalization.
 
     Args:
         own: (R, D) features of the views.
-        consistent: (R, D) those of their instances.
+        consistent: (R, D) consistent features of their instances.
         inlier: (R,) views that agree with their instance.
-        mismatched: (R,) views that take their own feature in place of an average.
+        mismatched: (R,) views that use their own feature instead of an average.
         target: one of ``TARGETS``; ``average`` is the paper's.
-        outlier_target: for an average, what an outlier takes: ``consistent``, that alone, or ``average``
+        outlier_target: target of an outlier under ``average``: ``consistent`` or ``average``
             (docs/method.md#supervision-average).
     """
     if target == "view":
@@ -37,30 +37,33 @@ def supervise(
 
 
 def agreement_limit(apart: float | None) -> float:
-    """The cosine with its instance's consistent feature below which a view shows another thing: half way from that of
-    different instances to 1; minus infinity where there are no two to compare.
+    """Return the cosine with the consistent feature below which a view shows another object.
 
     Args:
-        apart: mean cosine between the consistent features of different instances.
+        apart: mean cosine between consistent features of different instances.
+
+    Returns:
+        The midpoint of ``apart`` and 1; minus infinity if ``apart`` is None (fewer than two instances).
     """
     return -math.inf if apart is None else (1 + apart) / 2
 
 
 def consistent_directions(consistent: Floats, own: Floats, instance: NDArray[np.integer]) -> Floats:
-    """(N, D) consistent features of unit norm.
-
-    Views that cancel, as two opposite ones do, leave no direction: the instance then has its first view's.
+    """Normalize (N, D) consistent features.
 
     Args:
-        consistent: (N, D) float64; own: (R, D) views, instance: (R,) of each, sorted.
+        consistent: (N, D) float64.
+        own: (R, D) features of the views.
+        instance: (R,) instance of each view, sorted.
     """
     owners, first = np.unique(instance, return_index=True)
     directions = unit(consistent)
+    # Views may cancel, as two opposite ones do. The instance then takes its first view's direction.
     lost = vanishing(consistent[owners])
     directions[owners[lost]] = unit(own[first[lost]])
     return directions
 
 
 def vanishing(features: Floats) -> Bools:
-    """(R,) which features are so short, beside the unit vectors they were averaged of, that they are rounding."""
+    """(R,) bool: features whose norm is rounding error, as averages of unit vectors."""
     return np.linalg.norm(features, axis=-1) < 1e-6

@@ -1,4 +1,4 @@
-"""Stage ``view_features``: OpenCLIP's feature of each instance in each frame that shows it."""
+"""Stage ``view_features``: encode each instance with OpenCLIP in each frame that shows it."""
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
@@ -22,7 +22,7 @@ from egosplat.errors import UserError
 from egosplat.features.encoding import channels, encode
 from egosplat.features.journal import Journal
 from egosplat.features.views import (
-    Views,
+    InstanceViews,
     cut_crops,
     find_views,
     lies_on_its_side,
@@ -44,7 +44,7 @@ class _Inputs:
 
 @dataclass(frozen=True)
 class ViewFeaturesOptions:
-    """The schema's keys of ``view_features``, and of ``models`` OpenCLIP's; ``config.schema.yaml`` describes each."""
+    """Configuration keys of the stage, and OpenCLIP's of ``models``; ``config.schema.yaml`` describes each."""
 
     min_area: float
     max_views: int | None
@@ -58,37 +58,44 @@ class ViewFeaturesOptions:
 def run(frames: Path, segments: Path, output: Path, options: ViewFeaturesOptions) -> None:
     """Write the view features of ``segments``.
 
-    A run that was killed goes on after its last whole batch, to the same features as without the kill.
+    A killed run resumes after its last complete batch and gives identical features.
 
     Raises:
-        UserError: the inputs do not belong together, the model cannot be loaded, or it makes no finite feature.
+        UserError: the inputs do not belong together, the model cannot be loaded, or it gives no finite feature.
     """
-    pictures, tracks = open_artifact(frames, FRAMES), open_artifact(segments, SEGMENTS)
-    check_made_from(tracks, pictures, axes=("frame", "height", "width"))
+    frames_artifact, segments_artifact = open_artifact(frames, FRAMES), open_artifact(segments, SEGMENTS)
+    check_made_from(segments_artifact, frames_artifact, axes=("frame", "height", "width"))
     used = (options.clip_model, options.clip_checkpoint)
-    inputs = _Inputs(pictures, tracks, load_open_clip(*used, options.device, options.precision))
-    model = _about(inputs.clip, *used)
-    made = provenance.begin_from(
-        "view_features", asdict(options), (pictures, tracks), {CLIP.checkpoint_key: model["hash"]}
+    inputs = _Inputs(
+        frames_artifact, segments_artifact, load_open_clip(*used, options.device, options.precision)
     )
-    views = find_views(pictures, tracks, options.min_area, options.max_views)
-    journal = Journal(output, bytes.fromhex(provenance.key_of(made, model)))
+    model = _model_facts(inputs.clip, *used)
+    record = provenance.begin_from(
+        "view_features",
+        asdict(options),
+        (frames_artifact, segments_artifact),
+        {CLIP.checkpoint_key: model["hash"]},
+    )
+    views = find_views(frames_artifact, segments_artifact, options.min_area, options.max_views)
+    journal = Journal(output, bytes.fromhex(provenance.key_of(record, model)))
     features = _encoded(inputs, views, options.batch, journal)
     good = _checked(features, options.clip_checkpoint)
     facts = {
-        "levels": tracks.facts["levels"],
+        "levels": segments_artifact.facts["levels"],
         "clip": model,
         "without_feature": int((~good).sum()),
-        "turned": lies_on_its_side(pictures),
+        "turned": lies_on_its_side(frames_artifact),
     }
-    _write(output, made, views.chosen(good), features[good], tracks.read("instances/level"), facts)
+    _write(
+        output, record, views.chosen(good), features[good], segments_artifact.read("instances/level"), facts
+    )
     journal.remove()
-    seen, count = len(np.unique(views.instance[good])), tracks.shape("instances/level")[0]
+    seen, count = len(np.unique(views.instance[good])), segments_artifact.shape("instances/level")[0]
     log(f"{int(good.sum())} views of {seen} of {count} instances")
 
 
-def _about(clip: OpenClip, model: str, checkpoint: str) -> dict[str, Any]:
-    """What the features come from; the same features come from the same alone."""
+def _model_facts(clip: OpenClip, model: str, checkpoint: str) -> dict[str, Any]:
+    """Describe the model: equal descriptions mean equal features."""
     return {
         "model": model,
         "checkpoint": checkpoint,
@@ -99,13 +106,13 @@ def _about(clip: OpenClip, model: str, checkpoint: str) -> dict[str, Any]:
     }
 
 
-def _encoded(inputs: _Inputs, views: Views, batch: int, journal: Journal) -> Features:
-    """(R, D) features in the order of the views; NaN where the model makes none."""
+def _encoded(inputs: _Inputs, views: InstanceViews, batch: int, journal: Journal) -> Features:
+    """(R, D) features in the order of the views; NaN where the model gives none."""
     order = views.by_frame
     done = journal.resume()
     start = sum(map(len, done))
     if start:
-        log(f"encoding goes on after crop {start} of {len(views)}")
+        log(f"encoding resumes after crop {start} of {len(views)}")
     left = views.chosen(order[start:])
     for crops in track(_batches(inputs, left, batch), "encoding crops", -(-len(left) // batch), unit="step"):
         done.append(encode(inputs.clip, crops))
@@ -116,35 +123,35 @@ def _encoded(inputs: _Inputs, views: Views, batch: int, journal: Journal) -> Fea
     return features
 
 
-def _batches(inputs: _Inputs, views: Views, size: int) -> Iterator[NDArray[np.uint8]]:
-    """(B, H, W, 3) crops of the views in their order, ``size`` at a time, across frames."""
+def _batches(inputs: _Inputs, views: InstanceViews, size: int) -> Iterator[NDArray[np.uint8]]:
+    """Yield (B, H, W, 3) crops in the order of the views, ``size`` at a time, across frames."""
     crops = cut_crops(inputs.frames, inputs.segments, views, inputs.clip.preprocessing)
     while few := list(islice(crops, size)):
         yield np.stack(few)
 
 
 def _checked(features: Features, checkpoint: str) -> NDArray[np.bool_]:
-    """(R,) which views have a feature; the others are told."""
+    """(R,) bool: views with a feature; the number of others is logged."""
     good = usable(features)
     if len(good) and not good.any():
         raise UserError(
-            f"models.clip_checkpoint = {checkpoint!r}: the model makes no finite feature of any crop; "
-            "take another checkpoint, or set models.precision to float32"
+            f"models.clip_checkpoint = {checkpoint!r}: the model gives no finite feature for any crop; "
+            "use another checkpoint, or set models.precision to float32"
         )
     if lost := int((~good).sum()):
-        log(f"warning: {lost} of {len(good)} views are left out: the model makes no finite feature of them")
+        log(f"warning: {lost} of {len(good)} views are skipped: the model gives no finite feature for them")
     return good
 
 
 def _write(
     output: Path,
-    made: Provenance,
-    views: Views,
+    record: Provenance,
+    views: InstanceViews,
     features: Features,
     level: NDArray[np.int8],
     facts: dict[str, Any],
 ) -> None:
-    with create(output, VIEW_FEATURES, made) as artifact:
+    with create(output, VIEW_FEATURES, record) as artifact:
         for name in ("instance", "frame", "area", "box"):
             artifact.put(name, getattr(views, name))
         artifact.put("feature", features)

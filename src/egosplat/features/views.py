@@ -1,4 +1,4 @@
-"""Which views of instances are encoded, and their crops."""
+"""Select the views of instances to encode, and cut their crops."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ Ints = NDArray[np.int32]
 
 
 @dataclass(frozen=True)
-class Views:
+class InstanceViews:
     """R views, sorted by instance, then frame.
 
     Attributes:
@@ -31,32 +31,33 @@ class Views:
     def __len__(self) -> int:
         return len(self.instance)
 
-    def chosen(self, which: NDArray) -> "Views":
-        """Those that a mask or list of rows chooses."""
-        return Views(self.instance[which], self.frame[which], self.area[which], self.box[which])
+    def chosen(self, which: NDArray) -> "InstanceViews":
+        """Select views by a mask or row indices."""
+        return InstanceViews(self.instance[which], self.frame[which], self.area[which], self.box[which])
 
     @property
     def by_frame(self) -> NDArray[np.int64]:
-        """(R,) the rows in the order of frames, then instances: the order of encoding."""
+        """(R,) row order by frame, then instance: the order of encoding."""
         return np.lexsort((self.instance, self.frame))
 
 
-def find_views(frames: Artifact, segments: Artifact, min_area: float, max_views: int | None) -> Views:
-    """The views to encode: of training frames alone, so that held-out ones decide nothing.
+def find_views(frames: Artifact, segments: Artifact, min_area: float, max_views: int | None) -> InstanceViews:
+    """Find the views to encode.
 
     Args:
-        min_area: smallest mask, as a share of the picture; at least one pixel.
-        max_views: at most so many views of an instance, evenly among its own; None for all.
+        min_area: smallest mask as a fraction of the image; at least one pixel.
+        max_views: largest number of views per instance, evenly spaced; None for all.
     """
     count = segments.shape("instances/level")[0]
     _, _, height, width = segments.shape("labels")
     least = max(1.0, min_area * height * width)
+    # Training frames only: evaluation frames must not influence the result.
     chosen = np.flatnonzero(frames.read("train"))
     found: list[Regions] = []
     for frame in track(chosen, "finding instances"):
         regions = find_regions(segments.row("labels", frame), count)
         found.append(regions.chosen(regions.area >= least))
-    views = Views(
+    views = InstanceViews(
         _joined([one.instance for one in found]),
         np.repeat(chosen, [len(one.instance) for one in found]).astype(np.int32),
         _joined([one.area for one in found]),
@@ -67,7 +68,7 @@ def find_views(frames: Artifact, segments: Artifact, min_area: float, max_views:
 
 
 def spread(instance: Ints, most: int) -> NDArray[np.bool_]:
-    """Which rows stay where each instance keeps at most so many, evenly among its own, the first one always.
+    """(R,) bool: at most ``most`` evenly spaced rows per instance, always including the first.
 
     Args:
         instance: (R,) sorted.
@@ -80,15 +81,12 @@ def spread(instance: Ints, most: int) -> NDArray[np.bool_]:
 
 
 def cut_crops(
-    frames: Artifact, segments: Artifact, views: Views, wanted: Preprocessing
+    frames: Artifact, segments: Artifact, views: InstanceViews, wanted: Preprocessing
 ) -> Iterator[NDArray[np.uint8]]:
-    """The crop of each view, in the given order, at the model's size and upright; one frame is held at a time.
+    """Yield the upright (H, W, 3) uint8 crop of each view at the model's size; holds one frame at a time.
 
     Args:
-        views: by frame (``by_frame``); all are seen.
-
-    Yields:
-        (H, W, 3) uint8.
+        views: in the order ``by_frame``.
     """
     level = segments.read("instances/level")
     turned = lies_on_its_side(frames)
@@ -101,9 +99,8 @@ def cut_crops(
 
 
 def lies_on_its_side(frames: Artifact) -> bool:
-    """Whether pictures lie on their side, as Aria's sensor takes them: OpenCLIP needs them turned clockwise
-    (docs/method.md#upright).
-    """
+    """Whether images lie on their side, as from Aria's sensor (docs/method.md#upright)."""
+    # OpenCLIP needs upright images: they are turned clockwise.
     return frames.facts["format"] == "adt" and not frames.facts["upright"]
 
 

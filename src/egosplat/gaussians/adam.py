@@ -1,4 +1,4 @@
-"""One Adam update of rows in place: the fused kernel on the CPU where it is built, torch elsewhere."""
+"""Adam updates of Gaussian parameters: the compiled kernel on the CPU, torch elsewhere."""
 
 import math
 
@@ -7,11 +7,11 @@ from torch import Tensor
 
 from egosplat.kernels import library
 
+# As in 3DGS. Epsilon is far below torch's 1e-8, because gradients of single Gaussians are tiny.
 BETA1, BETA2, EPS = 0.9, 0.999, 1e-15
-"""3DGS's. Epsilon is far below torch's 1e-8 because gradients of single Gaussians are tiny."""
 
+# Its square is finite in float32. The square of a larger gradient would make the second moment infinite.
 LARGEST_GRADIENT = 1e18
-"""Its square is still finite in float32: what is larger would leave an infinite second moment behind."""
 
 
 def adam_step(
@@ -21,8 +21,8 @@ def adam_step(
 
     Args:
         param, grad, exp_avg, exp_avg_sq: (N, columns) float32, contiguous.
-        rates: learning rate, or (columns,) float32 of them.
-        step: number of this step, from 1, for the bias correction.
+        rates: learning rate, or one for each column, (columns,) float32.
+        step: step count from 1, for the bias correction.
     """
     (_fused_step if _can_fuse(param) else torch_step)(param, grad, exp_avg, exp_avg_sq, rates, step)
 
@@ -30,7 +30,7 @@ def adam_step(
 def torch_step(
     param: Tensor, grad: Tensor, exp_avg: Tensor, exp_avg_sq: Tensor, rates: float | Tensor, step: int
 ) -> None:
-    """``adam_step`` in plain torch, on any device."""
+    """Plain torch version of ``adam_step``, for any device."""
     exp_avg.lerp_(grad, 1.0 - BETA1)
     exp_avg_sq.mul_(BETA2).addcmul_(grad, grad, value=1.0 - BETA2)
     denominator = exp_avg_sq.sqrt().div_(math.sqrt(1.0 - BETA2**step)).add_(EPS)
@@ -38,13 +38,13 @@ def torch_step(
 
 
 def broken_rows(grads: list[Tensor]) -> Tensor:
-    """Indices of the rows with a gradient that is not finite, or larger than ``LARGEST_GRADIENT``.
+    """Return the rows with a gradient that is not finite or exceeds ``LARGEST_GRADIENT``.
 
     Args:
-        grads: (N, columns) float32 each, one at least, all with the same N.
+        grads: at least one (N, columns) float32 tensor, all with the same N.
 
     Returns:
-        (B,) int64.
+        (B,) int64 row indices.
     """
     # One pass without a copy decides for nearly every step that there are none; NaN compares as False.
     extremes = [torch.aminmax(grad) for grad in grads if grad.numel()]

@@ -1,7 +1,6 @@
-"""Points where a photograph shows something and none is known: windows, plain walls, lamps.
+"""Add initial points to image cells that show none: windows, plain walls, lamps.
 
-Trackers find points at corners alone. Where none are, Gaussians grow slowly, and what is not learnt yet looks as if it
-moved.
+Trackers find points at corners only. Without points, Gaussians grow slowly, and unfinished geometry looks transient.
 """
 
 from collections.abc import Iterable
@@ -15,60 +14,60 @@ from egosplat.geometry import Camera, invert, transform
 
 Colours = NDArray[np.uint8]
 
+# Number of cells along the longer side of a photograph.
 CELLS = 48
-"""Cells along the longer side of a photograph; each is to show a point."""
 
+# Smallest side of a cell [px].
 _LEAST_CELL = 2.0
-"""Side of a cell [px], at least."""
 
 
-def covered(
+def densify(
     xyz: Points,
     rgb: Colours,
     camera: Camera,
     camera_to_world: Points,
-    pictures: Iterable[NDArray[np.uint8]],
+    images: Iterable[NDArray[np.uint8]],
     valid: NDArray[np.bool_],
     *,
     near_plane: float,
 ) -> tuple[Points, Colours]:
-    """Points with more of them, so that each cell of each photograph shows one.
+    """Add points so that each image cell shows at least one.
 
-    A new one lies in the middle of its cell, as far away as the median point of the nearest cell that shows points, and
-    has the photograph's colour there. Those of one photograph count for the next. Nothing is added to a photograph that
-    shows no point at all.
+    A new point lies in the middle of its cell. Its depth is the median depth of the nearest cell with points, its
+    color that of the photograph. Points added for one photograph count for the next. A photograph that shows no
+    point at all gets none.
 
     Args:
-        xyz: (P, 3) float64, finite, in the world [m].
+        xyz: (P, 3) float64 world points [m], finite.
         rgb: (P, 3) uint8.
-        camera: of all photographs.
+        camera: shared by all photographs.
         camera_to_world: (V, 4, 4) float64.
-        pictures: V of (H, W, 3) uint8, looked at one by one.
-        valid: (H, W) bool; other pixels show nothing.
-        near_plane: least camera z [m].
+        images: V images (H, W, 3) uint8, read one at a time.
+        valid: (H, W) bool; cells with an invalid middle get no point.
+        near_plane: smallest camera z [m].
 
     Returns:
-        (P + N, 3) float64 and (P + N, 3) uint8: the given ones, then the new ones.
+        (P + N, 3) float64 and (P + N, 3) uint8: the given points, then the new ones.
     """
-    middles = _middles(camera)
-    columns, rows = middles.astype(np.int64).transpose(2, 0, 1)
+    centers = _cell_centers(camera)
+    columns, rows = centers.astype(np.int64).transpose(2, 0, 1)
     shows = valid[rows, columns]
-    for pose, picture in zip(camera_to_world, pictures, strict=True):
-        depth = _cell_depths(xyz, camera, pose, middles.shape[:2], near_plane)
+    for pose, image in zip(camera_to_world, images, strict=True):
+        depth = _cell_depths(xyz, camera, pose, centers.shape[:2], near_plane)
         empty = shows & np.isnan(depth)
         if not empty.any() or np.isnan(depth).all():
             continue
         nearest = distance_transform_edt(np.isnan(depth), return_distances=False, return_indices=True)
-        away = depth[tuple(nearest)][empty]
-        rays = (middles[empty] - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
-        local = np.column_stack([rays, np.ones(len(rays))]) * away[:, None]
+        nearest_depth = depth[tuple(nearest)][empty]
+        rays = (centers[empty] - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
+        local = np.column_stack([rays, np.ones(len(rays))]) * nearest_depth[:, None]
         xyz = np.concatenate([xyz, transform(pose, local)])
-        rgb = np.concatenate([rgb, picture[rows[empty], columns[empty]]])
+        rgb = np.concatenate([rgb, image[rows[empty], columns[empty]]])
     return xyz, rgb
 
 
-def _middles(camera: Camera) -> NDArray[np.float64]:
-    """(R, C, 2) middle of each cell [px]: column, row."""
+def _cell_centers(camera: Camera) -> NDArray[np.float64]:
+    """Return the (R, C, 2) middle of each cell [px], column first."""
     side = max(max(camera.width, camera.height) / CELLS, _LEAST_CELL)
     across, down = (max(round(length / side), 1) for length in (camera.width, camera.height))
     columns = (np.arange(across) + 0.5) * camera.width / across
@@ -79,7 +78,7 @@ def _middles(camera: Camera) -> NDArray[np.float64]:
 def _cell_depths(
     xyz: Points, camera: Camera, pose: Points, shape: tuple[int, int], near_plane: float
 ) -> NDArray[np.float64]:
-    """(R, C) median camera z of the points in each cell [m]; NaN where there is none."""
+    """Return the (R, C) median camera z of the points in each cell [m], NaN for an empty cell."""
     local = transform(invert(pose), xyz)
     pixels = camera.project(local)
     inside = camera.contains(pixels) & (local[:, 2] >= near_plane)

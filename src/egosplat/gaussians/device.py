@@ -1,4 +1,4 @@
-"""Where training runs."""
+"""Choose the device and the rasterizer for training."""
 
 import importlib.util
 
@@ -9,10 +9,12 @@ from egosplat.rasterize.cuda import load_gsplat
 
 
 def training_device(backend: str) -> torch.device:
-    """The device for a rasterization backend; ``auto`` takes the GPU where there is one and gsplat for it.
+    """Return the device for a rasterization backend.
+
+    ``auto`` selects the GPU if there is one and gsplat is installed.
 
     Raises:
-        UserError: the backend ``cuda`` cannot run here.
+        UserError: the backend ``cuda`` cannot run on this machine.
     """
     if backend == "cuda":
         load_gsplat()
@@ -21,7 +23,7 @@ def training_device(backend: str) -> torch.device:
 
 
 def rasterizer_used(backend: str, device: torch.device) -> str:
-    """What renders there, for the record: ``cuda``, ``cpu`` with the kernels' variant, or ``reference``."""
+    """Name the rasterizer for the artifact: ``cuda``, ``cpu`` with the kernel variant, or ``reference``."""
     if device.type == "cuda":
         return f"cuda ({torch.cuda.get_device_name(device)})"
     if backend == "reference" or not library.is_compiled():

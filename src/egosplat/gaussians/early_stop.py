@@ -1,4 +1,4 @@
-"""When to stop, and which Gaussians to keep."""
+"""Stop training when the validation PSNR no longer improves, and keep the best Gaussians."""
 
 import math
 from dataclasses import dataclass
@@ -9,15 +9,15 @@ from egosplat.gaussians.model import Gaussians
 
 @dataclass
 class EarlyStop:
-    """Keeps the best Gaussians, and says when none better came for a while.
+    """Track the best Gaussians and the number of evaluations without improvement.
 
     Attributes:
-        patience: number of evaluations in a row without improvement that ends training.
-        min_improvement: of the PSNR, to count as one [dB].
-        best: the Gaussians to keep, a copy; None before the first evaluation.
-        best_psnr: theirs [dB].
-        best_iteration: when they were reached.
-        waited: evaluations since the last that counted as an improvement.
+        patience: consecutive evaluations without improvement that end training.
+        min_improvement: smallest rise of the PSNR that counts as an improvement [dB].
+        best: copy of the best Gaussians; None before the first evaluation.
+        best_psnr: their PSNR [dB].
+        best_iteration: the iteration that produced them.
+        waited: evaluations since the last improvement.
     """
 
     patience: int
@@ -29,11 +29,11 @@ class EarlyStop:
     _mark: float = -math.inf
 
     def observe(self, iteration: int, psnr: float, gaussians: Gaussians) -> bool:
-        """Take note of an evaluation; True where training is to end. A PSNR of NaN is no improvement."""
+        """Record an evaluation and return whether training should end. A PSNR of NaN is no improvement."""
         if psnr > self.best_psnr:
             self.best = Gaussians(**{name: p.detach().clone() for name, p in gaussians.parameters().items()})
             self.best_psnr, self.best_iteration = psnr, iteration
-        # From the last improvement that counted, so that many small ones do count together.
+        # Compared with the last improvement that counted, so that many small improvements add up.
         improved = psnr >= self._mark + self.min_improvement
         self.waited = 0 if improved else self.waited + 1
         if improved:
@@ -41,7 +41,7 @@ class EarlyStop:
         return self.waited >= self.patience
 
     def state_dict(self) -> dict[str, Any]:
-        """All that ``load_state_dict`` needs."""
+        """Return the state for ``load_state_dict``."""
         return {
             "best": self.best and self.best.parameters(),
             "best_psnr": self.best_psnr,
@@ -51,7 +51,7 @@ class EarlyStop:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from ``state_dict``."""
+        """Restore a state from ``state_dict``."""
         self.best = state["best"] and Gaussians(**state["best"])
         self.best_psnr, self.best_iteration = state["best_psnr"], state["best_iteration"]
         self.waited, self._mark = state["waited"], state["mark"]

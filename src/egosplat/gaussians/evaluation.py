@@ -1,4 +1,4 @@
-"""How well Gaussians render photographs: PSNR and SSIM of the pictures as they are stored, with 8 bits."""
+"""Score renders against photographs: PSNR and SSIM of 8-bit images."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,19 +16,22 @@ from egosplat.image_quality import mean_ssim, psnr, ssim_map
 
 @dataclass(frozen=True)
 class Scores:
-    """Of V pictures: PSNR [dB] and SSIM, (V,) float64 each; NaN of a picture without a valid pixel, or window."""
+    """PSNR [dB] and SSIM of V images, (V,) float64 each.
+
+    A value is NaN if the image has no valid pixel (PSNR) or no valid SSIM window (SSIM).
+    """
 
     psnr: NDArray[np.float64]
     ssim: NDArray[np.float64]
 
     @property
     def mean_psnr(self) -> float:
-        """Of the pictures that have one; NaN where there is none."""
+        """Mean over the images with a value, NaN if there is none."""
         return _mean(self.psnr)
 
     @property
     def mean_ssim(self) -> float:
-        """Of the pictures that have one; NaN where there is none."""
+        """Mean over the images with a value, NaN if there is none."""
         return _mean(self.ssim)
 
 
@@ -48,14 +51,15 @@ def evaluate(
     """Render and score every view.
 
     Args:
-        gaussians: to be rendered, on the device of the views.
-        views: what they are compared with; may be empty.
-        settings: how to render.
-        sh_degree: degree in use.
-        show: is given the index and the rendered (H, W, 3) uint8 picture of each view.
+        gaussians: on the device of the views.
+        views: photographs to compare with; may be empty.
+        settings: render settings.
+        sh_degree: active SH degree.
+        show: called with the index and the rendered (H, W, 3) uint8 image of each view.
     """
     scores = np.empty((len(views), 2))
     for index in range(len(views)):
+        # Scores are those of the 8-bit image that is stored.
         picture = (rendered(gaussians, views, index, settings, sh_degree) * 255.0).round().to(torch.uint8)
         scores[index] = _scores(picture, views.pictures[index].to(views.device), views.weight(index))
         show(index, picture.cpu().numpy())
@@ -65,7 +69,7 @@ def evaluate(
 def rendered(
     gaussians: Gaussians, views: Views, index: int, settings: RenderSettings, sh_degree: int
 ) -> Tensor:
-    """(H, W, 3) float32 picture of a view, clamped to [0, 1]."""
+    """Render a view as an (H, W, 3) float32 image clamped to [0, 1]."""
     image, _, _ = render(
         gaussians,
         views.camera,
@@ -78,6 +82,9 @@ def rendered(
 
 
 def _scores(picture: Tensor, truth: Tensor, weight: Tensor | None) -> tuple[float, float]:
-    """PSNR [dB] and SSIM of (H, W, 3) uint8 pictures; pixels whose weight (H, W) is below a half are invalid."""
+    """Return PSNR [dB] and SSIM of (H, W, 3) uint8 images.
+
+    Pixels with a weight (H, W) below 0.5 are invalid.
+    """
     valid = torch.ones_like(truth[..., 0], dtype=torch.bool) if weight is None else weight >= 0.5
     return psnr(picture, truth, valid), mean_ssim(ssim_map(picture, truth, valid), valid)

@@ -1,6 +1,6 @@
-"""The Gaussians that training starts from: at the points of the poses artifact, or random where there are none.
+"""Initialize Gaussians at the points of the poses artifact, or at random points.
 
-Arrays are NumPy's in float64 until the Gaussians are made; everything random is drawn from the given seed.
+Points are float64 NumPy arrays; the resulting Gaussians are float32 tensors. Random numbers depend on the seed only.
 """
 
 import numpy as np
@@ -14,41 +14,41 @@ from egosplat.geometry import Camera, invert, transform
 
 Points = NDArray[np.float64]
 
+# The constant spherical harmonic 1 / (2 sqrt(pi)): color = SH_C0 * coefficient + 0.5.
 SH_C0 = 0.28209479177387814
-"""The constant spherical harmonic 1 / (2 sqrt(pi)): colour = SH_C0 * coefficient + 0.5."""
 
+# As in 3DGS.
 INITIAL_OPACITY = 0.1
-"""3DGS's."""
 
+# Floor of the squared neighbor distance [m²], as in 3DGS: a Gaussian at a duplicate point is 0.3 mm wide, not 0.
 _LEAST_SQUARED_DISTANCE = 1e-7
-"""To the neighbours [m²], 3DGS's floor: a Gaussian at a duplicated point is 0.3 mm wide, not zero."""
 
+# Width [m] of the Gaussian at a lone point, which has no neighbors.
 _LONE_SCALE = 0.1
-"""Width [m] of the Gaussian of a single point, which has no neighbours."""
 
+# Scene extent [m] for a camera that hardly moves.
 _LEAST_EXTENT = 1.0
-"""Scene extent [m] of a camera that hardly moves: the scene is not smaller than what a still head sees."""
 
+# Largest distance of random points from their camera, in scene extents (gsplat's ``init_extent``).
 _REACH = 3.0
-"""How far from the cameras random points are put, in scene extents (gsplat's ``init_extent``)."""
 
 
 def scene_extent(camera_to_world: Points) -> float:
-    """Size of the scene [m]: 1.1 times the largest distance of a camera from the mean camera (3DGS).
+    """Return the scene size [m]: 1.1 times the largest distance of a camera from the mean camera (3DGS).
 
-    Learning rate of the means and the sizes at which Gaussians are split and pruned are fractions of it, so
-    it must not vanish where somebody stands still and only turns the head: it is 1 m at least.
+    The learning rate of the means and the split and prune sizes scale with it.
 
     Args:
         camera_to_world: (F, 4, 4) float64, registered frames only, F >= 1.
 
     Raises:
-        ValueError: no pose, or one that is not finite.
+        ValueError: there is no pose, or a pose is not finite.
     """
     centres = camera_to_world[:, :3, 3]
     if not len(centres) or not np.isfinite(centres).all():
         raise ValueError(f"camera_to_world {camera_to_world.shape} has no pose or one that is not finite")
     distances = np.linalg.norm(centres - centres.mean(axis=0), axis=1)
+    # A camera that only rotates has extent 0; the floor keeps learning rates and prune sizes positive.
     return max(1.1 * float(distances.max()), _LEAST_EXTENT)
 
 
@@ -61,29 +61,29 @@ def from_points(
     max_points: int,
     seed: int,
 ) -> Gaussians:
-    """One round Gaussian at each point, as wide as the way to its neighbours (3DGS).
+    """Place one isotropic Gaussian at each point, scaled by the distance to its neighbors (3DGS).
 
-    Points that are not finite are dropped; of more than ``max_points`` a random subset is kept.
-    Opacity 0.1, identity rotation, SH above degree 0 and features zero.
+    Drops points that are not finite and keeps a random subset of at most ``max_points``. Opacity is 0.1, rotation
+    the identity; features and SH coefficients above degree 0 are zero.
 
     Args:
-        xyz: (P, 3) float64 points in the world [m]; duplicates may occur.
+        xyz: (P, 3) float64 world points [m]; duplicates are allowed.
         rgb: (P, 3) uint8.
-        sh_degree: degree that ``sh`` gets coefficients for.
+        sh_degree: degree of the allocated SH coefficients.
         feature_channels: F.
         max_points: at least 1.
-        seed: of the subset.
+        seed: for the random subset.
 
     Returns:
-        On the CPU, not requiring gradients.
+        Gaussians on the CPU that do not require gradients.
 
     Raises:
-        ValueError: shapes or dtypes other than these.
-        UserError: no point that is finite in float32.
+        ValueError: wrong shape or dtype.
+        UserError: no point is finite in float32.
     """
     if xyz.ndim != 2 or xyz.shape[1] != 3 or rgb.shape != xyz.shape or rgb.dtype != np.uint8:
         raise ValueError(f"xyz {xyz.shape} and rgb {rgb.shape} {rgb.dtype} are not (P, 3) and (P, 3) uint8")
-    # In float32, which the Gaussians are of: NaN compares as False.
+    # Gaussians are float32, so points must be finite in float32. NaN compares as False.
     kept = np.flatnonzero((np.abs(xyz) <= np.finfo(np.float32).max).all(axis=1))
     if not len(kept):
         raise UserError("splats: no finite point to start from; start from random points instead")
@@ -102,36 +102,36 @@ def from_points(
 
 
 def random_subset(count: int, most: int, seed: int) -> NDArray[np.int64]:
-    """Which of ``count`` things to keep, in their order, where at most so many may be: all, or a random subset."""
+    """Return sorted indices of at most ``most`` of ``count`` items: all, or a random subset."""
     if count <= most:
         return np.arange(count)
     return np.sort(np.random.default_rng(seed).choice(count, most, replace=False))
 
 
 def neighbour_distance(points: Points) -> NDArray[np.float64]:
-    """Root mean square distance [m] of each of (P, 3) points to its three nearest others; (P,) float64.
+    """Return the (P,) float64 RMS distance [m] of each of (P, 3) points to its three nearest neighbors.
 
-    Fewer where there are fewer; 0.1 m where there is no other point; never below 0.3 mm.
+    Uses fewer neighbors if there are fewer. A lone point gets 0.1 m; the minimum is 0.3 mm.
     """
     if len(points) < 2:
         return np.full(len(points), _LONE_SCALE)
     neighbours = min(3, len(points) - 1)
-    # The nearest is the point itself, or a duplicate of it: either way at distance zero.
+    # The nearest match is the point itself or a duplicate of it, at distance zero.
     distances, _ = cKDTree(points).query(points, k=neighbours + 1)
     return np.sqrt(np.maximum((distances[:, 1:] ** 2).mean(axis=1), _LEAST_SQUARED_DISTANCE))
 
 
 def seen(points: Points, camera: Camera, camera_to_world: Points, *, near_plane: float) -> NDArray[np.bool_]:
-    """Which points some camera has in its image; what hides behind a surface counts as seen.
+    """Test which points lie in the image of at least one camera. Occlusion is ignored.
 
     Args:
-        points: (P, 3) float64 in the world [m].
-        camera: of all pictures.
+        points: (P, 3) float64 world points [m].
+        camera: shared by all images.
         camera_to_world: (F, 4, 4) float64, registered frames only.
-        near_plane: least camera z [m].
+        near_plane: smallest camera z [m].
 
     Returns:
-        (P,) bool; False where the point is not finite.
+        (P,) bool; False for a point that is not finite.
     """
     result = np.zeros(len(points), dtype=bool)
     unseen = np.flatnonzero(np.isfinite(points).all(axis=1))
@@ -146,27 +146,27 @@ def seen(points: Points, camera: Camera, camera_to_world: Points, *, near_plane:
 
 
 def in_picture(local: Points, camera: Camera, *, near_plane: float) -> NDArray[np.bool_]:
-    """(P,) bool: which points (P, 3), in the camera's axes [m], it has in its picture, at ``near_plane`` or beyond."""
+    """Test which points (P, 3) in camera axes [m] lie in the image, at ``near_plane`` or beyond; (P,) bool."""
     return camera.contains(camera.project(local)) & (local[:, 2] >= near_plane)
 
 
 def random_points(
     count: int, camera: Camera, camera_to_world: Points, *, near_plane: float, seed: int
 ) -> tuple[Points, NDArray[np.uint8]]:
-    """Points and colours for a scene without points: uniform in the volumes that the cameras look into.
+    """Sample points and colors for a scene without points, uniformly in the viewing volumes.
 
-    A camera is drawn, then a point uniformly within its viewing pyramid between ``near_plane`` and three
-    scene extents: all points can be seen, and there are more of them where more cameras look.
+    Draws a camera, then a point in its frustum between ``near_plane`` and three scene extents. Every point is
+    visible, and regions seen by more cameras get more points.
 
     Args:
         count: number of points.
-        camera: of all pictures.
+        camera: shared by all images.
         camera_to_world: (F, 4, 4) float64, registered frames only, F >= 1.
-        near_plane: least camera z [m].
-        seed: of everything drawn.
+        near_plane: smallest camera z [m].
+        seed: for all random draws.
 
     Returns:
-        (count, 3) float64 in the world [m] and (count, 3) uint8, for ``from_points``.
+        (count, 3) float64 world points [m] and (count, 3) uint8 colors, for ``from_points``.
 
     Raises:
         ValueError: see ``scene_extent``.
@@ -174,7 +174,7 @@ def random_points(
     generator = np.random.default_rng(seed)
     far_plane = near_plane + _REACH * scene_extent(camera_to_world)
     which = generator.integers(len(camera_to_world), size=count)
-    # The section of a pyramid grows with z², so that z³ is uniform.
+    # The cross-section of a frustum grows with z², so z³ is uniform.
     depth = np.cbrt(generator.uniform(near_plane**3, far_plane**3, size=count))
     u, v = generator.uniform(size=(2, count)) * np.array([[camera.width], [camera.height]])
     local = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(count)], axis=1)

@@ -1,4 +1,4 @@
-"""Gaussians and the result of their training in an artifact."""
+"""Read and write Gaussians and training curves of an artifact."""
 
 import numpy as np
 import torch
@@ -14,10 +14,10 @@ STORED = ("means", "quats", "log_scales", "logit_opacities", "sh", "features")
 
 
 def put_gaussians(artifact: Writer, gaussians: Gaussians) -> None:
-    """Store the parameters; what is not finite, which no picture shows, is left out.
+    """Store the parameters without Gaussians that are not finite; no image shows those.
 
     Raises:
-        UserError: nothing is left.
+        UserError: no Gaussian is finite.
     """
     whole = gaussians.finite()
     if not whole.any():
@@ -28,13 +28,14 @@ def put_gaussians(artifact: Writer, gaussians: Gaussians) -> None:
 
 
 def read_gaussians(artifact: Artifact) -> Gaussians:
-    """The Gaussians of a splats artifact, on the CPU and not requiring gradients; without features, not to render them."""
+    """Read the Gaussians of a splats artifact to the CPU, without gradients."""
     stored = {name: torch.from_numpy(artifact.read(name)) for name in STORED if name != "features"}
+    # Features are the codes of joint training. Without channels here, no render composites them.
     return Gaussians(**stored, features=torch.zeros(len(stored["means"]), 0))
 
 
 def put_curves(artifact: Writer, curves: Curves) -> None:
-    """Store how training went, without the seconds, which differ between equal runs."""
+    """Store the training curves, without the seconds, which differ between identical runs."""
     artifact.put("curve/iteration", np.array(curves.iteration, np.int64))
     artifact.put("curve/loss", np.array(curves.loss, np.float64))
     artifact.put("curve/gaussians", np.array(curves.gaussians, np.int64))
@@ -45,6 +46,6 @@ def put_curves(artifact: Writer, curves: Curves) -> None:
 
 
 def read_render_settings(artifact: Artifact, backend: str) -> RenderSettings:
-    """The render settings that a splats artifact was trained with; the backend may be another."""
+    """Return the settings that a splats artifact was trained with, with the given backend."""
     options = artifact.provenance["options"]
     return RenderSettings(options["near_plane"], options["background"], options["antialiased"], backend)

@@ -1,9 +1,8 @@
-"""What a render is compared with a photograph by: the loss of 3DGS, and the squared error.
+"""Image losses of training: the loss of 3DGS and the squared error.
 
-Both take a weight for each pixel, between 1 and 0, where it is as if the render showed the photograph: the pixel
-has no residual, does not spoil its neighbours' SSIM, and gets no gradient. Means are over all values, whatever
-they weigh. So that no broken number ever enters the Gaussians, a value of render or target that is not finite,
-or beyond 1e8, weighs 0, and so does a weight that is not finite.
+Both take a pixel weight in [0, 1]. At weight 0 the pixel has no residual, no gradient and no effect on the SSIM of its
+neighbors. Means are over all values, whatever their weight. A render or target value that is not finite or exceeds
+1e8 has weight 0, and so has a pixel whose weight is not finite: no NaN reaches the Gaussians.
 """
 
 import torch
@@ -12,19 +11,19 @@ from torch import Tensor
 from egosplat.image_quality import WINDOW_RADIUS, structural_similarity
 from egosplat.kernels import library
 
+# The denominator of SSIM contains fourth powers, which must stay finite in float32.
 LARGEST_VALUE = 1e8
-"""The denominator of SSIM holds fourth powers, which are still finite in float32."""
 
 
 def l1_ssim(render: Tensor, target: Tensor, weight: Tensor | None, ssim_lambda: float) -> Tensor:
-    """``(1 - ssim_lambda) mean |x - y| + ssim_lambda (1 - mean SSIM(x, y))`` (Kerbl et al. 2023, equation 7).
+    """Return ``(1 - ssim_lambda) mean |x - y| + ssim_lambda (1 - mean SSIM(x, y))`` (Kerbl et al. 2023, equation 7).
 
-    y is the target and ``x = y + weight * (render - y)``. SSIM (Wang et al. 2004) is that of 3DGS: Gaussian
-    window of 11 x 11 pixels and standard deviation 1.5 px, zeros beyond the border, K1 = 0.01, K2 = 0.03, data
-    range 1. On the CPU in float32 the compiled kernel computes it, where it is built.
+    y is the target and ``x = y + weight * (render - y)``. SSIM (Wang et al. 2004) has the parameters of 3DGS: a
+    Gaussian window of 11 x 11 px with standard deviation 1.5 px, zero padding, K1 = 0.01, K2 = 0.03, data range 1.
+    Float32 tensors on the CPU use the compiled kernel if it is built.
 
     Args:
-        render: (H, W, 3) floating point; on the CPU best a permuted view of planar (3, H, W).
+        render: (H, W, 3) floating point; on the CPU fastest as a permuted view of planar (3, H, W).
         target: (H, W, 3) in [0, 1].
         weight: (H, W), clamped to [0, 1], or None for ones.
         ssim_lambda: share of the SSIM term.
@@ -33,7 +32,7 @@ def l1_ssim(render: Tensor, target: Tensor, weight: Tensor | None, ssim_lambda: 
         () tensor, differentiable.
 
     Raises:
-        ValueError: shapes or dtypes that do not belong together.
+        ValueError: shapes or dtypes do not match.
     """
     _check(render, target, weight)
     if not _can_fuse(render, target, weight):
@@ -44,7 +43,7 @@ def l1_ssim(render: Tensor, target: Tensor, weight: Tensor | None, ssim_lambda: 
 
 
 def torch_l1_ssim(render: Tensor, target: Tensor, weight: Tensor | None, ssim_lambda: float) -> Tensor:
-    """``l1_ssim`` in plain torch, on any device and differentiable by all tensors."""
+    """Plain torch version of ``l1_ssim``, for any device and differentiable by all tensors."""
     difference, y, weight = _cleaned(render, target, weight)
     x = y + weight * difference
     l1 = (x - y).abs().mean()
@@ -54,7 +53,7 @@ def torch_l1_ssim(render: Tensor, target: Tensor, weight: Tensor | None, ssim_la
 
 
 def l2(render: Tensor, target: Tensor, weight: Tensor | None) -> Tensor:
-    """Mean over all values of ``weight * (render - target)^2``; arguments and errors as ``l1_ssim``."""
+    """Return the mean over all values of ``weight * (render - target)^2``; arguments and errors as ``l1_ssim``."""
     _check(render, target, weight)
     difference, _, weight = _cleaned(render, target, weight)
     return (weight * difference.square()).mean()
@@ -79,7 +78,7 @@ def _can_fuse(render: Tensor, target: Tensor, weight: Tensor | None) -> bool:
 
 
 def _cleaned(render: Tensor, target: Tensor, weight: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:
-    """Render less target, target, and (H, W, 1) weight: all finite, the difference 0 where one is broken."""
+    """Return render minus target, target, and (H, W, 1) weight, all finite; the difference is 0 at broken values."""
     weight = render.new_ones(render.shape[:2]) if weight is None else weight
     target_is_sound = target.abs() <= LARGEST_VALUE  # NaN compares as False
     y = torch.where(target_is_sound, target, 0.0)

@@ -1,9 +1,9 @@
 """3D Gaussian splatting as Markov chain Monte Carlo (Kheradmand et al. 2024).
 
-Instead of cloning, splitting and pruning by thresholds: dead Gaussians (opacity at most ``min_opacity``) move
-onto live ones that are drawn by opacity, the number grows by 5 % a step up to a cap, and noise in every
-iteration lets Gaussians explore (stochastic gradient Langevin dynamics). The loss must contain
-``opacity_reg`` times the mean opacity and ``scale_reg`` times the mean scale, which let Gaussians die.
+Replaces clone, split and prune thresholds. Dead Gaussians (opacity at most ``min_opacity``) move onto live ones,
+drawn by opacity. The number grows by 5 % per step up to a cap. Noise in every iteration lets Gaussians explore
+(stochastic gradient Langevin dynamics). The loss must contain ``opacity_reg`` times the mean opacity and
+``scale_reg`` times the mean scale, which let Gaussians die.
 """
 
 import math
@@ -15,24 +15,24 @@ from torch import Tensor
 
 from egosplat.gaussians.model import Gaussians, rotation_matrices
 from egosplat.gaussians.optimizer import Adam
-from egosplat.gaussians.population import random_normal, replace_rows
 from egosplat.gaussians.relocation import draw_hosts, relocated
 from egosplat.gaussians.schedule import Schedule
+from egosplat.gaussians.strategy import random_normal, replace_rows
 
+# k of the paper: steepness of the noise gate at ``min_opacity``.
 _GATE_STEEPNESS = 100.0
-"""k of the paper: how sharply noise ends above ``min_opacity``."""
 
 
 @dataclass(frozen=True)
 class McmcOptions:
-    """Numbers of 3DGS-MCMC; the defaults are the paper's.
+    """Parameters of 3DGS-MCMC; the defaults are the paper's.
 
     Attributes:
         max_gaussians: cap of the number.
-        min_opacity: up to this opacity a Gaussian is dead.
-        growth: share of Gaussians that is added in a step, up to the cap.
-        noise_lr: factor of the noise, on top of the learning rate of the means.
-        opacity_reg, scale_reg: weights of the mean opacity and the mean scale in the loss.
+        min_opacity: a Gaussian with at most this opacity is dead.
+        growth: fraction of Gaussians added per step, up to the cap.
+        noise_lr: noise factor, on top of the learning rate of the means.
+        opacity_reg, scale_reg: loss weights of the mean opacity and the mean scale.
     """
 
     max_gaussians: int
@@ -44,7 +44,7 @@ class McmcOptions:
 
 
 class Mcmc:
-    """The ``Population`` of 3DGS-MCMC; give it a schedule scaled from ``STOCK_MCMC``."""
+    """The ``Strategy`` of 3DGS-MCMC; use it with a schedule scaled from ``STOCK_MCMC``."""
 
     def __init__(self, options: McmcOptions, schedule: Schedule) -> None:
         self.options = options
@@ -53,13 +53,13 @@ class Mcmc:
         self.scale_reg = options.scale_reg
 
     def observe(self, means2d_grad: Tensor | None, radii: Tensor, width: int, height: int) -> None:
-        """Nothing: where Gaussians go depends on their opacities alone. See ``Population.observe``."""
+        """Do nothing: relocation depends on opacities only. See ``Strategy.observe``."""
 
     @torch.no_grad()
     def step(
         self, iteration: int, gaussians: Gaussians, optimizer: Adam, generator: torch.Generator
     ) -> Gaussians:
-        """Relocate and grow when the schedule says so, and add noise always. See ``Population.step``."""
+        """Relocate and grow when scheduled, and always add noise. See ``Strategy.step``."""
         options = self.options
         if self.schedule.densifies(iteration):
             relocate(gaussians, optimizer, options.min_opacity, generator)
@@ -69,44 +69,44 @@ class Mcmc:
         return gaussians
 
     def state_dict(self) -> dict[str, Any]:
-        """Empty: there is nothing to remember."""
+        """Return an empty state: MCMC collects no statistics."""
         return {}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Nothing to do."""
+        """Do nothing."""
 
 
 def relocate(gaussians: Gaussians, optimizer: Adam, min_opacity: float, generator: torch.Generator) -> None:
     """Move dead Gaussians, and those that are not finite, onto live ones, in place.
 
-    As in the paper, the live ones start with zero moments, so that they stay where they do well, and the moved
-    ones keep theirs, so that they explore. Dead ones that no live one can take stay where they are.
+    Dead ones for which no live one has room stay in place.
 
     Raises:
-        UserError: there are Gaussians and none is live.
+        UserError: there are Gaussians but none is live.
     """
     live = alive(gaussians, min_opacity)
     if bool(live.all()):
         return
     broken = ~gaussians.finite()
-    # What is not finite goes first, in case that there is not room for all.
+    # Gaussians that are not finite come first, in case there is no room for all.
     dead = torch.cat([index.nonzero().squeeze(1) for index in (broken, ~live & ~broken)])
     hosts = draw_hosts(gaussians.opacities, live, len(dead), min_opacity, generator)
     _share(gaussians, optimizer, hosts)
+    # As in the paper, hosts get zero moments, so that they stay; moved ones keep theirs, so that they explore.
     for tensor in gaussians.detach().parameters().values():
         tensor[dead[: len(hosts)]] = tensor[hosts]
     for name in gaussians.parameters():
-        # A moment may be large where the parameter has just become not finite.
+        # The moments of a parameter that has just become infinite may be large.
         optimizer.reset_moments(name, broken)
 
 
 def grow(
     gaussians: Gaussians, optimizer: Adam, wanted: int, min_opacity: float, generator: torch.Generator
 ) -> Gaussians:
-    """Add copies of live Gaussians, drawn by opacity, until there are ``wanted`` or no live one can share.
+    """Add copies of live Gaussians, drawn by opacity, until there are ``wanted`` or none can share its opacity.
 
     Returns:
-        The Gaussians to go on with, attached to ``optimizer``; ``gaussians`` where none is added.
+        Gaussians attached to ``optimizer``; ``gaussians`` itself if none is added.
     """
     missing = wanted - gaussians.count
     if missing <= 0:
@@ -123,13 +123,13 @@ def alive(gaussians: Gaussians, min_opacity: float) -> Tensor:
 
 
 def add_noise(gaussians: Gaussians, factor: float, min_opacity: float, generator: torch.Generator) -> None:
-    """Move the means at random, in place: ``factor * gate * covariance @ normal``.
+    """Move the means randomly, in place: ``factor * gate * covariance @ normal``.
 
-    The gate ``sigmoid(-100 (opacity - min_opacity))`` lets opaque Gaussians rest.
+    The gate ``sigmoid(-100 (opacity - min_opacity))`` keeps opaque Gaussians in place.
 
     Args:
         factor: noise learning rate times the learning rate of the means.
-        min_opacity: opacity at which the gate is half open.
+        min_opacity: opacity at which the gate is 0.5.
     """
     raw = gaussians.detach()
     gate = torch.sigmoid(-_GATE_STEEPNESS * (raw.opacities - min_opacity))
@@ -137,12 +137,12 @@ def add_noise(gaussians: Gaussians, factor: float, min_opacity: float, generator
     rotation = rotation_matrices(raw.quats)
     local = (rotation.mT @ drawn[:, :, None]) * raw.scales.square()[:, :, None]
     noise = (rotation @ local)[:, :, 0]
-    # A scale that has run away must not take the mean to infinity with it.
+    # A diverged scale must not move the mean to infinity.
     raw.means.add_(torch.where(noise.isfinite(), noise, 0.0))
 
 
 def _share(gaussians: Gaussians, optimizer: Adam, hosts: Tensor) -> None:
-    """Give the rows at ``hosts`` (M,) the opacity and scale that they share with one copy for each mention."""
+    """Set opacity and scale of the rows ``hosts`` (M,) to those shared with one copy per mention."""
     copies = torch.bincount(hosts, minlength=gaussians.count)[hosts] + 1
     raw = gaussians.detach()
     opacity, factor = relocated(raw.opacities[hosts], copies)

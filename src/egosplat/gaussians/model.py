@@ -1,4 +1,4 @@
-"""The scene: 3D Gaussians with colour and features, as the raw parameters that are optimised."""
+"""The scene model: 3D Gaussians with colors and features, as raw optimized parameters."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,15 +14,15 @@ class Gaussians:
     """N Gaussians as unconstrained parameters (Kerbl et al. 2023), float32, all on one device.
 
     Attributes:
-        means: (N, 3) centres in the world [m].
-        quats: (N, 4) rotations as wxyz quaternions, not normalised.
+        means: (N, 3) centers in the world [m].
+        quats: (N, 4) rotations as wxyz quaternions, not normalized.
         log_scales: (N, 3) natural logarithm of the standard deviations along the axes [m].
         logit_opacities: (N,) logit of the opacity.
-        sh: (N, K, 3) spherical harmonics of the colour, K = (degree + 1)²; coefficient 0 is the constant one.
-        features: (N, F) further channels that are rendered like colours; F may be 0.
+        sh: (N, K, 3) spherical harmonics of the color, K = (degree + 1)²; coefficient 0 is the constant one.
+        features: (N, F) further channels that are rendered like colors; F may be 0.
 
     Raises:
-        ValueError: shapes, dtypes or devices that do not belong together.
+        ValueError: shapes, dtypes or devices do not match.
     """
 
     means: Tensor
@@ -69,49 +69,49 @@ class Gaussians:
 
     @property
     def sh_degree(self) -> int:
-        """The highest degree that ``sh`` has coefficients for."""
+        """Highest degree with coefficients in ``sh``."""
         return round(self.sh.shape[1] ** 0.5) - 1
 
     def parameters(self) -> dict[str, Tensor]:
-        """The parameters by name, in the order of ``PARAMETERS``; the tensors themselves, no copies."""
+        """Return the parameter tensors (no copies) by name, in the order of ``PARAMETERS``."""
         return {name: getattr(self, name) for name in PARAMETERS}
 
     def select(self, index: Tensor) -> "Gaussians":
-        """The Gaussians at ``index``: (N,) bool, or (M,) int64 in any order and with repetition."""
+        """Return the Gaussians at ``index``: (N,) bool, or (M,) int64 in any order, with repetition."""
         return Gaussians(**{name: tensor[index] for name, tensor in self.parameters().items()})
 
     @staticmethod
     def concatenate(parts: Sequence["Gaussians"]) -> "Gaussians":
-        """All Gaussians of ``parts`` (one at least) in order; K and F must be the same in all."""
+        """Concatenate at least one set of Gaussians; K and F must match."""
         return Gaussians(**{name: torch.cat([getattr(part, name) for part in parts]) for name in PARAMETERS})
 
     def requires_grad_(self) -> "Gaussians":
-        """Make every parameter a leaf that collects its gradient, in place; returns self."""
+        """Make every parameter a leaf that requires gradients, in place; returns self."""
         for tensor in self.parameters().values():
             tensor.requires_grad_()
         return self
 
     def detach(self) -> "Gaussians":
-        """The same storage outside of the autograd graph."""
+        """Return Gaussians that share storage, outside the autograd graph."""
         return Gaussians(**{name: tensor.detach() for name, tensor in self.parameters().items()})
 
     def to(self, device: torch.device) -> "Gaussians":
-        """The same Gaussians on ``device``."""
+        """Return the Gaussians on ``device``."""
         return Gaussians(**{name: tensor.to(device) for name, tensor in self.parameters().items()})
 
     def finite(self) -> Tensor:
-        """(N,) bool: no parameter of the Gaussian is NaN or infinite, nor is a scale when exponentiated."""
+        """(N,) bool: every parameter is finite, and so is the exponential of the log scales."""
         tensors = [*self.parameters().values(), self.scales]
         return torch.stack([as_rows(tensor.detach()).isfinite().all(dim=1) for tensor in tensors]).all(dim=0)
 
 
 def as_rows(tensor: Tensor) -> Tensor:
-    """(N, ...) -> (N, columns), a view of contiguous storage; works for N = 0 too."""
+    """Reshape (N, ...) to (N, columns), as a view of contiguous storage; N may be 0."""
     return tensor.unsqueeze(1) if tensor.ndim == 1 else tensor.flatten(1)
 
 
 def rotation_matrices(quats: Tensor) -> Tensor:
-    """(N, 4) wxyz quaternions, not normalised -> (N, 3, 3) rotations; the identity for a zero quaternion."""
+    """Convert (N, 4) wxyz quaternions, not normalized, to (N, 3, 3) rotations; a zero quaternion gives the identity."""
     w, x, y, z = torch.nn.functional.normalize(quats, dim=-1).unbind(-1)
     rows = [
         torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], dim=-1),

@@ -1,4 +1,4 @@
-"""What training makes small for each picture, and what is trained beside the Gaussians for it."""
+"""The training objective: the loss of one image and the parameters trained along with the Gaussians."""
 
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -10,22 +10,22 @@ from egosplat.gaussians.training_views import Views
 
 
 class Objective(Protocol):
-    """How a render is compared with its photograph.
+    """Compares a render with its photograph.
 
     Attributes:
-        advice: what the user may change where training diverges.
+        advice: keys that the user may change if training diverges.
     """
 
     @property
     def advice(self) -> str: ...
 
     def loss(self, image: Tensor, views: Views, index: int) -> Tensor:
-        """The loss of one iteration.
+        """Return the loss of one iteration.
 
         Args:
-            image: (H, W, 3 + F) float32 render, colours and features, on the device of the views.
+            image: (H, W, 3 + F) float32 render, colors and features, on the device of the views.
             views: the photographs.
-            index: which of them is rendered.
+            index: the rendered view.
 
         Returns:
             () tensor, differentiable by ``image``.
@@ -33,21 +33,21 @@ class Objective(Protocol):
         ...
 
     def step(self) -> None:
-        """Called after the gradients of each loss, for what is trained beside the Gaussians."""
+        """Update the objective's own parameters, if any; called after each backward pass."""
         ...
 
     def state_dict(self) -> dict[str, Any]:
-        """All that ``load_state_dict`` needs to go on: tensors, numbers, texts, and nests of them."""
+        """Return the state for ``load_state_dict``: tensors, numbers and strings, possibly nested."""
         ...
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from ``state_dict``; its tensors are on the device of the Gaussians."""
+        """Restore a state from ``state_dict``; its tensors are on the device of the Gaussians."""
         ...
 
 
 @dataclass(frozen=True)
 class L1Ssim:
-    """The loss of 3DGS, weighted by 1 - M within the lens circle; nothing is trained beside the Gaussians.
+    """The loss of 3DGS, weighted by 1 - M inside the lens circle; it has no parameters of its own.
 
     Attributes:
         ssim_lambda: share of 1 - SSIM in the loss; the rest is L1.
@@ -57,15 +57,15 @@ class L1Ssim:
     advice: str = "lower splats.position_lr, or raise splats.near_plane"
 
     def loss(self, image: Tensor, views: Views, index: int) -> Tensor:
-        """``egosplat.gaussians.loss.l1_ssim`` of the colours."""
+        """Return ``egosplat.gaussians.loss.l1_ssim`` of the colors."""
         return l1_ssim(image[..., :3], views.picture(index), views.weight(index), self.ssim_lambda)
 
     def step(self) -> None:
-        """Nothing to do."""
+        """Do nothing."""
 
     def state_dict(self) -> dict[str, Any]:
-        """Nothing."""
+        """Return an empty state."""
         return {}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Nothing to do."""
+        """Do nothing."""

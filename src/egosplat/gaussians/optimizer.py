@@ -1,4 +1,4 @@
-"""Adam over Gaussians, whose number changes while they are trained."""
+"""Adam over Gaussians whose number changes during training."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -9,20 +9,20 @@ from torch import Tensor
 from egosplat.gaussians.adam import adam_step, broken_rows
 from egosplat.gaussians.model import PARAMETERS, Gaussians, as_rows
 
+# Rows are gathered for the update only if fewer than this fraction has ever had a gradient.
 _WORTH_GATHERING = 0.5
-"""Rows are gathered for the update only where fewer than this share of them have ever had a gradient."""
 
 
 @dataclass(frozen=True)
 class LearningRates:
-    """Learning rates, stock 3DGS's (Kerbl et al. 2023).
+    """Learning rates of 3DGS (Kerbl et al. 2023).
 
     Attributes:
-        means: at the start [m]; then ``Adam.means_lr`` follows the schedule.
-        quats, log_scales, logit_opacities: of the raw parameters.
-        sh_dc: of SH coefficient 0.
-        sh_rest: of the other SH coefficients.
-        features: of the features.
+        means: at the start [m]; later ``Adam.means_lr`` follows the schedule.
+        quats, log_scales, logit_opacities: for the raw parameters.
+        sh_dc: for SH coefficient 0.
+        sh_rest: for the other SH coefficients.
+        features: for the features.
     """
 
     means: float
@@ -35,17 +35,17 @@ class LearningRates:
 
 
 class Adam:
-    """Adam (Kingma & Ba 2015) with one step count for all rows, as ``torch.optim.Adam`` in 3DGS.
+    """Adam (Kingma & Ba 2015) with one step count for all rows, like ``torch.optim.Adam`` in 3DGS.
 
-    A row is one Gaussian. New rows join with zero moments at the common step count. A row whose gradient and
-    moments are zero stays as it is. A row with a gradient that is not finite, in any parameter, is left
-    out of that step, moments and all, and counted, so that no NaN ever enters the Gaussians.
+    A row is one Gaussian. New rows start with zero moments at the common step count. A row with zero gradient and
+    moments does not change. If any gradient of a row is not finite, the step skips that row and its moments and
+    counts it, so that no NaN reaches the Gaussians.
 
     Attributes:
-        gaussians: what is optimised, in place; float32 leaves in contiguous memory.
+        gaussians: optimized in place; contiguous float32 leaves.
         means_lr: learning rate of the means [m], set by the caller before each step.
         step_count: steps taken.
-        skipped_rows: rows left out for a gradient that is not finite, summed over all steps.
+        skipped_rows: rows skipped for a gradient that is not finite, summed over all steps.
     """
 
     def __init__(self, gaussians: Gaussians, learning_rates: LearningRates) -> None:
@@ -60,15 +60,15 @@ class Adam:
 
     @torch.no_grad()
     def step(self, visible: Tensor | None) -> None:
-        """One update of all parameters from their ``grad``; a gradient of None counts as zero.
+        """Update all parameters from their ``grad``; a gradient of None counts as zero.
 
         Args:
-            visible: (N,) bool: a superset of the rows that have a gradient now, or None where that may be
-                all of them (a regulariser reaches every row). Rows that were never visible have zero
-                gradient and zero moments and are left out, which changes nothing but the time.
+            visible: (N,) bool, a superset of the rows with a gradient, or None if all rows may have one (a
+                regularizer reaches every row). Rows that were never visible have zero gradient and moments;
+                skipping them only saves time.
 
         Raises:
-            ValueError: ``visible`` has another shape.
+            ValueError: ``visible`` has the wrong shape.
         """
         self._note_visible(visible)
         self.step_count += 1
@@ -79,20 +79,20 @@ class Adam:
         rows = self._rows_to_step()
         for name in PARAMETERS:
             self._step_parameter(name, grads[name], rows)
-        # Rows do not mix: a broken one has only harmed itself, and is put back.
+        # Rows are independent: only the broken ones need restoring.
         for tensor, kept in zip(self._state(), before, strict=True):
             tensor[broken] = kept
 
     def zero_grad(self) -> None:
-        """Forget all gradients."""
+        """Clear all gradients."""
         for parameter in self.gaussians.parameters().values():
             parameter.grad = None
 
     def attach(self, gaussians: Gaussians) -> None:
-        """Go on with other Gaussians, after ``select`` and ``append`` have done to the moments the same.
+        """Continue with other Gaussians, after ``select`` and ``append`` changed the moments accordingly.
 
         Raises:
-            ValueError: their number is not that of the moments, or a parameter is not contiguous.
+            ValueError: the number of moments differs, or a parameter is not contiguous.
         """
         if gaussians.count != len(self._ever_visible):
             raise ValueError(f"{gaussians.count} Gaussians for the moments of {len(self._ever_visible)}")
@@ -116,17 +116,17 @@ class Adam:
         self._ever_visible = _with_zero_rows(self._ever_visible, count)
 
     def truncate_sh(self, coefficients: int) -> None:
-        """Keep the moments of the first SH coefficients alone; ``attach`` must follow."""
+        """Keep the moments of the first SH coefficients only; ``attach`` must follow."""
         for moments in (self._exp_avg, self._exp_avg_sq):
             moments["sh"] = moments["sh"][:, :coefficients].contiguous()
 
     def reset_moments(self, name: str, index: Tensor | None = None) -> None:
-        """Set the moments of one parameter to zero, in all rows or in those at ``index``."""
+        """Zero the moments of one parameter, in all rows or at ``index``."""
         for moments in (self._exp_avg, self._exp_avg_sq):
             moments[name][slice(None) if index is None else index] = 0.0
 
     def state_dict(self) -> dict[str, Any]:
-        """All that ``load_state_dict`` needs to go on: copies of the moments, and plain numbers."""
+        """Return copies of the moments and the counters, for ``load_state_dict``."""
         return {
             "exp_avg": {name: tensor.clone() for name, tensor in self._exp_avg.items()},
             "exp_avg_sq": {name: tensor.clone() for name, tensor in self._exp_avg_sq.items()},
@@ -137,10 +137,10 @@ class Adam:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from ``state_dict``; the Gaussians of that moment must be attached.
+        """Restore a state from ``state_dict``; the Gaussians of that state must be attached.
 
         Raises:
-            ValueError: moments of other shapes than the Gaussians.
+            ValueError: the moments have other shapes than the Gaussians.
         """
         for name, parameter in self.gaussians.parameters().items():
             for moments in (state["exp_avg"], state["exp_avg_sq"]):
@@ -162,12 +162,12 @@ class Adam:
             self._ever_visible |= visible
 
     def _state(self) -> list[Tensor]:
-        """Every tensor that a step changes."""
+        """Return every tensor that a step changes."""
         parameters = [parameter.detach() for parameter in self.gaussians.parameters().values()]
         return [*parameters, *self._exp_avg.values(), *self._exp_avg_sq.values()]
 
     def _rows_to_step(self) -> Tensor | None:
-        """Indices of the rows that need an update, or None to step all without gathering them."""
+        """Return the indices of the rows to update, or None to update all rows without gathering."""
         if self._ever_visible.float().mean() >= _WORTH_GATHERING:
             return None
         return self._ever_visible.nonzero().squeeze(1)
@@ -183,7 +183,7 @@ class Adam:
         param[rows], exp_avg[rows], exp_avg_sq[rows] = gathered
 
     def _rates(self, name: str) -> float | Tensor:
-        """The learning rate of a parameter; for ``sh`` (3 K,) float32, one a column."""
+        """Return the learning rate of a parameter; for ``sh`` one per column, (3 K,) float32."""
         if name == "means":
             return self.means_lr
         if name != "sh":
@@ -194,7 +194,7 @@ class Adam:
 
 
 def _gradient_rows(parameter: Tensor) -> Tensor:
-    """(N, columns) gradient, contiguous; zeros where there is none."""
+    """Return the (N, columns) gradient, contiguous; zeros if there is none."""
     grad = torch.zeros_like(parameter) if parameter.grad is None else parameter.grad
     return as_rows(grad.contiguous())
 

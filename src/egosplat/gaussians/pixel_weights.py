@@ -1,4 +1,4 @@
-"""What moves and is left out of training: nothing, what the network says, or the refined masks."""
+"""Masking of transient pixels in training: none, the network's prediction, or the refined masks."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,24 +14,24 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.errors import UserError
 
+# Artifact, schema and array, by kind of masking.
 _SOURCES = {"initial": ("transient", TRANSIENT, "probability"), "refined": ("masks", MASKS, "refined")}
-"""By the kind of masking: the artifact, its schema, and the array in it."""
 
 
 @dataclass(frozen=True)
 class Masking:
-    """How probable it is that a pixel shows something transient: the paper's M in its weights 1 - M.
+    """Probability that a pixel is transient: the paper's M in the weight 1 - M.
 
     Attributes:
-        artifact: transient or masks; None where nothing is masked.
-        array: name of the (F, H, W) array in it.
+        artifact: transient or masks artifact; None if nothing is masked.
+        array: name of its (F, H, W) array.
     """
 
     artifact: Artifact | None
     array: str
 
     def frames(self, rows: NDArray[np.integer]) -> Tensor | None:
-        """(V, H, W) bool, or float16 in [0, 1], of the frames ``rows``, on the CPU; None where nothing is masked."""
+        """Read M of the frames ``rows`` to the CPU: (V, H, W) bool, or float16 in [0, 1]; None if nothing is masked."""
         artifact = self.artifact
         if artifact is None:
             return None
@@ -43,22 +43,23 @@ class Masking:
 
 
 def open_masking(kind: str, frames: Artifact, *, transient: Path | None, masks: Path | None) -> Masking:
-    """The masking of a kind.
+    """Open the artifact that a kind of masking needs.
 
     Args:
         kind: ``none``, ``initial`` (M of the network) or ``refined`` (M of the instances).
-        frames: the pictures that are to be masked.
-        transient, masks: paths of these artifacts; only the one that the kind is made from is opened.
+        frames: the frames to mask.
+        transient, masks: paths of these artifacts; only the one that is needed is opened.
 
     Raises:
-        UserError: the kind is ``auto``, which the workflow decides, or the artifact is not given, cannot be read, or is of other frames.
+        UserError: the kind is ``auto``, which only the workflow resolves; or the artifact is missing, unreadable or
+            made from other frames.
     """
     if kind == "none":
         return Masking(None, "")
     if kind == "auto":
         raise UserError(
-            "splats.masking = auto: the workflow takes it from survey.json; "
-            "here give --masking none or refined, as that says"
+            "splats.masking = auto: only the workflow resolves it, from survey.json; "
+            "here give --masking none or refined"
         )
     name, schema, array = _SOURCES[kind]
     path = {"transient": transient, "masks": masks}[name]

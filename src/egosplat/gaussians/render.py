@@ -1,4 +1,4 @@
-"""One camera's picture of the Gaussians."""
+"""Render one camera's image of the Gaussians."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -16,12 +16,12 @@ from egosplat.rasterize.contract import shows_colors
 
 @dataclass(frozen=True)
 class RenderSettings:
-    """How Gaussians are rendered, in training and afterwards.
+    """Render settings, for training and afterwards.
 
     Attributes:
-        near_plane: nearest camera z that is rendered [m].
-        background: ``black``, ``white``, or ``random``: another colour in each training iteration, black elsewhere.
-        antialiased: dim Gaussians that are smaller than a pixel (Yu et al. 2024) rather than inflate them.
+        near_plane: smallest rendered camera z [m].
+        background: ``black``, ``white``, or ``random``: a new color in each training iteration, black elsewhere.
+        antialiased: dim Gaussians smaller than a pixel (Yu et al. 2024) instead of enlarging them.
         backend: see ``egosplat.rasterize.api.rasterization``.
     """
 
@@ -32,7 +32,7 @@ class RenderSettings:
 
     @property
     def still_background(self) -> Tensor | None:
-        """(3,) float32 background colour of evaluation and pages; None for black."""
+        """(3,) float32 background color outside of training; None for black."""
         return torch.ones(3) if self.background == "white" else None
 
 
@@ -46,27 +46,27 @@ def render(
     background: Tensor | None,
     render_mode: str = "RGB",
 ) -> tuple[Tensor, Tensor, dict[str, Any]]:
-    """Render colours, then features, then depth (in the modes that have it), in one pass.
+    """Render colors, then features, then depth (in modes that have it), in one pass.
 
     Args:
         gaussians: the scene.
-        camera: pinhole camera of the picture.
-        camera_to_world: (4, 4) float64, OpenCV axes, metres.
-        settings: how to render; ``background`` decides the colour behind the scene, not ``settings.background``.
-        sh_degree: degree up to which ``sh`` is used; at most ``gaussians.sh_degree``.
-        background: (3,) float32 colour behind the scene, None for black. Behind features and depth is zero.
-        render_mode: "RGB", "D", "ED", "RGB+D" or "RGB+ED"; "D" and "ED" render no colours and features.
+        camera: pinhole camera.
+        camera_to_world: (4, 4) float64, OpenCV axes, meters.
+        settings: render settings; the argument ``background`` overrides ``settings.background``.
+        sh_degree: active SH degree, at most ``gaussians.sh_degree``.
+        background: (3,) float32 color behind the scene, None for black. Features and depth have background 0.
+        render_mode: "RGB", "D", "ED", "RGB+D" or "RGB+ED"; "D" and "ED" render neither colors nor features.
 
     Returns:
-        render: (H, W, X) float32; X = 3 + F, and 1 more (or 1 alone) for depth.
+        render: (H, W, X) float32; X = 3 + F, plus 1 for depth (1 alone in "D" and "ED").
         alpha: (H, W, 1) float32, accumulated opacity.
-        meta: as the rasterizer gives it, with one camera: ``means2d`` (1, N, 2), ``radii`` (1, N, 2), ...
+        meta: output of the rasterizer for one camera: ``means2d`` (1, N, 2), ``radii`` (1, N, 2), ...
 
     Raises:
         ValueError: see ``egosplat.rasterize.api.rasterization``.
     """
     device = gaussians.means.device
-    # Far from the world's origin a pose inverted in float32 would lose millimetres.
+    # Inverted in float64: far from the origin, float32 would lose millimeters.
     world_to_camera = torch.from_numpy(invert(camera_to_world)).to(device, torch.float32)
     intrinsics = torch.from_numpy(camera.matrix).to(device, torch.float32)
     images, alphas, meta = rasterization(
@@ -91,7 +91,7 @@ def render(
 
 
 def _backgrounds(background: Tensor | None, gaussians: Gaussians) -> Tensor | None:
-    """(1, 3 + F) for the rasterizer: the colour, and zeros behind the features."""
+    """Return the (1, 3 + F) background for the rasterizer: the color, then zeros for the features."""
     if background is None:
         return None
     colour = background.to(gaussians.means)

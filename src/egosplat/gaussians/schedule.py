@@ -1,10 +1,11 @@
-"""What happens when in a training run: learning rate of the positions, SH degree, density control."""
+"""The training schedule: learning rate of the means, SH degree, density control."""
 
 import math
 from dataclasses import dataclass, replace
 
+# A shorter run does not shorten these intervals, except to at most this part of the run (1/5, 1/20, 1/7):
+# gradients and opacities need the same number of iterations in any run.
 _LEAST_PARTS = {"densify_from": 5, "densify_every": 20, "sh_interval": 7}
-"""What these wait for does not get faster in a short run: they keep their stock length, up to such a part of it."""
 
 
 @dataclass(frozen=True)
@@ -13,16 +14,16 @@ class Schedule:
 
     Attributes:
         iterations: length of the run.
-        densify_from, densify_until: density control happens strictly between these two.
+        densify_from, densify_until: density control runs strictly between these two.
         densify_every: iterations between two steps of density control.
         reset_every: iterations between two opacity resets; None for no resets.
-        reset_at_start: also reset at ``densify_from``, as 3DGS does where the background is white.
-        sh_interval: iterations after which the SH degree grows by one.
+        reset_at_start: also reset at ``densify_from``, as 3DGS does with a white background.
+        sh_interval: iterations after which the SH degree increases by one.
         position_lr_init, position_lr_final: learning rate of the means at the start and from
             ``position_lr_steps`` on, per unit of scene extent.
 
     Raises:
-        ValueError: milestones out of order, or an interval or a learning rate that is not positive.
+        ValueError: milestones are out of order, or an interval or learning rate is not positive.
     """
 
     iterations: int = 30_000
@@ -52,13 +53,13 @@ class Schedule:
                 raise ValueError(f"{name} is {getattr(self, name)}, not positive")
 
     def position_lr(self, iteration: int, extent: float) -> float:
-        """Learning rate of the means [m]: log-linear from ``position_lr_init`` to ``position_lr_final``."""
+        """Return the learning rate of the means [m]: log-linear from ``position_lr_init`` to ``position_lr_final``."""
         progress = min(max(iteration / self.position_lr_steps, 0.0), 1.0)
         start, end = math.log(self.position_lr_init), math.log(self.position_lr_final)
         return extent * math.exp(start + progress * (end - start))
 
     def sh_degree(self, iteration: int, highest: int) -> int:
-        """SH degree in use: 0 at first, one more after each ``sh_interval``, at most ``highest``."""
+        """Return the active SH degree: 0 at first, one more after each ``sh_interval``, at most ``highest``."""
         return min(iteration // self.sh_interval, highest)
 
     def densifies(self, iteration: int) -> bool:
@@ -67,51 +68,48 @@ class Schedule:
         return inside and iteration % self.densify_every == 0
 
     def resets_opacity(self, iteration: int) -> bool:
-        """Whether opacities are reset after this iteration.
-
-        A reset is left out where less than one whole interval of density control would follow it: what a
-        reset makes transparent needs that time to come back or to be pruned. (With the numbers of 3DGS:
-        3,000, 6,000, 9,000 and 12,000.)
-        """
+        """Whether opacities are reset after this iteration (3DGS: 3,000, 6,000, 9,000 and 12,000)."""
         if self.reset_every is None:
             return False
         if self.reset_at_start and iteration == self.densify_from > 0:
             return True
+        # A reset needs one whole interval of density control after it, in which Gaussians recover or are pruned.
         last = self.densify_until - self.reset_every
         return 0 < iteration <= last and iteration % self.reset_every == 0
 
     def prunes_large(self, iteration: int) -> bool:
-        """Whether density control also prunes by size: after the first regular opacity reset, as in 3DGS.
-
-        In a run without resets never: what is large there is background as often as it is a floater, and little
-        time is left to grow it again.
-        """
+        """Whether density control also prunes by size: after the first regular opacity reset, as in 3DGS."""
+        # Never in a run without resets: large Gaussians are background as often as floaters, and there is little time
+        # to grow them again.
         if self.reset_every is None or not self.resets_opacity(self.reset_every):
             return False
         return iteration > self.reset_every
 
 
+# 3DGS: 30,000 iterations, density control in the first half.
 STOCK = Schedule()
-"""3DGS: 30,000 iterations, density control in the first half."""
 
+# 3DGS-MCMC (Kheradmand et al. 2024): relocation until 25,000 and no resets.
 STOCK_MCMC = Schedule(densify_until=25_000, reset_every=None)
-"""3DGS-MCMC (Kheradmand et al. 2024): relocation until 25,000 and no resets."""
 
 
 def scaled(schedule: Schedule, iterations: int) -> Schedule:
-    """The schedule of a run of another length, 1 iteration at least.
+    """Scale a schedule to a run of another length.
 
-    The end of density control and the learning rate keep their fraction of the run. The intervals grow with
-    a longer run but do not shrink with a shorter one, unless it is so short that they would be most of it:
-    a gradient averaged over 25 views rather than 100 lets Gaussians multiply before they had time to move,
-    and opacities need their 3,000 iterations to come back from a reset. So a run of less than 12,000
-    iterations has no reset.
+    The end of density control and the learning rate keep their fraction of the run. Intervals grow with a longer
+    run but do not shrink with a shorter one, unless they would be most of it.
+
+    Args:
+        iterations: length of the run, at least 1.
 
     Raises:
         ValueError: ``iterations`` is less than 1.
     """
     if iterations < 1:
         raise ValueError(f"a run of {iterations} iterations")
+    # Shorter intervals would do harm: a gradient averaged over 25 views instead of 100 multiplies Gaussians before
+    # they have moved, and opacities need their 3,000 iterations to recover from a reset. A run of fewer than
+    # 12,000 iterations therefore has no reset.
     longer = max(iterations, schedule.iterations)
 
     def part(milestone: int) -> int:
@@ -134,7 +132,7 @@ def scaled(schedule: Schedule, iterations: int) -> Schedule:
 
 
 def cut(schedule: Schedule, iterations: int) -> Schedule:
-    """The first ``iterations`` of a schedule, its milestones and learning rates as they are.
+    """Truncate a schedule after ``iterations``; milestones and learning rates stay.
 
     Raises:
         ValueError: ``iterations`` is less than 1.

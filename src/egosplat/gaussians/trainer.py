@@ -1,8 +1,7 @@
-"""The training loop of 3DGS (Kerbl et al. 2023): one photograph an iteration.
+"""The training loop of 3DGS (Kerbl et al. 2023): one photograph per iteration.
 
-The order within an iteration is EgoLifter's and gsplat's: render, loss, gradients, the optimizer's step,
-then density control. (The first 3DGS code changes the Gaussians before the step, which thereby skips those
-that have just been made.)
+An iteration renders, computes the loss and its gradients, takes an optimizer step and then runs density control, as
+EgoLifter and gsplat do. (The first 3DGS code runs density control before the step, so new Gaussians skip it.)
 """
 
 import math
@@ -24,58 +23,59 @@ from egosplat.gaussians.render import render
 from egosplat.gaussians.schedule import Schedule
 from egosplat.gaussians.training_state import TrainingState
 from egosplat.gaussians.training_views import Views
-from egosplat.gaussians.view_dependence import settle_degree
+from egosplat.gaussians.view_dependence import reduce_degree
 from egosplat.progress import log, track
 
+# Iterations per record. Checkpoints are written at records only. On a GPU, reading the loss more often
+# would stall it.
 RECORD_EVERY = 10
-"""Iterations a record; a checkpoint is written at one, too. On a GPU, reading the loss each time would cost."""
 
+# Consecutive records without a finite loss that end training.
 _BAD_RECORDS = 3
-"""So many records in a row without a finite loss end training."""
 
 
 @dataclass(frozen=True)
-class Photographs:
-    """The views by what they are for; see ``egosplat.gaussians.training_views.Split``.
+class ViewSets:
+    """The views by role; see ``egosplat.gaussians.training_views.Split``.
 
     Attributes:
         training, validation, held_out: see there.
-        aside: those that judge the SH degree where it is searched: the validation views, or some of the training
-            views, which are not trained on until it is decided. Else none.
+        degree_validation: views that decide the SH degree, if it is searched: the validation views, or some of the training
+            views, which are not trained on until the degree is decided. Otherwise empty.
     """
 
     training: Views
     validation: Views
     held_out: Views
-    aside: Views
+    degree_validation: Views
 
     def trained_on(self, *, all_views: bool) -> NDArray[np.intp]:
-        """Indices of the training views that are trained on, all of them or without those set aside."""
-        return np.flatnonzero(all_views | ~np.isin(self.training.frame, self.aside.frame))
+        """Return the indices of the training views to train on: all, or those outside the degree search."""
+        return np.flatnonzero(all_views | ~np.isin(self.training.frame, self.degree_validation.frame))
 
 
 def resume_and_train(
-    state: TrainingState, photographs: Photographs, options: TrainingOptions, checkpoint: Checkpoint
+    state: TrainingState, view_sets: ViewSets, options: TrainingOptions, checkpoint: Checkpoint
 ) -> None:
-    """``train``, from the checkpoint on where there is one; an error of the user's removes it.
+    """Run ``train`` from the checkpoint if there is one. A UserError removes the checkpoint.
 
     Raises:
         UserError: as ``train``.
     """
     if (saved := checkpoint.load()) is not None:
         state.load_state_dict(saved)
-        log(f"training goes on after iteration {state.iteration}")
+        log(f"training resumes after iteration {state.iteration}")
     try:
-        train(state, photographs, options, checkpoint)
+        train(state, view_sets, options, checkpoint)
     except UserError:
-        checkpoint.remove()  # going on would lead to the same end
+        checkpoint.remove()  # resuming would fail again
         raise
 
 
 def train(
-    state: TrainingState, photographs: Photographs, options: TrainingOptions, checkpoint: Checkpoint
+    state: TrainingState, view_sets: ViewSets, options: TrainingOptions, checkpoint: Checkpoint
 ) -> None:
-    """Go on from ``state`` until the last iteration, or until nothing improves; changes ``state``.
+    """Train until the last iteration or until early stopping; changes ``state``.
 
     Raises:
         UserError: training diverges, or no Gaussian is left.
@@ -83,19 +83,19 @@ def train(
     schedule = options.schedule
     started = time.perf_counter() - state.seconds
     rest = range(state.iteration + 1, options.iterations + 1)
-    usable = photographs.trained_on(all_views=not state.degree_search.open)
+    usable = view_sets.trained_on(all_views=not state.degree_search.open)
     for iteration in track(rest, "training", unit="iteration"):
-        iterate(state, photographs.training, usable, options, schedule)
+        iterate(state, view_sets.training, usable, options, schedule)
         if state.degree_search.open and iteration >= schedule.densify_until:
-            settle(state, photographs, options, schedule)
-            usable = photographs.trained_on(all_views=True)
+            decide_degree(state, view_sets, options, schedule)
+            usable = view_sets.trained_on(all_views=True)
         last = iteration == options.iterations
         recorded = iteration % RECORD_EVERY == 0 or last
         if recorded:
             record(state)
         state.seconds = time.perf_counter() - started
         if iteration % options.evaluate_every == 0 or last:
-            measure(state, photographs, options, schedule)
+            measure(state, view_sets, options, schedule)
             if ends_early(state, schedule):
                 log(f"no improvement in {options.patience} evaluations: training ends")
                 return
@@ -110,7 +110,7 @@ def iterate(
     options: TrainingOptions,
     schedule: Schedule,
 ) -> None:
-    """One iteration with one of the ``usable`` views: changes ``state``, and adds its loss to ``state.loss_sum``."""
+    """Run one iteration with one of the ``usable`` views; changes ``state`` and adds the loss to ``state.loss_sum``."""
     iteration = state.iteration + 1
     index = state.next_view(usable)
     state.optimizer.means_lr = schedule.position_lr(iteration, state.extent)
@@ -124,30 +124,30 @@ def iterate(
         background=draw_background(options.render.background, state.generator),
     )
     loss = state.objective.loss(image, views, index)
-    regulariser = regularisation(state.gaussians, state.population.opacity_reg, state.population.scale_reg)
+    regulariser = regularisation(state.gaussians, state.strategy.opacity_reg, state.strategy.scale_reg)
     meta["means2d"].retain_grad()
     total = loss if regulariser is None else loss + regulariser
     total.backward()
     state.objective.step()
     radii = meta["radii"]
-    state.population.observe(meta["means2d"].grad, radii, views.camera.width, views.camera.height)
-    # A regulariser reaches every Gaussian, the loss only those in the picture.
+    state.strategy.observe(meta["means2d"].grad, radii, views.camera.width, views.camera.height)
+    # A regularizer reaches every Gaussian, the image loss only visible ones.
     state.optimizer.step((radii > 0).all(dim=-1).any(dim=0) if regulariser is None else None)
-    state.gaussians = state.population.step(iteration, state.gaussians, state.optimizer, state.generator)
+    state.gaussians = state.strategy.step(iteration, state.gaussians, state.optimizer, state.generator)
     state.loss_sum += total.detach()
     state.iteration = iteration
 
 
-def settle(
-    state: TrainingState, photographs: Photographs, options: TrainingOptions, schedule: Schedule
+def decide_degree(
+    state: TrainingState, view_sets: ViewSets, options: TrainingOptions, schedule: Schedule
 ) -> None:
-    """Let the views set aside say which SH degree is enough; from then on they are trained on, too."""
-    kept = settle_degree(
+    """Decide the SH degree on the views held out for it, then train on those views too."""
+    kept = reduce_degree(
         state.degree_search,
         state.gaussians,
         schedule.sh_degree(state.iteration, state.gaussians.sh_degree),
-        photographs.training,
-        photographs.aside,
+        view_sets.training,
+        view_sets.degree_validation,
         options.render,
         options.min_improvement,
     )
@@ -157,24 +157,24 @@ def settle(
 
 
 def draw_background(kind: str, generator: torch.Generator) -> Tensor | None:
-    """(3,) float32 colour of a training iteration; None for black."""
+    """Return the (3,) float32 background color of a training iteration; None for black."""
     if kind == "random":
         return torch.rand(3, generator=generator)
     return torch.ones(3) if kind == "white" else None
 
 
 def regularisation(gaussians: Gaussians, opacity_reg: float, scale_reg: float) -> Tensor | None:
-    """``opacity_reg`` times the mean opacity plus ``scale_reg`` times the mean scale; None where both are 0."""
+    """Return ``opacity_reg`` times the mean opacity plus ``scale_reg`` times the mean scale; None if both are 0."""
     if not (opacity_reg or scale_reg):
         return None
     return opacity_reg * gaussians.opacities.mean() + scale_reg * gaussians.scales.mean()
 
 
 def record(state: TrainingState) -> None:
-    """Take the mean loss since the last record into the curves.
+    """Append the mean loss since the last record to the curves.
 
     Raises:
-        UserError: it has not been finite several times in a row.
+        UserError: the loss was not finite in several consecutive records.
     """
     curves = state.curves
     before = curves.iteration[-1] if curves.iteration else 0
@@ -190,14 +190,12 @@ def record(state: TrainingState) -> None:
         )
 
 
-def measure(
-    state: TrainingState, photographs: Photographs, options: TrainingOptions, schedule: Schedule
-) -> None:
-    """Evaluate, log the result and take it into the curves."""
+def measure(state: TrainingState, view_sets: ViewSets, options: TrainingOptions, schedule: Schedule) -> None:
+    """Evaluate, append the scores to the curves and log them."""
     sh_degree = schedule.sh_degree(state.iteration, state.gaussians.sh_degree)
     held_out, validation = (
         evaluate(state.gaussians, views, options.render, sh_degree)
-        for views in (photographs.held_out, photographs.validation)
+        for views in (view_sets.held_out, view_sets.validation)
     )
     curves = state.curves
     curves.evaluated.append(state.iteration)
@@ -209,12 +207,9 @@ def measure(
 
 
 def ends_early(state: TrainingState, schedule: Schedule) -> bool:
-    """Whether the last evaluation ends training; keeps the best Gaussians. Never without patience.
-
-    Only what was measured after density control has ended counts: before, opacity resets and new Gaussians
-    let the PSNR fall for a while.
-    """
+    """Whether the last evaluation ends training; keeps the best Gaussians. Always False without patience."""
     psnr = state.curves.validation_psnr[-1]
+    # During density control, opacity resets and new Gaussians lower the PSNR for a while.
     if not state.early_stop.patience or state.iteration < schedule.densify_until:
         return False
     return state.early_stop.observe(state.iteration, psnr, state.gaussians)

@@ -1,4 +1,4 @@
-"""All that changes while Gaussians are trained, so that a checkpoint of it loses nothing."""
+"""The complete state of a training run, for checkpoints."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
@@ -11,20 +11,20 @@ from egosplat.gaussians.model import PARAMETERS, Gaussians
 from egosplat.gaussians.objective import Objective
 from egosplat.gaussians.optimizer import Adam, LearningRates
 from egosplat.gaussians.options import TrainingOptions
-from egosplat.gaussians.population import Population
+from egosplat.gaussians.strategy import Strategy
 from egosplat.gaussians.view_dependence import DegreeSearch
 
 
 @dataclass
 class Curves:
-    """How training went; lists of one length each for records and for evaluations.
+    """Training curves: one list entry per record or per evaluation.
 
     Attributes:
-        iteration, loss, gaussians: of each record: its last iteration, its mean loss, the number then.
+        iteration, loss, gaussians: of each record: last iteration, mean loss, number of Gaussians.
         evaluated: iteration of each evaluation.
-        psnr, ssim: mean over the held-out views; NaN without any.
-        validation_psnr: mean over the validation views; NaN without any.
-        seconds: of training until then; the only numbers that differ between equal runs.
+        psnr, ssim: means over the held-out views; NaN if there are none.
+        validation_psnr: mean over the validation views; NaN if there are none.
+        seconds: training time so far; the only numbers that differ between identical runs.
     """
 
     iteration: list[int] = field(default_factory=list)
@@ -38,33 +38,33 @@ class Curves:
 
 
 class TrainingState:
-    """Where a training run stands.
+    """The state of a training run after an iteration.
 
     Attributes:
         gaussians: leaves, attached to ``optimizer``.
-        optimizer, population, objective: see there.
-        generator: of everything random in training, on the CPU.
-        order: views still to come in this epoch, the next one last.
+        optimizer, strategy, objective: see there.
+        generator: for all random draws in training, on the CPU.
+        order: remaining views of this epoch, the next one last.
         early_stop, degree_search: see there.
         curves: see there.
-        iteration: the last one done.
-        seconds: of training so far.
-        loss_sum: of the iterations since the last record, on the Gaussians' device.
-        bad_records: records in a row whose loss is not finite.
+        iteration: last iteration done.
+        seconds: training time so far.
+        loss_sum: sum over the iterations since the last record, on the Gaussians' device.
+        bad_records: consecutive records with a loss that is not finite.
     """
 
     def __init__(
         self, start: Gaussians, options: TrainingOptions, extent: float, objective: Objective
     ) -> None:
-        """The state before the first iteration; ``start`` is used itself. ``extent``: of the scene [m]."""
+        """Create the state before the first iteration; ``start`` is not copied, ``extent`` is that of the scene [m]."""
         self.gaussians = start.requires_grad_()
         self.optimizer = Adam(start, LearningRates(means=options.position_lr * extent))
-        self.population: Population = options.population(extent)
+        self.strategy: Strategy = options.make_strategy(extent)
         self.objective = objective
         self.generator = torch.Generator().manual_seed(options.seed)
         self.order: list[int] = []
         self.early_stop = EarlyStop(options.patience, options.min_improvement)
-        self.degree_search = DegreeSearch(open=options.searches_degree)
+        self.degree_search = DegreeSearch(open=options.search_sh_degree)
         self.curves = Curves()
         self.iteration = 0
         self.seconds = 0.0
@@ -73,24 +73,24 @@ class TrainingState:
         self.extent = extent
 
     def next_view(self, views: Sequence[int]) -> int:
-        """The next of ``views``: a random permutation of all in each epoch."""
+        """Return the next view of this epoch's random permutation of ``views``."""
         if not self.order:
             order = torch.randperm(len(views), generator=self.generator)
             self.order = [int(views[position]) for position in order]
         return self.order.pop()
 
     def replace_sh(self, gaussians: Gaussians) -> None:
-        """Go on with the same Gaussians but for their SH coefficients, of which there are fewer."""
+        """Continue with Gaussians that differ only in having fewer SH coefficients."""
         self.gaussians = gaussians.requires_grad_()
         self.optimizer.truncate_sh(gaussians.sh.shape[1])
         self.optimizer.attach(self.gaussians)
 
     def state_dict(self) -> dict[str, Any]:
-        """Tensors, numbers, and lists and dictionaries of them, for ``load_state_dict``."""
+        """Return tensors and numbers, nested in lists and dictionaries, for ``load_state_dict``."""
         return {
             "gaussians": self.gaussians.detach().parameters(),
             "optimizer": self.optimizer.state_dict(),
-            "population": self.population.state_dict(),
+            "strategy": self.strategy.state_dict(),
             "objective": self.objective.state_dict(),
             "generator": self.generator.get_state(),
             "order": list(self.order),
@@ -102,13 +102,13 @@ class TrainingState:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from ``state_dict``, on the device of the Gaussians that this was made with."""
+        """Restore a state from ``state_dict``, on the device of the current Gaussians."""
         device = self.gaussians.means.device
         state = _moved(state, device)
         self.gaussians = Gaussians(**{name: state["gaussians"][name] for name in PARAMETERS}).requires_grad_()
         self.optimizer = Adam(self.gaussians, self.optimizer.learning_rates)
         self.optimizer.load_state_dict(state["optimizer"])
-        self.population.load_state_dict(state["population"])
+        self.strategy.load_state_dict(state["strategy"])
         self.objective.load_state_dict(state["objective"])
         self.generator.set_state(state["generator"].cpu())
         self.order = state["order"]
@@ -124,7 +124,7 @@ _NUMBERS = ("iteration", "seconds", "bad_records")
 
 
 def _moved(value: Any, device: torch.device) -> Any:
-    """The same nested lists and dictionaries with all tensors on ``device``."""
+    """Move all tensors in nested lists and dictionaries to ``device``."""
     if isinstance(value, torch.Tensor):
         return value.to(device)
     if isinstance(value, dict):

@@ -1,4 +1,4 @@
-"""Photographs with poses: what Gaussians are trained on and measured against."""
+"""ViewSets with poses, for training and evaluation."""
 
 from dataclasses import dataclass
 
@@ -14,8 +14,8 @@ from egosplat.geometry import Camera
 
 Mask = NDArray[np.bool_]
 
-_ASIDE_EVERY = 8
-"""The middle one of every eight training frames is set aside, where something is decided by frames not trained on."""
+# The middle one of every eight training frames is held out for decisions during training.
+_HOLD_OUT_EVERY = 8
 
 
 @dataclass(frozen=True)
@@ -24,12 +24,12 @@ class Views:
 
     Attributes:
         frame: (V,) int64 index of each in frames.zarr.
-        pictures: (V, H, W, 3) uint8 sRGB, in the CPU's memory.
-        camera_to_world: (V, 4, 4) float64, OpenCV axes, metres.
-        valid: (H, W) float32, 0 outside the lens circle and 1 inside; None where all pixels are valid.
-        transient: (V, H, W) bool, or float16 in [0, 1], in the CPU's memory: the paper's M; None where nothing moves.
-        camera: of all photographs.
-        device: where ``picture``, ``valid`` and ``weight`` are.
+        pictures: (V, H, W, 3) uint8 sRGB, in CPU memory.
+        camera_to_world: (V, 4, 4) float64, OpenCV axes, meters.
+        valid: (H, W) float32, 0 outside the lens circle and 1 inside; None if all pixels are valid.
+        transient: (V, H, W) bool, or float16 in [0, 1], in CPU memory: the paper's M; None if nothing is masked.
+        camera: shared by all photographs.
+        device: device of ``picture``, ``valid`` and ``weight``.
     """
 
     frame: NDArray[np.int64]
@@ -48,18 +48,18 @@ class Views:
         return self.pictures[index].to(self.device).float().div_(255.0)
 
     def weight(self, index: int) -> Tensor | None:
-        """(H, W) float32 weight of each pixel in a loss, 1 - M within the lens circle; None for ones."""
+        """Return the (H, W) float32 loss weight of each pixel, 1 - M inside the lens circle; None for ones."""
         transient = None if self.transient is None else self.transient[index].to(self.device)
         return pixel_weight(self.valid, transient)
 
 
 def pixel_weight(valid: Tensor | None, transient: Tensor | None) -> Tensor | None:
-    """The paper's 1 - M, and 0 outside the lens circle; None for ones.
+    """Return the paper's 1 - M, and 0 outside the lens circle; None for ones.
 
     Args:
-        valid: (H, W) float32; None where all pixels are valid.
-        transient: (H, W) bool or floating point, clamped to [0, 1]; None where nothing moves. What is not finite
-            weighs 0.
+        valid: (H, W) float32; None if all pixels are valid.
+        transient: (H, W) bool or floating point, clamped to [0, 1]; None if nothing is masked. A value that is not
+            finite has weight 0.
     """
     if transient is None:
         return valid
@@ -69,12 +69,12 @@ def pixel_weight(valid: Tensor | None, transient: Tensor | None) -> Tensor | Non
 
 @dataclass(frozen=True)
 class Split:
-    """Which frames do what; all need a pose. (F,) bool each, disjoint.
+    """Role of each frame; frames with a role have a pose. (F,) bool each, disjoint.
 
     Attributes:
-        training: are trained on.
-        validation: decide when to stop; none without early stopping.
-        held_out: evaluation frames that are not training frames: they are measured and decide nothing.
+        training: frames to train on.
+        validation: frames that decide early stopping; none without it.
+        held_out: evaluation frames outside the training frames; they are scored and decide nothing.
     """
 
     training: Mask
@@ -83,53 +83,54 @@ class Split:
 
 
 def split_views(train: Mask, evaluation: Mask, registered: Mask, *, validate: bool) -> Split:
-    """Give each frame its role.
+    """Assign each frame its role.
 
     Args:
         train, evaluation: (F,) bool of frames.zarr.
         registered: (F,) bool of poses.zarr.
-        validate: whether to set training frames aside for validation: every eighth, one at least.
+        validate: hold out training frames for validation: every eighth, at least one.
 
     Raises:
-        UserError: no training frame has a pose, or setting one aside would leave none.
+        UserError: no training frame has a pose, or no frame would be left to train on.
     """
     training = train & registered
     validation = np.zeros_like(training)
     rows = np.flatnonzero(training)
     if not len(rows):
         raise UserError(
-            f"none of {int(train.sum())} training frames has a pose; look at the log of the stage poses"
+            f"none of {int(train.sum())} training frames has a pose; see the log of the stage poses"
         )
     if validate:
-        validation = set_aside(training, "splats.patience", "0")
+        validation = hold_out(training, "splats.patience", "0")
     return Split(training & ~validation, validation, evaluation & ~train & registered)
 
 
-def set_aside(training: Mask, key: str, instead: str) -> Mask:
-    """(F,) bool: every eighth of the training frames (F,), one at least.
+def hold_out(training: Mask, key: str, instead: str) -> Mask:
+    """Select every eighth training frame (F,), at least one, as (F,) bool.
 
     Args:
-        training: the frames to choose from.
-        key: what asks for it, and ``instead`` what to set it to where it cannot be had, for messages.
+        training: frames to choose from.
+        key: configuration key that requires it, for the error.
+        instead: value that does not require it, for the error.
 
     Raises:
-        UserError: setting one aside would leave none.
+        UserError: no frame would be left to train on.
     """
     rows = np.flatnonzero(training)
     if len(rows) < 2:
         raise UserError(
             f"{key}: needs 2 training frames with a pose, there is {len(rows)}; set it to {instead}"
         )
-    aside = rows[_ASIDE_EVERY // 2 :: _ASIDE_EVERY]
+    held_out = rows[_HOLD_OUT_EVERY // 2 :: _HOLD_OUT_EVERY]
     chosen = np.zeros_like(training)
-    chosen[aside if len(aside) else rows[len(rows) // 2]] = True
+    chosen[held_out if len(held_out) else rows[len(rows) // 2]] = True
     return chosen
 
 
 def read_views(
     frames: Artifact, poses: Artifact, chosen: Mask, masking: Masking, device: torch.device
 ) -> Views:
-    """Read the frames at ``chosen`` (F,) bool, all of which have a pose, into memory."""
+    """Read the frames ``chosen`` (F,) bool, all with a pose, into memory."""
     rows = np.flatnonzero(chosen)
     _, height, width, _ = frames.shape("rgb")
     pictures = np.empty((len(rows), height, width, 3), np.uint8)
@@ -147,6 +148,6 @@ def read_views(
 
 
 def read_valid(frames: Artifact, device: torch.device) -> Tensor | None:
-    """(H, W) float32, 0 outside the lens circle; None where all pixels are valid."""
+    """Read the (H, W) float32 lens circle, 0 outside; None if all pixels are valid."""
     valid = torch.from_numpy(frames.read("valid"))
     return None if bool(valid.all()) else valid.to(device, torch.float32)

@@ -1,9 +1,9 @@
-"""How much view dependence a scene's colours need, judged on photographs that Gaussians have not been trained on.
+"""Find the SH degree that a scene needs, on photographs outside the training.
 
-All degrees of spherical harmonics come into use one after the other. When density control ends they are put to the test:
-without a degree every Gaussian shows, over the cameras that see it, the mean of what the degree adds, which is the best
-constant in its place. The least degree goes on by which photographs set aside are rendered as well. That lower degrees
-were trained beside the higher ones, and not in their place, speaks for the higher ones: what goes is not needed.
+Training enables all degrees one by one. When density control ends, each lower degree is tested: every Gaussian replaces
+the terms of a dropped degree by their mean over the cameras that see it, which is the best constant. The lowest degree
+that renders the held-out photographs equally well is kept. Lower degrees were trained together with the higher ones,
+which favors the higher ones: a degree that goes was not needed.
 """
 
 import math
@@ -28,70 +28,69 @@ from egosplat.rasterize.sh_reference import sh_basis
 
 @dataclass
 class DegreeSearch:
-    """What is known of the degree that a scene needs.
+    """State of the search for the SH degree.
 
     Attributes:
-        open: whether it is still to be decided.
-        psnr: mean over the photographs set aside, with degree 0, 1, ... [dB]; None where it is not finite, and empty
-            until it is decided.
+        open: the degree is still undecided.
+        psnr: mean over the held-out photographs with degree 0, 1, ... [dB]; None if not finite; empty until decided.
     """
 
     open: bool = False
     psnr: list[float | None] = field(default_factory=list)
 
     def state_dict(self) -> dict[str, Any]:
-        """All that ``DegreeSearch(**state)`` needs."""
+        """Return the arguments of ``DegreeSearch(**state)``."""
         return asdict(self)
 
 
-def settle_degree(
+def reduce_degree(
     search: DegreeSearch,
     gaussians: Gaussians,
     degree: int,
     training: Views,
-    aside: Views,
+    held_out: Views,
     settings: RenderSettings,
     tolerance_db: float,
 ) -> Gaussians:
-    """The Gaussians to go on with: themselves, or with fewer coefficients; closes ``search``.
+    """Return the Gaussians with the lowest sufficient degree, and close ``search``.
 
-    Where no photograph set aside has a valid pixel, nothing is known, and all stays.
+    If no held-out photograph has a valid pixel, all coefficients stay.
 
     Args:
-        search: open.
-        gaussians: to be judged.
-        degree: the highest in use.
-        training: whose cameras tell from where the Gaussians are seen.
-        aside: photographs that decide.
-        settings: how to render them.
-        tolerance_db: so much mean PSNR less than with ``degree`` is as good.
+        search: open search.
+        gaussians: Gaussians to test.
+        degree: highest active degree.
+        training: views whose cameras define the viewing directions.
+        held_out: photographs that decide.
+        settings: render settings.
+        tolerance_db: largest acceptable loss of mean PSNR against ``degree`` [dB].
     """
     means = mean_basis(gaussians.means, training.camera, training.camera_to_world, settings.near_plane)
     candidates = [gaussians]
     for dropped in range(degree, 0, -1):
         candidates.insert(0, without_degree(candidates[0], dropped, means))
-    psnr = [evaluate(some, aside, settings, used).mean_psnr for used, some in enumerate(candidates)]
+    psnr = [evaluate(some, held_out, settings, used).mean_psnr for used, some in enumerate(candidates)]
     enough = next((used for used in range(degree) if psnr[used] >= psnr[degree] - tolerance_db), degree)
     search.open, search.psnr = False, [one if math.isfinite(one) else None for one in psnr]
     shown = ", ".join(f"{one:.2f}" for one in psnr)
     log(
-        f"spherical harmonics of degree 0 to {degree}: {shown} dB on {len(aside)} photographs set aside; {enough} is enough"
+        f"spherical harmonics of degree 0 to {degree}: {shown} dB on {len(held_out)} held-out photographs; degree {enough} is sufficient"
     )
     return candidates[enough]
 
 
 @torch.no_grad()
 def without_degree(gaussians: Gaussians, degree: int, means: Tensor) -> Gaussians:
-    """Gaussians with coefficients below ``degree`` alone, the mean of what it added taken into the constant.
+    """Drop the coefficients from ``degree`` on, and add the mean of their contribution to the constant.
 
     Args:
-        gaussians: with coefficients of ``degree``, 1 at least.
-        means: (N, 16) float32, see ``mean_basis``.
+        gaussians: Gaussians with coefficients of ``degree``, at least 1.
+        means: (N, 16) float32 from ``mean_basis``.
     """
     below, upto = degree**2, (degree + 1) ** 2
     sh = gaussians.sh.detach()[:, :below].clone()
     added = (means[:, below:upto, None] * gaussians.sh.detach()[:, below:upto]).sum(dim=1)
-    # The first function is a constant; a mean of it is 0 for what no camera sees, which stays as it is.
+    # Divided by the constant basis function. The means are 0 for Gaussians that no camera sees: those stay as they are.
     sh[:, 0] += added / sh_basis(0, means.new_zeros(1, 3))[0, 0]
     return replace(gaussians.detach(), sh=sh)
 
@@ -100,13 +99,15 @@ def without_degree(gaussians: Gaussians, degree: int, means: Tensor) -> Gaussian
 def mean_basis(
     means: Tensor, camera: Camera, camera_to_world: NDArray[np.float64], near_plane: float
 ) -> Tensor:
-    """(N, 16) float32 mean of the spherical harmonics over the directions from which Gaussians are seen.
+    """Return the (N, 16) float32 mean of the spherical harmonics over the directions that see each Gaussian.
+
+    Occlusion is ignored. Rows of Gaussians outside every image are 0.
 
     Args:
-        means: (N, 3) centres in the world [m].
-        camera, camera_to_world: (V, 4, 4) float64; what hides behind a surface counts as seen. Rows of Gaussians that
-            no camera has in its picture are 0.
-        near_plane: least camera z [m].
+        means: (N, 3) centers in the world [m].
+        camera: shared by all views.
+        camera_to_world: (V, 4, 4) float64.
+        near_plane: smallest camera z [m].
     """
     points = means.double().cpu().numpy()
     total, number = np.zeros((len(points), (MAX_SH_DEGREE + 1) ** 2)), np.zeros(len(points))

@@ -1,9 +1,7 @@
-"""Closed-form lifting: each Gaussian gets the rendering-weighted mean of its pixels' codes
-(docs/method.md#lifting).
+"""Closed-form lifting: each Gaussian gets the rendering-weighted mean code of its pixels (docs/method.md#lifting).
 
-A picture is linear in the values of the Gaussians, with the compositing weights as coefficients. The transposed map,
-which is what backpropagation computes, therefore sums what pixels mean over all that a Gaussian is rendered to, in one
-pass a view, whatever renders.
+An image is linear in the values of the Gaussians, with the compositing weights as coefficients. Backpropagation
+computes the transposed map, so one backward pass per view sums the pixels of each Gaussian, with any rasterizer.
 """
 
 from dataclasses import dataclass
@@ -14,30 +12,30 @@ from torch import Tensor
 from egosplat.codes.rendering import sum_over_pixels
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
-from egosplat.language.views import TaughtViews
+from egosplat.language.views import CodeViews
 from egosplat.progress import track
 
+# Smallest sum of compositing weights over all views [px] at which a Gaussian counts as seen.
 _LEAST_WEIGHT = 1e-3
-"""Pixels that a Gaussian must have filled, in all views together, to have been seen."""
 
 
 @dataclass(frozen=True, eq=False)
 class Lifted:
-    """What N Gaussians mean at L levels: ``code`` (N, L, C) and ``share`` (N, L), as language.zarr has them."""
+    """Codes (N, L, C) and shares (N, L) of N Gaussians at L levels, as in language.zarr."""
 
     code: Tensor
     share: Tensor
 
 
-def lift(gaussians: Gaussians, views: TaughtViews, settings: RenderSettings) -> Lifted:
-    """Weighted means over all views: ``f_g = sum w_gp F(p) / sum w_gp`` over the pixels p with a code.
+def lift(gaussians: Gaussians, views: CodeViews, settings: RenderSettings) -> Lifted:
+    """Average codes over all views: ``f_g = sum w_gp F(p) / sum w_gp`` over the pixels p with a code.
 
-    w is alpha times transmittance, times 1 - M. A Gaussian that no view shows has share 0.
+    w is alpha times transmittance times 1 - M. A Gaussian that no view shows has share 0.
 
     Args:
         gaussians: the scene, not requiring gradients.
-        views: at least one.
-        settings: how to render.
+        views: at least one view.
+        settings: render settings.
     """
     sums = seen = None
     for index in track(range(len(views)), "lifting", unit="view"):
@@ -57,8 +55,8 @@ def lift(gaussians: Gaussians, views: TaughtViews, settings: RenderSettings) -> 
 
 
 def _means(code: Tensor, known: Tensor, seen: Tensor) -> Lifted:
-    """Sums divided by sums of weights; 0 where there are next to none."""
-    taught = known > _LEAST_WEIGHT
-    mean = torch.where(taught[..., None], code / known.clamp(min=_LEAST_WEIGHT)[..., None], 0.0)
-    share = torch.where(taught, known / seen.clamp(min=_LEAST_WEIGHT), 0.0).clamp(max=1.0)
+    """Divide sums by sums of weights; 0 where the weight is negligible."""
+    labeled = known > _LEAST_WEIGHT
+    mean = torch.where(labeled[..., None], code / known.clamp(min=_LEAST_WEIGHT)[..., None], 0.0)
+    share = torch.where(labeled, known / seen.clamp(min=_LEAST_WEIGHT), 0.0).clamp(max=1.0)
     return Lifted(mean, share)

@@ -1,4 +1,4 @@
-"""Gaussians as a .ply file that public viewers of 3DGS open, what they mean as further properties."""
+"""Export Gaussians to a .ply file for public 3DGS viewers, with codes as additional properties."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,15 +21,15 @@ EXPORT = text_kind("egosplat export", ".ply", begin="ply\n", mark="\ncomment ego
 
 
 def export(scene: Path, output: Path, codes: bool) -> None:
-    """Write the Gaussians of a scene's folder.
+    """Write the Gaussians of a scene folder to a .ply file.
 
     Args:
-        scene: folder with splats.zarr, and language.zarr where codes are asked for.
-        output: the file.
-        codes: whether codes and shares are written.
+        scene: folder with splats.zarr, and with language.zarr if ``codes``.
+        output: the file to write.
+        codes: also write codes and shares.
 
     Raises:
-        UserError: an artifact is absent or damaged, or of other splats, or the file would replace something else.
+        UserError: an artifact is missing, damaged or made from other splats, or ``output`` exists and is no export.
     """
     check_output(output, EXPORT)
     splats = open_artifact(scene / "splats.zarr", SPLATS)
@@ -43,7 +43,7 @@ def export(scene: Path, output: Path, codes: bool) -> None:
 
 
 def geometry_columns(gaussians: Gaussians) -> Columns:
-    """The properties of 3DGS (Kerbl et al. 2023) in its order: raw parameters, normals of 0, SH by colour channel."""
+    """Return the properties of 3DGS (Kerbl et al. 2023) in its order: raw parameters, zero normals, SH by channel."""
     sh = gaussians.sh.permute(0, 2, 1).numpy()
     rest = sh[:, :, 1:].reshape(len(sh), -1)
     nothing = np.zeros(len(sh), np.float32)
@@ -59,7 +59,7 @@ def geometry_columns(gaussians: Gaussians) -> Columns:
 
 
 def code_columns(code: NDArray[np.float32], share: NDArray[np.float32], levels: Sequence[str]) -> Columns:
-    """``share_whole``, ``code_whole_0``, ... of (N, L, C) codes and (N, L) shares."""
+    """Return ``share_whole``, ``code_whole_0``, ... of (N, L, C) codes and (N, L) shares."""
     columns: Columns = {}
     for level, name in enumerate(levels):
         columns[f"share_{name}"] = share[:, level]
@@ -68,15 +68,15 @@ def code_columns(code: NDArray[np.float32], share: NDArray[np.float32], levels: 
 
 
 def write_ply(path: Path, columns: Columns, origin: str) -> None:
-    """Write float32 properties of vertices, little-endian binary; the file is whole or absent.
+    """Write float32 vertex properties, little-endian binary; the file is complete or absent.
 
     Args:
-        path: the file.
+        path: the file to write.
         columns: (N,) values of each property, in order.
-        origin: of the data, ``real`` or ``synthetic``, for the header.
+        origin: ``real`` or ``synthetic`` data, for the header.
 
     Raises:
-        UserError: something is at ``path`` that ``export`` did not write.
+        UserError: ``path`` exists and was not written by ``export``.
     """
     vertices = np.stack(list(columns.values()), axis=1).astype("<f4")
     header = [

@@ -1,4 +1,4 @@
-"""Stage ``language``: what each Gaussian means, at every level."""
+"""Stage ``language``: give each Gaussian a language code at every level."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -29,14 +29,14 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.pixel_weights import Masking, open_masking
 from egosplat.gaussians.render import RenderSettings
 from egosplat.language.lifting import Lifted, lift
-from egosplat.language.training import CodeOptions, CodeTraining, Curve, shown_codes
-from egosplat.language.views import TaughtViews, taught_views
+from egosplat.language.training import CodeOptions, CodeTraining, Curve, codes_to_render
+from egosplat.language.views import CodeViews, select_code_views
 from egosplat.progress import log
 
 
 @dataclass(frozen=True)
 class LanguageOptions:
-    """The schema's keys of ``language``; ``config.schema.yaml`` describes each."""
+    """Configuration keys of the stage; ``config.schema.yaml`` describes each."""
 
     method: str
     iterations: int
@@ -62,44 +62,55 @@ def run(
 ) -> None:
     """Write the language artifact of ``splats``.
 
-    Where the codes were trained with the geometry, they are taken as they are, whatever the method. Pixels of what
-    moves weigh as in the training of the splats, and need the same artifact.
+    Codes of joint training are copied, whatever the method. Transient pixels are masked as in the training of the
+    splats, which needs the same artifact.
 
     Args:
         frames, poses, segments, features, splats, output: paths.
-        survey: of the frames that it leaves out nothing is learned.
-        transient: needed where the splats' masking is ``initial``; masks: where it is ``refined``.
+        survey: excludes frames from training.
+        transient: required if the splats' masking is ``initial``.
+        masks: required if the splats' masking is ``refined``.
 
     Raises:
-        UserError: an input lacks or does not belong to the others, the backend cannot run, training diverges.
+        UserError: an input is missing or does not belong to the others, the backend cannot run, or training
+            diverges.
     """
-    pictures, walk = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
-    instances, words = open_artifact(segments, SEGMENTS), open_artifact(features, FEATURES)
-    scene = open_artifact(splats, SPLATS)
-    check_made_from(walk, pictures, axes=("frame",))
-    moving = open_masking(scene.provenance["options"]["masking"], pictures, transient=transient, masks=masks)
-    kept, by_survey = kept_frames(pictures, survey)
-    made = _begin(asdict(options) | by_survey, [pictures, walk, instances, words, scene], moving)
+    frames_artifact, poses_artifact = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
+    segments_artifact, features_artifact = (
+        open_artifact(segments, SEGMENTS),
+        open_artifact(features, FEATURES),
+    )
+    splats_artifact = open_artifact(splats, SPLATS)
+    check_made_from(poses_artifact, frames_artifact, axes=("frame",))
+    masking = open_masking(
+        splats_artifact.provenance["options"]["masking"], frames_artifact, transient=transient, masks=masks
+    )
+    kept, by_survey = kept_frames(frames_artifact, survey)
+    record = _begin(
+        asdict(options) | by_survey,
+        [frames_artifact, poses_artifact, segments_artifact, features_artifact, splats_artifact],
+        masking,
+    )
     device = training_device(options.backend)
-    targets = CodeTargets(instances, words, device)
-    views = taught_views(pictures, walk, targets.of, moving, device, kept)
-    gaussians = read_gaussians(scene).to(device)
-    settings = read_render_settings(scene, options.backend)
+    targets = CodeTargets(segments_artifact, features_artifact, device)
+    views = select_code_views(frames_artifact, poses_artifact, targets.of, masking, device, kept)
+    gaussians = read_gaussians(splats_artifact).to(device)
+    settings = read_render_settings(splats_artifact, options.backend)
     lifted = lift(gaussians, views, settings)
-    checkpoint = Checkpoint(output, provenance.key_of(made), options.checkpoint_s)
+    checkpoint = Checkpoint(output, provenance.key_of(record), options.checkpoint_s)
     method, code, curve = options.method, lifted.code, Curve()
-    if _is_joint(scene):
-        method, code = "joint", _joint_codes(scene, words, lifted)
+    if _is_joint(splats_artifact):
+        method, code = "joint", _joint_codes(splats_artifact, features_artifact, lifted)
     elif method == "trained":
         code, curve = _trained(gaussians, views, settings, lifted, _training(options), checkpoint)
     facts = {"levels": targets.levels, "method": method, "views": len(views)}
-    _write(output, made, code, lifted.share, curve, facts)
+    _write(output, record, code, lifted.share, curve, facts)
     checkpoint.remove()
 
 
-def _begin(keys: dict[str, Any], used: list[Artifact], moving: Masking) -> Provenance:
-    if moving.artifact is not None:
-        used = [*used, moving.artifact]
+def _begin(keys: dict[str, Any], used: list[Artifact], masking: Masking) -> Provenance:
+    if masking.artifact is not None:
+        used = [*used, masking.artifact]
     return provenance.begin_from("language", keys, used)
 
 
@@ -117,7 +128,7 @@ def _is_joint(splats: Artifact) -> bool:
 
 
 def _joint_codes(splats: Artifact, features: Artifact, lifted: Lifted) -> Tensor:
-    """The codes that the splats were trained with, as they were rendered there: of any norm (docs/method.md#code-norm).
+    """Read the codes that the splats were trained with, unnormalized, as rendered there (docs/method.md#code-norm).
 
     Raises:
         UserError: they were trained with other features.
@@ -129,31 +140,31 @@ def _joint_codes(splats: Artifact, features: Artifact, lifted: Lifted) -> Tensor
 
 def _trained(
     gaussians: Gaussians,
-    views: TaughtViews,
+    views: CodeViews,
     settings: RenderSettings,
     lifted: Lifted,
     options: CodeOptions,
     checkpoint: Checkpoint,
 ) -> tuple[Tensor, Curve]:
-    """A run that was killed goes on from its last checkpoint; an error of the user's removes it."""
+    """Train codes, from the last checkpoint if there is one. A UserError removes the checkpoint."""
     training = CodeTraining(gaussians, *lifted.code.shape[1:], options)
     if (saved := checkpoint.load()) is not None:
         training.load_state_dict(saved)
-        log(f"training of codes goes on after iteration {training.iteration}")
+        log(f"training of codes resumes after iteration {training.iteration}")
     try:
         training.run(gaussians, views, settings, checkpoint)
     except UserError:
         checkpoint.remove()
         raise
-    return shown_codes(training.code.detach(), options.normalize_codes), training.curve
+    return codes_to_render(training.code.detach(), options.normalize_codes), training.curve
 
 
 def _write(
-    output: Path, made: Provenance, code: Tensor, share: Tensor, curve: Curve, facts: dict[str, Any]
+    output: Path, record: Provenance, code: Tensor, share: Tensor, curve: Curve, facts: dict[str, Any]
 ) -> None:
-    taught = share > 0
-    code = torch.where(taught[..., None], code, 0.0)
-    with create(output, LANGUAGE, made) as artifact:
+    labeled = share > 0
+    code = torch.where(labeled[..., None], code, 0.0)
+    with create(output, LANGUAGE, record) as artifact:
         artifact.put("code", code.cpu().numpy())
         artifact.put("share", share.cpu().numpy())
         artifact.put("curve/iteration", np.array(curve.iteration, np.int64))
@@ -161,6 +172,6 @@ def _write(
         artifact.facts = facts
     shares = ", ".join(
         f"{name} {float(part):.0%}"
-        for name, part in zip(facts["levels"], taught.float().mean(0), strict=True)
+        for name, part in zip(facts["levels"], labeled.float().mean(0), strict=True)
     )
-    log(f"Gaussians with a meaning: {shares}")
+    log(f"Gaussians with a code: {shares}")

@@ -1,4 +1,4 @@
-"""Codes trained by gradients, the geometry as it is: LangSplat's second stage, for all levels at once."""
+"""Train codes by gradient descent with fixed geometry: LangSplat's second stage, for all levels at once."""
 
 import math
 from dataclasses import dataclass, field
@@ -13,23 +13,22 @@ from egosplat.codes.rendering import render_values
 from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
-from egosplat.language.views import TaughtViews
+from egosplat.language.views import CodeViews
 from egosplat.progress import track
 
+# Iterations per record. Checkpoints are written at records only.
 RECORD_EVERY = 10
-"""Iterations a record; a checkpoint is written at one, too."""
 
 
 @dataclass(frozen=True)
 class CodeOptions:
-    """How codes are trained.
+    """Training options of the codes.
 
     Attributes:
         iterations: one view each.
         lr: Adam's learning rate.
-        normalize_codes: whether each Gaussian's code of a level is brought to unit norm before it is rendered
-            (docs/method.md#code-norm).
-        seed: of the order of views.
+        normalize_codes: normalize each Gaussian's code of a level before rendering (docs/method.md#code-norm).
+        seed: for the order of views.
     """
 
     iterations: int
@@ -47,16 +46,16 @@ class Curve:
 
 
 class CodeTraining:
-    """Where a training of codes stands.
+    """State of the training of codes.
 
     Attributes:
         code: (N, L, C) leaf.
-        curve: of the loss.
-        iteration: the last one done.
+        curve: loss curve.
+        iteration: last iteration done.
     """
 
     def __init__(self, gaussians: Gaussians, levels: int, channels: int, options: CodeOptions) -> None:
-        """Codes of 0, as LangSplat's."""
+        """Start from zero codes, as LangSplat does."""
         shape = (gaussians.count, levels, channels)
         self.code = torch.zeros(shape, device=gaussians.means.device, requires_grad=True)
         self.curve = Curve()
@@ -68,9 +67,9 @@ class CodeTraining:
         self._loss = self.code.new_zeros(())
 
     def run(
-        self, gaussians: Gaussians, views: TaughtViews, settings: RenderSettings, checkpoint: Checkpoint
+        self, gaussians: Gaussians, views: CodeViews, settings: RenderSettings, checkpoint: Checkpoint
     ) -> None:
-        """Go on until the last iteration.
+        """Train until the last iteration.
 
         Raises:
             UserError: training diverges.
@@ -83,13 +82,13 @@ class CodeTraining:
                 self._record()
                 checkpoint.save_if_due(self.state_dict)
 
-    def _iterate(self, gaussians: Gaussians, views: TaughtViews, settings: RenderSettings) -> None:
+    def _iterate(self, gaussians: Gaussians, views: CodeViews, settings: RenderSettings) -> None:
         if not self._order:
             self._order = torch.randperm(len(views), generator=self._generator).tolist()
         index = self._order.pop()
         targets = views.targets(int(views.frame[index]))
         self._adam.zero_grad()
-        values = shown_codes(self.code, self._options.normalize_codes).flatten(1)
+        values = codes_to_render(self.code, self._options.normalize_codes).flatten(1)
         image, _ = render_values(gaussians, values, views.camera, views.camera_to_world[index], settings)
         codes = image.permute(2, 0, 1).unflatten(0, targets.codes.shape[:2])
         loss = code_l1(codes, targets, views.weight(index))
@@ -107,7 +106,7 @@ class CodeTraining:
         self.curve.loss.append(loss)
 
     def state_dict(self) -> dict[str, Any]:
-        """All that ``load_state_dict`` needs to go on."""
+        """Return the state for ``load_state_dict``."""
         return {
             "code": self.code.detach(),
             "adam": self._adam.state_dict(),
@@ -119,7 +118,7 @@ class CodeTraining:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from ``state_dict``."""
+        """Restore a state from ``state_dict``."""
         with torch.no_grad():
             self.code.copy_(state["code"])
         self._adam.load_state_dict(state["adam"])
@@ -129,6 +128,6 @@ class CodeTraining:
         self._loss = state["loss"].to(self.code.device)
 
 
-def shown_codes(code: Tensor, normalize_codes: bool) -> Tensor:
-    """(N, L, C) codes as they are rendered: of unit norm where that is asked for, 0 where they are 0."""
+def codes_to_render(code: Tensor, normalize_codes: bool) -> Tensor:
+    """(N, L, C) codes as rendered: normalized if ``normalize_codes``; zero codes stay 0."""
     return torch.nn.functional.normalize(code, dim=-1, eps=1e-9) if normalize_codes else code

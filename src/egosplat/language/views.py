@@ -1,4 +1,4 @@
-"""The views by which Gaussians learn what they mean."""
+"""Training views with target codes."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,17 +16,17 @@ from egosplat.geometry import Camera
 
 
 @dataclass(frozen=True, eq=False)
-class TaughtViews:
-    """V training views with what their pixels shall show.
+class CodeViews:
+    """V training views with the target codes of their pixels.
 
     Attributes:
         frame: (V,) int64 index of each in frames.zarr.
-        camera_to_world: (V, 4, 4) float64, OpenCV axes, metres.
-        camera: of all views.
-        targets: gives what the pixels of a frame shall show.
+        camera_to_world: (V, 4, 4) float64, OpenCV axes, meters.
+        camera: shared by all views.
+        targets: returns the targets of a frame.
         valid: see ``egosplat.gaussians.training_views.Views``.
-        masking: what moves in each frame.
-        device: where everything is to be.
+        masking: transient pixels of each frame.
+        device: device of targets and weights.
     """
 
     frame: NDArray[np.int64]
@@ -41,20 +41,20 @@ class TaughtViews:
         return len(self.frame)
 
     def weight(self, index: int) -> Tensor | None:
-        """(H, W) float32 weight of each pixel, the paper's 1 - M within the lens circle; None for ones."""
+        """Return the (H, W) float32 weight of each pixel, the paper's 1 - M inside the lens circle; None for ones."""
         found = self.masking.frames(self.frame[index : index + 1])
         return pixel_weight(self.valid, None if found is None else found[0].to(self.device))
 
 
-def taught_views(
+def select_code_views(
     frames: Artifact,
     poses: Artifact,
     targets: Callable[[int], Targets],
     masking: Masking,
     device: torch.device,
     kept: NDArray[np.bool_] | None = None,
-) -> TaughtViews:
-    """All training frames with a pose, of those that are ``kept``, (F,) bool.
+) -> CodeViews:
+    """Select all training frames with a pose, restricted to ``kept`` (F,) bool.
 
     Raises:
         UserError: there is none.
@@ -63,7 +63,7 @@ def taught_views(
     flags = train, frames.read("evaluation"), poses.read("registered")
     rows = np.flatnonzero(split_views(*flags, validate=False).training)
     _, height, width, _ = frames.shape("rgb")
-    return TaughtViews(
+    return CodeViews(
         frame=rows.astype(np.int64),
         camera_to_world=poses.read("camera_to_world")[rows],
         camera=Camera.from_matrix(poses.read("intrinsics"), width, height),

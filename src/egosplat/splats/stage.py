@@ -1,4 +1,4 @@
-"""Stage ``splats``: 3D Gaussians from pictures and poses."""
+"""Stage ``splats``: train 3D Gaussians on frames with poses."""
 
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -18,7 +18,7 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.writer import create
-from egosplat.codes.joint_objective import JointLanguage, with_codes
+from egosplat.codes.joint_objective import JointLanguage, initial_codes
 from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
 from egosplat.gaussians.device import rasterizer_used, training_device
@@ -31,14 +31,14 @@ from egosplat.gaussians.options import TrainingOptions
 from egosplat.gaussians.pixel_weights import Masking, open_masking
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.starting_points import starting_gaussians
-from egosplat.gaussians.trainer import Photographs, resume_and_train
+from egosplat.gaussians.trainer import ViewSets, resume_and_train
 from egosplat.gaussians.training_state import TrainingState
 from egosplat.gaussians.training_views import (
     Mask,
     Split,
     Views,
+    hold_out,
     read_views,
-    set_aside,
     split_views,
 )
 from egosplat.progress import log
@@ -47,7 +47,7 @@ from egosplat.rasterize.contract import MAX_SH_DEGREE
 
 @dataclass(frozen=True)
 class SplatsOptions:
-    """The schema's keys of ``splats``; ``config.schema.yaml`` describes each."""
+    """Configuration keys of the stage; ``config.schema.yaml`` describes each."""
 
     masking: str
     language: str
@@ -76,7 +76,7 @@ class SplatsOptions:
 
     @property
     def training(self) -> TrainingOptions:
-        """How the Gaussians are trained."""
+        """Return the training options of the Gaussians."""
         return TrainingOptions(
             render=RenderSettings(
                 near_plane=self.near_plane,
@@ -96,7 +96,7 @@ class SplatsOptions:
             patience=self.patience,
             min_improvement=self.min_improvement,
             seed=self.seed,
-            searches_degree=self.sh_degree == "auto",
+            search_sh_degree=self.sh_degree == "auto",
         )
 
 
@@ -114,27 +114,28 @@ def run(
 ) -> None:
     """Write the splats artifact of ``frames`` with ``poses``.
 
-    A run that was killed goes on from its last checkpoint, to the same Gaussians as without the kill.
+    A killed run resumes from its last checkpoint and gives identical Gaussians.
 
     Args:
         frames, poses, output: paths.
-        survey: the frames that it leaves out are not trained on, but where nothing moves and nothing is masked.
-        transient: needed where ``masking`` is ``initial``; masks: where it is ``refined``.
-        segments, features: needed where ``language`` is ``joint``.
+        survey: excludes frames from training, unless nothing moves and nothing is masked.
+        transient: required if ``masking`` is ``initial``.
+        masks: required if ``masking`` is ``refined``.
+        segments, features: required if ``language`` is ``joint``.
 
     Raises:
-        UserError: no training frame has a pose, an input lacks or does not belong to the others, the backend
-            cannot run, training diverges.
+        UserError: no training frame has a pose, an input is missing or does not belong to the others, the backend
+            cannot run, or training diverges.
     """
-    pictures, walk = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
-    kept, by_survey = frames_for_gaussians(pictures, survey, options.masking)
-    moving = open_masking(options.masking, pictures, transient=transient, masks=masks)
-    words = _words(segments, features) if options.language == "joint" else ()
-    made = _begin(asdict(options) | by_survey, pictures, walk, moving, words)
-    photographs = _photographs(pictures, walk, kept, moving, options.training)
+    frames_artifact, poses_artifact = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
+    kept, by_survey = frames_for_gaussians(frames_artifact, survey, options.masking)
+    masking = open_masking(options.masking, frames_artifact, transient=transient, masks=masks)
+    language_inputs = _open_language_inputs(segments, features) if options.language == "joint" else ()
+    record = _begin(asdict(options) | by_survey, frames_artifact, poses_artifact, masking, language_inputs)
+    view_sets = _view_sets(frames_artifact, poses_artifact, kept, masking, options.training)
     start = starting_gaussians(
-        walk,
-        photographs.training,
+        poses_artifact,
+        view_sets.training,
         max_points=min(options.max_points, options.max_gaussians),
         densify_init=options.densify_init,
         sh_degree=MAX_SH_DEGREE if isinstance(options.sh_degree, str) else options.sh_degree,
@@ -142,60 +143,64 @@ def run(
         seed=options.seed,
     )
     objective: Objective = L1Ssim(options.ssim_lambda)
-    if words:
-        targets = CodeTargets(*words, photographs.training.device)
+    if language_inputs:
+        targets = CodeTargets(*language_inputs, view_sets.training.device)
         objective = JointLanguage(options.ssim_lambda, options.feature_weight, targets)
-        start = replace(start, features=with_codes(start.count, targets, start.means.device))
-    checkpoint = Checkpoint(output, provenance.key_of(made), options.checkpoint_s)
-    state = _trained(start, photographs, options.training, objective, checkpoint)
-    _write(output, made, state, photographs, options.training)
+        start = replace(start, features=initial_codes(start.count, targets, start.means.device))
+    checkpoint = Checkpoint(output, provenance.key_of(record), options.checkpoint_s)
+    state = _trained(start, view_sets, options.training, objective, checkpoint)
+    _write(output, record, state, view_sets, options.training)
     checkpoint.remove()
 
 
-def _words(segments: Path | None, features: Path | None) -> tuple[Artifact, Artifact]:
+def _open_language_inputs(segments: Path | None, features: Path | None) -> tuple[Artifact, Artifact]:
     if segments is None or features is None:
         raise UserError(
-            "splats.language = joint needs what codes are made from: give --segments and --features"
+            "splats.language = joint needs the artifacts of the codes: give --segments and --features"
         )
     return open_artifact(segments, SEGMENTS), open_artifact(features, FEATURES)
 
 
 def _begin(
-    keys: dict[str, Any], pictures: Artifact, walk: Artifact, moving: Masking, words: tuple[Artifact, ...]
+    keys: dict[str, Any],
+    frames: Artifact,
+    poses: Artifact,
+    masking: Masking,
+    language_inputs: tuple[Artifact, ...],
 ) -> Provenance:
-    check_made_from(walk, pictures, axes=("frame",))
-    used = [pictures, walk, *words]
-    if moving.artifact is not None:
-        used.append(moving.artifact)
+    check_made_from(poses, frames, axes=("frame",))
+    used = [frames, poses, *language_inputs]
+    if masking.artifact is not None:
+        used.append(masking.artifact)
     return provenance.begin_from("splats", keys, used)
 
 
-def _photographs(
-    pictures: Artifact, walk: Artifact, kept: Mask, moving: Masking, options: TrainingOptions
-) -> Photographs:
-    """What moves is left out of training and of what decides its end; held-out pictures are measured whole."""
-    flags = pictures.read("train") & kept, pictures.read("evaluation"), walk.read("registered")
+def _view_sets(
+    frames: Artifact, poses: Artifact, kept: Mask, masking: Masking, options: TrainingOptions
+) -> ViewSets:
+    """Read the views. Masks apply to training and validation; held-out frames are scored without them."""
+    flags = frames.read("train") & kept, frames.read("evaluation"), poses.read("registered")
     split = split_views(*flags, validate=options.patience > 0)
     device = training_device(options.render.backend)
-    photographs = Photographs(
-        read_views(pictures, walk, split.training, moving, device),
-        read_views(pictures, walk, split.validation, moving, device),
-        read_views(pictures, walk, split.held_out, Masking(None, ""), device),
-        read_views(pictures, walk, _judging(split, options), moving, device),
+    view_sets = ViewSets(
+        read_views(frames, poses, split.training, masking, device),
+        read_views(frames, poses, split.validation, masking, device),
+        read_views(frames, poses, split.held_out, Masking(None, ""), device),
+        read_views(frames, poses, _degree_validation(split, options), masking, device),
     )
-    _check_left(photographs.training)
-    counts = ", ".join(f"{len(views)} {name}" for name, views in _named(photographs).items())
+    _check_left(view_sets.training)
+    counts = ", ".join(f"{len(views)} {name}" for name, views in _named(view_sets).items())
     log(f"views: {counts}; on {rasterizer_used(options.render.backend, device)}")
-    return photographs
+    return view_sets
 
 
-def _judging(split: Split, options: TrainingOptions) -> Mask:
-    """The frames that judge the SH degree: those that validate, or else some of those to train on."""
-    if not options.searches_degree:
+def _degree_validation(split: Split, options: TrainingOptions) -> Mask:
+    """Select the frames that decide the SH degree: validation frames, or else some training frames."""
+    if not options.search_sh_degree:
         return np.zeros_like(split.training)
     if split.validation.any():
         return split.validation
-    return set_aside(split.training, "splats.sh_degree = auto", "a number from 0 to 3")
+    return hold_out(split.training, "splats.sh_degree = auto", "a number from 0 to 3")
 
 
 def _check_left(views: Views) -> None:
@@ -206,43 +211,43 @@ def _check_left(views: Views) -> None:
         )
 
 
-def _named(photographs: Photographs) -> dict[str, Any]:
+def _named(view_sets: ViewSets) -> dict[str, Any]:
     return {
-        "training": photographs.training,
-        "validation": photographs.validation,
-        "held out": photographs.held_out,
+        "training": view_sets.training,
+        "validation": view_sets.validation,
+        "held out": view_sets.held_out,
     }
 
 
 def _trained(
     start: Gaussians,
-    photographs: Photographs,
+    view_sets: ViewSets,
     options: TrainingOptions,
     objective: Objective,
     checkpoint: Checkpoint,
 ) -> TrainingState:
-    """The state after training."""
-    extent = scene_extent(photographs.training.camera_to_world)
+    """Train the Gaussians and return the final state."""
+    extent = scene_extent(view_sets.training.camera_to_world)
     state = TrainingState(start, options, extent, objective)
-    resume_and_train(state, photographs, options, checkpoint)
+    resume_and_train(state, view_sets, options, checkpoint)
     return state
 
 
 def _write(
     output: Path,
-    made: Provenance,
+    record: Provenance,
     state: TrainingState,
-    photographs: Photographs,
+    view_sets: ViewSets,
     options: TrainingOptions,
 ) -> None:
-    """Evaluate what is kept: the best Gaussians where early stopping is on, else the last."""
+    """Evaluate and write the Gaussians: the best with early stopping, else the last."""
     kept = state.early_stop.best
     gaussians, iteration = (
         (state.gaussians, state.iteration) if kept is None else (kept, state.early_stop.best_iteration)
     )
-    held_out = photographs.held_out
+    held_out = view_sets.held_out
     camera = held_out.camera
-    with create(output, SPLATS, made) as artifact:
+    with create(output, SPLATS, record) as artifact:
         artifact.allocate("held_out/render", (len(held_out), camera.height, camera.width, 3))
         scores = evaluate(
             gaussians,
@@ -256,7 +261,7 @@ def _write(
         artifact.put("held_out/frame", held_out.frame)
         artifact.put("held_out/psnr", scores.psnr)
         artifact.put("held_out/ssim", scores.ssim)
-        artifact.facts = _facts(state, gaussians, photographs, options, iteration)
+        artifact.facts = _facts(state, gaussians, view_sets, options, iteration)
     log(f"{gaussians.count} Gaussians of iteration {iteration}; held out: {_summary(scores)}")
 
 
@@ -269,16 +274,16 @@ def _summary(scores: Scores) -> str:
 def _facts(
     state: TrainingState,
     gaussians: Gaussians,
-    photographs: Photographs,
+    view_sets: ViewSets,
     options: TrainingOptions,
     iteration: int,
 ) -> dict[str, Any]:
-    views = photographs.training
+    views = view_sets.training
     return {
         "camera": asdict(views.camera),
         "rasterizer": rasterizer_used(options.render.backend, views.device),
         "extent_m": state.extent,
-        "views": {name: len(some) for name, some in _named(photographs).items()},
+        "views": {name: len(some) for name, some in _named(view_sets).items()},
         "iteration": iteration,
         "iterations_done": state.iteration,
         "stopped_early": state.iteration < options.iterations,

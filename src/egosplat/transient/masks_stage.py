@@ -1,4 +1,4 @@
-"""Stage ``masks``: which instances are transient (the paper's set D), and their pixels in each frame."""
+"""Stage ``masks``: select the transient instances (the paper's set D) and mask their pixels in each frame."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -20,41 +20,46 @@ from egosplat.transient.refinement import InstanceScores, refined_mask, transien
 
 @dataclass(frozen=True)
 class MasksOptions:
-    """The schema's keys of ``masks``; ``config.schema.yaml`` describes each."""
+    """Configuration keys of the stage; ``config.schema.yaml`` describes each."""
 
     threshold: float
     level: str
 
 
 def run(frames: Path, transient: Path, segments: Path, output: Path, options: MasksOptions) -> None:
-    """Write the refined masks.
-
-    Which instances are transient is decided by the training frames alone, as what evaluation frames show may decide
-    nothing that is trained on. The instances that are found are masked in all frames.
+    """Write the refined masks of all frames.
 
     Raises:
         UserError: the inputs do not belong together.
     """
     threshold, level = options.threshold, options.level
-    pictures = open_artifact(frames, FRAMES)
-    predicted, instances = open_artifact(transient, TRANSIENT), open_artifact(segments, SEGMENTS)
-    for artifact in (predicted, instances):
-        check_made_from(artifact, pictures, axes=("frame", "height", "width"))
-    made = provenance.begin_from("masks", asdict(options), (pictures, predicted, instances))
-    names = instances.facts["levels"]
-    shown_by = instances.facts.get("repeats", {}).get(level, level)
+    frames_artifact = open_artifact(frames, FRAMES)
+    transient_artifact, segments_artifact = (
+        open_artifact(transient, TRANSIENT),
+        open_artifact(segments, SEGMENTS),
+    )
+    for artifact in (transient_artifact, segments_artifact):
+        check_made_from(artifact, frames_artifact, axes=("frame", "height", "width"))
+    record = provenance.begin_from(
+        "masks", asdict(options), (frames_artifact, transient_artifact, segments_artifact)
+    )
+    names = segments_artifact.facts["levels"]
+    shown_by = segments_artifact.facts.get("repeats", {}).get(level, level)
     levels = set(range(len(names))) if level == "all" else {names.index(shown_by)}
-    found = _scores(predicted, instances, np.flatnonzero(pictures.read("train")))
+    # Training frames alone decide: evaluation frames must not influence training.
+    found = _scores(transient_artifact, segments_artifact, np.flatnonzero(frames_artifact.read("train")))
     scores = found.scores
-    chosen = transient_instances(scores, found.pixels, instances.read("instances/level"), threshold, levels)
-    count, height, width = predicted.shape("probability")
+    chosen = transient_instances(
+        scores, found.pixels, segments_artifact.read("instances/level"), threshold, levels
+    )
+    count, height, width = transient_artifact.shape("probability")
     masked = 0
-    with create(output, MASKS, made) as artifact:
+    with create(output, MASKS, record) as artifact:
         artifact.put("instances/score", scores.astype(np.float32))
         artifact.put("instances/transient", chosen)
         artifact.allocate("refined", (count, height, width))
         for frame in track(range(count), "writing masks"):
-            mask = refined_mask(instances.row("labels", frame), chosen)
+            mask = refined_mask(segments_artifact.row("labels", frame), chosen)
             masked += int(mask.sum())
             artifact.put_row("refined", frame, mask)
         share = masked / max(count * height * width, 1)
@@ -70,9 +75,9 @@ def run(frames: Path, transient: Path, segments: Path, output: Path, options: Ma
     log(f"{int(chosen.sum())} of {len(chosen)} instances are transient: {share:.1%} of all pixels")
 
 
-def _scores(predicted: Artifact, instances: Artifact, rows: NDArray[np.int64]) -> InstanceScores:
-    """The scores by the frames of ``rows``."""
-    scores = InstanceScores(instances.shape("instances/level")[0])
+def _scores(transient: Artifact, segments: Artifact, rows: NDArray[np.int64]) -> InstanceScores:
+    """Score the instances on the frames ``rows``."""
+    scores = InstanceScores(segments.shape("instances/level")[0])
     for frame in track(rows, "scoring instances", total=len(rows)):
-        scores.add(instances.row("labels", frame), predicted.row("probability", frame))
+        scores.add(segments.row("labels", frame), transient.row("probability", frame))
     return scores

@@ -1,6 +1,6 @@
-"""The network H: how probable it is that a pixel shows something transient (docs/method.md#network).
+"""The network H: the probability that a pixel is transient (docs/method.md#network).
 
-EgoLifter's: a U-Net on MobileNetV3-Small's features at half its width.
+As in EgoLifter: a U-Net on the features of MobileNetV3-Small at half width.
 """
 
 from collections.abc import Sequence
@@ -16,26 +16,28 @@ from egosplat.models.weights import read_tensors
 
 ENCODER = "mobilenetv3_small_050"
 DECODER_WIDTHS = (256, 128, 64, 32, 16)
+# Input pixels per pixel of the encoder's last features.
 STRIDE = 32
-"""Pixels of the input that one of the encoder's last features stands for, a side."""
 
+# With a side of one stride, the last features would be a single pixel, on which batch norm cannot train.
 LEAST_SIDE = 64
-"""At one stride, the encoder's last features would be one pixel, which batch norm cannot train on."""
 
+# Mean and standard deviation of ImageNet, sRGB in [0, 1].
 _MEAN, _STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
-"""Of ImageNet's pictures, sRGB in [0, 1]."""
 
+# Tensors of a classifier checkpoint that the feature encoder lacks.
 _CLASSIFIER = ("conv_head.", "norm_head.", "classifier.")
-"""What a classifier's checkpoint has beyond the features."""
 
 
 class TransientNet(nn.Module):
-    """H. Random weights are torch's random generator's."""
+    """H, initialized from torch's global random generator."""
 
     def __init__(self, input_size: int, sideways: bool) -> None:
-        """``input_size``: side of the square that pictures are resized to [px], a multiple of 32.
+        """Build the layers with random weights.
 
-        ``sideways``: pictures are as Aria's sensor takes them, and are turned upright before they are looked at.
+        Args:
+            input_size: side of the square network input [px], a multiple of 32.
+            sideways: images lie on their side, as from Aria's sensor, and are turned upright for the network.
         """
         super().__init__()
         self._input_size = input_size
@@ -47,11 +49,11 @@ class TransientNet(nn.Module):
             self.register_buffer(f"_{name}", torch.tensor(values)[:, None, None], persistent=False)
 
     def forward(self, picture: Tensor, height: int, width: int) -> Tensor:
-        """Probability that a pixel is of something transient.
+        """Return the probability that a pixel is transient.
 
         Args:
-            picture: (H, W, 3) float32 sRGB, clamped to [0, 1]; what is not finite counts as 0.
-            height, width: of the result, whatever the picture's.
+            picture: (H, W, 3) float32 sRGB, clamped to [0, 1]; a value that is not finite counts as 0.
+            height, width: size of the result, independent of the input's.
 
         Returns:
             (height, width) float32 in [0, 1].
@@ -63,15 +65,20 @@ class TransientNet(nn.Module):
         logits = self.head(self.decoder(self.encoder(batch)))
         if self._sideways:
             logits = logits.rot90(1, (2, 3))
-        # EgoLifter's order: resized before the sigmoid.
+        # EgoLifter's order: resize before the sigmoid.
         return _resized(logits, height, width).sigmoid()[0, 0]
 
 
 class Decoder(nn.Module):
-    """From the coarsest features to the finest, each time twice the size, joined with those of that size."""
+    """Upsample features from coarse to fine, and concatenate the encoder's features at each size."""
 
     def __init__(self, features: Sequence[int], widths: Sequence[int]) -> None:
-        """``features``: channels of the encoder's, finest first. ``widths``: of the blocks, coarsest first."""
+        """Build one block per size.
+
+        Args:
+            features: channels of the encoder's features, finest first.
+            widths: channels of the decoder's blocks, coarsest first.
+        """
         super().__init__()
         *skips, coarsest = features
         inputs = [coarsest, *widths[:-1]]
@@ -81,7 +88,7 @@ class Decoder(nn.Module):
         )
 
     def forward(self, features: Sequence[Tensor]) -> Tensor:
-        """Features (1, C_i, S / 2^i, S / 2^i), finest (i = 1) first; the result is (1, widths[-1], S, S)."""
+        """Map features (1, C_i, S / 2^i, S / 2^i), finest (i = 1) first, to (1, widths[-1], S, S)."""
         *skips, x = features
         for block, skip in zip(self.blocks, [*reversed(skips), None], strict=True):
             x = functional.interpolate(x, scale_factor=2.0, mode="nearest")
@@ -90,10 +97,10 @@ class Decoder(nn.Module):
 
 
 def make_network(input_size: int, sideways: bool, encoder_weights: Path | None, seed: int) -> TransientNet:
-    """H with the encoder's weights of a file, or random ones; the decoder's are always random, from ``seed``.
+    """Create H with encoder weights from a file, or random ones. The decoder is always random, from ``seed``.
 
     Raises:
-        UserError: the size does not fit, or the file is absent, damaged or of another architecture.
+        UserError: the size is invalid, or the file is missing, damaged or of another architecture.
     """
     if input_size % STRIDE or input_size < LEAST_SIDE:
         raise UserError(

@@ -1,4 +1,4 @@
-"""The loss of the initialization stage, which H and a temporary 3DGS are trained by together."""
+"""The loss that trains H and temporary Gaussians together (the paper's initialization stage)."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -13,18 +13,18 @@ from egosplat.gaussians.loss import l2
 from egosplat.gaussians.training_views import Views
 from egosplat.transient.network import TransientNet
 
+# Factor on the mean over all values, by reduction over R, G, B.
 CHANNELS = {"mean": 1.0, "sum": 3.0}
-"""By reduction over R, G, B, the factor on the mean over all values."""
 
 
 @dataclass(frozen=True)
 class InitialOptions:
-    """How H is trained.
+    """Training options of H.
 
     Attributes:
         iterations: length of the run.
-        warmup: iterations at its beginning in which the Gaussians are trained alone.
-        transient_penalty: what calling a pixel transient costs; H does so where the residual is larger.
+        warmup: initial iterations that train only the Gaussians.
+        transient_penalty: cost of M = 1; H predicts transient pixels where the residual is larger.
         residual: ``mean`` or ``sum`` of the squared differences over the channels.
         lr: Adam's learning rate for H.
     """
@@ -37,20 +37,20 @@ class InitialOptions:
 
 
 class InitialObjective:
-    """L_init = mean over pixels of (1 - M) d_I + transient_penalty |M|, with d_I the squared difference (the paper's).
+    """L_init = mean over pixels of (1 - M) d_I + transient_penalty |M|, with d_I the squared difference.
 
-    For a constant residual e of a pixel the optimum is M = 0 where e < transient_penalty, else 1
-    (docs/method.md#transient-loss). H never gets there, and how far it gets depends on learning rate and iterations.
+    For a constant residual e of a pixel, the optimum is M = 0 if e < transient_penalty, else 1
+    (docs/method.md#transient-loss). H only approaches it, depending on learning rate and iterations.
 
     Attributes:
         net: H.
-        advice: what the user may change where training diverges.
+        advice: keys that the user may change if training diverges.
     """
 
     advice = "lower transient.lr, or raise transient.near_plane"
 
     def __init__(self, net: TransientNet, options: InitialOptions, device: torch.device) -> None:
-        """``net`` is used itself and is moved to ``device``, where the Gaussians are trained."""
+        """Move ``net`` to ``device``, the device of the Gaussians, and train it in place."""
         self.net = net.to(device).train()
         self._options = options
         self._adam = torch.optim.Adam(net.parameters(), lr=options.lr)
@@ -58,7 +58,7 @@ class InitialObjective:
         self._iteration = 0
 
     def loss(self, image: Tensor, views: Views, index: int) -> Tensor:
-        """L_init of one picture; see ``egosplat.gaussians.objective.Objective``."""
+        """Return L_init of one image; see ``egosplat.gaussians.objective.Objective``."""
         picture = views.picture(index)
         factor = CHANNELS[self._options.residual]
         self._iteration += 1
@@ -71,7 +71,7 @@ class InitialObjective:
         return factor * l2(image, picture, weight) + self._options.transient_penalty * probability.mean()
 
     def step(self) -> None:
-        """One step of H; none in the warm-up, and none by a gradient that is not finite."""
+        """Update H, except during warm-up and if a gradient is not finite."""
         if self._warming_up:
             return
         grads = [p.grad for p in self.net.parameters() if p.grad is not None]
@@ -80,13 +80,13 @@ class InitialObjective:
         self._adam.zero_grad()
 
     def mean_probability(self, iterations: list[int]) -> NDArray[np.float64]:
-        """Mean M since the iteration before, for each of ``iterations``; 0 in the warm-up."""
+        """Return the mean M between consecutive ``iterations``, from iteration 0 on; 0 during warm-up."""
         ends = np.array([0, *iterations])
         means = self._probability.cpu().double().numpy()
         return np.array([means[a:b].mean() for a, b in pairwise(ends)])
 
     def state_dict(self) -> dict[str, Any]:
-        """H, its optimizer, the curve and the iteration, for ``load_state_dict``."""
+        """Return H, its optimizer, the curve and the iteration, for ``load_state_dict``."""
         return {
             "net": dict(self.net.state_dict()),
             "adam": self._adam.state_dict(),
@@ -95,7 +95,7 @@ class InitialObjective:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from ``state_dict``."""
+        """Restore a state from ``state_dict``."""
         self.net.load_state_dict(state["net"])
         self._adam.load_state_dict(state["adam"])
         self._probability = state["probability"]

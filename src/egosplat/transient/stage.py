@@ -1,4 +1,4 @@
-"""Stage ``transient``: the network H, trained together with temporary 3D Gaussians, and what it says of all frames."""
+"""Stage ``transient``: train the network H with temporary 3D Gaussians, and predict all frames."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -23,22 +23,22 @@ from egosplat.gaussians.initialization import scene_extent
 from egosplat.gaussians.options import TrainingOptions
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.starting_points import starting_gaussians
-from egosplat.gaussians.trainer import Photographs, resume_and_train
+from egosplat.gaussians.trainer import ViewSets, resume_and_train
 from egosplat.gaussians.training_state import TrainingState
 from egosplat.gaussians.training_views import Mask, split_views
 from egosplat.models.checkpoints import content_hash
 from egosplat.progress import log, track
 from egosplat.transient.network import TransientNet, make_network
 from egosplat.transient.objective import InitialObjective, InitialOptions
-from egosplat.transient.pictures import read_reduced_views, reduced, working_size
+from egosplat.transient.reduced_views import read_reduced_views, reduced, working_size
 
+# Learning rate of the means of the temporary Gaussians, as in 3DGS.
 POSITION_LR = 1.6e-4
-"""The temporary Gaussians' learning rate of the means: stock 3DGS's."""
 
 
 @dataclass(frozen=True)
 class TransientOptions:
-    """The schema's keys of ``transient``; ``config.schema.yaml`` describes each."""
+    """Configuration keys of the stage; ``config.schema.yaml`` describes each."""
 
     iterations: int
     warmup: float
@@ -67,7 +67,7 @@ class TransientOptions:
 
     @property
     def gaussians(self) -> TrainingOptions:
-        """How the temporary Gaussians are trained."""
+        """Return the training options of the temporary Gaussians."""
         return TrainingOptions(
             render=RenderSettings(
                 near_plane=self.near_plane,
@@ -92,7 +92,7 @@ class TransientOptions:
 
     @property
     def network(self) -> InitialOptions:
-        """How the network is trained."""
+        """Return the training options of the network."""
         return InitialOptions(
             iterations=self.iterations,
             warmup=round(self.warmup * self.iterations),
@@ -107,27 +107,28 @@ def run(
 ) -> None:
     """Write the transient artifact of ``frames`` with ``poses``.
 
-    A run that was killed goes on from its last checkpoint, to the same result as without the kill. On a CPU it trains
-    on one thread, without which it would not repeat.
+    A killed run resumes from its last checkpoint and gives an identical result.
 
     Args:
         frames, poses, output: paths.
-        survey: the frames that it leaves out are not trained on.
+        survey: excludes frames from training.
 
     Raises:
         UserError: no training frame has a pose, the inputs do not belong together, the weights cannot be read,
-            the backend cannot run, training diverges.
+            the backend cannot run, or training diverges.
     """
-    pictures, walk = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
-    check_made_from(walk, pictures, axes=("frame",))
-    kept, by_survey = kept_frames(pictures, survey)
+    frames_artifact, poses_artifact = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
+    check_made_from(poses_artifact, frames_artifact, axes=("frame",))
+    kept, by_survey = kept_frames(frames_artifact, survey)
     weights = None if options.encoder_weights is None else Path(options.encoder_weights).expanduser()
-    net = make_network(options.input_size, _sideways(pictures), weights, options.seed)
-    made = _begin(asdict(options) | by_survey, pictures, walk, weights)
-    photographs = _photographs(pictures, walk, kept, options.resolution, training_device(options.backend))
-    views = photographs.training
+    net = make_network(options.input_size, _sideways(frames_artifact), weights, options.seed)
+    record = _begin(asdict(options) | by_survey, frames_artifact, poses_artifact, weights)
+    view_sets = _view_sets(
+        frames_artifact, poses_artifact, kept, options.resolution, training_device(options.backend)
+    )
+    views = view_sets.training
     start = starting_gaussians(
-        walk,
+        poses_artifact,
         views,
         max_points=min(options.max_points, options.max_gaussians),
         densify_init=options.densify_init,
@@ -137,13 +138,14 @@ def run(
     )
     objective = InitialObjective(net, options.network, views.device)
     state = TrainingState(start, options.gaussians, scene_extent(views.camera_to_world), objective)
-    checkpoint = Checkpoint(output, provenance.key_of(made), options.checkpoint_s)
+    checkpoint = Checkpoint(output, provenance.key_of(record), options.checkpoint_s)
+    # Sums over several threads on a CPU would differ from run to run.
     with single_thread():
-        resume_and_train(state, photographs, options.gaussians, checkpoint)
-    with create(output, TRANSIENT, made) as artifact:
+        resume_and_train(state, view_sets, options.gaussians, checkpoint)
+    with create(output, TRANSIENT, record) as artifact:
         _put_curves(artifact, state, objective)
         tensors = _put_weights(artifact, net)
-        mean = _put_probability(artifact, pictures, net, options, views.device)
+        mean = _put_probability(artifact, frames_artifact, net, options, views.device)
         artifact.facts = {
             "rasterizer": rasterizer_used(options.backend, views.device),
             "working_size": [views.camera.height, views.camera.width],
@@ -156,29 +158,29 @@ def run(
     checkpoint.remove()
 
 
-def _sideways(pictures: Artifact) -> bool:
-    """Whether the pictures are as Aria's sensor takes them."""
-    return pictures.facts.get("format") == "adt" and not pictures.facts["upright"]
+def _sideways(frames: Artifact) -> bool:
+    """Whether images lie on their side, as from Aria's sensor."""
+    return frames.facts.get("format") == "adt" and not frames.facts["upright"]
 
 
-def _begin(keys: dict[str, Any], pictures: Artifact, walk: Artifact, weights: Path | None) -> Provenance:
+def _begin(keys: dict[str, Any], frames: Artifact, poses: Artifact, weights: Path | None) -> Provenance:
     models = {} if weights is None else {"encoder_weights": content_hash(weights)[:16]}
-    return provenance.begin_from("transient", keys, (pictures, walk), models)
+    return provenance.begin_from("transient", keys, (frames, poses), models)
 
 
-def _photographs(
-    pictures: Artifact, walk: Artifact, kept: Mask, resolution: int, device: torch.device
-) -> Photographs:
-    """The training views alone: nothing is decided or measured by others here."""
-    flags = pictures.read("train") & kept, pictures.read("evaluation"), walk.read("registered")
+def _view_sets(
+    frames: Artifact, poses: Artifact, kept: Mask, resolution: int, device: torch.device
+) -> ViewSets:
+    """Read the training views. This stage needs no validation or evaluation views."""
+    flags = frames.read("train") & kept, frames.read("evaluation"), poses.read("registered")
     training = split_views(*flags, validate=False).training
     views, none = (
-        read_reduced_views(pictures, walk, chosen, resolution, device)
+        read_reduced_views(frames, poses, chosen, resolution, device)
         for chosen in (training, np.zeros_like(training))
     )
     camera = views.camera
     log(f"{len(views)} training views of {camera.width} x {camera.height} pixels")
-    return Photographs(views, validation=none, held_out=none, aside=none)
+    return ViewSets(views, validation=none, held_out=none, degree_validation=none)
 
 
 def _put_curves(artifact: Writer, state: TrainingState, objective: InitialObjective) -> None:
@@ -189,7 +191,7 @@ def _put_curves(artifact: Writer, state: TrainingState, objective: InitialObject
 
 
 def _put_weights(artifact: Writer, net: TransientNet) -> list[list[Any]]:
-    """Store the network, its running statistics too; the result is name and shape of each tensor, in order."""
+    """Store the network with its running statistics; returns name and shape of each tensor, in order."""
     tensors = {name: tensor for name, tensor in net.state_dict().items() if tensor.is_floating_point()}
     flat = torch.cat([tensor.detach().cpu().flatten() for tensor in tensors.values()])
     artifact.put("weights", flat.numpy())
@@ -199,23 +201,24 @@ def _put_weights(artifact: Writer, net: TransientNet) -> list[list[Any]]:
 @torch.no_grad()
 def _put_probability(
     artifact: Writer,
-    pictures: Artifact,
+    frames: Artifact,
     net: TransientNet,
     options: TransientOptions,
     device: torch.device,
 ) -> float:
-    """Store what the network says of each frame; its running statistics have been stored and may change.
+    """Predict every frame and store the probabilities.
 
     Returns:
         The mean over all pixels of all frames.
     """
+    # In mode train, prediction changes the running statistics; they are stored already.
     net.train(options.batch_norm == "train")
-    count, height, width, _ = pictures.shape("rgb")
+    count, height, width, _ = frames.shape("rgb")
     size = working_size(height, width, options.resolution)
     artifact.allocate("probability", (count, height, width))
     total = 0.0
     for frame in track(range(count), "predicting"):
-        picture = torch.from_numpy(reduced(pictures.row("rgb", frame), *size)).to(device).float() / 255.0
+        picture = torch.from_numpy(reduced(frames.row("rgb", frame), *size)).to(device).float() / 255.0
         probability = net(picture, height, width).cpu()
         total += float(probability.mean())
         artifact.put_row("probability", frame, probability.numpy().astype(np.float16))

@@ -93,7 +93,7 @@ def test_a_full_disk_does_not_stop_the_stage(output, capsys):
     journal.file = output.parent / "absent" / "journal"
     journal.append(record(10))
     journal.append(record(20))
-    assert capsys.readouterr().err.count("could not go on") == 1
+    assert capsys.readouterr().err.count("could not resume") == 1
 
 
 def test_a_disk_full_from_the_start_does_not_stop_the_stage(tmp_path, capsys):
@@ -101,7 +101,7 @@ def test_a_disk_full_from_the_start_does_not_stop_the_stage(tmp_path, capsys):
     journal = Journal(tmp_path / "file/view_features.zarr", b"key")
     assert journal.resume() == []
     journal.append(record(0))
-    assert capsys.readouterr().err.count("could not go on") == 1
+    assert capsys.readouterr().err.count("could not resume") == 1
 
 
 def test_cache_key_covers_everything_that_decides_the_result():

@@ -120,7 +120,7 @@ def test_a_killed_run_resumes_to_the_same_features(scene, run, clip_keys, capsys
     assert killed.returncode == -signal.SIGKILL and not (folder / "view_features.zarr").exists()
     capsys.readouterr()
     assert run(folder, batch=2).digest == expected
-    assert "encoding goes on after crop 6 of 10" in capsys.readouterr().err
+    assert "encoding resumes after crop 6 of 10" in capsys.readouterr().err
     names = {"frames.zarr", "segments.zarr", "view_features.zarr", "unbroken.zarr"}
     assert {path.name for path in folder.iterdir()} == names
 

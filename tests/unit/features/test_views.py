@@ -1,4 +1,4 @@
-"""Views are those of training frames, large enough and not too many; their crops are upright."""
+"""InstanceViews are those of training frames, large enough and not too many; their crops are upright."""
 
 import numpy as np
 import pytest

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from egosplat.gaussians.densify_init import CELLS, covered
+from egosplat.gaussians.densify_init import CELLS, densify
 from egosplat.geometry import Camera, invert, transform
 
 CAMERA = Camera(96, 48, 60.0, 60.0, 48.0, 24.0)
@@ -30,7 +30,7 @@ def picture() -> np.ndarray:
 
 def cover(xyz, rgb, poses=POSE[None], valid=ALL, pictures=None):
     shown = picture() if pictures is None else pictures
-    return covered(xyz, rgb, CAMERA, poses, shown, valid, near_plane=0.1)
+    return densify(xyz, rgb, CAMERA, poses, shown, valid, near_plane=0.1)
 
 
 def test_no_points_are_added_where_every_cell_has_one():

@@ -169,18 +169,18 @@ def test_each_step_grows_to_the_cap_and_adds_noise() -> None:
     gaussians = make([0.05] * 41)
     optimizer = with_moments(gaussians)
     before = gaussians.means.detach().clone()
-    population = Mcmc(McmcOptions(max_gaussians=44), STOCK_MCMC)
-    population.observe(torch.zeros(1, 41, 2), torch.ones(1, 41, 2), 8, 8)
-    assert population.step(599, gaussians, optimizer, seeded()) is gaussians
+    strategy = Mcmc(McmcOptions(max_gaussians=44), STOCK_MCMC)
+    strategy.observe(torch.zeros(1, 41, 2), torch.ones(1, 41, 2), 8, 8)
+    assert strategy.step(599, gaussians, optimizer, seeded()) is gaussians
     assert not torch.equal(gaussians.means, before)
     counts = [
-        population.step(iteration, optimizer.gaussians, optimizer, seeded()).count
+        strategy.step(iteration, optimizer.gaussians, optimizer, seeded()).count
         for iteration in (600, 601, 700, 25_000)
     ]
     assert counts == [44, 44, 44, 44]
     bigger = Mcmc(McmcOptions(max_gaussians=100), STOCK_MCMC)
     assert bigger.step(800, optimizer.gaussians, optimizer, seeded()).count == 47
-    assert (population.opacity_reg, population.scale_reg) == (0.01, 0.01)
+    assert (strategy.opacity_reg, strategy.scale_reg) == (0.01, 0.01)
 
 
 def test_noise_follows_the_learning_rate_of_the_means() -> None:
@@ -194,11 +194,11 @@ def test_noise_follows_the_learning_rate_of_the_means() -> None:
 
 def test_zero_gaussians_stay_zero() -> None:
     gaussians = make([])
-    population = Mcmc(McmcOptions(max_gaussians=5), STOCK_MCMC)
-    assert population.step(600, gaussians, with_moments(gaussians), seeded()) is gaussians
+    strategy = Mcmc(McmcOptions(max_gaussians=5), STOCK_MCMC)
+    assert strategy.step(600, gaussians, with_moments(gaussians), seeded()) is gaussians
 
 
 def test_mcmc_has_no_state() -> None:
-    population = Mcmc(McmcOptions(max_gaussians=5), STOCK_MCMC)
-    population.load_state_dict(population.state_dict())
-    assert population.state_dict() == {}
+    strategy = Mcmc(McmcOptions(max_gaussians=5), STOCK_MCMC)
+    strategy.load_state_dict(strategy.state_dict())
+    assert strategy.state_dict() == {}

@@ -15,16 +15,16 @@ from egosplat.gaussians.training_views import read_views
 
 @pytest.fixture
 def start(scene, points):
-    """``start(cover, max_points)``: Gaussians of the wall, of whose left half alone points are known."""
+    """``start(densify_init, max_points)``: Gaussians of the wall, of whose left half alone points are known."""
     left = points[0][:, 0] < 0
     folder = scene(**{"points/xyz": points[0][left], "points/rgb": points[1][left]})
     frames, poses = open_artifact(folder / "frames.zarr", FRAMES), open_artifact(folder / "poses.zarr", POSES)
     nothing = open_masking("none", frames, transient=None, masks=None)
     views = read_views(frames, poses, np.ones(9, bool), nothing, torch.device("cpu"))
 
-    def make(cover: bool, max_points: int, seed: int = 0) -> Gaussians:
+    def make(densify_init: bool, max_points: int, seed: int = 0) -> Gaussians:
         keys = {"sh_degree": 0, "near_plane": 0.1, "seed": seed}
-        return starting_gaussians(poses, views, max_points=max_points, cover=cover, **keys)
+        return starting_gaussians(poses, views, max_points=max_points, densify_init=densify_init, **keys)
 
     return make
 

@@ -16,7 +16,7 @@ from egosplat.gaussians.objective import L1Ssim
 from egosplat.gaussians.options import TrainingOptions
 from egosplat.gaussians.render import RenderSettings, render
 from egosplat.gaussians.schedule import STOCK, STOCK_MCMC
-from egosplat.gaussians.trainer import Photographs, draw_background, record, regularisation, train
+from egosplat.gaussians.trainer import ViewSets, draw_background, record, regularisation, train
 from egosplat.gaussians.training_state import TrainingState
 from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
@@ -37,14 +37,16 @@ EXTENT = 1.0
 
 
 @pytest.fixture
-def photographs(pictures, camera_to_world) -> Photographs:
+def view_sets(pictures, camera_to_world) -> ViewSets:
     def views(*rows: int) -> Views:
         frame = np.array(rows, np.int64)
         camera, device = Camera(24, 24, 22.0, 22.0, 12.0, 12.0), torch.device("cpu")
         some = torch.from_numpy(pictures[frame])
         return Views(frame, some, camera_to_world[frame], None, None, camera, device)
 
-    return Photographs(training=views(0, 1, 3, 5, 7, 8), validation=views(), held_out=views(4), aside=views())
+    return ViewSets(
+        training=views(0, 1, 3, 5, 7, 8), validation=views(), held_out=views(4), degree_validation=views()
+    )
 
 
 @pytest.fixture
@@ -55,13 +57,13 @@ def start(points) -> Gaussians:
 
 
 @pytest.fixture
-def trained(photographs, start, tmp_path):
+def trained(view_sets, start, tmp_path):
     """``trained(...)``: the state after training a copy of the same start; keywords change the options."""
 
-    def run(photographs: Photographs = photographs, checkpoint: Checkpoint | None = None, **changes: object):
+    def run(view_sets: ViewSets = view_sets, checkpoint: Checkpoint | None = None, **changes: object):
         options = replace(OPTIONS, **changes)
         state = TrainingState(start.select(torch.arange(start.count)), options, EXTENT, L1Ssim(0.2))
-        train(state, photographs, options, checkpoint or Checkpoint(tmp_path / "none.zarr", "", 3600.0))
+        train(state, view_sets, options, checkpoint or Checkpoint(tmp_path / "none.zarr", "", 3600.0))
         return state
 
     return run
@@ -113,25 +115,25 @@ class StoppingCheckpoint(Checkpoint):
         {},
         {"strategy": "mcmc"},
         {"patience": 5, "min_improvement": 0.0},
-        {"searches_degree": True, "min_improvement": 100.0},
+        {"search_sh_degree": True, "min_improvement": 100.0},
     ],
     ids=["default", "mcmc", "early stopping", "SH degree searched"],
 )
-def test_a_resumed_run_equals_an_uninterrupted_one(trained, start, photographs, tmp_path, changes):
+def test_a_resumed_run_equals_an_uninterrupted_one(trained, start, view_sets, tmp_path, changes):
     changes |= {"render": replace(OPTIONS.render, background="random")}
     if "patience" in changes:
-        photographs = replace(photographs, validation=photographs.held_out)
-    if "searches_degree" in changes:
-        photographs = replace(photographs, aside=photographs.held_out)
-    unbroken = trained(photographs, **changes)
+        view_sets = replace(view_sets, validation=view_sets.held_out)
+    if "search_sh_degree" in changes:
+        view_sets = replace(view_sets, degree_validation=view_sets.held_out)
+    unbroken = trained(view_sets, **changes)
     with pytest.raises(Stopped):
-        trained(photographs, StoppingCheckpoint(tmp_path, at=40), **changes)
+        trained(view_sets, StoppingCheckpoint(tmp_path, at=40), **changes)
     checkpoint = StoppingCheckpoint(tmp_path, at=-1)
     options = replace(OPTIONS, **changes)
     state = TrainingState(start, options, EXTENT, L1Ssim(0.2))
     state.load_state_dict(checkpoint.load())
     assert state.iteration == 40 and not same(state.gaussians, unbroken.gaussians)
-    train(state, photographs, options, checkpoint)
+    train(state, view_sets, options, checkpoint)
     assert same(state.gaussians, unbroken.gaussians)
     assert state.curves.loss == unbroken.curves.loss and state.curves.psnr == unbroken.curves.psnr
     assert state.early_stop.best_psnr == unbroken.early_stop.best_psnr
@@ -146,21 +148,21 @@ def test_every_view_comes_once_an_epoch(start):
     assert epochs[0] != epochs[1] or epochs[1] != epochs[2]
 
 
-def test_pixels_outside_the_lens_circle_do_not_matter(trained, photographs):
+def test_pixels_outside_the_lens_circle_do_not_matter(trained, view_sets):
     weight = torch.ones(24, 24)
     weight[:, :14] = 0.0
-    views = replace(photographs.training, valid=weight)
+    views = replace(view_sets.training, valid=weight)
     other = views.pictures.clone()
     other[:, :, :4] = 255  # windows of SSIM that have a valid pixel begin at column 4
-    dark = trained(replace(photographs, training=views))
-    bright = trained(replace(photographs, training=replace(views, pictures=other)))
+    dark = trained(replace(view_sets, training=views))
+    bright = trained(replace(view_sets, training=replace(views, pictures=other)))
     assert same(dark.gaussians, bright.gaussians)
-    unmasked = trained(replace(photographs, training=replace(views, valid=None, pictures=other)))
+    unmasked = trained(replace(view_sets, training=replace(views, valid=None, pictures=other)))
     assert not same(dark.gaussians, unmasked.gaussians)
 
 
-def test_it_stops_early_and_keeps_the_best(trained, photographs, capsys):
-    watched = replace(photographs, validation=photographs.held_out)
+def test_it_stops_early_and_keeps_the_best(trained, view_sets, capsys):
+    watched = replace(view_sets, validation=view_sets.held_out)
     state = trained(watched, iterations=400, evaluate_every=50, patience=2, min_improvement=100.0)
     # Density control ends at 200: that evaluation is the first that counts.
     assert state.iteration == 300 and "no improvement in 2 evaluations" in capsys.readouterr().err
@@ -224,13 +226,13 @@ def test_options_reach_density_control(trained):
     options = replace(
         OPTIONS, iterations=30_000, reset_at_start=True, reset_opacity=0.01, prune_screen_px=20.0
     )
-    found = options.population(EXTENT)
+    found = options.make_strategy(EXTENT)
     assert (found.options.reset_opacity, found.options.prune_screen_px) == (0.01, 20.0)
     resets = [i for i in range(1, 30_001) if found.schedule.resets_opacity(i)]
     assert resets == [500, 3_000, 6_000, 9_000, 12_000]
     stock = replace(OPTIONS, iterations=30_000)
     assert not stock.schedule.resets_opacity(500)
-    assert stock.population(EXTENT).options.prune_screen_px is None
+    assert stock.make_strategy(EXTENT).options.prune_screen_px is None
     # In training: opacities are lowered where density control begins, and not otherwise.
     short = {"iterations": 5, "evaluate_every": 5}
     begins = replace(OPTIONS, **short).schedule.densify_from
@@ -250,9 +252,9 @@ def test_what_is_large_on_screen_is_pruned_with_the_renderers_own_radii(trained)
         sh_degree=0,
         background=None,
     )
-    density = replace(OPTIONS, iterations=30_000, prune_screen_px=float(meta["radii"].max()) - 1).population(
-        EXTENT
-    )
+    density = replace(
+        OPTIONS, iterations=30_000, prune_screen_px=float(meta["radii"].max()) - 1
+    ).make_strategy(EXTENT)
     density.observe(torch.zeros(1, state.gaussians.count, 2), meta["radii"], 24, 24)
     seen_large = (meta["radii"].amax(dim=(0, 2)) > meta["radii"].max() - 1).sum()
     left = density.step(3_100, state.gaussians, state.optimizer, state.generator)

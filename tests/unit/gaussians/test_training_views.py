@@ -1,4 +1,4 @@
-"""Photographs with poses, and which of them does what."""
+"""ViewSets with poses, and which of them does what."""
 
 import numpy as np
 import pytest

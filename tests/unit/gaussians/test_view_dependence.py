@@ -11,7 +11,7 @@ from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.gaussians.render import RenderSettings, render
 from egosplat.gaussians.training_views import Views
-from egosplat.gaussians.view_dependence import DegreeSearch, mean_basis, settle_degree, without_degree
+from egosplat.gaussians.view_dependence import DegreeSearch, mean_basis, reduce_degree, without_degree
 from egosplat.geometry import Camera
 from egosplat.pipeline.config import defaults
 from egosplat.rasterize.sh_reference import spherical_harmonics
@@ -50,7 +50,7 @@ def test_a_matte_scene_gets_degree_0(scene, capsys):
     psnr = found.facts["sh_degree_psnr"]
     assert found.shape("sh")[1:] == (1, 3) and found.facts["sh_degree_in_use"] == 0
     assert len(psnr) == 4 and psnr[0] >= psnr[3] - 0.2
-    assert "on 1 photographs set aside; 0 is enough" in capsys.readouterr().err
+    assert "on 1 held-out photographs; degree 0 is sufficient" in capsys.readouterr().err
 
 
 def test_a_glossy_scene_keeps_its_degree(scene, glossy):
@@ -125,10 +125,10 @@ def test_without_valid_validation_pixels_the_degree_stays(truth, pictures, camer
     moving = torch.ones(2, 24, 24, dtype=torch.bool)
     views = Views(np.arange(2), some, poses, None, moving, CAMERA, torch.device("cpu"))
     search, options = DegreeSearch(open=True), RenderSettings(0.1, "black", False, "auto")
-    assert settle_degree(search, gaussians, 1, views, views, options, tolerance_db=0.05) is gaussians
+    assert reduce_degree(search, gaussians, 1, views, views, options, tolerance_db=0.05) is gaussians
     assert search == DegreeSearch(open=False, psnr=[None, None])
     seen = replace(views, transient=None)
-    assert settle_degree(search, gaussians, 1, seen, seen, options, tolerance_db=0.05).sh_degree == 0
+    assert reduce_degree(search, gaussians, 1, seen, seen, options, tolerance_db=0.05).sh_degree == 0
 
 
 def test_unseen_gaussians_have_no_mean_colour(truth, camera_to_world):

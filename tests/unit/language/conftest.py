@@ -108,7 +108,7 @@ def scene(tmp_path, wall, camera_to_world, labels) -> Callable[..., Path]:
         segments = {"labels": labels, "instances/level": level}
         put(tmp_path, "segments", segments, {"levels": LEVELS}, made_from=["frames"])
         decoder = {"levels": LEVELS, "decoder": {"widths": [3]}}
-        put(tmp_path, "features", features, decoder, options={"target": target})
+        put(tmp_path, "features", features, decoder, options={"supervision": target})
         masks = {"refined": moving, "instances/transient": np.zeros(3, bool)}
         put(tmp_path, "masks", masks, made_from=["segments"])
         put(tmp_path, "transient", {"probability": moving.astype(np.float16) / 2}, made_from=["frames"])

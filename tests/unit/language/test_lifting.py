@@ -9,7 +9,7 @@ from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.pixel_weights import Masking, open_masking
 from egosplat.language.lifting import lift
-from egosplat.language.views import TaughtViews, taught_views
+from egosplat.language.views import CodeViews, select_code_views
 
 CPU = torch.device("cpu")
 
@@ -18,12 +18,12 @@ CPU = torch.device("cpu")
 def views(scene, opened):
     """``views(masked)``: the training views of the scene."""
 
-    def make(masked: bool = False, **changes: object) -> TaughtViews:
+    def make(masked: bool = False, **changes: object) -> CodeViews:
         folder = scene(**changes)
         frames, poses, segments, features = opened(folder)
         moving = open_masking("refined", frames, transient=None, masks=folder / "masks.zarr")
         masking = moving if masked else Masking(None, "")
-        return taught_views(frames, poses, CodeTargets(segments, features, CPU).of, masking, CPU)
+        return select_code_views(frames, poses, CodeTargets(segments, features, CPU).of, masking, CPU)
 
     return make
 

@@ -8,8 +8,8 @@ from egosplat.codes.joint_objective import code_l1
 from egosplat.codes.targets import CodeTargets, Targets
 from egosplat.errors import UserError
 from egosplat.gaussians.pixel_weights import Masking
-from egosplat.language.training import CodeOptions, CodeTraining, shown_codes
-from egosplat.language.views import taught_views
+from egosplat.language.training import CodeOptions, CodeTraining, codes_to_render
+from egosplat.language.views import select_code_views
 
 CPU = torch.device("cpu")
 OPTIONS = CodeOptions(iterations=60, lr=0.05, normalize_codes=False, seed=0)
@@ -18,7 +18,7 @@ OPTIONS = CodeOptions(iterations=60, lr=0.05, normalize_codes=False, seed=0)
 @pytest.fixture
 def views(scene, opened):
     frames, poses, segments, features = opened(scene())
-    return taught_views(frames, poses, CodeTargets(segments, features, CPU).of, Masking(None, ""), CPU)
+    return select_code_views(frames, poses, CodeTargets(segments, features, CPU).of, Masking(None, ""), CPU)
 
 
 @pytest.fixture
@@ -55,8 +55,8 @@ def test_a_learning_rate_far_too_large_ends_training(wall, views, settings, chec
 
 def test_unit_codes():
     code = torch.tensor([[[3.0, 4.0], [0.0, 0.0]]])
-    assert shown_codes(code, True).tolist() == [[[pytest.approx(0.6), pytest.approx(0.8)], [0.0, 0.0]]]
-    assert shown_codes(code, False) is code
+    assert codes_to_render(code, True).tolist() == [[[pytest.approx(0.6), pytest.approx(0.8)], [0.0, 0.0]]]
+    assert codes_to_render(code, False) is code
 
 
 def test_pixels_without_a_code_or_weight_count_in_the_denominator_alone():

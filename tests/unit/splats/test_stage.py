@@ -136,7 +136,7 @@ def test_a_killed_run_resumes_to_the_same_gaussians(scene, capsys):
     assert process.wait() == -signal.SIGKILL and not (folder / "splats.zarr").exists()
     capsys.readouterr()
     assert run(folder, **keys).digest == expected
-    assert "training goes on after iteration" in capsys.readouterr().err
+    assert "training resumes after iteration" in capsys.readouterr().err
     assert not written.parent.exists()
 
 
@@ -187,7 +187,7 @@ def test_training_without_poses_is_an_error(scene):
 
 
 def test_failed_training_leaves_no_files(scene, monkeypatch):
-    def fails(state, photographs, options, checkpoint):
+    def fails(state, view_sets, options, checkpoint):
         checkpoint.save_if_due(state.state_dict)
         raise UserError("diverged")
 

@@ -92,7 +92,7 @@ def test_a_killed_run_resumes_to_the_same_result(scene, monkeypatch, capsys):
         run(folder, background="random", checkpoint_s=1e-9)
     # Time between checkpoints is an option, so it must be the same for going on.
     assert run(folder, background="random", checkpoint_s=1e-9).digest == expected
-    assert "goes on after iteration 10" in capsys.readouterr().err
+    assert "resumes after iteration 10" in capsys.readouterr().err
     assert not (folder / ".transient.zarr.checkpoint").exists()
 
 

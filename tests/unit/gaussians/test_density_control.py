@@ -7,11 +7,7 @@ import pytest
 import torch
 
 from egosplat.errors import UserError
-from egosplat.gaussians.model import PARAMETERS, Gaussians, rotation_matrices
-from egosplat.gaussians.optimizer import Adam, LearningRates
-from egosplat.gaussians.render import RenderSettings, render
-from egosplat.gaussians.schedule import Schedule
-from egosplat.gaussians.strategy import (
+from egosplat.gaussians.density_control import (
     DensityControl,
     DensityOptions,
     clone_or_split,
@@ -20,6 +16,10 @@ from egosplat.gaussians.strategy import (
     split_gaussians,
     too_large,
 )
+from egosplat.gaussians.model import PARAMETERS, Gaussians, rotation_matrices
+from egosplat.gaussians.optimizer import Adam, LearningRates
+from egosplat.gaussians.render import RenderSettings, render
+from egosplat.gaussians.schedule import Schedule
 from egosplat.geometry import Camera
 
 EXTENT = 2.0

@@ -1,4 +1,4 @@
-"""Pictures at the size that H and the temporary Gaussians are trained at."""
+"""Read frames at the working size, at which H and the temporary Gaussians are trained."""
 
 import cv2
 import numpy as np
@@ -11,13 +11,13 @@ from egosplat.geometry import Camera
 
 
 def working_size(height: int, width: int, resolution: int) -> tuple[int, int]:
-    """Height and width of a picture whose longer side is ``resolution``, never larger than it is."""
+    """Return height and width scaled down so that the longer side is at most ``resolution``."""
     factor = min(resolution / max(height, width), 1.0)
     return max(round(height * factor), 1), max(round(width * factor), 1)
 
 
 def reduced(picture: NDArray[np.uint8], height: int, width: int) -> NDArray[np.uint8]:
-    """(h, w, 3) -> (height, width, 3) by averaging over areas."""
+    """Downscale (h, w, 3) to (height, width, 3) by area averaging."""
     if picture.shape[:2] == (height, width):
         return picture
     return cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
@@ -26,10 +26,7 @@ def reduced(picture: NDArray[np.uint8], height: int, width: int) -> NDArray[np.u
 def read_reduced_views(
     frames: Artifact, poses: Artifact, chosen: Mask, resolution: int, device: torch.device
 ) -> Views:
-    """Read the frames at ``chosen`` (F,) bool, all of which have a pose, at ``resolution`` into memory.
-
-    A pixel counts only where all that it averages lies inside the lens circle.
-    """
+    """Read the frames ``chosen`` (F,) bool, all with a pose, at ``resolution`` into memory."""
     rows = np.flatnonzero(chosen)
     _, full_height, full_width, _ = frames.shape("rgb")
     height, width = working_size(full_height, full_width, resolution)
@@ -37,6 +34,7 @@ def read_reduced_views(
     for position, row in enumerate(rows):
         pictures[position] = reduced(frames.row("rgb", row), height, width)
     valid = frames.read("valid").astype(np.uint8) * 255
+    # A pixel is valid only if every pixel averaged into it lies inside the lens circle.
     inside = torch.from_numpy(cv2.resize(valid, (width, height), interpolation=cv2.INTER_AREA) == 255)
     full = Camera.from_matrix(poses.read("intrinsics"), full_width, full_height)
     return Views(

@@ -1,0 +1,204 @@
+"""Density control of 3DGS (Kerbl et al. 2023, section 5): clone, split, prune, reset opacities.
+
+Two deviations from 3DGS:
+
+- Opacities are reset to 0.05, not 0.01, and their Adam moments are zeroed. The rasterizer skips pixels with alpha below
+  1/255, so a Gaussian of opacity o has gradients within sqrt(2 ln(255 o)) standard deviations: the fraction
+  1 - 1 / (255 o) of its footprint. At 0.01 that is 61 %, and a Gaussian that is covered or dimmed by antialiasing may
+  have no such pixel: it would neither fade nor recover. At 0.05 it is 92 %.
+- Pruning by size spares Gaussians of at most 10 times the median size. 3DGS takes the spread of the cameras as the size
+  of the scene. Around a head that only turns, a tenth of that spread would prune every Gaussian of a far wall.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from egosplat.gaussians.model import Gaussians, rotation_matrices
+from egosplat.gaussians.optimizer import Adam
+from egosplat.gaussians.schedule import Schedule
+from egosplat.gaussians.strategy import random_normal, replace_rows
+from egosplat.rasterize.contract import ALPHA_THRESHOLD
+
+_CHILDREN = 2
+# A split replaces a Gaussian by two with scales divided by 1.6.
+_SHRINK = 0.8 * _CHILDREN
+
+
+# Pruning by size spares Gaussians up to this multiple of the median size.
+_OUTLIER = 10.0
+
+
+@dataclass(frozen=True)
+class DensityOptions:
+    """Thresholds of density control; the defaults are 3DGS's, except for ``reset_opacity``.
+
+    Attributes:
+        max_gaussians: limit that density control never exceeds.
+        grow_grad2d: mean image position gradient above which a Gaussian grows, in units of half the image.
+        percent_dense: largest scale that is cloned rather than split [scene extent].
+        prune_opacity: less opaque Gaussians are pruned; above 1/255.
+        prune_scale: after the first reset, larger outliers are pruned [scene extent].
+        prune_screen_px: the same limit for the screen radius [px]; None for no limit.
+        reset_opacity: largest opacity after a reset.
+
+    Raises:
+        ValueError: not 1/255 < prune_opacity < reset_opacity < 1.
+    """
+
+    max_gaussians: int
+    grow_grad2d: float = 2e-4
+    percent_dense: float = 0.01
+    prune_opacity: float = 0.005
+    prune_scale: float = 0.1
+    prune_screen_px: float | None = None
+    reset_opacity: float = 0.05
+
+    def __post_init__(self) -> None:
+        # Below 1/255 a Gaussian has no gradient: it must be pruned before it drifts there.
+        if not ALPHA_THRESHOLD < self.prune_opacity < self.reset_opacity < 1.0:
+            raise ValueError(
+                f"not in order: 1/255, prune_opacity {self.prune_opacity}, reset_opacity {self.reset_opacity}, 1"
+            )
+
+
+class DensityControl:
+    """The ``Strategy`` of 3DGS: grows Gaussians with large image position gradients."""
+
+    opacity_reg = 0.0
+    scale_reg = 0.0
+
+    def __init__(self, options: DensityOptions, schedule: Schedule, extent: float) -> None:
+        """Take the options, the schedule and ``scene_extent`` [m]."""
+        self.options = options
+        self.schedule = schedule
+        self.extent = extent
+        self._statistics: dict[str, Tensor] = {}
+
+    @torch.no_grad()
+    def observe(self, means2d_grad: Tensor | None, radii: Tensor, width: int, height: int) -> None:
+        """Collect gradients and radii. See ``Strategy.observe``. Gradients that are not finite are skipped.
+
+        Raises:
+            ValueError: wrong shape, or another number of Gaussians than at the last call.
+        """
+        if means2d_grad is None:
+            return
+        if radii.shape != means2d_grad.shape or radii.ndim != 3:
+            raise ValueError(f"gradients {tuple(means2d_grad.shape)}, radii {tuple(radii.shape)}")
+        cameras, n = radii.shape[:2]
+        statistics = self._statistics_of(n, radii.device)
+        half_image = means2d_grad.new_tensor([width / 2, height / 2])
+        norms = torch.linalg.vector_norm(means2d_grad * half_image, dim=-1) * cameras
+        counted = (radii > 0).all(dim=-1) & norms.isfinite()
+        statistics["grad"] += torch.where(counted, norms, 0.0).sum(dim=0)
+        statistics["views"] += counted.sum(dim=0)
+        statistics["radius"] = torch.maximum(statistics["radius"], radii.amax(dim=(0, 2)).float())
+        self._statistics = statistics
+
+    @torch.no_grad()
+    def step(
+        self, iteration: int, gaussians: Gaussians, optimizer: Adam, generator: torch.Generator
+    ) -> Gaussians:
+        """Grow, prune and reset when scheduled. See ``Strategy.step``."""
+        if self.schedule.densifies(iteration):
+            gaussians = self._densify(iteration, gaussians, optimizer, generator)
+        if self.schedule.resets_opacity(iteration):
+            reset_opacities(gaussians, optimizer, self.options.reset_opacity)
+        return gaussians
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return copies of the statistics. See ``Strategy.state_dict``."""
+        return {name: tensor.clone() for name, tensor in self._statistics.items()}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restore the statistics. See ``Strategy.load_state_dict``."""
+        self._statistics = {name: tensor.clone() for name, tensor in state.items()}
+
+    def _statistics_of(self, n: int, device: torch.device) -> dict[str, Tensor]:
+        """Return (n,) float32 each: sum of gradients, number of views, largest radius [px], since the last growth."""
+        if not self._statistics:
+            return {name: torch.zeros(n, device=device) for name in ("grad", "views", "radius")}
+        if len(self._statistics["grad"]) != n:
+            raise ValueError(f"{n} Gaussians after observing {len(self._statistics['grad'])}")
+        # A checkpoint may have been loaded to another device.
+        return {name: tensor.to(device) for name, tensor in self._statistics.items()}
+
+    def _densify(
+        self, iteration: int, gaussians: Gaussians, optimizer: Adam, generator: torch.Generator
+    ) -> Gaussians:
+        options, statistics = self.options, self._statistics_of(gaussians.count, gaussians.means.device)
+        # Rows change below: the next interval collects new statistics.
+        self._statistics = {}
+        keep = gaussians.finite() & (gaussians.opacities >= options.prune_opacity)
+        score = statistics["grad"] / statistics["views"].clamp(min=1.0)
+        room = options.max_gaussians - int(keep.sum())
+        grow = highest(score, keep & (score > options.grow_grad2d), room)
+        clone, split = clone_or_split(gaussians, grow, options.percent_dense * self.extent)
+        children = split_gaussians(gaussians.select(split), generator)
+        new = Gaussians.concatenate([gaussians.select(clone), children])
+        old_radius = statistics["radius"][keep & ~split]
+        radius = torch.cat([old_radius, old_radius.new_zeros(new.count)])
+        gaussians = replace_rows(gaussians, optimizer, keep & ~split, new)
+        if self.schedule.prunes_large(iteration):
+            large = too_large(gaussians, radius, options.prune_scale * self.extent, options.prune_screen_px)
+            gaussians = replace_rows(gaussians, optimizer, ~large)
+        return gaussians
+
+
+def highest(score: Tensor, candidates: Tensor, room: int) -> Tensor:
+    """Return the (N,) bool ``candidates`` with the highest ``score`` (N,), at most ``room`` of them."""
+    if int(candidates.sum()) <= room:
+        return candidates
+    order = torch.where(candidates, score, -math.inf).argsort(descending=True, stable=True)
+    result = torch.zeros_like(candidates)
+    result[order[: max(room, 0)]] = True
+    return result
+
+
+def clone_or_split(gaussians: Gaussians, grow: Tensor, largest_clone: float) -> tuple[Tensor, Tensor]:
+    """Split ``grow`` (N,) bool into Gaussians to clone (no axis longer than ``largest_clone`` [m]) and to split."""
+    small = gaussians.scales.amax(dim=1) <= largest_clone
+    return grow & small, grow & ~small
+
+
+def split_gaussians(parents: Gaussians, generator: torch.Generator) -> Gaussians:
+    """Sample two children for each of M parents, with centers drawn from the parent and scales divided by 1.6.
+
+    Returns:
+        2 M Gaussians: the first child of every parent, then the second ones.
+    """
+    children = Gaussians.concatenate([parents] * _CHILDREN)
+    local = random_normal(children.means, generator) * children.scales
+    offsets = (rotation_matrices(children.quats) @ local[:, :, None])[:, :, 0]
+    return replace(
+        children, means=children.means + offsets, log_scales=children.log_scales - math.log(_SHRINK)
+    )
+
+
+def too_large(
+    gaussians: Gaussians, radius: Tensor, largest_scale: float, largest_radius: float | None
+) -> Tensor:
+    """(N,) bool: Gaussians that are too large in the world or on screen.
+
+    Args:
+        gaussians: N Gaussians.
+        radius: (N,) largest screen radius [px].
+        largest_scale: limit of the longest axis [m]; 10 times the median is the limit if that is larger.
+        largest_radius: limit of ``radius``; None for no limit.
+    """
+    longest = gaussians.detach().scales.amax(dim=1)
+    if not len(longest):
+        return torch.zeros_like(longest, dtype=torch.bool)
+    large = longest > max(largest_scale, _OUTLIER * float(longest.median()))
+    return large if largest_radius is None else large | (radius > largest_radius)
+
+
+def reset_opacities(gaussians: Gaussians, optimizer: Adam, largest: float) -> None:
+    """Clamp every opacity to at most ``largest``, in place, and zero the Adam moments of the opacities."""
+    gaussians.logit_opacities.detach().clamp_(max=math.log(largest / (1.0 - largest)))
+    # Old momentum would drive opacities below the rasterizer's cutoff.
+    optimizer.reset_moments("logit_opacities")
