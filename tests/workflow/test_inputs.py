@@ -30,7 +30,7 @@ def test_a_configuration_file_with_a_key_twice_is_rejected_with_both_lines(one_s
     (workdir.folder / "tiny.yaml").write_text("frames: {stride: 1}\nposes: {}\nframes: {focal: 400}\n")
     done = workdir.snakemake("--dry-run", "--", FRAMES)
     assert done.returncode != 0 and "tiny.yaml" in done.stderr
-    assert "line 3, column 1: key 'frames' stands twice, first in line 1" in done.stderr
+    assert "line 3, column 1: key 'frames' is set twice, first in line 1" in done.stderr
 
 
 def test_numbers_of_the_command_line_and_with_an_exponent_are_numbers(one_scene, pictures):

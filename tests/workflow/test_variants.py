@@ -35,7 +35,7 @@ def test_a_user_variant_is_made_next_to_the_scene(workdir):
         ("nope/splats.zarr", "no variant 'nope'"),
         (
             "network_masks/frames.zarr",
-            f"variant network_masks changes nothing of frames.zarr; take {SCENE}/frames.zarr",
+            f"variant network_masks does not change frames.zarr; use {SCENE}/frames.zarr",
         ),
     ],
 )

@@ -19,7 +19,7 @@ PRESETS = Path(workflow.basedir).parent / "config/presets"
 
 @cache
 def scenes_with_preset(preset):
-    """Get the table of scenes as it is with another preset."""
+    """Get the table of scenes resolved with another preset."""
     user = dict(config) | {"preset": preset} if preset else config
     return read_scenes_with_points(configuration.resolve(user, PRESETS), PRESETS)
 
@@ -42,18 +42,18 @@ if IS_MAIN:
     for line in notices:
         print(f"egosplat: {line}", file=sys.stderr)
 
-# A killed Snakemake leaves its locks; the same command continues without --unlock. Not on a cluster, where its
-# jobs run on: only --jobs, the number of submitted jobs, shows that at this moment.
+# A killed Snakemake leaves its locks. Removing them lets the same command continue without --unlock. Jobs on a cluster
+# outlive a killed Snakemake, so their locks stay; only --jobs, the number of submitted jobs, shows a cluster here.
 if IS_MAIN and workflow.resource_settings.nodes is None:
     if clear_stale_locks(Path(".snakemake")):
-        print("The last Snakemake here was killed: going on.", file=sys.stderr)
+        print("The last Snakemake here was killed: continuing.", file=sys.stderr)
 
-# A killed command cannot report itself. The command's own status stays, whatever becomes of the line.
+# A killed command cannot report itself. `|| true` keeps the command's own exit status.
 TELL_IF_KILLED = str(Path(workflow.basedir) / "scripts/tell_if_killed.sh")
 AT_EXIT = f"sh {shlex.quote(TELL_IF_KILLED)} $? || true"
 
-# The first line is Snakemake's own prefix, which this one replaces: a failure before the pipe to the log counts.
-# The PATH is that of Snakemake's environment, activated or not.
+# The first line repeats Snakemake's own prefix, which this one replaces: pipefail reports a failure before the pipe to
+# the log. PATH names the environment of Snakemake, which may not be activated.
 shell.prefix(
     "set -euo pipefail; "
     f"trap {shlex.quote(AT_EXIT)} EXIT; "

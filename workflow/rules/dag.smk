@@ -50,14 +50,14 @@ def artifact(stage):
 
 
 def survey_named(dataset, scene, variant):
-    """Read the survey of a scene or variant. Snakemake makes it first, and evaluates the rules again."""
+    """Read the survey of a scene or variant. Snakemake makes it first and then evaluates the rules again."""
     folder = artifact_folder("survey", find_scene(scenes, dataset, scene), variant)
     checkpoints.survey.get(dataset=dataset, scene=scene, variant=folder)
     return read_survey(Path(path_named("survey", dataset, scene, variant)))
 
 
 def decided_config(wildcards):
-    """Get the configuration with the survey's decisions; it waits for the survey only where one is left to it."""
+    """Get the configuration with the survey's decisions. It waits for the survey only if the survey decides something."""
     config = config_of(wildcards)
     if not dag.masks_by_survey(config):
         return config
@@ -77,7 +77,7 @@ def training_frames(stage):
 
 
 def optional_paths(stage, wildcards):
-    """Get the paths of the optional inputs that the configuration asks for, by stage."""
+    """Get the paths of the optional inputs that the configuration needs, by stage."""
     names = dag.optional_inputs_of(stage, decided_config(wildcards))
     return {name: path_named(name, *names_of(wildcards)) for name in names}
 
@@ -89,7 +89,7 @@ def optional_artifacts(stage):
         found = optional_paths(stage, wildcards)
         if "survey" in found:
             survey_named(*names_of(wildcards))
-            # The decisions of a survey are parameters. Making it again reruns nothing by itself.
+            # The decisions of a survey are parameters of the rule, so a newer file alone must not rerun it.
             found["survey"] = ancient(found["survey"])
         return list(found.values())
 
@@ -124,7 +124,7 @@ def recording_files(stage):
 
     def paths(wildcards):
         scene = scene_of(wildcards)
-        if scene.synthetic:  # one folder, the output of a rule
+        if scene.synthetic:  # one folder, which a rule makes
             return [str(scene.recording)]
         check_recording(scene)
         return watched_files(scene.format, scene.recording, stage)
@@ -145,7 +145,7 @@ def get_title(wildcards):
 
 
 def labels(page):
-    """Get a function of the wildcards: the row of a result in Snakemake's report, unlike any other's."""
+    """Get a function of the wildcards: the labels of a result in Snakemake's report, unique for each result."""
     return lambda wildcards: {
         "dataset": wildcards.dataset,
         "scene": wildcards.scene,
@@ -155,7 +155,7 @@ def labels(page):
 
 
 def results_of_scenes(_):
-    """Get the results of a run without a target; a report takes those that exist, and need not wait for others."""
+    """Get the results of a run without a target. A report takes only those that exist."""
     wanted = [
         path
         for scene in default_scenes(scenes.values())
@@ -172,7 +172,7 @@ def results_of_scenes(_):
 
 
 def surveyed_results(_):
-    """Get the pictures of what moves, of the scenes whose survey finds that something does."""
+    """Get transient.png of the scenes whose survey finds motion."""
     asked = [
         scene
         for scene in default_scenes(scenes.values())

@@ -1,9 +1,9 @@
 """
-What each instance means: OpenCLIP's features of its views, made consistent over them, and compressed.
+OpenCLIP features of each instance: per view, aggregated over the views, and compressed to codes.
 
 REQUIRED INPUTS: frames.zarr, segments.zarr. Never annotations.zarr.
-OUTPUTS: view_features.zarr, features.zarr; beside the first, while it is made, .view_features.zarr.checkpoint, from
-which a killed run goes on.
+OUTPUTS: view_features.zarr, features.zarr. While view_features runs, .view_features.zarr.checkpoint, from which a killed
+run resumes.
 TOOLS: OpenCLIP, PyTorch.
 """
 

@@ -1,5 +1,5 @@
 """
-A recording becomes pictures, and, for evaluation only, annotations.
+Frames of a recording, and annotations for evaluation only.
 
 REQUIRED INPUTS: the recording (ADT sequence, HOI4D sequence, video or folder of images).
 OUTPUTS: recording/ (synthetic apartment only), frames.zarr, annotations.zarr.
@@ -8,7 +8,7 @@ TOOLS: projectaria-tools, OpenCV; trimesh and Embree for the synthetic apartment
 
 
 def is_recording_annotated(wildcards):
-    """Tell whether a plain recording has annotations: without them all of its frames are trained on."""
+    """Tell whether a plain recording has annotations. Without them all frames train."""
     scene = scene_of(wildcards)
     return is_annotated(scene.format, scene.recording)
 
@@ -35,7 +35,7 @@ rule synthetic:
 
 
 rule frames:
-    """Read the recording's pictures and split them for training and evaluation."""
+    """Read and rectify the recording's frames, and split them into training and evaluation."""
     input:
         recording_files("frames"),
     output:
@@ -63,7 +63,7 @@ rule frames:
 
 
 rule annotations:
-    """Read the instance maps of the evaluation frames. No rule that trains may depend on them."""
+    """Read the instance maps of the evaluation frames. No training rule may depend on them."""
     input:
         recording_files("annotations"),
         frames=artifact("frames"),

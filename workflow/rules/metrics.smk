@@ -1,9 +1,9 @@
 """
-How well a scene is found, outlined and rendered.
+Scores of a scene: localization, masks and rendering.
 
-REQUIRED INPUTS: frames.zarr, poses.zarr, annotations.zarr, features.zarr, splats.zarr, language.zarr; what these were
-made from is looked at beside them, for its time and memory.
-OUTPUTS: metrics.json, as src/egosplat/pipeline/schemas/metrics.schema.yaml describes it; of all scenes results/benchmark/.
+REQUIRED INPUTS: frames.zarr, poses.zarr, annotations.zarr, features.zarr, splats.zarr, language.zarr. The stage also
+reads the time and memory of the artifacts that these were made from.
+OUTPUTS: metrics.json, as src/egosplat/pipeline/schemas/metrics.schema.yaml describes it; results/benchmark/ for all scenes.
 TOOLS: OpenCLIP, PyTorch, egosplat's kernels or gsplat; Jinja2.
 """
 
@@ -17,14 +17,14 @@ TABLES = ("adt_accuracy", "adt_iou", "adt_ablation", "hoi4d", "adt_transient")
 
 
 def get_picture_flags(_):
-    """Get the pictures on the page of the tables as command line flags."""
+    """Get the figures of the tables page as command line flags."""
     return " ".join(
         f"--picture {shlex.quote(path)}" for path in table_pictures(scenes.values())
     )
 
 
 rule metrics:
-    """Ask for everything that is annotated in the evaluation frames, and score answers and renders."""
+    """Query every annotated category in the evaluation frames, and score answers and renders."""
     input:
         frames=artifact("frames"),
         poses=artifact("poses"),
@@ -72,7 +72,7 @@ localrules:
 
 
 rule tables:
-    """Lay the scores of all scenes and variants out as the paper's tables, its printed numbers beside."""
+    """Write the scores of all scenes and variants as the paper's tables, next to its printed numbers."""
     input:
         metrics=lambda _: table_scores(scenes.values()),
         pictures=lambda _: table_pictures(scenes.values()),

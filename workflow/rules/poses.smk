@@ -1,5 +1,5 @@
 """
-Camera poses and the points that Gaussians start from.
+Camera poses, and the points that initialize the Gaussians.
 
 REQUIRED INPUTS: frames.zarr; for ADT the recording's trajectory and points.
 OUTPUTS: poses.zarr.
@@ -8,7 +8,7 @@ TOOLS: projectaria-tools for ADT's trajectories, pycolmap for everything else.
 
 
 rule poses:
-    """Find the pose of every frame: from the device's trajectory, or with COLMAP."""
+    """Get the pose of every frame from the device's trajectory or with COLMAP."""
     input:
         recording_files("poses"),
         frames=artifact("frames"),

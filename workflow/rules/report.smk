@@ -1,5 +1,5 @@
 """
-Pictures for people.
+Figures of a scene.
 
 REQUIRED INPUTS: frames.zarr, annotations.zarr, poses.zarr, segments.zarr, view_features.zarr, features.zarr,
 transient.zarr, masks.zarr, splats.zarr, language.zarr, metrics.json.
@@ -9,7 +9,7 @@ TOOLS: matplotlib; egosplat's kernels or gsplat; OpenCLIP.
 
 
 rule contact_sheet:
-    """Draw a scene's pictures, its annotations, and its trajectory and points from above."""
+    """Draw a scene's frames and annotations, and its trajectory and points from above."""
     input:
         frames=artifact("frames"),
         annotations=artifact("annotations"),
@@ -69,7 +69,7 @@ rule segments_sheet:
 
 
 rule crops_sheet:
-    """Draw crops of instances in order of time, the views that were left out struck out."""
+    """Draw crops of instances in order of time, with outlier views crossed out."""
     input:
         frames=artifact("frames"),
         segments=artifact("segments"),
@@ -102,7 +102,7 @@ rule crops_sheet:
 
 
 rule splats_sheet:
-    """Draw held-out frames beside their renders, and how training went."""
+    """Draw held-out frames next to their renders, and the training curves."""
     input:
         frames=artifact("frames"),
         splats=artifact("splats"),
@@ -131,7 +131,7 @@ rule splats_sheet:
 
 
 rule transient_sheet:
-    """Draw what moves, what is masked for it, and what is left."""
+    """Draw transient probability, masks, and the renders without the masked objects."""
     input:
         frames=artifact("frames"),
         poses=artifact("poses"),
@@ -168,7 +168,7 @@ rule transient_sheet:
 
 
 rule language_sheet:
-    """Look around in what the Gaussians mean, at each level."""
+    """Draw the Gaussians' codes from several directions, at each level."""
     input:
         poses=artifact("poses"),
         splats=artifact("splats"),
@@ -199,7 +199,7 @@ rule language_sheet:
 
 
 rule queries_sheet:
-    """Draw the queries that were answered best, and those that were answered worst."""
+    """Draw the queries with the best and the worst answers."""
     input:
         frames=artifact("frames"),
         poses=artifact("poses"),

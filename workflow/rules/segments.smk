@@ -1,14 +1,14 @@
 """
-Instances: what is in the pictures, at three levels, followed through the video.
+Instances at three levels, tracked through the video.
 
-REQUIRED INPUTS: frames.zarr; survey.json, where frames may be left out. Never annotations.zarr.
+REQUIRED INPUTS: frames.zarr; survey.json, if it may leave frames out. Never annotations.zarr.
 OUTPUTS: segments.zarr.
 TOOLS: SAM2, or OpenCV's graph segmentation and optical flow.
 """
 
 
 rule segments:
-    """Find instances by a grid of point prompts and follow them both ways."""
+    """Find instances with a grid of point prompts, and track them forwards and backwards."""
     input:
         frames=artifact("frames"),
         others=optional_artifacts("segments"),

@@ -1,15 +1,15 @@
 """
-The scene as 3D Gaussians.
+3D Gaussians of the scene, and their language codes.
 
-REQUIRED INPUTS: frames.zarr, poses.zarr; as configured or surveyed, masks.zarr or transient.zarr, segments.zarr and
+REQUIRED INPUTS: frames.zarr, poses.zarr. By configuration and survey: masks.zarr or transient.zarr, segments.zarr and
 features.zarr, survey.json. Never annotations.zarr.
-OUTPUTS: splats.zarr, language.zarr; beside each, while it is made, .{name}.checkpoint, from which a killed run goes on.
+OUTPUTS: splats.zarr, language.zarr. While a stage runs, .{name}.checkpoint, from which a killed run resumes.
 TOOLS: PyTorch, egosplat's kernels or gsplat.
 """
 
 
 rule splats:
-    """Train Gaussians on the training frames, and measure how well they render the held-out ones."""
+    """Train Gaussians on the training frames, and score their renders of the held-out frames."""
     input:
         frames=artifact("frames"),
         poses=artifact("poses"),
@@ -41,7 +41,7 @@ rule splats:
 
 
 rule language:
-    """Give each Gaussian the codes of what it shows, at every level."""
+    """Assign each Gaussian the code of its instance, at every level."""
     input:
         frames=artifact("frames"),
         poses=artifact("poses"),

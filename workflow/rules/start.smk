@@ -18,11 +18,11 @@ from egosplat.pipeline.snakemake_call import Call, read_call
 
 SHIPPED = Path("config/config.yaml")
 
-# A job's own Snakemake, whose command line names no target, repeats no check of the main one.
+# The Snakemake of a job has no targets on its command line. The main process has done the checks.
 IS_MAIN = workflow.is_main_process
 CALL = read_call(sys.argv[1:]) if IS_MAIN else Call()
 
-# Not as an exception, around which Snakemake would print a traceback.
+# sys.exit, because Snakemake prints a traceback for an exception.
 try:
     if IS_MAIN:
         check_cores(workflow.resource_settings.cores, workflow.resource_settings.nodes)

@@ -1,18 +1,18 @@
 """
-What a scene requires: does anything move, which frames add views.
+Survey of a scene: whether it is static, and which frames add views.
 
 REQUIRED INPUTS: frames.zarr, poses.zarr. Never annotations.zarr.
 OUTPUTS: survey.json, as src/egosplat/pipeline/schemas/survey.schema.yaml describes it.
 TOOLS: OpenCV.
 
-A checkpoint: which rules follow depends on what it finds. Until it has run, a plan shows what may follow. Rules that
-read it rerun where a decision that they use changed, not because it was made again; but Snakemake still makes again, in
-the run that made the survey, what comes after such a rule that it then spared.
+The rule is a checkpoint: its result decides which rules follow. Until it has run, a plan shows all that may follow. A rule
+that reads the survey reruns only if a decision that it uses has changed. In the run that makes the survey, Snakemake still
+reruns the rules after such a rule.
 """
 
 
 checkpoint survey:
-    """Decide by the pictures and their poses alone what the scene requires."""
+    """Decide from frames and poses whether the scene is static and which frames to train on."""
     input:
         frames=artifact("frames"),
         poses=artifact("poses"),

@@ -1,5 +1,5 @@
 """
-Speed against accuracy of a scene: presets, and each knob alone.
+Speed against accuracy of a scene: presets and single-parameter changes.
 
 REQUIRED INPUTS: metrics.json of the scene and of the variants that the configuration's section tradeoff names.
 OUTPUTS: tradeoff/tradeoff.html, .csv, .json and .png.
@@ -33,7 +33,7 @@ localrules:
 
 
 rule tradeoff:
-    """Compare what the points of a scene cost, and how accurate they are."""
+    """Compare cost and accuracy of the points of a scene."""
     input:
         metrics=get_points_metrics,
         page=PACKAGE / "tradeoff/tradeoff.html.j2",

@@ -1,9 +1,8 @@
 """
-What moves: a network that finds it by what static Gaussians cannot explain, and the instances that it belongs to.
+Transient pixels, predicted by a network from what static Gaussians cannot fit, and the instances they belong to.
 
-REQUIRED INPUTS: frames.zarr, poses.zarr, segments.zarr; survey.json, where frames may be left out. Never annotations.zarr.
-OUTPUTS: transient.zarr, masks.zarr; beside the first, while it is made, .transient.zarr.checkpoint, from which a killed
-run goes on.
+REQUIRED INPUTS: frames.zarr, poses.zarr, segments.zarr; survey.json, if it may leave frames out. Never annotations.zarr.
+OUTPUTS: transient.zarr, masks.zarr. While transient runs, .transient.zarr.checkpoint, from which a killed run resumes.
 TOOLS: PyTorch, timm, egosplat's kernels or gsplat.
 """
 
@@ -11,14 +10,14 @@ from egosplat.models.checkpoints import content_hash
 
 
 def encoder_weights(wildcards):
-    """What the file of the encoder's weights holds, so that another content is seen; the stage says if it is absent."""
+    """Get a hash of the encoder's weights, so that a changed file reruns the rule. The stage reports a missing file."""
     name = config_of(wildcards)["transient"]["encoder_weights"]
     path = Path(name).expanduser() if name else None
     return content_hash(path)[:16] if path and path.is_file() else "none"
 
 
 rule transient:
-    """Train the network and temporary Gaussians, and store the probability of being transient of all frames."""
+    """Train the network and temporary Gaussians, and predict the transient probability of all frames."""
     input:
         frames=artifact("frames"),
         poses=artifact("poses"),
@@ -29,7 +28,7 @@ rule transient:
         "logs/{dataset}/{scene}/{variant}transient.log",
     benchmark:
         "logs/{dataset}/{scene}/{variant}transient.tsv"
-    threads: 1  # the stage takes no more, so that it repeats
+    threads: 1  # the stage uses one, for reproducible results
     resources:
         mem_mb=memory("transient"),
         runtime=runtime("transient"),
@@ -51,7 +50,7 @@ rule transient:
 
 
 rule masks:
-    """Find the transient instances, and mask them in every frame."""
+    """Select the transient instances, and mask them in every frame."""
     input:
         frames=artifact("frames"),
         transient=artifact("transient"),

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.consistency import check_inputs
 from egosplat.artifacts.reader import Artifact
-from egosplat.pipeline.survey_file import Survey, gaussians_learn_from_all, read_survey
+from egosplat.pipeline.survey_file import Survey, gaussians_use_all_frames, read_survey
 
 
 def kept_frames(frames: Artifact, survey: Path | None) -> tuple[NDArray[np.bool_], dict[str, str]]:
@@ -31,7 +31,7 @@ def frames_for_gaussians(
 ) -> tuple[NDArray[np.bool_], dict[str, str]]:
     """As ``kept_frames``, of the frames that Gaussians may be trained on where ``masking`` is masked."""
     found = None if survey is None else _survey_of(frames, survey)
-    if found is not None and gaussians_learn_from_all(found, masking):
+    if found is not None and gaussians_use_all_frames(found, masking):
         found = None
     return _kept(frames, found)
 

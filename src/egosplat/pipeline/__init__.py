@@ -1,1 +1,1 @@
-"""The pipeline as data: its stages. The workflow asks it; it imports neither torch nor Zarr."""
+"""Stages, configuration, scenes and variants, which the workflow reads. Imports neither torch nor Zarr."""

@@ -1,10 +1,9 @@
 """Content hash of the code that a stage executes.
 
-Snakemake sees no change inside a package behind a command line, so each rule carries this hash among its
-parameters. ``code_hash`` follows the imports from a stage's module, inside the package, and hashes each
-module's syntax tree: comments, docstrings and layout do not count, any change to executed code does. C++
-sources in the folder ``source`` of a package that is reached count likewise. The versions of the libraries
-that do the work count too.
+Snakemake cannot see code changes behind a command line, so each rule has this hash among its parameters. ``code_hash``
+follows the imports from a stage's module inside the package and hashes each module's syntax tree. Comments, docstrings
+and layout do not count; any change of executed code does. C++ sources in the folder ``source`` of a reached package and
+the versions of the stage's libraries count too.
 """
 
 import ast
@@ -19,7 +18,7 @@ from typing import Any
 from egosplat.pipeline.source_hash import cpp_hash
 
 NEUTRAL = {
-    "egosplat",  # holds the version alone
+    "egosplat",  # holds only the version
     "egosplat.files",
     "egosplat.artifacts.usage",
     "egosplat.pipeline.source_hash",
@@ -36,13 +35,14 @@ NEUTRAL = {
 """Modules that show or record, but cannot change an array: a better message makes nothing stale."""
 
 DOCUMENTED = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
-"""What has a docstring."""
+"""Syntax nodes that may have a docstring."""
 
 
 def code_hash(module: str, libraries: tuple[str, ...] = ()) -> str:
-    """Hash of ``module``, of what it reaches in its package, C++ sources too, and of libraries' versions.
+    """Hash ``module``, the modules and C++ sources that it reaches in its package, and versions of libraries.
 
-    The same on every Python version; 16 hexadecimal digits.
+    Returns:
+        16 hexadecimal digits, equal on every Python version.
     """
     digest = hashlib.sha256()
     for name, path in modules_of(module).items():
@@ -76,11 +76,8 @@ def modules_of(module: str) -> dict[str, Path]:
 
 @functools.cache
 def _find(name: str) -> Path | None:
-    """File of a module, by its place below the root package; None for a name that is no module.
-
-    ``find_spec`` is asked for the root alone: for a name inside a module it would import that module, and
-    with it all that the stage needs.
-    """
+    """Find the file of a module below the root package; None if the name is not a module."""
+    # No find_spec for the full name: it would import the parent modules and all that the stage needs.
     root, *parts = name.split(".")
     if (folder := _folder(root)) is None:
         return None
@@ -97,7 +94,7 @@ def _folder(root: str) -> Path | None:
 
 @functools.cache
 def _imports(name: str, path: Path) -> tuple[str, ...]:
-    """Names that a module imports, and those that it imports from modules."""
+    """Names of the modules that a module imports, and of the objects that it imports from them."""
     return tuple(_imported(name, path))
 
 
@@ -115,7 +112,7 @@ def _imported(name: str, path: Path) -> Iterator[str]:
 
 
 def _statements(tree: ast.AST) -> Iterator[ast.AST]:
-    """All statements, however deep; no expressions, which hold none."""
+    """All statements at any depth. Expressions hold no statements and are skipped."""
     for block in ("body", "orelse", "finalbody", "handlers", "cases"):
         for node in getattr(tree, block, ()):
             yield node
@@ -136,7 +133,7 @@ _sources_hash = functools.cache(cpp_hash)
 
 
 def _canonical(node: Any) -> list[str]:
-    """A tree's non-empty fields in order, without docstrings; unlike ``ast.dump``, the same on every Python version."""
+    """A tree's non-empty fields in order, without docstrings. Unlike ``ast.dump``, equal on every Python version."""
     parts: list[str] = []
     _append(node, parts)
     return parts
@@ -162,7 +159,7 @@ def _append(node: Any, parts: list[str]) -> None:
 
 
 def _is_bare_text(node: ast.AST) -> bool:
-    """A string that stands alone: a docstring, of a module, class, function or attribute."""
+    """Whether a statement is only a string: the docstring of a module, class, function or attribute."""
     return (
         isinstance(node, ast.Expr)
         and isinstance(node.value, ast.Constant)

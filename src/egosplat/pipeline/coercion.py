@@ -1,4 +1,4 @@
-"""Texts that stand for a number, true, false or null, as Snakemake's ``--config`` and YAML 1.1 hand them on."""
+"""Conversion of strings to numbers, booleans and null, where Snakemake's ``--config`` and YAML 1.1 leave strings."""
 
 import re
 from collections.abc import Mapping
@@ -11,15 +11,15 @@ Config = dict[str, Any]
 
 
 _NAMED = ("variants", "formats")
-"""Sections that hold whole sets of keys by name."""
+"""Sections whose values are named sets of keys."""
 
 
 def coerced(config: Mapping[str, Any]) -> Config:
-    """A configuration whose texts are values of the type that the schema names, where they read as one.
+    """Convert the strings of a configuration to the types in the schema.
 
-    Snakemake hands ``--config splats={iterations: 5}`` on as the text ``5``, and a file's ``1e-4`` as a text too.
-    What does not read so stays as it is, for the schema to refuse.
+    A string that cannot be converted stays, and validation rejects it.
     """
+    # Snakemake passes the 5 of `--config splats={iterations: 5}` and the 1e-4 of a file as strings.
     root = schema("config")
     found = _coerced(config, root)
     sections = {name: part for name, part in root["properties"].items() if name not in _NAMED}
@@ -27,13 +27,13 @@ def coerced(config: Mapping[str, Any]) -> Config:
         if isinstance(sets := found.get(named), Mapping):
             found[named] = {name: _coerced(keys, {"properties": sections}) for name, keys in sets.items()}
     tradeoff = found.get("tradeoff")
-    if isinstance(tradeoff, Mapping) and isinstance(knobs := tradeoff.get("sweep"), Mapping):
-        found["tradeoff"] = {**tradeoff, "sweep": {key: _coerced_knob(key, knobs[key]) for key in knobs}}
+    if isinstance(tradeoff, Mapping) and isinstance(sweep := tradeoff.get("sweep"), Mapping):
+        found["tradeoff"] = {**tradeoff, "sweep": {key: _coerced_sweep(key, sweep[key]) for key in sweep}}
     return found
 
 
-def _coerced_knob(key: object, values: Any) -> Any:
-    """The values of a knob, by the schema of the key that it names."""
+def _coerced_sweep(key: object, values: Any) -> Any:
+    """Convert the values of a swept key by the schema of that key."""
     section, _, name = str(key).partition(".")
     part = schema("config")["properties"].get(section, {}).get("properties", {}).get(name, {})
     return _coerced(values, {"type": "array", "items": part})

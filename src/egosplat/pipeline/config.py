@@ -1,4 +1,4 @@
-"""The configuration: defaults, preset, the user's keys and a scene's own, checked against one schema."""
+"""The configuration: defaults, preset, user's keys and scene's keys, checked against one schema."""
 
 import copy
 from collections.abc import Iterable, Mapping
@@ -13,16 +13,16 @@ from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml, problem
 from egosplat.pipeline.validation import Draft202012Validator, StrictValidator, explained, schema, shortened
 
 _VALIDATORS = {"config": StrictValidator, "scenes": StrictValidator}
-"""Of what people write; JSON files follow JSON's own rules."""
+"""Validators of files that people write. JSON artifacts use the standard validator."""
 
 
 def section_keys(section: str) -> dict[str, dict[str, Any]]:
-    """The schema of each key of a section, by name; empty where there is no such section, as for a stage without keys."""
+    """Get the schema of each key of a section, by name; empty for a stage without keys."""
     return schema("config")["properties"].get(section, {}).get("properties", {})
 
 
 def stage_keys(stage: str) -> dict[str, dict[str, Any]]:
-    """The schema of each key that a stage takes, by name: of its own section and those that the table of stages names."""
+    """Get the schema of each key that a stage takes, by name, from its own section and those in its ``Stage``."""
     about = STAGES[stage]
     keys: dict[str, dict[str, Any]] = {}
     for section in (stage, *about.sections):
@@ -33,7 +33,7 @@ def stage_keys(stage: str) -> dict[str, dict[str, Any]]:
 
 
 def stage_values(stage: str, config: Mapping[str, Any]) -> Config:
-    """The values of these keys in a whole configuration."""
+    """Get the values of a stage's keys from a complete configuration."""
     about = STAGES[stage]
     values: Config = {}
     for section in (stage, *about.sections):
@@ -44,28 +44,26 @@ def stage_values(stage: str, config: Mapping[str, Any]) -> Config:
 
 
 def defaults() -> Config:
-    """The configuration that an empty file stands for."""
+    """Get the default configuration."""
     return _filled({}, schema("config"))
 
 
 def resolve(user: Mapping[str, Any], presets: Path) -> Config:
-    """The whole configuration: the user's keys over those of the preset, and the defaults.
-
-    Its section ``formats`` holds the keys that scenes of one format take over these: the preset's, but for those that
-    the user sets for all scenes, and the user's own.
+    """Merge the user's keys over the preset's, and those over the defaults.
 
     Args:
-        user: what the configuration files and the command line set.
-        presets: the folder of ``fast.yaml``, ``balanced.yaml`` and ``paper.yaml``.
+        user: keys from the configuration files and the command line.
+        presets: folder of ``fast.yaml``, ``balanced.yaml`` and ``paper.yaml``.
 
     Raises:
-        UserError: names the first key that is unknown or has a value that is not allowed.
+        UserError: a key is unknown or has a forbidden value; names the first one.
     """
     user = coerced(user)
     asked = _filled(user, schema("config"))
     check(asked)
     path = presets / f"{asked['preset']}.yaml"
     preset = read_yaml(path)
+    # A key that the user sets for all scenes wins over the preset's value for one format.
     formats = {name: _without(keys, user) for name, keys in preset.get("formats", {}).items()}
     settings = merge(preset | {"formats": formats}, user)
     resolved = _filled(settings, schema("config"))
@@ -76,12 +74,12 @@ def resolve(user: Mapping[str, Any], presets: Path) -> Config:
 
 
 def of_format(config: Mapping[str, Any], name: str) -> Config:
-    """The configuration of scenes of a format, ``adt``, ``hoi4d`` or ``plain``: its keys over those of all."""
+    """Get the configuration of scenes with the format ``adt``, ``hoi4d`` or ``plain``."""
     return merge(config, config["formats"].get(name, {})) | {"formats": {}}
 
 
 def _without(keys: Mapping[str, Any], above: Mapping[str, Any]) -> Config:
-    """The keys of sections that ``above`` does not set."""
+    """Get the keys that ``above`` does not set."""
     return {
         section: {name: value for name, value in part.items() if name not in above.get(section, {})}
         for section, part in keys.items()
@@ -92,7 +90,7 @@ def check(values: Mapping[str, Any], where: str = "configuration", against: str 
     """Check a configuration, or a row of the table of scenes, against the schema of that name.
 
     Raises:
-        UserError: names the first key that is wrong, its value and what is allowed.
+        UserError: a key is wrong; names the first one, its value and what is allowed.
     """
     validator = _VALIDATORS.get(against, Draft202012Validator)
     for error in validator(schema(against)).iter_errors(values):
@@ -100,7 +98,7 @@ def check(values: Mapping[str, Any], where: str = "configuration", against: str 
 
 
 def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> Config:
-    """The keys of ``above`` over those of ``below``, section by section."""
+    """Merge ``above`` over ``below``, section by section."""
     merged = copy.deepcopy(dict(below))
     for key, value in above.items():
         both = isinstance(value, Mapping) and isinstance(merged.get(key), Mapping)
@@ -109,10 +107,10 @@ def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> Config:
 
 
 def parse_options(text: str, where: str) -> Config:
-    """``"frames.stride=2 frames.end_s=20"`` -> ``{"frames": {"stride": 2, "end_s": 20}}``.
+    """Parse ``"frames.stride=2 frames.end_s=20"`` to ``{"frames": {"stride": 2, "end_s": 20}}``.
 
     Raises:
-        UserError: a word is not of that form, or a key stands twice; ``where`` says which row it stands in.
+        UserError: a word has another form, or a key is repeated; ``where`` names the row.
     """
     options: Config = {}
     for word in text.split():
@@ -123,7 +121,7 @@ def parse_options(text: str, where: str) -> Config:
                 f"{where}: option {shortened(word)} is not of the form section.key=value, as in frames.stride=2"
             )
         if name in options.setdefault(section, {}):
-            raise UserError(f"{where}: option {shortened(key)} stands twice; remove one")
+            raise UserError(f"{where}: option {shortened(key)} is set twice; remove one")
         options[section][name] = _parsed(value, f"{where}: option {shortened(word)}")
     return coerced(options)
 
@@ -139,7 +137,7 @@ def read_yaml(path: Path) -> Config:
     """Read a configuration file.
 
     Raises:
-        UserError: it is absent, unreadable (names line and column), holds a key twice, or is no mapping.
+        UserError: the file is missing, is not YAML (names line and column), repeats a key, or is not a mapping.
     """
     try:
         content = load_yaml(path.read_text(encoding="utf-8")) or {}
@@ -148,15 +146,15 @@ def read_yaml(path: Path) -> Config:
     except (OSError, *NO_YAML) as error:
         raise UserError(f"{path}: cannot be read as YAML ({problem(error)})") from None
     if not isinstance(content, dict):
-        raise UserError(f"{path}: holds {type(content).__name__}, not keys with values")
+        raise UserError(f"{path}: holds {type(content).__name__}, needs keys with values")
     return content
 
 
 def check_config_files(paths: Iterable[Path]) -> None:
-    """Check that each configuration file is YAML in which no key stands twice; Snakemake takes the last and says nothing.
+    """Check that each configuration file is YAML without repeated keys. Snakemake silently takes the last one.
 
     Raises:
-        UserError: names the file and the line.
+        UserError: a file is wrong; names the file and the line.
     """
     for path in paths:
         if path.suffix != ".json":
@@ -164,10 +162,10 @@ def check_config_files(paths: Iterable[Path]) -> None:
 
 
 def read_document(path: Path, against: str) -> Config:
-    """Read a JSON file that the schema of that name describes.
+    """Read a JSON file and check it against the schema ``against``.
 
     Raises:
-        UserError: it is absent, unreadable, or something else.
+        UserError: the file is missing, is not JSON, or does not match the schema.
     """
     try:
         content = read_json(path)

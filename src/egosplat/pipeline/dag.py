@@ -1,4 +1,4 @@
-"""Which artifacts a stage reads, which flags it gets, and what a survey decides: functions of a configuration and a survey."""
+"""Inputs, flags and survey decisions of each stage, as functions of a configuration and a survey."""
 
 import json
 import shlex
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from egosplat.pipeline.config import Config, merge, stage_values
 from egosplat.pipeline.stages import STAGES
-from egosplat.pipeline.survey_file import Survey, gaussians_learn_from_all
+from egosplat.pipeline.survey_file import Survey, gaussians_use_all_frames
 
 AUTO = "auto"
 
@@ -16,13 +16,13 @@ _MASKS: dict[str, tuple[str, ...]] = {
     "none": (),
     "initial": ("transient",),
     "refined": ("masks",),
-    # The survey may choose any of the three; "masks" stands for the longest chain of stages.
+    # The survey may choose any of the three; "masks" is the longest chain of stages.
     AUTO: ("masks",),
 }
-"""By splats.masking: the artifacts with the masks."""
+"""Artifacts with the masks, by splats.masking."""
 
 _CODES: dict[str, tuple[str, ...]] = {"after": (), "joint": ("segments", "features")}
-"""By splats.language: the artifacts from which codes are trained with the geometry."""
+"""Artifacts needed to train codes with the geometry, by splats.language."""
 
 
 def leaves_frames_out(config: Config) -> bool:
@@ -31,19 +31,19 @@ def leaves_frames_out(config: Config) -> bool:
 
 
 def masks_by_survey(config: Config) -> bool:
-    """Whether the survey decides what is masked."""
+    """Whether the survey chooses splats.masking."""
     return config["splats"]["masking"] == AUTO
 
 
 def decided(config: Config, survey: Survey) -> Config:
-    """The configuration with the survey's decisions in place of ``auto``."""
+    """Replace ``auto`` in a configuration by the survey's decisions."""
     if not masks_by_survey(config):
         return config
     return merge(config, {"splats": {"masking": survey["motion"]["masking"]}})
 
 
 def inputs_of(stage: str, config: Config) -> tuple[str, ...]:
-    """The stages whose artifacts a stage reads, with the survey where it decides which."""
+    """Get the stages whose artifacts a stage reads, and the survey if it decides which."""
     always = tuple(name for name in STAGES[stage].inputs if name in STAGES)
     found = always + optional_inputs_of(stage, config)
     by_survey = "masks" in STAGES[stage].optional and masks_by_survey(config) and "survey" not in found
@@ -51,35 +51,35 @@ def inputs_of(stage: str, config: Config) -> tuple[str, ...]:
 
 
 def optional_inputs_of(stage: str, config: Config) -> tuple[str, ...]:
-    """The optional inputs of a stage that a configuration asks for."""
+    """Get the optional inputs of a stage that a configuration needs."""
     views = ("survey",) if leaves_frames_out(config) else ()
     wanted = views + _MASKS[config["splats"]["masking"]] + _CODES[config["splats"]["language"]]
     return tuple(name for name in wanted if name in STAGES[stage].optional)
 
 
 def training_frames(stage: str, config: Config, survey: Survey) -> str:
-    """Digest of the frames that a stage trains on, so that its rule reruns if these change; or ``ALL_FRAMES``."""
+    """Get the digest of the frames that a stage trains on, or ``ALL_FRAMES``. The rule reruns if it changes."""
     if not leaves_frames_out(config):
         return ALL_FRAMES
     masking = decided(config, survey)["splats"]["masking"]
-    if stage == "splats" and gaussians_learn_from_all(survey, masking):
+    if stage == "splats" and gaussians_use_all_frames(survey, masking):
         return ALL_FRAMES
     return survey["views"]["digest"]
 
 
 def stage_flags(stage: str, config: Config) -> str:
-    """The keys of a stage as command line flags, sorted by name. A key without a value has no flag."""
+    """Format the keys of a stage as command line flags, sorted by name. A null key has no flag."""
     keys = sorted(stage_values(stage, config).items())
     return " ".join(_flag(name, value) for name, value in keys if value is not None)
 
 
 def input_flags(paths: Mapping[str, str]) -> str:
-    """Optional inputs, by stage, as command line flags."""
+    """Format optional inputs, by stage, as command line flags."""
     return " ".join(_flag(name, path) for name, path in paths.items())
 
 
 def default_pages(masking: str) -> list[str]:
-    """The files that a run without a target makes of a scene with such masks."""
+    """Get the files of a scene that a run without a target makes, for a value of splats.masking."""
     moving = ["transient.png"] if masking == "refined" else []
     pages = ["contact_sheet.png", "segments.png", "crops.png", *moving, "splats.png", "language.png"]
     return [*pages, "metrics.json", "queries.png"]

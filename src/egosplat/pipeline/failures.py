@@ -1,4 +1,4 @@
-"""What a run that failed says last: the message of each stage that failed, not the shell command that called it."""
+"""Last lines of a failed run: the message of each failed stage instead of its shell command."""
 
 import atexit
 import copy
@@ -13,14 +13,14 @@ from snakemake_interface_logger_plugins.common import LogEvent
 
 _MESSAGE = "egosplat: "
 _SHELL_FAILED = "CalledProcessError"
-"""In Snakemake's account of a shell command that failed, which it gives beside that of the job."""
+"""Text of Snakemake's second report of a failed shell command; the first is that of the job."""
 
 MOST = 10
-"""So many messages are repeated."""
+"""Largest number of messages that are repeated."""
 
 
 class ShortErrors(logging.Formatter):
-    """Snakemake's own formatter without shell commands of jobs that failed; it keeps which jobs these were.
+    """Snakemake's own formatter without the shell commands of failed jobs. It collects these jobs.
 
     Attributes:
         failed: the log file of each job that failed, by its first output.
@@ -32,7 +32,7 @@ class ShortErrors(logging.Formatter):
         self.failed: dict[str, str] = {}
 
     def format(self, record: logging.LogRecord) -> str:
-        """The text of a record; empty for one that is left out."""
+        """Format a record; empty for one that is left out."""
         event = getattr(record, "event", None)
         if event == LogEvent.JOB_ERROR:
             self._keep(record.__dict__)
@@ -47,7 +47,7 @@ class ShortErrors(logging.Formatter):
             self.failed[job["output"][0]] = job["log"][0]
 
     def tell_at_exit(self) -> None:
-        """Have the messages of the jobs that failed printed when the process ends, after all that Snakemake says."""
+        """Print the messages of failed jobs at the end of the process, after Snakemake's own."""
         atexit.register(self._tell)
 
     def _tell(self) -> None:
@@ -58,13 +58,13 @@ class ShortErrors(logging.Formatter):
 
 
 def shorten_errors(handlers: Iterable[logging.Handler]) -> ShortErrors | None:
-    """Leave shell commands out of what Snakemake says on the terminal; its log file keeps them.
+    """Leave shell commands out of Snakemake's terminal output. Its log file keeps them.
 
     Args:
         handlers: of Snakemake's logger.
 
     Returns:
-        The formatter; None where something else than Snakemake's own writes on the terminal.
+        The formatter; None if another logger than Snakemake's writes to the terminal.
     """
     for handler in handlers:
         if handler.name == "DefaultStreamHandler" and isinstance(handler.formatter, DefaultFormatter):
@@ -75,7 +75,7 @@ def shorten_errors(handlers: Iterable[logging.Handler]) -> ShortErrors | None:
 
 
 def last_message(log: Path) -> str:
-    """The message that a stage ended with, by its log; where it has none, the log's name."""
+    """Get the last message of a stage from its log, or a pointer to the log if it has none."""
     try:
         text = log.read_text(encoding="utf-8", errors="replace").strip()
     except OSError:

@@ -1,4 +1,4 @@
-"""Presets as variants of one scene: what each sets over a recording, models and questions that are the scene's own."""
+"""Presets as variants of a scene, with the scene's own recording, models and queries."""
 
 import functools
 from collections.abc import Iterator
@@ -7,7 +7,7 @@ from pathlib import Path
 from egosplat.pipeline.config import Config, of_format, read_yaml, resolve
 
 FILES = {"fast": "fast", "balanced": "balanced", "paper_scaled": "paper"}
-"""By name: the preset file that the keys are of."""
+"""Preset file by name of the variant."""
 
 QUESTIONS = {
     "synthetic",
@@ -18,7 +18,7 @@ QUESTIONS = {
     "frames.evaluation_frames",
     "frames.holdout",
 }
-"""Sections and keys that decide what is looked at and what is asked: with others, scores could not be compared."""
+"""Sections and keys that define frames and queries. Scores with different values cannot be compared."""
 
 MODELS = {
     "models",
@@ -29,21 +29,18 @@ MODELS = {
     "transient.encoder_weights",
     "transient.lr",
 }
-"""The models, and keys that mean nothing without the models that they were chosen for."""
+"""The models, and keys that were tuned for certain models."""
 
 _KEPT = QUESTIONS | MODELS | {"frames.focal"}
-"""What a scene keeps as it has it, whatever the preset."""
+"""Sections and keys that keep the scene's value with every preset."""
 
 _SCALED = {"frames.resolution"}
-"""What it keeps beside them where the paper's settings are scaled to its pictures."""
+"""Further keys that keep the scene's value with ``paper_scaled``."""
 
 
 @functools.cache
 def preset_keys(name: str, folder: Path, format: str) -> Config:
-    """The keys of a preset, as those of a variant.
-
-    All that any preset sets is set, so that nothing of the scene's own preset is left. ``paper_scaled`` is ``paper``
-    at the scene's resolution; the paper's compares what moves at the pictures' own size, which follows it.
+    """Get the keys of a preset as those of a variant. ``paper_scaled`` is ``paper`` at the scene's resolution.
 
     Args:
         name: one of ``FILES``.
@@ -51,10 +48,11 @@ def preset_keys(name: str, folder: Path, format: str) -> Config:
         format: of the scene's recording.
 
     Raises:
-        UserError: a preset file cannot be read, or sets what is not allowed.
+        UserError: a preset file cannot be read or sets a forbidden value.
     """
     kept = _KEPT | _SCALED if FILES[name] != name else _KEPT
     values = of_format(resolve({"preset": FILES[name]}, folder), format)
+    # Set every key that any preset sets, so that no value of the scene's own preset remains.
     keys: Config = {}
     for file in sorted(set(FILES.values())):
         for section, key in _paths(read_yaml(folder / f"{file}.yaml")):

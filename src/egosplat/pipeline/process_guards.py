@@ -1,4 +1,4 @@
-"""Guards of a run's processes: stages end with their Snakemake, locks of a killed one go."""
+"""Guards of a run's processes: stages exit with their Snakemake, and stale locks are removed."""
 
 import fcntl
 import os
@@ -11,16 +11,14 @@ from egosplat.errors import UserError
 from egosplat.progress import log
 
 STARTED_BY = "EGOSPLAT_STARTED_BY"
-"""Environment variable with the process number of the Snakemake that started a stage; the workflow sets it."""
+"""Environment variable with the process id of the Snakemake that started a stage. The workflow sets it."""
 
-_SECONDS_BETWEEN_LOOKS = 1.0
+_POLL_S = 1.0
 
 
 def end_with_snakemake() -> None:
-    """Watch, beside the work, the process that started this one, where the environment names it.
-
-    Nothing is lost by the end: what is being written is not yet in place, and long stages have checkpoints.
-    """
+    """Exit when the parent Snakemake dies, so that a restart does not run the stage twice. Watches in a thread."""
+    # Exiting loses nothing: unfinished outputs are not yet in place, and long stages have checkpoints.
     number = os.environ.get(STARTED_BY, "")
     if number.isdigit():
         threading.Thread(target=_watch, args=(int(number),), daemon=True).start()
@@ -28,8 +26,8 @@ def end_with_snakemake() -> None:
 
 def _watch(process: int) -> None:
     while _alive(process):
-        time.sleep(_SECONDS_BETWEEN_LOOKS)
-    log("Snakemake is gone: this stage ends too; the same command goes on from here")
+        time.sleep(_POLL_S)
+    log("Snakemake ended, so this stage ends too; the same command continues from here")
     os._exit(1)
 
 
@@ -47,17 +45,20 @@ _HELD: list[int] = []
 
 
 def clear_stale_locks(folder: Path) -> bool:
-    """Remove the locks in Snakemake's ``folder`` unless a living Snakemake may hold them; whether there were any.
+    """Remove the locks in Snakemake's ``folder`` unless a running Snakemake may hold them.
 
-    Until the process ends it is noted as alive. On a file system without locks nothing is done, and `snakemake
-    --unlock` is left to the user.
+    This process counts as running until it ends. On a file system without file locks nothing is removed, and the
+    user has to call `snakemake --unlock`.
+
+    Returns:
+        Whether locks were removed.
     """
     locks = folder / "locks"
     try:
         folder.mkdir(exist_ok=True)
         handle = os.open(folder / "alive", os.O_RDWR | os.O_CREAT)
     except OSError:
-        return False  # a folder that cannot be written: Snakemake itself says so
+        return False  # Snakemake itself reports a folder that cannot be written
     _HELD.append(handle)
     stale = _taken(handle, fcntl.LOCK_EX) and locks.is_dir() and any(locks.iterdir())
     if stale:
@@ -76,13 +77,14 @@ def _taken(handle: int, kind: int) -> bool:
 
 
 def check_cores(cores: int | None, nodes: int | None) -> None:
-    """Check that something can run: with no core, or no job at once, Snakemake waits without end.
+    """Check that at least one job can run: with no core or no job slot Snakemake waits forever.
 
     Args:
-        cores: of ``--cores``; nodes: of ``--jobs`` on a cluster; None where not given.
+        cores: value of ``--cores``, or None.
+        nodes: value of ``--jobs`` on a cluster, or None.
 
     Raises:
-        UserError: one of them is less than 1.
+        UserError: a value is less than 1.
     """
     for option, count in (("--cores", cores), ("--jobs", nodes)):
         if count is not None and count < 1:

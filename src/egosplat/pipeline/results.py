@@ -1,4 +1,4 @@
-"""The results of a run without a target: of which scenes, which files, and what the tables are made from."""
+"""Results of a run without a target, and inputs of the tables."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -7,21 +7,21 @@ from egosplat.pipeline.dag import default_pages
 from egosplat.pipeline.scenes import Scene
 
 ABLATIONS = ("baseline", "no_masks", "network_masks")
-"""The variants that have rows in the tables, beside the scene itself."""
+"""Variants that have rows in the tables, in addition to the scene itself."""
 
 
 def default_scenes(scenes: Iterable[Scene]) -> list[Scene]:
-    """The scenes of a run without a target: the recording exists or can be made, and none is made by name alone."""
+    """Get the scenes of a run without a target: those with a recording, and synthetic ones that need not be named."""
     return [scene for scene in scenes if not scene.by_name and (scene.synthetic or scene.recording.exists())]
 
 
 def default_results(scene: Scene) -> list[str]:
-    """Paths of what such a run makes of a scene, apart from what its survey decides."""
+    """Get the paths that such a run makes for a scene, except those that its survey decides."""
     return [str(scene.results / name) for name in default_pages(scene.config["splats"]["masking"])]
 
 
 def table_scores(scenes: Iterable[Scene]) -> list[str]:
-    """metrics.json of scenes and their ablations; of scenes that are made by name alone, those that exist."""
+    """Get metrics.json of scenes and their ablations; for scenes that must be named, only existing files."""
     scenes = list(scenes)
     own = [path for scene in default_scenes(scenes) for path in _scores(scene)]
     by_name = [path for scene in scenes if scene.by_name for path in _scores(scene) if path.exists()]
@@ -29,7 +29,7 @@ def table_scores(scenes: Iterable[Scene]) -> list[str]:
 
 
 def table_pictures(scenes: Iterable[Scene]) -> list[str]:
-    """The pictures on the page of the tables."""
+    """Get the figures on the tables page."""
     names = ("splats.png", "language.png")
     return [str(scene.results / name) for scene in default_scenes(scenes) for name in names]
 

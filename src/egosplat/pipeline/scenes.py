@@ -1,4 +1,4 @@
-"""The table of scenes: which recording each scene is, and what its keys are."""
+"""The table of scenes: recording and configuration of each scene."""
 
 import csv
 import os
@@ -12,24 +12,24 @@ from egosplat.errors import UserError
 from egosplat.pipeline import config as configuration
 
 PAPER_DATASETS = ("adt", "hoi4d")
-"""Whose rows are in the table that comes with egosplat, recordings or not."""
-
+"""Datasets with rows in the shipped table, whether their recordings exist or not."""
 
 NO_RECORDING = "-"
-"""In the column recording: there is none."""
+"""Value of the column recording for a scene without one."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """One row of the table of scenes, with its place on disk.
+    """A row of the table of scenes, with its paths.
 
     Attributes:
-        dataset, scene: its two folders below results.
+        dataset: first folder below results.
+        scene: second folder below results.
         format: ``adt``, ``hoi4d`` or ``plain``.
-        recording: the recording's folder or file; inside results where it is synthetic.
-        synthetic: whether the recording is made by the project itself.
-        config: the whole configuration, with the row's own keys over it.
-        by_name: whether the scene is made only where its name is asked for.
+        recording: folder or file of the recording; inside results if it is synthetic.
+        synthetic: whether egosplat makes the recording.
+        config: complete configuration, including the row's own keys.
+        by_name: whether only a target that names the scene makes it.
     """
 
     dataset: str
@@ -42,7 +42,7 @@ class Scene:
 
     @property
     def name(self) -> str:
-        """The scene in messages and titles: ``adt/scene1``."""
+        """Name in messages and titles, ``adt/scene1``."""
         return f"{self.dataset}/{self.scene}"
 
     @property
@@ -54,7 +54,7 @@ def read_scenes(config: configuration.Config) -> dict[tuple[str, str], Scene]:
     """Read the table that the configuration names.
 
     Raises:
-        UserError: the table is absent or unreadable, a column or value is wrong, or a scene stands twice.
+        UserError: the table is missing or unreadable, a column or value is wrong, or a scene is repeated.
     """
     path = Path(config["scenes"])
     rows = _rows(path)
@@ -65,16 +65,16 @@ def read_scenes(config: configuration.Config) -> dict[tuple[str, str], Scene]:
         configuration.check(row, where, against="scenes")
         key = (row["dataset"], row["scene"])
         if key in scenes:
-            raise UserError(f"{where}: scene {'/'.join(key)} stands in the table twice; remove or rename one")
+            raise UserError(f"{where}: scene {'/'.join(key)} is in the table twice; remove or rename one")
         scenes[key] = _scene(row, config, where)
     return scenes
 
 
 def find_scene(scenes: Mapping[tuple[str, str], Scene], dataset: str, scene: str) -> Scene:
-    """The scene of that name.
+    """Get a scene by name.
 
     Raises:
-        UserError: there is none; names those that there are.
+        UserError: the table has no such scene; lists its scenes.
     """
     if (dataset, scene) not in scenes:
         known = ", ".join("/".join(key) for key in scenes) or "none"
@@ -85,10 +85,10 @@ def find_scene(scenes: Mapping[tuple[str, str], Scene], dataset: str, scene: str
 
 
 def check_recording(scene: Scene) -> None:
-    """Check that a scene's recording is there or can be made.
+    """Check that a scene's recording exists or can be made.
 
     Raises:
-        UserError: says where it is looked for.
+        UserError: it is missing; names the expected path.
     """
     if not scene.synthetic and not scene.recording.exists():
         raise UserError(
@@ -98,7 +98,7 @@ def check_recording(scene: Scene) -> None:
 
 
 def is_own(scene: Scene) -> bool:
-    """Whether a row is a user's own: those of the paper's datasets wait until a root is set for their dataset."""
+    """Whether the user wants a row: rows of the paper's datasets count only if their root is set."""
     rooted = scene.config["data_root"].get(scene.dataset) is not None
     return rooted or scene.format == "plain" or scene.dataset not in PAPER_DATASETS
 
@@ -106,15 +106,15 @@ def is_own(scene: Scene) -> bool:
 _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
 
 _LONGEST_NAME = 255
-"""Bytes of a file's name, on Linux."""
+"""Longest file name on Linux [bytes]."""
 
 _LONGEST_HEADER = 200
-"""Letters of it in a message."""
+"""Longest header in a message [characters]."""
 
 
 @dataclass(frozen=True)
 class Target:
-    """A path below results: dataset, scene, variant (None for the scene's own), and the rest of it."""
+    """A path below results: dataset, scene, variant (None for the scene itself), and the rest."""
 
     dataset: str
     scene: str
@@ -126,17 +126,17 @@ _TARGET = r"(?:\./)?results/([a-z0-9_]+)/([A-Za-z0-9_-]+)/(?:variants/([A-Za-z0-
 
 
 def requested_targets(words: Iterable[str]) -> list[Target]:
-    """The words that are paths of a scene below ``results``; the names of rules are not."""
+    """Parse the words that are paths of a scene below ``results``. Names of rules are skipped."""
     found = (re.fullmatch(_TARGET, word) for word in words)
     return [Target(*match.groups()) for match in found if match and match[1] != "benchmark"]
 
 
 def _rows(path: Path) -> list[tuple[int, dict[str, Any]]]:
-    """Each row with the number of its line; lines that are blank or begin with # are none."""
+    """Read each row with its line number. Blank lines and lines that begin with # are skipped."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file, delimiter="\t", strict=True)
-            lines = [(reader.line_num, cells) for cells in reader if _says_something(cells)]
+            lines = [(reader.line_num, cells) for cells in reader if _is_row(cells)]
     except FileNotFoundError:
         raise UserError(f"{path}: does not exist; the configuration key 'scenes' names it") from None
     except (OSError, ValueError, csv.Error) as error:
@@ -155,7 +155,7 @@ def _rows(path: Path) -> list[tuple[int, dict[str, Any]]]:
     return [(number, dict(zip(expected, cells, strict=True))) for number, cells in lines[1:]]
 
 
-def _says_something(cells: list[str]) -> bool:
+def _is_row(cells: list[str]) -> bool:
     return any(cells) and not cells[0].startswith("#")
 
 
@@ -163,7 +163,7 @@ def _check_roots(config: configuration.Config, rows: list[dict[str, Any]], path:
     datasets = {*PAPER_DATASETS, *(row["dataset"] for row in rows)}
     if unknown := sorted(set(config["data_root"]) - datasets):
         raise UserError(
-            f"configuration: data_root.{unknown[0]} is no dataset of {path}: {', '.join(sorted(datasets))}"
+            f"configuration: data_root.{unknown[0]}: {path} has no such dataset; it has {', '.join(sorted(datasets))}"
         )
 
 
@@ -176,7 +176,7 @@ def _scene(row: dict[str, Any], config: configuration.Config, where: str) -> Sce
     by_name = row["recording"] == NO_RECORDING
     if by_name and not filmed:
         raise UserError(
-            f"{where}: recording - stands for a synthetic apartment; give the format adt and the option synthetic.seed, "
+            f"{where}: recording - is a synthetic apartment; give the format adt and the option synthetic.seed, "
             "or a recording"
         )
     synthetic = filmed and (root is None or by_name)
@@ -184,19 +184,17 @@ def _scene(row: dict[str, Any], config: configuration.Config, where: str) -> Sce
     recording = home / "recording" if synthetic else _recording(row["recording"], root, where)
     if set("{}") & set(str(recording)):
         raise UserError(
-            f"{where}: recording {recording}: Snakemake takes braces for its own; rename it, or give a link to it"
+            f"{where}: recording {recording}: Snakemake cannot handle braces in names; rename it, or give a link to it"
         )
     if too_long := [part for part in recording.parts if len(os.fsencode(part)) > _LONGEST_NAME]:
         raise UserError(
-            f"{where}: recording: a name of more than {_LONGEST_NAME} bytes, {too_long[0][:40]}..."
+            f"{where}: recording: a name is longer than {_LONGEST_NAME} bytes, {too_long[0][:40]}..."
         )
     return Scene(row["dataset"], row["scene"], row["format"], recording, synthetic, own, by_name)
 
 
 def _recording(given: str, root: str | None, where: str) -> Path:
-    """Where a row's recording is looked for; ``~`` is the home folder."""
+    """Get the path of a row's recording. ``~`` is the home folder."""
     if _ADDRESS.match(given):
-        raise UserError(
-            f"{where}: recording {given[:80]}: is an address; download it and give the file's path"
-        )
+        raise UserError(f"{where}: recording {given[:80]}: is a URL; download it and give the file's path")
     return Path(os.path.expanduser(root or ".")) / os.path.expanduser(given)

@@ -1,4 +1,4 @@
-"""What a call of Snakemake asks for. Snakemake tells a workflow only after it has read it, too late for a plain message."""
+"""Targets and options of a Snakemake call. Snakemake shows them to a workflow only after reading it, too late for checks."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ _MAKES_NOTHING = {
     "rulegraph",
     "summary",
 }
-"""Options with which Snakemake makes no results, by their names in its parser."""
+"""Options with which Snakemake makes no results, named as in its parser."""
 
 
 @dataclass(frozen=True)
@@ -29,10 +29,10 @@ class Call:
     """A call of Snakemake.
 
     Attributes:
-        targets: files and rules that it names.
+        targets: requested files and rules.
         makes_results: whether jobs run.
-        dry_run: whether it shows the plan alone.
-        reports: whether it makes the report of the results that exist, and no results.
+        dry_run: whether it only shows the plan.
+        reports: whether it only reports existing results.
     """
 
     targets: tuple[str, ...] = ()
@@ -45,9 +45,9 @@ def read_call(arguments: Sequence[str]) -> Call:
     """Read a command line with Snakemake's own parser.
 
     Args:
-        arguments: of Snakemake, without its name. Snakemake has already accepted them.
+        arguments: command line without the program name. Snakemake has already accepted it.
     """
-    # Slow to import, and no use to a stage.
+    # Slow to import, and not needed by stages.
     from snakemake.cli import get_argument_parser
 
     options = vars(get_argument_parser().parse_args(list(arguments)))

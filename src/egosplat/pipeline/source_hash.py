@@ -1,4 +1,4 @@
-"""Content hash of C++ sources as the compiler sees them: neither comments nor layout count."""
+"""Content hash of C++ sources as the compiler sees them. Comments and layout do not count."""
 
 import hashlib
 import re
@@ -24,7 +24,7 @@ _TOKEN = re.compile(
 
 
 def cpp_hash(folder: Path) -> str:
-    """Hash of the names and tokens of the C++ files that lie in ``folder``; 16 hexadecimal digits."""
+    """Hash the names and tokens of the C++ files in ``folder``. Returns 16 hexadecimal digits."""
     digest = hashlib.sha256()
     for path in sorted(path for path in folder.iterdir() if path.suffix in SUFFIXES):
         digest.update(f"{path.name}\0".encode())
@@ -34,11 +34,9 @@ def cpp_hash(folder: Path) -> str:
 
 
 def cpp_tokens(text: str) -> Iterator[str]:
-    """Tokens of a C++ source without comments and white space.
-
-    White space is a token only where it has a meaning, in a preprocessor directive: at its end, and before
-    a parenthesis, where it parts a macro without arguments from its text.
-    """
+    """Split a C++ source into tokens, without comments and white space."""
+    # White space matters only in a preprocessor directive: at its end, and before a parenthesis, where it separates the
+    # name of a macro without arguments from its text.
     in_directive, line_begins, end = False, True, 0
     for match in _TOKEN.finditer(_SPLICE.sub("", text)):
         kind, token = match.lastgroup, match.group()

@@ -1,4 +1,4 @@
-"""YAML as people mean it: a key stands once in its mapping, and 1e-4 is a number, as in YAML 1.2."""
+"""YAML without repeated keys, in which 1e-4 is a number, as in YAML 1.2."""
 
 import re
 from collections.abc import Hashable
@@ -7,22 +7,22 @@ from typing import Any
 import yaml
 
 NO_YAML = (yaml.YAMLError, ValueError, RecursionError)
-"""What PyYAML raises on any text: ValueError on dates that there are not, on numbers of too many digits."""
+"""Errors of PyYAML. It raises ValueError for impossible dates and for numbers with too many digits."""
 
 _EXPONENT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+$")
-"""PyYAML follows YAML 1.1, where such a number is a text without a point or a sign of the exponent."""
+"""Numbers that YAML 1.1, and so PyYAML, reads as strings: no decimal point, or no sign of the exponent."""
 
 _MERGE = "tag:yaml.org,2002:merge"
 
 
 class _Loader(yaml.SafeLoader):
-    """PyYAML's safe loader with these two rules."""
+    """PyYAML's safe loader with these two changes."""
 
     def construct_mapping(self, node: yaml.Node, deep: bool = False) -> dict[Hashable, Any]:
-        """The mapping of a node.
+        """Construct the mapping of a node.
 
         Raises:
-            yaml.constructor.ConstructorError: a key stands in it twice.
+            yaml.constructor.ConstructorError: a key is repeated.
         """
         if isinstance(node, yaml.MappingNode):
             _check_once(node)
@@ -33,16 +33,16 @@ _Loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+.012
 
 
 def load_yaml(text: str) -> Any:
-    """The value of a YAML text; nothing in it is run.
+    """Load a YAML text. No code in it is executed.
 
     Raises:
-        NO_YAML: it is none, or a key stands twice in a mapping; see ``problem``.
+        NO_YAML: the text is not YAML, or a mapping repeats a key; ``problem`` describes it.
     """
     return yaml.load(text, Loader=_Loader)  # noqa: S506: a safe loader
 
 
 def problem(error: Exception) -> str:
-    """What is wrong with a text, for one of ``NO_YAML``: the line and column where they are known."""
+    """Describe one of ``NO_YAML``, with line and column if they are known."""
     if isinstance(error, RecursionError):
         return "nested too deeply"
     mark = getattr(error, "problem_mark", None)
@@ -61,6 +61,6 @@ def _check_once(node: yaml.MappingNode) -> None:
         name = (key.tag, key.value)
         if name in first:
             raise yaml.constructor.ConstructorError(
-                None, None, f"key {key.value!r} stands twice, first in line {first[name]}; remove one", mark
+                None, None, f"key {key.value!r} is set twice, first in line {first[name]}; remove one", mark
             )
         first[name] = mark.line + 1

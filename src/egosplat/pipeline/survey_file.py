@@ -1,4 +1,4 @@
-"""What ``survey.json`` says: the decisions that other stages follow."""
+"""Reading and writing of ``survey.json``, the decisions that other stages follow."""
 
 import hashlib
 import json
@@ -19,11 +19,11 @@ Survey = Mapping[str, Any]
 
 
 def write_survey(output: Path, document: Survey) -> None:
-    """Check a survey and write it, with sorted keys; the file appears when it is complete.
+    """Check a survey and write it with sorted keys. The file appears only when it is complete.
 
     Raises:
-        jsonschema.ValidationError: it is not what the schema describes.
-        UserError: something is at ``output`` that is no survey.
+        jsonschema.ValidationError: the survey does not match the schema.
+        UserError: ``output`` exists and is not a survey.
     """
     Draft202012Validator(schema("survey")).validate(document)
     write_json(output, document, SURVEY)
@@ -33,28 +33,26 @@ def read_survey(path: Path) -> Survey:
     """Read a survey.
 
     Raises:
-        UserError: it is absent, or not what the schema describes.
+        UserError: the file is missing or does not match the schema.
     """
     try:
         document = read_json(path)
     except FileNotFoundError:
         raise UserError(f"{path}: does not exist. Make it: snakemake --cores 2 {path}") from None
     except (OSError, ValueError) as error:
-        raise UserError(f"{path}: cannot be read as JSON ({error}). {made_anew(path)}") from None
+        raise UserError(f"{path}: cannot be read as JSON ({error}). {remake_hint(path)}") from None
     for error in Draft202012Validator(schema("survey")).iter_errors(document):
         key = ".".join(str(part) for part in error.absolute_path) or "it"
         raise UserError(
-            f"{path}: is no survey of this egosplat: {key}: {error.message[:200]}. {made_anew(path)}"
+            f"{path}: is not a survey of this version: {key}: {error.message[:200]}. {remake_hint(path)}"
         )
     return document
 
 
-def gaussians_learn_from_all(survey: Survey, masking: str) -> bool:
-    """Whether Gaussians are trained on what a survey leaves out, too: where nothing moves, and nothing is masked.
-
-    Their training has as many iterations of however many frames, so leaving some out saves nothing there. Where
-    something moves only frames that stay are segmented, and so masked; the others would teach what moves.
-    """
+def gaussians_use_all_frames(survey: Survey, masking: str) -> bool:
+    """Whether Gaussians also train on the frames that the survey leaves out: in a static scene without masks."""
+    # The number of iterations does not depend on the number of frames, so fewer frames save no time here. In a dynamic
+    # scene only kept frames have segments and masks; the other frames would show moving objects unmasked.
     return masking == "none" and survey["motion"]["static"]
 
 
@@ -63,6 +61,6 @@ def digest_of_frames(kept: Iterable[int]) -> str:
     return hashlib.sha256(json.dumps([int(frame) for frame in kept]).encode()).hexdigest()
 
 
-def made_anew(path: Path) -> str:
-    """What to do about a survey that is of no use."""
-    return f"Make it anew: rm {path}, then snakemake --cores 2 {path}"
+def remake_hint(path: Path) -> str:
+    """Advice for an unusable survey."""
+    return f"Remake it: rm {path}, then snakemake --cores 2 {path}"

@@ -1,4 +1,4 @@
-"""Validation: JSON schemas of configuration, scenes and JSON artifacts, and what is wrong with a value in words."""
+"""Validation against the JSON schemas of configuration, scenes and JSON artifacts, with errors in plain words."""
 
 import difflib
 import functools
@@ -15,7 +15,7 @@ import yaml
 
 @contextmanager
 def _absent(name: str) -> Iterator[None]:
-    """While this holds, an import of the module fails, unless it was imported before."""
+    """Make imports of a module fail inside the context, unless it is already imported."""
     hidden = name not in sys.modules
     if hidden:
         sys.modules[name] = None  # type: ignore[assignment]
@@ -26,8 +26,8 @@ def _absent(name: str) -> Iterator[None]:
             del sys.modules[name]
 
 
-# jsonschema imports a checker of each format whose library is installed. rfc3987_syntax builds a grammar on
-# import, which takes a second; no schema here names a format.
+# jsonschema imports a checker for each format whose library is installed. rfc3987_syntax builds a grammar on import,
+# which takes a second. No schema here uses a format.
 with _absent("rfc3987_syntax"):
     from jsonschema import Draft202012Validator, TypeChecker, ValidationError
     from jsonschema.validators import extend
@@ -45,28 +45,28 @@ __all__ = [
 
 @functools.cache
 def schema(name: str) -> dict[str, Any]:
-    """The schema of that name: ``config``, ``scenes``, or that of a JSON file."""
+    """Load a schema: ``config``, ``scenes``, or that of a JSON file."""
     return yaml.safe_load((resources.files(__package__) / "schemas" / f"{name}.schema.yaml").read_text())
 
 
 LARGEST_INTEGER = 2**31 - 1
-"""That a key may have: libraries take no larger seeds, and nothing is counted further."""
+"""Largest integer that a key may have. Libraries accept no larger seeds."""
 
 
 def _is_integer(_: TypeChecker, value: object) -> bool:
-    """Not 3.0 either, which no flag of a stage takes."""
+    # Unlike the standard type, 3.0 is rejected: the flags of stages do not accept it.
     return isinstance(value, int) and not isinstance(value, bool) and abs(value) <= LARGEST_INTEGER
 
 
 def _is_number(checker: TypeChecker, value: object) -> bool:
-    """NaN would pass every bound, and infinity most."""
+    # NaN would pass every bound, and infinity most of them.
     return _is_integer(checker, value) or (isinstance(value, float) and math.isfinite(value))
 
 
 def _matches(
     _: Draft202012Validator, pattern: str, value: object, __: Mapping[str, Any]
 ) -> Iterator[ValidationError]:
-    """The whole of a text: Python's $ lets a newline follow."""
+    # fullmatch, because $ in Python also matches before a final newline.
     if isinstance(value, str) and not re.fullmatch(pattern, value):
         yield ValidationError(f"{value!r} does not match {pattern!r}")
 
@@ -78,11 +78,11 @@ StrictValidator = extend(
         {"integer": _is_integer, "number": _is_number}
     ),
 )
-"""Numbers are finite, whole ones of 32 bits and not written 3.0; a pattern is of the whole text."""
+"""Accepts only finite numbers and 32-bit integers, and matches patterns against the whole string."""
 
 
 _LONGEST = 80
-"""Of a value in a message [letters]."""
+"""Longest value in a message [characters]."""
 
 _KINDS = {
     "integer": "a whole number",
@@ -93,7 +93,7 @@ _KINDS = {
     "object": "keys with values",
     "null": "null",
 }
-"""By type of JSON schema: what it is called."""
+"""Names of JSON schema types in messages."""
 
 _ALLOWED = {
     "minimum": "at least {}",
@@ -105,13 +105,13 @@ _ALLOWED = {
     "maxItems": "at most {} of them",
     "minProperties": "at least {} of them",
     "maxLength": "at most {} letters",
-    "const": "{} alone",
+    "const": "only {}",
 }
-"""By keyword of JSON schema, with its value: what is allowed."""
+"""Messages by keyword of JSON schema."""
 
 
 _REMOVED = {"budget": "set preset to fast, balanced or paper (docs/speed.md)"}
-"""Keys that earlier versions had, and what to use now."""
+"""Removed keys, with their replacement."""
 
 _RENAMED = {
     "tradeoff.knobs": "sweep",
@@ -134,16 +134,16 @@ _RENAMED = {
     "query.majority": "majority_filter",
     "metrics.target": "hit_region",
 }
-"""Keys by the name that they had before this version, with their new name; for one release."""
+"""New names of renamed keys, by section and old name. Kept for one release."""
 
 
 def renamed(section: str, key: str) -> str | None:
-    """The new name of a key, by its section and the name that it had before this version."""
+    """Get the new name of a renamed key, or None."""
     return _RENAMED.get(f"{section}.{key}")
 
 
 def explained(error: ValidationError) -> str:
-    """Which key is wrong, its value, and what is allowed, in one line."""
+    """Describe an error in one line: the key, its value, and what is allowed."""
     key = ".".join(str(part) for part in error.absolute_path)
     key = key if key.isprintable() and len(key) <= _LONGEST else shortened(key)
     if error.validator == "additionalProperties":
@@ -152,7 +152,7 @@ def explained(error: ValidationError) -> str:
 
 
 def shortened(value: object) -> str:
-    """A value as Python writes it, on one line and not for ever."""
+    """Format a value on one line, cut to ``_LONGEST`` characters."""
     text = repr(value)
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
@@ -167,7 +167,7 @@ def _unknown(error: ValidationError, key: str) -> str:
     if new := renamed(key.rpartition(".")[2], unknown):
         return f"key '{key}.{unknown}' was renamed; write {new!r}"
     if colon and name in known:
-        advice = f"write a blank after the colon: {name}: {value[:_LONGEST]}"
+        advice = f"write a space after the colon: {name}: {value[:_LONGEST]}"
     elif near:
         advice = f"did you mean {near[0]!r}?"
     else:
@@ -190,7 +190,7 @@ def _allowed(error: ValidationError, key: str) -> str:
         case "minLength":
             return "must not be empty"
         case "uniqueItems":
-            return "each may stand in it once"
+            return "no repeated items"
         case "required":
             return f"lacks {', '.join(sorted(set(limit) - set(instance)))}"
     wording = _ALLOWED.get(error.validator)
@@ -198,7 +198,7 @@ def _allowed(error: ValidationError, key: str) -> str:
 
 
 def _kind(names: str | list[str], instance: object) -> str:
-    """What a value has to be, with what is missing of a number that nearly is one."""
+    """Describe the required type, with a hint for a number that is almost valid."""
     names = [names] if isinstance(names, str) else names
     text = " or ".join(_KINDS[name] for name in names)
     if not isinstance(instance, float):
@@ -209,7 +209,7 @@ def _kind(names: str | list[str], instance: object) -> str:
 
 
 def _example(part: Mapping[str, Any], key: str) -> str:
-    """How keys with values are written, by the first that a section has."""
+    """Show how a section is written, with its first key as the example."""
     for name, sub in part.get("properties", {}).items():
         if key and "default" in sub:
             value = yaml.safe_dump(sub["default"], default_flow_style=True).splitlines()[0]

@@ -1,7 +1,7 @@
-"""Variants of a scene: named sets of keys over its own, and which artifacts they make anew.
+"""Variants of a scene: named sets of keys, and the artifacts that they change.
 
-An artifact of a variant is one of its own only where one of the variant's keys reaches its stage or a stage before it;
-else it is the scene's, or that of a variant which it stands over. So variants share all that they have in common.
+A variant has its own artifact of a stage only if one of its keys changes that stage or an input of it. It shares all other
+artifacts with the scene, or with a variant that it extends.
 """
 
 from collections.abc import Iterable, Mapping
@@ -15,14 +15,14 @@ from egosplat.pipeline.scenes import Scene, Target, check_recording, find_scene
 from egosplat.pipeline.stages import STAGES
 
 EXTENDS = "extends"
-"""Key of a variant that names another, or a list of others, whose keys its own stand over; later ones over earlier."""
+"""Key of a variant that names one or more variants to inherit keys from. Later ones win."""
 
 NAMED = 8
-"""So many variants are named in a message."""
+"""Largest number of variants listed in a message."""
 
 
 def reaches(stage: str, base: Config, variant: Config) -> bool:
-    """Whether a variant's artifact of a stage is another than the scene's."""
+    """Whether a variant changes a stage's artifact."""
     if configuration.stage_values(stage, base) != configuration.stage_values(stage, variant):
         return True
     inputs = inputs_of(stage, variant)
@@ -30,37 +30,36 @@ def reaches(stage: str, base: Config, variant: Config) -> bool:
 
 
 def owner(stage: str, base: Config, name: str, where: str) -> str | None:
-    """The variant in whose folder a variant's artifact of a stage lies: itself, one that it stands over, or None for
-    the scene.
+    """Get the owner of a variant's artifact: the variant, one that it extends, or None for the scene.
 
     Args:
-        stage: of the artifact.
+        stage: stage of the artifact.
         base: the scene's configuration.
-        name: of the variant.
-        where: the scene, for messages.
+        name: name of the variant.
+        where: name of the scene, for messages.
 
     Raises:
-        UserError: as ``variant_config``.
+        UserError: see ``variant_config``.
     """
     own = variant_config(base, name, where)
     if not reaches(stage, base, own):
         return None
-    for below in _below(base["variants"], name):
+    for below in _extended(base["variants"], name):
         if not reaches(stage, variant_config(base, below, where), own):
             return owner(stage, base, below, where)
     return name
 
 
 def variant_config(base: Config, name: str, where: str) -> Config:
-    """A scene's configuration with a variant's keys over it.
+    """Merge a variant's keys over a scene's configuration.
 
     Args:
         base: the scene's configuration.
-        name: of the variant.
-        where: the scene, for messages.
+        name: name of the variant.
+        where: name of the scene, for messages.
 
     Raises:
-        UserError: there is no such variant, or a key of it is not allowed.
+        UserError: there is no such variant, or one of its keys is not allowed.
     """
     merged = base
     for one in _ancestry(base["variants"], name, where):
@@ -68,43 +67,43 @@ def variant_config(base: Config, name: str, where: str) -> Config:
         merged = configuration.merge(merged, keys)
     configuration.check(merged, f"variant {name}")
     if merged["synthetic"] != base["synthetic"]:
-        raise UserError(f"variant {name}: recordings are a scene's own; leave out the section synthetic")
-    if merged["preset"] != base["preset"]:
         raise UserError(
-            f"variant {name}: preset is chosen for all; leave it out, and give the keys themselves"
+            f"variant {name}: variants share the scene's recording; leave out the section synthetic"
         )
+    if merged["preset"] != base["preset"]:
+        raise UserError(f"variant {name}: a variant cannot change preset; set the keys themselves")
     return merged
 
 
 def scene_config(scene: Scene, variant: str | None) -> Config:
-    """The configuration of a scene or of a variant of it; errors as ``variant_config``."""
+    """Get the configuration of a scene or one of its variants; raises as ``variant_config``."""
     return variant_config(scene.config, variant, scene.name) if variant else scene.config
 
 
 def variant_folder(variant: str | None) -> str:
-    """The folder of a variant below its scene's: ``variants/NAME/``, empty for the scene itself."""
+    """Get the folder of a variant below its scene, ``variants/NAME/``; empty for the scene itself."""
     return f"variants/{variant}/" if variant else ""
 
 
 def artifact_folder(stage: str, scene: Scene, variant: str | None) -> str:
-    """The folder, below the scene's, of the artifact that a variant has from a stage, its own or a shared one.
+    """Get the folder, below the scene's, of a variant's artifact, its own or a shared one.
 
     Raises:
-        UserError: as ``variant_config``.
+        UserError: see ``variant_config``.
     """
     return variant_folder(owner(stage, scene.config, variant, scene.name) if variant else None)
 
 
 def artifact_path(stage: str, scene: Scene, variant: str | None) -> str:
-    """The path of that artifact; errors as ``artifact_folder``."""
+    """Get the path of a variant's artifact; raises as ``artifact_folder``."""
     return f"{scene.results}/{artifact_folder(stage, scene, variant)}{STAGES[stage].output}"
 
 
 def check_target(scenes: Mapping[tuple[str, str], Scene], target: Target) -> None:
-    """Check that a path of the command line can be made, before Snakemake looks for a rule.
+    """Check that a target can be made, before Snakemake searches for a rule.
 
     Raises:
-        UserError: no such scene or variant, no recording, or an artifact that the variant shares; names its path.
+        UserError: no such scene or variant, no recording, or an artifact that the variant shares (names its path).
     """
     scene = find_scene(scenes, target.dataset, target.scene)
     check_recording(scene)
@@ -121,18 +120,18 @@ def check_target(scenes: Mapping[tuple[str, str], Scene], target: Target) -> Non
     home = artifact_folder(stage, scene, target.variant)
     if home != variant_folder(target.variant):
         raise UserError(
-            f"variant {target.variant} changes nothing of {target.name}; take {scene.results}/{home}{target.name}"
+            f"variant {target.variant} does not change {target.name}; use {scene.results}/{home}{target.name}"
         )
 
 
 def _ancestry(variants: Mapping[str, Mapping[str, Any]], name: str, where: str) -> list[str]:
-    """The variants that a variant stands over, each once, those whose keys stand over others' later, and itself."""
+    """Get a variant and all that it extends, in the order in which their keys are merged."""
     found: list[str] = []
 
     def visit(one: str, above: tuple[str, ...]) -> None:
         if one in above:
             raise UserError(
-                f"variant {name}: stands over itself ({', '.join(above)}); change its key {EXTENDS!r}"
+                f"variant {name}: circular inheritance {' -> '.join([*above, one])}. Fix its key {EXTENDS!r}"
             )
         if one not in variants:
             raise UserError(
@@ -140,7 +139,7 @@ def _ancestry(variants: Mapping[str, Mapping[str, Any]], name: str, where: str) 
                 f"or take one of: {_some(variants)}"
             )
         if one not in found:
-            for below in _below(variants, one):
+            for below in _extended(variants, one):
                 visit(below, (*above, one))
             found.append(one)
 
@@ -148,14 +147,14 @@ def _ancestry(variants: Mapping[str, Mapping[str, Any]], name: str, where: str) 
     return found
 
 
-def _below(variants: Mapping[str, Mapping[str, Any]], name: str) -> list[str]:
-    """Those that a variant stands over itself."""
+def _extended(variants: Mapping[str, Mapping[str, Any]], name: str) -> list[str]:
+    """Get the variants that a variant extends directly."""
     below = variants[name].get(EXTENDS, [])
     return [below] if isinstance(below, str) else below
 
 
 def _some(names: Iterable[str]) -> str:
-    """At most ``NAMED`` of them."""
+    """List at most ``NAMED`` names."""
     every = list(names)
     more = [f"{len(every) - NAMED} more"] if len(every) > NAMED else []
     return ", ".join([*every[:NAMED], *more]) or "none"

@@ -50,7 +50,7 @@ def test_schema_and_stage_function_name_the_same_keys(stage):
     found = {field.name: field for field in fields(options)} if options else {}
     assert set(found) == set(keys)
     for name, field in found.items():
-        # The default of a key stands in the schema alone.
+        # Only the schema holds the default of a key.
         assert field.default is field.default_factory is MISSING, name
         assert {typing.get_origin(one) or one for one in _kinds(field.type)} == _types(keys[name]), name
 
@@ -145,14 +145,14 @@ def test_the_reference_page_holds_every_key_once_under_its_section():
         ),
         ({"frames": None}, "frames = None .* must be keys with values, as in frames: {resolution: 512}"),
         ({"splats": 5}, "splats = 5 .* must be keys with values, as in splats: {masking: auto}"),
-        ({"splats": {"iterations:5": ""}}, "write a blank after the colon: iterations: 5"),
+        ({"splats": {"iterations:5": ""}}, "write a space after the colon: iterations: 5"),
         ({"splats": {"sh_degree": "most"}}, "splats.sh_degree = 'most' .* a whole number or auto"),
         ({"splats": {"sh_degree": 7}}, "splats.sh_degree = 7 .* at most 3"),
         ({"transient": {"input_size": 100}}, "transient.input_size = 100 .* a multiple of 32"),
         ({"variants": {"a/b": {}}}, "variants = 'a/b' .* only letters, digits, _ and -"),
         ({"variants": {"a" * 201: {}}}, "variants = 'aaa.* at most 200 letters"),
         ({"tradeoff": {"sweep": {"iterations": [5]}}}, "only section.key, as in splats.iterations"),
-        ({"tradeoff": {"seeds": [1, 1]}}, "tradeoff.seeds = .* each may stand in it once"),
+        ({"tradeoff": {"seeds": [1, 1]}}, "tradeoff.seeds = .* no repeated items"),
         (
             {"poses": {"matching": "exhausting"}},
             "one of auto, exhaustive, sequential .did you mean 'exhaustive'",
@@ -303,11 +303,11 @@ def test_wrong_keys_of_a_format_are_named(formats, message):
         ),
         (
             HEADER + "adt\ts\tadt\tr\tframes.stride=2 frames.focal=400 frames.stride=3\n",
-            "line 2: option 'frames.stride' stands twice",
+            "line 2: option 'frames.stride' is set twice",
         ),
         (HEADER + "adt\ta.b\tadt\tr\t\n", "line 2: scene = 'a.b' .* only letters, digits, _ and -"),
         (HEADER + f"{'a' * 101}\ts\tadt\tr\t\n", "line 2: dataset = .* at most 100 letters"),
-        (HEADER + "adt\ts\tadt\tr\t\n" * 2, "line 3: scene adt/s stands in the table twice"),
+        (HEADER + "adt\ts\tadt\tr\t\n" * 2, "line 3: scene adt/s is in the table twice"),
     ],
 )
 def test_a_wrong_table_is_named_with_its_line(tmp_path, text, message):

@@ -36,7 +36,7 @@ def test_a_stage_exits_with_its_snakemake():
     snakemake.kill()
     snakemake.wait()
     assert process.wait(timeout=20) == 1
-    assert "goes on from here" in process.stderr.read()
+    assert "continues from here" in process.stderr.read()
 
 
 def test_a_stage_without_snakemake_keeps_running():

@@ -40,10 +40,10 @@ def folder(tmp_path, monkeypatch):
             "results/adt/scene9",
             "does not exist. Make the scene: snakemake --cores 2 results/adt/scene9/metrics.json",
         ),
-        (f"{SCENE}/frames.zarr", "is one artifact; give the folder of its scene, results/adt/scene1"),
+        (f"{SCENE}/frames.zarr", "is a single artifact; give the folder of its scene, results/adt/scene1"),
         (
             f"{SCENE}/variants/v",
-            "A variant shares artifacts with its scene: give that one, results/adt/scene1",
+            "A variant shares artifacts with its scene; give the scene's folder, results/adt/scene1",
         ),
     ],
 )

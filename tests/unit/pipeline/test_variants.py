@@ -129,13 +129,13 @@ def test_a_variant_shares_artifacts_with_its_parents(name, expected):
         ({"mine": {"splats": {"masking": "all"}}}, "mine", r"variant mine: splats\.masking = 'all'"),
         ({"mine": {"splat": {"masking": "none"}}}, "mine", "did you mean 'splats'"),
         ({"mine": {"synthetic": {"seed": 9}}}, "mine", "leave out the section synthetic"),
-        ({"mine": {"preset": "fast"}}, "mine", "preset is chosen for all; leave it out"),
+        ({"mine": {"preset": "fast"}}, "mine", "a variant cannot change preset"),
         ({"mine": {"extends": "nope"}}, "mine", "no variant 'nope'.*take one of: baseline"),
-        ({"a": {"extends": "b"}, "b": {"extends": "a"}}, "a", "variant a: stands over itself .a, b."),
+        ({"a": {"extends": "b"}, "b": {"extends": "a"}}, "a", "variant a: circular .* a -> b -> a"),
         (
             {"a": {"extends": ["c", "b"]}, "b": {"extends": "a"}, "c": {}},
             "a",
-            "variant a: stands over itself .a, b.",
+            "variant a: circular .* a -> b -> a",
         ),
         ({"a": {"extends": ["c", "d"]}, "c": {}}, "a", "no variant 'd'"),
         ({f"v{i}": {} for i in range(20)}, "mine", r"v3, v4, 15 more$"),
@@ -167,7 +167,7 @@ def test_a_target_that_the_variant_shares_is_refused_with_its_path():
     scenes = {("adt", "scene1"): SCENE}
     check_target(scenes, Target("adt", "scene1", "narrow", "features.zarr"))
     check_target(scenes, Target("adt", "scene1", "narrow", "segments.png"))
-    with pytest.raises(UserError, match="narrow .*segments.zarr; take results/adt/scene1/segments.zarr"):
+    with pytest.raises(UserError, match="narrow .*segments.zarr; use results/adt/scene1/segments.zarr"):
         check_target(scenes, Target("adt", "scene1", "narrow", "segments.zarr"))
     with pytest.raises(UserError, match="no variant 'wide'"):
         check_target(scenes, Target("adt", "scene1", "wide", "metrics.json"))
