@@ -58,13 +58,15 @@ class Workdir:
     )
     """What ``finished`` has: the main job's result and every page."""
 
+    snakefile = ROOT / "workflow/Snakefile"
+
     def __init__(self, folder: Path, code: Path | None = None) -> None:
         self.folder = folder
         self.code = code or folder / "src"
 
     def command(self, *arguments: object) -> list[str]:
         """Snakemake's with the tiny settings; arguments go before the targets' ``--``."""
-        options = ["--snakefile", ROOT / "workflow/Snakefile", "--cores", "2", "--configfile", "tiny.yaml"]
+        options = ["--snakefile", self.snakefile, "--cores", "2", "--configfile", "tiny.yaml"]
         return [str(word) for word in (sys.executable, "-m", "snakemake", *options, *arguments)]
 
     def snakemake(self, *arguments: object, timeout: float = 600) -> subprocess.CompletedProcess[str]:

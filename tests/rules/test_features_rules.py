@@ -21,9 +21,8 @@ from tests.support.scenes import put_scene
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = "results/mine/scene"
 BOTH = {"view_features", "features"}
-SNAKEFILE = "".join(
-    f'include: "rules/{name}.smk"\n' for name in ("start", "common", "dag", "resources", "features")
-)
+FILES = ("common/start", "common/scenes", "common/dag", "common/resources", "rules/features")
+SNAKEFILE = "".join(f'include: "{name}.smk"\n' for name in FILES)
 SIZE, FRAME_COUNT = 32, 6
 DESCRIPTION = {
     "embed_dim": 8,

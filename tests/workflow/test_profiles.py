@@ -7,24 +7,17 @@ import pytest
 import yaml
 
 WORKFLOW = Path(__file__).parents[2] / "workflow"
-RULES = {
-    name: body
-    for path in sorted((WORKFLOW / "rules").glob("*.smk"))
-    for name, body in re.findall(
-        r"^(?:rule|checkpoint) (\w+):\n((?:(?:    .*)?\n)*)", path.read_text(), re.MULTILINE
-    )
-}
-SNAKEFILE = (WORKFLOW / "Snakefile").read_text()
-LOCAL = set(
-    re.findall(r"^    (\w+),$", SNAKEFILE.partition("localrules:")[2].partition("rule ")[0], re.MULTILINE)
-)
+TEXT = "".join(path.read_text() for path in sorted((WORKFLOW / "rules").glob("*.smk")))
+RULES = dict(re.findall(r"^(?:rule|checkpoint) (\w+):\n((?:(?:    .*)?\n)*)", TEXT, re.MULTILINE))
+LOCAL = set(re.findall(r"\w+", " ".join(re.findall(r"^localrules:\n((?:    .*\n)*)", TEXT, re.MULTILINE))))
 PROFILE = yaml.safe_load((WORKFLOW / "profiles/slurm/config.yaml").read_text())
 
 
 @pytest.mark.parametrize("rule", sorted(set(RULES) - LOCAL))
 def test_a_rule_asks_for_what_its_own_stage_needs(rule):
-    assert f'mem_mb=memory("{rule}"),' in RULES[rule]
-    assert f'runtime=runtime("{rule}"),' in RULES[rule]
+    """By the law of its own stage; by plain numbers where no law is measured."""
+    assert re.search(rf'mem_mb=(memory\("{rule}"\)|\d+),', RULES[rule])
+    assert re.search(rf'runtime=(runtime\("{rule}"\)|\d+),', RULES[rule])
     assert set(re.findall(r'gpus\("(\w+)"\)', RULES[rule])) <= {rule}
 
 
