@@ -1,4 +1,4 @@
-"""The command line: one sub-command a stage, whose flags are the stage's keys of the configuration schema."""
+"""The command line: a sub-command for each stage, with the stage's configuration keys as flags."""
 
 import json
 import math
@@ -21,7 +21,7 @@ from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml
 from egosplat.pipeline.validation import LARGEST_INTEGER
 
 _LONGEST = 500
-"""Half of the longest message about a flag [letters]."""
+"""Half of the longest message about a flag [characters]."""
 
 ARTIFACT = click.Path(path_type=Path)
 
@@ -38,7 +38,7 @@ SCENE = {
 
 
 class TextList(click.ParamType):
-    """Several texts, at least so many, as a list is written in YAML: ``[object, "some thing"]``."""
+    """A YAML list of at least ``least`` texts: ``[object, "some thing"]``."""
 
     name = "list"
 
@@ -48,36 +48,36 @@ class TextList(click.ParamType):
     def convert(
         self, value: Any, parameter: click.Parameter | None, context: click.Context | None
     ) -> tuple[str, ...]:
-        """The texts; a list that is one already is taken as it is."""
+        """Parse the list. A value that is already a list is returned as it is."""
         try:
             texts = load_yaml(value) if isinstance(value, str) else value
         except NO_YAML:
             texts = None
         if not isinstance(texts, list | tuple) or not all(isinstance(text, str) for text in texts):
-            self.fail(f"{value!r} is no list of texts, as in [object, things]", parameter, context)
+            self.fail(f"{value!r} is not a list of texts, as in [object, things]", parameter, context)
         if len(texts) < self.least:
             self.fail(f"needs at least {self.least} text", parameter, context)
         return tuple(texts)
 
 
 class Json(click.ParamType):
-    """A value written in JSON."""
+    """A JSON value."""
 
     name = "json"
 
     def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> Any:
-        """The value."""
+        """Parse the value."""
         try:
             return json.loads(value)
         except (ValueError, RecursionError) as error:
-            self.fail(f"is no JSON ({error})", parameter, context)
+            self.fail(f"is not JSON ({error})", parameter, context)
 
 
 JSON = Json()
 
 
 class OrWord(click.ParamType):
-    """A number, or one word in its place."""
+    """A number or one word."""
 
     def __init__(self, number: click.ParamType, word: str) -> None:
         self.number, self.word, self.name = number, word, f"{number.name} or {word}"
@@ -85,12 +85,12 @@ class OrWord(click.ParamType):
     def convert(
         self, value: Any, parameter: click.Parameter | None, context: click.Context | None
     ) -> int | float | str:
-        """The number, or the word as it is."""
+        """Return the word as it is, or parse the number."""
         return value if value == self.word else self.number.convert(value, parameter, context)
 
 
 class Commands(click.Group):
-    """Sub-commands that are made, and whose stages are imported, only when they are called."""
+    """Sub-commands that are built only when they are called, so that ``--help`` imports no stage."""
 
     def list_commands(self, context: click.Context) -> list[str]:
         others = sorted([*super().list_commands(context), "query"])
@@ -106,9 +106,9 @@ class Commands(click.Group):
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.version_option(egosplat.__version__, message="egosplat %(version)s")
 def cli() -> None:
-    """Ask questions in words of a 3D scene filmed from someone's head.
+    """Search a 3D scene, filmed by a head-mounted camera, by text.
 
-    Each stage of the pipeline is a command; the workflow calls them in order and reruns only what is stale:
+    Each stage of the pipeline is a command. The workflow calls them in order and reruns only what is stale:
     snakemake --cores 2 results/adt/scene1/contact_sheet.png
     """
 
@@ -116,7 +116,7 @@ def cli() -> None:
 @cli.command()
 @click.argument("folders", nargs=-1, required=True, type=ARTIFACT)
 def check(folders: tuple[Path, ...]) -> None:
-    """Verify every artifact and JSON file below FOLDERS: bytes by checksum, content by schema, inputs by what is there."""
+    """Verify all artifacts and JSON files below FOLDERS: checksums, schemas, and the artifacts they were made from."""
     from egosplat.artifacts.check import check_tree
 
     problems = sum(not report.sound for folder in folders for report in check_tree(folder, click.echo))
@@ -126,10 +126,10 @@ def check(folders: tuple[Path, ...]) -> None:
 
 @cli.command()
 @click.argument("scene", type=ARTIFACT)
-@click.option("--output", type=ARTIFACT, help="The .ply file to make.  [default: SCENE/scene.ply]")
-@click.option("--codes/--no-codes", default=True, show_default=True, help="Whether codes are written, too.")
+@click.option("--output", type=ARTIFACT, help="Output .ply file.  [default: SCENE/scene.ply]")
+@click.option("--codes/--no-codes", default=True, show_default=True, help="Include the language codes.")
 def export(scene: Path, output: Path | None, codes: bool) -> None:
-    """Write the Gaussians of SCENE, as results/adt/scene1, as a .ply file that viewers of 3DGS open."""
+    """Write the Gaussians of SCENE, such as results/adt/scene1, as a .ply file for 3DGS viewers."""
     from egosplat.language.ply import export as write
 
     check_scene_folder(scene, ("splats", "language") if codes else ("splats",))
@@ -138,14 +138,12 @@ def export(scene: Path, output: Path | None, codes: bool) -> None:
 
 @cli.command()
 @click.argument("metrics", nargs=-1, type=ARTIFACT)
+@click.option("--output", type=ARTIFACT, required=True, help="Output folder of the tables.")
 @click.option(
-    "--output", type=ARTIFACT, required=True, help="Folder of the tables, made where it is not there."
-)
-@click.option(
-    "--picture", "pictures", multiple=True, type=ARTIFACT, help="Shown on the page; may be repeated."
+    "--picture", "pictures", multiple=True, type=ARTIFACT, help="Figure on the page. May be repeated."
 )
 def tables(metrics: tuple[Path, ...], output: Path, pictures: tuple[Path, ...]) -> None:
-    """Lay METRICS, files metrics.json of scenes, out as the paper's tables, its printed numbers beside."""
+    """Write METRICS, metrics.json of several scenes, as the paper's tables, next to its printed numbers."""
     from egosplat.tables.stage import run
 
     run(metrics, output, pictures=pictures)
@@ -156,13 +154,11 @@ def tables(metrics: tuple[Path, ...], output: Path, pictures: tuple[Path, ...]) 
     "--points",
     type=JSON,
     required=True,
-    help="Settings and metrics.json files of each; the scene itself first.",
+    help="Settings and metrics.json files of each point; the scene itself first.",
 )
-@click.option(
-    "--output", type=ARTIFACT, required=True, help="Folder of the page, made where it is not there."
-)
+@click.option("--output", type=ARTIFACT, required=True, help="Output folder of the page.")
 def tradeoff(points: list[dict[str, Any]], output: Path) -> None:
-    """Compare what points cost and how accurate they are; the workflow tells which there are."""
+    """Compare cost and accuracy of points. The workflow lists the points."""
     from egosplat.tradeoff.stage import run
 
     run(points, output)
@@ -170,17 +166,17 @@ def tradeoff(points: list[dict[str, Any]], output: Path) -> None:
 
 @cli.command()
 def keys() -> None:
-    """Print every configuration key with its default and what it trades, as a Markdown page."""
+    """Print all configuration keys with defaults and descriptions as a Markdown page."""
     click.echo(keys_page())
 
 
 @cli.command()
 @click.option(
-    "--configfile", multiple=True, type=ARTIFACT, help="Read over config/config.yaml; may be repeated."
+    "--configfile", multiple=True, type=ARTIFACT, help="Overrides config/config.yaml. May be repeated."
 )
-@click.option("--config", multiple=True, metavar="KEY=VALUE", help="Set over all files, as in preset=fast.")
+@click.option("--config", multiple=True, metavar="KEY=VALUE", help="Overrides all files, as in preset=fast.")
 def doctor(configfile: tuple[Path, ...], config: tuple[str, ...]) -> None:
-    """Say what this machine can do with the configuration, and what it lacks (then with status 1)."""
+    """Report what this machine can do with the configuration and what is missing (exit status 1)."""
     from egosplat.doctor.examination import examine
     from egosplat.doctor.findings import Mark, page
 
@@ -191,7 +187,7 @@ def doctor(configfile: tuple[Path, ...], config: tuple[str, ...]) -> None:
 
 
 def query_command() -> click.Command:
-    """The command ``query``, with a flag for each key of the section of that name."""
+    """Build the command ``query``, with a flag for each key of the section ``query``."""
 
     def call(
         folder: Path,
@@ -223,29 +219,29 @@ def query_command() -> click.Command:
             click.Option(
                 ["--frame"],
                 type=click.IntRange(min=0),
-                help="Ask in this frame alone. [default: the whole scene]",
+                help="Search only this frame. [default: the whole scene]",
             ),
             click.Option(
-                ["--pose"], type=ARTIFACT, help='Ask from here alone: JSON, {"camera_to_world": 4 rows of 4}.'
+                ["--pose"],
+                type=ARTIFACT,
+                help='Search only this view: JSON file, {"camera_to_world": 4 rows of 4}.',
             ),
             click.Option(
                 ["--most"],
                 type=click.IntRange(min=1),
                 default=3,
                 show_default=True,
-                help="Things that an answer of the whole scene names at most.",
+                help="Largest number of matches listed for the whole scene.",
             ),
-            click.Option(
-                ["--output"], type=ARTIFACT, help="The picture to make, .png. [default: FOLDER/query.png]"
-            ),
+            click.Option(["--output"], type=ARTIFACT, help="Output image, .png. [default: FOLDER/query.png]"),
             *(_flag(name, key) for name, key in {**section_keys("query"), **models}.items()),
         ],
-        help="Find what each of PHRASES names in the finished scene of FOLDER, such as results/adt/scene1.",
+        help="Find each of PHRASES in the finished scene of FOLDER, such as results/adt/scene1.",
     )
 
 
 def stage_command(stage: str) -> click.Command:
-    """The command of a stage, with a flag for each path and each key of its configuration section."""
+    """Build the command of a stage, with a flag for each path and each configuration key."""
 
     def call(**values: Any) -> None:
         from egosplat.alarms.artifact_alarms import log_warnings
@@ -292,13 +288,13 @@ def _flag(name: str, key: dict[str, Any]) -> click.Option:
 
 
 class Finite(click.FloatRange):
-    """A number in a range; NaN, which passes every bound, and infinity are none."""
+    """A finite number in a range. Rejects infinity, and NaN, which passes every bound."""
 
     def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> float:
-        """The number."""
+        """Parse the number."""
         number = super().convert(value, parameter, context)
         if not math.isfinite(number):
-            self.fail(f"{value!r} is no finite number", parameter, context)
+            self.fail(f"{value!r} is not a finite number", parameter, context)
         return number
 
 
@@ -310,9 +306,9 @@ def _range(kind: str, key: dict[str, Any]) -> click.ParamType:
 
 
 def main() -> None:
-    """Entry point: a user's mistake is told in one or two lines, without a traceback, with exit status 2."""
-    # Read when torch is loaded. A thread that spins while it waits takes the core from the one it waits for: on
-    # two cores that others use too, training was 3 to 7 times slower.
+    """Run the command line. A user's mistake gives one or two lines without a traceback and exit status 2."""
+    # torch reads it on import. Waiting threads that spin take cores from working ones: on two shared cores training was
+    # 3 to 7 times slower.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     end_with_snakemake()
     try:
@@ -330,7 +326,7 @@ def main() -> None:
 
 
 def _shortened(message: str) -> str:
-    """A message without the middle of a value that goes on for ever."""
+    """Cut the middle out of a very long message."""
     return message if len(message) <= 2 * _LONGEST else f"{message[:_LONGEST]} ... {message[-_LONGEST:]}"
 
 

@@ -1,7 +1,7 @@
-"""The table of stages: the one place that says what a stage runs, reads, writes and depends on.
+"""The table of stages: code, inputs, outputs and dependencies of each stage.
 
-The command line, the checks, the sharing between variants and the rules' paths come from ``STAGES``. The types, defaults and
-descriptions of a stage's keys stand in ``config.schema.yaml``.
+The command line, the checks, the sharing between variants and the rules' paths use ``STAGES``. ``config.schema.yaml`` has the
+types, defaults and descriptions of a stage's keys.
 """
 
 from collections.abc import Callable, Mapping
@@ -18,16 +18,16 @@ class Stage:
     """One stage of the pipeline.
 
     Attributes:
-        name: of the stage, and of the configuration's section with its keys, if it has any.
-        module: its function ``run`` writes the output.
-        help: one line for the command line.
-        output: file or folder that it writes, as it is called in the scene's folder.
-        inputs: what it always reads: names of other stages, whose outputs they are, or of ``PATHS``.
-        optional: what some configurations let it read, by name of the stage, and when that is.
+        name: name of the stage and of its configuration section, if it has keys.
+        module: module whose function ``run`` writes the output.
+        help: one-line help of its command.
+        output: name of the file or folder that it writes in the scene's folder.
+        inputs: inputs that it always reads: names of stages (their outputs) or of ``PATHS``.
+        optional: inputs that some configurations need, with the condition as text, by name of the stage.
         libraries: distributions whose version changes the output.
-        sections: other sections of the configuration, all keys of which the stage takes.
-        keys: some keys of yet other sections, by section.
-        scene: what it takes from the scene: ``format`` of the recording, ``title`` for pages.
+        sections: further configuration sections; the stage takes all their keys.
+        keys: single keys from other sections, by section.
+        scene: values that it takes from the table of scenes: ``format`` of the recording, ``title`` for pages.
     """
 
     name: str
@@ -43,24 +43,24 @@ class Stage:
 
     @property
     def models(self) -> tuple[str, ...]:
-        """The keys of the section ``models`` that the stage takes."""
+        """Keys of the section ``models`` that the stage takes."""
         return self.keys.get("models", ())
 
 
 PATHS = {
     "recording": "the recording's folder or video file",
-    "relevancy": "the other method's relevancy maps, laid out as docs/other_methods.md says",
+    "relevancy": "the other method's relevancy maps in the layout of docs/other_methods.md",
 }
-"""Inputs that no stage writes under their name."""
+"""Inputs that no stage writes under this name."""
 
-_TRAINING_FRAMES = {"survey": "to train on frames that add views alone"}
+_TRAINING_FRAMES = {"survey": "to train only on frames that add views"}
 _MASKING = {
-    "transient": "where splats.masking is initial",
-    "masks": "where splats.masking is refined",
+    "transient": "if splats.masking is initial",
+    "masks": "if splats.masking is refined",
 }
 _JOINT = {
-    "segments": "where splats.language is joint",
-    "features": "where splats.language is joint",
+    "segments": "if splats.language is joint",
+    "features": "if splats.language is joint",
 }
 _CLIP = {"models": ("clip_checkpoint", "clip_model", "device", "precision")}
 _SAM2 = {"models": ("sam2_config", "sam2_checkpoint", "device", "precision")}
@@ -76,7 +76,7 @@ _STAGES = (
     Stage(
         "frames",
         "egosplat.frames.stage",
-        "Read a recording: rectified frames, and their split into training and evaluation.",
+        "Read and rectify a recording's frames, and split them into training and evaluation.",
         output="frames.zarr",
         inputs=("recording",),
         libraries=("numpy", "opencv-contrib-python-headless", "projectaria-tools", "zarr"),
@@ -85,7 +85,7 @@ _STAGES = (
     Stage(
         "annotations",
         "egosplat.frames.annotations_stage",
-        "Read a recording's instance maps at the evaluation frames (for evaluation only).",
+        "Read the instance maps of the evaluation frames (for evaluation only).",
         output="annotations.zarr",
         inputs=("recording", "frames"),
         libraries=("numpy", "opencv-contrib-python-headless", "projectaria-tools", "zarr"),
@@ -93,7 +93,7 @@ _STAGES = (
     Stage(
         "poses",
         "egosplat.poses.stage",
-        "Find camera poses and points: from the device's trajectory, or with COLMAP.",
+        "Get camera poses and points from the device's trajectory or with COLMAP.",
         output="poses.zarr",
         inputs=("recording", "frames"),
         libraries=("numpy", "scipy", "pycolmap", "projectaria-tools", "zarr"),
@@ -101,7 +101,7 @@ _STAGES = (
     Stage(
         "survey",
         "egosplat.survey.stage",
-        "Find what a scene requires: whether anything moves, and which frames add views.",
+        "Decide whether a scene is static and which frames add views.",
         output="survey.json",
         inputs=("frames", "poses"),
         libraries=("jsonschema", "numpy", "opencv-contrib-python-headless", "scipy", "zarr"),
@@ -144,7 +144,7 @@ _STAGES = (
     Stage(
         "transient",
         "egosplat.transient.stage",
-        "Train a network to tell what moves, together with temporary Gaussians.",
+        "Train a network that predicts moving pixels, together with temporary Gaussians.",
         output="transient.zarr",
         inputs=("frames", "poses"),
         optional=_TRAINING_FRAMES,
@@ -153,7 +153,7 @@ _STAGES = (
     Stage(
         "masks",
         "egosplat.transient.masks_stage",
-        "Find the instances that move, and mask them in every frame.",
+        "Select the transient instances, and mask them in every frame.",
         output="masks.zarr",
         inputs=("frames", "transient", "segments"),
         libraries=("numpy", "zarr"),
@@ -170,7 +170,7 @@ _STAGES = (
     Stage(
         "language",
         "egosplat.language.stage",
-        "Give each Gaussian the codes of the instance that it shows, at every level.",
+        "Assign each Gaussian the code of its instance, at every level.",
         output="language.zarr",
         inputs=("frames", "poses", "segments", "features", "splats"),
         optional=_TRAINING_FRAMES | _MASKING,
@@ -179,7 +179,7 @@ _STAGES = (
     Stage(
         "metrics",
         "egosplat.evaluation.stage",
-        "Query everything that is annotated, and score the answers and the renders.",
+        "Query every annotated category, and score the answers and the renders.",
         output="metrics.json",
         inputs=("frames", "poses", "annotations", "features", "splats", "language"),
         libraries=(
@@ -198,12 +198,12 @@ _STAGES = (
     Stage(
         "method_metrics",
         "egosplat.evaluation.external",
-        "Score another method's relevancy maps as egosplat's own.",
+        "Score another method's relevancy maps like egosplat's own.",
         output="method_metrics.json",
         inputs=("frames", "poses", "annotations", "relevancy"),
         libraries=("jsonschema", "numpy", "opencv-contrib-python-headless", "scipy", "torch", "zarr"),
         sections=("metrics",),
-        # The other keys of the section are of egosplat's own maps.
+        # The other keys of the section apply only to egosplat's own maps.
         keys={"query": ("box_filter", "segmentation_threshold", "majority_filter")},
         scene=("title",),
     ),
@@ -219,7 +219,7 @@ _STAGES = (
     Stage(
         "language_sheet",
         "egosplat.report.language_sheet",
-        "Draw the meaning of the Gaussians from several sides, at each level.",
+        "Draw the Gaussians' codes from several directions, at each level.",
         output="language.png",
         inputs=("poses", "splats", "language"),
         libraries=("matplotlib", "scipy", "torch"),
@@ -228,7 +228,7 @@ _STAGES = (
     Stage(
         "transient_sheet",
         "egosplat.report.transient_sheet",
-        "Draw what moves, what is masked for it, and what is left.",
+        "Draw transient probability, masks, and the renders without the masked objects.",
         output="transient.png",
         inputs=("frames", "poses", "transient", "segments", "masks", "splats"),
         libraries=("matplotlib", "torch"),
@@ -237,7 +237,7 @@ _STAGES = (
     Stage(
         "crops_sheet",
         "egosplat.report.crops_sheet",
-        "Draw the crops of instances in order of time, with outlier views struck out.",
+        "Draw the crops of instances in order of time, with outlier views crossed out.",
         output="crops.png",
         inputs=("frames", "segments", "view_features", "features"),
         libraries=("matplotlib",),
@@ -255,7 +255,7 @@ _STAGES = (
     Stage(
         "splats_sheet",
         "egosplat.report.splats_sheet",
-        "Draw how well held-out frames are rendered, and the curves of the training.",
+        "Draw held-out frames next to their renders, and the training curves.",
         output="splats.png",
         inputs=("frames", "splats"),
         libraries=("matplotlib",),
@@ -273,7 +273,7 @@ _STAGES = (
 )
 
 STAGES = {stage.name: stage for stage in _STAGES}
-"""The stages by name, in the order of the pipeline."""
+"""Stages by name, in the order of the pipeline."""
 
 ARTIFACTS = tuple(name for name, stage in STAGES.items() if stage.output.endswith(".zarr"))
 """The stages that write an artifact, in the order of the pipeline."""
@@ -286,19 +286,19 @@ PIPELINE = tuple(name for name in STAGES if name not in (*PAGES, "method_metrics
 
 
 def path_help(stage: Stage) -> dict[str, str]:
-    """One line about each path that a stage takes, by name: its inputs, optional ones after, and ``output``."""
+    """Get a line of help for each path of a stage, by name: inputs, optional inputs, and ``output``."""
     inputs = {name: PATHS.get(name) or f"the scene's {STAGES[name].output}" for name in stage.inputs}
     optional = {name: f"the scene's {STAGES[name].output}, {when}" for name, when in stage.optional.items()}
     return inputs | optional | {"output": f"where to write {stage.output}"}
 
 
 def stage_function(name: str) -> Callable[..., None]:
-    """The function of a stage; imports its module, and only that."""
+    """Get the function of a stage. Imports only its module."""
     return import_module(STAGES[name].module).run
 
 
 def options_of(name: str) -> type | None:
-    """The dataclass of a stage's keys, which its function takes as ``options``; None of a stage without keys."""
+    """Get the dataclass of a stage's keys, the type of ``options``; None for a stage without keys."""
     parameter = signature(stage_function(name)).parameters.get("options")
     return parameter and parameter.annotation
 
@@ -307,15 +307,15 @@ def run_stage(name: str, keys: Mapping[str, Any], **given: Any) -> None:
     """Run a stage.
 
     Args:
-        name: of the stage.
-        keys: the values of its keys of the configuration, by name; none for a stage without keys.
-        given: its paths and what it takes from the scene, by name.
+        name: name of the stage.
+        keys: values of its configuration keys, by name.
+        given: its paths and its values from the table of scenes, by name.
     """
     options = options_of(name)
     stage_function(name)(**given, **({"options": options(**keys)} if options else {}))
 
 
 def code_of(name: str) -> str:
-    """Content hash of the code that a stage executes, with the versions of its libraries."""
+    """Hash the code that a stage executes and the versions of its libraries."""
     stage = STAGES[name]
     return code_hash(stage.module, stage.libraries)

@@ -200,7 +200,7 @@ def remove(name: str):
         (None, ["cup", "--frame", "1", "--pose", "x.json"], "--frame and --pose: give one of them"),
         (None, [" "], "query: is blank"),
         (None, ["cup", "--canonical", "[]"], "needs at least 1 text"),
-        (None, ["cup", "--canonical", "{a: 1}"], "is no list of texts"),
+        (None, ["cup", "--canonical", "{a: 1}"], "is not a list of texts"),
         (None, ["cup", "--min-coverage", "1"], "0<x<1"),
         (None, [], "PHRASES"),
     ],

@@ -100,4 +100,4 @@ def test_points_have_to_be_json(monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["egosplat", "tradeoff", "--points", "{", "--output", "x"])
     with pytest.raises(SystemExit) as stop:
         cli.main()
-    assert stop.value.code == 2 and "is no JSON" in capsys.readouterr().err
+    assert stop.value.code == 2 and "is not JSON" in capsys.readouterr().err
