@@ -1,1 +1,1 @@
-"""Images cut into regions at three levels (subpart, part, whole), and regions followed from frame to frame."""
+"""Segment frames at three levels (subpart, part, whole) and track the instances through the video."""

@@ -1,4 +1,4 @@
-"""Levels that repeat another: all that such a level shows is an instance of the other too."""
+"""Find levels that repeat another level, and drop their instances."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,21 +6,22 @@ from numpy.typing import NDArray
 from egosplat.segments.label_maps import LabelMaps
 
 SAME_IOU = 0.8
-"""Instances of two levels whose pixels overlap more, over all frames, are one thing."""
+"""Two instances of different levels are the same object if their IoU over all frames is larger."""
 
 REPEATED = 0.95
-"""A level repeats another where so many of its instances are the other's."""
+"""A level repeats another if at least this share of its instances are the same objects as the other's."""
 
 
 def find_duplicate_levels(
     labels: LabelMaps, table: NDArray[np.int32], level: NDArray[np.int8], count: int
 ) -> dict[int, int]:
-    """Which level repeats which that stays; of two that are alike the finer one repeats.
+    """Map each level that repeats another to the level that is kept. Of two equal levels the finer one is dropped.
 
     Args:
-        labels: of all frames, by old numbers; table: their new ones, see ``instances.FinalInstances``.
-        level: (N,) of each instance that stays.
-        count: of levels. One without an instance repeats none.
+        labels: old instance numbers of all frames.
+        table: new number of each old one, see ``instances.FinalInstances``.
+        level: (N,) level of each instance that is kept.
+        count: number of levels. A level without instances repeats none.
     """
     iou = _overlaps(labels, table, len(level))
     found: dict[int, int] = {}
@@ -34,7 +35,7 @@ def find_duplicate_levels(
 
 
 def _last(repeated: dict[int, int], level: int) -> int:
-    """The level that stays, of one that repeats another that may repeat another."""
+    """Follow a chain of repeated levels to the level that is kept."""
     while level in repeated:
         level = repeated[level]
     return level
@@ -43,14 +44,14 @@ def _last(repeated: dict[int, int], level: int) -> int:
 def drop_levels(
     repeated: dict[int, int], table: NDArray[np.int32], level: NDArray[np.int8]
 ) -> NDArray[np.int32]:
-    """The table of new numbers without the instances of levels that repeat another; the others close up."""
+    """Remove the instances of repeated levels from the table of new numbers; the remaining numbers have no gaps."""
     stays = ~np.isin(level, list(repeated))
     closed = np.where(stays, np.cumsum(stays) - 1, -1)
     return np.append(closed, -1).astype(np.int32)[table]
 
 
 def _overlaps(labels: LabelMaps, table: NDArray[np.int32], count: int) -> NDArray[np.float64]:
-    """(N, N) IoU of the instances' pixels, all frames together; 0 within a level, whose instances share none."""
+    """(N, N) IoU of the instances' pixels over all frames; 0 within a level, where instances do not overlap."""
     area, shared = np.zeros(count), np.zeros((count + 1, count + 1))
     for frame in range(len(labels)):
         maps = table[labels[frame]] + 1

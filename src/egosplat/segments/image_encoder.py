@@ -1,4 +1,4 @@
-"""What SAM2's image encoder makes of one image, for prompts and for tracking alike."""
+"""Run SAM2's image encoder once per image; prompts and tracking share the features."""
 
 from dataclasses import dataclass
 
@@ -10,12 +10,13 @@ from torch import Tensor
 
 from egosplat.models.sam2_loader import Sam2
 
+# ImageNet's, as SAM2 was trained with.
 _MEAN, _STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
 
 @dataclass(frozen=True)
 class EncodedImage:
-    """Features of one image.
+    """Features of one image from SAM2's encoder.
 
     Attributes:
         features, positions: (h * w, 1, C) each, finest first, as ``SAM2Base.track_step`` takes them.
@@ -27,7 +28,7 @@ class EncodedImage:
     sizes: list[tuple[int, int]]
 
     def expand(self, count: int) -> tuple[list[Tensor], list[Tensor]]:
-        """Features and positions for a batch of objects, without a copy."""
+        """Features and positions repeated for a batch of ``count`` objects, as views."""
         features = [feature.expand(-1, count, -1) for feature in self.features]
         return features, [position.expand(-1, count, -1) for position in self.positions]
 

@@ -15,16 +15,17 @@ from egosplat.segments.nms import areas, intersections
 Ints = NDArray[np.int64]
 
 MIN_COMMON_FRAMES = 2
-"""Instances that are seen together in fewer frames are never merged: a single frame may deceive."""
+"""Instances that share fewer frames are not merged: in a single frame, two objects can overlap by chance."""
 
 
 @dataclass(frozen=True)
 class Track:
-    """What began an instance.
+    """An instance as it was first found.
 
     Attributes:
-        level: index into ``options.LEVELS``; first_frame: whose prompts found it.
-        predicted_iou, stability: of the mask that began it.
+        level: index into ``options.LEVELS``.
+        first_frame: the frame whose prompts found it.
+        predicted_iou, stability: scores of its first mask.
     """
 
     level: int
@@ -35,13 +36,13 @@ class Track:
 
 @dataclass(frozen=True)
 class Segmented:
-    """A segmented video, before duplicates and fragments are dealt with.
+    """A segmented video, before duplicates are merged and fragments dropped.
 
     Attributes:
-        labels: number of the instance at each pixel, by frame and level.
-        instances: by their number.
-        same: pairs of numbers that are one thing.
-        notes: what is worth keeping of how it went; plain JSON values.
+        labels: instance number of each pixel, by frame and level.
+        instances: by number.
+        same: pairs of numbers that are the same object.
+        notes: JSON values about the run, for the artifact's facts.
     """
 
     labels: LabelMaps
@@ -52,32 +53,32 @@ class Segmented:
 
 @dataclass(frozen=True)
 class FinalInstances:
-    """What stays of a segmented video, and under which number.
+    """The instances that are kept, and their new numbers.
 
     Attributes:
-        table: (count + 1,) int32 new number of each instance, -1 of those that are dropped; the last entry is the
-            one that -1 picks: nothing stays nothing.
-        staying: (N,) old numbers of those that stay, in their new order.
-        merged: how many were the same as others.
+        table: (count + 1,) int32 new number of each instance, -1 if it is dropped. The last entry is -1, so that
+            indexing with -1 (no instance) gives -1.
+        kept: (N,) old numbers of the kept instances, in their new order.
+        merged: number of instances that were merged into others.
     """
 
     table: NDArray[np.int32]
-    staying: NDArray[np.int64]
+    kept: NDArray[np.int64]
     merged: int
 
 
 def finalize_instances(segmented: Segmented, min_frames: int) -> FinalInstances:
-    """Merge what is one thing and drop what is seen in too few frames, see ``merging``."""
+    """Merge instances that are the same object, and drop those seen in fewer than ``min_frames`` frames."""
     roots = merge_roots(len(segmented.instances), segmented.same)
     seen = frames_seen(segmented.labels, roots)
-    new, staying = number_kept(roots, seen, min_frames, len(segmented.labels))
+    new, kept = number_kept(roots, seen, min_frames, len(segmented.labels))
     return FinalInstances(
-        np.append(new, -1).astype(np.int32), staying, int((roots != np.arange(len(roots))).sum())
+        np.append(new, -1).astype(np.int32), kept, int((roots != np.arange(len(roots))).sum())
     )
 
 
 def frames_seen(labels: LabelMaps, roots: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(count,) in how many frames each root, from ``merging.merged``, is seen at any pixel."""
+    """(count,) int64 number of frames in which each root, see ``merge_roots``, has a pixel."""
     seen = np.zeros(len(roots), dtype=np.int64)
     for frame in range(len(labels)):
         found = np.unique(labels[frame])
@@ -86,7 +87,7 @@ def frames_seen(labels: LabelMaps, roots: NDArray[np.int64]) -> NDArray[np.int64
 
 
 class Overlaps:
-    """How much the masks of a level's instances overlap, over all frames in which both are seen."""
+    """Overlap between the masks of a level's instances, summed over the frames in which both are visible."""
 
     def __init__(self) -> None:
         self._shared = np.zeros((0, 0))
@@ -94,7 +95,7 @@ class Overlaps:
         self._frames = np.zeros((0, 0), dtype=np.int64)
 
     def add(self, ids: list[int], masks: Tensor) -> None:
-        """One frame: numbers of K instances of the level and their (K, M, M) bool masks."""
+        """Add a frame: numbers of K instances of the level and their (K, M, M) bool masks."""
         self._grow(ids)
         size = _sizes(masks)
         both = (size > 0)[:, None] & (size > 0)[None]
@@ -104,7 +105,7 @@ class Overlaps:
         self._frames[at] += both
 
     def add_between(self, ids: list[int], masks: Tensor, other_ids: list[int], others: Tensor) -> None:
-        """One frame, but only how instances overlap others: numbers and (K, M, M) bool masks of both."""
+        """Add a frame, but only the overlaps between two sets of instances: numbers and (K, M, M) bool masks of each."""
         self._grow([*ids, *other_ids])
         size, other_size = _sizes(masks), _sizes(others)
         shared = intersections(masks, others).cpu().numpy()
@@ -118,10 +119,11 @@ class Overlaps:
             self._frames[at] += seen
 
     def same(self, iou_thresh: float, frames: int) -> list[tuple[int, int]]:
-        """Pairs of numbers whose pooled IoU is above the threshold.
+        """Pairs of instances whose IoU over their common frames is above the threshold.
 
         Args:
-            frames: length of the video; shorter ones than ``MIN_COMMON_FRAMES`` ask for no more frames than they have.
+            iou_thresh: the threshold.
+            frames: length of the video, which limits ``MIN_COMMON_FRAMES``.
         """
         union = self._area + self._area.T - self._shared
         iou = np.divide(self._shared, union, out=np.zeros_like(union), where=union > 0)
@@ -129,11 +131,11 @@ class Overlaps:
         return [(int(a), int(b)) for a, b in np.argwhere(np.triu(alike, 1))]
 
     def state_dict(self) -> dict[str, Tensor]:
-        """All that was added, as arrays."""
+        """The accumulated counts as tensors."""
         return {name: torch.from_numpy(values.copy()) for name, values in vars(self).items()}
 
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
-        """Take what ``state_dict`` gave in place of all that was added."""
+        """Replace the counts by those of a ``state_dict``."""
         for name, values in state.items():
             setattr(self, name, values.numpy())
 
@@ -150,7 +152,7 @@ def _sizes(masks: Tensor) -> NDArray[np.float64]:
 
 
 def merge_roots(count: int, pairs: list[tuple[int, int]]) -> Ints:
-    """(count,) for each instance the lowest number of those that it is the same as, through any of them."""
+    """(count,) lowest number among all instances linked to each one by ``pairs``, directly or through others."""
     if count == 0:
         return np.zeros(0, dtype=np.int64)
     rows, columns = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
@@ -161,18 +163,19 @@ def merge_roots(count: int, pairs: list[tuple[int, int]]) -> Ints:
 
 
 def number_kept(roots: Ints, frames_seen: Ints, min_frames: int, frames: int) -> tuple[Ints, Ints]:
-    """Number the instances that stay.
+    """Number the instances that are kept.
 
     Args:
-        roots: from ``merged``.
-        frames_seen: (count,) in how many frames each root is seen, at its own number.
-        min_frames: fewer are too few; a video shorter than that asks for all of its frames.
+        roots: from ``merge_roots``.
+        frames_seen: (count,) number of frames in which each root is seen.
+        min_frames: drop instances that are seen in fewer frames.
+        frames: length of the video, which limits ``min_frames``.
 
     Returns:
-        (count,) new number of each instance, -1 of those that are dropped, and the (N,) roots that stay.
+        (count,) new number of each instance, -1 if it is dropped, and the (N,) roots that are kept.
     """
     least = max(1, min(min_frames, frames))
-    staying = np.flatnonzero((roots == np.arange(len(roots))) & (frames_seen >= least))
+    kept = np.flatnonzero((roots == np.arange(len(roots))) & (frames_seen >= least))
     new = np.full(len(roots), -1, dtype=np.int64)
-    new[staying] = np.arange(len(staying))
-    return (new[roots] if len(roots) else new), staying
+    new[kept] = np.arange(len(kept))
+    return (new[roots] if len(roots) else new), kept

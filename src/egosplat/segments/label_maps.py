@@ -1,4 +1,4 @@
-"""Label maps of a whole video, small enough to hold: compressed, a frame at a time."""
+"""Draw the label maps of frames, and hold those of a whole video in memory, compressed."""
 
 import zlib
 from collections.abc import Iterable
@@ -25,7 +25,7 @@ class LabelMaps:
         return len(self._frames)
 
     def __setitem__(self, frame: int, labels: Labels) -> None:
-        # Long runs of one value: the fastest level takes them to a hundredth.
+        # Label maps have long runs of one value: level 1, the fastest, already reduces them to about 1 %.
         self._frames[frame] = zlib.compress(np.ascontiguousarray(labels, dtype=np.int32).tobytes(), 1)
 
     def __getitem__(self, frame: int) -> Labels:
@@ -39,17 +39,17 @@ class LabelMaps:
         }
 
     def load_state_dict(self, state: dict[int, Tensor]) -> None:
-        """Take what ``state_dict`` gave in place of all that is there."""
+        """Replace the content by that of a ``state_dict``."""
         self._frames = {frame: packed.numpy().tobytes() for frame, packed in state.items()}
 
 
 def paint(
     objects: Iterable[tuple[list[int], Tensor]], valid: NDArray[np.bool_], device: torch.device
 ) -> NDArray[np.int32]:
-    """The object of the highest logit at each pixel, where any is above 0.
+    """Label each pixel with the object of the highest logit, if that is above 0.
 
     Args:
-        objects: numbers of K objects with their (K, M, M) logits, in groups.
+        objects: groups of K instance numbers and their (K, M, M) logits.
         valid: (H, W) bool; other pixels get no label.
 
     Returns:
@@ -57,6 +57,7 @@ def paint(
     """
     best = torch.zeros(valid.shape, device=device)
     labels = torch.full(valid.shape, -1, dtype=torch.int32, device=device)
+    # Logits are enlarged for a few objects at a time, which bounds the memory.
     step = max(1, _PIXELS_AT_ONCE // valid.size)
     for ids, logits in objects:
         numbers = torch.tensor(ids, dtype=torch.int32, device=device)

@@ -1,4 +1,4 @@
-"""What is followed at each level, and what one level shows of another's."""
+"""The tracks of each level, and the tracks that levels share."""
 
 from dataclasses import dataclass, field
 
@@ -11,17 +11,17 @@ from egosplat.segments.memory import to_device
 from egosplat.segments.propagation import Group
 
 LevelMasks = tuple[list[int], Tensor]
-"""Numbers of K instances and their (K, M, M) float32 logits, or bool masks, in one frame."""
+"""Numbers of K instances of a level and their (K, M, M) float32 logits, or bool masks, in one frame."""
 
 
 @dataclass
 class Level:
-    """One level while the video is worked through.
+    """State of one level while a video is tracked.
 
     Attributes:
-        groups: what is followed for this level.
-        shared: for an instance that looks like one of another level, that one's number: it is followed for both.
-        overlaps: of all instances of the level.
+        groups: objects that are tracked for this level.
+        shared: by instance, the number of an equal instance of another level, which is tracked for both.
+        overlaps: between the masks of the level's instances.
     """
 
     groups: list[Group] = field(default_factory=list)
@@ -30,11 +30,11 @@ class Level:
 
     @property
     def instances(self) -> int:
-        """How many the level has."""
+        """Number of instances of the level."""
         return sum(len(group.ids) for group in self.groups) + len(self.shared)
 
     def state_dict(self) -> State:
-        """All of it as tensors, numbers, lists and dictionaries."""
+        """The state as tensors, numbers, lists and dictionaries."""
         return {
             "groups": [vars(group) for group in self.groups],
             "shared": self.shared,
@@ -42,7 +42,7 @@ class Level:
         }
 
     def load_state_dict(self, state: State, device: torch.device) -> None:
-        """Take what ``state_dict`` gave in place of all that is there."""
+        """Replace the state by that of a ``state_dict``, on a device."""
         self.groups = [_group(saved, device) for saved in state["groups"]]
         self.shared = state["shared"]
         self.overlaps.load_state_dict(state["overlaps"])
@@ -56,18 +56,18 @@ def _group(saved: State, device: torch.device) -> Group:
 
 
 def add_shared(levels: list[Level], seen: list[list[LevelMasks]]) -> None:
-    """Add to what is seen of each level what is followed for it at another."""
+    """Append to each level's masks, in place, those of instances that are tracked at another level."""
     logits = {
         number: row for found in seen for ids, rows in found for number, row in zip(ids, rows, strict=True)
     }
     for level, found in zip(levels, seen, strict=True):
-        ids = [number for number, followed in level.shared.items() if followed in logits]
+        ids = [number for number, tracked in level.shared.items() if tracked in logits]
         if ids:
             found.append((ids, torch.stack([logits[level.shared[number]] for number in ids])))
 
 
 def stack_masks(seen: list[LevelMasks], inside: Tensor) -> LevelMasks:
-    """All numbers and (K, M, M) bool masks of a level in one frame, within (M, M) ``inside``."""
+    """Join the groups of a level: all numbers, and (K, M, M) bool masks within (M, M) ``inside``."""
     if not seen:
         return [], inside.new_zeros(0, *inside.shape)
     masks = torch.cat([logits > 0 for _, logits in seen])

@@ -1,4 +1,4 @@
-"""What SAM2's memory keeps of one frame for a batch of objects: all of it, or that of some."""
+"""SAM2's memory of one frame for a batch of objects: make it, select objects from it, update it."""
 
 from typing import Any
 
@@ -7,29 +7,29 @@ from torch import Tensor
 
 Memory = dict[str, Any]
 """``maskmem_features`` (K, C, h, w) bfloat16, ``maskmem_pos_enc`` one (K, C, h, w), and ``obj_ptr`` (K, C), as SAM2
-names them; of older frames the pointers alone."""
+names them. Memories of older frames hold ``obj_ptr`` only."""
 
 
 def make_memory(stored: Tensor, position: list[Tensor], pointers: Tensor) -> Memory:
-    """Memory of a frame: features in half the bytes, as SAM2 keeps them; positions are the same for all objects."""
+    """The memory of a frame, from the outputs of SAM2's memory encoder."""
     return {
-        "maskmem_features": stored.to(torch.bfloat16),
-        "maskmem_pos_enc": _alike(position, len(stored)),
+        "maskmem_features": stored.to(torch.bfloat16),  # as SAM2's predictor keeps them
+        "maskmem_pos_enc": _expand(position, len(stored)),
         "obj_ptr": pointers,
     }
 
 
 def select_objects(output: Memory, chosen: list[int]) -> Memory:
-    """The memory of the chosen objects alone."""
+    """The memory of the chosen objects, by their places in the batch."""
     part: Memory = {"obj_ptr": output["obj_ptr"][chosen]}
     if "maskmem_features" in output:
         part["maskmem_features"] = output["maskmem_features"][chosen]
-        part["maskmem_pos_enc"] = _alike(output["maskmem_pos_enc"], len(chosen))
+        part["maskmem_pos_enc"] = _expand(output["maskmem_pos_enc"], len(chosen))
     return part
 
 
 def update_memory(last: Memory, chosen: list[int], new: Memory) -> Memory:
-    """The memory of all objects: ``new`` of the chosen ones, of the others that of the ``last`` frame."""
+    """The memory of all objects: ``new`` for the chosen ones, that of the ``last`` frame for the others."""
     merged = dict(last)
     for name in {"maskmem_features", "obj_ptr"} & last.keys():
         merged[name] = last[name].clone()
@@ -38,19 +38,20 @@ def update_memory(last: Memory, chosen: list[int], new: Memory) -> Memory:
 
 
 def to_device(output: Memory, device: torch.device) -> Memory:
-    """The same memory on a device."""
+    """Copy a memory to a device."""
     on_device = {name: value.to(device) for name, value in output.items() if isinstance(value, Tensor)}
     if "maskmem_pos_enc" in output:
         position = [each[:1].to(device) for each in output["maskmem_pos_enc"]]
-        on_device["maskmem_pos_enc"] = _alike(position, len(on_device["obj_ptr"]))
+        on_device["maskmem_pos_enc"] = _expand(position, len(on_device["obj_ptr"]))
     return on_device
 
 
 def drop_features(output: Memory) -> None:
-    """Keep the pointers alone."""
+    """Remove the mask memory in place; the object pointers stay."""
     output.pop("maskmem_features", None)
     output.pop("maskmem_pos_enc", None)
 
 
-def _alike(position: list[Tensor], count: int) -> list[Tensor]:
+def _expand(position: list[Tensor], count: int) -> list[Tensor]:
+    # Positional encodings are equal for all objects: a view of one costs no memory.
     return [each[:1].expand(count, -1, -1, -1) for each in position]

@@ -1,4 +1,4 @@
-"""Overlap of masks, and thinning them out by it (docs/method.md#mask-filters)."""
+"""Overlap of masks, and non-maximum suppression by boxes and by masks (docs/method.md#mask-filters)."""
 
 import torch
 import torchvision
@@ -6,10 +6,8 @@ from torch import Tensor
 
 
 def intersections(first: Tensor, second: Tensor) -> Tensor:
-    """(N, H, W) and (M, H, W) bool masks -> (N, M) float32 pixels that two share; exact up to 2^24.
-
-    Exact within ``torch.autocast`` too, which would multiply in bfloat16 and round counts above 256.
-    """
+    """(N, H, W) and (M, H, W) bool masks -> (N, M) float32 number of shared pixels; exact up to 2^24."""
+    # Autocast would multiply in bfloat16, which rounds counts above 256.
     with torch.autocast(first.device.type, enabled=False):
         return first.flatten(1).float() @ second.flatten(1).float().T
 
@@ -20,7 +18,7 @@ def areas(masks: Tensor) -> Tensor:
 
 
 def union(masks: Tensor) -> Tensor:
-    """(K, M, M) bool -> (M, M) bool: where any of them is; nothing of none."""
+    """(K, M, M) bool masks -> (M, M) bool union; empty if K is 0."""
     return masks.any(0) if len(masks) else torch.zeros(masks.shape[1:], dtype=torch.bool, device=masks.device)
 
 
@@ -32,7 +30,7 @@ def mask_iou(first: Tensor, second: Tensor) -> Tensor:
 
 
 def stability_score(logits: Tensor, offset: float) -> Tensor:
-    """(N, H, W) logits -> (N,) IoU of the mask cut at ``offset`` with that cut at ``-offset``; 0 of nothing."""
+    """(N, H, W) logits -> (N,) IoU of the mask cut at ``offset`` with that cut at ``-offset``; 0 if both are empty."""
     high, low = (areas(logits > cut) for cut in (offset, -offset))
     return high / low.clamp(min=1.0)
 
@@ -48,19 +46,21 @@ def boxes(masks: Tensor) -> Tensor:
 
 
 def box_nms(masks: Tensor, scores: Tensor, thresh: float) -> Tensor:
-    """Indices, best score first, of masks whose boxes overlap no better one's by more than ``thresh`` IoU."""
+    """Indices, best score first, of masks whose boxes overlap no better mask's box by more than ``thresh`` IoU."""
     return torchvision.ops.nms(boxes(masks), scores.cpu(), thresh).to(masks.device)
 
 
 def mask_nms(
     masks: Tensor, scores: Tensor, *, iou_thresh: float, score_thresh: float, inner_thresh: float
 ) -> Tensor:
-    """LangSplat's filter of redundant masks, all pairs at once.
+    """Filter redundant masks by LangSplat's rules.
 
-    A mask is dropped if its score is not above ``score_thresh``, if a mask of higher score (of equal ones the
-    earlier) overlaps it by more than ``iou_thresh`` IoU, or if it lies inside another, of which it covers less
-    than half: with A the share of the outer mask and B >= 0.85 that of the inner one, where 1 - AB is above
-    1 - ``inner_thresh``. Dropped masks drop others all the same.
+    A mask is dropped if
+
+    - its score is not above ``score_thresh``; or
+    - a mask of higher score (the earlier of equal ones) overlaps it by more than ``iou_thresh`` IoU; or
+    - it lies inside another mask: the intersection is a share A < 0.5 of the outer mask and B >= 0.85 of the
+      inner one, and 1 - AB > 1 - ``inner_thresh``.
 
     Args:
         masks: (N, H, W) bool.
@@ -69,6 +69,7 @@ def mask_nms(
     Returns:
         (N,) bool: which are kept.
     """
+    # All pairs count, as in LangSplat: a mask that is dropped itself still drops others.
     shared, sizes = intersections(masks, masks), areas(masks).clamp(min=1.0)
     iou = shared / (sizes[:, None] + sizes[None] - shared).clamp(min=1.0)
     order = torch.arange(len(masks), device=masks.device)
@@ -76,6 +77,7 @@ def mask_nms(
         (scores[:, None] == scores[None]) & (order[:, None] < order[None])
     )
     repeated = (better & (iou > iou_thresh)).any(0)
+    # [i, j]: i is the outer mask, j the inner one.
     of_outer, of_inner = shared / sizes[:, None], shared / sizes[None]
     nested = (of_outer < 0.5) & (of_inner >= 0.85) & (1 - of_outer * of_inner > 1 - inner_thresh)
     return (scores > score_thresh) & ~repeated & ~nested.any(0)

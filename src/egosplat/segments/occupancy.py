@@ -1,14 +1,14 @@
-"""How much of a video instances fill, and how long each is followed."""
+"""Measure how many pixels instances cover, and for how many frames each is tracked."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 
 class Occupancy:
-    """Figures over the frames that were segmented, of N instances."""
+    """Coverage statistics of N instances over the segmented frames."""
 
     def __init__(self, instances: int, valid: NDArray[np.bool_]) -> None:
-        """``instances``: N; ``valid``: (H, W) pixels that show the scene."""
+        """Start with no frame; ``instances``: N, ``valid``: (H, W) bool, pixels that show the scene."""
         self._frames_of = np.zeros(instances, np.int64)
         self._valid = valid
         self._frames = 0
@@ -22,7 +22,7 @@ class Occupancy:
         self._empty_pixels += int(((labels < 0).all(axis=0) & self._valid).sum())
 
     def figures(self) -> dict[str, float]:
-        """Share of valid pixels without an instance at any level; mean instances a frame; mean frames an instance."""
+        """Share of valid pixels without an instance at any level, mean instances per frame, mean frames per instance."""
         views = int(self._frames_of.sum())
         return {
             "pixels_without_instance": self._empty_pixels / max(self._frames * int(self._valid.sum()), 1),

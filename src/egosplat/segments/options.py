@@ -1,4 +1,4 @@
-"""The keys of the stage ``segments``, and the names of its levels."""
+"""Options of the stage ``segments``, and the names of its levels."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ LEVELS = ("subpart", "part", "whole")
 
 @dataclass(frozen=True)
 class SegmentsOptions:
-    """The schema's keys of ``segments``, and of ``models`` those of SAM2; ``config.schema.yaml`` describes each."""
+    """Keys of the sections ``segments`` and ``models`` (SAM2's); ``config.schema.yaml`` describes each."""
 
     segmenter: str
     image_size: int | None

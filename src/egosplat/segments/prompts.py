@@ -1,4 +1,4 @@
-"""Masks of one image from a grid of point prompts, at three levels, thinned out."""
+"""Prompt SAM2 with a grid of points, and filter the masks of each level."""
 
 from dataclasses import dataclass
 
@@ -15,10 +15,10 @@ _POINTS_A_BATCH = 64
 
 @dataclass(frozen=True)
 class Candidates:
-    """Masks of one level.
+    """Candidate masks of one level.
 
     Attributes:
-        logits: (N, M, M) float32, in the model's own masks' size.
+        logits: (N, M, M) float32, at the size of the model's masks.
         predicted_iou, stability: (N,) float32.
     """
 
@@ -36,28 +36,28 @@ class Candidates:
 
     @property
     def scores(self) -> Tensor:
-        """(N,) predicted IoU times stability: by this LangSplat ranks masks."""
+        """(N,) predicted IoU times stability score, by which LangSplat ranks masks."""
         return self.predicted_iou * self.stability
 
     def take(self, chosen: Tensor) -> "Candidates":
-        """Some of them: by (K,) indices or a (N,) bool mask."""
+        """Select candidates by (K,) indices or a (N,) bool mask."""
         return Candidates(self.logits[chosen], self.predicted_iou[chosen], self.stability[chosen])
 
 
 def grid_points(points_per_side: int) -> Tensor:
-    """(P, 2) float32 x, y as shares of the image's sides, at the middles of a square grid's cells."""
+    """(P, 2) float32 x, y in [0, 1], relative to the image's sides: the cell centres of a square grid, row by row."""
     steps = (torch.arange(points_per_side) + 0.5) / points_per_side
     return torch.cartesian_prod(steps, steps).flip(1).contiguous()
 
 
 def prompt(sam2: Sam2, encoded: EncodedImage, points: Tensor, options: SegmentsOptions) -> list[Candidates]:
-    """What SAM2 finds at some points: its three masks each, apart by level, those of low quality left out.
+    """Prompt SAM2 with points; each gives one mask per level. Masks of low quality are dropped.
 
     Args:
-        points: (P, 2) x, y as shares of the image's sides.
+        points: (P, 2) x, y in [0, 1], relative to the image's sides.
 
     Returns:
-        Candidates of each level, in the points' order.
+        Candidates of each level, in the order of the points.
     """
     batches = [_decode(sam2, encoded, batch, options) for batch in points.split(_POINTS_A_BATCH)]
     return [
@@ -69,12 +69,13 @@ def prompt(sam2: Sam2, encoded: EncodedImage, points: Tensor, options: SegmentsO
 def _decode(
     sam2: Sam2, encoded: EncodedImage, points: Tensor, options: SegmentsOptions
 ) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:
-    """Logits, predicted IoU and stability by level for a batch of points, only good masks."""
+    """Logits, predicted IoU and stability of each level, for a batch of points; only masks of sufficient quality."""
     model, device = sam2.video_predictor, sam2.compute.device
     places = (points * model.image_size)[:, None].to(device)
-    kinds = torch.ones(len(points), 1, dtype=torch.int32, device=device)
-    sparse, dense = model.sam_prompt_encoder(points=(places, kinds), boxes=None, masks=None)
+    foreground = torch.ones(len(points), 1, dtype=torch.int32, device=device)
+    sparse, dense = model.sam_prompt_encoder(points=(places, foreground), boxes=None, masks=None)
     image = encoded.image(2)
+    # An image without memory gets SAM2's embedding of "no memory", as in its image predictor.
     if model.directly_add_no_mem_embed:
         image = image + model.no_mem_embed.reshape(1, -1, 1, 1)
     logits, ious, _, _ = model.sam_mask_decoder(
@@ -98,7 +99,7 @@ def _decode(
 
 
 def filter_masks(found: Candidates, options: SegmentsOptions) -> Candidates:
-    """Leave out masks that repeat others: by their boxes, then by LangSplat's filter (docs/method.md#mask-filters)."""
+    """Drop redundant masks: NMS of boxes, then LangSplat's mask NMS (docs/method.md#mask-filters)."""
     if len(found) == 0:
         return found
     found = found.take(box_nms(found.masks, found.predicted_iou, options.box_nms_thresh))
@@ -112,23 +113,24 @@ def filter_masks(found: Candidates, options: SegmentsOptions) -> Candidates:
     return found.take(kept)
 
 
-def drop_covered(found: Candidates, followed: Tensor, cover_thresh: float, iou_thresh: float) -> Candidates:
-    """Leave out masks of what is followed already.
+def drop_covered(found: Candidates, tracked: Tensor, cover_thresh: float, iou_thresh: float) -> Candidates:
+    """Drop masks of objects that are tracked already.
 
     Args:
-        followed: (K, M, M) bool masks of the level's instances in this image.
-        cover_thresh: masks of which a larger share is covered are dropped; iou_thresh: also those that overlap
-            an instance more.
+        found: candidates of a level.
+        tracked: (K, M, M) bool masks of the level's instances in this image.
+        cover_thresh: drop masks whose share of covered pixels is larger.
+        iou_thresh: drop masks whose IoU with any instance is larger.
     """
-    if len(found) == 0 or len(followed) == 0:
+    if len(found) == 0 or len(tracked) == 0:
         return found
-    covered = intersections(found.masks, followed.any(0)[None])[:, 0] / areas(found.masks).clamp(min=1.0)
-    repeats = mask_iou(found.masks, followed).amax(1) > iou_thresh
+    covered = intersections(found.masks, tracked.any(0)[None])[:, 0] / areas(found.masks).clamp(min=1.0)
+    repeats = mask_iou(found.masks, tracked).amax(1) > iou_thresh
     return found.take((covered <= cover_thresh) & ~repeats)
 
 
 def match_masks(masks: Tensor, others: Tensor, least_iou: float) -> Tensor:
-    """(N, M, M) and (K, M, M) bool masks -> (N,) which of the others each looks most like; -1 below ``least_iou``."""
+    """(N, M, M) and (K, M, M) bool masks -> (N,) int64 index of the best match by IoU; -1 below ``least_iou``."""
     if len(masks) == 0 or len(others) == 0:
         return torch.full((len(masks),), -1, dtype=torch.int64, device=masks.device)
     iou, place = mask_iou(masks, others).max(1)

@@ -1,8 +1,7 @@
-"""Following objects by SAM2's memory, in bounded memory.
+"""Propagate masks through a video with SAM2's memory attention, in bounded memory.
 
-SAM2's own predictor keeps, for every object and every frame, what it saw. What its memory attends to is the frame
-in which an object began and the few frames before the present one: only those are kept here, and objects that
-began together pass through the model together.
+SAM2's own predictor keeps the output of every frame for every object. The memory attention uses only an object's
+first frame and the last few frames. Only those are kept here, and objects with the same first frame form a batch.
 """
 
 from dataclasses import dataclass, field
@@ -20,13 +19,14 @@ from egosplat.segments.memory import Memory, drop_features, make_memory, select_
 
 @dataclass
 class Group:
-    """Objects that began in one frame.
+    """Objects that start in the same frame, as a batch.
 
     Attributes:
-        ids: of the objects, in the order of the batch.
-        first_frame: where they began.
-        begun: what is remembered of that frame; recent: of the last frames, by their number.
-        unseen: for how many frames, up to the last, each object has not been seen.
+        ids: instance numbers, in the order of the batch.
+        first_frame: the frame in which they start.
+        begun: memory of that frame.
+        recent: memory of the last frames, by frame.
+        unseen: number of frames since each object was last seen.
     """
 
     ids: list[int]
@@ -40,21 +40,22 @@ class Group:
 
 
 class Propagator:
-    """Follows groups of objects from frame to frame, forwards or backwards."""
+    """Propagates groups of objects from frame to frame, forwards or backwards."""
 
     def __init__(self, sam2: Sam2, frames: int, lost_track_stride: int = 1) -> None:
-        """Prepare.
+        """Set up for a video.
 
         Args:
-            frames: how many the video has.
-            lost_track_stride: objects that were not seen for so many frames are looked for in every so manieth frame
-                alone; in those between, they are taken for absent and remembered as they were.
+            sam2: the model.
+            frames: number of frames of the video.
+            lost_track_stride: search for an object that was not seen for this many frames only in every frame whose
+                index is a multiple of it. In the other frames it counts as absent and its memory stays as it was.
         """
         self._model = sam2.video_predictor
         self._frames, self._lost_track_stride = frames, lost_track_stride
 
     def begin(self, encoded: EncodedImage, frame: int, ids: list[int], logits: Tensor) -> Group:
-        """Objects from masks on one frame: (K, M, M) logits of the model's own masks."""
+        """Start a group from the (K, M, M) logits of its objects in one frame, at the size of the model's masks."""
         side = (self._model.image_size, self._model.image_size)
         masks = F.interpolate(logits[:, None], side, mode="bilinear", align_corners=False) > 0
         features, positions = encoded.expand(len(ids))
@@ -70,7 +71,7 @@ class Propagator:
             num_frames=self._frames,
             run_mem_encoder=False,
         )
-        # As SAM2's predictor does: the memory of a given mask is made of its coarse form, cut at 0.
+        # As in SAM2's predictor: the memory of a given mask is encoded from its low-resolution form.
         high = F.interpolate(output["pred_masks"], side, mode="bilinear", align_corners=False)
         stored, position = self._model._encode_new_memory(
             current_vision_feats=features,
@@ -82,7 +83,7 @@ class Propagator:
         return Group(ids, frame, make_memory(stored, position, output["obj_ptr"]))
 
     def step(self, encoded: EncodedImage, frame: int, group: Group, reverse: bool) -> Tensor:
-        """Where a group's objects are in the next frame: (K, M, M) float32 logits; all below 0 where absent."""
+        """Propagate a group to the next frame: (K, M, M) float32 logits; all are below 0 if an object is absent."""
         count, side = len(group.ids), self._model.image_size // 4
         logits = encoded.features[0].new_full((count, side, side), NO_OBJ_SCORE, dtype=torch.float32)
         chosen = self._searched(group, frame)
@@ -105,7 +106,7 @@ class Propagator:
         return logits
 
     def _searched(self, group: Group, frame: int) -> list[int]:
-        """Places in the batch of the objects that are looked for in a frame."""
+        """Places in the batch of the objects to search for in a frame."""
         stride = self._lost_track_stride
         return [place for place, unseen in enumerate(group.unseen) if unseen < stride or frame % stride == 0]
 
@@ -118,7 +119,7 @@ class Propagator:
         recent: dict[int, Memory],
         reverse: bool,
     ) -> tuple[Tensor, Memory]:
-        """Logits (K, M, M) of the objects that are remembered, and what is to be remembered of this frame."""
+        """Run SAM2 on a batch of objects: (K, M, M) float32 logits, and the memory of this frame."""
         features, positions = encoded.expand(len(begun["obj_ptr"]))
         output = self._model.track_step(
             frame_idx=frame,
@@ -136,9 +137,10 @@ class Propagator:
         return fill_holes(output["pred_masks"][:, 0].float(), self._model.hole_area), new
 
     def _forget(self, group: Group, frame: int) -> None:
-        """Drop what the next frames cannot attend to: old masks' memory, and older pointers."""
+        """Drop what the memory attention of the next frames cannot reach."""
         for number, output in list(group.recent.items()):
             age = abs(frame - number) + 1
+            # SAM2 attends to the mask memory of few frames, and to the object pointers of more.
             if age > (self._model.num_maskmem - 1) * self._model.memory_temporal_stride_for_eval:
                 drop_features(output)
             if age > self._model.max_obj_ptrs_in_encoder:
@@ -146,5 +148,5 @@ class Propagator:
 
 
 def restart(group: Group) -> Group:
-    """The group as it began, to be followed the other way."""
+    """The group as it was in its first frame, to be propagated in the other direction."""
     return Group(group.ids, group.first_frame, group.begun)

@@ -1,4 +1,4 @@
-"""Stage ``segments``: instances at three levels, followed through the video."""
+"""Stage ``segments``: segment the frames at three levels and track the instances through the video."""
 
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -24,30 +24,31 @@ from egosplat.segments.occupancy import Occupancy
 from egosplat.segments.options import LEVELS, SegmentsOptions
 
 CHECKPOINT_S = 60.0
-"""Between two checkpoints [s]."""
+"""Time between two checkpoints [s]."""
 
 
 def run(frames: Path, output: Path, options: SegmentsOptions, *, survey: Path | None = None) -> None:
     """Write the segments artifact of ``frames``.
 
-    A run with SAM2 that was killed goes on from its last checkpoint, to the same segments as without the kill.
+    A run with SAM2 that was killed resumes from its last checkpoint, with the same result.
 
     Args:
         frames, output: paths.
-        survey: the frames that it leaves out are skipped; their labels are all -1.
+        options: of the stage.
+        survey: path of the survey. Frames that it drops are skipped; all their labels are -1.
 
     Raises:
-        UserError: the model cannot be loaded, the survey is of other frames, or nothing at all is found.
+        UserError: the model cannot be loaded, the survey is of other frames, or no instance is found.
     """
-    images = open_artifact(frames, FRAMES)
-    kept, by_survey = kept_frames(images, survey)
+    frames_artifact = open_artifact(frames, FRAMES)
+    kept, by_survey = kept_frames(frames_artifact, survey)
     used = {"sam2_config": options.sam2_config, "sam2_checkpoint": options.sam2_checkpoint}
     models = {"sam2_checkpoint": model_hash(SAM2, used)} if options.segmenter == "sam2" else {}
-    made = provenance.begin_from("segments", asdict(options) | by_survey, [images], models)
-    video = _Video(images, np.flatnonzero(kept))
+    made = provenance.begin_from("segments", asdict(options) | by_survey, [frames_artifact], models)
+    video = _Video(frames_artifact, np.flatnonzero(kept))
     checkpoint = Checkpoint(output, provenance.key_of(made), CHECKPOINT_S)
     if options.segmenter == "classical":
-        segmented = segment_video(video.image, len(video.frame), images.read("valid"))
+        segmented = segment_video(video.image, len(video.frame), frames_artifact.read("valid"))
     else:
         segmented = _track_with_sam2(video, options, checkpoint)
     try:
@@ -55,25 +56,25 @@ def run(frames: Path, output: Path, options: SegmentsOptions, *, survey: Path | 
             _write(artifact, segmented, video, options)
             artifact.facts |= {"segmenter": options.segmenter}
     except UserError:
-        checkpoint.remove()  # going on would lead to the same end
+        checkpoint.remove()  # resuming would give the same error
         raise
     checkpoint.remove()
 
 
 @dataclass(frozen=True)
 class _Video:
-    """The frames that are worked through; ``frame``: index of each in frames.zarr."""
+    """The frames to segment; ``frame``: (N,) index of each in frames.zarr."""
 
     source: Artifact
     frame: NDArray[np.intp]
 
     def image(self, place: int) -> NDArray[np.uint8]:
-        """(H, W, 3) uint8 RGB of the frame at a place of the video."""
+        """(H, W, 3) uint8 RGB image of the frame at a place in the video."""
         return self.source.row("rgb", self.frame[place])
 
 
 def _track_with_sam2(video: _Video, options: SegmentsOptions, checkpoint: Checkpoint) -> Segmented:
-    # Only here: the classical segmenter does without torch, which takes seconds to import.
+    # Imported here: sam2 takes seconds to import, and the classical segmenter does not need it.
     from egosplat.models.sam2_loader import load_sam2
     from egosplat.segments.tracker import Tracker
 
@@ -83,36 +84,34 @@ def _track_with_sam2(video: _Video, options: SegmentsOptions, checkpoint: Checkp
 
 
 def _write(artifact: Writer, segmented: Segmented, video: _Video, options: SegmentsOptions) -> None:
-    """Merge what is one thing, drop what is seen too briefly and levels that repeat, and write the rest by frame."""
+    """Merge duplicates, drop short tracks and repeated levels, and write the remaining instances."""
     labels, count = segmented.labels, video.source.shape("rgb")[0]
     place_of = {int(frame): place for place, frame in enumerate(video.frame)}
     final = finalize_instances(segmented, options.min_frames)
-    if len(final.staying) == 0:
+    if len(final.kept) == 0:
         raise UserError(
-            "segments: nothing was found in any frame. Lower segments.pred_iou_thresh and stability_score_thresh, "
-            "or take segmenter: classical"
+            "segments: no instance was found in any frame. Lower segments.pred_iou_thresh and stability_score_thresh, "
+            "or set segments.segmenter to classical"
         )
     final, repeated = _drop_duplicate_levels(segmented, final) if options.levels == "auto" else (final, {})
     first = labels[0]
     artifact.allocate("labels", (count, *first.shape))
-    occupancy = Occupancy(len(final.staying), video.source.read("valid"))
+    occupancy = Occupancy(len(final.kept), video.source.read("valid"))
     for frame in track(range(count), "writing labels"):
         place = place_of.get(frame)
         row = np.full_like(first, -1) if place is None else final.table[labels[place]]
         if place is not None:
             occupancy.add(row)
         artifact.put_row("labels", frame, row)
-    chosen = [segmented.instances[number] for number in final.staying]
+    chosen = [segmented.instances[number] for number in final.kept]
     artifact.put("instances/level", np.array([one.level for one in chosen], dtype=np.int8))
     artifact.put("instances/predicted_iou", np.array([one.predicted_iou for one in chosen], dtype=np.float32))
     artifact.put("instances/stability", np.array([one.stability for one in chosen], dtype=np.float32))
     begun = video.frame[[one.first_frame for one in chosen]]
     artifact.put("instances/first_frame", begun.astype(np.int64))
     by_level = {name: sum(one.level == number for one in chosen) for number, name in enumerate(LEVELS)}
-    dropped = len(segmented.instances) - len(final.staying)
-    log(
-        f"{len(final.staying)} instances ({by_level}); {dropped} merged with others, repeated or seen too briefly"
-    )
+    dropped = len(segmented.instances) - len(final.kept)
+    log(f"{len(final.kept)} instances ({by_level}); {dropped} merged, repeated or seen in too few frames")
     artifact.facts = {
         "levels": list(LEVELS),
         "instances": by_level,
@@ -127,17 +126,17 @@ def _write(artifact: Writer, segmented: Segmented, video: _Video, options: Segme
 def _drop_duplicate_levels(
     segmented: Segmented, final: FinalInstances
 ) -> tuple[FinalInstances, dict[int, int]]:
-    """What stays without the levels that repeat another, and these."""
-    level = np.array([segmented.instances[number].level for number in final.staying], dtype=np.int8)
+    """Drop the levels that repeat another; returns the remaining instances, and the kept level of each dropped one."""
+    level = np.array([segmented.instances[number].level for number in final.kept], dtype=np.int8)
     repeated = find_duplicate_levels(segmented.labels, final.table, level, len(LEVELS))
     for one, other in repeated.items():
-        log(f"level {LEVELS[one]} is left out: it repeats {LEVELS[other]}")
+        log(f"level {LEVELS[one]} is dropped: it repeats {LEVELS[other]}")
     table = drop_levels(repeated, final.table, level)
-    return replace(final, table=table, staying=final.staying[~np.isin(level, list(repeated))]), repeated
+    return replace(final, table=table, kept=final.kept[~np.isin(level, list(repeated))]), repeated
 
 
 def _to_frame_indices(notes: dict[str, Any], video: _Video) -> dict[str, Any]:
-    """The notes with frames in place of places in the video."""
+    """Replace places in the video by indices of frames.zarr."""
     if "key_frames" not in notes:
         return notes
     return notes | {"key_frames": [int(video.frame[place]) for place in notes["key_frames"]]}

@@ -1,4 +1,4 @@
-"""SAM2 over a whole video: forwards, with new prompts where nothing is followed, then backwards."""
+"""Track a video with SAM2: forwards, with new prompts where no instance is tracked, then backwards."""
 
 from collections.abc import Callable
 
@@ -21,7 +21,7 @@ from egosplat.segments.propagation import Propagator, restart
 
 
 class Tracker:
-    """Segments a video with SAM2 at all levels at once, so that each frame is encoded once each way."""
+    """Tracks all levels of a video with SAM2 at once, so that each frame is encoded once per direction."""
 
     def __init__(
         self,
@@ -31,11 +31,14 @@ class Tracker:
         valid: NDArray[np.bool_],
         options: SegmentsOptions,
     ) -> None:
-        """Prepare.
+        """Set up for a video.
 
         Args:
-            images: (H, W, 3) uint8 RGB of a frame, by its index.
-            frames: how many there are; valid: (H, W) bool.
+            sam2: the model.
+            images: returns the (H, W, 3) uint8 RGB image of a frame index.
+            frames: number of frames.
+            valid: (H, W) bool, pixels that show the scene.
+            options: of the stage.
         """
         self._sam2, self._images, self._frames, self._valid = sam2, images, frames, valid
         self._options = options
@@ -50,12 +53,12 @@ class Tracker:
         self._inside = (F.interpolate(inside, (side, side), mode="area")[0, 0] > 0.5).to(sam2.compute.device)
 
     def run(self, checkpoint: Checkpoint | None = None) -> Segmented:
-        """Work through the video, both ways; from the checkpoint on where there is one."""
+        """Track the video in both directions, resuming from the checkpoint if it holds a state."""
         if checkpoint is not None and (saved := checkpoint.load()) is not None:
             self.load_state_dict(saved)
-            log(f"following goes on after {self._ahead} frames forwards and {self._back} backwards")
+            log(f"tracking resumes after {self._ahead} frames forwards and {self._back} backwards")
         with self._sam2.compute.inference():
-            for frame in track(range(self._ahead, self._frames), "following instances forwards"):
+            for frame in track(range(self._ahead, self._frames), "tracking instances forwards"):
                 self._forwards(frame)
                 self._ahead += 1
                 self._save(checkpoint)
@@ -63,7 +66,7 @@ class Tracker:
                 for level in self._levels:
                     level.groups = [restart(group) for group in level.groups]
             last = max((group.first_frame for level in self._levels for group in level.groups), default=0)
-            for frame in track(range(last - 1 - self._back, -1, -1), "following instances backwards"):
+            for frame in track(range(last - 1 - self._back, -1, -1), "tracking instances backwards"):
                 self._backwards(frame)
                 self._back += 1
                 self._save(checkpoint)
@@ -75,7 +78,7 @@ class Tracker:
         return Segmented(self._labels, self._instances, same, {"key_frames": self._key_frames})
 
     def state_dict(self) -> State:
-        """How far it has come, as tensors, numbers, lists and dictionaries."""
+        """The progress as tensors, numbers, lists and dictionaries."""
         return {
             "ahead": self._ahead,
             "back": self._back,
@@ -86,7 +89,7 @@ class Tracker:
         }
 
     def load_state_dict(self, state: State) -> None:
-        """Go on from what ``state_dict`` gave."""
+        """Resume from a ``state_dict``."""
         self._ahead, self._back = state["ahead"], state["back"]
         self._key_frames = state["key_frames"]
         self._instances = [Track(**values) for values in state["instances"]]
@@ -132,31 +135,32 @@ class Tracker:
             back = stack_masks(found, self._inside)
             level.overlaps.add(*back)
             level.overlaps.add_between(*back, *self._as_masks(labels[number]))
-            # What was followed forwards was found earlier, and stays.
+            # Labels of the forward pass take precedence.
             labels[number] = np.where(labels[number] >= 0, labels[number], self._paint(found))
         self._labels[frame] = labels
 
     def _add_new_tracks(self, encoded: EncodedImage, frame: int, seen: list[list[LevelMasks]]) -> None:
-        """Prompt where a level is not covered, and begin to follow what is new there."""
-        followed = [stack_masks(found, self._inside)[1] for found in seen]
-        free = [self._inside & ~union(masks) for masks in followed]
+        """Prompt the pixels that a level does not cover, and start tracks of the new objects found there."""
+        tracked = [stack_masks(found, self._inside)[1] for found in seen]
+        free = [self._inside & ~union(masks) for masks in tracked]
         least = self._options.min_uncovered_fraction * float(self._inside.sum())
-        asked = [number for number, place in enumerate(free) if float(place.sum()) > least]
+        searched = [number for number, place in enumerate(free) if float(place.sum()) > least]
         points = grid_points(self._options.points_per_side)
         side = self._inside.shape[0]
         columns, rows = (points * side).long().T.to(self._inside.device)
         wanted = torch.zeros(len(points), dtype=torch.bool, device=self._inside.device)
-        for number in asked:
+        for number in searched:
             wanted |= free[number][rows, columns]
         if not wanted.any():
             return
         self._key_frames.append(frame)
         found = prompt(self._sam2, encoded, points[wanted.cpu()], self._options)
         begun: LevelMasks = [], self._inside.new_zeros(0, *self._inside.shape)
-        for number in reversed(asked):
+        # Coarse levels first: a finer mask equal to a coarser one shares its track.
+        for number in reversed(searched):
             new = filter_masks(found[number], self._options)
             new = drop_covered(
-                new, followed[number], self._options.max_covered_new, self._options.nms_iou_thresh
+                new, tracked[number], self._options.max_covered_new, self._options.nms_iou_thresh
             )
             new = new.take(new.scores.argsort(descending=True, stable=True)[: self._room(number)])
             alike = match_masks(new.masks, begun[1], self._options.cross_level_iou)
@@ -176,7 +180,7 @@ class Tracker:
     def _begin(
         self, encoded: EncodedImage, frame: int, level: int, new: Candidates, seen: list[LevelMasks]
     ) -> list[int]:
-        """Begin to follow; the numbers of the instances."""
+        """Start tracks; returns the numbers of the instances."""
         ids = self._add_instances(frame, level, new)
         for first in range(0, len(ids), self._options.batch):
             some = slice(first, first + self._options.batch)
@@ -187,25 +191,25 @@ class Tracker:
         return ids
 
     def _begin_shared(
-        self, frame: int, level: int, new: Candidates, followed: list[int], seen: list[LevelMasks]
+        self, frame: int, level: int, new: Candidates, tracked: list[int], seen: list[LevelMasks]
     ) -> None:
-        """Note instances that are ``followed`` for another level already, as these numbers."""
+        """Add instances that are ``tracked`` for another level already, under these numbers."""
         ids = self._add_instances(frame, level, new)
         if ids:
-            self._levels[level].shared |= dict(zip(ids, followed, strict=True))
+            self._levels[level].shared |= dict(zip(ids, tracked, strict=True))
             seen.append((ids, new.logits))
 
     def _add_instances(self, frame: int, level: int, new: Candidates) -> list[int]:
-        facts = zip(new.predicted_iou.tolist(), new.stability.tolist(), strict=True)
+        scores = zip(new.predicted_iou.tolist(), new.stability.tolist(), strict=True)
         first = len(self._instances)
-        self._instances += [Track(level, frame, iou, stability) for iou, stability in facts]
+        self._instances += [Track(level, frame, iou, stability) for iou, stability in scores]
         return list(range(first, len(self._instances)))
 
     def _paint(self, seen: list[LevelMasks]) -> NDArray[np.int32]:
         return paint(seen, self._valid, self._sam2.compute.device)
 
     def _as_masks(self, labels: NDArray[np.int32]) -> LevelMasks:
-        """What a label map shows, as masks of the model's own size."""
+        """The instances of a label map as masks at the size of the model's masks."""
         side = self._inside.shape[0]
         rows, columns = ((np.arange(side) + 0.5) * length / side for length in labels.shape)
         small = torch.from_numpy(labels[np.ix_(rows.astype(int), columns.astype(int))]).to(

@@ -1,4 +1,4 @@
-"""Where the pixels of an image were in the image before."""
+"""Find where the pixels of an image were in the previous image, by optical flow."""
 
 from dataclasses import dataclass
 
@@ -14,16 +14,16 @@ from egosplat.segments.classical.working_image import resize_to_side
 Floats = NDArray[np.float32]
 
 _SURROUNDINGS = 2.0
-"""Sigma of the Gaussian over which colours are compared, at the nominal side [px]."""
+"""Colours are compared after smoothing with a Gaussian of this sigma, at the nominal side [px]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Origins:
-    """Where the pixels of an image come from.
+    """The pixel of the previous image that each pixel corresponds to.
 
     Attributes:
-        rows, columns: (H, W) int64 pixel of the previous image that each pixel shows.
-        known: (H, W) bool: that pixel is in the previous image and was not hidden there.
+        rows, columns: (H, W) int64 position in the previous image.
+        known: (H, W) bool, whether that position is inside the image and was visible there.
     """
 
     rows: NDArray[np.int64]
@@ -31,7 +31,7 @@ class Origins:
     known: NDArray[np.bool_]
 
     def look_up(self, values: NDArray[np.generic]) -> NDArray[np.generic]:
-        """(..., H, W) of the previous image -> of this one; meaningless where ``known`` is not."""
+        """Warp (..., H, W) values of the previous image to this one; undefined where ``known`` is False."""
         return values[..., self.rows, self.columns]
 
 
@@ -41,16 +41,17 @@ def find_origins(
     valid: NDArray[np.bool_],
     options: ClassicalOptions,
 ) -> Origins:
-    """Follow every pixel back by dense inverse search (Kroeger et al. 2016), with a forward-backward check.
+    """Trace every pixel back by dense inverse search (Kroeger et al. 2016), with a forward-backward check.
 
     Args:
         previous, current: (H, W, 3) uint8 RGB.
-        valid: (H, W) bool, of both; nothing outside has an influence, or is an origin.
+        valid: (H, W) bool, of both images; pixels outside have no influence and are no origins.
         options: see ``ClassicalOptions``.
     """
     height, width = valid.shape
     small = [resize_to_side(one, valid, options.flow_side) for one in (previous, current)]
     colours = [cv2.cvtColor(one.rgb, cv2.COLOR_RGB2LAB) for one in small]
+    # CIELAB lightness, 0 to 100, as uint8: optical flow needs one 8-bit channel.
     before, now = (np.rint(one[..., 0] * 2.55).astype(np.uint8) for one in colours)
     motion = find_motion(now, before)
     backward, forward = _flow(now, before, motion), _flow(before, now, np.linalg.inv(motion))
@@ -72,7 +73,7 @@ def find_origins(
 def _look_alike(
     before: Floats, now: Floats, backward: Floats, unit: float, options: ClassicalOptions
 ) -> NDArray[np.bool_]:
-    """(h, w): a pixel's surroundings have the colour (CIELAB) that they had where the flow leads back to."""
+    """(h, w) bool: a pixel's neighbourhood has the colour (CIELAB) of the neighbourhood at its origin."""
     ends = pixel_grid(*now.shape[:2]) + backward
     warped = cv2.remap(before, ends, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     apart = cv2.GaussianBlur(now - warped, (0, 0), _SURROUNDINGS * unit)
@@ -81,12 +82,10 @@ def _look_alike(
 
 
 def _flow(source: NDArray[np.uint8], target: NDArray[np.uint8], motion: NDArray[np.float64]) -> Floats:
-    """(h, w, 2) float32: what each pixel of ``source`` moves by, to the right and down, in ``target`` [px].
-
-    The motion of the camera, a homography, is taken out first: between two frames of a turning head it is more
-    than what the search finds among repeating textures.
-    """
+    """(h, w, 2) float32 displacement (x, y) of each pixel of ``source`` in ``target`` [px]."""
     height, width = source.shape
+    # Remove the camera's motion, a homography, first: a turning head moves pixels further than the search
+    # finds among repeating textures.
     source, target = padded(source), padded(target)
     start = pixel_grid(*source.shape)
     moved = move(start, motion)

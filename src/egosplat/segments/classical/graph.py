@@ -1,4 +1,4 @@
-"""The superpixels of an image as a graph: what each looks like, and what is between two neighbours."""
+"""Superpixels of an image as a graph: colour and texture of each region, boundaries between neighbours."""
 
 from dataclasses import dataclass
 
@@ -15,22 +15,22 @@ _BINS = 20
 _LIGHTNESS, _COLOUR, _TEXTURE = (0.0, 100.0), (-60.0, 60.0), (0.0, 40.0)
 """Ranges of the histograms: CIELAB, and the standard deviation of CIELAB in a neighbourhood."""
 _DETAIL, _NEIGHBOURHOOD = 2.0, 3.0
-"""Texture is what a Gaussian of the first sigma takes away, its strength averaged by the second [px at side]."""
+"""Texture is the difference to a Gaussian blur of the first sigma; its power is averaged by the second [px at side]."""
 
 
 @dataclass(frozen=True, eq=False)
 class RegionGraph:
-    """Regions and which of them touch.
+    """Regions and their boundaries.
 
     Attributes:
-        labels: (h, w) int32 number of the region of each pixel, -1 where there is none.
+        labels: (h, w) int32 region of each pixel, -1 for none.
         area: (N,) [px].
-        profile: (N, 4, B) cumulative histograms of lightness, a, b and texture, summed over the pixels, in units
-            in which the sum of the absolute differences of two profiles (each over its area) is the weighted
-            earth mover's distance.
-        pairs: (E, 2) the neighbours, smaller number first.
-        length: (E,) of their common boundary [px].
-        edge: (E,) gradient summed over that boundary [CIELAB/px x px].
+        profile: (N, 4, B) cumulative histograms of lightness, a, b and texture, summed over the pixels. They are
+            scaled: the absolute differences of two profiles, each divided by its area, sum to the weighted earth
+            mover's distance.
+        pairs: (E, 2) neighbouring regions, smaller number first.
+        length: (E,) length of their common boundary [px].
+        edge: (E,) gradient summed along that boundary [CIELAB/px x px].
     """
 
     labels: NDArray[np.int32]
@@ -42,7 +42,7 @@ class RegionGraph:
 
 
 def make_graph(working: WorkingImage, options: ClassicalOptions) -> RegionGraph:
-    """Cut an image into superpixels (Felzenszwalb and Huttenlocher 2004) and link those that touch."""
+    """Divide an image into superpixels (Felzenszwalb and Huttenlocher 2004) and connect neighbours."""
     lab = cv2.cvtColor(working.rgb, cv2.COLOR_RGB2LAB)
     labels = _superpixels(lab, working, options)
     count = int(labels.max()) + 1
@@ -62,6 +62,7 @@ def make_graph(working: WorkingImage, options: ClassicalOptions) -> RegionGraph:
 def _superpixels(
     lab: NDArray[np.float32], working: WorkingImage, options: ClassicalOptions
 ) -> NDArray[np.int32]:
+    # Sizes are shares of the valid area, so that results do not depend on the image's size.
     pixels = working.valid.sum()
     cutter = cv2.ximgproc.segmentation.createGraphSegmentation(
         sigma=options.smoothing * working.unit,
@@ -99,7 +100,7 @@ def _profile(
     low, high = bounds
     place = np.clip((values - low) / (high - low), 0, 1) * (_BINS - 1)
     lower = np.minimum(place.astype(np.int64), _BINS - 2)
-    # Between the centres of two bins a value counts for both: else a slow change of light shows as a jump.
+    # A value between the centres of two bins counts for both: else slow changes of light would appear as jumps.
     upper_share = place - lower
     cells = labels * np.int64(_BINS) + lower
     counts = np.bincount(cells, 1 - upper_share, count * _BINS)
@@ -110,7 +111,7 @@ def _profile(
 def _boundaries(
     labels: NDArray[np.int32], gradient: NDArray[np.float32], count: int
 ) -> tuple[NDArray[np.int64], Floats, Floats]:
-    """The pairs of regions that touch, with the length of their boundary and the gradient summed along it."""
+    """Pairs of neighbouring regions, the length of each boundary, and the gradient summed along it."""
     keys, edges = [], []
     for before, after in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
         here, there = labels[before], labels[after]

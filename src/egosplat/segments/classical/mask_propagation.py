@@ -1,4 +1,4 @@
-"""Given masks followed from frame to frame."""
+"""Propagate given masks from frame to frame by optical flow."""
 
 from collections.abc import Iterable, Iterator
 
@@ -16,10 +16,10 @@ Masks = NDArray[np.bool_]
 def propagate_masks(
     masks: Masks, images: Iterable[NDArray[np.uint8]], valid: NDArray[np.bool_], options: ClassicalOptions
 ) -> Iterator[Masks]:
-    """Follow masks, which may overlap, by optical flow and the fine regions of each frame.
+    """Propagate masks, which may overlap, by optical flow, and fit them to the fine regions of each frame.
 
-    A fine region of which most pixels come from inside a mask belongs to it whole, one of which few do not at
-    all; where a region is split the pixels decide. Holds two frames at a time.
+    A fine region joins a mask if most of its pixels come from the mask, and leaves it if few do; otherwise each
+    pixel decides for itself. Two frames are held in memory.
 
     Args:
         masks: (K, H, W) bool of the first image.
@@ -28,7 +28,7 @@ def propagate_masks(
         options: see ``ClassicalOptions``.
 
     Yields:
-        (K, H, W) bool for each image; the first are ``masks`` within ``valid``.
+        (K, H, W) bool for each image; for the first, ``masks`` within ``valid``.
 
     Raises:
         ValueError: wrong shape or element type.
@@ -61,9 +61,9 @@ def snap(mask: Masks, known: Masks, regions: NDArray[np.int32], options: Classic
 
     Args:
         mask: (H, W) bool.
-        known: (H, W) bool: where the mask says anything.
+        known: (H, W) bool, where the mask is defined.
         regions: (H, W) int32, -1 outside of the valid pixels.
-        options: its ``least_support`` and ``purity``.
+        options: ``least_support`` and ``purity`` are used.
 
     Returns:
         (H, W) bool.
@@ -73,7 +73,7 @@ def snap(mask: Masks, known: Masks, regions: NDArray[np.int32], options: Classic
     voters = np.bincount(regions[known & (regions >= 0)], minlength=count)
     yes = np.bincount(regions[mask & known & (regions >= 0)], minlength=count)
     decided = (voters > 0) & (voters >= options.least_support * size)
-    # The last entry is that of pixels without a region, which index -1 finds.
+    # Index -1, a pixel without a region, selects the last entry.
     taken = np.append(decided & (yes >= options.purity * voters), False)
     left = np.append(decided & (voters - yes >= options.purity * voters), True)
     return taken[regions] | (mask & known & ~left[regions])

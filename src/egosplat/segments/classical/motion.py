@@ -1,23 +1,23 @@
-"""The motion of the camera between two images, as one homography."""
+"""Estimate the camera's motion between two images as one homography."""
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 _LEAST_SIDE = 64
-"""Of images in which features are looked for [px]; ORB's pyramid fails in tiny ones."""
+"""Smallest side of images in which features are detected [px]; ORB's pyramid fails in tiny images."""
 _FEATURES = 1500
 _FAST_THRESHOLD = 7
 _LEAST_MATCHES = 12
 _LEAST_INLIERS = 0.2
-"""Of the matches must follow one homography for it to be believed."""
+"""Share of the matches that must agree with the homography."""
 _TOLERANCE = 0.015
-"""What follows: within this share of the longer side. Loose, because near things move more than the walls."""
+"""RANSAC's tolerance, as a share of the longer side. Loose, because near objects move more than walls."""
 _SEED = 1
 
 
 def find_motion(source: NDArray[np.uint8], target: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """(3, 3) homography from pixels (x, y) of ``source`` to ``target``; the identity where none is found.
+    """(3, 3) homography from pixels (x, y) of ``source`` to ``target``; the identity if none is found.
 
     Args:
         source, target: (h, w) uint8.
@@ -43,7 +43,7 @@ def find_motion(source: NDArray[np.uint8], target: NDArray[np.uint8]) -> NDArray
 
 
 def _is_plausible(motion: NDArray[np.float64], shape: tuple[int, int]) -> bool:
-    """Whether the corners of the image stay in front, in order, and less than one side away."""
+    """Whether the image's corners stay in front of the camera, in order, and move by less than one side."""
     height, width = shape
     corners = np.array([[[0, 0], [width, 0], [width, height], [0, height]]], dtype=np.float32)
     depth = np.dstack([corners, np.ones((1, 4, 1))]) @ motion[2]
@@ -60,5 +60,5 @@ def _turn(corners: NDArray[np.float32]) -> float:
 
 
 def move(points: NDArray[np.float32], motion: NDArray[np.float64]) -> NDArray[np.float32]:
-    """(h, w, 2) float32 points (x, y) under a homography."""
+    """Apply a homography to (h, w, 2) float32 points (x, y)."""
     return cv2.perspectiveTransform(points, motion)

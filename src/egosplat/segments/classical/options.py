@@ -1,39 +1,37 @@
-"""What the segmenter without weights is told."""
+"""Options of the classical segmenter."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class ClassicalOptions:
-    """How images are cut into regions, and how regions are followed; tuned on synthetic apartments.
+    """Parameters of segmentation and tracking without learned weights, tuned on synthetic apartments.
 
     A difference is a distance in CIELAB (about 2 is just noticeable, black to white is 100 times
-    ``lightness_weight``). An area is a share of the valid part of the image, so that the size of the image
-    does not matter.
+    ``lightness_weight``). An area is a share of the image's valid pixels.
 
     Attributes:
-        side: longest side that work is done at [px]; larger images are made smaller, and their labels larger.
-        smoothing: of the image before its superpixels are found, a Gaussian's sigma at ``side`` [px].
-        granularity: of superpixels (Felzenszwalb and Huttenlocher's k): the larger, the larger they are
-            [difference x area].
-        least_area: smaller regions are merged into the neighbour that is most like them.
-        least_width: so are thinner ones, at ``side`` [px].
-        lightness_weight: of a difference in lightness, against 1 for the two colour axes.
-        texture_weight: of a difference in how strong the texture is.
-        edge_weight: of the gradient across the common boundary, in differences per (difference/px).
-        edge_scale: of that gradient, a Gaussian's sigma at ``side`` [px].
-        size_power: how much sooner small regions are merged: a difference counts as
-            ``difference * (100 * a * b / (a + b)) ** size_power`` between areas a and b.
-        contact_weight: how much sooner enclosed regions are merged: a difference counts less by this share where
-            the common boundary is the whole outline of one of the two.
-        subpart, part, whole: regions of the level differ by at least this much, for areas of one percent.
-        flow_side: longest side that optical flow is computed at [px].
-        flow_error: forward and backward flow may miss each other by this much at ``flow_side`` [px], and by a
-            tenth of their length.
-        colour_error: a pixel may differ from where it was by this much; the light may change, too [difference].
-        least_support: a fine region takes a label that at least this share of its pixels brings along.
-        purity: and that at least this share of its pixels with a label agrees on; else pixels keep their own.
-        new_area: an uncovered region that is at least this large becomes a new track.
+        side: longest side at which images are segmented [px]; larger images are reduced, their labels enlarged.
+        smoothing: sigma of the Gaussian blur before superpixels are computed, at ``side`` [px].
+        granularity: Felzenszwalb and Huttenlocher's k [difference x area]; larger values give larger superpixels.
+        least_area: smaller regions are merged into their most similar neighbour.
+        least_width: thinner regions are, too; at ``side`` [px].
+        lightness_weight: weight of a difference in lightness; that of the two colour axes is 1.
+        texture_weight: weight of a difference in texture strength.
+        edge_weight: weight of the gradient across the common boundary, in differences per (difference/px).
+        edge_scale: sigma of that gradient's Gaussian blur, at ``side`` [px].
+        size_power: preference for merging small regions: a difference between areas a and b counts as
+            ``difference * (100 * a * b / (a + b)) ** size_power``.
+        contact_weight: preference for merging enclosed regions: a difference is reduced by this share if the common
+            boundary is the whole outline of one of them.
+        subpart, part, whole: least difference between regions of the level, for areas of one percent.
+        flow_side: longest side at which optical flow is computed [px].
+        flow_error: largest gap between forward and backward flow at ``flow_side`` [px], besides a tenth of their
+            length.
+        colour_error: largest colour change of a pixel between frames [difference].
+        least_support: a fine region takes a label only if this share of its pixels has one,
+        purity: and if this share of those agrees; else pixels keep their own labels.
+        new_area: an uncovered region becomes a new track if it is at least this large.
     """
 
     side: int = 384
@@ -58,7 +56,7 @@ class ClassicalOptions:
     new_area: float = 1e-3
 
     def __post_init__(self) -> None:
-        """Raises: ValueError: a number makes no sense."""
+        """Raise ValueError if a value is out of range."""
         for name, value in vars(self).items():
             if not value >= 0:
                 raise ValueError(f"{name} must not be negative: {value}")

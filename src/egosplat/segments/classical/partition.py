@@ -1,4 +1,4 @@
-"""Regions merged in the order of how alike they are."""
+"""Divide an image into nested regions: superpixels, merged in the order of their similarity."""
 
 import heapq
 
@@ -15,7 +15,7 @@ def partition(
 ) -> NDArray[np.int32]:
     """(4, H, W) int32 fine regions, subparts, parts and wholes of an image; -1 outside of ``valid``.
 
-    Args and errors: see ``egosplat.segments.classical.segment``.
+    Arguments and errors are those of ``segmenter.segment``.
     """
     check_image(image, valid)
     if not valid.any():
@@ -29,16 +29,17 @@ def partition(
 def merge_levels(graph: RegionGraph, unit: float, options: ClassicalOptions) -> NDArray[np.int32]:
     """Merge superpixels into the regions of each level.
 
-    The two regions that differ least are merged, again and again (as in Salembier and Garrido's binary partition
-    tree, 2000). What two regions differ by is the earth mover's distance of their colours and textures plus the
-    gradient across their boundary, less for small and for enclosed regions: see ``ClassicalOptions``.
+    The two most similar neighbours are merged repeatedly (binary partition tree, Salembier and Garrido 2000). The
+    difference of two regions is the earth mover's distance of their colours and textures plus the gradient across
+    their boundary; it is reduced for small and for enclosed regions, see ``ClassicalOptions``.
 
     Args:
         graph: of N superpixels.
         unit: see ``WorkingImage``.
+        options: thresholds of the levels and weights of the difference.
 
     Returns:
-        (4, N) int32 region of each superpixel: fine regions, subparts, parts, wholes; each from 0 without gaps.
+        (4, N) int32 region of each superpixel: fine regions, subparts, parts, wholes; each numbered from 0 without gaps.
     """
     merging = _Merging(graph, options)
     merging.clean(options.least_area * graph.area.sum(), options.least_width * unit)
@@ -51,7 +52,7 @@ def merge_levels(graph: RegionGraph, unit: float, options: ClassicalOptions) -> 
 
 
 class _Merging:
-    """A partition that becomes coarser; a region is known by one of its superpixels."""
+    """A partition that becomes coarser; a region has the number of one of its superpixels."""
 
     def __init__(self, graph: RegionGraph, options: ClassicalOptions) -> None:
         count = len(graph.area)
@@ -68,12 +69,12 @@ class _Merging:
         ):
             self._neighbours[a][b] = self._neighbours[b][a] = tuple(boundary)
         self._outline = np.array([_length(one) for one in self._neighbours])
-        # Entries of the queue that name an older version of a region are out of date.
+        # Merging a region raises its version: queue entries of an older version are ignored.
         self._version = [0] * count
         self._queue: list[tuple[float, int, int, int, int]] = []
 
     def clean(self, least_area: float, least_width: float) -> None:
-        """Merge every region that is too small or too thin, the smallest first, into its most similar neighbour."""
+        """Merge regions that are too small or too thin, the smallest first, into their most similar neighbour."""
 
         def is_poor(number: int) -> bool:
             area = self._area[number]
@@ -96,7 +97,7 @@ class _Merging:
             self._push(number, [other for other in neighbours if other > number])
 
     def merge_below(self, threshold: float) -> None:
-        """Merge until all neighbours differ by at least ``threshold``."""
+        """Merge until all neighbouring regions differ by at least ``threshold``."""
         while self._queue and self._queue[0][0] < threshold:
             _, a, b, version_a, version_b = heapq.heappop(self._queue)
             if (self._version[a], self._version[b]) == (version_a, version_b):
@@ -112,23 +113,23 @@ class _Merging:
             heapq.heappush(self._queue, (difference, number, other, mine, self._version[other]))
 
     def _differences(self, number: int, others: list[int]) -> Floats:
-        """(K,) by how much a region differs from each of K neighbours [CIELAB]."""
+        """(K,) difference of a region to each of K neighbours [CIELAB]."""
         apart = np.abs(self._mean[others] - self._mean[number]).sum(axis=2)
         boundary = np.array([self._neighbours[number][other] for other in others])
         edge = boundary[:, 1] / boundary[:, 0]
         return np.sqrt(np.square(apart).sum(axis=1)) + self._options.edge_weight * edge
 
     def _size_weight(self, number: int, others: list[int]) -> Floats:
-        """(K,) what the differences are multiplied by for the sizes and the contact of the regions."""
+        """(K,) factors of the differences for the regions' sizes and common boundaries."""
         length = np.array([self._neighbours[number][other][0] for other in others])
-        # As Ward's criterion: near the smaller area where the two are unlike, half of it where they are equal.
+        # As in Ward's criterion: about the smaller area if the areas differ much, half of it if they are equal.
         size = self._area[others] * self._area[number] / (self._area[others] + self._area[number])
         contact = length / np.minimum(self._outline[others], self._outline[number])
         size = (size / self._hundredth) ** self._options.size_power
         return size * (1 - self._options.contact_weight * contact)
 
     def _merge(self, a: int, b: int) -> int:
-        """Make two neighbours one region; returns its number, that of the larger."""
+        """Merge two neighbours; returns the number of the larger, which the region keeps."""
         kept, gone = (a, b) if (self._area[a], -a) >= (self._area[b], -b) else (b, a)
         self._sum[kept] += self._sum[gone]
         self._area[kept] += self._area[gone]
@@ -150,5 +151,5 @@ class _Merging:
 
 
 def _length(neighbours: dict[int, tuple[float, float]]) -> float:
-    """Of the whole boundary to all neighbours [px]."""
+    """Total length of the boundaries to all neighbours [px]."""
     return sum(length for length, _ in neighbours.values())

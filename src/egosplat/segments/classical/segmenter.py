@@ -1,7 +1,6 @@
-"""The segmenter without weights: graph segmentation, region merging, and optical flow.
+"""The classical segmenter: graph segmentation, region merging, and optical flow, without learned weights.
 
-It knows nothing of objects: the baseline for segmenters that have learned, and a choice for images unlike
-everything that they have learned from.
+It is the baseline for SAM2, and an alternative for recordings unlike SAM2's training data.
 """
 
 from collections.abc import Callable
@@ -33,7 +32,7 @@ __all__ = [
 def segment(
     image: NDArray[np.uint8], valid: NDArray[np.bool_], options: ClassicalOptions
 ) -> NDArray[np.int32]:
-    """Cut an image into nested regions.
+    """Segment an image into nested regions.
 
     Args:
         image: (H, W, 3) uint8 RGB.
@@ -42,7 +41,7 @@ def segment(
 
     Returns:
         (3, H, W) int32 regions of the levels subpart, part and whole, numbered from 0 at each level, -1 outside
-        of ``valid``. A region is a union of regions of the level before.
+        of ``valid``. A region is a union of regions of the next finer level.
 
     Raises:
         ValueError: wrong shape or element type.
@@ -53,16 +52,18 @@ def segment(
 def segment_video(
     images: Callable[[int], NDArray[np.uint8]], frames: int, valid: NDArray[np.bool_]
 ) -> Segmented:
-    """Regions of each level, followed by optical flow; a region's track is an instance.
+    """Segment a video: regions of each level, tracked by optical flow. A region's track is an instance.
 
     Args:
-        images: (H, W, 3) uint8 RGB of a frame, by its index; frames: how many; valid: (H, W) bool.
+        images: returns the (H, W, 3) uint8 RGB image of a frame index.
+        frames: number of frames.
+        valid: (H, W) bool, pixels that show the scene.
     """
     labels = LabelMaps((len(LEVELS), *valid.shape))
     instances: list[Track] = []
     tracked = track_levels(map(images, range(frames)), valid, ClassicalOptions())
     known: list[dict[int, int]] = [{} for _ in LEVELS]
-    for frame, levels in enumerate(progress(tracked, "following regions", total=frames)):
+    for frame, levels in enumerate(progress(tracked, "tracking regions", total=frames)):
         maps = []
         for level, regions in enumerate(levels):
             for number in np.unique(regions[regions >= 0]).tolist():
@@ -75,7 +76,7 @@ def segment_video(
 
 
 def _to_instance_numbers(regions: NDArray[np.int32], numbers: dict[int, int]) -> NDArray[np.int32]:
-    """Track numbers of a level as instance numbers."""
+    """Map the track numbers of a level to instance numbers."""
     table = np.full(int(regions.max(initial=-1)) + 2, -1, dtype=np.int32)
     for track_number, instance in numbers.items():
         if track_number < len(table) - 1:

@@ -1,4 +1,4 @@
-"""Regions followed from frame to frame."""
+"""Track regions from frame to frame by optical flow."""
 
 from collections.abc import Iterable, Iterator
 
@@ -21,10 +21,10 @@ def propagate(
     regions: Labels,
     options: ClassicalOptions,
 ) -> Labels:
-    """Carry labels on to the next frame.
+    """Propagate labels to the next frame.
 
-    Each pixel looks up its label where optical flow says that it was; a fine region takes the label that most of
-    its pixels bring. A pixel that was hidden, out of view or without a label brings none.
+    Optical flow gives each pixel the label of its origin; a fine region takes the label of most of its pixels.
+    A pixel that was hidden, out of view or without a label has no vote.
 
     Args:
         labels: (H, W) int32 of the previous frame, -1 for none.
@@ -47,20 +47,20 @@ def propagate(
 
 
 def _propagate_along(labels: Labels, origins: Origins, regions: Labels, options: ClassicalOptions) -> Labels:
-    """``propagate``, where it is known already where pixels come from."""
+    """``propagate`` with the origins of the pixels given."""
     brought = np.where(origins.known, origins.look_up(labels), np.int32(-1))
     return _vote(brought, regions, options)
 
 
 def _vote(brought: Labels, regions: Labels, options: ClassicalOptions) -> Labels:
-    """Give each region the label that wins in it, or where none does leave its pixels those they bring."""
+    """Give each region the label that wins the vote; without a winner its pixels keep their own labels."""
     has_label = brought >= 0
     if not has_label.any():
         return np.full_like(brought, -1)
     count, kinds = int(regions.max()) + 1, np.int64(brought.max()) + 1
     cells, votes = np.unique(regions[has_label] * kinds + brought[has_label], return_counts=True)
     region, label = np.divmod(cells, kinds)
-    # Of equal votes the smaller label wins: sorted last are the most votes, then the smallest label.
+    # The last assignment wins: most votes, then the smallest label.
     order = np.lexsort((-label, votes))
     winner, most = np.full(count, -1, dtype=np.int32), np.zeros(count)
     winner[region[order]], most[region[order]] = label[order], votes[order]
@@ -74,7 +74,7 @@ def _vote(brought: Labels, regions: Labels, options: ClassicalOptions) -> Labels
 def track(
     images: Iterable[NDArray[np.uint8]], valid: NDArray[np.bool_], level: str, options: ClassicalOptions
 ) -> Iterator[Labels]:
-    """Follow the regions of a level; what comes into view becomes a new track. Holds two frames at a time.
+    """Track the regions of a level; a region that comes into view starts a new track. Holds two frames in memory.
 
     Args:
         images: (H, W, 3) uint8 RGB each.
@@ -83,22 +83,22 @@ def track(
         options: see ``ClassicalOptions``.
 
     Yields:
-        (H, W) int32 number of the track that each pixel belongs to, -1 for none; the numbers of the first frame
-        are those of its regions, and a number is never given twice.
+        (H, W) int32 track number of each pixel, -1 for none. The first frame's numbers are those of its regions;
+        no number is used twice.
 
     Raises:
         ValueError: unknown level; wrong shape or element type.
     """
     if level not in LEVELS:
         raise ValueError(f"level {level!r} is none of {', '.join(LEVELS)}")
-    # A function that yields checks nothing before its first frame is asked for: hence the second one.
+    # A generator function would check its arguments only when the first frame is requested.
     return (labels[0] for labels in _track(images, valid, (LEVELS.index(level) + 1,), options))
 
 
 def track_levels(
     images: Iterable[NDArray[np.uint8]], valid: NDArray[np.bool_], options: ClassicalOptions
 ) -> Iterator[list[Labels]]:
-    """``track`` of all ``LEVELS`` at once: each image is cut, and its flow computed, once."""
+    """``track`` all ``LEVELS`` at once: each image is segmented, and its flow computed, once."""
     return _track(images, valid, tuple(range(1, len(LEVELS) + 1)), options)
 
 
@@ -108,7 +108,7 @@ def _track(
     levels: tuple[int, ...],
     options: ClassicalOptions,
 ) -> Iterator[list[Labels]]:
-    """Labels of some of the levels that ``partition`` gives."""
+    """Track some of the levels that ``partition`` returns."""
     previous = None
     labels = [np.full(valid.shape, -1, dtype=np.int32) for _ in levels]
     tracks = [0] * len(levels)
@@ -117,7 +117,7 @@ def _track(
         if previous is not None:
             origins = find_origins(previous, image, valid, options)
             labels = [_propagate_along(one, origins, found[0], options) for one in labels]
-        # In the first frame all is uncovered, and everything however small is given a track.
+        # In the first frame every region becomes a track, however small.
         least = options.new_area * valid.sum() if previous is not None else 1
         for number, level in enumerate(levels):
             labels[number] = open_tracks(labels[number], found[level], tracks[number], least)
@@ -127,13 +127,13 @@ def _track(
 
 
 def open_tracks(labels: Labels, regions: Labels, first: int, least_pixels: float) -> Labels:
-    """Number what no track covers.
+    """Start tracks for regions that no track covers.
 
     Args:
-        labels: (H, W) int32, -1 where nothing is covered.
+        labels: (H, W) int32, -1 where no track covers the pixel.
         regions: (H, W) int32, -1 outside of the valid pixels.
         first: number of the next new track.
-        least_pixels: of a region must be uncovered for it to become a track.
+        least_pixels: number of uncovered pixels a region needs to become a track.
 
     Returns:
         (H, W) int32 labels.

@@ -1,4 +1,4 @@
-"""An image at the size that the segmenter works at, and labels back at the image's own size."""
+"""Resize an image to the segmenter's working size, and labels back to the image's size."""
 
 from dataclasses import dataclass
 
@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, eq=False)
 class WorkingImage:
-    """An image made smaller.
+    """An image at the working size.
 
     Attributes:
-        rgb: (h, w, 3) float32 in [0, 1]; pixels that are not valid have the colour of the nearest that is.
-        valid: (h, w) bool: pixels of which some part is valid.
-        shape: height and width of the image itself.
+        rgb: (h, w, 3) float32 in [0, 1]; invalid pixels have the colour of the nearest valid one.
+        valid: (h, w) bool, pixels that are valid at least in part.
+        shape: height and width of the original image.
         unit: working pixels per pixel at the nominal side, at most 1.
     """
 
@@ -38,12 +38,12 @@ def check_map(values: NDArray[np.generic], dtype: np.dtype, shape: tuple[int, ..
 
 
 def resize_to_side(image: NDArray[np.uint8], valid: NDArray[np.bool_], side: int) -> WorkingImage:
-    """The image with its longest side at most ``side``; what is not valid has no influence on it.
+    """Reduce an image to a longest side of at most ``side``; invalid pixels have no influence.
 
     Args:
         image: (H, W, 3) uint8 RGB.
         valid: (H, W) bool.
-        side: [px].
+        side: nominal longest side [px].
     """
     height, width = valid.shape
     scale = min(1.0, side / max(height, width))
@@ -52,12 +52,12 @@ def resize_to_side(image: NDArray[np.uint8], valid: NDArray[np.bool_], side: int
     kept = np.where(valid[..., None], image, 0).astype(np.float32) / 255
     rgb = cv2.resize(kept, size, interpolation=cv2.INTER_AREA)
     some = weight > 1e-6
-    rgb /= np.where(some, weight, 1)[..., None]
+    rgb /= np.where(some, weight, 1)[..., None]  # the mean over valid pixels only
     return WorkingImage(fill(rgb, some), some, (height, width), max(size) / side)
 
 
 def fill(values: NDArray[np.generic], known: NDArray[np.bool_]) -> NDArray[np.generic]:
-    """(h, w, ...) values whose pixels outside of (h, w) ``known`` are those of the nearest known pixel."""
+    """Fill (h, w, ...) values outside of (h, w) bool ``known`` with those of the nearest known pixel."""
     if known.all() or not known.any():
         return values
     _, nearest = cv2.distanceTransformWithLabels(
@@ -69,7 +69,7 @@ def fill(values: NDArray[np.generic], known: NDArray[np.bool_]) -> NDArray[np.ge
 
 
 def enlarge(labels: NDArray[np.int32], shape: tuple[int, int]) -> NDArray[np.int32]:
-    """(..., h, w) labels -> (..., *shape): each pixel takes the label under its centre."""
+    """Enlarge (..., h, w) labels to (..., *shape): each pixel takes the label at its centre."""
     rows, columns = (
         (2 * np.arange(size) + 1) * there // (2 * size)
         for size, there in zip(shape, labels.shape[-2:], strict=True)
