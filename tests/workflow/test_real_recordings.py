@@ -70,4 +70,4 @@ def test_the_first_line_of_a_plan_says_that_small_checkpoints_do_not_know_a_real
     # Before it, Snakemake only names the profile that it uses.
     first = next(line for line in done.stderr.splitlines() if not line.startswith("Using "))
     assert first.startswith("egosplat: mine/scene: ") and "models.clip_checkpoint" in first
-    assert done.stderr.count("know synthetic apartments alone") == 1
+    assert done.stderr.count("trained on synthetic apartments only") == 1

@@ -1,4 +1,4 @@
-"""An alarm: evidence in a stage's own figures that its result, and all that is made from it, is not to be trusted."""
+"""An alarm: a statistic of a stage's result outside of its normal range, a sign that the result is unusable."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Alarm:
-    """One figure beyond its limit.
+    """A statistic outside of its normal range.
 
     Attributes:
-        key: stable code, the stage's name and what was measured: ``masks.pixels``.
-        normal: the figure where the pipeline works.
-        found: what was found instead.
-        advice: what to do.
+        key: stable code of stage and statistic, such as ``masks.pixels``.
+        normal: the normal range.
+        found: the value found.
+        advice: what the user can do.
     """
 
     key: str
@@ -25,15 +25,15 @@ class Alarm:
 
 
 def exceeds(value: float | None, limit: float) -> bool:
-    """Whether a figure is above a limit; a figure that is not told, None, is not."""
+    """Whether a value is above a limit; False for None, an unknown value."""
     return value is not None and value > limit
 
 
 def falls_below(value: float | None, limit: float) -> bool:
-    """Whether a figure is below a limit; a figure that is not told, None, is not."""
+    """Whether a value is below a limit; False for None, an unknown value."""
     return value is not None and value < limit
 
 
 def warning_lines(notice: str | None, alarms: Iterable[Alarm]) -> list[str]:
-    """The notice of models that do not fit as ``notice: ...``, then each alarm as ``alarm: ...``."""
+    """Format the notice on unsuitable models as ``notice: ...``, then each alarm as ``alarm: ...``."""
     return [*([] if notice is None else [f"notice: {notice}"]), *(f"alarm: {alarm}" for alarm in alarms)]

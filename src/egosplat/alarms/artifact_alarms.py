@@ -1,4 +1,4 @@
-"""The alarms of artifacts, by what they tell of themselves; the one place that logs them."""
+"""Compute the alarms of artifacts from their facts and arrays, and log them."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -15,8 +15,8 @@ from egosplat.progress import log
 
 
 def alarms_of(artifact: Artifact) -> list[Alarm]:
-    """The alarms of one artifact; none of a kind that has none."""
-    return list(_FOUND.get(artifact.schema.name, _none)(artifact))
+    """The alarms of one artifact; empty for a kind without alarms."""
+    return list(_BY_KIND.get(artifact.schema.name, _none)(artifact))
 
 
 def alarms_of_all(artifacts: Iterable[Artifact]) -> list[Alarm]:
@@ -32,7 +32,7 @@ def warnings_of(*artifacts: Artifact) -> list[str]:
 
 
 def log_warnings(stage: str, output: Path) -> None:
-    """Log the ``warning_lines`` of what a stage has just made; nothing of a stage that makes no artifact."""
+    """Log the ``warning_lines`` of a stage's artifact; nothing if the stage writes no artifact."""
     if stage in SCHEMAS:
         for line in warnings_of(open_artifact(output, SCHEMAS[stage])):
             log(line)
@@ -93,7 +93,7 @@ def _language(language: Artifact) -> Iterable[Alarm]:
     return language_alarms(float((share <= 0).all(axis=1).mean()) if len(share) else None)
 
 
-_FOUND: dict[str, Callable[[Artifact], Iterable[Alarm]]] = {
+_BY_KIND: dict[str, Callable[[Artifact], Iterable[Alarm]]] = {
     "frames": _frames,
     "poses": _poses,
     "segments": _segments,

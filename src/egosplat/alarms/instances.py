@@ -1,36 +1,36 @@
-"""Alarms of the stages that find instances and what they mean: segments, view_features and features."""
+"""Alarms of the stages segments, view_features and features."""
 
 from collections.abc import Iterator
 
 from egosplat.alarms.alarm import Alarm, exceeds, falls_below
 
 MAX_EMPTY_PIXELS = 0.5
-"""Share of valid pixels without an instance. In synthetic apartments a level leaves 1 to 25 % without (the last with
-prompts in the first frame alone, benchmarks/segments/README.md); 10 % have none at any level, in two series of photographs 4 and
-6 %."""
+"""Share of valid pixels without an instance. In synthetic apartments it is 1 to 25 % at a level (25 % with prompts in the first
+frame only, benchmarks/segments/README.md) and 10 % at all levels together; in two series of photographs 4 and 6 %."""
 
 MIN_INSTANCES_PER_FRAME = 3.0
-"""One a level. A synthetic apartment has 38, two series of photographs 28 and 63."""
+"""One per level. A synthetic apartment has 38, two series of photographs 28 and 63."""
 
 MIN_FRAMES_PER_INSTANCE = 5.0
-"""Outliers are told apart from three views on; benchmarks/aggregation/README.md has things with 6 to 48 views. Of 48 frames of a synthetic apartment it is 31."""
+"""Outlier detection needs three views. The objects of benchmarks/aggregation/README.md have 6 to 48 views; a synthetic
+apartment of 48 frames has a mean of 31."""
 
 MAX_LOST_VIEWS = 0.01
-"""Share of the views without a finite feature. None is lost in float32."""
+"""Share of the views without a finite feature. In float32 it is 0."""
 
 MAX_OUTLIERS = 0.25
-"""Share of the views. The median absolute deviation tells outliers up to a share of 30 to 40 %
-(benchmarks/aggregation/README.md); the limit lies below, and above the few per cent that chance leaves out."""
+"""Share of the views. The median absolute deviation detects outliers up to a share of 30 to 40 %
+(benchmarks/aggregation/README.md). The limit is below that, and above the few per cent that are dropped by chance."""
 
 MIN_AGREEMENT = 0.5
-"""See ``agreement_of``: half way between the views of different instances and equal ones. It is 0.68 and 0.76 in synthetic
-apartments; with the small checkpoints, 0.55 and 0.48 in two series of photographs, which they do not know."""
+"""See ``agreement_of``; the middle of its range. It is 0.68 and 0.76 in synthetic apartments, and 0.55 and 0.48 in two series
+of photographs with the small checkpoints, which were not trained on photographs."""
 
 MIN_RECONSTRUCTION = 0.9
-"""Mean cosine. Codes of 16 numbers reach 0.98; at 0.88 every third thing that its features name is named something
-else, at 0.92 every fourth (benchmarks/aggregation/README.md)."""
+"""Mean cosine. Codes of 16 numbers reach 0.98. At 0.88 one object in three gets another name than from its full features, at
+0.92 one in four (benchmarks/aggregation/README.md)."""
 
-_MODEL = "set models.sam2_config and models.sam2_checkpoint to a SAM2 that knows such pictures"
+_MODEL = "set models.sam2_config and models.sam2_checkpoint to a SAM2 trained on such images"
 
 
 def segments_alarms(
@@ -38,56 +38,62 @@ def segments_alarms(
     instances_per_frame: float | None,
     frames_per_instance: float | None,
 ) -> Iterator[Alarm]:
-    """Alarms of instances followed through the video.
+    """Alarms of the segments artifact.
 
     Args:
         empty_pixels: share of valid pixels without an instance at any level.
-        instances_per_frame, frames_per_instance: means.
+        instances_per_frame, frames_per_instance: means over frames and over instances.
     """
     if exceeds(empty_pixels, MAX_EMPTY_PIXELS):
         yield Alarm(
             "segments.empty_pixels",
             f"up to {MAX_EMPTY_PIXELS:.0%}",
             f"{empty_pixels:.1%} of the pixels belong to no instance",
-            f"Nothing there can be asked for: look at segments.png and {_MODEL}",
+            f"Queries find nothing there. Check segments.png, and {_MODEL}",
         )
     if falls_below(instances_per_frame, MIN_INSTANCES_PER_FRAME):
         yield Alarm(
             "segments.instances_per_frame",
             f"{MIN_INSTANCES_PER_FRAME:g} or more",
-            f"a frame shows {instances_per_frame:.1f} instances in the mean",
-            f"Look at segments.png and {_MODEL}",
+            f"frames have {instances_per_frame:.1f} instances on average",
+            f"Check segments.png, and {_MODEL}",
         )
     if falls_below(frames_per_instance, MIN_FRAMES_PER_INSTANCE):
         yield Alarm(
             "segments.frames_per_instance",
             f"{MIN_FRAMES_PER_INSTANCE:g} or more",
-            f"an instance is followed through {frames_per_instance:.1f} frames in the mean",
-            "Tracks break, and there are no views to aggregate: take a smaller frames.stride, or a longer recording",
+            f"instances are tracked for {frames_per_instance:.1f} frames on average",
+            "Tracks break, and there are too few views to aggregate. Reduce frames.stride, or use a longer recording",
         )
 
 
 def view_features_alarms(lost: int, views: int) -> Iterator[Alarm]:
-    """Args: lost: views of which the model makes no finite feature; views: those with one."""
+    """Alarms of the view_features artifact.
+
+    Args:
+        lost: number of views without a finite feature.
+        views: number of views with one.
+    """
     if lost and exceeds(lost / (lost + views), MAX_LOST_VIEWS):
         yield Alarm(
             "view_features.lost",
             "none",
-            f"of {lost} of {lost + views} views the model makes no finite feature",
-            "Set models.precision to float32, or take another models.clip_checkpoint",
+            f"{lost} of {lost + views} views have no finite feature",
+            "Set models.precision to float32, or use another models.clip_checkpoint",
         )
 
 
 def features_alarms(
     outliers: int, views: int, agreement: float | None, spread: float | None, reconstruction: float | None
 ) -> Iterator[Alarm]:
-    """Alarms of what instances mean.
+    """Alarms of the features artifact.
 
     Args:
-        outliers: views that disagree with their instance; views: of all.
-        agreement: mean cosine of a view with its instance's consistent feature.
-        spread: mean cosine between different instances' consistent features.
-        reconstruction: mean cosine of a feature with what its code is decoded to.
+        outliers: number of views that disagree with their instance.
+        views: number of all views.
+        agreement: mean cosine between a view and its instance's consistent feature.
+        spread: mean cosine between the consistent features of different instances.
+        reconstruction: mean cosine between a feature and its decoded code.
     """
     if views and exceeds(outliers / views, MAX_OUTLIERS):
         yield Alarm(
@@ -103,8 +109,8 @@ def features_alarms(
     ):
         yield Alarm(
             "features.agreement",
-            f"{MIN_AGREEMENT:g} or more, of 0 (as views of different instances) to 1 (equal)",
-            f"views of an instance agree by {agreement_of(agreement, spread):.2f}: their mean cosine with it is "
+            f"{MIN_AGREEMENT:g} or more, from 0 (like views of different instances) to 1 (equal)",
+            f"views agree with their instance by {agreement_of(agreement, spread):.2f}: the mean cosine with it is "
             f"{agreement:.2f}, between instances {spread:.2f}",
             _TRACKS,
         )
@@ -112,17 +118,17 @@ def features_alarms(
         yield Alarm(
             "features.reconstruction",
             f"{MIN_RECONSTRUCTION:g} or more",
-            f"codes are decoded to features with a mean cosine of {reconstruction:.2f} to their own",
-            "Codes lose what tells instances apart: raise features.dims, or set it to auto",
+            f"decoded codes have a mean cosine of {reconstruction:.2f} with their features",
+            "Codes lose the differences between instances. Raise features.dims, or set it to auto",
         )
 
 
 def agreement_of(agreement: float, spread: float) -> float:
-    """0 where views are as unlike their instance as different instances are each other, 1 where they are equal to it."""
+    """Agreement relative to the spread: 0 if views are as unlike their instance as instances are to each other, 1 if equal."""
     return (agreement - spread) / (1.0 - spread) if spread < 1.0 else 1.0
 
 
 _TRACKS = (
-    "Tracks change from one thing to another, or OpenCLIP does not know what they show: look at crops.png, and take "
-    "other models.sam2_checkpoint and models.clip_checkpoint"
+    "Tracks switch between objects, or OpenCLIP does not know them. Check crops.png, and use another "
+    "models.sam2_checkpoint and models.clip_checkpoint"
 )

@@ -1,4 +1,4 @@
-"""Alarms of the stages that train, transient, masks, splats and language, and of the scores."""
+"""Alarms of the stages transient, masks, splats, language and metrics."""
 
 import math
 from collections.abc import Iterator
@@ -9,41 +9,42 @@ from numpy.typing import NDArray
 from egosplat.alarms.alarm import Alarm, exceeds
 
 MAX_PROBABILITY = 0.2
-"""Mean over all pixels of all frames. It is 0.05 to 0.1 in synthetic apartments and 0.02 to 0.11 in photographs in which
-nothing moves; a recording on which the network failed had 0.47. The limit is the geometric mean of 0.1 and 0.47."""
+"""Mean over all pixels of all frames. It is 0.05 to 0.1 in synthetic apartments, 0.02 to 0.11 in photographs of static scenes,
+and 0.47 in a recording on which the network failed. The limit is the geometric mean of 0.1 and 0.47."""
 
 MAX_MASKED_INSTANCES = 0.5
-"""Share of the instances. What stands still is the larger part of any scene that a moving camera can reconstruct."""
+"""Share of the instances. Most of a scene must be static for a reconstruction from a moving camera."""
 
 MAX_MASKED_PIXELS = 0.25
-"""Share of all pixels of all frames. In synthetic apartments with people it is 1 to 4 %, of the network alone 8 %
-(from benchmarks/transient/README.md: precision, and the share of what is still that is masked)."""
+"""Share of all pixels of all frames. In synthetic apartments with people it is 1 to 4 %, and 8 % for the network's masks without
+refinement (derived from precision and the masked share of static pixels in benchmarks/transient/README.md)."""
 
 MIN_PSNR_DB = 20.0
-"""An error of a tenth of the range in every pixel. Synthetic apartments have 26 to 30 dB (benchmarks/ablation/README.md),
+"""20 dB is an error of a tenth of the range in every pixel. Synthetic apartments have 26 to 30 dB (benchmarks/ablation/README.md),
 17 photographs of a desk 22.7 (benchmarks/tradeoff/README.md)."""
 
 MAX_WITHOUT_CODE = 0.25
-"""Share of the Gaussians. It is below 2 % with instances of every kind: a Gaussian is seen from many frames."""
+"""Share of the Gaussians. It is below 2 %: a Gaussian is seen in many frames, and in some of them has an instance."""
 
 
 def transient_alarms(mean_probability: float | None) -> Iterator[Alarm]:
-    """Args: mean_probability: of being transient, over all pixels of all frames."""
+    """Alarms of the transient artifact; ``mean_probability`` is that of being transient, over all pixels of all frames."""
     if exceeds(mean_probability, MAX_PROBABILITY):
         yield Alarm(
             "transient.probability",
             "0.02 to 0.11",
-            f"a pixel is transient with a mean probability of {mean_probability:.2f}",
-            "The network calls much of what stands still moving; look at transient.png, raise transient.transient_penalty or "
-            "iterations, or set splats.masking: none where nothing moves",
+            f"the mean probability of a transient pixel is {mean_probability:.2f}",
+            "The network classifies static pixels as transient. Check transient.png; raise transient.transient_penalty or "
+            "iterations, or set splats.masking to none if nothing moves",
         )
 
 
 def masks_alarms(transient: int, instances: int, masked_pixels: float | None) -> Iterator[Alarm]:
-    """Alarms of masks.
+    """Alarms of the masks artifact.
 
     Args:
-        transient: masked instances; instances: of all.
+        transient: number of masked instances.
+        instances: number of all instances.
         masked_pixels: share of all pixels of all frames.
     """
     if instances and exceeds(transient / instances, MAX_MASKED_INSTANCES):
@@ -57,48 +58,48 @@ def masks_alarms(transient: int, instances: int, masked_pixels: float | None) ->
         yield Alarm(
             "masks.pixels",
             f"up to {MAX_MASKED_PIXELS:.0%}",
-            f"{masked_pixels:.1%} of all pixels are masked as moving, and not trained on",
+            f"{masked_pixels:.1%} of all pixels are masked and excluded from training",
             _LESS,
         )
 
 
 def splats_alarms(psnr: NDArray[np.float64]) -> Iterator[Alarm]:
-    """Args: psnr: (F,) of the held-out frames [dB]; none where nothing is held out."""
+    """Alarms of the splats artifact; ``psnr``: (F,) of the held-out frames [dB], empty if there are none."""
     mean = float(psnr.mean()) if len(psnr) else math.inf
-    if not mean >= MIN_PSNR_DB:  # also what is no number
+    if not mean >= MIN_PSNR_DB:  # true for NaN, too
         yield Alarm(
             "splats.psnr",
             f"{MIN_PSNR_DB:g} dB or more",
-            f"held-out frames are rendered with {mean:.2f} dB",
-            "Look at splats.png: raise splats.iterations and max_gaussians, and check the poses",
+            f"the mean PSNR of held-out frames is {mean:.2f} dB",
+            "Check splats.png and the poses; raise splats.iterations and max_gaussians",
         )
 
 
 def language_alarms(without_code: float | None) -> Iterator[Alarm]:
-    """Args: without_code: share of the Gaussians that mean nothing at any level."""
+    """Alarms of the language artifact; ``without_code``: share of the Gaussians without a code at any level."""
     if exceeds(without_code, MAX_WITHOUT_CODE):
         yield Alarm(
             "language.without_code",
             f"up to {MAX_WITHOUT_CODE:.0%}",
             f"{without_code:.1%} of the Gaussians have no code at any level",
-            "Nothing there can be asked for; look at segments.png for pixels without an instance",
+            "Queries find nothing there. Check segments.png for pixels without an instance",
         )
 
 
 def metrics_alarms(lowest: float | None, chance: float) -> Iterator[Alarm]:
-    """Alarms of the accuracy of all queries.
+    """Alarms of the localization accuracy over all queries.
 
     Args:
-        lowest: lower bound of its interval; None where there is none.
-        chance: accuracy of the best answer that does not look.
+        lowest: lower bound of its interval; None without an interval.
+        chance: accuracy of the best answer that ignores the scene.
     """
     if lowest is not None and lowest <= chance:
         yield Alarm(
             "metrics.chance",
             "above chance",
-            f"the accuracy may be {lowest:.1%}, and what does not look at the scene reaches {chance:.1%}",
-            "These answers tell nothing: look at queries.png, and at the other alarms",
+            f"the accuracy may be as low as {lowest:.1%}; an answer that ignores the scene reaches {chance:.1%}",
+            "The answers may be chance. Check queries.png and the other alarms",
         )
 
 
-_LESS = "Look at transient.png; raise masks.threshold, or set splats.masking: none where nothing moves"
+_LESS = "Check transient.png; raise masks.threshold, or set splats.masking to none if nothing moves"

@@ -29,19 +29,19 @@ CPU, MEMORY, DISK = "cpu_s", "peak_memory_mb", "disk_mb"
 MEASURED_ON = "two cores with AVX-512"
 
 START_S = 4.0
-"""Start of Python and its libraries, which ``cpu_s`` leaves out: 2.7 to 4 s on the log of a whole run."""
+"""Start of Python and its libraries, which ``cpu_s`` excludes: 2.7 to 4 s in the log of a whole run."""
 
 _RENDERS = frozenset({"transient", "splats", "language", "language_trained", "metrics", "metrics_published"})
 """Laws whose time depends on the rasterizer."""
 
 
 def law_of(stage: str, config: Config, *, colmap: bool = False) -> str:
-    """The name of the law that holds for a stage under a configuration.
+    """The name of the law of a stage under a configuration.
 
     Args:
         stage: one of ``STAGES``.
         config: the scene's whole configuration.
-        colmap: whether COLMAP finds the poses; else they are read from the device's trajectory.
+        colmap: whether poses come from COLMAP; else they are read from the device's trajectory.
     """
     models = config["models"]
     small_clip = models["clip_model"] == SMALL
@@ -88,7 +88,7 @@ def gpu_seconds(law: str, sizes: Mapping[str, float]) -> float:
 
 
 def evaluate(law: Mapping[Term, float], sizes: Mapping[str, float]) -> float:
-    """The value of a law; sizes of terms whose coefficient is 0 need not be known."""
+    """Evaluate a law; sizes of terms with coefficient 0 may be unknown."""
     return math.fsum(
         factor * math.prod(sizes[name] for name in term) for term, factor in law.items() if factor
     )

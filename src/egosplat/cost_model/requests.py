@@ -1,4 +1,4 @@
-"""Memory, time and GPUs that a job asks a scheduler for: the expected cost, a margin, and more at each further attempt."""
+"""Memory, time and GPUs that a job requests from a scheduler: expected cost, times a margin, times the attempt."""
 
 import math
 from collections.abc import Iterable
@@ -8,34 +8,34 @@ from egosplat.cost_model.sizes import UNKNOWN_FRAMES, Sizes
 from egosplat.pipeline.config import Config, stage_values
 
 MEMORY_MARGIN = 1.3
-"""Times the expected memory. On the largest finished scene that no law was fitted to, stages took up to 1.1 times it."""
+"""Factor of the expected memory. On the largest finished scene outside of the fit, stages took up to 1.1 times that."""
 
 SNAKEMAKE_MB = 700.0
-"""The two Snakemakes beside the stage's process: one submits, one runs the job's command [MB]."""
+"""Memory of the two Snakemake processes of a job: one submits it, one runs its command [MB]."""
 
 CUDA_MB = 3000.0
 """CUDA's libraries and context in a process that uses a GPU [MB]. Assumed."""
 
 TIME_MARGIN = 3.0
-"""Times the expected time: slower machines, busy file systems. It costs nothing when a job ends earlier."""
+"""Factor of the expected time, for slower machines and busy file systems. A job that ends earlier costs nothing."""
 
 LEAST_S, MOST_S = 600.0, 86_400.0
 """Python starts slowly from a network file system. A stage that is stopped after a day resumes from its checkpoint."""
 
 GPU_MARGIN = 4.0
-"""Times the time on a GPU, whose speed is assumed."""
+"""Factor of the time on a GPU, whose speed is assumed."""
 
 _ON_GPU = {"auto", "cuda"}
 
 
 def memory_mb(stage: str, config: Config, inputs: Iterable[str], attempt: int) -> int:
-    """Memory to ask for, a multiple of 100 [MB].
+    """Memory to request, a multiple of 100 [MB].
 
     Args:
         stage: one of ``STAGES``.
         config: the scene's whole configuration.
         inputs: paths of the job's inputs.
-        attempt: 1 at first; the n-th asks for n times as much.
+        attempt: from 1; attempt n requests n times as much.
 
     Raises:
         FileNotFoundError, LookupError: see ``Sizes``.
@@ -47,19 +47,19 @@ def memory_mb(stage: str, config: Config, inputs: Iterable[str], attempt: int) -
 
 
 def runtime_min(stage: str, config: Config, inputs: Iterable[str], attempt: int) -> int:
-    """Time to ask for, in whole minutes, a day at most; arguments and errors as for ``memory_mb``."""
+    """Time to request, in whole minutes, a day at most; arguments and errors as for ``memory_mb``."""
     sizes = _sizes(stage, config, inputs, at_most=False)
     law = _law(stage, config, sizes)
     if law in ("segments_published", "view_features_published") and gpus(stage, config):
         expected = GPU_MARGIN * gpu_seconds(law, sizes)
     else:
-        # With a GPU these are far too long; without AVX on the node they are not.
+        # Too long for a node with a GPU or AVX, but right for one without.
         expected = seconds(law, sizes, "generic")
     return attempt * math.ceil(min(LEAST_S + TIME_MARGIN * expected, MOST_S) / 60)
 
 
 def gpus(stage: str, config: Config) -> int:
-    """GPUs that a job of the stage can use: 1 where a key of it lets models or rendering run on one, else 0."""
+    """GPUs that a job of the stage can use: 1 if a key lets models or rendering run on one, else 0."""
     if stage == "segments" and config["segments"]["segmenter"] == "classical":
         return 0
     values = stage_values(stage, config)
@@ -67,7 +67,7 @@ def gpus(stage: str, config: Config) -> int:
 
 
 def _sizes(stage: str, config: Config, inputs: Iterable[str], at_most: bool) -> Sizes:
-    # The job that reads a recording has no input that tells how long it is.
+    # The job that reads a recording has no input with its length.
     unread = {"frames": UNKNOWN_FRAMES, "pixels": config["frames"]["resolution"] ** 2}
     return Sizes(config, inputs, unread if stage == "frames" else None, at_most)
 

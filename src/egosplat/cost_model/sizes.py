@@ -21,7 +21,7 @@ TYPICAL_TRACKED = 150
 """Instances that SAM2 tracks in a furnished apartment, all levels together: 134 in adt/scene1."""
 
 UNKNOWN_FRAMES = 3600
-"""Frames of a recording that is not read yet: two minutes at ADT's 30 a second."""
+"""Assumed frames of a recording that is not read yet: two minutes at ADT's 30 frames per second."""
 
 RECORDED_PIXELS = 1408**2
 """Pixels of a recorded frame; ADT's. No artifact stores the recording's own size."""
@@ -42,18 +42,18 @@ _IN_ARTIFACTS: dict[str, tuple[tuple[str, str, slice], ...]] = {
 class Sizes(Mapping[str, float]):
     """The sizes of a scene by name: those given, else those in the headers of a job's inputs, else the configuration's.
 
-    A header is a JSON file of 1 kB, read only when a size in it is asked for.
+    A header is a JSON file of 1 kB; it is read only when a size in it is requested.
 
     Args:
         config: the scene's whole configuration.
-        inputs: paths of a job's inputs; those that are no artifact are ignored.
-        given: sizes that are known otherwise.
-        at_most: whether instances that are not known count as the most that the configuration allows
-            (``segments.max_instances``), not as a typical number.
+        inputs: paths of a job's inputs; files that are no artifacts are ignored.
+        given: sizes from elsewhere, which take precedence.
+        at_most: whether an unknown number of instances is the limit of the configuration
+            (``segments.max_instances``) or a typical number.
 
     Raises:
-        FileNotFoundError: (when asked for a size) the input that has it is not made yet; ``filename`` is its path.
-        LookupError: (when asked for a size) neither an input nor the configuration has it.
+        FileNotFoundError: (on access) the input with the size does not exist yet; ``filename`` is its path.
+        LookupError: (on access) neither an input nor the configuration has the size.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class Sizes(Mapping[str, float]):
         """Whether COLMAP finds the poses of these frames.
 
         Raises:
-            FileNotFoundError: the frames are not made yet.
+            FileNotFoundError: the frames artifact does not exist yet.
         """
         if self._config["poses"]["method"] == "colmap":
             return True
@@ -132,7 +132,7 @@ def _views(config: Config, sizes: Sizes) -> float:
 
 def _dims(config: Config, _: Sizes) -> float:
     dims = config["features"]["dims"]
-    return 32 if dims == "auto" else dims  # more than scenes take
+    return 32 if dims == "auto" else dims  # more than "auto" chose for any scene
 
 
 def _sam2_area(config: Config, _: Sizes) -> float:
@@ -164,7 +164,7 @@ _FROM_CONFIG: dict[str, Callable[[Config, Sizes], float]] = {
     "surveyed_pixels": lambda _, sizes: min(sizes["pixels"], 256**2),  # egosplat.survey.motion.SIDE
     "evaluated": _evaluated,
     "points": lambda *_: 1_000_000,
-    # Instances and what is known of them.
+    # Instances and their features.
     "prompts": _prompts,
     "tracked": lambda _, sizes: sizes.tracked,
     "instances": lambda _, sizes: sizes.tracked / 2,  # 72 of 134 in adt/scene1
@@ -189,4 +189,4 @@ _FROM_CONFIG: dict[str, Callable[[Config, Sizes], float]] = {
     "joint": lambda config, sizes: sizes["codes"] if config["splats"]["language"] == "joint" else 0,
     "language_iterations": lambda config, _: config["language"]["iterations"],
 }
-"""By size: its value where no input has it."""
+"""By size: its value if no input has it."""

@@ -63,7 +63,7 @@ def _time(expected: Mapping[str, float | None], names: list[str]) -> Finding:
 
 
 def _models_device(config: Config) -> str:
-    """The type of the device that runs SAM2 and OpenCLIP; ``cuda`` where a GPU is asked for and missing."""
+    """The type of the device that runs SAM2 and OpenCLIP; ``cuda`` if the configuration requires a GPU that is missing."""
     from egosplat.compute import choose_compute
 
     try:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 WIDTH = 110
-"""Of the page, in characters. Paths and addresses are not broken."""
+"""Width of the page [characters]. Paths and addresses are not broken."""
 
 
 class Mark(StrEnum):
@@ -23,7 +23,7 @@ class Finding:
 
     Attributes:
         mark: ``missing`` if the configuration needs something that is absent.
-        what: the subject.
+        what: the subject of the finding.
         value: what was found.
         advice: what to do; empty if nothing.
     """

@@ -36,8 +36,8 @@ def recording_findings(config: Config, scenes: list[Scene]) -> Iterator[Finding]
 def suitability_findings(scenes: list[Scene]) -> Iterator[Finding]:
     """A warning for each real recording that the small checkpoints were not trained for."""
     for scene in scenes:
-        if told := scene_notice(scene):
-            first, _, advice = told.partition(". ")
+        if notice := scene_notice(scene):
+            first, _, advice = notice.partition(". ")
             yield Finding(Mark.NOTE, f"{scene.dataset}/{scene.scene}", first, advice)
 
 
@@ -79,17 +79,17 @@ def _compute(config: Config) -> Finding:
 
 
 def _recordings(dataset: str, root: str | None, scenes: list[Scene]) -> Finding:
-    what = f"{dataset} recordings"
+    subject = f"{dataset} recordings"
     if all(scene.synthetic for scene in scenes):
         stand_in = f"data_root.{dataset} is not set: synthetic apartments replace its {len(scenes)} scenes"
-        return Finding(Mark.OK, what, stand_in)
+        return Finding(Mark.OK, subject, stand_in)
     absent = [scene for scene in scenes if not scene.synthetic and not scene.recording.exists()]
     found = f"{len(scenes) - len(absent)} of {len(scenes)} below {root or Path.cwd()}"
     if not absent:
-        return Finding(Mark.OK, what, found)
+        return Finding(Mark.OK, subject, found)
     if not any(map(is_own, absent)):
-        return Finding(Mark.NOTE, what, f"none; data_root.{dataset} is not set")
+        return Finding(Mark.NOTE, subject, f"none; data_root.{dataset} is not set")
     names = ", ".join(f"{scene.scene} ({scene.recording})" for scene in absent[:NAMED])
     more = f" and {len(absent) - NAMED} more" if len(absent) > NAMED else ""
     advice = f"Copy them there, set data_root.{dataset} to their folder, or remove their rows from the table of scenes"
-    return Finding(Mark.MISSING, what, f"{found}; missing: {names}{more}", advice)
+    return Finding(Mark.MISSING, subject, f"{found}; missing: {names}{more}", advice)

@@ -42,7 +42,7 @@ def _gpu(config: Config) -> Finding:
     if torch.cuda.is_available():
         name, memory = torch.cuda.get_device_name(), torch.cuda.get_device_properties(0).total_memory
         return Finding(Mark.OK, "GPU", f"{name}, {memory / GIB:.0f} GiB")
-    keys = [f"{section}.{key}" for section, key in _asking_for("cuda", config)]
+    keys = [f"{section}.{key}" for section, key in _keys_set_to("cuda", config)]
     if keys:
         return Finding(Mark.MISSING, "GPU", "PyTorch finds none", f"Set {' and '.join(keys)} to auto")
     return Finding(Mark.NOTE, "GPU", "PyTorch finds none; everything runs on the CPU")
@@ -78,8 +78,8 @@ def _compiler() -> Finding:
         advice = "To recompile the kernels, install one: apt install g++"
         return Finding(Mark.NOTE, "C++ compiler", "none found", advice)
     done = subprocess.run([command[0], "--version"], capture_output=True, text=True, check=False)
-    said = done.stdout.splitlines() or ["of unknown version"]
-    return Finding(Mark.OK, "C++ compiler", f"{shlex.join(command)}: {said[0]}")
+    output = done.stdout.splitlines() or ["of unknown version"]
+    return Finding(Mark.OK, "C++ compiler", f"{shlex.join(command)}: {output[0]}")
 
 
 def _kernels(config: Config) -> Finding:
@@ -123,7 +123,7 @@ def _disk() -> Finding:
     return Finding(Mark.OK, "disk", value)
 
 
-def _asking_for(device: str, config: Config) -> list[tuple[str, str]]:
-    """The keys that name a device."""
+def _keys_set_to(device: str, config: Config) -> list[tuple[str, str]]:
+    """Section and name of the keys that are set to a device."""
     keys = (("splats", "backend"), ("models", "device"))
     return [(section, key) for section, key in keys if config[section][key] == device]

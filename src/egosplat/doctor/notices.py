@@ -37,10 +37,10 @@ def plan_notices(scenes: Mapping[tuple[str, str], Scene], targets: Sequence[Targ
         targets: below ``results``; empty for every scene.
     """
     found: dict[str, list[str]] = {}
-    for name, told in _asked(scenes, targets):
-        if told is not None and name not in found.setdefault(told, []):
-            found[told].append(name)
-    return [f"{', '.join(names)}: {told}" for told, names in found.items()]
+    for name, warning in _scene_warnings(scenes, targets):
+        if warning is not None and name not in found.setdefault(warning, []):
+            found[warning].append(name)
+    return [f"{', '.join(names)}: {warning}" for warning, names in found.items()]
 
 
 def left_out_notices(scenes: Mapping[tuple[str, str], Scene], targets: Sequence[Target]) -> list[str]:
@@ -61,15 +61,15 @@ def left_out_notices(scenes: Mapping[tuple[str, str], Scene], targets: Sequence[
     return [f"skipped, their recordings are missing: {names}{more}"]
 
 
-def _asked(
+def _scene_warnings(
     scenes: Mapping[tuple[str, str], Scene], targets: Sequence[Target]
 ) -> Iterable[tuple[str, str | None]]:
     if not targets:
         return [(f"{scene.dataset}/{scene.scene}", scene_notice(scene)) for scene in scenes.values()]
-    return [_asked_target(scenes[target.dataset, target.scene], target) for target in targets]
+    return [_target_warning(scenes[target.dataset, target.scene], target) for target in targets]
 
 
-def _asked_target(scene: Scene, target: Target) -> tuple[str, str | None]:
+def _target_warning(scene: Scene, target: Target) -> tuple[str, str | None]:
     where = f"{scene.dataset}/{scene.scene}"
     if target.variant is None:
         return where, scene_notice(scene)

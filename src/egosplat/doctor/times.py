@@ -16,7 +16,7 @@ PARTS = {
     "training": ("splats",),
     "queries": ("language", "metrics"),
 }
-"""The parts of the main job, and the stages of each. Pages and tables are not counted."""
+"""The parts of the main job, and the stages of each. Report pages and tables are not included."""
 
 _MODELS = frozenset({"segments", "view_features", "metrics"})
 _RENDERS = frozenset({"transient", "splats", "language", "metrics"})
@@ -29,8 +29,8 @@ def estimate(
 
     Args:
         config: the scene's whole configuration.
-        synthetic: whether its recording is made first. How long a real one is, is not known before it is read.
-        rasterizer: what renders: the variant of the C++ kernels, or another name, for which nothing was measured.
+        synthetic: whether its recording is synthetic. The length of a real one is unknown before it is read.
+        rasterizer: the variant of the C++ kernels that renders; for other backends no times were measured.
         models_on: the type of the device that runs SAM2 and OpenCLIP.
 
     Returns:

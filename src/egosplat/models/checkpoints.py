@@ -1,4 +1,4 @@
-"""Where a model's checkpoint lies and what its content is; neither needs the model's libraries."""
+"""Find the checkpoints of SAM2 and OpenCLIP and hash their content, without importing the models' libraries."""
 
 import functools
 import hashlib
@@ -12,19 +12,19 @@ from egosplat.errors import UserError
 from egosplat.models.configs import SMALL, SMALL_CLIP, SMALL_SAM2, clip_config_files, sam2_config_files
 
 MISSING = "missing"
-"""In place of the hash of a model that is not there: only the stage that needs it complains."""
+"""Replaces the hash of a missing model, so that only the stage that needs it reports the error."""
 
 
 @dataclass(frozen=True)
 class ModelSpec:
-    """One of the models that egosplat stands on.
+    """A pretrained model that egosplat uses.
 
     Attributes:
-        name: what it is called.
-        config_key, checkpoint_key: its keys in the configuration's section ``models``.
-        small: the packaged small checkpoint.
+        name: for messages.
+        config_key, checkpoint_key: keys of the configuration's section ``models``.
+        small: path of the packaged small checkpoint.
         published: name of the paper's checkpoint.
-        address: where that is to be had.
+        address: download address of the paper's checkpoint.
     """
 
     name: str
@@ -54,28 +54,28 @@ CLIP = ModelSpec(
 )
 
 CONFIG_FILES = {SAM2: sam2_config_files, CLIP: clip_config_files}
-"""The files that describe a model's architecture, from the value of its configuration key."""
+"""By model: a function from the value of its configuration key to the files that describe the architecture."""
 
 
 def find_checkpoint(model: ModelSpec, checkpoint: str) -> Path:
-    """The checkpoint's file.
+    """The file of a model's checkpoint.
 
     Args:
-        model: which model it is of.
+        model: SAM2 or CLIP.
         checkpoint: a path, or ``small`` for the packaged one.
 
     Raises:
-        UserError: there is no such file; says where the published one is to be had and which key to set.
+        UserError: the file is missing. The message names the key to set and the published checkpoint's address.
     """
     if checkpoint == SMALL:
         if not model.small.is_file():
             raise UserError(
                 f"models.{model.checkpoint_key}: there is no small {model.name} checkpoint {model.small}.\n"
-                "It belongs to egosplat: install egosplat again, or set the key to a file of your own"
+                "It is part of egosplat: install egosplat again, or set the key to another file"
             )
         return model.small
     path = Path(checkpoint).expanduser()
-    if not os.path.isfile(path):  # unlike the method, of any text
+    if not os.path.isfile(path):  # Path.is_file raises for some strings, such as too long ones
         raise UserError(
             f"models.{model.checkpoint_key}: there is no file {path}.\nPut {model.published} there ({model.address}), "
             f"or set in config/config.yaml  models: {{{model.checkpoint_key}: PATH}}"
@@ -84,17 +84,17 @@ def find_checkpoint(model: ModelSpec, checkpoint: str) -> Path:
 
 
 def content_hash(path: Path) -> str:
-    """SHA-256 of a file's content, 64 hexadecimal digits; read once a process while size and time stand."""
-    facts = path.stat()
-    return _sha256(path, facts.st_size, facts.st_mtime_ns)
+    """SHA-256 of a file's content, 64 hexadecimal digits; cached while its size and modification time are unchanged."""
+    stat = path.stat()
+    return _sha256(path, stat.st_size, stat.st_mtime_ns)
 
 
 def model_hash(model: ModelSpec, models: Mapping[str, str]) -> str:
     """Hash of a model's checkpoint and of the files that describe its architecture; 16 hexadecimal digits.
 
     Args:
-        model: which model.
-        models: the configuration's section of that name.
+        model: SAM2 or CLIP.
+        models: the configuration's section ``models``.
 
     Raises:
         UserError: one of the files is missing.
@@ -105,13 +105,12 @@ def model_hash(model: ModelSpec, models: Mapping[str, str]) -> str:
 
 
 def model_hashes(config: Mapping[str, Any]) -> dict[str, str]:
-    """The hash of each model by the key of its checkpoint, for the parameters of the rules that use them.
+    """The hash of each model by the key of its checkpoint; ``missing`` for a model that is missing.
 
-    Another checkpoint, or another content of the same file, makes such a stage stale. ``missing`` stands for
-    a model that is not there.
+    The rules that use a model have its hash as a parameter: another content makes their results stale.
 
     Args:
-        config: the whole configuration, of which the section ``models`` is read.
+        config: the whole configuration.
     """
     return {model.checkpoint_key: _hash_or_missing(model, config["models"]) for model in (SAM2, CLIP)}
 

@@ -1,4 +1,4 @@
-"""Which files describe a model's architecture; found without importing the model's libraries."""
+"""Find the files that describe a model's architecture, without importing the model's libraries."""
 
 import difflib
 import importlib.util
@@ -11,20 +11,20 @@ import yaml
 from egosplat.errors import UserError
 
 SMALL = "small"
-"""In the configuration: the packaged model."""
+"""The configuration's value for the packaged models."""
 
 SMALL_SAM2 = Path(__file__).parent / "small_sam2" / "sam2.yaml"
 SMALL_CLIP = Path(__file__).parent / "small_open_clip"
 
 CLIP_CONFIG = "open_clip_config.json"
 CLIP_VOCABULARY = "bpe.txt.gz"
-"""In a folder that describes an OpenCLIP model: its architecture, and, if reduced, its byte-pair vocabulary."""
+"""Files of a folder that describes an OpenCLIP model: the architecture and, optionally, a byte-pair vocabulary."""
 
 CLIP_WORDS = "words.txt"
-"""In such a folder, optional: the words that the model was trained on, one a line. Queries with other words are refused."""
+"""Optional file of that folder: the words of the training captions, one per line. Queries with other words are rejected."""
 
 LOCAL_FOLDER, HUB = "local-dir:", "hf-hub:"
-"""How OpenCLIP's own model names call a folder, and a repository to download."""
+"""Prefixes of OpenCLIP's model names for a folder, and for a repository to download."""
 
 
 def sam2_config_file(config: str) -> Path:
@@ -44,7 +44,7 @@ def sam2_config_file(config: str) -> Path:
     if name in published and config in _spellings(published[name]):
         return published[name]
     path = Path(config).expanduser()
-    if os.path.isfile(path):  # unlike the method, of any text
+    if os.path.isfile(path):  # Path.is_file raises for some strings, such as too long ones
         return path
     raise UserError(f"models.sam2_config = {config!r} is neither a file nor {_one_of(name, published)}")
 
@@ -53,7 +53,7 @@ def sam2_side(config: str) -> int:
     """Side of the square to which a SAM2 architecture resizes images [px].
 
     Raises:
-        UserError: as ``sam2_config_file``; or the file tells no side.
+        UserError: as ``sam2_config_file``; or the file has no valid ``model.image_size``.
     """
     file = sam2_config_file(config)
     try:
@@ -61,22 +61,24 @@ def sam2_side(config: str) -> int:
     except (yaml.YAMLError, KeyError, OSError, RecursionError, TypeError, ValueError):
         side = None
     if not isinstance(side, int):
-        raise UserError(f"{file}: tells no model.image_size. Take one of sam2's own as example")
+        raise UserError(
+            f"{file}: has no model.image_size. See the configurations of the package sam2 for an example"
+        )
     return side
 
 
 def sam2_configs() -> dict[str, Path]:
-    """The architectures that the package sam2 describes, by name."""
+    """The configuration files of the package sam2, by name."""
     folder = _package("sam2") / "configs"
     return {file.stem: file for kind in ("sam2", "sam2.1") for file in sorted((folder / kind).glob("*.yaml"))}
 
 
 def clip_folder(model: str) -> Path | None:
-    """The folder that describes an OpenCLIP architecture; None where a name of the package open_clip does.
+    """The folder that describes an OpenCLIP architecture; None for a name that the package open_clip knows.
 
     Args:
-        model: ``small``; a name such as ``ViT-B-16``; or the path of a folder that holds
-            ``open_clip_config.json``, with or without ``local-dir:`` before it.
+        model: ``small``; a name such as ``ViT-B-16``; or the path of a folder with
+            ``open_clip_config.json``, optionally prefixed by ``local-dir:``.
 
     Raises:
         UserError: there is no such model.
@@ -88,26 +90,26 @@ def clip_folder(model: str) -> Path | None:
     if model.startswith(HUB):
         raise UserError(
             f"models.clip_model = {model!r}: egosplat downloads nothing. Download that repository's "
-            f"{CLIP_CONFIG} and checkpoint, and name their folder"
+            f"{CLIP_CONFIG} and checkpoint, and set the key to their folder"
         )
     folder = Path(model.removeprefix(LOCAL_FOLDER)).expanduser()
-    if os.path.isdir(folder):  # unlike the method, of any text
+    if os.path.isdir(folder):  # Path.is_dir raises for some strings, such as too long ones
         return _existing(folder / CLIP_CONFIG, "models.clip_model").parent
     raise UserError(f"models.clip_model = {model!r} is neither a folder nor {_one_of(model, names)}")
 
 
 def clip_names() -> list[str]:
-    """The architectures that the package open_clip knows by name."""
+    """The names of the architectures in the package open_clip."""
     return sorted(file.stem for file in (_package("open_clip") / "model_configs").glob("*.json"))
 
 
 def sam2_config_files(config: str) -> list[Path]:
-    """All files that describe a SAM2 architecture. Raises as ``sam2_config_file`` does."""
+    """All files that describe a SAM2 architecture; errors as for ``sam2_config_file``."""
     return [sam2_config_file(config)]
 
 
 def clip_config_files(model: str) -> list[Path]:
-    """All files that describe an OpenCLIP architecture, none for a name. Raises as ``clip_folder`` does."""
+    """All files that describe an OpenCLIP architecture, none for a name; errors as for ``clip_folder``."""
     folder = clip_folder(model)
     if folder is None:
         return []
@@ -122,14 +124,14 @@ def _package(name: str) -> Path:
 
 
 def _spellings(file: Path) -> set[str]:
-    """The names by which a file of the package is known: with or without its folder and suffix."""
+    """All accepted names of a file of the package: with or without its folders and suffix."""
     names = (f"configs/{file.parent.name}/{file.stem}", f"{file.parent.name}/{file.stem}", file.stem)
     return {name + suffix for name in names for suffix in ("", ".yaml")}
 
 
 def _existing(path: Path, key: str) -> Path:
     if not path.is_file():
-        raise UserError(f"{key}: there is no {path}; put it there, or set the key to another model")
+        raise UserError(f"{key}: there is no file {path}; put it there, or set the key to another model")
     return path
 
 

@@ -1,4 +1,4 @@
-"""Small holes in masks."""
+"""Fill small holes in masks."""
 
 import cv2
 import numpy as np
@@ -6,18 +6,18 @@ import torch
 from torch import Tensor
 
 FILLED = 0.1
-"""Score of a pixel that is filled: just inside, as in SAM2."""
+"""Score of a filled pixel: just inside the mask, as in SAM2."""
 
 
 def fill_holes(scores: Tensor, max_area: int) -> Tensor:
-    """Fill the holes of masks: parts of the outside, connected over eight neighbours, of at most some pixels.
+    """Fill holes of masks: 8-connected components outside of the mask, up to an area.
 
-    What SAM2 does by its compiled extension, and leaves out, with a warning, where that is absent; here it is
-    done everywhere.
+    SAM2 does this in its compiled extension, and skips it with a warning if that is missing. This function needs
+    no extension.
 
     Args:
-        scores: (..., H, W) floating-point scores, above 0 inside.
-        max_area: the largest hole that is filled [px].
+        scores: (..., H, W) floating-point scores, above 0 inside the mask.
+        max_area: largest hole to fill [px].
 
     Returns:
         Scores of the same shape, type and device.
@@ -29,7 +29,7 @@ def fill_holes(scores: Tensor, max_area: int) -> Tensor:
 
 
 def _small_parts(mask: np.ndarray, max_area: int) -> np.ndarray:
-    _, labels, facts, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    small = facts[:, cv2.CC_STAT_AREA] <= max_area
-    small[0] = False  # label 0 is what is not outside
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    small = stats[:, cv2.CC_STAT_AREA] <= max_area
+    small[0] = False  # label 0 is the mask itself
     return small[labels]

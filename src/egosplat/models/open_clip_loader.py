@@ -1,4 +1,4 @@
-"""OpenCLIP from a configuration and a checkpoint, with its tokenizer and what it wants of an image."""
+"""Load OpenCLIP from a configuration and a checkpoint, with its tokenizer and preprocessing."""
 
 import zlib
 from collections.abc import Sequence
@@ -27,28 +27,27 @@ _NO_MODEL = (
     TypeError,
     ValueError,
 )
-"""What OpenCLIP raises on settings that make no model."""
+"""Errors that OpenCLIP raises for invalid settings."""
 
 HUB_KEYS = ("hf_model_name", "hf_tokenizer_name")
-"""Keys of a text model that is fetched from the Hugging Face hub."""
-
+"""Keys of a text model that would be downloaded from the Hugging Face hub."""
 
 _PREPROCESSING = {
     "interpolation": ("bicubic", "bilinear"),
     "resize_mode": ("shortest", "longest", "squash"),
 }
-"""What these may be."""
+"""Allowed values of settings."""
 
 
 @dataclass(frozen=True)
 class Preprocessing:
-    """What a model wants of an image.
+    """The input format of an OpenCLIP image encoder.
 
     Attributes:
         image_size: height and width [px].
-        mean, std: of each channel (R, G, B), of values from 0 to 1.
-        interpolation: by which it is resized: ``bicubic`` or ``bilinear``.
-        resize_mode: ``shortest`` (the rest is cropped), ``longest`` (padded) or ``squash``.
+        mean, std: of each channel (R, G, B), for values from 0 to 1.
+        interpolation: of the resizing, ``bicubic`` or ``bilinear``.
+        resize_mode: ``shortest`` (the image is cropped), ``longest`` (padded) or ``squash``.
     """
 
     image_size: tuple[int, int]
@@ -63,12 +62,12 @@ class OpenClip:
     """OpenCLIP with its weights.
 
     Attributes:
-        model: has ``encode_image`` of (N, 3, H, W) prepared images and ``encode_text`` of (N, T) tokens; each
-            gives (N, D).
-        preprocessing: what ``encode_image`` wants.
-        tokenizer: makes (N, T) int64 tokens of a list of N texts.
-        compute: where it runs; all predictions are made within ``compute.inference()``.
-        words: lower-case words that the model was trained on, where its folder lists them; None if it does not.
+        model: ``encode_image`` takes (N, 3, H, W) preprocessed images, ``encode_text`` (N, T) tokens; both return
+            (N, D) features.
+        preprocessing: input format of ``encode_image``.
+        tokenizer: maps a list of N texts to (N, T) int64 tokens.
+        compute: device and precision; run the model within ``compute.inference()``.
+        words: lower-case words of the training captions; None if the model's folder does not list them.
     """
 
     model: nn.Module
@@ -79,15 +78,15 @@ class OpenClip:
 
 
 def load_open_clip(model: str, checkpoint: str, device: str, precision: str) -> OpenClip:
-    """Build an OpenCLIP model and fill it with a checkpoint; nothing is downloaded.
+    """Build an OpenCLIP model and load a checkpoint into it, without downloads.
 
     Args:
         model, checkpoint, device, precision: the keys ``clip_model``, ``clip_checkpoint``, ``device`` and
             ``precision`` of the configuration's section ``models``.
 
     Raises:
-        UserError: a file is missing, damaged, or does not fit the other; the model has parts that would have to
-            be fetched from the Hugging Face hub; the device is not there.
+        UserError: a file is missing or damaged, or the files do not match; a part of the model would have to be
+            downloaded; the device is missing.
     """
     compute = choose_compute(device, precision)
     folder, path = clip_folder(model), find_checkpoint(CLIP, checkpoint)
@@ -111,7 +110,7 @@ def _read_words(folder: Path | None) -> frozenset[str] | None:
 
 
 def read_description(model: str, folder: Path | None) -> dict[str, Any]:
-    """``model_cfg``, and ``preprocess_cfg`` where it is given, of a folder, or of a name (folder is None).
+    """Read ``model_cfg``, and ``preprocess_cfg`` if present, from a folder, or from open_clip if folder is None.
 
     Raises:
         UserError: the folder's ``open_clip_config.json`` is damaged, or the model needs the Hugging Face hub.
@@ -126,21 +125,21 @@ def read_description(model: str, folder: Path | None) -> dict[str, Any]:
     if any(text.get(key) for key in HUB_KEYS) or (folder is None and "siglip" in model.lower()):
         raise UserError(
             f"models.clip_model = {model!r}: its text model or tokenizer comes from the Hugging Face hub, and "
-            "egosplat downloads nothing. Take a model with OpenCLIP's own tokenizer, such as ViT-B-16"
+            "egosplat downloads nothing. Use a model with OpenCLIP's own tokenizer, such as ViT-B-16"
         )
     if vision.get("timm_model_pretrained") or ":" in str(vision.get("timm_model_name") or ""):
         raise UserError(
-            f"models.clip_model = {model!r}: its vision model comes with weights of its own from the network, and "
-            "egosplat downloads nothing. Take the name of a timm model, and timm_model_pretrained false"
+            f"models.clip_model = {model!r}: its vision model needs a download, and "
+            "egosplat downloads nothing. Use the name of a timm model with timm_model_pretrained: false"
         )
     return description
 
 
 def build_model(model: str, description: dict[str, Any]) -> nn.Module:
-    """The module that ``model_cfg`` describes, with random weights, on the CPU.
+    """Build the module that ``model_cfg`` describes, with random weights, on the CPU.
 
     Raises:
-        UserError: it describes no OpenCLIP model.
+        UserError: ``model_cfg`` is invalid.
     """
     from open_clip import CLIP as Clip
     from open_clip import CoCa, CustomTextCLIP
@@ -164,8 +163,8 @@ def _read_json(path: Path) -> dict[str, Any]:
     except ValueError as error:
         raise UserError(f"{path}: cannot be read as JSON ({error})") from None
     parts = content.get("model_cfg") if isinstance(content, dict) else None
-    told = isinstance(parts, dict) and "embed_dim" in parts
-    if not told or not all(isinstance(parts.get(name), dict) for name in ("vision_cfg", "text_cfg")):
+    has_dim = isinstance(parts, dict) and "embed_dim" in parts
+    if not has_dim or not all(isinstance(parts.get(name), dict) for name in ("vision_cfg", "text_cfg")):
         raise UserError(f"{path}: lacks model_cfg with embed_dim, vision_cfg and text_cfg")
     return content
 
@@ -178,11 +177,11 @@ def _preprocessing(module: nn.Module, given: dict[str, Any]) -> Preprocessing:
         values = merge_preprocess_dict(PreprocessCfg(), given)
         mean, std = (_three(values[name]) for name in ("mean", "std"))
     except _NO_MODEL as error:
-        raise UserError(f"{CLIP_CONFIG}: preprocess_cfg is not what OpenCLIP writes ({error})") from None
+        raise UserError(f"{CLIP_CONFIG}: preprocess_cfg is not in OpenCLIP's format ({error})") from None
     for name, known in _PREPROCESSING.items():
         if values[name] not in known:
             raise UserError(
-                f"{CLIP_CONFIG}: preprocess_cfg.{name} = {values[name]!r}; take one of {', '.join(known)}"
+                f"{CLIP_CONFIG}: preprocess_cfg.{name} = {values[name]!r}; use one of {', '.join(known)}"
             )
     return Preprocessing(
         image_size=(size, size) if isinstance(size, int) else tuple(size),
@@ -217,6 +216,6 @@ def _tokenizer(model: str, folder: Path | None, text: dict[str, Any]) -> "Simple
     if tokenizer.vocab_size != text.get("vocab_size", tokenizer.vocab_size):
         raise UserError(
             f"models.clip_model = {model!r}: the tokenizer has {tokenizer.vocab_size:,} tokens, the text model "
-            f"{text['vocab_size']:,}. Put the {CLIP_VOCABULARY} it was trained with beside {CLIP_CONFIG}"
+            f"{text['vocab_size']:,}. Put the {CLIP_VOCABULARY} of its training next to {CLIP_CONFIG}"
         )
     return tokenizer

@@ -1,4 +1,4 @@
-"""SAM2 from a configuration and a checkpoint, as predictor for images and for videos."""
+"""Load SAM2 from a configuration and a checkpoint, as a video predictor."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -29,10 +29,10 @@ AS_PREDICTOR = {
     "binarize_mask_from_pts_for_mem_enc": True,
     "fill_hole_area": 8,
 }
-"""What SAM2 sets over a configuration to predict with it (``sam2.build_sam``)."""
+"""Overrides that ``sam2.build_sam`` applies to a configuration for prediction."""
 
 _NO_DESCRIPTION = (AttributeError, KeyError, OSError, RecursionError, TypeError, ValueError)
-"""What the readers raise on a file that is YAML, but of something else, or nested without end."""
+"""Errors that the readers raise for valid YAML that is no SAM2 configuration, or is nested too deeply."""
 
 
 @dataclass(frozen=True)
@@ -40,9 +40,9 @@ class Sam2:
     """SAM2 with its weights.
 
     Attributes:
-        video_predictor: follows objects through a video; its ``image_size`` is the side of the square to which
+        video_predictor: tracks objects through a video. Its ``image_size`` is the side of the square to which
             every image is resized [px].
-        compute: where it runs; all predictions are made within ``compute.inference()``.
+        compute: device and precision; run the model within ``compute.inference()``.
     """
 
     video_predictor: "VideoPredictor"
@@ -52,15 +52,15 @@ class Sam2:
 def load_sam2(
     config: str, checkpoint: str, device: str, precision: str, image_size: int | None = None
 ) -> Sam2:
-    """Build SAM2 and fill it with a checkpoint; nothing is downloaded.
+    """Build SAM2 and load a checkpoint into it, without downloads.
 
     Args:
         config, checkpoint, device, precision: the keys ``sam2_config``, ``sam2_checkpoint``, ``device`` and
             ``precision`` of the configuration's section ``models``.
-        image_size: see ``set_image_size``; None is the configuration's own.
+        image_size: see ``set_image_size``; None keeps the configuration's.
 
     Raises:
-        UserError: a file is missing, damaged, or does not fit the other; the device is not there.
+        UserError: a file is missing or damaged, or the files do not match; the device is missing.
     """
     compute = choose_compute(device, precision)
     file, path = sam2_config_file(config), find_checkpoint(SAM2, checkpoint)
@@ -73,14 +73,13 @@ def load_sam2(
 
 
 def set_image_size(model: "SAM2Base", side: int) -> None:
-    """Let a model work on images of another side: SAM2's weights fit any, and larger ones show finer things.
-
-    Positions are told as shares of the image's side, or computed for the features that come; nothing else knows
-    of it.
+    """Set the side of the square to which a model resizes images. Larger images show smaller objects.
 
     Args:
-        side: of the square image, a multiple of 32 [px].
+        model: changed in place.
+        side: a multiple of 32 [px].
     """
+    # SAM2's weights fit any side: its positional encodings are relative to it, or computed from the features' size.
     prompts = model.sam_prompt_encoder
     cells = side // model.backbone_stride
     model.image_size, model.sam_image_embedding_size = side, cells
@@ -89,12 +88,12 @@ def set_image_size(model: "SAM2Base", side: int) -> None:
 
 
 def build_predictor(file: Path) -> "VideoPredictor":
-    """The video predictor that a YAML file describes, with random weights, on the CPU.
+    """Build the video predictor that a YAML file describes, with random weights, on the CPU.
 
-    Hydra's global state is neither read nor changed: interpolations may refer to the file itself alone.
+    Hydra's global state is neither read nor changed. Interpolations can only refer to the file itself.
 
     Raises:
-        UserError: the file cannot be read, or describes no SAM2.
+        UserError: the file cannot be read or describes no SAM2.
     """
     from hydra.errors import HydraException
     from hydra.utils import instantiate
@@ -110,14 +109,13 @@ def build_predictor(file: Path) -> "VideoPredictor":
         raise
     except (yaml.YAMLError, OmegaConfBaseException, HydraException, *_NO_DESCRIPTION) as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
-        raise UserError(f"{file}: describes no SAM2 ({reason}). Take one of sam2's own as example") from None
+        raise UserError(
+            f"{file}: describes no SAM2 ({reason}). See the configurations of the package sam2 for an example"
+        ) from None
 
 
 def _check_targets(tree: Any, file: Path) -> None:
-    """A configuration names what is called: modules of SAM2's networks alone are.
-
-    A name below ``sam2.`` is not enough: its modules import others, as ``sam2.build_sam.os.system``.
-    """
+    """Raise UserError unless every ``_target_``, which Hydra would call, is a network of the package sam2."""
     targets = list(_targets(tree))
     if foreign := [name for name in targets if not _is_network(name)]:
         raise UserError(f"{file}: _target_ {str(foreign[0])[:200]!r} is no network of the package sam2")
@@ -131,6 +129,7 @@ def _is_network(name: object) -> bool:
     if not isinstance(name, str) or not name.startswith("sam2."):
         return False
     try:
+        # The prefix is not enough: sam2.build_sam.os.system is reachable by it.
         found = get_object(name)
     except (ImportError, AttributeError, ValueError):
         return False

@@ -1,4 +1,4 @@
-"""SAM2's video predictor, the same on machines with and without its compiled extension."""
+"""SAM2's video predictor, with the same results with and without SAM2's compiled extension."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from egosplat.models.mask_holes import fill_holes
 
 
 class VideoPredictor(SAM2VideoPredictor):
-    """``SAM2VideoPredictor`` whose holes are filled by ``holes.fill_holes``; the rest is SAM2's own."""
+    """``SAM2VideoPredictor`` that fills holes by ``mask_holes.fill_holes``."""
 
     def __init__(self, fill_hole_area: int, **arguments: Any) -> None:
         super().__init__(fill_hole_area=0, **arguments)

@@ -1,4 +1,4 @@
-"""Reading a checkpoint's tensors, without executing what the file holds, and filling a model with them."""
+"""Read a checkpoint's tensors without executing code in the file, and load them into a model."""
 
 import pickle
 import struct
@@ -16,10 +16,10 @@ from egosplat.models.checkpoints import ModelSpec
 
 PICKLED = (".pt", ".pth", ".bin")
 WRAPPERS = ("model", "state_dict")
-"""Keys below which training scripts keep the tensors, SAM2's and OpenCLIP's among them."""
+"""Keys under which training scripts, SAM2's and OpenCLIP's among them, store the tensors."""
 
 PARALLEL = "module."
-"""What distributed training puts before every name."""
+"""Prefix that distributed training adds to every name."""
 
 RUBBISH = (
     ArithmeticError,
@@ -34,21 +34,21 @@ RUBBISH = (
     ValueError,
     struct.error,
 )
-"""What arbitrary bytes make the unpickler raise."""
-
+"""Errors that the unpickler raises for arbitrary bytes."""
 
 CODE = ("Unsupported global", "Unsupported class", "unrecognized function")
-"""What the unpickler says where a file asks it to call something that makes no tensor."""
+"""Messages of the unpickler for a file that would call something other than a tensor constructor."""
 
 
 def read_tensors(path: Path) -> dict[str, Tensor]:
-    """The tensors of a checkpoint by name, on the CPU, in the number type in which they are stored.
+    """Read the tensors of a checkpoint by name, on the CPU, in their stored dtype.
 
-    A ``.safetensors`` file, or a ``.pt``, ``.pth`` or ``.bin`` file of torch, of which only tensors are read.
+    Args:
+        path: a ``.safetensors`` file, or a ``.pt``, ``.pth`` or ``.bin`` file of torch.
 
     Raises:
-        UserError: the file is of another kind, damaged, or holds anything but tensors.
-        MemoryError, RuntimeError: the system refuses the memory for it.
+        UserError: the file has another suffix, is damaged, or holds anything but tensors.
+        MemoryError, RuntimeError: the memory does not suffice.
     """
     if path.suffix == ".safetensors":
         content = _read_safetensors(path)
@@ -60,20 +60,20 @@ def read_tensors(path: Path) -> dict[str, Tensor]:
 
 
 def load_weights(module: nn.Module, tensors: Mapping[str, Tensor], path: Path, model: ModelSpec) -> None:
-    """Copy a checkpoint's tensors into a module, in the module's own number type.
+    """Copy a checkpoint's tensors into a module, in the module's dtype.
 
     Args:
-        module: what is filled, all of it.
+        module: changed in place; every tensor of it is set.
         tensors: of the checkpoint, see ``read_tensors``.
         path: of the checkpoint, for messages.
-        model: which model it is of, for messages.
+        model: for messages.
 
     Raises:
-        UserError: tensors are missing, unexpected or of another shape: it is of another architecture.
+        UserError: tensors are missing, unexpected or of another shape, as in a checkpoint of another architecture.
     """
     if differences := _differences(module.state_dict(), tensors):
         raise UserError(
-            f"{path}: is of another architecture than models.{model.config_key} names: {differences}.\n"
+            f"{path}: has another architecture than models.{model.config_key}: {differences}.\n"
             f"Set models.{model.config_key} to the architecture of this checkpoint, or models."
             f"{model.checkpoint_key} to a checkpoint of that architecture"
         )
@@ -87,7 +87,9 @@ def _read_safetensors(path: Path) -> dict[str, Tensor]:
     try:
         return load_file(path)
     except (SafetensorError, *RUBBISH) as error:
-        if is_out_of_memory(error):  # never by what the file says: its sizes are held against its own
+        if is_out_of_memory(
+            error
+        ):  # safetensors checks the sizes in the header against the file: damage cannot cause it
             raise
         raise _damaged(path) from None
 
@@ -101,15 +103,15 @@ def _read_pickled(path: Path) -> Any:
         if not any(words in str(error) for words in CODE):
             raise _damaged(path) from None
         raise UserError(
-            f"{path}: holds code or objects beside tensors, which egosplat does not load.\n"
-            "Save the tensors alone (torch.save(model.state_dict(), ...)), or convert it to safetensors"
+            f"{path}: holds code or objects besides tensors, which egosplat does not load.\n"
+            "Save only the tensors (torch.save(model.state_dict(), ...)), or convert it to safetensors"
         ) from None
     except OSError as error:
         if error.filename is not None:
             raise
-        raise _damaged(path) from None  # the archive's reader went beyond its end
+        raise _damaged(path) from None  # the reader of the zip archive seeked beyond its end
     except RUBBISH as error:
-        # Rubbish may ask for any memory, an archive that is whole to its end only for what it holds.
+        # Random bytes can request any amount of memory; a complete archive requests only the size of its content.
         if is_out_of_memory(error) and zipfile.is_zipfile(path):
             raise
         raise _damaged(path) from None
@@ -118,7 +120,7 @@ def _read_pickled(path: Path) -> Any:
 def _damaged(path: Path) -> UserError:
     size = path.stat().st_size
     return UserError(
-        f"{path}: is no whole checkpoint but {size:,} bytes that are damaged, cut short or something else. "
+        f"{path}: is no complete checkpoint: its {size:,} bytes are damaged, truncated or another format. "
         "Download or copy it again"
     )
 
@@ -130,13 +132,13 @@ def _state(content: Any, path: Path) -> dict[str, Tensor]:
     tensors = content if isinstance(content, Mapping) else {}
     named = all(isinstance(name, str) and isinstance(value, Tensor) for name, value in tensors.items())
     if not tensors or not named:
-        raise UserError(f"{path}: holds no tensors by name, as a checkpoint does; take another file")
+        raise UserError(f"{path}: holds no named tensors and is no checkpoint; use another file")
     parallel = all(name.startswith(PARALLEL) for name in tensors)
     return {name.removeprefix(PARALLEL) if parallel else name: value for name, value in tensors.items()}
 
 
 def _differences(own: Mapping[str, Tensor], given: Mapping[str, Tensor]) -> str:
-    """What a checkpoint lacks or has too much, with an example of each; empty if nothing."""
+    """Missing, unexpected and reshaped tensors of a checkpoint, with an example of each; empty if none."""
     missing = [name for name in own if name not in given]
     unexpected = [name for name in given if name not in own]
     reshaped = [name for name in own if name in given and own[name].shape != given[name].shape]

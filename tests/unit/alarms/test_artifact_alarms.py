@@ -1,4 +1,4 @@
-"""Alarms are raised by what artifacts of each kind tell, and logged by the command that makes one."""
+"""Facts and arrays of each kind of artifact raise its alarms, and commands log them."""
 
 import sys
 from pathlib import Path
@@ -46,11 +46,11 @@ SUSPICIOUS = {
         ["language.without_code"],
     ),
 }
-"""By kind: arrays, facts, and the alarms that they give reason for."""
+"""By kind: arrays, facts, and the keys of the alarms that they raise."""
 
 
 def written(folder: Path, kind: str, arrays: dict[str, np.ndarray], facts: dict, **more) -> Artifact:
-    """An artifact; arrays may leave out their last axes, which are then of size 1."""
+    """Write an artifact. Missing last axes of arrays get size 1."""
     fields = SCHEMAS[kind].fields
     whole = {
         name: values.reshape(values.shape + (1,) * (len(fields[name].dims) - values.ndim))
@@ -72,7 +72,7 @@ def test_alarms_of_several_artifacts_are_in_the_order_of_the_stages(tmp_path):
 
 
 def test_small_checkpoints_on_a_real_recording_are_reported_before_the_alarms(tmp_path, capfd):
-    """In the log of the stage that used them."""
+    """The log of the stage that used them begins with the notice."""
     small = {"sam2_checkpoint": "small"}
     real = {"options": small, "origin": "real", "models": {"sam2_checkpoint": "c0de"}}
     written(tmp_path, "segments", {}, FIGURES, **real)
@@ -88,7 +88,7 @@ def test_annotations_have_no_alarms(tmp_path):
 
 @pytest.mark.parametrize("moving, keys", [(6, ["masks.instances", "masks.pixels"]), (2, [])])
 def test_a_command_logs_the_alarms_of_what_it_made(tmp_path, monkeypatch, capfd, moving, keys):
-    """Of four instances of two pixels each, those of the first so many pixels are sure to move."""
+    """Four instances of two pixels each; the first ``moving`` pixels have a transient probability of 1."""
     labels = np.repeat(np.arange(4, dtype=np.int32), 2)[None, None, None, :]
     arrays = {"labels": labels, "instances/level": np.zeros(4, np.int8)}
     written(tmp_path, "frames", {"train": np.ones(1, bool), "valid": np.ones((1, 8), bool)}, {})

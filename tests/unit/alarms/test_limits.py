@@ -1,4 +1,4 @@
-"""Each alarm is raised just beyond its limit, and not at it."""
+"""Each alarm is raised just beyond its limit, and not at the limit."""
 
 import dataclasses
 import math
@@ -119,8 +119,8 @@ def test_a_second_model_of_colmap_raises_an_alarm_that_names_both():
     assert alarm.key == "poses.models" and "40, 7" in alarm.found
 
 
-def test_agreement_is_in_units_of_how_alike_different_instances_are():
-    """The same cosine of 0.7 is good where instances are unlike, and bad where they are alike."""
+def test_agreement_is_relative_to_the_spread_between_instances():
+    """A cosine of 0.7 is normal if instances differ much, and an alarm if they are similar."""
     assert list(instances.features_alarms(0, 10, 0.7, 0.2, 1.0)) == []
     assert [one.key for one in instances.features_alarms(0, 10, 0.7, 0.5, 1.0)] == ["features.agreement"]
     assert instances.agreement_of(1.0, 1.0) == 1.0, "equal instances have equal views"

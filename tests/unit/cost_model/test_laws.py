@@ -1,4 +1,4 @@
-"""The laws of memory and time: they grow with a scene, and the law fits how a stage runs."""
+"""The laws of memory and time grow with a scene and follow the configuration."""
 
 import copy
 import json
@@ -70,7 +70,7 @@ def test_every_rule_that_asks_for_memory_by_a_law_has_one():
 
 @pytest.mark.parametrize("stage", MEMORY_GROWS_WITH)
 def test_memory_grows_with_the_sizes_that_a_stage_holds(stage):
-    """A larger scene asks for more memory, in those stages that hold what is larger, and in no other."""
+    """A larger size raises the memory of exactly the stages that hold such data."""
     grows = {name for name, size in SCENE.items() if memory(stage, **{name: 2 * size}) > memory(stage)}
     assert grows == set(MEMORY_GROWS_WITH[stage])
 
@@ -130,7 +130,7 @@ def test_training_time_is_proportional_to_its_iterations():
 
 
 def test_a_trajectory_takes_less_than_colmap():
-    """Poses that are read must not ask for COLMAP's memory and time."""
+    """Poses that are read from a file must not request COLMAP's memory and time."""
     sizes = Sizes(defaults(), given=SCENE)
     read, found = law_of("poses", defaults()), law_of("poses", defaults(), colmap=True)
     assert memory_mib(read, sizes) < memory_mib(found, sizes) / 5

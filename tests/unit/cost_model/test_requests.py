@@ -1,4 +1,4 @@
-"""What a job asks a scheduler for: enough, more at a further attempt, and a GPU only where one is used."""
+"""Requests to a scheduler suffice, grow with the attempt, and include a GPU only for stages that use one."""
 
 import copy
 from pathlib import Path
@@ -52,7 +52,7 @@ def test_memory_holds_the_expected_peak_and_a_margin(tmp_path):
         assert memory_mb(stage, config, inputs, 1) % 100 == 0
 
 
-def test_a_larger_scene_asks_for_more(tmp_path):
+def test_a_larger_scene_requests_more(tmp_path):
     """Requests follow the inputs' headers."""
     small = scene(tmp_path / "small")
     large = scene(tmp_path / "large", frames=1200, side=1024, gaussians=1_000_000)
@@ -61,14 +61,14 @@ def test_a_larger_scene_asks_for_more(tmp_path):
         assert runtime_min(stage, defaults(), large, 1) > runtime_min(stage, defaults(), small, 1), stage
 
 
-def test_a_further_attempt_asks_for_a_multiple(tmp_path):
-    """A job that was killed for memory or time must not ask for the same again."""
+def test_a_further_attempt_requests_a_multiple(tmp_path):
+    """A job that was killed for memory or time must not request the same again."""
     inputs = scene(tmp_path)
     assert memory_mb("splats", defaults(), inputs, 3) == 3 * memory_mb("splats", defaults(), inputs, 1)
     assert runtime_min("splats", defaults(), inputs, 3) == 3 * runtime_min("splats", defaults(), inputs, 1)
 
 
-def test_poses_ask_by_how_they_are_made(tmp_path):
+def test_requests_for_poses_depend_on_their_method(tmp_path):
     """A trajectory is read in 270 MiB; COLMAP takes gigabytes."""
     read = memory_mb("poses", defaults(), scene(tmp_path / "a", device=[[1.0]]), 1)
     found = memory_mb("poses", defaults(), scene(tmp_path / "b"), 1)
@@ -76,7 +76,7 @@ def test_poses_ask_by_how_they_are_made(tmp_path):
 
 
 def test_the_job_that_reads_a_recording_needs_no_artifact():
-    """Nothing tells how long a recording is before it is read."""
+    """The length of a recording is unknown before it is read."""
     for stage in ("synthetic", "frames"):
         assert memory_mb(stage, defaults(), [], 1) < 3000
         assert 10 <= runtime_min(stage, defaults(), [], 1) < 60
@@ -106,13 +106,13 @@ def test_published_models_take_longer_without_a_gpu(tmp_path):
 
 
 @pytest.mark.parametrize("stage", (*STAGES, "frames", "poses", "masks", "queries_sheet"))
-def test_a_gpu_is_asked_for_where_the_stage_can_use_one(stage):
+def test_a_gpu_is_requested_only_for_stages_that_can_use_one(stage):
     """A GPU that a job cannot use is taken from others."""
     uses = {"segments", "view_features", "transient", "splats", "language", "metrics"}
     assert gpus(stage, defaults()) == int(stage in uses)
 
 
-def test_keys_that_keep_a_stage_on_processors_ask_for_no_gpu(tmp_path):
+def test_keys_that_keep_a_stage_on_the_cpu_request_no_gpu(tmp_path):
     """Nor for the memory of CUDA's libraries."""
     assert gpus("splats", with_keys("splats", backend="cpu")) == 0
     assert gpus("segments", with_keys("segments", segmenter="classical")) == 0

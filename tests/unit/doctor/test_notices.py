@@ -1,4 +1,4 @@
-"""What a plan says of small checkpoints on real recordings, by what is asked for."""
+"""Notices of a plan about small checkpoints on real recordings, by requested targets."""
 
 import json
 from pathlib import Path

@@ -133,7 +133,7 @@ DESCRIPTION = {
 
 @pytest.fixture(autouse=True)
 def no_network(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Any attempt to reach another machine fails the test."""
+    """Fail the test if it tries to reach another machine."""
 
     def refuse(*_: object, **__: object) -> None:
         pytest.fail("a connection was attempted")
@@ -145,13 +145,13 @@ def no_network(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def model_tree() -> dict[str, Any]:
-    """The description of a tiny SAM2 for images of 256 pixels, to be changed at will."""
+    """The configuration of a tiny SAM2 for images of 256 pixels; a copy that tests may change."""
     return {"model": copy.deepcopy(MODEL)}
 
 
 @pytest.fixture
 def description() -> dict[str, Any]:
-    """The description of a tiny OpenCLIP model, to be changed at will."""
+    """The configuration of a tiny OpenCLIP model; a copy that tests may change."""
     return copy.deepcopy(DESCRIPTION)
 
 

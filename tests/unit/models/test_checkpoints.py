@@ -1,4 +1,4 @@
-"""A checkpoint is found or asked for, and another content has another hash."""
+"""Checkpoints are found or reported missing, and their hash follows their content."""
 
 import hashlib
 import os
@@ -40,7 +40,7 @@ def test_a_missing_small_checkpoint_is_reported(tmp_path, monkeypatch):
     assert find_checkpoint(gone, "small") == gone.small
 
 
-def test_the_home_folder_may_be_abbreviated(tmp_path, monkeypatch):
+def test_a_tilde_in_a_path_is_the_home_folder(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     (tmp_path / "m.pt").touch()
     assert find_checkpoint(SAM2, "~/m.pt") == tmp_path / "m.pt"
@@ -63,7 +63,7 @@ def test_a_file_is_read_once(tmp_path, monkeypatch):
     assert content_hash(path) == first
 
 
-def test_each_file_of_a_model_counts(tiny_sam2, tiny_clip, tmp_path):
+def test_the_hash_covers_every_file_of_a_model(tiny_sam2, tiny_clip, tmp_path):
     keys = keys_of(tiny_sam2, tiny_clip)
     own = tmp_path / "own.yaml"
     own.write_text((tiny_sam2 / "sam2.yaml").read_text() + "\n# another file\n")
@@ -85,7 +85,7 @@ def test_a_missing_model_does_not_affect_others(tiny_sam2, tiny_clip):
     assert hashes == {"sam2_checkpoint": model_hash(SAM2, keys), "clip_checkpoint": "missing"}
 
 
-def test_the_paper_s_preset_is_read_without_its_checkpoints(tmp_path, monkeypatch):
+def test_the_paper_preset_can_be_hashed_without_its_checkpoints(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     config = resolve({"preset": "paper"}, PRESETS)
     assert model_hashes(config) == {"sam2_checkpoint": "missing", "clip_checkpoint": "missing"}

@@ -1,4 +1,4 @@
-"""Which architecture a name, a path or ``small`` means."""
+"""Names, paths and ``small`` are resolved to the files of an architecture."""
 
 import subprocess
 import sys
@@ -29,7 +29,7 @@ def test_all_of_sam2_s_own_architectures_are_known():
     assert set(sam2_configs()) == expected
 
 
-def test_a_path_is_taken_as_it_is(tiny_sam2):
+def test_a_path_is_used_as_it_is(tiny_sam2):
     assert sam2_config_file(str(tiny_sam2 / "sam2.yaml")) == tiny_sam2 / "sam2.yaml"
 
 
@@ -84,12 +84,12 @@ def test_finding_a_model_does_not_import_torch():
 
 
 @pytest.mark.parametrize(("config", "side"), [("small", 320), ("sam2.1_hiera_b+", 1024)])
-def test_the_side_of_the_pictures_that_sam2_looks_at(config, side):
+def test_sam2_side_is_read_from_the_architecture(config, side):
     assert sam2_side(config) == side
 
 
 @pytest.mark.parametrize("text", ["", "[1, 2", "- a", "model: 3", "model: {image_size: large}"])
-def test_a_file_that_tells_no_side_is_named(tmp_path, text):
+def test_an_architecture_without_a_side_is_an_error(tmp_path, text):
     file = tmp_path / "sam2.yaml"
     file.write_text(text)
     with pytest.raises(UserError, match="sam2.yaml: .*model.image_size"):

@@ -1,4 +1,4 @@
-"""Small holes are filled, everything else stays."""
+"""Small holes of masks are filled; all other scores stay."""
 
 import pytest
 import torch
@@ -31,7 +31,7 @@ def test_a_hole_connected_by_a_corner_is_not_filled():
     assert torch.equal(fill_holes(scores, 9), scores)
 
 
-def test_each_mask_is_looked_at_alone():
+def test_each_mask_is_filled_independently():
     full = torch.full((16, 16), 5.0)
     scores = torch.stack([full, ring(9, 1), -full])[:, None]
     result = fill_holes(scores, 4)
@@ -39,5 +39,5 @@ def test_each_mask_is_looked_at_alone():
     assert result[1, 0, 4, 4] == FILLED and (result != scores).sum() == 1
 
 
-def test_no_masks_are_no_masks():
+def test_an_empty_batch_keeps_its_shape():
     assert fill_holes(torch.zeros(0, 1, 16, 16), 8).shape == (0, 1, 16, 16)

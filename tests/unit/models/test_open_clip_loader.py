@@ -1,4 +1,4 @@
-"""OpenCLIP loads from a folder or by name, with its own vocabulary, and says what is wrong."""
+"""OpenCLIP is loaded from a folder or by name, with its vocabulary; invalid files are reported."""
 
 import gzip
 import json
@@ -78,7 +78,7 @@ def test_a_folder_that_needs_the_hub_is_rejected(folder, description):
         load(folder)
 
 
-def test_text_towers_of_their_own_are_built(description):
+def test_custom_text_towers_are_built(description):
     module = build_model("tiny", description["model_cfg"] | {"custom_text": True})
     assert hasattr(module, "text")
 
@@ -86,11 +86,11 @@ def test_text_towers_of_their_own_are_built(description):
 def test_a_checkpoint_of_another_architecture_is_reported(folder, description):
     description["model_cfg"]["text_cfg"]["layers"] = 2
     (folder / "open_clip_config.json").write_text(json.dumps(description))
-    with pytest.raises(UserError, match="models.clip_model .*12 of"):
+    with pytest.raises(UserError, match="models.clip_model: 12 of"):
         load(folder)
 
 
-def test_another_vocabulary_than_the_text_model_s_is_reported(folder):
+def test_a_vocabulary_of_another_size_is_reported(folder):
     (folder / "bpe.txt.gz").unlink()
     with pytest.raises(UserError, match="49,408 .*518.* bpe.txt.gz"):
         load(folder)
@@ -143,7 +143,7 @@ def test_a_damaged_description_is_reported(folder, text, message):
     "settings",
     [{"timm_model_name": "hf-hub:a/b"}, {"timm_model_name": "resnet18", "timm_model_pretrained": True}],
 )
-def test_a_vision_model_of_the_network_is_rejected(folder, description, settings):
+def test_a_vision_model_that_needs_a_download_is_rejected(folder, description, settings):
     description["model_cfg"]["vision_cfg"] |= settings
     (folder / "open_clip_config.json").write_text(json.dumps(description))
     with pytest.raises(UserError, match="download"):
@@ -153,9 +153,9 @@ def test_a_vision_model_of_the_network_is_rejected(folder, description, settings
 @pytest.mark.parametrize(
     "settings, message",
     [
-        ({"mean": 3}, "preprocess_cfg is not what OpenCLIP writes"),
-        ({"std": ["a", "b", "c"]}, "preprocess_cfg is not what OpenCLIP writes"),
-        ({"interpolation": "magic"}, "preprocess_cfg.interpolation = 'magic'; take one of bicubic, bilinear"),
+        ({"mean": 3}, "preprocess_cfg "),
+        ({"std": ["a", "b", "c"]}, "preprocess_cfg "),
+        ({"interpolation": "magic"}, "preprocess_cfg.interpolation = 'magic'; .*bicubic, bilinear"),
     ],
 )
 def test_invalid_preprocessing_is_reported(folder, description, settings, message):

@@ -1,4 +1,4 @@
-"""Whatever lies beside the loaders is installed with them."""
+"""The files of the packaged models are part of the package data."""
 
 import tomllib
 from pathlib import Path, PurePath

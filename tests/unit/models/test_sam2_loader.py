@@ -1,4 +1,4 @@
-"""SAM2 loads from a file, for images of any size, and says what is wrong."""
+"""SAM2 is loaded from files and runs on images of any size; invalid files are reported."""
 
 import numpy as np
 import pytest
@@ -49,7 +49,7 @@ def test_bfloat16_gives_nearly_the_scores_of_float32(tiny_sam2, image):
     np.testing.assert_allclose(scores[1], scores[0], atol=0.02)
 
 
-def test_other_sides_are_those_of_a_model_made_for_them(tiny_sam2, image, tmp_path):
+def test_set_image_size_equals_a_model_built_for_that_size(tiny_sam2, image, tmp_path):
     weights = str(tiny_sam2 / "model.safetensors")
     tree = yaml.safe_load((tiny_sam2 / "sam2.yaml").read_text())
     tree["model"]["image_size"] = 192
@@ -66,7 +66,7 @@ def test_other_sides_are_those_of_a_model_made_for_them(tiny_sam2, image, tmp_pa
         np.testing.assert_array_equal(made, changed)
 
 
-def test_objects_are_followed_through_a_video_without_warnings(sam2, tmp_path, recwarn):
+def test_objects_are_tracked_through_a_video_without_warnings(sam2, tmp_path, recwarn):
     for number in range(3):
         colours = np.random.default_rng(number).integers(0, 256, (77, 101, 3), dtype=np.uint8)
         Image.fromarray(colours).save(tmp_path / f"{number}.jpg")
@@ -87,7 +87,7 @@ def test_objects_are_followed_through_a_video_without_warnings(sam2, tmp_path, r
     assert not [warning for warning in recwarn if "post-processing" in str(warning.message)]
 
 
-def test_small_holes_of_a_followed_object_are_filled(sam2, tmp_path, monkeypatch):
+def test_small_holes_of_a_tracked_object_are_filled(sam2, tmp_path, monkeypatch):
     Image.fromarray(np.zeros((64, 64, 3), dtype=np.uint8)).save(tmp_path / "0.jpg")
     holed = torch.full((1, 1, 64, 64), 5.0)
     holed[..., 20:22, 20:22] = -5.0

@@ -1,6 +1,6 @@
-"""The packaged small OpenCLIP tells things of the synthetic world apart, by words, from images it has never seen.
+"""The packaged small OpenCLIP recognizes objects of the synthetic world by their names, on images it was not trained on.
 
-Things are built from seeds that no training world has, and rendered alone by a plain renderer of its own.
+The objects are built from seeds that no training world has, and rendered by a separate renderer.
 """
 
 import hashlib
@@ -18,7 +18,7 @@ from egosplat.synthetic.objects.atlas import Atlas
 from egosplat.synthetic.objects.catalogue import CORE, GROUPS, REST, Kind
 
 KINDS = {kind.category: kind for kind in (*CORE, *REST, *(one for group in GROUPS for one in group))}
-TOLD = (
+NAMES = (
     "couch",
     "television",
     "step stool",
@@ -39,7 +39,7 @@ def clip() -> OpenClip:
 
 
 def render(kind: Kind, seed: int) -> np.ndarray:
-    """(SIDE, SIDE, 3) uint8: a thing from its front, a little from above and from the side, on black."""
+    """(SIDE, SIDE, 3) uint8: an object on black, seen from the front, slightly from above and from one side."""
     model = kind.build(np.random.default_rng([seed, 77]))
     geometry = build_geometry([Body(1, model.parts, np.eye(4), "static")])
     lower, upper = geometry.vertices.min(axis=0), geometry.vertices.max(axis=0)
@@ -65,7 +65,7 @@ def render(kind: Kind, seed: int) -> np.ndarray:
 
 
 def squared(image: np.ndarray) -> np.ndarray:
-    """(SIDE, SIDE, 3): the square around what is not black."""
+    """Crop to the pixels that are not black, pad to a square and resize to (SIDE, SIDE, 3)."""
     rows, columns = (np.flatnonzero(image.any(axis=(2, other))) for other in (1, 0))
     inside = image[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     height, width = inside.shape[:2]
@@ -98,8 +98,8 @@ def texts(clip: OpenClip, phrases: tuple[str, ...]) -> torch.Tensor:
 @pytest.fixture(scope="module")
 def features(clip: OpenClip) -> torch.Tensor:
     """(8 kinds, 4 seeds, D)."""
-    images = [render(KINDS[name], seed) for name in TOLD for seed in range(4)]
-    return encode(clip, images).reshape(len(TOLD), 4, -1)
+    images = [render(KINDS[name], seed) for name in NAMES for seed in range(4)]
+    return encode(clip, images).reshape(len(NAMES), 4, -1)
 
 
 def test_the_model_is_small_and_complete() -> None:
@@ -114,30 +114,30 @@ def test_the_model_is_small_and_complete() -> None:
     } == {file.name for file in SMALL_CLIP.iterdir()}
 
 
-def test_things_are_found_by_their_names(clip: OpenClip, features: torch.Tensor) -> None:
-    nearest = (features @ texts(clip, TOLD).T).argmax(dim=-1)
-    right = (nearest == torch.arange(len(TOLD))[:, None]).float()
+def test_objects_are_found_by_their_names(clip: OpenClip, features: torch.Tensor) -> None:
+    nearest = (features @ texts(clip, NAMES).T).argmax(dim=-1)
+    right = (nearest == torch.arange(len(NAMES))[:, None]).float()
     # Chance is one in eight.
     assert right.mean() >= 0.8
 
 
-def test_words_that_no_caption_had_find_them_too(clip: OpenClip, features: torch.Tensor) -> None:
+def test_synonyms_outside_of_the_captions_find_objects(clip: OpenClip, features: torch.Tensor) -> None:
     averaged = F.normalize(features.mean(dim=1), dim=-1)
     nearest = (averaged @ texts(clip, SYNONYMS).T).argmax(dim=-1)
-    assert (nearest == torch.arange(len(TOLD))).sum() >= 6
+    assert (nearest == torch.arange(len(NAMES))).sum() >= 6
 
 
 def test_true_names_are_more_relevant_than_canonical_phrases_and_false_ones_less(
     clip: OpenClip, features: torch.Tensor
 ) -> None:
     canonical = (features @ texts(clip, ("object", "things", "stuff", "texture")).T).amax(dim=-1)
-    relevant = features @ texts(clip, TOLD).T > canonical[..., None]
-    true = torch.eye(len(TOLD), dtype=torch.bool)[:, None].expand_as(relevant)
+    relevant = features @ texts(clip, NAMES).T > canonical[..., None]
+    true = torch.eye(len(NAMES), dtype=torch.bool)[:, None].expand_as(relevant)
     assert relevant[true].float().mean() >= 0.75
     assert relevant[~true].float().mean() <= 0.2
 
 
-def test_colours_are_reported(clip: OpenClip) -> None:
+def test_colours_are_recognized(clip: OpenClip) -> None:
     discs = []
     y, x = np.mgrid[:SIDE, :SIDE] - SIDE / 2
     for colour in ((200, 40, 40), (40, 150, 60), (50, 80, 200), (235, 205, 60)):
@@ -147,6 +147,6 @@ def test_colours_are_reported(clip: OpenClip) -> None:
     assert (nearest == torch.arange(4)).sum() >= 3
 
 
-def test_the_card_is_about_this_checkpoint() -> None:
+def test_the_model_card_names_the_checkpoint_s_hash() -> None:
     digest = hashlib.sha256((SMALL_CLIP / "open_clip_model.safetensors").read_bytes()).hexdigest()
     assert digest in Path(SMALL_CLIP / "MODEL_CARD.md").read_text()

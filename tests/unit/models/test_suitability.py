@@ -1,4 +1,4 @@
-"""When small checkpoints on a real recording are told, and in which words."""
+"""A notice is given exactly if small checkpoints are used on a real recording."""
 
 from types import SimpleNamespace
 
@@ -10,14 +10,14 @@ BOTH = {"sam2_checkpoint": "small", "clip_checkpoint": "small"}
 
 
 def artifact(origin: str, models: dict[str, str], **facts):
-    """What an artifact tells of its making, with the value of each checkpoint's key."""
+    """A stand-in for an artifact with an origin, and the checkpoints of its provenance."""
     made = {"options": models, "models": dict.fromkeys(models, "c0de")}
     return SimpleNamespace(origin=origin, provenance=made, facts=facts)
 
 
 def test_a_real_recording_with_small_checkpoints_is_reported_with_what_to_do():
     told = notice("real", BOTH)
-    assert "\n" not in told and "synthetic apartments alone" in told
+    assert "\n" not in told and "synthetic apartments only" in told
     assert "models.sam2_checkpoint" in told and "models.clip_checkpoint" in told
     assert "egosplat doctor --config preset=paper" in told
 

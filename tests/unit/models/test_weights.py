@@ -1,4 +1,4 @@
-"""Checkpoints are read without running code, and what is wrong with one is said."""
+"""Checkpoints are read without running their code; invalid ones are reported."""
 
 import io
 import re
@@ -43,7 +43,7 @@ def test_wrapped_state_dicts_are_unwrapped(tmp_path, wrapped):
 
 
 class Harmful:
-    """Asks whoever unpickles it to call something."""
+    """Calls ``open`` when it is unpickled."""
 
     def __init__(self, marker):
         self.marker = marker
@@ -86,8 +86,8 @@ except Exception as error:
 
 
 @pytest.mark.parametrize("name", ["m.pt", "m.safetensors"])
-def test_a_lack_of_memory_is_not_taken_for_damage(tmp_path, name):
-    """Else a whole checkpoint would be downloaded again."""
+def test_a_lack_of_memory_is_not_reported_as_damage(tmp_path, name):
+    """Otherwise users would download an intact checkpoint again."""
     large = {"a": torch.zeros(50_000_000)}
     save_file(large, tmp_path / name) if name.endswith("safetensors") else torch.save(large, tmp_path / name)
     done = subprocess.run(
@@ -141,7 +141,7 @@ def test_another_kind_of_file_is_reported(tmp_path):
         read_tensors(tmp_path / "m.onnx")
 
 
-def test_half_precision_becomes_the_module_s_own(tmp_path):
+def test_half_precision_is_converted_to_the_module_s_dtype(tmp_path):
     module = nn.Linear(3, 2)
     load_weights(module, {name: value.half() for name, value in TENSORS.items()}, tmp_path / "m.pt", SAM2)
     assert module.weight.dtype == torch.float32
@@ -154,7 +154,7 @@ def test_another_architecture_is_reported_with_counts_and_examples(tmp_path):
     with pytest.raises(UserError) as caught:
         load_weights(module, given, tmp_path / "m.pt", SAM2)
     first, second = str(caught.value).splitlines()
-    assert "m.pt: is of another architecture than models.sam2_config names" in first
+    assert "m.pt: has another architecture than models.sam2_config" in first
     assert "2 of 4 tensors missing (as 1.weight)" in first
     assert "1 unexpected (as head)" in first
     assert "1 of another shape (as 0.weight, 4x3 instead of 2x3)" in first

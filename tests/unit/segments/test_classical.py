@@ -1,4 +1,4 @@
-"""Images cut into nested regions without learned weights."""
+"""The classical segmenter divides images into nested regions."""
 
 import cv2
 import numpy as np
@@ -10,7 +10,7 @@ OPTIONS = ClassicalOptions()
 
 
 def scene(side: int) -> tuple[np.ndarray, np.ndarray]:
-    """A smooth image of a red box with a white lid on a green wall over a blue floor, and where each is."""
+    """A smooth image of a red box with a white lid before a green wall and a blue floor, and its label map."""
     what = np.zeros((256, 256), dtype=np.uint8)
     what[160:] = 1
     what[90:200, 80:180] = 2
@@ -30,7 +30,7 @@ def iou(left: np.ndarray, right: np.ndarray) -> float:
 
 
 def best_iou(levels: np.ndarray, mask: np.ndarray) -> float:
-    """Of a mask with the regions under its middle pixel."""
+    """Best IoU of a mask with the regions at its middle pixel."""
     inside = np.argwhere(mask)
     row, column = inside[len(inside) // 2]
     return max(iou(level == level[row, column], mask) for level in levels)
@@ -45,14 +45,14 @@ def textured(side: int = 96) -> np.ndarray:
 
 
 @pytest.mark.parametrize("side", [256, 512, 1408])
-def test_things_are_found_at_any_size(side):
+def test_objects_are_found_at_any_image_size(side):
     image, what = scene(side)
     levels = segment(image, everywhere(image), OPTIONS)
     assert levels.shape == (3, side, side) and levels.dtype == np.int32
     assert all(best_iou(levels, what == one) > 0.93 for one in range(4))
 
 
-def test_sizes_give_alike_results():
+def test_image_sizes_give_similar_regions():
     images = [scene(side)[0] for side in (256, 512, 1408)]
     found = [segment(image, everywhere(image), OPTIONS) for image in images]
     small, *larger = [cv2.resize(one[2], (256, 256), interpolation=cv2.INTER_NEAREST) for one in found]
@@ -117,7 +117,7 @@ def test_noise_gives_few_large_regions():
     assert np.bincount(subpart.ravel()).min() >= OPTIONS.least_area * subpart.size
 
 
-def test_textures_of_one_mean_colour_are_distinguished():
+def test_textures_of_equal_mean_colour_are_separated():
     rng = np.random.default_rng(4)
     amplitude = np.where(np.arange(128) < 64, 4, 90)[None, :, None]
     image = (120 + amplitude * rng.uniform(-1, 1, (128, 128, 1)) + np.zeros(3)).astype(np.uint8)
@@ -126,7 +126,7 @@ def test_textures_of_one_mean_colour_are_distinguished():
     assert best_iou(levels, left) > 0.85
 
 
-def test_small_regions_and_slivers_go_to_a_neighbour_like_them():
+def test_small_and_thin_regions_are_merged_into_similar_neighbours():
     image = np.full((128, 128, 3), (200, 40, 40), dtype=np.uint8)
     image[:, 64:] = (40, 40, 200)
     image[60:62, 63:65] = (190, 50, 50)
@@ -166,6 +166,6 @@ def test_wrong_input_is_rejected(image, valid):
 @pytest.mark.parametrize(
     "wrong", [{"part": 1e9}, {"side": 0}, {"purity": 1.1}, {"least_area": -1.0}, {"smoothing": float("nan")}]
 )
-def test_senseless_options_are_rejected(wrong):
+def test_invalid_options_are_rejected(wrong):
     with pytest.raises(ValueError):
         ClassicalOptions(**wrong)

@@ -1,4 +1,4 @@
-"""Regions and masks followed by optical flow."""
+"""The classical segmenter tracks regions and masks by optical flow."""
 
 import cv2
 import numpy as np
@@ -51,7 +51,7 @@ def test_a_moving_box_keeps_its_track():
     assert all(iou(labels == number, mask) > 0.8 for labels, mask in zip(found, masks, strict=True))
 
 
-def test_the_first_frame_is_cut_as_by_segment():
+def test_the_first_frame_has_the_regions_of_segment():
     image, _ = frame(40)
     (labels,) = track([image], VALID, "part", OPTIONS)
     assert (labels == segment(image, VALID, OPTIONS)[1]).all()
@@ -91,7 +91,7 @@ def test_tracking_holds_two_frames_in_memory():
     assert len(alive) == 5
 
 
-def test_labels_are_carried_along_and_unlabelled_stays_unlabelled():
+def test_labels_are_propagated_and_unlabelled_pixels_stay_unlabelled():
     (previous, mask), (current, moved) = frame(20), frame(26)
     labels = np.where(mask, np.int32(7), np.int32(-1))
     regions = np.where(moved, np.int32(1), np.int32(0))
@@ -109,7 +109,7 @@ def test_pixels_without_support_have_no_label():
     assert (propagate(labels, previous, noise, regions, OPTIONS) == -1).mean() > 0.5
 
 
-def test_outside_of_the_regions_nothing_is_carried():
+def test_nothing_is_propagated_outside_of_the_regions():
     previous, current = frame(20)[0], frame(24)[0]
     regions = np.zeros(VALID.shape, dtype=np.int32)
     regions[:, :30] = -1
@@ -126,7 +126,7 @@ def test_large_uncovered_regions_become_tracks():
     assert opened[1:, 3].tolist() == [6, 6, 6]
 
 
-def test_overlapping_masks_are_followed():
+def test_overlapping_masks_are_propagated():
     images, masks = zip(*(frame(column) for column in (20, 25, 30)), strict=True)
     half = masks[0].copy()
     half[64:] = False
@@ -183,7 +183,7 @@ def test_wrong_input_is_rejected_at_once():
         list(track([image[..., 0]], VALID, "whole", OPTIONS))
 
 
-def test_all_levels_at_once_are_the_levels_one_by_one() -> None:
+def test_track_levels_equals_track_of_each_level() -> None:
     rng = np.random.default_rng(4)
     coarse = rng.integers(0, 255, (6, 8, 3), dtype=np.uint8)
     large = np.repeat(np.repeat(coarse, 10, 0), 10, 1)

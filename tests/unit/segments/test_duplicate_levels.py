@@ -1,4 +1,4 @@
-"""Which levels repeat another."""
+"""Levels that repeat another are found and dropped."""
 
 import numpy as np
 import pytest
@@ -7,11 +7,11 @@ from egosplat.segments.duplicate_levels import drop_levels, find_duplicate_level
 from egosplat.segments.label_maps import LabelMaps
 
 EACH = 25
-"""Instances of a level, one a row."""
+"""Instances per level, one in each row."""
 
 
 def film(*levels, frames=2):
-    """Labels in which each level has rows of 20 pixels, narrowed by so many in each row; and whose each instance is."""
+    """Labels of levels with one instance per row of 20 pixels, each narrowed by a number of pixels; the table; the levels."""
     labels = LabelMaps((len(levels), EACH, 20))
     for frame in range(frames):
         maps = np.full((len(levels), EACH, 20), -1, np.int32)
@@ -27,7 +27,7 @@ def film(*levels, frames=2):
 
 SAME = [0] * EACH
 NARROW = [10] * EACH
-"""IoU 0.5 with the whole rows."""
+"""IoU 0.5 with full rows."""
 
 
 @pytest.mark.parametrize(
@@ -37,19 +37,19 @@ NARROW = [10] * EACH
         ((NARROW, SAME, SAME), {1: 2}),
         ((SAME, NARROW, SAME), {0: 2}),
         ((SAME, SAME, NARROW), {0: 1}),
-        ((NARROW, SAME, [5] * EACH), {}),  # an IoU of 0.75 is another thing
+        ((NARROW, SAME, [5] * EACH), {}),  # an IoU of 0.75 is too low
         (([0] * 24 + [10], SAME, NARROW), {0: 1}),  # 96 % repeat
-        (([0] * 23 + [10] * 2, SAME, NARROW), {}),  # 92 % do
+        (([0] * 23 + [10] * 2, SAME, NARROW), {}),  # 92 % repeat: too few
         ((SAME, [4] * EACH, NARROW), {}),  # 0.8 exactly is not above
-        # The first is like the second alone, and that like the third.
+        # The first equals only the second, and the second equals the third.
         ((SAME, [3] * EACH, [5] * EACH), {0: 2, 1: 2}),
     ],
 )
-def test_a_level_repeats_another_whose_instances_it_shows(levels, expected):
+def test_a_level_repeats_another_with_the_same_instances(levels, expected):
     assert find_duplicate_levels(*film(*levels), 3) == expected
 
 
-def test_a_level_that_shows_less_repeats_and_one_that_shows_more_does_not():
+def test_a_subset_of_another_level_repeats_it_and_a_superset_does_not():
     few = [0] * 5 + [None] * 20
     labels, table, level = film(few, SAME)
     shown = np.append(np.where((np.arange(2 * EACH) >= 5) & (np.arange(2 * EACH) < EACH), -1, 0), -1)

@@ -1,4 +1,4 @@
-"""Which instances are one, and which are dropped."""
+"""Merging of duplicate instances, dropping of short ones, and the label maps drawn from logits."""
 
 import numpy as np
 import torch
@@ -15,18 +15,18 @@ def masks(*columns: tuple[int, int]) -> torch.Tensor:
     return found
 
 
-def test_instances_that_overlap_where_both_are_seen_are_one():
+def test_instances_that_overlap_in_their_common_frames_are_the_same():
     overlaps = Overlaps()
     overlaps.add([0, 1], masks((0, 10), (12, 20)))
     overlaps.add([0, 1, 4], masks((0, 10), (12, 20), (1, 10)))
     overlaps.add([0, 4], masks((0, 10), (0, 9)))
-    # Unseen: counts neither for nor against.
+    # A frame in which one of them is not visible does not count.
     overlaps.add([0, 4], masks((0, 0), (0, 9)))
     assert overlaps.same(0.8, 4) == [(0, 4)]
     assert overlaps.same(0.95, 4) == []
 
 
-def test_one_common_frame_merges_only_if_there_is_no_other():
+def test_one_common_frame_suffices_only_in_a_video_of_one_frame():
     overlaps = Overlaps()
     overlaps.add([0, 1], masks((0, 10), (0, 10)))
     overlaps.add([], torch.zeros(0, 8, 20, dtype=torch.bool))
@@ -37,7 +37,7 @@ def test_only_pairs_between_two_sets_are_counted():
     overlaps = Overlaps()
     for _ in range(2):
         overlaps.add_between([5, 6], masks((0, 10), (0, 10)), [0, 2], masks((0, 9), (15, 20)))
-    assert overlaps.same(0.5, 10) == [(0, 5), (0, 6)], "5 and 6 are alike, but that was not asked"
+    assert overlaps.same(0.5, 10) == [(0, 5), (0, 6)], "the pair 5, 6 is within one set"
 
 
 def test_merging_is_transitive():
@@ -50,21 +50,21 @@ def test_briefly_seen_instances_are_dropped():
     new, staying = number_kept(roots, np.array([5, 2, 0, 3]), 3, 10)
     assert new.tolist() == [0, -1, 0, 1] and staying.tolist() == [0, 3]
     new, staying = number_kept(roots, np.array([2, 1, 0, 2]), 3, 2)
-    assert staying.tolist() == [0, 3], "a video of two frames asks for two"
+    assert staying.tolist() == [0, 3], "in a video of two frames, two suffice"
     assert number_kept(np.zeros(0, np.int64), np.zeros(0, np.int64), 3, 5)[1].tolist() == []
 
 
-def test_labels_come_back_as_they_were_put():
+def test_label_maps_are_restored_unchanged():
     labels = LabelMaps((2, 3, 4))
     given = np.arange(24, dtype=np.int32).reshape(2, 3, 4) - 1
     labels[1], labels[0] = given, given * 0 - 1
     assert len(labels) == 2 and np.array_equal(labels[1], given)
     changed = labels[1]
     changed[:] = 7
-    assert np.array_equal(labels[1], given), "what was read is a copy"
+    assert np.array_equal(labels[1], given), "reading returns a copy"
 
 
-def test_frames_are_counted_for_what_is_merged():
+def test_frames_seen_counts_merged_instances_together():
     labels = LabelMaps((1, 1, 4))
     labels[0], labels[1] = np.array([[[0, 2, -1, -1]]], np.int32), np.array([[[2, 2, 1, -1]]], np.int32)
     assert frames_seen(labels, np.array([0, 1, 0])).tolist() == [2, 1, 0]
@@ -85,5 +85,5 @@ def test_the_highest_logit_gets_the_pixel():
     assert (paint([], valid, torch.device("cpu")) == -1).all()
 
 
-def test_union_of_nothing_is_nothing():
+def test_union_of_no_masks_is_empty():
     assert not union(masks()).any() and union(masks((0, 3), (5, 6))).sum() == 32

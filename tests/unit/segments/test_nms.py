@@ -1,4 +1,4 @@
-"""Overlaps and the filters made of them: reference values of LangSplat's rules, ties, and nothing at all."""
+"""Overlap of masks and NMS: reference values of LangSplat's rules, ties, and empty input."""
 
 import pytest
 import torch
@@ -52,7 +52,7 @@ def test_stability_is_the_iou_of_two_cuts():
     torch.testing.assert_close(stability_score(logits, 1.0), torch.tensor([1.0, 0.5, 0.0]))
 
 
-def test_the_nested_smaller_mask_goes_whatever_its_score():
+def test_a_nested_mask_is_dropped_whatever_its_score():
     # Area 1000 with score 0.9 around area 100 with score 0.95: A B = 0.1, and 0.9 > 0.5.
     masks = squares((0, 0, 40, 25), (5, 5, 15, 15))
     assert areas(masks).tolist() == [1000, 100]
@@ -61,17 +61,17 @@ def test_the_nested_smaller_mask_goes_whatever_its_score():
     assert mask_nms(masks, torch.tensor([0.9, 0.95]), **apart).tolist() == [True, True]
 
 
-def test_of_two_that_are_alike_the_better_stays():
+def test_the_better_of_two_overlapping_masks_is_kept():
     masks = squares((0, 0, 20, 20), (0, 0, 20, 21), (25, 25, 35, 35))
     assert mask_nms(masks, torch.tensor([0.8, 0.9, 0.75]), **LIMITS).tolist() == [False, True, True]
     assert mask_nms(masks, torch.tensor([0.9, 0.9, 0.9]), **LIMITS).tolist() == [True, False, True], (
-        "the earlier"
+        "the earlier of equal scores"
     )
     assert mask_nms(masks, torch.tensor([0.7, 0.71, 0.7]), **LIMITS).tolist() == [False, True, False]
 
 
 def test_suppressed_masks_still_suppress_others():
-    # A chain in which each is like the next: the best drops the second, the second still drops the third.
+    # A chain of overlapping masks: the first drops the second, and the second still drops the third.
     masks = squares((0, 0, 20, 20), (0, 0, 20, 22), (0, 0, 20, 24))
     assert mask_iou(masks, masks)[0, 2] > 0.8
     chain = squares((0, 0, 30, 20), (3, 0, 33, 20), (6, 0, 36, 20))
@@ -94,8 +94,8 @@ def test_nms_of_no_mask_and_one_mask(count):
     )
 
 
-def test_the_filter_is_that_of_single_pairs():
-    """Against the definition, pair by pair, on random masks."""
+def test_mask_nms_matches_the_pairwise_definition():
+    """The vectorized filter equals a loop over all pairs of random masks."""
     generator = torch.Generator().manual_seed(0)
     for _ in range(20):
         corners = torch.randint(0, 30, (12, 2), generator=generator)

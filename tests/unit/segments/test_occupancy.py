@@ -1,4 +1,4 @@
-"""How much of a video instances fill, and how long they are followed."""
+"""Coverage by instances and the length of their tracks."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from egosplat.segments.occupancy import Occupancy
 
 
 def test_figures_count_valid_pixels_frames_and_instances():
-    """Two levels of four pixels, the last not valid: instance 0 in both frames, 1 in the second, 2 in none."""
+    """Two levels of four pixels, the last invalid: instance 0 is in both frames, 1 in the second, 2 in none."""
     occupancy = Occupancy(3, np.array([[True, True, True, False]]))
     nothing = np.full((1, 4), -1, np.int32)
     occupancy.add(np.stack([np.array([[0, -1, -1, -1]], np.int32), nothing]))

@@ -1,4 +1,4 @@
-"""Following by SAM2's memory gives what SAM2's own predictor gives, in memory that does not grow."""
+"""Propagation equals SAM2's own predictor, in bounded memory."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ FRAMES = 5
 
 @pytest.fixture(scope="module")
 def sam2():
-    """The small architecture with random weights, and a head that takes everything for present."""
+    """The small architecture with random weights, biased so that every object counts as present."""
     torch.manual_seed(0)
     predictor = build_predictor(SMALL_SAM2).eval().requires_grad_(False)
     set_image_size(predictor, 256)
@@ -64,7 +64,7 @@ def test_propagation_equals_sam2s_predictor(sam2, video, tmp_path):
             torch.testing.assert_close(found, truth, rtol=1e-3, atol=1e-3)
 
 
-def test_backwards_is_forwards_of_the_reversed_video(sam2, video):
+def test_backward_propagation_equals_forward_on_the_reversed_video(sam2, video):
     with sam2.compute.inference():
         encoded = [encode(sam2, frame) for frame in video]
         propagator = Propagator(sam2, FRAMES)
@@ -100,15 +100,15 @@ def test_memory_does_not_grow(sam2, video):
     assert len(held) == model.num_maskmem - 1 and len(group.recent) == model.max_obj_ptrs_in_encoder
 
 
-def test_what_is_long_unseen_is_searched_now_and_then(sam2, video, monkeypatch):
-    """Object 1 is lost after frame 2, and there again from frame 5 on: it is found when it is looked for."""
-    looked: dict[int, list[int]] = {}
+def test_lost_objects_are_searched_only_every_stride_frames(sam2, video, monkeypatch):
+    """Object 1 is lost after frame 2 and visible again from frame 5: it is found in the next searched frame."""
+    searched: dict[int, list[int]] = {}
 
     def track(self, encoded, frame, first_frame, begun, recent, reverse):
         count = len(begun["obj_ptr"])
-        # Which objects these are is told by their pointers.
+        # The test marks each object by its pointer.
         places = [round(float(value)) for value in begun["obj_ptr"][:, 0]]
-        looked[frame] = places
+        searched[frame] = places
         logits = torch.full((count, 64, 64), 10.0)
         for row, place in enumerate(places):
             if place == 1 and 2 < frame < 5:
@@ -125,20 +125,20 @@ def test_what_is_long_unseen_is_searched_now_and_then(sam2, video, monkeypatch):
         for frame in range(1, 8):
             found = propagator.step(encoded, frame, group, reverse=False)
             seen[frame] = [bool((each > 0).any()) for each in found]
-    assert looked[3] == [0, 1] and looked[4] == [0, 1], "two frames of absence come first"
-    assert looked[5] == [0] and looked[6] == [0, 1], "then every second frame"
-    assert seen[5] == [True, False] and seen[6] == [True, True], "it is back when it is looked for"
-    assert looked[7] == [0, 1]
+    assert searched[3] == [0, 1] and searched[4] == [0, 1], "it is searched for two frames after it is lost"
+    assert searched[5] == [0] and searched[6] == [0, 1], "then every second frame"
+    assert seen[5] == [True, False] and seen[6] == [True, True], "it is found in the first searched frame"
+    assert searched[7] == [0, 1]
 
 
-def test_some_objects_are_remembered_apart_from_others(sam2, video):
+def test_absent_objects_do_not_change_the_tracked_ones(sam2, video):
     with sam2.compute.inference():
         encoded = [encode(sam2, frame) for frame in video]
         propagator = Propagator(sam2, FRAMES, lost_track_stride=10)
         both, alone = (
             propagator.begin(encoded[0], 0, [0, 1][:count], logits(video)[:count]) for count in (2, 1)
         )
-        # The second is taken for long gone: the first must be followed as if it were alone.
+        # The second object counts as lost: the first must be propagated as if alone.
         both.unseen = [0, 10]
         for frame in range(1, FRAMES):
             together = propagator.step(encoded[frame], frame, both, reverse=False)
@@ -158,4 +158,6 @@ def test_all_objects_may_be_out_of_view(sam2, video):
         for frame in range(2, 15):
             assert (propagator.step(encoded, frame, group, reverse=False) < 0).all()
         group.unseen = [0, 0]
-        assert propagator.step(encoded, 15, group, reverse=False).isfinite().all(), "memory is still there"
+        assert propagator.step(encoded, 15, group, reverse=False).isfinite().all(), (
+            "the memory is still valid"
+        )

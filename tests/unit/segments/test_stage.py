@@ -1,4 +1,4 @@
-"""The stage: an artifact of a small video, by either segmenter; what is merged and dropped; mistakes."""
+"""The stage segments: its artifact for a small video, merging and dropping of instances, errors."""
 
 import numpy as np
 import pytest
@@ -43,7 +43,7 @@ def test_classical_segments_of_moving_squares(frames, tmp_path, keys):
     for level in range(3):
         used = np.unique(labels[:, level])
         assert set(levels[used[used >= 0]]) == {level}
-    # One id a square through the video, another one for each.
+    # Each square keeps its own id through the video.
     whole = labels[:, 2]
     red = {int(whole[frame, 20, 14 + 3 * frame]) for frame in range(COUNT)}
     blue = {int(whole[frame, 50, 50 - 2 * frame]) for frame in range(COUNT)}
@@ -65,14 +65,14 @@ def test_squares_without_parts_are_instances_of_one_level(frames, tmp_path, keys
     assert own.read("instances/level").tolist() == [2, 2, 2]
     labels = own.read("labels")
     assert (labels[:, :2] == -1).all()
-    # What the level shows is as before, but for its instances' numbers.
+    # The level's labels are unchanged except for the instance numbers.
     before = every.read("labels")[:, 2]
     assert np.array_equal(np.where(before < 0, before, before - before[before >= 0].min()), labels[:, 2])
     assert own.read("instances/predicted_iou").shape == own.read("instances/first_frame").shape == (3,)
 
 
-def test_frames_that_a_survey_leaves_out_are_passed_over(frames, tmp_path, keys, survey_that_keeps):
-    """The others are found as if they alone had been filmed; those that are left out have no label."""
+def test_frames_that_a_survey_drops_are_skipped(frames, tmp_path, keys, survey_that_keeps):
+    """The kept frames are segmented as a video of their own; dropped frames have no label."""
     survey, output = survey_that_keeps(tmp_path, [1, 2, 5]), tmp_path / "segments.zarr"
     seen = []
 
@@ -127,7 +127,7 @@ def test_no_instances_are_an_error_and_write_nothing(frames, tmp_path, keys, mon
     for frame in range(COUNT):
         labels[frame] = np.full((3, SIDE, SIDE), -1, np.int32)
     monkeypatch.setattr(stage, "segment_video", lambda *_: Segmented(labels, [], [], {}))
-    with pytest.raises(UserError, match="nothing"):
+    with pytest.raises(UserError, match="segments.pred_iou_thresh"):
         stage.run(
             frames, tmp_path / "segments.zarr", options=SegmentsOptions(**keys | {"segmenter": "classical"})
         )

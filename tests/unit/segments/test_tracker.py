@@ -1,4 +1,4 @@
-"""The way through a video: prompts on key frames, ids and levels, both directions, limits. Random weights do."""
+"""Tracking of a video with random weights: prompts on key frames, ids and levels, both directions, limits, resuming."""
 
 from dataclasses import replace
 from unittest import mock
@@ -76,7 +76,7 @@ def tracked(sam2, images, options=OPTIONS, valid=None):
 
 
 def test_a_video_is_tracked_in_bfloat16_as_on_a_gpu(sam2, images):
-    """The whole way: prompts, filters, both directions, merging. Counts of pixels stay exact numbers."""
+    """Pixel counts in filters and merging stay exact under autocast."""
     half = Sam2(sam2.video_predictor, choose_compute("cpu", "bfloat16"))
     counted = []
 
@@ -89,7 +89,7 @@ def test_a_video_is_tracked_in_bfloat16_as_on_a_gpu(sam2, images):
     assert segmented.instances and asked[:FRAMES] == list(range(FRAMES))
     assert {one.level for one in segmented.instances} == set(range(len(LEVELS)))
     assert max(int(shared.max()) for shared, _, _ in counted if shared.numel()) > 256, (
-        "where bfloat16 would round"
+        "counts above 256, which bfloat16 rounds"
     )
     for shared, first, second in counted:
         exact = (first[:, None] & second[None]).flatten(2).sum(2)
@@ -100,8 +100,8 @@ def test_instances_belong_to_one_level_and_labels_to_instances(sam2, images):
     valid = np.ones((HEIGHT, WIDTH), bool)
     valid[:, :6] = False
     segmented, asked = tracked(sam2, images, valid=valid)
-    assert segmented.instances, "random weights give masks, and thresholds of 0 take them"
-    assert asked[:FRAMES] == list(range(FRAMES)), "each frame is read once forwards"
+    assert segmented.instances, "random weights give masks, which pass thresholds of 0"
+    assert asked[:FRAMES] == list(range(FRAMES)), "the forward pass reads each frame once"
     for frame in range(FRAMES):
         labels = segmented.labels[frame]
         assert labels.shape == (len(LEVELS), HEIGHT, WIDTH) and (labels[:, ~valid] == -1).all()
@@ -112,7 +112,7 @@ def test_instances_belong_to_one_level_and_labels_to_instances(sam2, images):
     assert segmented.notes["key_frames"][0] == 0
 
 
-def test_the_first_frame_alone_where_that_is_asked_for(sam2, images):
+def test_prompting_initial_frame_prompts_only_the_first_frame(sam2, images):
     segmented, _ = tracked(sam2, images, options=replace(OPTIONS, prompting="initial_frame"))
     assert {one.first_frame for one in segmented.instances} == {0} and segmented.notes["key_frames"] == [0]
 
@@ -124,8 +124,8 @@ def test_the_number_of_tracked_instances_is_limited(sam2, images):
             assert sum(one.level == level for one in segmented.instances) <= most
 
 
-def test_what_two_levels_show_alike_is_followed_once(sam2, images, monkeypatch):
-    """Where all levels find the same, one of them is followed, and all show it."""
+def test_equal_masks_of_several_levels_are_tracked_once(sam2, images, monkeypatch):
+    """If all levels find the same masks, one level is tracked and all have its labels."""
 
     def alike(*arguments):
         found = prompt(*arguments)
@@ -155,11 +155,11 @@ def test_batches_do_not_change_what_is_found(sam2, images):
 
 
 @pytest.mark.parametrize("reads", [1, 3, FRAMES, FRAMES + 1])
-def test_a_killed_run_goes_on_to_the_same_end(sam2, images, tmp_path, reads):
-    """Killed when it asks for its image after so many, forwards or backwards."""
+def test_a_killed_run_resumes_to_the_same_result(sam2, images, tmp_path, reads):
+    """The run is killed after a number of reads, in the forward or backward pass."""
     options, valid = replace(OPTIONS, lost_track_stride=2), np.ones((HEIGHT, WIDTH), bool)
     expected, asked = tracked(sam2, images, options=options)
-    assert len(asked) > reads, "there is something left to do"
+    assert len(asked) > reads, "the kill comes before the end"
     left = iter(range(reads))
 
     def killed(frame: int) -> np.ndarray:
@@ -179,7 +179,7 @@ def test_a_killed_run_goes_on_to_the_same_end(sam2, images, tmp_path, reads):
         return images[frame]
 
     found = Tracker(sam2, read, FRAMES, valid, options).run(checkpoint())
-    assert again == asked[reads:], "what was done is not done again"
+    assert again == asked[reads:], "finished frames are not read again"
     assert found.instances == expected.instances and found.same == expected.same
     assert found.notes == expected.notes
     for frame in range(FRAMES):
@@ -192,8 +192,8 @@ def test_no_masks_give_no_instance(sam2, images):
     assert all((segmented.labels[frame] == -1).all() for frame in range(FRAMES))
 
 
-def test_what_is_found_later_is_followed_back(sam2, images):
-    """With nothing found in the first frame, what the second key frame finds is seen before it."""
+def test_objects_found_later_are_tracked_backwards(sam2, images):
+    """Objects of the second key frame are labelled in earlier frames, too."""
     black = images.copy()
 
     class LateTracker(Tracker):
@@ -207,13 +207,13 @@ def test_what_is_found_later_is_followed_back(sam2, images):
     assert (segmented.labels[1] >= 0).any() or (segmented.labels[0] >= 0).any()
 
 
-def test_grid_points_are_cell_middles_row_by_row():
+def test_grid_points_are_cell_centres_row_by_row():
     points = grid_points(2)
     assert points.tolist() == [[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]]
     assert len(grid_points(32)) == 1024
 
 
-def test_candidates_keep_their_levels_apart_and_are_thinned(sam2, images):
+def test_candidates_are_filtered_per_level(sam2, images):
     with sam2.compute.inference():
         encoded = encode(sam2, images[0])
         found = prompt(sam2, encoded, grid_points(4), OPTIONS)
@@ -225,11 +225,11 @@ def test_candidates_keep_their_levels_apart_and_are_thinned(sam2, images):
             thin = filter_masks(level, OPTIONS)
             assert len(thin) <= len(level)
             taken = thin.masks
-            assert len(drop_covered(thin, taken, 0.5, 0.8)) == 0, "what is followed already is not new"
+            assert len(drop_covered(thin, taken, 0.5, 0.8)) == 0, "tracked objects are not new"
             assert len(drop_covered(thin, taken[:0], 0.5, 0.8)) == len(thin)
 
 
-def test_a_mask_matches_the_one_most_like_it():
+def test_a_mask_matches_the_one_of_highest_iou():
     masks = torch.zeros(3, 8, 8, dtype=torch.bool)
     masks[0, :4], masks[1, :5], masks[2, 6:] = True, True, True
     assert match_masks(masks, masks[[1, 0]], 0.7).tolist() == [1, 0, -1]
