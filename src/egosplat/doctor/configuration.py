@@ -40,7 +40,7 @@ def _parsed(option: str) -> Config:
         content = load_yaml(value)
     except NO_YAML:
         content = None
-    names = key.split(".")
+    names = key.split(".")  # models.device=cpu is short for models={device: cpu}
     if not (equals and all(names)) or (content is None and value != "null"):
         raise UserError(
             f"--config {option[:80]}: not of the form KEY=VALUE, as in preset=fast or splats.iterations=5"

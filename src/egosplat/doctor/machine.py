@@ -111,6 +111,7 @@ def _memory(meminfo: Path = Path("/proc/meminfo")) -> Finding:
         return Finding(Mark.OK, "memory", f"{total / GIB:.1f} GiB")
     lines = (line.partition(":") for line in meminfo.read_text().splitlines())
     kib = {key: int(rest.split()[0]) for key, _, rest in lines}
+    # MemAvailable includes caches that the kernel frees on demand; MemFree does not.
     free, total = kib["MemAvailable"] * 1024 / GIB, kib["MemTotal"] * 1024 / GIB
     return Finding(Mark.OK, "memory", f"{free:.1f} of {total:.1f} GiB free")
 

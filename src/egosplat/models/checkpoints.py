@@ -100,6 +100,7 @@ def model_hash(model: ModelSpec, models: Mapping[str, str]) -> str:
         UserError: one of the files is missing.
     """
     checkpoint = find_checkpoint(model, models[model.checkpoint_key])
+    # The weights alone do not determine the results: the architecture's files count, too.
     files = [checkpoint, *CONFIG_FILES[model](models[model.config_key])]
     return hashlib.sha256(" ".join(map(content_hash, files)).encode()).hexdigest()[:16]
 

@@ -144,6 +144,7 @@ def build_model(model: str, description: dict[str, Any]) -> nn.Module:
     from open_clip import CLIP as Clip
     from open_clip import CoCa, CustomTextCLIP
 
+    # As open_clip.create_model chooses the class.
     arguments = {key: value for key, value in description.items() if key != "custom_text"}
     kind = Clip
     if description.get("custom_text"):

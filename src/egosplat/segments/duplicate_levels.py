@@ -25,6 +25,7 @@ def find_duplicate_levels(
     """
     iou = _overlaps(labels, table, len(level))
     found: dict[int, int] = {}
+    # From fine to coarse, so that the finer of two equal levels is dropped.
     for finer in range(count):
         for other in sorted({*range(count)} - {finer, *found}):
             of_both = iou[np.ix_(level == finer, level == other)]
@@ -54,7 +55,7 @@ def _overlaps(labels: LabelMaps, table: NDArray[np.int32], count: int) -> NDArra
     """(N, N) IoU of the instances' pixels over all frames; 0 within a level, where instances do not overlap."""
     area, shared = np.zeros(count), np.zeros((count + 1, count + 1))
     for frame in range(len(labels)):
-        maps = table[labels[frame]] + 1
+        maps = table[labels[frame]] + 1  # 0 is no instance
         flat = maps.reshape(len(maps), -1)
         for place, one in enumerate(flat):
             area += np.bincount(one, minlength=count + 1)[1:]

@@ -98,6 +98,7 @@ class Overlaps:
         """Add a frame: numbers of K instances of the level and their (K, M, M) bool masks."""
         self._grow(ids)
         size = _sizes(masks)
+        # Only frames in which both are visible count: an occluded object must not lower the IoU.
         both = (size > 0)[:, None] & (size > 0)[None]
         at = np.ix_(ids, ids)
         self._shared[at] += intersections(masks, masks).cpu().numpy()

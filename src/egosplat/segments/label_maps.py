@@ -65,7 +65,7 @@ def paint(
             some = logits[first : first + step, None]
             large = F.interpolate(some, valid.shape, mode="bilinear", align_corners=False)[:, 0]
             highest, which = large.max(dim=0)
-            better = highest > best
+            better = highest > best  # the first group wins ties
             best = torch.where(better, highest, best)
             labels = torch.where(better, numbers[first : first + step][which], labels)
     labels[torch.from_numpy(~valid).to(device)] = -1

@@ -92,7 +92,7 @@ class Propagator:
             logits, group.recent[frame] = self._track(
                 encoded, frame, group.first_frame, group.begun, group.recent, reverse
             )
-        elif chosen:
+        elif chosen:  # only these objects pass through the model
             recent = {number: select_objects(output, chosen) for number, output in group.recent.items()}
             logits[chosen], new = self._track(
                 encoded, frame, group.first_frame, select_objects(group.begun, chosen), recent, reverse

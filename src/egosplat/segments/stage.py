@@ -46,6 +46,7 @@ def run(frames: Path, output: Path, options: SegmentsOptions, *, survey: Path | 
     models = {"sam2_checkpoint": model_hash(SAM2, used)} if options.segmenter == "sam2" else {}
     made = provenance.begin_from("segments", asdict(options) | by_survey, [frames_artifact], models)
     video = _Video(frames_artifact, np.flatnonzero(kept))
+    # The key makes the checkpoint of other inputs or options invalid.
     checkpoint = Checkpoint(output, provenance.key_of(made), CHECKPOINT_S)
     if options.segmenter == "classical":
         segmented = segment_video(video.image, len(video.frame), frames_artifact.read("valid"))

@@ -48,7 +48,7 @@ class Tracker:
         self._propagator = Propagator(sam2, frames, options.lost_track_stride)
         self._key_frames: list[int] = []
         self._ahead = self._back = 0
-        side = sam2.video_predictor.image_size // 4
+        side = sam2.video_predictor.image_size // 4  # of SAM2's low-resolution masks
         inside = torch.from_numpy(valid)[None, None].float()
         self._inside = (F.interpolate(inside, (side, side), mode="area")[0, 0] > 0.5).to(sam2.compute.device)
 
@@ -62,6 +62,7 @@ class Tracker:
                 self._forwards(frame)
                 self._ahead += 1
                 self._save(checkpoint)
+            # The backward pass starts from each track's first frame; a resumed one has started already.
             if not self._back:
                 for level in self._levels:
                     level.groups = [restart(group) for group in level.groups]

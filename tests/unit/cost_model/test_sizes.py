@@ -83,7 +83,7 @@ def test_the_configuration_limits_what_is_not_known():
 
 
 def test_poses_come_from_colmap_where_the_recording_has_no_trajectory(tmp_path):
-    """The same decision as in the stage poses."""
+    """The cost model decides as the stage poses does."""
     auto, forced = defaults(), copy.deepcopy(defaults())
     forced["poses"]["method"] = "colmap"
     with_trajectory = frames_with(tmp_path / "a", [[1.0]])

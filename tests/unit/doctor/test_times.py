@@ -37,7 +37,7 @@ def test_the_demo_scene_takes_minutes():
     "section, key", [("splats", "iterations"), ("splats", "max_gaussians"), ("frames", "resolution")]
 )
 def test_training_grows_with_its_keys(section, key):
-    """What the user changes first shows in the estimate."""
+    """The keys that users change first affect the estimate."""
     config = copy.deepcopy(defaults())
     before = estimate(config, True, "avx512")["training"]
     config[section][key] *= 2

@@ -35,7 +35,7 @@ def find_motion(source: NDArray[np.uint8], target: NDArray[np.uint8]) -> NDArray
         return np.eye(3)
     begin = np.array([here[one.queryIdx].pt for one in matches], dtype=np.float32)
     end = np.array([there[one.trainIdx].pt for one in matches], dtype=np.float32)
-    cv2.setRNGSeed(_SEED)
+    cv2.setRNGSeed(_SEED)  # RANSAC draws from OpenCV's global generator
     found, inliers = cv2.findHomography(begin, end, cv2.RANSAC, _TOLERANCE * max(source.shape))
     if found is None or inliers.mean() < _LEAST_INLIERS or not _is_plausible(found, source.shape):
         return np.eye(3)

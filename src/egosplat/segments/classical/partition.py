@@ -85,7 +85,7 @@ class _Merging:
         while queue:
             area, number = heapq.heappop(queue)
             if area != self._area[number] or not self._neighbours[number]:
-                continue
+                continue  # an outdated entry: the region was merged meanwhile
             others = list(self._neighbours[number])
             kept = self._merge(number, others[int(np.argmin(self._differences(number, others)))])
             if is_poor(kept):
