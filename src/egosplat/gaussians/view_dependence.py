@@ -23,7 +23,7 @@ from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera, invert, transform
 from egosplat.progress import log
 from egosplat.rasterize.contract import MAX_SH_DEGREE
-from egosplat.rasterize.sh_reference import sh_basis
+from egosplat.rasterize.reference.spherical_harmonics import sh_basis
 
 
 @dataclass

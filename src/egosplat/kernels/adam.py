@@ -28,22 +28,22 @@ def adam_step(
 ) -> int:
     """Update ``param`` and its moments in place, as ``torch.optim.Adam`` does (Kingma & Ba 2015, algorithm 1).
 
-    Where a gradient and its moments are zero nothing changes, to the bit. A row with a gradient that is not
-    finite, or larger than 1e18, whose square would overflow, is left out, moments and all. The numbers are
-    the same for any number of threads.
+    A parameter whose gradient and moments are zero keeps its bits. A row is skipped, moments included, if one of
+    its gradients is not finite or larger than 1e18 (its square would overflow). Results do not depend on the
+    number of threads.
 
     Args:
         param, grad, exp_avg, exp_avg_sq: (N, columns), contiguous.
         lr: learning rate of all columns.
         step: number of this step, from 1, for the bias correction.
-        learning_rates: (columns,) instead of ``lr``.
+        learning_rates: (columns,), replaces ``lr``.
 
     Returns:
-        How many rows were left out.
+        Number of skipped rows.
 
     Raises:
-        ValueError: a tensor is not contiguous float32 on the CPU, shapes do not belong together, or ``step``
-            or ``eps`` is not positive.
+        ValueError: a tensor is not contiguous float32 on the CPU, shapes do not match, or ``step`` or ``eps``
+            is not positive.
         UserError: the kernels are not built.
     """
     tensors = {"param": param, "grad": grad, "exp_avg": exp_avg, "exp_avg_sq": exp_avg_sq}

@@ -1,4 +1,4 @@
-"""Compiling the kernels and the ray caster, when egosplat is installed."""
+"""Compile the kernels and the ray caster during installation."""
 
 import hashlib
 import os
@@ -23,17 +23,17 @@ NO_COMPILER = (
 
 
 def compile_kernels(folder: Path, output: Path, variants: Sequence[Variant] = VARIANTS) -> list[str]:
-    """Compile the sources in ``folder / "source"`` into one library a variant, in ``output``.
+    """Compile the sources in ``folder / "source"`` into one library per variant, in ``output``.
 
     A library that was compiled from the same sources by the same command is kept. The environment
-    variables CXX and CXXFLAGS name the compiler and further flags, as usual.
+    variables CXX and CXXFLAGS name the compiler and more flags, as usual.
 
     Returns:
-        What the user should know, a line each: variants that the compiler does not know, or that there
-        is no compiler at all, which is no error. A variant left out leaves no library behind.
+        Messages for the user, one line each: variants that the compiler does not support, or a missing
+        compiler, which is not an error. An unsupported variant leaves no library behind.
 
     Raises:
-        RuntimeError: the sources do not compile; holds what the compiler said.
+        RuntimeError: the sources do not compile; contains the compiler's output.
     """
     sources = source_hash(folder)
     for variant in variants:
@@ -41,9 +41,9 @@ def compile_kernels(folder: Path, output: Path, variants: Sequence[Variant] = VA
     compiler = find_compiler()
     if compiler is None:
         return [NO_COMPILER.format("no C++ compiler is found")]
-    if problem := _refused(compiler, FLAGS, "#include <omp.h>\n"):
+    if problem := _flag_error(compiler, FLAGS, "#include <omp.h>\n"):
         return [NO_COMPILER.format(f"{shlex.join(compiler)} does not compile with OpenMP ({problem})")]
-    unknown = {variant: _refused(compiler, variant.flags) for variant in variants}
+    unknown = {variant: _flag_error(compiler, variant.flags) for variant in variants}
     known = [variant for variant in variants if not unknown[variant]]
     output.mkdir(parents=True, exist_ok=True)
     unit = folder / "source" / "kernels.cpp"
@@ -57,14 +57,16 @@ def compile_kernels(folder: Path, output: Path, variants: Sequence[Variant] = VA
             )
         )
     return [
-        f"kernels: {variant.name} is left out ({problem})" for variant, problem in unknown.items() if problem
+        f"kernels: variant {variant.name} is not compiled ({problem})"
+        for variant, problem in unknown.items()
+        if problem
     ]
 
 
 def compile_rays(folder: Path, output: Path) -> list[str]:
     """Compile the ray caster's sources in ``folder / "source"`` into its one library, in ``output``.
 
-    The library is kept, the compiler chosen, and problems are told or raised, as by ``compile_kernels``.
+    Existing libraries, the compiler, messages and errors are handled as in ``compile_kernels``.
     """
     library, sources = output / rays.LIBRARY, rays.source_hash(folder)
     _remove_older(library, sources)
@@ -77,7 +79,7 @@ def compile_rays(folder: Path, output: Path) -> list[str]:
 
 
 def find_compiler() -> list[str] | None:
-    """The C++ compiler's command with the user's flags, from CXX and CXXFLAGS; None where there is none."""
+    """The C++ compiler's command with the user's flags, from CXX and CXXFLAGS; None if there is none."""
     flags = shlex.split(os.environ.get("CXXFLAGS", ""))
     chosen = shlex.split(os.environ.get("CXX", ""))
     candidates = [chosen] if chosen else [[name] for name in COMPILERS]
@@ -85,13 +87,13 @@ def find_compiler() -> list[str] | None:
 
 
 def _remove_older(library: Path, sources: str) -> None:
-    """Remove a library of other sources: where it cannot be compiled anew, it must not be found."""
+    """Remove a library compiled from other sources, so that it is not loaded if compilation fails."""
     if library.is_file() and sources.encode() not in library.read_bytes():
         library.unlink()
 
 
-def _refused(compiler: list[str], flags: Sequence[str], source: str = "") -> str | None:
-    """What the compiler has against flags, in one line; None if nothing."""
+def _flag_error(compiler: list[str], flags: Sequence[str], source: str = "") -> str | None:
+    """The compiler's error about flags, in one line; None if it accepts them."""
     command = [*compiler, *flags, "-fsyntax-only", "-x", "c++", "-"]
     done = subprocess.run(command, input=source, capture_output=True, text=True, check=False)
     if done.returncode == 0:
@@ -103,12 +105,12 @@ def _compile(compiler: list[str], unit: Path, library: Path, flags: Sequence[str
     command = [*compiler, "-w", *flags, f'-DEGOSPLAT_SOURCE_HASH="{sources}"']
     identity = hashlib.sha256(repr((command, sources)).encode()).hexdigest()[:40]
     if library.is_file() and bytes.fromhex(identity) in library.read_bytes():
-        library.touch()  # for make: as new as its sources
+        library.touch()  # so that make sees it as newer than its sources
         return
     with tempfile.TemporaryDirectory() as scratch, atomic_file(library) as path:
         compiled, linked = Path(scratch, "unit.o"), Path(scratch, library.name)
         _call([*command, "-c", str(unit), "-o", str(compiled)])
-        # Without -fopenmp: the library must bring no OpenMP runtime, see egosplat.kernels.library.
+        # No -fopenmp here: the library must not bring its own OpenMP runtime, see egosplat.kernels.library.
         _call([*compiler, "-shared", f"-Wl,--build-id=0x{identity}", str(compiled), "-o", str(linked)])
         shutil.copyfile(linked, path)
 

@@ -1,4 +1,4 @@
-"""The fused loss of 3DGS on the CPU: value and gradient in one pass over the pictures. float32."""
+"""The fused loss of 3DGS on the CPU: value and gradient in one pass over the images. float32."""
 
 import ctypes
 import functools
@@ -14,21 +14,21 @@ _INT, _DOUBLE, _POINTER = ctypes.c_int, ctypes.c_double, ctypes.c_void_p
 
 
 def l1_ssim(render: Tensor, target: Tensor, weight: Tensor | None, ssim_lambda: float) -> Tensor:
-    """The loss that ``egosplat.gaussians.loss`` defines, differentiable by the render alone.
+    """The loss of ``egosplat.gaussians.loss``, differentiable with respect to the render only.
 
-    The numbers are the same for any number of threads.
+    The result does not depend on the number of threads.
 
     Args:
-        render: (H, W, 3), best a permuted view of planar (3, H, W), which needs no copy.
+        render: (H, W, 3); a permuted view of planar (3, H, W) needs no copy.
         target: (H, W, 3).
         weight: (H, W) in [0, 1], or None for ones.
-        ssim_lambda: share of the SSIM term.
+        ssim_lambda: weight of the SSIM term.
 
     Returns:
         () float32.
 
     Raises:
-        ValueError: a tensor is not float32 on the CPU, or shapes do not belong together.
+        ValueError: a tensor is not float32 on the CPU, or shapes do not match.
         UserError: the kernels are not built.
     """
     height, width = render.shape[:2]
@@ -38,7 +38,7 @@ def l1_ssim(render: Tensor, target: Tensor, weight: Tensor | None, ssim_lambda: 
             raise ValueError(f"{name}: {tuple(tensor.shape)} {tensor.dtype}, not {shape} torch.float32")
         if tensor is not None and tensor.device.type != "cpu":
             raise ValueError(f"{name} is on {tensor.device}, not on the CPU")
-    # Without gradients the pass is a third shorter.
+    # A detached render skips the gradient, which saves a third of the time.
     return _L1SSIM.apply(render if torch.is_grad_enabled() else render.detach(), target, weight, ssim_lambda)
 
 
@@ -61,7 +61,7 @@ class _L1SSIM(torch.autograd.Function):
     def backward(ctx: Any, v_loss: Tensor) -> tuple[Tensor | None, ...]:
         (gradient,) = ctx.saved_tensors
         factor = float(v_loss)
-        # Nearly always 1, and then the picture need not be passed over again.
+        # The factor is nearly always 1, which saves a pass over the image.
         gradient = gradient if factor == 1.0 else gradient * factor
         return gradient.permute(1, 2, 0), None, None, None
 

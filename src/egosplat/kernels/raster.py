@@ -1,6 +1,6 @@
-"""Projection and compositing by the compiled kernels, differentiable. float32 on the CPU.
+"""Differentiable projection and compositing with the compiled kernels. float32 on the CPU.
 
-Images are planar, (channels, height, width), as the kernels write them: a permuted view of them costs nothing.
+Images are planar, (channels, height, width), as the kernels write them.
 """
 
 import ctypes
@@ -19,18 +19,18 @@ _INT, _POINTER = ctypes.c_int, ctypes.c_void_p
 
 
 @dataclass(frozen=True)
-class View:
-    """How Gaussians are projected into one image.
+class Projection:
+    """Settings of the projection into one image.
 
     Attributes:
         width, height: image size [px].
         intrinsics: fx, fy, cx, cy [px].
-        near_plane, far_plane: camera z outside of which Gaussians are culled [m].
+        near_plane, far_plane: Gaussians with camera z outside this range are culled [m].
         radius_clip: Gaussians with both radii at most this are culled [px].
         eps2d: added to both variances in the image [px²].
-        antialiased: whether opacities are lowered by what ``eps2d`` blurs.
-        coefficients: spherical harmonics that are evaluated; 0 where there is no colour.
-        depth: whether camera z is the last channel.
+        antialiased: whether to lower opacities to compensate for the blur of ``eps2d``.
+        coefficients: number of spherical harmonics to evaluate; 0 without colour.
+        depth: whether to append camera z as the last channel.
     """
 
     width: int
@@ -53,21 +53,21 @@ def project(
     sh: Tensor | None,
     features: Tensor | None,
     viewmat: Tensor,
-    view: View,
+    settings: Projection,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
-    """Project Gaussians into one image and evaluate what each of them shows there.
+    """Project Gaussians into one image and evaluate their channels for this view.
 
     Args:
         means: (N, 3) [m]; quats: (N, 4) wxyz; scales: (N, 3) [m]; opacities: (N,).
-        sh: (N, K, 3), needed where ``view.coefficients`` is not 0.
+        sh: (N, K, 3), required if ``settings.coefficients`` is not 0.
         features: (N, F) or None.
         viewmat: (4, 4) world_to_camera.
 
     Returns:
-        means2d (N, 2), conics (N, 3), depths (N,), opacities (N,), channels (N, X), spreads (N,) and radii (N, 2)
-        int32; all 0 where culled. The X channels are colour, features and depth, as far as they are asked for.
+        means2d (N, 2), conics (N, 3), depths (N,), opacities (N,), channels (N, X), variances_y (N,) and radii
+        (N, 2) int32; all 0 where culled. The X channels are colour, features and depth, those that exist.
     """
-    return _Project.apply(means, quats, scales, opacities, sh, features, viewmat, view)
+    return _Project.apply(means, quats, scales, opacities, sh, features, viewmat, settings)
 
 
 def composite(
@@ -76,7 +76,7 @@ def composite(
     depths: Tensor,
     opacities: Tensor,
     channels: Tensor,
-    spreads: Tensor | None,
+    variances_y: Tensor | None,
     radii: Tensor,
     background: Tensor | None,
     width: int,
@@ -84,13 +84,11 @@ def composite(
 ) -> tuple[Tensor, Tensor]:
     """Composite projected Gaussians, nearest first.
 
-    Where none of means, conics and opacities needs a gradient, the backward pass does without their share.
-
     Args:
-        means2d: (N, 2) [px]; conics: (N, 3) [1/px²]; depths: (N,), the order alone; opacities: (N,).
-        channels: (N, X), any number of them.
-        spreads: (N,) variance in y of each Gaussian in the image [px²], which the conic of a long one tells
-            only inexactly; None to take the conic's word. Without gradient.
+        means2d: (N, 2) [px]; conics: (N, 3) [1/px²]; depths: (N,), used for the order only; opacities: (N,).
+        channels: (N, X).
+        variances_y: (N,) variance in y of each Gaussian in the image [px²]; None to compute it from the conics,
+            which is inexact for elongated Gaussians. It gets no gradient.
         radii: (N, 2) int32, 0 where culled.
         background: (X,) or None for zeros.
 
@@ -98,29 +96,29 @@ def composite(
         (X, height, width) and alpha (height, width).
     """
     return _Composite.apply(
-        means2d, conics, depths, opacities, channels, spreads, radii, background, width, height
+        means2d, conics, depths, opacities, channels, variances_y, radii, background, width, height
     )
 
 
 class _Project(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, *arguments: Any) -> tuple[Tensor, ...]:
-        *tensors, view = arguments
+        *tensors, settings = arguments
         means, quats, scales, opacities, sh, features, viewmat = (_plain(tensor) for tensor in tensors)
-        layout = _layout(means, sh, features, view)
-        count, channels = len(means), 3 * bool(view.coefficients) + layout[3] + view.depth
+        layout = _layout(means, sh, features, settings)
+        count, channels = len(means), 3 * bool(settings.coefficients) + layout[3] + settings.depth
         sizes = ((count, 2), (count, 3), (count,), (count,), (count, channels))
         outputs = [torch.empty(size) for size in sizes]
-        spreads, radii = torch.empty(count), torch.empty(count, 2, dtype=torch.int32)
-        camera = _camera(viewmat, view)
+        variances_y, radii = torch.empty(count), torch.empty(count, 2, dtype=torch.int32)
+        camera = _camera(viewmat, settings)
         inputs = (means, quats, scales, opacities, sh, features)
         _functions().egosplat_project_forward(
-            *layout, torch.get_num_threads(), camera, *map(_address, (*inputs, *outputs, spreads, radii))
+            *layout, torch.get_num_threads(), camera, *map(_address, (*inputs, *outputs, variances_y, radii))
         )
         ctx.layout, ctx.camera = layout, camera
         ctx.save_for_backward(means, quats, scales, opacities, sh, radii, outputs[-1])
-        ctx.mark_non_differentiable(spreads, radii)
-        return (*outputs, spreads, radii)
+        ctx.mark_non_differentiable(variances_y, radii)
+        return (*outputs, variances_y, radii)
 
     @staticmethod
     @once_differentiable
@@ -149,9 +147,9 @@ class _Composite(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, *arguments: Any) -> tuple[Tensor, Tensor]:
         *tensors, width, height = arguments
-        means2d, conics, depths, opacities, channels, spreads, radii, background = map(_plain, tensors)
+        means2d, conics, depths, opacities, channels, variances_y, radii, background = map(_plain, tensors)
         render, alpha = torch.empty(channels.shape[1], height, width), torch.empty(height, width)
-        inputs = (means2d, conics, spreads, opacities, channels, depths, radii, background, render, alpha)
+        inputs = (means2d, conics, variances_y, opacities, channels, depths, radii, background, render, alpha)
         handle = _functions().egosplat_raster_forward(
             len(means2d), channels.shape[1], width, height, torch.get_num_threads(), *map(_address, inputs)
         )
@@ -167,6 +165,7 @@ class _Composite(torch.autograd.Function):
         needed = ctx.needs_input_grad
         v_render = torch.zeros_like(render) if v_render is None else _plain(v_render)
         count = len(conics)
+        # With a frozen geometry the kernel skips its derivatives and sums those of the channels only.
         geometry = needed[0] or needed[1] or needed[3]
         sizes = ((count, 2), (count, 3), (count,)) if geometry else ()
         results = [torch.zeros(size) for size in sizes] or [None] * 3
@@ -181,24 +180,26 @@ class _Composite(torch.autograd.Function):
 
 
 class _Raster:
-    """What compositing keeps for its backward pass, outside of Python's memory."""
+    """Owns the kernel's memory between the forward and the backward pass of compositing."""
 
     def __init__(self, handle: int) -> None:
         self.handle = handle
         weakref.finalize(self, _functions().egosplat_raster_free, handle)
 
 
-def _layout(means: Tensor, sh: Tensor | None, features: Tensor | None, view: View) -> tuple[int, ...]:
+def _layout(
+    means: Tensor, sh: Tensor | None, features: Tensor | None, settings: Projection
+) -> tuple[int, ...]:
     stored = 0 if sh is None else sh.shape[1]
     feature_count = 0 if features is None else features.shape[1]
-    size = (len(means), stored, view.coefficients, feature_count, int(view.depth))
-    return (*size, view.width, view.height, int(view.antialiased))
+    size = (len(means), stored, settings.coefficients, feature_count, int(settings.depth))
+    return (*size, settings.width, settings.height, int(settings.antialiased))
 
 
-def _camera(viewmat: Tensor, view: View) -> ctypes.Array:
+def _camera(viewmat: Tensor, settings: Projection) -> ctypes.Array:
     pose = viewmat.double()
-    limits = (view.near_plane, view.far_plane, view.radius_clip, view.eps2d)
-    numbers = (*pose[:3, :3].flatten().tolist(), *pose[:3, 3].tolist(), *view.intrinsics, *limits)
+    limits = (settings.near_plane, settings.far_plane, settings.radius_clip, settings.eps2d)
+    numbers = (*pose[:3, :3].flatten().tolist(), *pose[:3, 3].tolist(), *settings.intrinsics, *limits)
     return (ctypes.c_double * len(numbers))(*numbers)
 
 

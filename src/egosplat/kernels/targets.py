@@ -1,4 +1,4 @@
-"""The variants in which the kernels are compiled, one for each set of processor instructions."""
+"""The variants of the compiled kernels, one for each instruction set."""
 
 import hashlib
 from dataclasses import dataclass
@@ -7,20 +7,20 @@ from pathlib import Path
 from egosplat.pipeline.source_hash import cpp_hash
 
 HERE = Path(__file__).parent
-"""Where the sources lie, in the folder ``source``, and where their libraries do."""
+"""Folder of the libraries and of ``source``, their source code."""
 
 FLAGS = ("-O3", "-std=c++17", "-fopenmp", "-fPIC", "-fno-math-errno", "-fno-trapping-math")
-"""What every variant is compiled with. Not ``-ffast-math``: sums keep their order."""
+"""Flags of every variant. Without ``-ffast-math``, so that sums keep their order."""
 
 
 @dataclass(frozen=True)
 class Variant:
-    """One way to compile the kernels.
+    """Compiler flags for one instruction set.
 
     Attributes:
-        name: what it is called, in the library's name too.
-        flags: the compiler's flags beside ``FLAGS``.
-        features: what the processor must offer, in the words of /proc/cpuinfo.
+        name: part of the library's name.
+        flags: compiler flags in addition to ``FLAGS``.
+        features: required processor features, as /proc/cpuinfo names them.
     """
 
     name: str
@@ -41,13 +41,13 @@ VARIANTS = (
     Variant("avx2", ("-march=x86-64-v3",), _V3),
     Variant("generic", (), frozenset()),
 )
-"""The best first; the last one runs anywhere."""
+"""Ordered from best to worst; the last one runs on any processor."""
 
 
 def source_hash(folder: Path = HERE) -> str:
     """Hash of the sources below ``folder`` and of the flags they are compiled with; 16 hexadecimal digits.
 
-    Each library carries the hash that it was compiled from (``egosplat_source_hash``).
+    Each library contains the hash of its own sources (``egosplat_source_hash``).
     """
     flags = repr((FLAGS, [(variant.name, variant.flags) for variant in VARIANTS]))
     return hashlib.sha256(f"{cpp_hash(folder / 'source')}\0{flags}".encode()).hexdigest()[:16]

@@ -1,4 +1,4 @@
-"""``rasterization``: render 3D Gaussians, with the backend that suits the tensors."""
+"""``rasterization``: render 3D Gaussians with the backend that suits the tensors."""
 
 from collections.abc import Callable
 from functools import cache
@@ -37,10 +37,10 @@ def rasterization(
 ) -> Render:
     """Render 3D Gaussians (Kerbl et al. 2023) into pinhole cameras, differentiably.
 
-    Names and meaning are those of gsplat 1.5.3's ``rasterization``. All tensors have one dtype, float32
-    or float64 (float32 alone on the backends cuda and cpu), and one device. Gradients reach all of them
-    but ``Ks``. A Gaussian with a number that is not finite, or a quaternion of length 0, is culled and
-    its gradient is zero.
+    Names and semantics are those of gsplat 1.5.3's ``rasterization``. All tensors share one device and one
+    dtype, float32 or float64 (the backends cuda and cpu take float32 only). All of them except ``Ks`` get
+    gradients. A Gaussian with a non-finite number or a quaternion of length 0 is culled, and its gradient
+    is zero.
 
     Args:
         means: (N, 3) centres in the world [m].
@@ -51,30 +51,30 @@ def rasterization(
         viewmats: (C, 4, 4) world_to_camera, OpenCV axes.
         Ks: (C, 3, 3) intrinsics without skew [px]; pixel centres lie at integer + 0.5.
         width, height: image size [px].
-        near_plane, far_plane: Gaussians whose centre lies outside are culled [m].
+        near_plane, far_plane: Gaussians whose centre has a camera z outside this range are culled [m].
         radius_clip: Gaussians with both radii at most this are culled [px].
         eps2d: added to both variances of a Gaussian in the image [px²].
-        sh_degree: degree evaluated, at most what K holds; the colour is ``max(SH + 0.5, 0)``. None: ``colors``
+        sh_degree: degree to evaluate, at most that of K; the colour is ``max(SH + 0.5, 0)``. None: ``colors``
             are colours.
-        features: (N, F) more channels, appended to the colours in the same pass.
-        backgrounds: (C, D + F), shown where alpha is less than 1.
-        render_mode: ``RGB`` colours and features, ``D`` accumulated camera z [m], ``ED`` the same divided by
-            alpha, ``RGB+D`` and ``RGB+ED`` the depth as last channel.
-        rasterize_mode: ``classic``, or ``antialiased``: opacities are lowered by what ``eps2d`` blurs
-            (Mip-Splatting, Yu et al. 2024).
+        features: (N, F) channels, appended to the colours in the same pass.
+        backgrounds: (C, D + F), visible where alpha is less than 1.
+        render_mode: ``RGB`` colours and features, ``D`` accumulated camera z [m], ``ED`` accumulated camera z
+            divided by alpha, ``RGB+D`` and ``RGB+ED`` with the depth as last channel.
+        rasterize_mode: ``classic``, or ``antialiased``: opacities are lowered to compensate for the blur of
+            ``eps2d`` (Mip-Splatting, Yu et al. 2024).
         backend: ``cuda`` (gsplat), ``cpu`` (the compiled kernels), ``reference`` (plain PyTorch, slow), or
-            ``auto``: reference for float64, else cuda for tensors on a CUDA device, else cpu where the
-            kernels are compiled, else reference with one warning a process.
+            ``auto``: reference for float64, else cuda for tensors on a CUDA device, else cpu if the
+            kernels are compiled, else reference with one warning per process.
 
     Returns:
         (C, H, W, X) images; (C, H, W, 1) accumulated alpha; and meta: ``means2d`` (C, N, 2) px, in the
         autograd graph, ``radii`` (C, N, 2) int32 px, (0, 0) where culled, ``depths`` (C, N) m, ``conics``
         (C, N, 3) 1/px², ``opacities`` (C, N), compensated in antialiased mode, ``width``, ``height``,
-        ``n_cameras``. Rows of culled Gaussians mean nothing but for the radii.
+        ``n_cameras``. Rows of culled Gaussians are undefined except for the radii.
 
     Raises:
         ValueError: an argument is not as described.
-        UserError: the backend asked for cannot run here.
+        UserError: the chosen backend cannot run here.
     """
     given = dict(locals())
     del given["backend"]
@@ -84,7 +84,7 @@ def rasterization(
 
 
 def _backend(name: str, means: Tensor) -> Callable[[Arguments], Render]:
-    """The function of a backend, imported when it is used: each needs what others do without."""
+    """The function of a backend, imported on first use, because each has its own dependencies."""
     if name not in BACKENDS:
         raise ValueError(f"backend is {name!r}, not one of {', '.join(BACKENDS)}")
     if name == "auto":
@@ -94,7 +94,7 @@ def _backend(name: str, means: Tensor) -> Callable[[Arguments], Render]:
     elif name == "cpu":
         from egosplat.rasterize.cpu import rasterization as chosen
     else:
-        from egosplat.rasterize.reference import rasterization as chosen
+        from egosplat.rasterize.reference.rasterizer import rasterization as chosen
     return chosen
 
 
@@ -106,7 +106,7 @@ def _choose(means: Tensor) -> str:
     if means.device.type != "cpu":
         _warn_slow(f"none for {means.device.type}")
         return "reference"
-    # Kernels that are there but cannot be used are a mistake to mend; only without any is the slow way out taken.
+    # Compiled but unusable kernels are an error for the user to fix. Fall back only if none are compiled.
     why_not = None if library.is_compiled() else library.why_not()
     if why_not is None:
         return "cpu"
@@ -116,4 +116,4 @@ def _choose(means: Tensor) -> str:
 
 @cache
 def _warn_slow(why_not: str) -> None:
-    log(f"warning: rendering in plain PyTorch, which is slow; the compiled kernels: {why_not}")
+    log(f"warning: rendering in plain PyTorch, which is slow. Compiled kernels: {why_not}")

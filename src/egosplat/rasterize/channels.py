@@ -1,4 +1,4 @@
-"""What the backends share around the compositing: which Gaussians are usable, channels in, images out."""
+"""Helpers shared by the backends: usable Gaussians, stacked input channels, finished images."""
 
 import torch
 from torch import Tensor
@@ -7,7 +7,7 @@ from egosplat.rasterize.contract import MIN_DEPTH_ALPHA, shows_colors, shows_dep
 
 
 def usable_gaussians(quats: Tensor, *values: Tensor) -> Tensor:
-    """Which Gaussians have only finite numbers and a quaternion that is a rotation.
+    """Find the Gaussians with only finite numbers and a quaternion of nonzero length.
 
     Args:
         quats: (N, 4).
@@ -24,12 +24,12 @@ def usable_gaussians(quats: Tensor, *values: Tensor) -> Tensor:
 
 
 def camera_centers(viewmats: Tensor) -> Tensor:
-    """(C, 4, 4) world_to_camera -> (C, 3) centres in the world; differentiable, the last row is not read."""
+    """(C, 4, 4) world_to_camera -> (C, 3) centres in the world; differentiable. The last row is ignored."""
     return torch.linalg.solve(viewmats[:, :3, :3], -viewmats[:, :3, 3])
 
 
 def stack_channels(colors: Tensor, features: Tensor | None, depths: Tensor, render_mode: str) -> Tensor:
-    """The channels that the mode composites: colours, features, depth.
+    """Stack the channels that the mode composites: colours, features, depth.
 
     Args:
         colors: (..., N, D).
@@ -50,7 +50,7 @@ def stack_channels(colors: Tensor, features: Tensor | None, depths: Tensor, rend
 
 
 def finish(composited: Tensor, alpha: Tensor, backgrounds: Tensor | None, render_mode: str) -> Tensor:
-    """Put colours and features on the background and turn accumulated into expected depth.
+    """Blend colours and features with the background; convert accumulated to expected depth if needed.
 
     Args:
         composited: (C, H, W, X).

@@ -1,6 +1,6 @@
-"""What every backend of ``rasterization`` accepts and means: constants, modes, the arguments and their check.
+"""The contract of all backends of ``rasterization``: constants, modes, arguments and their validation.
 
-Notation: N Gaussians, C cameras, K spherical-harmonics coefficients, D colours, F features, X channels out.
+Notation: N Gaussians, C cameras, K spherical-harmonics coefficients, D colours, F features, X output channels.
 The semantics are those of gsplat 1.5.3's ``rasterization``; ``api.rasterization`` documents them.
 """
 
@@ -11,19 +11,19 @@ import torch
 from torch import Tensor
 
 ALPHA_THRESHOLD = 1.0 / 255.0
-"""A Gaussian does not touch a pixel where its alpha is lower; 8-bit images cannot show it."""
+"""Lower alphas are skipped; 8-bit images cannot show them."""
 
 MAX_ALPHA = 0.999
 """Upper bound of alpha: keeps ``1 - alpha`` away from zero."""
 
 MIN_TRANSMITTANCE = 1e-4
-"""The first Gaussian that would bring the transmittance to this or below is left out and ends the pixel."""
+"""The first Gaussian that would lower the transmittance to this or less ends the pixel and is not composited."""
 
 FRUSTUM_MARGIN = 0.3
-"""The projection is linearised at most this share of half the field of view outside the image."""
+"""The projection is linearised at most this fraction of half the field of view outside the image."""
 
 MIN_DEPTH_ALPHA = 1e-10
-"""The expected depth is divided by no less than this."""
+"""Lower bound of the divisor of the expected depth."""
 
 MAX_SH_DEGREE = 3
 RENDER_MODES = ("RGB", "D", "ED", "RGB+D", "RGB+ED")
@@ -35,7 +35,7 @@ Render = tuple[Tensor, Tensor, dict[str, Any]]
 
 @dataclass(frozen=True, eq=False)
 class Arguments:
-    """The arguments of ``api.rasterization``, which documents them; ``check`` says whether they are sound."""
+    """The arguments of ``api.rasterization``, which documents them; ``check`` validates them."""
 
     means: Tensor
     quats: Tensor
@@ -58,30 +58,30 @@ class Arguments:
 
     @property
     def antialiased(self) -> bool:
-        """Whether opacities are lowered by what ``eps2d`` blurs."""
+        """Whether opacities are lowered to compensate for the blur of ``eps2d``."""
         return self.rasterize_mode == "antialiased"
 
 
 def shows_colors(render_mode: str) -> bool:
-    """Whether colours and features are among the channels of the mode."""
+    """Whether the mode renders colours and features."""
     return render_mode.startswith("RGB")
 
 
 def shows_depth(render_mode: str) -> bool:
-    """Whether the last channel of the mode is a depth."""
+    """Whether the mode renders a depth, as the last channel."""
     return render_mode.endswith("D")
 
 
 def shows_expected_depth(render_mode: str) -> bool:
-    """Whether that depth is divided by the accumulated alpha."""
+    """Whether the depth is divided by the accumulated alpha."""
     return render_mode.endswith("ED")
 
 
 def check(arguments: Arguments) -> None:
-    """Check the arguments of ``rasterization``; Gaussians may hold non-finite numbers, cameras may not.
+    """Validate the arguments of ``rasterization``; Gaussians may have non-finite numbers, cameras may not.
 
     Raises:
-        ValueError: a shape, dtype, device, number or mode is not what ``rasterization`` documents.
+        ValueError: a shape, dtype, device, number or mode is not as ``rasterization`` documents.
     """
     a = arguments
     _check_choice("render_mode", a.render_mode, RENDER_MODES)
@@ -155,7 +155,7 @@ def _check_cameras(viewmats: Tensor, Ks: Tensor, c: int) -> None:
         raise ValueError(f"viewmats has shape {tuple(viewmats.shape)}: at least one camera is needed")
     _check_shape("viewmats", viewmats, (c, 4, 4))
     _check_shape("Ks", Ks, (c, 3, 3))
-    # One copy to the host: on a CUDA device each look at a number waits for the device.
+    # One copy to the host: on a CUDA device each access to a number waits for the device.
     view, intrinsics = torch.cat([viewmats.flatten(1), Ks.flatten(1)], dim=1).detach().cpu().split([16, 9], 1)
     if not (view.isfinite().all() and intrinsics.isfinite().all()):
         raise ValueError("viewmats or Ks hold a number that is not finite")

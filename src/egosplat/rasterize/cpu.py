@@ -1,4 +1,4 @@
-"""The rasterizer by the compiled kernels: float32 on the CPU."""
+"""The rasterizer backend of the compiled kernels: float32 on the CPU."""
 
 from collections.abc import Sequence
 
@@ -7,7 +7,7 @@ from torch import Tensor
 
 from egosplat.errors import UserError
 from egosplat.kernels import library
-from egosplat.kernels.raster import View, composite, project
+from egosplat.kernels.raster import Projection, composite, project
 from egosplat.rasterize.contract import (
     MIN_DEPTH_ALPHA,
     Arguments,
@@ -19,7 +19,7 @@ from egosplat.rasterize.contract import (
 
 
 def rasterization(arguments: Arguments) -> Render:
-    """``api.rasterization`` by the compiled kernels; the images are views of planar ones.
+    """``api.rasterization`` with the compiled kernels; the images are views of planar ones.
 
     Raises:
         UserError: the kernels are not compiled, or the tensors are not float32 on the CPU.
@@ -33,12 +33,12 @@ def rasterization(arguments: Arguments) -> Render:
         )
     sh, extra = _sources(a)
     projected = [
-        project(a.means, a.quats, a.scales, a.opacities, sh, extra, viewmat, _view(a, K))
+        project(a.means, a.quats, a.scales, a.opacities, sh, extra, viewmat, _projection(a, K))
         for viewmat, K in zip(a.viewmats, a.Ks, strict=True)
     ]
     means2d, conics, depths, seen, _, _, radii = (_batch(each) for each in zip(*projected, strict=True))
     images = [
-        # The batch of centres, not what it was made of: its gradient is what density control reads.
+        # Centres come from the batch, because density control reads the batch's gradient.
         composite(means2d[index], *rest, _background(a, index), a.width, a.height)
         for index, (_, *rest) in enumerate(projected)
     ]
@@ -48,8 +48,8 @@ def rasterization(arguments: Arguments) -> Render:
     return renders, alphas, meta | {"width": a.width, "height": a.height, "n_cameras": len(images)}
 
 
-def _view(a: Arguments, K: Tensor) -> View:
-    return View(
+def _projection(a: Arguments, K: Tensor) -> Projection:
+    return Projection(
         a.width,
         a.height,
         (K[0, 0].item(), K[1, 1].item(), K[0, 2].item(), K[1, 2].item()),
@@ -64,7 +64,7 @@ def _view(a: Arguments, K: Tensor) -> View:
 
 
 def _sources(a: Arguments) -> tuple[Tensor | None, Tensor | None]:
-    """Spherical harmonics to evaluate, and channels to take as they are."""
+    """Spherical harmonics to evaluate, and channels to composite unchanged."""
     if not shows_colors(a.render_mode):
         return None, None
     if a.sh_degree is not None:
@@ -80,12 +80,12 @@ def _background(a: Arguments, index: int) -> Tensor | None:
 
 
 def _finished(render: Tensor, alpha: Tensor, render_mode: str) -> Tensor:
-    """(X, H, W) with accumulated turned into expected depth, where that is asked for."""
+    """(X, H, W) with accumulated depth converted to expected depth in the modes that show it."""
     if not shows_expected_depth(render_mode):
         return render
     return torch.cat([render[:-1], render[-1:] / alpha.clamp(min=MIN_DEPTH_ALPHA)])
 
 
 def _batch(tensors: Sequence[Tensor]) -> Tensor:
-    """Stack along a new first axis; of one tensor, without a copy."""
+    """Stack along a new first axis; a single tensor is not copied."""
     return tensors[0][None] if len(tensors) == 1 else torch.stack(list(tensors))

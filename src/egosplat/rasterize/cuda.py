@@ -1,4 +1,4 @@
-"""The rasterizer on a CUDA device: gsplat."""
+"""The rasterizer backend for CUDA devices: gsplat."""
 
 import importlib
 import re
@@ -9,29 +9,29 @@ import torch
 from torch import Tensor
 
 from egosplat.errors import UserError
-from egosplat.rasterize import reference
 from egosplat.rasterize.channels import camera_centers, usable_gaussians
 from egosplat.rasterize.contract import Arguments, Render, shows_colors, shows_depth
+from egosplat.rasterize.reference import rasterizer as reference
 
 OLDEST_GSPLAT, TOO_NEW_GSPLAT = (1, 5, 3), (1, 6)
-"""1.6 takes other arguments for spherical harmonics, and limits alpha to 0.99 where our backends do to 0.999."""
+"""gsplat 1.6 changed the arguments for spherical harmonics and limits alpha to 0.99 instead of 0.999."""
 
 GSPLAT_REQUIREMENT = "gsplat>=1.5.3,<1.6"
-"""What pip is asked for; the two versions above in words."""
+"""The two versions above as a requirement for pip."""
 
 LARGEST_PASS = 33
-"""Channels composited in one pass: gsplat is slow beyond 32, and 33 (32 and a depth) it compiles as they are."""
+"""Most channels per pass. gsplat is slow beyond 32, except 33 (32 and a depth), which it compiles as one pass."""
 
 SMALLEST_DISTANCE = 1e-6
-"""A Gaussian nearer to the camera's centre has no direction [m]; the near plane culls it."""
+"""A Gaussian closer to the camera centre has no viewing direction [m]; the near plane culls it."""
 
 
 def rasterization(arguments: Arguments) -> Render:
-    """``api.rasterization`` by gsplat, in float32 on a CUDA device.
+    """``api.rasterization`` with gsplat, in float32 on a CUDA device.
 
     Raises:
-        UserError: there is no CUDA device, no gsplat that is new enough and not too new, or the tensors are
-            not float32 on a CUDA device.
+        UserError: there is no CUDA device or no supported gsplat, or the tensors are not float32 on a CUDA
+            device.
     """
     gsplat, means = load_gsplat(), arguments.means
     if means.dtype != torch.float32 or not means.is_cuda:
@@ -43,12 +43,12 @@ def rasterization(arguments: Arguments) -> Render:
 
 
 def load_gsplat() -> ModuleType:
-    """gsplat, which compiles itself when it is imported the first time.
+    """Import gsplat, which compiles itself on the first import.
 
     Raises:
         UserError: it is missing, too old, too new or does not load, or there is no CUDA device.
     """
-    # Without a device gsplat would still try to compile, and fail in words that mislead.
+    # Without a device gsplat would still try to compile and fail with a misleading message.
     if not torch.cuda.is_available():
         raise UserError("backend cuda: PyTorch finds no CUDA device; use the backend auto or cpu")
     advice = (
@@ -67,12 +67,12 @@ def load_gsplat() -> ModuleType:
 
 
 def unsupported(version: str) -> str | None:
-    """What is wrong with a version of gsplat, as ``1.5.3+pt24cu124``: "is too old ..."; None if nothing."""
+    """Why a version of gsplat (such as ``1.5.3+pt24cu124``) is unsupported: "is too old"; None if supported."""
     numbers = tuple(int(part) for part in re.match(r"[\d.]*", version).group().split(".") if part)
     if numbers < OLDEST_GSPLAT:
         return "is too old"
     if numbers >= TOO_NEW_GSPLAT:
-        return "is too new: 1.6 renders otherwise and takes other arguments"
+        return "is too new: 1.6 renders differently and takes other arguments"
     return None
 
 
@@ -82,7 +82,7 @@ def render(gsplat: ModuleType, arguments: Arguments) -> Render:
     if shows_colors(a.render_mode):
         channels, backgrounds = _channels(gsplat, a), a.backgrounds
     else:
-        # gsplat checks colours that it does not show.
+        # gsplat requires colours even in modes that do not render them.
         channels, backgrounds = a.opacities[:, None], None
     image, alpha, meta = gsplat.rasterization(
         means=a.means,
@@ -98,7 +98,7 @@ def render(gsplat: ModuleType, arguments: Arguments) -> Render:
         far_plane=a.far_plane,
         radius_clip=a.radius_clip,
         eps2d=a.eps2d,
-        # Packed results lose the (C, N) layout, and gsplat 1.5.3 fails on them where there are backgrounds.
+        # Packed results lose the (C, N) layout, and gsplat 1.5.3 fails on them with backgrounds.
         packed=False,
         backgrounds=backgrounds,
         render_mode=a.render_mode,
@@ -110,7 +110,7 @@ def render(gsplat: ModuleType, arguments: Arguments) -> Render:
 
 
 def _without_unusable(a: Arguments) -> Arguments:
-    """Put harmless numbers, opacity 0 among them, in place of Gaussians that must be culled."""
+    """Replace Gaussians that must be culled by harmless numbers with opacity 0."""
     harmless = {"means": 0.0, "quats": 1.0, "scales": 1.0, "opacities": 0.0, "colors": 0.0, "features": 0.0}
     values = {name: getattr(a, name) for name in harmless if getattr(a, name) is not None}
     usable = usable_gaussians(a.quats, *values.values())
@@ -118,7 +118,7 @@ def _without_unusable(a: Arguments) -> Arguments:
         return a
 
     def replaced(value: Tensor, by: float) -> Tensor:
-        # Chosen, not multiplied: the gradient of what is left out is zero even where it is NaN.
+        # ``where``, not a product: a replaced value gets a gradient of zero even if its own would be NaN.
         return torch.where(usable.reshape(-1, *[1] * (value.ndim - 1)), value, by)
 
     return replace(a, **{name: replaced(value, harmless[name]) for name, value in values.items()})
@@ -137,12 +137,10 @@ def _channels(gsplat: ModuleType, a: Arguments) -> Tensor:
 def _view_colors(
     gsplat: ModuleType, means: Tensor, coeffs: Tensor, viewmats: Tensor, sh_degree: int
 ) -> Tensor:
-    """(C, N, 3) colours; arbitrary for Gaussians at the camera's centre.
-
-    Evaluated here because gsplat's own call takes no further channels beside spherical harmonics.
-    """
+    """(C, N, 3) colours; arbitrary for Gaussians at the camera centre."""
+    # Evaluated here because gsplat's rasterization takes no more channels next to spherical harmonics.
     dirs = means - camera_centers(viewmats)[:, None, :]
-    # gsplat would send NaN into the gradients of a Gaussian without direction.
+    # A Gaussian without direction would get NaN gradients from gsplat.
     masks = torch.linalg.vector_norm(dirs.detach(), dim=-1) > SMALLEST_DISTANCE
     coeffs = coeffs.expand(len(viewmats), *coeffs.shape)
     colors = gsplat.spherical_harmonics(sh_degree, dirs, coeffs, masks=masks)

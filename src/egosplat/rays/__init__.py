@@ -1,1 +1,1 @@
-"""Rays cast at triangles, with equal results on every processor."""
+"""Ray casting against triangles, with equal results on every processor."""

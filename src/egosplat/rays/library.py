@@ -1,4 +1,4 @@
-"""The compiled ray caster: one library for every processor, since its results must be equal on all of them."""
+"""Load the compiled ray caster: one library for all processors, because results must be equal on all of them."""
 
 import ctypes
 import functools
@@ -14,21 +14,21 @@ HERE = Path(__file__).parent
 LIBRARY = "libegosplat_rays.so"
 
 FLAGS = ("-O3", "-std=c++17", "-fPIC", "-ffp-contract=off")
-"""No instruction set is named, and products and sums are not fused: both would change the last bit."""
+"""No instruction set and no fused multiply-add: both would change the last bit."""
 
-_AGAIN = "run make install, or pip install --no-build-isolation --no-deps -e ."
+_REINSTALL = "run make install, or pip install --no-build-isolation --no-deps -e ."
 
 _POINTER, _LONG = ctypes.c_void_p, ctypes.c_int64
 
 
 def source_hash(folder: Path = HERE) -> str:
-    """Hash of the sources below ``folder`` and of their flags, which the library carries; 16 hexadecimal digits."""
+    """Hash of the sources below ``folder`` and of their flags; 16 hexadecimal digits. The library contains it."""
     return hashlib.sha256(f"{cpp_hash(folder / 'source')}\0{FLAGS!r}".encode()).hexdigest()[:16]
 
 
 @functools.cache
 def load() -> ctypes.CDLL:
-    """The library, its functions' types declared; loaded once a process.
+    """Load the library with declared function types, once per process.
 
     Raises:
         UserError: it is not compiled, cannot be loaded, or was compiled from other sources.
@@ -37,11 +37,13 @@ def load() -> ctypes.CDLL:
     if not path.is_file():
         raise UserError(
             f"The ray caster of synthetic recordings is not compiled ({path} is missing).\n"
-            f"Install a C++17 compiler (apt install g++), then {_AGAIN}"
+            f"Install a C++17 compiler (apt install g++), then {_REINSTALL}"
         )
     library = open_library(path)
     if library.rays_source_hash().decode() != source_hash():
-        raise UserError(f"{path} was compiled from other sources than those beside it: {_AGAIN}")
+        raise UserError(
+            f"{path} was compiled from other sources than those in {HERE / 'source'}: {_REINSTALL}"
+        )
     return library
 
 
@@ -50,13 +52,13 @@ def open_library(path: Path) -> ctypes.CDLL:
 
     Raises:
         UserError: it cannot be loaded.
-        OSError: the system refuses the memory for it.
+        OSError: the system is out of memory.
     """
 
-    def tell(error: Exception) -> UserError:
-        return UserError(f"{path} cannot be loaded ({error}): {_AGAIN}")
+    def unloadable(error: Exception) -> UserError:
+        return UserError(f"{path} cannot be loaded ({error}): {_REINSTALL}")
 
-    with reraise_as(tell, (OSError, AttributeError)):
+    with reraise_as(unloadable, (OSError, AttributeError)):
         library = ctypes.CDLL(str(path))
         library.rays_source_hash.restype = ctypes.c_char_p
         library.rays_build.restype = _POINTER

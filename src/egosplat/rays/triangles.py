@@ -1,4 +1,4 @@
-"""Triangles at which rays are cast."""
+"""Ray casting against a set of triangles."""
 
 import ctypes
 import weakref
@@ -13,14 +13,14 @@ Ints = NDArray[np.int32]
 
 
 class Triangles:
-    """A set of triangles. A ray's hit is the same, to the last bit, on every processor.
+    """A set of triangles for ray casting; hits are equal to the last bit on every processor.
 
-    A ray that passes exactly through a common edge or corner hits one of the triangles there. Of hits at the same
-    distance the face with the smallest number counts.
+    A ray exactly through a shared edge or corner hits one of the triangles there. Among hits at the same
+    distance, the face with the smallest number wins.
     """
 
     def __init__(self, vertices: Floats, faces: Ints, library: ctypes.CDLL | None = None) -> None:
-        """Sort the triangles, so that a ray is tried against few of them.
+        """Build a tree of bounding boxes around the triangles.
 
         Args:
             vertices: (V, 3) float32; faces: (F, 3) int32 numbers of vertices.
@@ -28,8 +28,8 @@ class Triangles:
 
         Raises:
             UserError: the ray caster is not compiled.
-            ValueError: an array has another shape or dtype, or a face's vertex is not among the vertices.
-            MemoryError: memory does not suffice.
+            ValueError: an array has a wrong shape or dtype, or a face names a missing vertex.
+            MemoryError: the system is out of memory.
         """
         vertices, faces = _checked(vertices, np.float32), _checked(faces, np.int32)
         if len(faces) and not (0 <= faces.min() and faces.max() < len(vertices)):
@@ -41,14 +41,14 @@ class Triangles:
         weakref.finalize(self, self._library.rays_free, self._tree)
 
     def cast(self, origins: Floats, directions: Floats) -> tuple[Ints, Floats, Floats, Floats]:
-        """First hits of rays.
+        """Find the first hit of each ray.
 
         Args:
-            origins: (N, 3) or (3,) float32; directions: (N, 3) float32, of any length but 0.
+            origins: (N, 3) or (3,) float32; directions: (N, 3) float32, of any length except 0.
 
         Returns:
             (N,) int32 face, -1 for none; (N,) float32 distance in units of the direction's length, infinite for
-            none; (N,) float32 weights of the face's second and third corner at the hit.
+            none; two (N,) float32 barycentric weights of the face's second and third corner at the hit.
         """
         origins, directions, stride = _rays(origins, directions)
         face = np.empty(len(directions), dtype=np.int32)
@@ -60,7 +60,7 @@ class Triangles:
         return face, distance, u, v
 
     def blocks(self, origins: Floats, directions: Floats, reach: Floats) -> NDArray[np.bool_]:
-        """(N,) whether rays as for ``cast`` hit anything within (N,) float32 distances."""
+        """(N,) bool: whether rays, given as for ``cast``, hit anything within (N,) float32 distances."""
         origins, directions, stride = _rays(origins, directions)
         reach = np.ascontiguousarray(reach, dtype=np.float32)
         blocked = np.empty(len(directions), dtype=np.bool_)
@@ -78,7 +78,7 @@ def _checked(array: NDArray, dtype: type) -> NDArray:
 
 
 def _rays(origins: Floats, directions: Floats) -> tuple[Floats, Floats, int]:
-    """Contiguous rays, and how many numbers after an origin the next one begins."""
+    """Contiguous rays, and the stride from one origin to the next in numbers; 0 for a shared origin."""
     directions = _checked(np.asarray(directions, dtype=np.float32), np.float32)
     origins = np.asarray(origins, dtype=np.float32)
     if origins.ndim == 1:

@@ -9,7 +9,7 @@
 
 namespace egosplat {
 
-// A row with a larger gradient is left out as if that were not finite: its square must not overflow.
+// Rows with a larger gradient are skipped like non-finite ones: its square would overflow.
 constexpr float LARGEST_GRADIENT = 1e18f;
 
 struct AdamFactors {
@@ -18,7 +18,7 @@ struct AdamFactors {
     float eps;
 };
 
-// Rows of `columns` values each.
+// Pointers to rows of `columns` values each.
 struct AdamRows {
     int columns;
     float* param;
@@ -48,8 +48,8 @@ INLINE bool sound(const float* grad, int count) {
     return all;
 }
 
-// `steps`: learning rate over 1 - beta1^step. Where the gradient and the moments are zero nothing changes, exactly;
-// asking for that costs more in branches than it saves.
+// `steps`: learning rate over 1 - beta1^step. Zero gradient and moments change nothing, exactly; a test for that
+// would cost more in branches than it saves.
 INLINE void update(const AdamFactors& f, Floats steps, float* param, const float* grad, float* exp_avg,
                    float* exp_avg_sq) {
     const Floats g = load(grad), m0 = load(exp_avg), v0 = load(exp_avg_sq);
@@ -60,13 +60,13 @@ INLINE void update(const AdamFactors& f, Floats steps, float* param, const float
     store(param, load(param) - steps * m / denominator);
 }
 
-// LANES rows at once, as `columns` vectors.
+// Updates LANES rows at once, as `columns` vectors.
 inline void update_group(const AdamFactors& f, const float* steps, const AdamRows& rows) {
     for (int i = 0; i < rows.columns * LANES; i += LANES)
         update(f, load(steps + i), rows.param + i, rows.grad + i, rows.exp_avg + i, rows.exp_avg_sq + i);
 }
 
-// The row's values take the same way through a vector, so that it does not matter which rows are neighbours.
+// Updates one row, through vectors too, so that the result does not depend on the rows next to it.
 inline void update_row(const AdamFactors& f, const float* steps, const AdamRows& row) {
     for (int i = 0; i < row.columns; i += LANES) {
         const int bytes = 4 * (row.columns - i < LANES ? row.columns - i : LANES);
@@ -79,7 +79,7 @@ inline void update_row(const AdamFactors& f, const float* steps, const AdamRows&
     }
 }
 
-// learning_rates: one a column. Returns how many rows were left out for their gradient.
+// learning_rates: one per column. Returns the number of rows skipped because of their gradient.
 inline int64_t adam(int64_t n, AdamRows all, int threads, const float* learning_rates, double beta1, double beta2,
                     double eps, int64_t step) {
     const AdamFactors f = {float(1 - beta1), float(beta2), float(1 - beta2),

@@ -5,7 +5,7 @@
 
 namespace egosplat {
 
-// What a band's rows need of the Gaussians of one tile, relative to the tile's corner.
+// The Gaussians of one tile as the rows of a band need them, relative to the corner of the tile.
 struct Column {
     std::vector<float> l11, l21, l22, u0, v0, log2_opacity;
     std::vector<int32_t> member;
@@ -29,12 +29,12 @@ struct Column {
             v0[k] = s.l22 * (top - s.my);
             color[k] = colors + size_t(tiles.members[m]) * stride;
         }
-        // Beyond the end nothing is reached.
+        // The padding reaches no row.
         for (size_t k = count; k < room; k++) l11[k] = l21[k] = l22[k] = u0[k] = v0[k] = 0, log2_opacity[k] = -1e9f;
     }
 };
 
-// Whether the ellipse reaches the row's pixels: `exponent` less the least u^2 over them is still above MIN_ALPHA's.
+// Whether the ellipse reaches pixels of the row: `exponent` minus the smallest u^2 there exceeds that of MIN_ALPHA.
 INLINE Mask reaches(Floats l11, Floats u, Floats exponent) {
     const Floats first = fma(l11, broadcast(0.5f), u), last = fma(l11, broadcast(LANES - 0.5f), u);
     const Floats nearest = max(max(first, -last), Floats{});
@@ -46,9 +46,8 @@ struct Image {
     int width, height;
 
     float* at(int c, int y, int x) const { return data + (size_t(c) * height + y) * width + x; }
-    // A tile's next neighbour, on its way while this one is worked on: so many rows of so many planes are more
-    // streams than the processor follows by itself.
-    // Inlined, because GCC drops calls of a function that does nothing but that.
+    // Prefetches the next tile. The rows of all planes are more streams than the hardware prefetcher follows.
+    // Always inlined, because GCC drops calls of a function that only prefetches.
     template <int WRITE>
     inline __attribute__((always_inline)) void prefetch(int c, int band, int tile) const {
         const int rows = std::min(ROWS, height - band * ROWS), x = std::min(tile * LANES, width - 1);

@@ -1,16 +1,16 @@
 // Compositing of projected Gaussians.
 //
-// Of a pixel, front to back: alpha_i = min(MAX_ALPHA, opacity_i 2^-(u^2 + v^2)), weight w_i = T_i alpha_i,
-// T_{i+1} = T_i (1 - alpha_i); a Gaussian with alpha_i < MIN_ALPHA is passed over, and the first one that would leave
-// T <= MIN_TRANSMITTANCE ends the pixel without being composited. The render is sum_i w_i c_i + T_end background.
+// For each pixel, front to back: alpha_i = min(MAX_ALPHA, opacity_i 2^-(u^2 + v^2)), weight w_i = T_i alpha_i and
+// T_{i+1} = T_i (1 - alpha_i). A Gaussian with alpha_i < MIN_ALPHA is skipped. The first one that would leave
+// T <= MIN_TRANSMITTANCE is not composited and ends the pixel. The render is sum_i w_i c_i + T_end background.
 #pragma once
 
 #include "column.h"
 
 namespace egosplat {
 
-constexpr int BLOCK = 64;  // Gaussians that one row's list is made of at a time
-// What lies behind an opaque pixel must not become subnormal, which is slow.
+constexpr int BLOCK = 64;  // Gaussians per chunk of a row's list
+// Keeps the transmittance behind an opaque pixel from becoming subnormal, which is slow.
 constexpr float LEAST_TRANSMITTANCE = 1e-30f;
 
 // The Gaussians of a column that reach one row.
@@ -43,8 +43,8 @@ struct RowList {
     }
 };
 
-// The alpha of each Gaussian of a list at the pixels of its row, 0 below MIN_ALPHA. A loop of its own: the latency
-// of one exponential then hides behind the next, which the sums of `forward_row` would leave no room for.
+// The alpha of each Gaussian of a list at the pixels of its row, 0 below MIN_ALPHA. A separate loop, so that
+// consecutive exponentials overlap; in `forward_row` the sums occupy the registers that this needs.
 INLINE void alphas_of(const RowList& list, Floats* alphas) {
     const Floats px = ramp() + 0.5f;
     for (int j = 0; j < list.count; j++) {
@@ -54,8 +54,8 @@ INLINE void alphas_of(const RowList& list, Floats* alphas) {
     }
 }
 
-// One row of a tile. T need not be stopped where a pixel ends: it only falls, so that what would leave it at or below
-// MIN_TRANSMITTANCE is known from T alone, then and for all that lies behind.
+// Composites one row of a tile. No flag marks where a pixel has ended: T never rises, so once a Gaussian would leave
+// it at or below MIN_TRANSMITTANCE, all later ones would too.
 template <int C>
 INLINE void forward_row(const Column& column, RowList& list, int row, Floats (&color)[C], Floats& left, int& last) {
     Floats alphas[BLOCK], T = left;
@@ -79,7 +79,7 @@ INLINE void forward_row(const Column& column, RowList& list, int row, Floats (&c
     }
 }
 
-// render (C, H, W) and alpha (H, W) of one band; last_of[tile * ROWS + row] is how many Gaussians the row looked at.
+// render (C, H, W) and alpha (H, W) of one band; last_of[tile * ROWS + row]: number of Gaussians the row visited.
 template <int C>
 void forward_band(const Tiles& tiles, int band, const float* colors, int stride, const float* background, Image render,
                   Image alpha, int32_t* last_of, Column& column) {
@@ -93,7 +93,7 @@ void forward_band(const Tiles& tiles, int band, const float* colors, int stride,
             T[r] = where(at_least(broadcast(n - 0.5f), ramp()), broadcast(1.0f));
             forward_row<C>(column, list, r, color[r], T[r], last_of[tile * ROWS + r]);
         }
-        // Plane by plane: the planes of one pixel often lie in the same set of the cache.
+        // Plane by plane, because the planes of one pixel often share a cache set.
         for (int r = 0; r < rows; r++) Image::write(alpha.at(0, band * ROWS + r, x), n, 1.0f - T[r]);
         for (int c = 0; c < C; c++)
             for (int r = 0; r < rows; r++)

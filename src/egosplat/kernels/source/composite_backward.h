@@ -1,7 +1,7 @@
-// The derivatives of compositing (composite.h).
+// The gradients of compositing (composite.h).
 //
-// Taken front to back, too: what lies behind a Gaussian is what the pixel holds less what has been met, so that nothing
-// but the render itself is kept from the forward pass.
+// Also front to back: the contribution from behind a Gaussian is the total of the pixel minus what came before, so the
+// forward pass stores nothing but the render itself.
 #pragma once
 
 #include "composite.h"
@@ -10,7 +10,7 @@ namespace egosplat {
 
 constexpr int MOMENTS = 6;  // sums of v {1, dx, dy, dx^2, dx dy, dy^2}, v = alpha dL/dalpha
 
-// Which rows of a tile a Gaussian reaches, and its exponent, u and distance there.
+// The rows of a tile that a Gaussian reaches, with its exponent, u and distance there.
 struct Rows {
     alignas(64) float exponent[ROWS], u[ROWS], dy[ROWS], dy2[ROWS];
     uint32_t reached = 0;
@@ -29,7 +29,7 @@ struct Rows {
     }
 };
 
-// The pixels of a tile: transmittance so far, what is still to come of dL/drender . render, and dL/drender.
+// The pixels of a tile: transmittance so far, the remaining part of dL/drender . render, and dL/drender.
 template <int C>
 struct Pixels {
     Floats T[ROWS], rest[ROWS], gradient[ROWS][C];
@@ -60,7 +60,7 @@ struct Pixels {
     }
 };
 
-// Sum of g_c color_c, in four chains that do not wait for each other.
+// Sum of g_c color_c, in four independent chains.
 template <int C>
 INLINE Floats dot(const Floats* g, const float* color) {
     Floats part[4] = {};
@@ -68,8 +68,8 @@ INLINE Floats dot(const Floats* g, const float* color) {
     return (part[0] + part[1]) + (part[2] + part[3]);
 }
 
-// Adds to `slots` (one of padded(MOMENTS + C) floats for each member of a band) what one tile contributes:
-// the moments and dL/dcolor, or dL/dcolor alone where the geometry is frozen.
+// Adds the contribution of one tile to `slots`, padded(MOMENTS + C) floats for each member of the band: the moments
+// and dL/dcolor, or dL/dcolor alone if the geometry is frozen.
 template <int C, bool GEOMETRY>
 void backward_tile(const Tiles& tiles, const Column& column, Pixels<C>& pixels, const int32_t* last_of, int left,
                    int top, float* slots, int slot_stride) {
@@ -107,7 +107,7 @@ void backward_tile(const Tiles& tiles, const Column& column, Pixels<C>& pixels, 
             if constexpr (GEOMETRY) {
                 const Floats q = dot<C>(g, color), rest = fnma(weight, q, pixels.rest[r]);
                 pixels.rest[r] = rest;
-                // 0 where nothing is kept, or where alpha is at its bound
+                // 0 where the Gaussian is skipped or alpha is at its bound
                 scale[r] = where(at_least(kept, broadcast(MAX_ALPHA), raw[r]), a * reciprocal(through));
                 v_over_scale[r] = after * q - rest;
             }

@@ -1,4 +1,4 @@
-// One Gaussian seen by one camera: its mean and covariance in the image (Zwicker et al. 2002), in float64.
+// One Gaussian in one camera: its mean and covariance in the image (Zwicker et al. 2002), in float64.
 #pragma once
 
 #include <algorithm>
@@ -6,7 +6,7 @@
 
 namespace egosplat {
 
-constexpr double FRUSTUM_MARGIN = 0.3;  // linearised at most this share of half the field of view outside the image
+constexpr double FRUSTUM_MARGIN = 0.3;  // fraction of half the field of view outside the image
 
 struct Camera {
     double rotation[9], translation[3];  // world to camera
@@ -15,7 +15,7 @@ struct Camera {
     double near_plane, far_plane, radius_clip, eps2d;
     bool antialiased;
 
-    // Where the camera stands in the world.
+    // Camera centre in the world.
     void centre(double* c) const {
         for (int j = 0; j < 3; j++)
             c[j] = -(rotation[j] * translation[0] + rotation[3 + j] * translation[1] +
@@ -23,19 +23,19 @@ struct Camera {
     }
 };
 
-// One Gaussian on its way to the image.
+// Intermediate values of the projection of one Gaussian.
 struct Footprint {
-    double p[3];           // in the camera
+    double p[3];           // mean in the camera
     double slope[2];       // x / z, y / z, bounded
     bool bounded[2];
     double q[4], inverse_norm;
-    double turn[9];        // camera from the Gaussian's axes
+    double turn[9];        // camera_from_gaussian rotation
     double scale[3];
     double jacobian[2][3];
     double root[2][3];     // a square root of the covariance in the image
     double uu, uv, vv, det, blurred_det;
 
-    // False where nothing of it can be seen.
+    // Returns false if the Gaussian is invisible.
     bool make(const Camera& camera, const float* mean, const float* quat, const float* s) {
         const double* w = camera.rotation;
         for (int i = 0; i < 3; i++)
@@ -68,7 +68,7 @@ struct Footprint {
                 root[a][j] = (jacobian[a][a] * turn[3 * a + j] + jacobian[a][2] * turn[6 + j]) * scale[j];
         }
         uu = dot(root[0], root[0]), uv = dot(root[0], root[1]), vv = dot(root[1], root[1]);
-        // Lagrange's identity: of a needle, uu vv - uv^2 has no digits left.
+        // Lagrange's identity: uu vv - uv^2 has no digits left for elongated Gaussians.
         double normal[3];
         for (int j = 0; j < 3; j++)
             normal[j] = root[0][(j + 1) % 3] * root[1][(j + 2) % 3] - root[0][(j + 2) % 3] * root[1][(j + 1) % 3];

@@ -1,4 +1,4 @@
-// The library's C interface. Arrays are float32, contiguous, row-major; sizes are checked by the callers.
+// The C interface of the library. Arrays are float32, contiguous, row-major; the callers check sizes.
 #include "adam.h"
 #include "loss.h"
 #include "project_backward.h"
@@ -57,7 +57,7 @@ void egosplat_project_backward(int n, int stored, int coefficients, int feature_
     memcpy(v_pose + 9, pose.translation, sizeof pose.translation);
 }
 
-// render (channels, height, width), alpha (height, width); the result goes to raster_backward and raster_free.
+// render (channels, height, width), alpha (height, width); pass the result to raster_backward and raster_free.
 void* egosplat_raster_forward(int n, int channels, int width, int height, int threads, const float* means2d,
                               const float* conics, const float* spreads, const float* opacities, const float* colors,
                               const float* depths, const int32_t* radii, const float* background, float* render,
@@ -75,13 +75,14 @@ void egosplat_raster_backward(void* raster, int threads, const float* conics, co
 
 void egosplat_raster_free(void* raster) { POOL.give(static_cast<Raster*>(raster)); }
 
-// render, gradient (3, height, width), target (height, width, 3), weight (height, width); null: no gradient, no weight.
+// render and gradient (3, height, width), target (height, width, 3), weight (height, width).
+// gradient and weight may be null.
 double egosplat_l1_ssim(int width, int height, int threads, double ssim_lambda, const float* render,
                         const float* target, const float* weight, float* gradient) {
     return l1_ssim(width, height, threads, ssim_lambda, render, target, weight, gradient);
 }
 
-// param, grad, exp_avg, exp_avg_sq (rows, columns), learning_rates (columns,); returns the number of rows left out.
+// param, grad, exp_avg, exp_avg_sq (rows, columns), learning_rates (columns,); returns the number of skipped rows.
 int64_t egosplat_adam(int64_t rows, int columns, int threads, double beta1, double beta2, double eps, int64_t step,
                       const float* learning_rates, float* param, const float* grad, float* exp_avg,
                       float* exp_avg_sq) {

@@ -1,14 +1,14 @@
-// The loss of 3DGS, (1 - lambda) mean |x - y| + lambda (1 - mean SSIM(x, y)), and its derivative by the render, where
-// y is the target and x = y + weight (render - y).
+// The loss of 3DGS, (1 - lambda) mean |x - y| + lambda (1 - mean SSIM(x, y)), and its gradient with respect to the
+// render, where y is the target and x = y + weight (render - y).
 //
-// SSIM (Wang et al. 2004) needs four windowed means if taken of s = x + y and d = x - y: with ms, md those of s and d,
-// P = ms^2, Q = md^2, V = mean(s^2) - P, U = mean(d^2) - Q,
+// SSIM (Wang et al. 2004) needs only four windowed means if computed from s = x + y and d = x - y. With their means
+// ms and md, P = ms^2, Q = md^2, V = mean(s^2) - P and U = mean(d^2) - Q,
 //     SSIM = (P - Q + 2 C1) (V - U + 2 C2) / ((P + Q + 2 C1) (V + U + 2 C2)).
-// Its derivative by x takes three more: 2 (blur(a) + s blur(b) + d blur(c)), see `maps_of`.
+// Its derivative with respect to x takes three more: 2 (blur(a) + s blur(b) + d blur(c)), see `maps_of`.
 //
-// The picture is worked through in strips of LANES rows, and these, channel after channel, in blocks of LANES columns.
-// A vector holds neighbours of a row while blurred down the columns and neighbours of a column while blurred along the
-// rows; blocks are transposed in between. Nothing but the few rows that the next strip needs again leaves the cache.
+// The image is processed in strips of LANES rows, and each strip, channel by channel, in blocks of LANES columns.
+// A vector holds neighbours in a row during the vertical blur and neighbours in a column during the horizontal one;
+// blocks are transposed in between. Only the few rows that the next strip needs leave the cache.
 #pragma once
 
 #include <algorithm>
@@ -20,14 +20,14 @@
 namespace egosplat {
 
 constexpr float C1 = 0.01f * 0.01f, C2 = 0.03f * 0.03f;
-constexpr int LAG = (HALO + LANES - 1) / LANES;  // blocks, or strips, between pixels and their derivative
+constexpr int LAG = (HALO + LANES - 1) / LANES;  // blocks, or strips, between pixels and their gradient
 constexpr int KEPT = LANES + HALO, BEHIND = LAG * LANES, AHEAD = 16;
 
 struct LossSums {
     double absolute, ssim;
 };
 
-// SSIM of LANES pixels, and what is blurred for its derivative; all zero where not `inside`.
+// SSIM of LANES pixels, and the maps a, b, c to blur for its derivative; all zero outside `inside`.
 INLINE Floats maps_of(Mask inside, Floats ms, Floats md, Floats mean_ss, Floats mean_dd, Floats& a, Floats& b,
                       Floats& c) {
     const Floats P = ms * ms, Q = md * md, V = mean_ss - P + 2 * C2, U = mean_dd - Q;
@@ -40,13 +40,13 @@ INLINE Floats maps_of(Mask inside, Floats ms, Floats md, Floats mean_ss, Floats 
     return ssim;
 }
 
-// The rows of a block that later strips need again.
+// The rows of a block that later strips need.
 struct Tail {
     Floats s[HALO], d[HALO], weight[HALO], a[HALO], b[HALO], c[HALO];
 };
 
-// Strips of the picture, from above to below. Strip t takes in LANES rows from t LANES + REACH, finds SSIM on those
-// from t LANES, and the derivative on those from t LANES - REACH.
+// Strips of the image from top to bottom. Strip t reads LANES rows from t LANES + REACH, computes SSIM for those
+// from t LANES, and the gradient for those from t LANES - REACH.
 class Strips {
     static constexpr int ROOM = BEHIND + 4 * LANES;
 
@@ -56,8 +56,8 @@ class Strips {
     std::vector<Tail>& all_tails;
     Tail* tails;
     const Plane* plane;
-    Floats s[LAG + 1][KEPT], d[LAG + 1][KEPT], weight[LAG + 1][KEPT];  // of the latest blocks, by rows
-    Floats means[4][ROOM], maps[3][ROOM];                             // by columns, of which BEHIND are past
+    Floats s[LAG + 1][KEPT], d[LAG + 1][KEPT], weight[LAG + 1][KEPT];  // latest blocks, by rows
+    Floats means[4][ROOM], maps[3][ROOM];                             // by columns, BEHIND of them past
     int begin, top;
     bool wanted;
     double absolute[LANES], ssims[LANES];
@@ -161,7 +161,7 @@ public:
                 }
     }
 
-    // Without `counts`, only for what the next strip needs of this one.
+    // Without `counts`, computes only what the next strip needs.
     LossSums work(int strip, int channel, bool counts) {
         plane = planes + channel, tails = all_tails.data() + channel * blocks;
         top = strip * LANES, begin = 0, wanted = counts;
@@ -187,7 +187,7 @@ public:
     }
 };
 
-// Returns the loss. Every pixel's numbers, and the order of the sums, are the same for any number of threads.
+// Returns the loss. Pixels and the order of sums do not depend on the number of threads.
 inline double l1_ssim(int width, int height, int threads, double ssim_lambda, const float* render,
                       const float* target, const float* weight, float* gradient) {
     const double count = 3.0 * width * height;

@@ -1,18 +1,18 @@
-// The pictures that a loss is taken of, read as vectors of s = x + y and d = x - y, see loss.h.
+// The images of a loss, read as vectors of s = x + y and d = x - y, see loss.h.
 #pragma once
 
 #include "shuffles.h"
 
 namespace egosplat {
 
-// Values beyond that weigh nothing, as those that are not finite: their fourth power must not overflow.
+// Larger values get weight 0, like non-finite ones: their fourth power would overflow.
 constexpr float LARGEST_VALUE = 1e8f;
 
 // target (height, width, 3), weight (height, width) or null; render, gradient (3, height, width).
 struct LossImages {
     int width, height;
     const float *render, *target, *weight;
-    float* gradient;  // null: only the value is wanted
+    float* gradient;  // null: compute the value only
     float l1_factor, ssim_factor;
 };
 
@@ -42,8 +42,8 @@ struct Plane {
             read_edge(render, target, weights, n, s, d, weight);
     }
 
-    // Asks for pixels ahead of their use: so many rows of several arrays are more streams than the processor follows by
-    // itself. Always inlined, because GCC 12 takes a function that only prefetches for one without effect.
+    // Prefetches pixels. The rows of several arrays are more streams than the hardware prefetcher follows.
+    // Always inlined, because GCC 12 drops calls of a function that only prefetches.
     inline __attribute__((always_inline)) void prefetch(int y, int x) const {
         if (y >= images.height || x >= images.width) return;
         __builtin_prefetch(images.render + plane() + at(y, x));

@@ -1,6 +1,6 @@
-// From Gaussians to what one camera's image is composited of (3DGS, section 4).
+// Projection of Gaussians into one camera and their channels for this view (3DGS, section 4).
 //
-// In float64 within a Gaussian, where the cost is nothing beside the compositing.
+// Computed in float64 per Gaussian; the cost is negligible next to compositing.
 #pragma once
 
 #include <cstdint>
@@ -14,23 +14,23 @@ namespace egosplat {
 constexpr double ALPHA_THRESHOLD = 1 / 255.0;
 constexpr double MAX_RADIUS = 1 << 24;
 
-// The Gaussians' parameters, or derivatives with respect to them (null where none are asked for).
+// Parameters of the Gaussians, or gradients with respect to them (null if not wanted).
 template <class Number>
 struct Parameters {
     Number *means, *quats, *scales, *opacities;  // (n, 3), (n, 4) wxyz, (n, 3), (n,)
-    Number *sh, *features;                       // (n, stored, 3), (n, feature_count); null where there are none
+    Number *sh, *features;                       // (n, stored, 3), (n, feature_count); null if absent
 };
 
-// What is composited, or derivatives with respect to it (null where there are none).
+// Inputs of compositing, or gradients with respect to them (null if there are none).
 template <class Number>
 struct Projections {
     Number *means, *conics, *depths, *opacities;  // (n, 2), (n, 3), (n,), (n,)
-    Number* channels;                             // (n, channels): colour, features, depth, as asked for
+    Number* channels;                             // (n, channels): colour, features, depth, those that exist
 };
 
 struct Layout {
     int n;
-    int stored, coefficients;  // spherical harmonics a colour has, and those that are used
+    int stored, coefficients;  // number of spherical harmonics in memory, and to evaluate
     int feature_count;
     bool depth;
 
@@ -38,7 +38,7 @@ struct Layout {
     int channels() const { return colors() + feature_count + depth; }
 };
 
-// Whether anything is composited of it; then fills `out`, spreads (n,) and radii (n, 2), else leaves them.
+// Returns whether Gaussian i is visible. If so, fills `out`, spreads (n,), its variances in y, and radii (n, 2).
 inline bool project_one(int i, const Camera& camera, const double* centre, const Layout& layout,
                         Parameters<const float> in, Projections<float> out, float* spreads, int32_t* radii) {
     Footprint f;
@@ -55,7 +55,7 @@ inline bool project_one(int i, const Camera& camera, const double* centre, const
                               float(f.uu / f.blurred_det), float(f.p[2]), float(opacity)};
     for (float result : results)
         if (!std::isfinite(result)) return false;
-    if (!(results[2] > 0 && results[4] > 0)) return false;  // wider than float32 can tell
+    if (!(results[2] > 0 && results[4] > 0)) return false;  // too wide for float32
 
     out.means[2 * i] = results[0], out.means[2 * i + 1] = results[1];
     for (int j = 0; j < 3; j++) out.conics[3 * i + j] = results[2 + j];
@@ -63,7 +63,7 @@ inline bool project_one(int i, const Camera& camera, const double* centre, const
     spreads[i] = float(f.vv);
     float* channel = out.channels + size_t(i) * layout.channels();
     if (layout.coefficients) {
-        // Those beyond the degree count 0 times, so that a number that is not finite shows there too.
+        // Coefficients beyond the degree count 0 times, so that a non-finite one still makes the sum non-finite.
         double basis[MAX_COEFFICIENTS] = {}, color[3] = {0.5, 0.5, 0.5};
         const Direction d(centre, in.means + 3 * i);
         harmonics(layout.coefficients, d.n[0], d.n[1], d.n[2], basis);
@@ -87,7 +87,7 @@ void clear(Number* p, size_t i, int count) {
     if (p) std::fill_n(p + i * count, count, Number(0));
 }
 
-// Fills everything; what is not composited has radius 0 and zeros.
+// Fills all outputs; culled Gaussians get radius 0 and zeros.
 inline void project_forward(const Camera& camera, const Layout& layout, Parameters<const float> in,
                             Projections<float> out, float* spreads, int32_t* radii, int threads) {
     double centre[3];

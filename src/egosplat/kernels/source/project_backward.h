@@ -1,4 +1,4 @@
-// The derivatives of projection (project.h) with respect to Gaussians and pose.
+// The gradients of projection (project.h) with respect to Gaussians and pose.
 #pragma once
 
 #include <vector>
@@ -7,21 +7,21 @@
 
 namespace egosplat {
 
-// Derivatives with respect to the camera's pose.
+// Gradient with respect to the camera pose.
 struct PoseGradient {
     double rotation[9] = {}, translation[3] = {};
 };
 
-// From derivatives with respect to the covariance in the image to those with respect to mean, rotation, scale.
+// Gradients with respect to mean, rotation and scale, from those with respect to the covariance in the image.
 struct FootprintGradient {
     double p[3] = {};       // mean in the camera
-    double turn[9];         // camera from the Gaussian's axes
+    double turn[9];         // camera_from_gaussian rotation
     double scale[3];
 
     FootprintGradient(const Camera& camera, const Footprint& f, const double* v_mean, const double* v_conic,
                       double v_depth, double v_compensation) {
         const double a = f.vv / f.blurred_det, b = -f.uv / f.blurred_det, c = f.uu / f.blurred_det;
-        // Of an inverse Q of a covariance: -Q V Q, with V's off-diagonal shared between its two places.
+        // The gradient through the inverse Q of a covariance is -Q V Q; both places of the off-diagonal share V's.
         const double h = 0.5 * v_conic[1];
         const double e0 = a * v_conic[0] + b * h, e1 = a * h + b * v_conic[2];
         const double e2 = b * v_conic[0] + c * h, e3 = b * h + c * v_conic[2];
@@ -73,14 +73,14 @@ inline void quaternion_gradient(const Footprint& f, const double* v_rotation, fl
     for (int i = 0; i < 4; i++) v_quat[i] = float((g[i] - along * f.q[i]) * f.inverse_norm);
 }
 
-// Derivatives of a colour: to its coefficients, and, added, to the mean (and against it, to the camera's centre).
+// Adds the gradient of a colour to its coefficients and to the mean (and, negated, to the camera centre).
 inline void color_gradient(int i, const double* centre, const Layout& layout, Parameters<const float> in,
                            const float* channel, const float* v_channel, float* v_sh, double* v_mean) {
     double basis[MAX_COEFFICIENTS], along[MAX_COEFFICIENTS] = {}, v[3], v_color[3];
     const Direction d(centre, in.means + 3 * i);
     harmonics(layout.coefficients, d.n[0], d.n[1], d.n[2], basis);
     const float* sh = in.sh + size_t(i) * layout.stored * 3;
-    for (int c = 0; c < 3; c++) v_color[c] = channel[c] > 0 ? v_channel[c] : 0;  // the colour is bounded by 0
+    for (int c = 0; c < 3; c++) v_color[c] = channel[c] > 0 ? v_channel[c] : 0;  // the colour is clamped at 0
     for (int k = 0; k < layout.coefficients; k++)
         for (int c = 0; c < 3; c++) {
             along[k] += sh[3 * k + c] * v_color[c];
@@ -125,7 +125,7 @@ inline void project_one_backward(int i, const Camera& camera, const double* cent
     double r[9];
     f.rotation_of(r);
     for (int a = 0; a < 3; a++) {
-        // The centre, -inverse(rotation) translation, moves against the direction.
+        // The direction is mean - centre, and the centre is -inverse(rotation) translation.
         const double v_centre = -Footprint::dot(w + 3 * a, v_direction);
         pose->translation[a] += g.p[a] - v_centre;
         for (int b = 0; b < 3; b++)
@@ -134,7 +134,7 @@ inline void project_one_backward(int i, const Camera& camera, const double* cent
     }
 }
 
-// Fills all of `out` that is not null; `pose` may be null. Summed in blocks, alike for any number of threads.
+// Fills every member of `out` that is not null; `pose` may be null. Summed in blocks that do not depend on the threads.
 inline void project_backward(const Camera& camera, const Layout& layout, Parameters<const float> in,
                              const int32_t* radii, const float* channels, Projections<const float> v,
                              Parameters<float> out, PoseGradient* pose, int threads) {

@@ -1,7 +1,7 @@
-// The calls of compositing: channels in chunks, bands over threads, derivatives gathered by Gaussian.
+// Entry points of compositing: channels in chunks, bands over threads, gradients collected per Gaussian.
 //
-// Every sum is taken in an order that does not depend on the number of threads: a band's tiles from left to right into
-// the band's own slots, then a Gaussian's bands from top to bottom.
+// No order of summation depends on the number of threads: the tiles of a band are added from left to right into slots
+// of the band, then the bands of a Gaussian from top to bottom.
 #pragma once
 
 #include <mutex>
@@ -10,17 +10,17 @@
 
 namespace egosplat {
 
-constexpr int MAX_CHUNK = 16;  // more channels than that no longer fit the registers
+constexpr int MAX_CHUNK = 16;  // more channels do not fit the registers
 
 struct Raster {
     int n, channels, stride;
     Tiles tiles;
     std::vector<float> colors;       // (visible, stride), nearest first
-    std::vector<int32_t> last_of;    // by band, tile and row
+    std::vector<int32_t> last_of;    // by band, tile and row: see composite.h
     std::vector<float> slots;        // backward pass only
 };
 
-// Finished rasters wait here for the next one: their memory need not be asked for, and cleared, anew.
+// Keeps finished rasters for reuse, which saves allocating and clearing their memory.
 class Pool {
     std::mutex mutex;
     std::vector<Raster*> idle;
@@ -49,7 +49,7 @@ void with_channels(int channels, Call call) {
     }
 }
 
-// call(first channel, its number as a constant) for chunks of nearly equal size
+// Calls call(first channel, number of channels as a constant) for chunks of nearly equal size.
 template <class Call>
 void for_chunks(int channels, Call call) {
     const int chunks = (channels + MAX_CHUNK - 1) / MAX_CHUNK;
@@ -90,7 +90,7 @@ inline Raster* raster_forward(int n, int channels, int width, int height, int th
     return raster;
 }
 
-// What a Gaussian's derivatives are written to; the first three are null where the geometry is frozen.
+// Outputs of the backward pass; the first three are null if the geometry is frozen.
 struct Gradients {
     float *means, *conics, *opacities, *colors;
 };
@@ -144,7 +144,7 @@ void backward_chunk(Raster& raster, int first, int threads, const float* conics,
     }
 }
 
-// The outputs must be zero: those of Gaussians that nothing shows of are not written.
+// The outputs must be zero on entry: those of invisible Gaussians are not written.
 inline void raster_backward(Raster& raster, int threads, const float* conics, const float* render, const float* alpha,
                             const float* v_render, const float* v_alpha, Gradients out) {
     for_chunks(raster.channels, [&](int first, auto c) {

@@ -1,12 +1,12 @@
-// Rearrangements of vectors: transposition, and one channel out of interleaved pixels.
+// Rearrangements of vectors: transposition, and one channel of interleaved pixels.
 #pragma once
 
 #include "simd.h"
 
 namespace egosplat {
 
-// Of each 16 bytes of a and b, interleaved: the lower or upper floats, or pairs of floats.
-// Then the 16 bytes themselves: the even or odd ones of a, then those of b.
+// The first four interleave each 16 bytes of a and b: lower or upper floats, lower or upper pairs of floats.
+// The others select 16-byte blocks: the even or odd ones of a, then those of b.
 #if defined(__AVX512F__)
 
 INLINE Floats lower_floats(Floats a, Floats b) { return _mm512_unpacklo_ps(a, b); }
@@ -38,7 +38,7 @@ INLINE Floats odd_quads(Floats, Floats b) { return b; }
 
 // Lane i of vector j becomes lane j of vector i.
 INLINE void transpose(Floats (&v)[LANES]) {
-    Floats quads[LANES];  // [4 j + k]: of rows 4 j to 4 j + 3, columns k, k + 4, ...
+    Floats quads[LANES];  // [4 j + k]: rows 4 j to 4 j + 3, columns k, k + 4, ...
 #pragma GCC unroll 4
     for (int i = 0; i < LANES; i += 4) {
         const Floats lower01 = lower_floats(v[i], v[i + 1]), lower23 = lower_floats(v[i + 2], v[i + 3]);
@@ -52,7 +52,7 @@ INLINE void transpose(Floats (&v)[LANES]) {
     }
 #pragma GCC unroll 4
     for (int k = 0; k < 4; k++) {
-        // Where LANES is 4 these do not matter, and must not lie outside of the array.
+        // Unused if LANES is 4, but must stay inside the array.
         const int next = LANES > 4 ? 4 : 0, last = LANES > 4 ? LANES - 8 : 0;
         const Floats even = even_quads(quads[k], quads[next + k]), odd = odd_quads(quads[k], quads[next + k]);
         if constexpr (LANES == 8) {
@@ -79,7 +79,7 @@ INLINE Floats permute(Floats v, Ints order) {
 #endif
 }
 
-// Reads one of three interleaved channels: of three vectors each lane holds the channel in exactly one.
+// Reads one of three interleaved channels: among three vectors, each lane holds the channel in exactly one.
 class Deinterleave {
     Mask second, third;
     Ints order;

@@ -1,4 +1,4 @@
-// Vectors of LANES floats for AVX-512, AVX2 and, through the compiler's vector extension, anything else.
+// Vectors of LANES floats for AVX-512, AVX2 and, through the compiler's vector extension, any other processor.
 #pragma once
 
 #include <cstdint>
@@ -53,7 +53,7 @@ INLINE Ints int_ramp() {
 }
 
 // 2^x by a polynomial of degree 5 in the fraction of x; relative error below 2e-7 for -126 <= x < 127.
-// A lane outside of that range holds no defined value.
+// Lanes outside this range are undefined.
 #if defined(__AVX512F__)
 
 INLINE Floats fma(Floats a, Floats b, Floats c) { return _mm512_fmadd_ps(a, b, c); }
@@ -84,9 +84,9 @@ INLINE Floats exp2(Floats x) {
     p = fma(p, f, broadcast(9.99999925e-1f));
     return _mm512_scalef_ps(p, x);
 }
-// The lanes of `v` in `m`, moved together to the front.
+// Moves the lanes of `v` in `m` to the front.
 INLINE Floats compress(Mask m, Floats v) { return _mm512_maskz_compress_ps(m, v); }
-// Half of the way to the sums over lanes: interleaves a and b and adds, over pairs that lie 1, 2, 4 and 8 apart.
+// One step of the sum over lanes: interleaves a and b and adds pairs that are 1, 2, 4 or 8 lanes apart.
 template <int LEVEL>
 INLINE Floats fold(Floats a, Floats b) {
     if constexpr (LEVEL == 0) return Floats(_mm512_unpacklo_ps(a, b)) + Floats(_mm512_unpackhi_ps(a, b));
@@ -149,7 +149,7 @@ INLINE Floats reciprocal(Floats x) {
 #endif
 }
 INLINE Floats exp2(Floats x) {
-    // Adding 1.5 * 2^23 rounds to an integer, which then stands in the lowest bits.
+    // Adding 1.5 * 2^23 rounds to an integer, which is then in the lowest bits.
     const Floats shift = broadcast(12582912.0f);
     Floats t = x + shift;
     Floats f = x - (t - shift);
@@ -217,7 +217,7 @@ INLINE float sum_of(Floats v) {
     return s;
 }
 
-// The first n of N vectors become ceil(n / 2), and so on: lane i of the result is the sum over lanes of v[i].
+// Folds the first n of N vectors into ceil(n / 2), repeatedly: lane i of the result is the sum over lanes of v[i].
 template <int N, int LEVEL = 0>
 INLINE Floats sums_over_lanes(const Floats* v) {
     if constexpr (LEVEL == LEVELS) {
@@ -233,7 +233,7 @@ INLINE Floats sums_over_lanes(const Floats* v) {
 
 constexpr int padded(int n) { return (n + LANES - 1) / LANES * LANES; }
 
-// out[i] += the sum over lanes of v[i], i < N; `out` holds padded(N) floats, of which those from N on become garbage.
+// out[i] += sum over lanes of v[i] for i < N. `out` holds padded(N) floats; those from N on are undefined afterwards.
 template <int N>
 INLINE void add_sums_over_lanes(const Floats* v, float* out) {
     constexpr int HEAD = N < LANES ? N : LANES;

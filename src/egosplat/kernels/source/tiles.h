@@ -1,9 +1,9 @@
-// Which Gaussians reach which tile, nearest first.
+// The Gaussians that reach each tile, nearest first.
 //
-// The image is cut into bands of ROWS rows, and each band into tiles of LANES columns. A Gaussian is entered
-// exactly where its opacity is at least MIN_ALPHA: with T = log2(opacity / MIN_ALPHA) that is u^2 + v^2 <= T for
+// The image is cut into bands of ROWS rows, and each band into tiles of LANES columns. A Gaussian belongs to exactly
+// the tiles where its alpha reaches MIN_ALPHA. With T = log2(opacity / MIN_ALPHA) that is u^2 + v^2 <= T, where
 //     u = l11 (x - mx) + l21 (y - my),   v = l22 (y - my),
-// the Cholesky factor of log2(e) / 2 times the conic. A sum of squares cannot turn negative by rounding.
+// use the Cholesky factor of log2(e) / 2 times the conic. A sum of squares cannot turn negative by rounding.
 #pragma once
 
 #include <algorithm>
@@ -18,36 +18,36 @@ namespace egosplat {
 constexpr int ROWS = 16;
 constexpr float MIN_ALPHA = 1 / 255.0f, MAX_ALPHA = 0.999f, MIN_TRANSMITTANCE = 1e-4f;
 constexpr float LOG2_MIN_ALPHA = -7.99435343685886f;
-// How much further than its edge a Gaussian is looked for, in log2 of alpha, so that rounding loses no pixel.
+// Margin around the edge of a Gaussian, in log2 of alpha, so that rounding loses no pixel.
 constexpr float SLACK = 1e-3f;
-// How many steps before its use a number far away in memory is asked for.
+// Prefetch distance for random accesses, in loop iterations.
 constexpr size_t LOOKAHEAD = 16;
 
-// A visible Gaussian as the inner loops need it, 32 bytes.
+// A visible Gaussian in the form of the inner loops, 32 bytes.
 struct Splat {
     float mx, my;         // mean [px]
     float l11, l21, l22;  // Cholesky factor, see above
     float log2_opacity;
     float opacity;
-    int32_t id;  // its place among all Gaussians
+    int32_t id;  // its index among all Gaussians
 };
 
 struct Tiles {
     int width, height, columns, bands;
     std::vector<Splat> splats;           // visible, nearest first
-    std::vector<int32_t> band_begin;     // of each band and the end, into `members`
-    std::vector<int32_t> members;        // places in `splats`, by band, nearest first
-    std::vector<int32_t> first_member;   // of each splat and the end, into `member_of`
-    std::vector<int32_t> member_of;      // places in `members`, by splat
-    std::vector<std::vector<int32_t>> tile_begin;  // by band: of each tile and the end, into `entries`
-    std::vector<std::vector<int32_t>> entries;     // by band: places within the band's members, by tile, nearest first
+    std::vector<int32_t> band_begin;     // start of each band, and the end, in `members`
+    std::vector<int32_t> members;        // indices into `splats`, by band, nearest first
+    std::vector<int32_t> first_member;   // start of each splat, and the end, in `member_of`
+    std::vector<int32_t> member_of;      // indices into `members`, by splat
+    std::vector<std::vector<int32_t>> tile_begin;  // by band: start of each tile, and the end, in `entries`
+    std::vector<std::vector<int32_t>> entries;     // by band: indices into its members, by tile, nearest first
 };
 
 struct Rectangle {
     int x0, x1, y0, y1;  // first and last pixel, inclusive
 };
 
-// The depth's bits sort as the depth does, since it is positive. Stable: equal depths keep their order.
+// Sorts the bits of depths, which order like the positive depths. Stable: equal depths keep their order.
 inline void sort_by_depth(std::vector<uint64_t>& keys, std::vector<uint64_t>& scratch) {
     constexpr int BITS = 11, BUCKETS = 1 << BITS;
     scratch.resize(keys.size());
@@ -61,7 +61,7 @@ inline void sort_by_depth(std::vector<uint64_t>& keys, std::vector<uint64_t>& sc
     }
 }
 
-// `spread` is the variance in y, 1 / (c - b^2 / a): of a long Gaussian's conic that difference has few digits left.
+// `spread` is the variance in y, 1 / (c - b^2 / a). For elongated Gaussians, that difference has few digits left.
 inline bool make_splat(int id, const float* mean, const float* conic, const float* spread, float opacity,
                        Splat& splat) {
     const double a = conic[0], b = conic[1], c = conic[2], rest = spread ? 1.0 / *spread : c - b * b / a;
@@ -81,7 +81,7 @@ inline int last_pixel(float edge, int last) {
     return int(std::min(std::max(std::floor(edge - 0.5f), -1.0f), float(last)));
 }
 
-// The pixels that the splat's ellipse may touch; false where there are none.
+// The pixels that the ellipse of the splat may touch; returns false if there are none.
 inline bool bounds(const Splat& s, int width, int height, Rectangle& box) {
     const float reach = std::sqrt(s.log2_opacity - LOG2_MIN_ALPHA + SLACK);
     const float half_y = reach / s.l22, half_x = half_y * std::sqrt(s.l21 * s.l21 + s.l22 * s.l22) / s.l11;
@@ -91,7 +91,7 @@ inline bool bounds(const Splat& s, int width, int height, Rectangle& box) {
     return box.x0 <= box.x1 && box.y0 <= box.y1;
 }
 
-// First and last column of pixels of the ellipse within the rows y0 to y1 (their centres).
+// First and last column of pixels of the ellipse in the rows y0 to y1 (pixel centres).
 inline bool columns_within(const Splat& s, int width, float y0, float y1, int& x0, int& x1) {
     const float t = s.log2_opacity - LOG2_MIN_ALPHA + SLACK, reach = std::sqrt(t);
     const float steepest = s.l21 * reach / (s.l22 * std::sqrt(s.l21 * s.l21 + s.l22 * s.l22));
@@ -101,7 +101,7 @@ inline bool columns_within(const Splat& s, int width, float y0, float y1, int& x
         const float rest = std::max(t - s.l22 * s.l22 * dy * dy, 0.0f);
         return s.mx + (sign * std::sqrt(rest) - s.l21 * dy) / s.l11;
     };
-    // A hundredth of a pixel covers the rounding of these few operations.
+    // The margin of 0.01 px covers the rounding of these operations.
     x0 = first_pixel(edge(steepest, -1) - 0.01f, width);
     x1 = last_pixel(edge(-steepest, 1) + 0.01f, width - 1);
     return x0 <= x1;
@@ -127,7 +127,7 @@ inline void enter_band(Tiles& tiles, int band) {
         for (int t = reach[m].first; t <= reach[m].second; t++) entries[next[t]++] = m;
 }
 
-// Fills `tiles`; `radii` (n, 2) is 0 for Gaussians that were culled before; `spreads` (n,) may be null.
+// Fills `tiles`. `radii` (n, 2) is 0 for culled Gaussians; `spreads` (n,), variances in y, may be null.
 inline void fill_tiles(Tiles& tiles, int n, int width, int height, const float* means, const float* conics,
                        const float* spreads, const float* opacities, const float* depths, const int32_t* radii,
                        int threads) {

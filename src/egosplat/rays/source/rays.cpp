@@ -1,7 +1,7 @@
-// Rays cast at triangles, with the same result on every processor.
+// Ray casting against triangles, with the same result on every processor.
 //
-// Only additions, multiplications, divisions and comparisons decide, which IEEE 754 defines to the last bit. Compiled with
-// -ffp-contract=off: no product and sum is rounded as one where the processor could.
+// Only additions, multiplications, divisions and comparisons decide; IEEE 754 defines them to the last bit. Compiled
+// with -ffp-contract=off, because a fused multiply-add rounds once instead of twice.
 #include "tree.h"
 
 #ifdef __FAST_MATH__
@@ -15,7 +15,7 @@ extern "C" {
 
 const char* rays_source_hash() { return EGOSPLAT_SOURCE_HASH; }
 
-// (V, 3) vertices, (F, 3) numbers of vertices. Null where memory does not suffice.
+// (V, 3) vertices, (F, 3) vertex numbers. Returns null if out of memory.
 void* rays_build(const float* vertices, const int32_t* faces, int64_t count) {
     try {
         return new Tree(vertices, faces, count);
@@ -26,7 +26,7 @@ void* rays_build(const float* vertices, const int32_t* faces, int64_t count) {
 
 void rays_free(void* tree) { delete static_cast<Tree*>(tree); }
 
-// Rays from origins + i * stride along (N, 3) directions.
+// Casts rays from origins + i * stride along (N, 3) directions.
 void rays_cast(const void* tree, int64_t count, const float* origins, int64_t stride, const float* directions, int32_t* face,
                float* distance, float* u, float* v) {
     for (int64_t i = 0; i < count; i++) {
@@ -37,7 +37,7 @@ void rays_cast(const void* tree, int64_t count, const float* origins, int64_t st
     }
 }
 
-// Whether anything lies within reach of each ray.
+// Tests whether each ray hits anything within its reach.
 void rays_blocked(const void* tree, int64_t count, const float* origins, int64_t stride, const float* directions,
                   const float* reach, uint8_t* blocked) {
     for (int64_t i = 0; i < count; i++) {

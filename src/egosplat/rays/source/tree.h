@@ -1,7 +1,7 @@
-// A tree of boxes around triangles, four branches a node.
+// A tree of bounding boxes around triangles, with four branches per node.
 //
-// It only leaves out triangles that a ray cannot meet: boxes are a little larger than what they hold, by more than the
-// rounding of the box test, which is in float32. So the result is the same as of trying all triangles.
+// It only skips triangles that a ray cannot hit: boxes are enlarged by more than the rounding error of the box test,
+// which uses float32. So the result is the same as testing all triangles.
 #pragma once
 
 #include <algorithm>
@@ -18,7 +18,7 @@ typedef int32_t FourInts __attribute__((vector_size(16)));
 
 constexpr float INF = std::numeric_limits<float>::infinity();
 constexpr int LEAF = 4, BINS = 16, DEEPEST = 60;
-// Factor on a box test's far end, and share of the largest coordinate by which boxes are larger than what they hold.
+// Factor on the far end of a box test, and enlargement of boxes as a fraction of the largest coordinate.
 constexpr float SLACK = 1 + 1e-6f, MARGIN = 1e-6f;
 
 struct Box {
@@ -38,7 +38,7 @@ struct Box {
 
 struct Node {
     Four low[3], high[3];
-    // Where a branch begins: a node's number, or the first triangle of a leaf. Triangles in a leaf; 0: a node.
+    // Start of each branch: the number of a node, or the first triangle of a leaf. Triangles in a leaf; 0 for a node.
     int32_t begin[4], count[4];
 };
 
@@ -65,7 +65,7 @@ class Tree {
         return r;
     }
 
-    // Where to part a range: the cheapest of BINS - 1 planes along the axis in which the middles are spread widest.
+    // The split of a range: the cheapest of BINS - 1 planes along the axis with the widest spread of centres.
     static int part(std::vector<Item>& items, const Range& r) {
         Box spread;
         for (int i = r.begin; i < r.end; i++) spread.add({items[i].middle, items[i].middle});
@@ -112,7 +112,7 @@ class Tree {
                 if (parts[k].size() > LEAF && (largest < 0 || parts[k].box.area() > parts[largest].box.area())) largest = k;
             if (largest < 0) break;
             const Range whole = parts[largest];
-            // Very deep, halves are taken: the stack that a ray needs is bounded.
+            // Deep nodes are split in halves, which bounds the stack of a ray.
             const int middle = depth < 24 ? part(items, whole) : whole.begin + whole.size() / 2;
             parts[largest] = range(items, whole.begin, middle);
             parts[used++] = range(items, middle, whole.end);
@@ -126,7 +126,7 @@ class Tree {
             if (there) begin = leaf ? r.begin : grow(items, r, depth + 1);
             Node& node = nodes[number];
             for (int axis = 0; axis < 3; axis++) {
-                // A branch that is not there has a box that no ray meets.
+                // A missing branch gets a box that no ray meets.
                 node.low[axis][k] = there ? r.box.low[axis] - margin : INF;
                 node.high[axis][k] = there ? r.box.high[axis] + margin : INF;
             }
@@ -162,14 +162,14 @@ public:
         }
     }
 
-    // The nearest hit up to a distance; with `any`, the first one that is found, of which only the face's sign counts.
+    // The nearest hit up to a distance; with `any`, the first hit found, whose face is valid only in its sign.
     Hit cast(const float* origin, const float* direction, double reach, bool any) const {
         const Ray ray(origin, direction);
         Hit best{reach, 0, 0, -1};
         float inverse[3];
         for (int axis = 0; axis < 3; axis++) {
             const float d = direction[axis];
-            // A ray along a side of the box: far away instead of infinite, as 0 times infinity is no number.
+            // A ray parallel to a side of the box: far away, not infinite, because 0 times infinity is NaN.
             inverse[axis] = 1 / (std::fabs(d) > 1e-18f ? d : std::copysign(1e-18f, d));
         }
         struct Entry {
@@ -201,7 +201,7 @@ public:
                 for (int i = 0; i < node.count[k]; i++) meet(ray, triangles[node.begin[k] + i], best);
                 if (any && best.face >= 0) return best;
             }
-            // The nearest branch is taken first.
+            // Visit the nearest branch first.
             std::sort(stack + first, stack + top, [](const Entry& a, const Entry& b) { return a.near > b.near; });
         }
         return best;

@@ -1,7 +1,7 @@
-// Where a ray meets a triangle, in float64.
+// Intersection of a ray with a triangle, in float64.
 //
-// The test of Woop, Benthin and Wald (Watertight Ray/Triangle Intersection, 2013): the axes are sheared so that the ray
-// is the third one. Two triangles evaluate their common edge with the same products, so no ray passes between them.
+// Woop, Benthin and Wald, Watertight Ray/Triangle Intersection, 2013: the axes are sheared so that the ray becomes
+// the third one. Two triangles compute their shared edge with the same products, so no ray passes between them.
 #pragma once
 
 #include <cmath>
@@ -38,8 +38,8 @@ struct Ray {
     }
 };
 
-// Replaces `best` by the triangle's hit where that is nearer; of equally near ones the first face counts, so that the
-// result does not depend on the order in which triangles are tried.
+// Replaces `best` by the hit of the triangle if that is nearer. Among equally near hits the first face wins, so the
+// result does not depend on the order in which triangles are tested.
 inline void meet(const Ray& ray, const Triangle& triangle, Hit& best) {
     double px[3], py[3], pz[3];
     for (int k = 0; k < 3; k++) {

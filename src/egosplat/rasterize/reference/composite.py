@@ -1,4 +1,4 @@
-"""Front-to-back compositing of 2D Gaussians, tile by tile (3DGS section 6)."""
+"""Front-to-back compositing of 2D Gaussians, tile by tile (3DGS, section 6)."""
 
 import torch
 from torch import Tensor
@@ -19,7 +19,7 @@ def composite(
     width: int,
     height: int,
 ) -> tuple[Tensor, Tensor]:
-    """Composite the channels of Gaussians in one image, nearest first, on nothing.
+    """Composite the channels of Gaussians in one image, nearest first, without a background.
 
     Gradients reach ``means2d``, ``conics``, ``opacities`` and ``channels``.
 
@@ -29,14 +29,14 @@ def composite(
         opacities: (N,).
         channels: (N, X).
         depths: (N,); equal depths keep the order of the Gaussians.
-        radii: (N, 2) int32 half extents [px]; Gaussians with 0 are left out.
+        radii: (N, 2) int32 half extents [px]; Gaussians with radius 0 are skipped.
 
     Returns:
         (H, W, X) weighted sums and (H, W, 1) accumulated alpha.
     """
     columns, rows = -(-width // TILE), -(-height // TILE)
     ids, counts = intersect_tiles(means2d, depths, radii, columns, rows)
-    # A channel of ones accumulates alpha. One gather for all tiles: its gradient is one scatter.
+    # A channel of ones accumulates alpha. One gather for all tiles makes the gradient one scatter.
     ones = torch.ones_like(opacities)
     table = torch.cat([means2d, conics, opacities[:, None], channels, ones[:, None]], dim=-1)
     tiles = table.index_select(0, ids).split(counts.tolist())
@@ -51,7 +51,7 @@ def composite(
 def intersect_tiles(
     means2d: Tensor, depths: Tensor, radii: Tensor, columns: int, rows: int
 ) -> tuple[Tensor, Tensor]:
-    """Which Gaussians reach into which tile, by their bounding rectangles.
+    """Find the Gaussians that reach each tile, by their bounding rectangles.
 
     Args:
         means2d, depths, radii: as for ``composite``.
@@ -59,14 +59,14 @@ def intersect_tiles(
 
     Returns:
         (I,) int64 indices of Gaussians, tile after tile (row-major) and nearest first within each;
-        (rows * columns,) int64 their number in each tile.
+        (rows * columns,) int64 number of Gaussians in each tile.
     """
     with torch.no_grad():
         visible = (radii > 0).all(dim=-1).nonzero().squeeze(-1)
         order = visible[depths[visible].argsort(stable=True)]
         grid = means2d.new_tensor([columns, rows])
         centers, extents = means2d[order], radii[order].to(means2d.dtype)
-        # Clamped as floating-point numbers: a huge extent does not fit an integer.
+        # Clamp before the conversion to integers, which a huge extent would overflow.
         first = ((centers - extents) / TILE).floor().clamp(min=0.0).minimum(grid).long()
         last = ((centers + extents) / TILE).ceil().clamp(min=0.0).minimum(grid).long()
         spans = (last - first).clamp(min=0)
@@ -87,12 +87,12 @@ def _composite_tile(table: Tensor, column: int, row: int) -> Tensor:
     mean_x, mean_y, conic_xx, conic_xy, conic_yy, opacity = table[:, :6].T.unbind()
     centers = torch.arange(TILE, dtype=table.dtype, device=table.device) + 0.5
     dx, dy = (centers + column * TILE)[:, None] - mean_x, (centers + row * TILE)[:, None] - mean_y
-    # sigma(y, x, Gaussian), with as few operations of that full size as possible.
+    # sigma[y, x, Gaussian]; the parentheses keep most products smaller than that.
     sigma = (conic_xy * dy)[:, None] * dx + (0.5 * conic_xx * dx * dx) + (0.5 * conic_yy * dy * dy)[:, None]
     alpha = (opacity * torch.exp(-sigma)).clamp(max=MAX_ALPHA)
     alpha = torch.where((sigma >= 0) & (alpha >= ALPHA_THRESHOLD), alpha, 0.0)
     transmittance = (1.0 - alpha).cumprod(dim=-1)
     before = torch.cat([alpha.new_ones(TILE, TILE, 1), transmittance], dim=-1)[..., :-1]
-    # The running product never rises: after the Gaussian that ends the pixel this stays false.
+    # The running product never rises, so this stays false after the Gaussian that ends the pixel.
     weights = alpha * before * (transmittance > MIN_TRANSMITTANCE)
     return weights @ table[:, 6:]

@@ -1,4 +1,4 @@
-"""The rasterizer in plain PyTorch: the definition that every other backend is tested against."""
+"""The rasterizer in plain PyTorch: the definition that the other backends are tested against."""
 
 from typing import Any
 
@@ -6,17 +6,17 @@ import torch
 from torch import Tensor
 
 from egosplat.rasterize.channels import camera_centers, finish, stack_channels, usable_gaussians
-from egosplat.rasterize.composite_reference import composite
 from egosplat.rasterize.contract import Arguments, Render, shows_colors
-from egosplat.rasterize.projection_reference import Projected, project
-from egosplat.rasterize.sh_reference import spherical_harmonics
+from egosplat.rasterize.reference.composite import composite
+from egosplat.rasterize.reference.projection import Projected, project
+from egosplat.rasterize.reference.spherical_harmonics import spherical_harmonics
 
 
 def rasterization(arguments: Arguments) -> Render:
     """``api.rasterization`` with autograd, in float32 or float64, on any device."""
     a = arguments
     values = [value for value in (a.means, a.scales, a.opacities, a.colors, a.features) if value is not None]
-    # A Gaussian of opacity 0 is culled, whatever its other numbers are.
+    # ``project`` culls a Gaussian of opacity 0, whatever its other numbers are.
     opacities = torch.where(usable_gaussians(a.quats, *values), a.opacities, 0.0)
     projections = [
         project(
@@ -62,12 +62,12 @@ def rasterization(arguments: Arguments) -> Render:
 
 
 def view_colors(means: Tensor, coeffs: Tensor, center: Tensor, sh_degree: int, radii: Tensor) -> Tensor:
-    """Colours of the visible Gaussians seen from a camera centre: ``max(SH + 0.5, 0)``; 0 for the rest.
+    """Colours of the visible Gaussians from a camera centre: ``max(SH + 0.5, 0)``; 0 for the others.
 
     Args:
         means: (N, 3) [m].
         coeffs: (N, K, 3).
-        center: (3,) of the camera in the world [m].
+        center: (3,) camera centre in the world [m].
         radii: (N, 2), 0 where culled.
 
     Returns:

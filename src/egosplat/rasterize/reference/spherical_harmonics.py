@@ -1,4 +1,4 @@
-"""Real spherical harmonics up to degree 3, with the order and signs of 3DGS."""
+"""Real spherical harmonics up to degree 3, in the order and with the signs of 3DGS."""
 
 import math
 
@@ -8,15 +8,15 @@ from torch import Tensor
 
 
 def spherical_harmonics(degree: int, dirs: Tensor, coeffs: Tensor) -> Tensor:
-    """Evaluate spherical harmonics; the constant 0.5 of 3DGS colours is not added.
+    """Evaluate spherical harmonics, without the constant 0.5 of 3DGS colours.
 
     Coefficient l² + l + m belongs to the real harmonic Y_lm with the Condon-Shortley phase: degree 1
     is (-y, z, -x), as in 3DGS (Kerbl et al. 2023) and gsplat.
 
     Args:
-        degree: the highest degree used, 0 to 3.
-        dirs: (N, 3), not necessarily of unit length.
-        coeffs: (N, K, 3) with K >= (degree + 1)²; the rest is not read.
+        degree: highest degree to evaluate, 0 to 3.
+        dirs: (N, 3) of any length.
+        coeffs: (N, K, 3) with K >= (degree + 1)²; further ones are ignored.
 
     Returns:
         (N, 3).
@@ -26,10 +26,10 @@ def spherical_harmonics(degree: int, dirs: Tensor, coeffs: Tensor) -> Tensor:
 
 
 def sh_basis(degree: int, dirs: Tensor) -> Tensor:
-    """(N, (degree + 1)²) values of the functions in directions of unit length, (N, 3); ``degree`` from 0 to 3."""
+    """(N, (degree + 1)²) values of the functions in (N, 3) unit directions; ``degree`` is 0 to 3."""
     x, y, z = dirs.unbind(dim=-1)
     xx, yy, zz = x * x, y * y, z * z
-    # Each factor makes the square of its function integrate to 1 over the sphere.
+    # The factors normalise each function: its square integrates to 1 over the sphere.
     functions = [torch.full_like(x, _norm(1 / 4))]
     if degree >= 1:
         functions += [-_norm(3 / 4) * y, _norm(3 / 4) * z, -_norm(3 / 4) * x]

@@ -1,4 +1,4 @@
-"""EWA projection of 3D Gaussians into one pinhole camera (Zwicker et al. 2002; 3DGS section 4)."""
+"""EWA projection of 3D Gaussians into one pinhole camera (Zwicker et al. 2002; 3DGS, section 4)."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from torch import Tensor
 from egosplat.rasterize.contract import ALPHA_THRESHOLD, FRUSTUM_MARGIN
 
 MAX_RADIUS = 2**24
-"""Bound of the radii [px]: a whole number in float32 and in int32, beyond any image."""
+"""Upper bound of the radii [px]: exact in float32 and int32, larger than any image."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Projected:
 
 @dataclass(frozen=True)
 class _Footprints:
-    """The 2D Gaussians before culling: covariances (N, 3) are blurred, ``dets`` their determinants."""
+    """2D Gaussians before culling: blurred covariances (N, 3) and ``dets``, their determinants."""
 
     means2d: Tensor
     depths: Tensor
@@ -59,10 +59,10 @@ def project(
 ) -> Projected:
     """Project Gaussians and cull those that cannot be seen.
 
-    Culled are Gaussians outside of the near and far planes, with opacity below 1/255, with both radii
-    at most ``radius_clip``, that miss the image, or whose projection is not finite and positive definite,
-    as that of a quaternion of length 0.
-    Gradients reach ``means``, ``quats``, ``scales``, ``opacities`` and ``viewmat``.
+    A Gaussian is culled if it lies outside the near and far planes, has an opacity below 1/255, has both radii
+    at most ``radius_clip``, misses the image, or has a projection that is not finite and positive definite
+    (as with a quaternion of length 0). Gradients reach ``means``, ``quats``, ``scales``, ``opacities`` and
+    ``viewmat``.
 
     Args:
         means: (N, 3) in the world [m].
@@ -74,7 +74,7 @@ def project(
         eps2d: added to both variances in the image [px²].
     """
     arguments = (viewmat, *K[[0, 1, 0, 1], [0, 1, 2, 2]].tolist(), width, height, eps2d, antialiased)
-    # Culling first, without a graph: what is culled then cannot send NaN into the gradients.
+    # Cull first, without a graph, so that culled Gaussians cannot put NaN into the gradients.
     with torch.no_grad():
         footprints = _footprints(means, quats, scales, opacities, *arguments)
         radii = _radii(footprints)
@@ -113,7 +113,7 @@ def _footprints(
 ) -> _Footprints:
     rotation = viewmat[:3, :3]
     x, y, z = (means @ rotation.T + viewmat[:3, 3]).unbind(dim=-1)
-    # Far outside the image the linearisation is worthless: it is made at the edge of a wider frustum.
+    # The linearisation is worthless far outside the image: clamp its point to a slightly wider frustum.
     margin_x, margin_y = FRUSTUM_MARGIN * 0.5 * width / fx, FRUSTUM_MARGIN * 0.5 * height / fy
     slope_x = (x / z).clamp(-cx / fx - margin_x, (width - cx) / fx + margin_x)
     slope_y = (y / z).clamp(-cy / fy - margin_y, (height - cy) / fy + margin_y)
@@ -125,7 +125,7 @@ def _footprints(
     root_u = torch.einsum("ni,nij->nj", jacobian_u, axes)
     root_v = torch.einsum("ni,nij->nj", jacobian_v, axes)
     uu, uv, vv = (root_u * root_u).sum(-1), (root_u * root_v).sum(-1), (root_v * root_v).sum(-1)
-    # Lagrange's identity: for a needle, uu * vv - uv * uv loses all its digits in float32.
+    # Lagrange's identity: uu * vv - uv * uv would lose all digits in float32 for elongated Gaussians.
     det = torch.linalg.cross(root_u, root_v).square().sum(-1)
     blurred_det = det + eps2d * (uu + vv) + eps2d * eps2d
     if antialiased:
@@ -162,7 +162,7 @@ def _inverse(covariances: Tensor, dets: Tensor) -> Tensor:
 
 
 def _radii(footprints: _Footprints) -> Tensor:
-    """Half extents (N, 2) [px] of where alpha >= 1/255, rounded up; 0 where there are none or not finite."""
+    """Half extents (N, 2) [px] of the region with alpha >= 1/255, rounded up; 0 if empty or not finite."""
     extents = (2.0 * (footprints.opacities / ALPHA_THRESHOLD).log()).sqrt()
     radii = (extents[:, None] * footprints.covariances[:, [0, 2]].sqrt()).ceil()
     usable = (footprints.dets > 0) & footprints.dets.isfinite() & radii.isfinite().all(dim=-1)
