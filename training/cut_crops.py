@@ -1,8 +1,8 @@
-"""Cut crops of things, parts and subparts out of filmed worlds, for a small OpenCLIP to learn from.
+"""Cut crops of objects, parts and subparts out of rendered worlds, for training a small OpenCLIP.
 
     python -m training.cut_crops data/training data/crops --worlds 240
 
-Worlds that are cut already are kept, so that the same command goes on where it was stopped.
+Existing crop files are kept, so the same command resumes an interrupted run.
 """
 
 import argparse
@@ -16,7 +16,7 @@ from training.small_models.crops import cut_world
 def main() -> None:
     """Parse the command line and cut."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("input", type=Path, help="folder of filmed worlds")
+    parser.add_argument("input", type=Path, help="folder of rendered worlds")
     parser.add_argument("output", type=Path, help="folder of the crops, one file a world")
     parser.add_argument("--worlds", type=int, required=True, help="how many, from the first seed on")
     parser.add_argument("--processes", type=int, default=2, help="worlds cut at a time")

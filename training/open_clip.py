@@ -1,8 +1,8 @@
-"""Train the small OpenCLIP that comes with egosplat.
+"""Train the small OpenCLIP that is bundled with egosplat.
 
     python -m training.open_clip data/crops models/small_open_clip --steps 4000
 
-A run that was stopped goes on with the same command: its state is kept beside the model in ``state.pt``.
+The same command resumes an interrupted run from ``state.pt`` in the model's folder.
 """
 
 import argparse
@@ -22,16 +22,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("crops", type=Path, help="folder of crops")
     parser.add_argument("output", type=Path, help="folder of the model")
-    parser.add_argument("--steps", type=int, required=True, help="how many")
-    parser.add_argument("--until", type=int, help="step to stop at for now (default: the last)")
+    parser.add_argument("--steps", type=int, required=True, help="number of steps")
+    parser.add_argument("--until", type=int, help="stop at this step (default: the last)")
     parser.add_argument(
-        "--worlds", type=int, help="of how many worlds, from the first seed on (default: all)"
+        "--worlds", type=int, help="number of worlds to use, from the first seed on (default: all)"
     )
-    parser.add_argument(
-        "--seed", type=int, default=0, help="of weights, of what is drawn and of how it is seen"
-    )
-    parser.add_argument("--device", default="cpu", help="where to train")
-    parser.add_argument("--threads", type=int, default=1, help="of the CPU")
+    parser.add_argument("--seed", type=int, default=0, help="seed of weights, samples and augmentation")
+    parser.add_argument("--device", default="cpu", help="device to train on")
+    parser.add_argument("--threads", type=int, default=1, help="CPU threads")
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
     torch.manual_seed(args.seed)

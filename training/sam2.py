@@ -3,8 +3,8 @@
     python -m training.render_worlds data/training --worlds 300
     python -m training.sam2 data/training --output src/egosplat/models/small_sam2 --state data/sam2.pt
 
-The same command goes on where it was stopped. First single pictures with point prompts, then, in turns with
-them, clips in which masks are followed by memory.
+The same command resumes an interrupted run. Training starts with single images and point prompts. Later, every
+other step is on clips, in which masks are propagated by memory.
 """
 
 import argparse
@@ -34,25 +34,25 @@ from training.small_models.sam2_data import sample_clip, sample_prompts, sample_
 from training.small_models.sam2_losses import Guides
 from training.small_models.sam2_steps import Outcome, clip_step, picture_step
 from training.small_models.schedule import Average, half_precision, learning_rate, read_state, save_state
-from training.small_models.worlds import FilmedWorld, read_world
+from training.small_models.worlds import RenderedWorld, read_world
 
 CONFIG = Path(__file__).parents[1] / "src/egosplat/models/small_sam2/sam2.yaml"
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """What a run does; with the worlds and the seed it determines the result.
+    """Hyperparameters of a run; with the worlds and the seed they determine the result.
 
     Attributes:
-        steps: in all; clips_from: share of them after which every other one is on clips.
-        sides: of the pictures, each as often [px]: the model is to be of use at all of them.
-        pictures, points: of a picture step; clips, frames, tracks: of a clip step. Pictures and clips at the first
-            side; at another, as many as take as long.
+        steps: total number of steps; clips_from: fraction of them after which every other step is on clips.
+        sides: image sides to train on, equally often [px]; the model should work at each of them.
+        pictures, points: batch size and prompts of an image step; clips, frames, tracks: of a clip step. The batch
+            sizes are those at the first side; at another side they are scaled to take the same time.
         peak_rate, warm_up, decay: see ``learning_rate``; average: see ``Average``.
-        still: share of the clip steps over which clips of one drifting picture give way to filmed ones, at the
-            beginning; a third of all stay.
-        place_scale: of the frequencies in which places are told to the decoder, as multiples of SAM2's.
-        balance: see ``mask_loss``, at first; it is gone after ``balanced_steps`` of either kind.
+        still: fraction of the clip steps at the beginning over which clips of one drifting image are replaced by
+            rendered clips; a third of the drifting ones remain.
+        place_scale: frequencies of the decoder's positional encoding, as multiples of SAM2's.
+        balance: initial value, see ``mask_loss``; it falls to 0 over ``balanced_steps`` of each kind of step.
     """
 
     steps: int
@@ -78,22 +78,20 @@ class Recipe:
 def main() -> None:
     """Parse the command line and train."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("worlds", type=Path, help="folder that render_worlds.py made")
+    parser.add_argument("worlds", type=Path, help="folder of rendered worlds")
     parser.add_argument("--output", type=Path, required=True, help="folder for model.safetensors")
-    parser.add_argument("--state", type=Path, required=True, help="file from which a stopped run goes on")
-    parser.add_argument(
-        "--start", type=Path, help="weights to begin with (.safetensors), instead of random ones"
-    )
-    parser.add_argument("--steps", type=int, default=16_000, help="steps in all")
+    parser.add_argument("--state", type=Path, required=True, help="file of the resumable state")
+    parser.add_argument("--start", type=Path, help="initial weights (.safetensors; default: random)")
+    parser.add_argument("--steps", type=int, default=16_000, help="number of steps")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
-    parser.add_argument("--threads", type=int, default=2, help="of the CPU")
+    parser.add_argument("--threads", type=int, default=2, help="CPU threads")
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
     worlds = [read_world(folder) for folder in sorted(args.worlds.glob("[0-9]*"))]
     if not worlds:
         raise SystemExit(
-            f"{args.worlds}: holds no worlds; run python -m training.render_worlds {args.worlds}"
+            f"{args.worlds}: no worlds found. Run: python -m training.render_worlds {args.worlds} --worlds 300"
         )
     log(f"{len(worlds)} worlds, {args.steps} steps")
     try:
@@ -104,7 +102,7 @@ def main() -> None:
         signal.signal(number, run.stop)
     run.train()
     if run.stopped:
-        raise SystemExit(f"stopped at step {run.step}; the same command goes on from there")
+        raise SystemExit(f"stopped at step {run.step}; run the same command to resume")
     args.output.mkdir(parents=True, exist_ok=True)
     with atomic_file(args.output / "model.safetensors") as scratch:
         save_file(half_precision(run.average.weights), scratch)
@@ -112,19 +110,19 @@ def main() -> None:
 
 
 def recipe_of(args: argparse.Namespace) -> Recipe:
-    """What the command line asks for; weights that are not random move more slowly, and know that masks are small."""
+    """The recipe of the command line; from given weights, a lower learning rate and no class balance."""
     if args.start is None:
         return Recipe(args.steps, args.seed)
     return Recipe(args.steps, args.seed, peak_rate=8e-4, balance=0.0)
 
 
 class Run:
-    """A training run: model, optimizer, averaged weights and the step it has come to."""
+    """A training run: model, optimizers, averaged weights and the current step."""
 
     def __init__(
         self,
         recipe: Recipe,
-        worlds: list[FilmedWorld],
+        worlds: list[RenderedWorld],
         state: Path,
         device: torch.device,
         start: Path | None = None,
@@ -147,7 +145,7 @@ class Run:
             self._restore(saved)
 
     def _optimizers(self) -> list[torch.optim.Optimizer]:
-        """Muon for the matrices of linear layers, AdamW for the rest; Muon's rate is scaled to AdamW's."""
+        """Muon for the matrices of linear layers, AdamW for the rest; Muon's rate is scaled to match AdamW's."""
         recipe = self.recipe
         matrices = {
             id(layer.weight)
@@ -171,7 +169,7 @@ class Run:
             optimizer.load_state_dict(state)
         self.average.weights = saved["average"]
         self.step = saved["step"]
-        log(f"{self.state_path}: going on from step {self.step}")
+        log(f"{self.state_path}: resuming at step {self.step}")
 
     def _save(self) -> None:
         save_state(
@@ -184,7 +182,7 @@ class Run:
         )
 
     def train(self) -> None:
-        """Run to the last step, or until ``stop``; the state is saved every few minutes and then."""
+        """Train to the last step or until ``stop``; save the state every few minutes and at the end."""
         saved = said = began = time.monotonic()
         first = self.step
         with ThreadPoolExecutor(1) as pool:
@@ -203,14 +201,15 @@ class Run:
         self._save()
 
     def stop(self, *_: Any) -> None:
-        """End after the step in progress: in the middle of one, the state would be neither before nor after it."""
+        """Stop after the current step."""
+        # Stopping inside a step would save a state between two steps.
         self.stopped = True
 
     def _on_clips(self, step: int) -> bool:
         return step % 2 == 1 and step >= self.recipe.clips_from * self.recipe.steps
 
     def _sample(self, step: int) -> tuple[list[Any], list[Any]]:
-        """What a step learns from; a random stream of its own each, so that a resumed run sees the same."""
+        """Draw the samples of a step from its own random stream, so that a resumed run sees the same samples."""
         rng, recipe = np.random.default_rng([self.recipe.seed, step]), self.recipe
         side = int(rng.choice(recipe.sides))
         alike = (recipe.sides[0] / side) ** 2
@@ -237,7 +236,7 @@ class Run:
             for group in optimizer.param_groups:
                 group["lr"] = rate
         set_image_size(self.model, sampled[0][0].pictures.shape[1])
-        # The loss draws at random too: each step from a stream of its own, as the samples are.
+        # The loss draws random pixels: seed each step, so that a resumed run draws the same ones.
         torch.manual_seed(recipe.seed * 1_000_003 + self.step)
         begun = recipe.clips_from * recipe.steps if on_clips else 0
         balance = recipe.balance * max(0.0, 1 - (self.step - begun) / recipe.balanced_steps)
@@ -251,7 +250,7 @@ class Run:
                 optimizer.step()
             self.average.update(self.model, self.step)
         else:
-            log(f"step {self.step}: gradient not finite, left out")
+            log(f"step {self.step}: gradient not finite, step skipped")
         self.step += 1
         self.history["clips" if on_clips else "pictures"].append(
             np.r_[outcome.loss.item(), outcome.ious.cpu().numpy()]

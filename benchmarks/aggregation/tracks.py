@@ -10,7 +10,7 @@ from egosplat.features.crops import cut_crop, find_regions, resize
 from egosplat.features.encoding import encode
 from egosplat.models.open_clip_loader import OpenClip
 from egosplat.progress import track
-from training.small_models.worlds import FilmedWorld
+from training.small_models.worlds import RenderedWorld
 
 LEAST_SHARE = 0.0004
 """Least share of the frame that a view covers."""
@@ -48,7 +48,7 @@ class Tracks:
     shifted: Features
 
 
-def find_tracks(worlds: list[FilmedWorld], names: set[str], clip: OpenClip) -> Tracks:
+def find_tracks(worlds: list[RenderedWorld], names: set[str], clip: OpenClip) -> Tracks:
     """The tracks of all objects with one of these names and enough views."""
     world_of, name_of, things, right, wrong = [], [], [], [], []
     for number, world in enumerate(track(worlds, "encoding worlds", unit="world")):
@@ -71,7 +71,7 @@ def find_tracks(worlds: list[FilmedWorld], names: set[str], clip: OpenClip) -> T
 
 
 def _crops(
-    world: FilmedWorld, names: set[str], clip: OpenClip
+    world: RenderedWorld, names: set[str], clip: OpenClip
 ) -> Iterator[tuple[int, NDArray[np.uint8], NDArray[np.uint8]]]:
     """Object, crop, and crop with the slid mask, of every view of every frame."""
     wanted = clip.preprocessing

@@ -10,7 +10,7 @@ from benchmarks.rasterizer.scenes import SCENES, Problem, make_problem, make_sce
 from benchmarks.rasterizer.timing import Sample, sample
 from egosplat.kernels import library
 from egosplat.kernels.raster import composite
-from egosplat.rasterize import composite_reference
+from egosplat.rasterize.reference.composite import composite as composite_in_torch
 
 Run = Callable[[], tuple[Tensor, ...]]
 """Returns the image (H, W, X), then the gradients to means2d, conics, opacities and channels."""
@@ -29,7 +29,7 @@ def prepare_kernels(problem: Problem) -> Run:
             problem.depths,
             opacities,
             channels,
-            spreads=None,
+            variances_y=None,
             radii=problem.radii,
             background=None,
             width=problem.width,
@@ -46,7 +46,7 @@ def prepare_torch(problem: Problem) -> Run:
 
     def run() -> tuple[Tensor, ...]:
         size = (problem.width, problem.height)
-        render, _ = composite_reference.composite(*leaves, problem.depths, problem.radii, *size)
+        render, _ = composite_in_torch(*leaves, problem.depths, problem.radii, *size)
         return render.detach(), *torch.autograd.grad(render, leaves, problem.v_render)
 
     return run

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
-from egosplat.rasterize.projection_reference import project
+from egosplat.rasterize.reference.projection import project
 
 Array = NDArray[np.float64]
 

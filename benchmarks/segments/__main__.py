@@ -24,7 +24,7 @@ from egosplat.segments.classical.segmenter import segment_video
 from egosplat.segments.instances import Segmented, finalize_instances
 from egosplat.segments.options import SegmentsOptions
 from egosplat.segments.tracker import Tracker
-from training.small_models.worlds import NOTHING, FilmedWorld, read_world
+from training.small_models.worlds import NOTHING, RenderedWorld, read_world
 
 METHODS: dict[str, dict[str, Any]] = {
     "SAM2, initial frame": {"prompting": "initial_frame"},
@@ -55,7 +55,7 @@ def options(method: str) -> SegmentsOptions:
     return SegmentsOptions(**keys | {"prompting": "key_frames"} | METHODS[method])
 
 
-def segment(world: FilmedWorld, method: str, checkpoint: str) -> tuple[list[np.ndarray], float]:
+def segment(world: RenderedWorld, method: str, checkpoint: str) -> tuple[list[np.ndarray], float]:
     """(F,) final labels (3, H, W) of the first clip, and processor time of a frame [s]."""
     images, valid = world.rgb[0], world.subpart[0, 0] != NOTHING
     keys = options(method)
@@ -78,14 +78,14 @@ def final_labels(segmented: Segmented, min_frames: int) -> list[np.ndarray]:
     return [table[segmented.labels[frame]] for frame in range(len(segmented.labels))]
 
 
-def score(world: FilmedWorld, labels: list[np.ndarray]) -> list[VideoScores]:
+def score(world: RenderedWorld, labels: list[np.ndarray]) -> list[VideoScores]:
     """Scores of each level."""
     truth = [world.labels(world.subpart[0, frame]) for frame in range(len(labels))]
     pairs = list(zip(truth, labels, strict=True))
     return [score_level((true[level], found[level]) for true, found in pairs) for level in range(len(LEVELS))]
 
 
-def measure(world: FilmedWorld, method: str, checkpoint: str) -> pd.DataFrame:
+def measure(world: RenderedWorld, method: str, checkpoint: str) -> pd.DataFrame:
     """Scores and processor time of one world, a row for each level."""
     labels, seconds = segment(world, method, checkpoint)
     log(f"{method}: {seconds:.2f} CPU-s a frame")

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from egosplat.errors import UserError
 from training.small_models.levels import LEVELS
-from training.small_models.worlds import NOTHING, FilmedWorld
+from training.small_models.worlds import NOTHING, RenderedWorld
 
 SIZES = {"< 0.1 %": 0.0, "0.1-1 %": 0.001, "1-5 %": 0.01, "> 5 %": 0.05}
 """Classes of masks by the least share of the frame that they cover."""
@@ -65,7 +65,7 @@ def world_folders(folder: Path) -> list[Path]:
     return worlds
 
 
-def stills(world: FilmedWorld, every: int, rng: np.random.Generator) -> Iterator[Still]:
+def stills(world: RenderedWorld, every: int, rng: np.random.Generator) -> Iterator[Still]:
     """Every ``every``-th frame of the first clip, with up to 12 points at each level."""
     for frame in range(0, world.rgb.shape[1], every):
         labels = world.labels(world.subpart[0, frame])
@@ -84,7 +84,7 @@ def stills(world: FilmedWorld, every: int, rng: np.random.Generator) -> Iterator
         yield Still(rgb, labels[0] >= 0, np.array(points), np.stack(masks), np.array(levels))
 
 
-def film(world: FilmedWorld, count: int, rng: np.random.Generator) -> Film:
+def film(world: RenderedWorld, count: int, rng: np.random.Generator) -> Film:
     """The first clip with ``count`` wholes to track, those first that disappear and come back."""
     labels = world.labels(world.subpart[0])[2]
     first, areas = np.unique(labels[0], return_counts=True)

@@ -1,4 +1,4 @@
-"""What the surfaces of a synthetic world look like in words: names of colours, patterns and materials."""
+"""Words for the surfaces of a synthetic world: names of colours, patterns and materials."""
 
 from dataclasses import dataclass
 
@@ -34,12 +34,12 @@ _SHADES: dict[str, tuple[tuple[int, int, int], ...]] = {
     "purple": ((125, 55, 165), (85, 45, 115), (165, 120, 205)),
     "pink": ((225, 110, 165), (235, 165, 195), (190, 60, 130), (205, 130, 160)),
 }
-"""Typical shades (red, green, blue) of each colour; any other is named after the nearest one in CIE Lab."""
+"""Typical shades (red, green, blue) of each colour; other shades get the name of the nearest one in CIE Lab."""
 
 COLOURS = tuple(_SHADES)
 
 _SIDE = 24
-"""Textures are judged from as far away as where they have this many pixels."""
+"""Textures are judged at a distance at which they have this many pixels."""
 
 
 def _lab(rgb: NDArray[np.uint8]) -> Floats:
@@ -54,12 +54,12 @@ _SHADE_COLOUR = np.repeat(np.arange(len(COLOURS)), [len(shades) for shades in _S
 def colour_of(rgb: NDArray[np.uint8]) -> NDArray[np.int64]:
     """(N, 3) uint8 colours -> (N,) index into ``COLOURS``."""
     difference = _lab(rgb)[:, None] - _SHADE_LAB
-    # Hue decides more than lightness, which depends on the light as well.
+    # Lightness counts half, because it also depends on the illumination.
     return _SHADE_COLOUR[(difference**2 * (0.5, 1.0, 1.0)).sum(axis=-1).argmin(axis=1)]
 
 
 def colour_shares(texture: Texture) -> Floats:
-    """(len(COLOURS),) share of a texture's area that each colour has."""
+    """(len(COLOURS),) fraction of a texture's area in each colour."""
     small = cv2.resize(texture.pixels, (_SIDE, _SIDE), interpolation=cv2.INTER_AREA)
     counts = np.bincount(colour_of(small.reshape(-1, 3)), minlength=len(COLOURS))
     return (counts / counts.sum()).astype(np.float32)
@@ -67,10 +67,10 @@ def colour_shares(texture: Texture) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Appearance:
-    """The parts of a world.
+    """Colours and surfaces of the parts of a world.
 
     Attributes:
-        colours: (P, len(COLOURS)) float32 shares; surfaces: (P,) ``Texture.surface`` of each.
+        colours: (P, len(COLOURS)) float32 fractions; surfaces: (P,) ``Texture.surface`` of each part.
     """
 
     colours: Floats
@@ -78,7 +78,7 @@ class Appearance:
 
 
 def find_appearance(geometry: Geometry) -> Appearance:
-    """How the parts of a geometry look."""
+    """Find colours and surfaces of the parts of a geometry."""
     shares = np.stack([colour_shares(texture) for texture in geometry.textures])
     surfaces = [geometry.textures[number].surface for number in geometry.part_texture]
     return Appearance(shares[geometry.part_texture], tuple(surfaces))

@@ -1,4 +1,4 @@
-"""Captions of crops: phrases put together from what is true of them, and of which crops each caption is true."""
+"""Captions of crops: phrases about names and looks, and which crops each caption is true of."""
 
 import hashlib
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from training.small_models.crops import OWN_ARMS, Crops
 from training.small_models.levels import LEVELS
 
 Truth = NDArray[np.int8]
-"""1: true, 0: false, -1: neither."""
+"""1: true, 0: false, -1: undecided."""
 
 PATTERNS: dict[str, tuple[str, ...]] = {
     "plain": ("plain",),
@@ -49,37 +49,37 @@ MATERIALS: dict[str, tuple[str, ...]] = {
     "stone": ("stone",),
 }
 NOUNS = ("object", "thing", "item")
-"""What something is called of which only the looks are told."""
+"""Nouns for captions that describe looks only."""
 
 TEMPLATES = ("{}", "{}", "{}", "{}", "{a} {}", "the {}", "a photo of {a} {}", "a picture of the {}")
 _BARE = ("{} {noun}", "{} {noun}", "{}", "something {}")
 
 MAIN_SHARE, TRACE_SHARE = 0.4, 0.12
-"""Shares of a surface from which on a colour or material is true, and below which it is false."""
+"""A colour or material is true from the first fraction of a surface on, and false below the second."""
 
 _HELD_OUT_OF = 8
 
 
 def held_out(colour: str, category: str) -> bool:
-    """Whether things of a category are never shown in a colour while learning: one combination in eight."""
+    """Whether a category is never shown in a colour during training: one combination in eight."""
     digest = hashlib.sha256(f"{colour} {category}".encode()).digest()
     return int.from_bytes(digest[:4], "big") % _HELD_OUT_OF == 0
 
 
 def phrased(template: str, words: str, noun: str = "") -> str:
-    """Words in a template, with the article that they need."""
+    """Fill a template with words and the right article."""
     return template.format(words, a="an" if words[0] in "aeiou" else "a", noun=noun)
 
 
 @dataclass(frozen=True, eq=False)
 class Claims:
-    """All that captions are made of, each a column of ``facts``.
+    """The statements that captions are made of, one per column of ``facts``.
 
     Attributes:
-        phrases: for every column, what it is called.
-        groups: name of a kind of column -> its first and last + 1 column: ``whole``, ``kind``, ``part``, ``piece``
-            (a part of a certain whole), ``colour``, ``pattern``, ``material``.
-        concepts: of the columns up to ``colour``.
+        phrases: synonymous phrases of every column.
+        groups: kind of column -> first column and end: ``whole``, ``kind``, ``part``, ``piece`` (a part of a
+            certain whole), ``colour``, ``pattern``, ``material``.
+        concepts: the concepts of the columns before ``colour``.
     """
 
     phrases: tuple[tuple[str, ...], ...]
@@ -87,12 +87,12 @@ class Claims:
     concepts: tuple[Concept, ...]
 
     def columns(self, group: str) -> range:
-        """Those of a group."""
+        """Columns of a group."""
         return range(*self.groups[group])
 
 
 def make_claims(names: Sequence[str]) -> Claims:
-    """Everything that can be said of crops with the given names."""
+    """All statements about crops with the given names."""
     pieces = [_piece(name) for name in names if "/" in name]
     concepts = {"whole": whole_concepts(), "kind": kind_concepts(), "part": part_concepts(), "piece": pieces}
     phrases = {group: [one.phrases for one in listed] for group, listed in concepts.items()}
@@ -108,7 +108,7 @@ def make_claims(names: Sequence[str]) -> Claims:
 
 
 def _piece(name: str) -> Concept:
-    """A part of a certain whole: "cup handle", "handle of a mug"."""
+    """The concept of a part of a certain whole: "cup handle", "handle of a mug"."""
     whole, _, part = name.partition("/")
     words = next((phrases for phrases, parts in PARTS.items() if part in parts.split(",")), (part,))
     phrases = [f"{owner} {words[0]}" for owner in WHOLES[whole]]
@@ -117,7 +117,7 @@ def _piece(name: str) -> Concept:
 
 
 def facts(claims: Claims, crops: Crops) -> Truth:
-    """(N, columns) truth of every claim of every crop."""
+    """(N, columns) truth of every statement about every crop."""
     parts: dict[str, set[str]] = {}
     names, number = np.unique(crops.names, return_inverse=True)
     for whole, _, part in (name.partition("/") for name in names):
@@ -143,7 +143,7 @@ def facts(claims: Claims, crops: Crops) -> Truth:
 
 
 def _surface_shares(listed: str) -> NDArray[np.float64]:
-    """Shares of every pattern and material, from ``Crops.surfaces``."""
+    """Fractions of every pattern and material, from ``Crops.surfaces``."""
     words = [*PATTERNS, *MATERIALS]
     shares = np.zeros(len(words))
     for surface, share in (one.rsplit(":", 1) for one in listed.split(",") if one):
@@ -158,19 +158,19 @@ def _share_truth(shares: NDArray) -> Truth:
 
 
 def _colour_truth(shares: NDArray) -> Truth:
-    """Only the main colour is true."""
+    """Truth of colours: only the main colour can be true."""
     main = shares == shares.max(axis=1, keepdims=True)
     return np.where(main, _share_truth(shares), np.where(shares >= TRACE_SHARE, -1, 0)).astype(np.int8)
 
 
 def main_colour(crops: Crops) -> NDArray[np.int64]:
-    """(N,) index of the colour that a crop is said to have, -1 where none prevails."""
+    """(N,) index of the crop's main colour, -1 if none dominates."""
     truth = _colour_truth(crops.colours)
     return np.where((truth == 1).any(axis=1), crops.colours.argmax(axis=1), -1)
 
 
 def unseen_combination(crops: Crops) -> NDArray[np.bool_]:
-    """(N,) whether a crop shows a thing of a held-out combination of colour and category, or a part of one."""
+    """(N,) whether a crop shows an object, or a part of one, in a held-out combination of colour and category."""
     colour = main_colour(crops)
     whole = crops.level == LEVELS.index("whole")
     found = {
@@ -185,10 +185,10 @@ def unseen_combination(crops: Crops) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, eq=False)
 class Captions:
-    """Texts and what each claims.
+    """Texts and the statements that each makes.
 
     Attributes:
-        texts: T of them; columns: (T, 4) of ``facts``, -1 for none.
+        texts: T texts; columns: (T, 4) columns of ``facts``, -1 for none.
     """
 
     texts: tuple[str, ...]
@@ -201,13 +201,13 @@ class Captions:
 
 
 def joined(*several: Captions) -> Captions:
-    """All captions of several."""
+    """Concatenate captions."""
     texts = tuple(text for one in several for text in one.texts)
     return Captions(texts, np.concatenate([one.columns for one in several]))
 
 
 def bank(claims: Claims, rng: np.random.Generator) -> Captions:
-    """Every name and every single property once, in random words."""
+    """One caption for every name and every single property, in random words."""
     texts, columns = [], []
     for group in ("whole", "kind", "part"):
         for column in claims.columns(group):
@@ -225,11 +225,11 @@ def bank(claims: Claims, rng: np.random.Generator) -> Captions:
 
 _NOUN_GROUPS = ("piece", "part", "whole", "kind")
 _LOOKS = {"colour": 0.75, "pattern": 0.3, "material": 0.3}
-"""How often a caption tells of them, where there is anything to tell."""
+"""Probability that a caption mentions each property that the crop has."""
 
 
 def describe(claims: Claims, known: Truth, rng: np.random.Generator) -> Captions:
-    """A caption each of crops with (B, columns) facts: a name and how it looks."""
+    """One caption for each of the crops with (B, columns) facts: a name and its looks."""
     texts, columns = [], []
     for row in known:
         claimed, adjectives = [-1, -1, -1, -1], []

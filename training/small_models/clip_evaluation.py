@@ -1,4 +1,4 @@
-"""How well a small OpenCLIP tells crops of held-out worlds apart."""
+"""Evaluation of a small OpenCLIP on crops of held-out worlds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,12 +23,12 @@ _BATCH = 512
 _TEMPERATURE = 10.0
 
 SIZES = ((0, 15), (15, 30), (30, 60), (60, 10_000))
-"""Sides of crops' bounding squares [px] that are told apart, first and last + 1."""
+"""Ranges of the side of crops' bounding squares [px], first and end."""
 
 
 @dataclass(frozen=True)
 class Score:
-    """A share of crops, and how many there are."""
+    """A fraction of correct answers and the number of crops."""
 
     share: float
     count: int
@@ -38,13 +38,13 @@ class Score:
 
 
 def mean(right: NDArray[np.bool_]) -> Score:
-    """Share of those that are right."""
+    """Fraction of correct answers."""
     return Score(float(np.mean(right)) if len(right) else float("nan"), len(right))
 
 
 @torch.no_grad()
 def encode_patches(model: CLIP, patches: NDArray[np.uint8], covered: float = 0.0, seed: int = 0) -> Tensor:
-    """(N, D) of unit norm; of each mask a share may be covered from a random side."""
+    """(N, D) features of unit norm; a fraction of each mask can be covered from a random side."""
     rng = torch.Generator().manual_seed(seed)
     features = []
     for first in range(0, len(patches), _BATCH):
@@ -60,10 +60,10 @@ def encode_patches(model: CLIP, patches: NDArray[np.uint8], covered: float = 0.0
 
 
 class Exam:
-    """A model's answers about crops of worlds that it has not learned from."""
+    """Questions to a model about crops of worlds that it was not trained on."""
 
     def __init__(self, model: CLIP, tokenizer: SimpleTokenizer, crops: Crops) -> None:
-        """The model is to be in evaluation mode."""
+        """Args: ``model`` must be in evaluation mode."""
         self.model, self.tokenizer, self.crops = model, tokenizer, crops
         self.claims: Claims = make_claims(sorted(set(crops.names.tolist())))
         self.facts: Truth = facts(self.claims, crops)
@@ -77,17 +77,17 @@ class Exam:
         self.truth = np.argsort(self.names)[np.clip(self.truth, 0, len(self.names) - 1)]
 
     def texts(self, phrases: Sequence[str]) -> Tensor:
-        """(T, D) of unit norm."""
+        """(T, D) text features of unit norm."""
         return encode_texts(self.model, self.tokenizer, list(phrases))
 
     def categories(self, which: NDArray[np.bool_], features: Tensor | None = None, top: int = 1) -> Score:
-        """Share of wholes whose name is among the ``top`` nearest of all wholes' names."""
+        """Fraction of wholes whose name is among the ``top`` nearest of all wholes' names."""
         logits = (self.features if features is None else features)[which] @ self.texts(self.names).T
         best = logits.topk(top, dim=1).indices.numpy()
         return mean((best == self.truth[which][:, None]).any(axis=1))
 
     def objects(self, which: NDArray[np.bool_]) -> Score:
-        """``categories`` of things rather than crops: of the mean features of all that is seen of each."""
+        """``categories`` for objects instead of crops: from the mean features of all crops of an object."""
         rows = np.flatnonzero(which)
         keys = np.stack([self.crops.world[rows], self.crops.whole[rows]], axis=1)
         _, first, number = np.unique(keys, axis=0, return_index=True, return_inverse=True)
@@ -97,7 +97,7 @@ class Exam:
         return mean(best == self.truth[rows[first]])
 
     def covered(self, which: NDArray[np.bool_], share: float) -> Score:
-        """``categories`` with so much of each mask covered."""
+        """``categories`` with a fraction of each mask covered."""
         return self.categories(which, self._everywhere(which, share))
 
     def _everywhere(self, which: NDArray[np.bool_], share: float) -> Tensor:
@@ -106,7 +106,7 @@ class Exam:
         return features
 
     def pictures_of(self, texts: dict[str, Sequence[str]], which: NDArray[np.bool_], top: int = 1) -> Score:
-        """Share of texts for which the ``top`` crops found are of the name that they belong to, all counted."""
+        """Precision of the ``top`` nearest crops of each text; names with fewer crops are skipped."""
         right = []
         for name, phrases in texts.items():
             if (self.crops.names[which] == name).sum() < top:
@@ -116,7 +116,7 @@ class Exam:
         return mean(np.array(right, dtype=bool))
 
     def synonyms(self, which: NDArray[np.bool_]) -> Score:
-        """``categories`` with every name replaced by a word that is in no caption; each such word counts once."""
+        """``categories`` with a synonym in place of the crop's name, for every synonym that is in no caption."""
         right = []
         base = self.texts(self.names)
         for name, phrases in GLOSSARY.items():
@@ -129,7 +129,7 @@ class Exam:
         return mean(np.array(right, dtype=bool))
 
     def one_of(self, group: str, which: NDArray[np.bool_], template: str = "{}") -> Score:
-        """Share of crops for which the nearest of a group's texts is true, among those of which one is."""
+        """Fraction of crops for which the nearest text of a group is true, among crops with a true one."""
         columns = list(self.claims.columns(group))
         asked = which & (self.facts[:, columns] == 1).any(axis=1)
         texts = self.texts([template.format(self.claims.phrases[column][0]) for column in columns])
@@ -137,20 +137,20 @@ class Exam:
         return mean(self.facts[asked][np.arange(len(best)), np.array(columns)[best]] == 1)
 
     def colour_words(self, which: NDArray[np.bool_], words: dict[str, Sequence[str]]) -> Score:
-        """Share of crops whose colour is named right, by the first of each colour's words."""
+        """Fraction of crops whose colour is named correctly, with the first word for each colour."""
         asked = which & (self.colour >= 0)
         texts = self.texts([f"{words[colour][0]} object" for colour in COLOURS])
         return mean((self.features[asked] @ texts.T).argmax(dim=1).numpy() == self.colour[asked])
 
     def combinations(self, which: NDArray[np.bool_]) -> Score:
-        """Share of things for which "colour category" is right, of all colours and categories."""
+        """Fraction of objects with the right "colour category", among all colours and categories."""
         asked = which & self.thing & (self.colour >= 0)
         texts = self.texts([f"{colour} {name}" for name in self.names for colour in COLOURS])
         best = (self.features[asked] @ texts.T).argmax(dim=1).numpy()
         return mean(best == self.truth[asked] * len(COLOURS) + self.colour[asked])
 
     def relevancy(self, which: NDArray[np.bool_]) -> tuple[Score, Score]:
-        """Shares of true names, and of false ones, with a relevancy of one half or more."""
+        """Fractions of true and of false names with a relevancy of at least one half."""
         canonical = self.features[which] @ self.texts(CANONICAL).T
         logits = self.features[which] @ self.texts(self.names).T
         relevant = _TEMPERATURE * (logits - canonical.max(dim=1, keepdim=True).values) >= 0
@@ -159,7 +159,7 @@ class Exam:
 
 
 def table(exam: Exam) -> dict[str, Score]:
-    """All scores by what they are of."""
+    """All scores by name."""
     crops, thing = exam.crops, exam.thing
     large, both = thing & (crops.side >= 30), exam.whole & (crops.names != OWN_ARMS)
     scores = {
@@ -197,7 +197,7 @@ def table(exam: Exam) -> dict[str, Score]:
 
 
 def worst(exam: Exam, count: int = 8) -> list[tuple[str, Score]]:
-    """The categories that are told worst."""
+    """The categories with the lowest scores."""
     names = [name for name in WHOLES if (exam.thing & (exam.crops.names == name)).any()]
     scores = [(name, exam.categories(exam.thing & (exam.crops.names == name))) for name in names]
     return sorted(scores, key=lambda one: one[1].share)[:count]

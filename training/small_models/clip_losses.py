@@ -1,4 +1,4 @@
-"""What a small OpenCLIP is trained to: crops near the captions that are true of them, and words near synonyms."""
+"""Losses of the small OpenCLIP: crops close to their true captions, and words close to their synonyms."""
 
 import torch
 from torch import Tensor
@@ -6,15 +6,15 @@ from torch.nn import functional as F
 
 
 def contrastive_loss(logits: Tensor, truth: Tensor, weights: Tensor) -> Tensor:
-    """Contrastive loss with any number of positives, both ways.
+    """Symmetric contrastive loss with any number of positives.
 
-    Each true pair competes with all false pairs of its crop, and with all of its caption: other captions that are
-    true of a crop are no competitors.
+    Each true pair competes with all false pairs of its crop, and with all false pairs of its caption. Other true
+    captions of a crop do not compete.
 
     Args:
         logits: (B, T) scaled cosines of crops and captions.
-        truth: (B, T): 1 true, 0 false, -1 neither.
-        weights: (T,) how much each caption counts.
+        truth: (B, T): 1 true, 0 false, -1 undecided.
+        weights: (T,) weight of each caption.
     """
     positive = (truth == 1).float() * weights
     return _one_way(logits, truth, positive, 1) + _one_way(logits, truth, positive, 0)
@@ -22,7 +22,7 @@ def contrastive_loss(logits: Tensor, truth: Tensor, weights: Tensor) -> Tensor:
 
 def _one_way(logits: Tensor, truth: Tensor, positive: Tensor, dim: int) -> Tensor:
     false = logits.masked_fill(truth != 0, -torch.inf).logsumexp(dim=dim, keepdim=True)
-    # Where everything is true nothing competes.
+    # Without a false pair the sum is -inf, which would make the gradient NaN.
     false = false.clamp(min=-1e4)
     each = (F.softplus(false - logits) * positive).sum(dim=dim) / positive.sum(dim=dim).clamp(min=1e-6)
     asked = positive.sum(dim=dim) > 0
@@ -30,11 +30,11 @@ def _one_way(logits: Tensor, truth: Tensor, positive: Tensor, dim: int) -> Tenso
 
 
 def neutral_loss(cosines: Tensor, canonical: Tensor, truth: Tensor, margin: float, scale: float) -> Tensor:
-    """Canonical phrases ("object") are to be nearer than what is false of a crop, farther than what is true.
+    """Loss that places canonical phrases ("object") between the true and the false captions of a crop.
 
     Args:
         cosines: (B, T) of crops and captions; truth: (B, T) as in ``contrastive_loss``.
-        canonical: (B, K) of crops and canonical phrases; margin: by which, at least; scale: of the cosines.
+        canonical: (B, K) of crops and canonical phrases; margin: smallest difference; scale: of the cosines.
     """
     losses = []
     for sign, asked in ((1.0, truth == 1), (-1.0, truth == 0)):
@@ -46,7 +46,7 @@ def neutral_loss(cosines: Tensor, canonical: Tensor, truth: Tensor, margin: floa
 
 
 def synonym_loss(words: Tensor, meanings: Tensor, target: Tensor, scale: float) -> Tensor:
-    """Words near the captions that mean the same; only the words are moved.
+    """Loss that moves words to the captions with the same meaning; captions get no gradient.
 
     Args:
         words: (G, D); meanings: (T, D), both of unit norm; target: (G,) the meaning of each word.

@@ -1,4 +1,4 @@
-"""A small OpenCLIP: its shape, the folder it is kept in, and a quicker way to read short texts."""
+"""A small OpenCLIP: its configuration, its folder, and a faster encoder for short texts."""
 
 import json
 from pathlib import Path
@@ -65,7 +65,7 @@ def save_weights(model: CLIP, path: Path) -> None:
 
 
 def encode_short_text(model: CLIP, tokens: Tensor) -> Tensor:
-    """(N, D) of unit norm: ``model.encode_text`` without the padding that all N texts have at their end."""
+    """(N, D) of unit norm: ``model.encode_text`` without the padding at the end of all N texts."""
     length = int(tokens.argmax(dim=1).max()) + 1
     tokens = tokens[:, :length]
     x = model.token_embedding(tokens) + model.positional_embedding[:length]
@@ -75,5 +75,5 @@ def encode_short_text(model: CLIP, tokens: Tensor) -> Tensor:
 
 @torch.no_grad()
 def encode_texts(model: CLIP, tokenizer: SimpleTokenizer, texts: list[str]) -> Tensor:
-    """(N, D) of unit norm."""
+    """(N, D) text features of unit norm."""
     return encode_short_text(model, tokenizer(texts).to(model.positional_embedding.device))

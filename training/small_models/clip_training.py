@@ -1,4 +1,4 @@
-"""Training of a small OpenCLIP on crops, step by step, from a seed; it can be stopped and gone on with."""
+"""Reproducible, resumable training of a small OpenCLIP on crops."""
 
 import json
 import math
@@ -38,15 +38,15 @@ _LOGGED_EVERY = 200
 
 @dataclass(frozen=True)
 class Schedule:
-    """How a model is trained.
+    """Hyperparameters of the training.
 
     Attributes:
-        steps: how many; batch: crops a step; captions: of them described one by one a step.
-        learning_rate: the largest, after warmup steps; it falls to 0 along a cosine. decay: of weights.
-        largest_scale: of the cosines in the contrastive loss; synonym_scale: in the glossary's.
-        margin: cosine by which canonical phrases keep their distance.
+        steps: number of steps; batch: crops per step; captions: number of them with captions of their own.
+        learning_rate: peak, after the warmup steps; it falls to 0 along a cosine. decay: weight decay.
+        largest_scale: bound of the scale of cosines in the contrastive loss; synonym_scale: that of the glossary.
+        margin: margin of the cosines of canonical phrases.
         neutral, synonyms: weights of their losses.
-        recoloured: share of the crops that are shown in other colours, of which nothing is said then.
+        recoloured: fraction of the crops that are shown in other colours and have no colour in their captions.
     """
 
     steps: int
@@ -74,14 +74,14 @@ class Schedule:
 
 _WEIGHTS = {"whole": 1.0, "kind": 0.3, "part": 0.6, "colour": 0.5, "pattern": 0.4, "material": 0.4}
 _DESCRIBED = 0.7
-"""How much captions count in the contrastive loss."""
+"""Weight of captions in the contrastive loss."""
 
 _GLOSSED, _COLOURED = 32, 16
-"""Words of the glossary a step: alone, and with a colour."""
+"""Words of the glossary per step: alone, and with a colour."""
 
 
 class Trainer:
-    """A model, what it learns from, and how far it is."""
+    """A model, its training data and its progress."""
 
     def __init__(
         self,
@@ -92,7 +92,7 @@ class Trainer:
         seed: int,
         device: str,
     ) -> None:
-        """Args: ``crops`` are all to be learned from."""
+        """Args: ``crops`` are the training crops."""
         self.model = model.to(device, memory_format=torch.channels_last)
         self.crops, self.schedule, self.device = crops, schedule, device
         self.claims = make_claims(sorted(set(crops.names.tolist())))
@@ -112,10 +112,10 @@ class Trainer:
         self._optimizer = torch.optim.AdamW(groups, betas=(0.9, 0.98))
 
     def run(self, state: Path, until: int) -> None:
-        """Train until a step, from where ``state`` says; it is written at the end and every few minutes."""
+        """Train until a step, from that of ``state``, which is saved every few minutes and at the end."""
         if state.exists():
             self._load(torch.load(state, weights_only=True, map_location="cpu"))
-            log(f"going on at step {self.step}")
+            log(f"resuming at step {self.step}")
         self.model.train()
         saved, losses = time.monotonic(), []
         for _ in track(range(until - self.step), "training", unit="step"):
@@ -129,7 +129,7 @@ class Trainer:
         self._save(state)
 
     def _advance(self) -> list[float]:
-        """One step; the losses: contrastive, neutral, synonyms."""
+        """Train one step; returns the losses: contrastive, neutral, synonyms."""
         for group in self._optimizer.param_groups:
             group["lr"] = self.schedule.rate(self.step)
         chosen = np.searchsorted(self._reach, self._rng.random(self.schedule.batch) * self._reach[-1])
@@ -182,7 +182,7 @@ class Trainer:
         return weights
 
     def _gloss(self, captions: Captions) -> tuple[list[str], list[str], list[int]]:
-        """Words of the glossary, captions with a colour besides, and the caption that each word means."""
+        """Glossary words, additional captions with a colour, and the index of the caption that each word means."""
         rng, names = self._rng, list(GLOSSARY)
         first = captions.columns[:, 0].tolist()
         meaning = {
@@ -231,9 +231,9 @@ class Trainer:
 
 
 def _evened(names: np.ndarray) -> np.ndarray:
-    """(N,) weight of each crop when drawing: rare names come up more often than they are found."""
+    """(N,) sampling weight of each crop, higher for rare names."""
     _, number, count = np.unique(names, return_inverse=True, return_counts=True)
     weight = count[number] ** -0.6
     whole = np.char.find(names, "/") < 0
-    # Wholes are what is asked for most.
+    # Most queries are about wholes.
     return np.where(whole, 1.2 / weight[whole].sum(), 1.0 / weight[~whole].sum()) * weight

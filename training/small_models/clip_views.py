@@ -1,4 +1,4 @@
-"""What a small OpenCLIP sees of a crop: its mask made worse, something in front of it, fewer pixels, other light."""
+"""Augmented views of crops for a small OpenCLIP: inaccurate masks, occlusion, low resolution, other light."""
 
 from dataclasses import dataclass
 
@@ -9,38 +9,38 @@ from torch import Tensor
 from torch.nn import functional as F
 
 MEAN, STD = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
-"""OpenCLIP's usual ones, of red, green and blue."""
+"""OpenCLIP's mean and standard deviation of red, green and blue."""
 
 IMAGE_PX = 64
 
 _LEAST_LEFT = 0.4
-"""Share of a mask that nothing covers, at least."""
+"""Smallest fraction of a mask that stays uncovered."""
 
 
 def split_patches(patches: NDArray[np.uint8], device: torch.device | str) -> tuple[Tensor, Tensor]:
-    """(B, S, S, 4) patches -> (B, 3, S, S) pictures and (B, 1, S, S) masks, float32 0..1."""
+    """(B, S, S, 4) patches -> (B, 3, S, S) images and (B, 1, S, S) masks, float32 0..1."""
     values = torch.from_numpy(patches).to(device).permute(0, 3, 1, 2).float() / 255
     return values[:, :3], values[:, 3:]
 
 
 def normalised(pictures: Tensor) -> Tensor:
-    """(B, 3, H, W) pictures 0..1 as the model wants them."""
+    """Normalise (B, 3, H, W) images 0..1 for the model."""
     mean, std = (pictures.new_tensor(values)[:, None, None] for values in (MEAN, STD))
     return (pictures - mean) / std
 
 
 def plain_views(patches: NDArray[np.uint8], device: torch.device | str = "cpu") -> Tensor:
-    """(B, 3, IMAGE_PX, IMAGE_PX) crops as they are, 0..1: outside of the mask black."""
+    """(B, 3, IMAGE_PX, IMAGE_PX) crops without augmentation, 0..1; black outside the mask."""
     pictures, masks = split_patches(patches, device)
     return framed(pictures, masks, torch.zeros(len(patches), device=device))
 
 
 def framed(pictures: Tensor, masks: Tensor, angles: Tensor, flips: Tensor | None = None) -> Tensor:
-    """The bounding squares of masks, resized, outside of the masks black.
+    """Crop the bounding squares of masks and resize them; black outside the masks.
 
     Args:
-        pictures: (B, 3, S, S); masks: (B, 1, S, S); angles: (B,) by which to turn [rad].
-        flips: (B,) 1 or -1: mirrored.
+        pictures: (B, 3, S, S); masks: (B, 1, S, S); angles: (B,) rotation [rad].
+        flips: (B,) 1, or -1 to mirror.
     """
     inside = masks[:, 0] > 0.5
     centre_x, size_x = _extent(inside.any(dim=1))
@@ -58,7 +58,7 @@ def framed(pictures: Tensor, masks: Tensor, angles: Tensor, flips: Tensor | None
 
 
 def _extent(used: Tensor) -> tuple[Tensor, Tensor]:
-    """Centre and length, -1..1 across, of what is used in (B, S); all of it where nothing is."""
+    """Centre and length, in -1..1, of the used range in (B, S); all of it if nothing is used."""
     side = used.shape[1]
     place = torch.arange(side, device=used.device)
     low = torch.where(used, place, side).amin(dim=1)
@@ -68,7 +68,7 @@ def _extent(used: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def turned_hues(pictures: Tensor, angles: Tensor) -> Tensor:
-    """(B, 3, S, S) pictures 0..1 with their colours turned about the axis of greys by (B,) angles [rad]."""
+    """Rotate the colours of (B, 3, S, S) images 0..1 about the grey axis by (B,) angles [rad]."""
     third = (1 - angles.cos()) / 3
     root = angles.sin() / 3**0.5
     same, next_, last = angles.cos() + third, third - root, third + root
@@ -78,12 +78,12 @@ def turned_hues(pictures: Tensor, angles: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class Augmentation:
-    """How crops are made harder while learning.
+    """Augmentation of training crops.
 
     Attributes:
-        masks: share of the crops whose mask is grown, shrunk or holed.
-        covered: share of which something covers up to 60 %.
-        coarse: share that loses resolution, down to between ``least_px`` and 48 px across.
+        masks: fraction of the crops whose mask is grown, shrunk or gets holes.
+        covered: fraction that is occluded, by up to 60 %.
+        coarse: fraction that loses resolution, down to between ``least_px`` and 48 px across.
         turn: largest rotation [rad]; light: largest relative change of brightness, tint: of one channel.
     """
 
@@ -98,11 +98,11 @@ class Augmentation:
     def views(
         self, patches: NDArray[np.uint8], hues: Tensor, rng: torch.Generator, device: torch.device | str
     ) -> Tensor:
-        """Crops as they are learned from.
+        """Augmented views of crops.
 
         Args:
-            patches: (B, S, S, 4) uint8, B at least 8; those next to each other must be unrelated.
-            hues: (B,) by which each one's hues are turned [rad].
+            patches: (B, S, S, 4) uint8, B at least 8; neighbours must be unrelated, because they occlude each other.
+            hues: (B,) rotation of each crop's hues [rad].
 
         Returns:
             (B, 3, IMAGE_PX, IMAGE_PX), 0..1.
@@ -120,7 +120,7 @@ class Augmentation:
         return (views * change.to(device)).clamp(0, 1)
 
     def _coarser(self, views: Tensor, rng: torch.Generator) -> Tensor:
-        """Some of the views, in four sizes a batch."""
+        """Lower the resolution of some views, to four sizes per batch."""
         chosen = torch.randperm(len(views), generator=rng)[: round(self.coarse * len(views))]
         views = views.clone()
         for few in chosen.chunk(4):
@@ -131,7 +131,7 @@ class Augmentation:
 
 
 def _spoil(masks: Tensor, share: float, rng: torch.Generator) -> Tensor:
-    """Some masks as a segmenter might give them: too wide, too narrow, with holes, or torn at the edge."""
+    """Spoil some masks as a segmenter might: too wide, too narrow, with holes, or ragged."""
     masks = masks.clone()
     chosen = torch.randperm(len(masks), generator=rng)[: round(share * len(masks))]
     wider, narrower, holed, torn = chosen.tensor_split(4)
@@ -143,21 +143,21 @@ def _spoil(masks: Tensor, share: float, rng: torch.Generator) -> Tensor:
 
 
 def _grown(masks: Tensor, radius: int = 2) -> Tensor:
-    """Masks that stay clear of their patch's edge, grown by so many pixels."""
-    # Several times as fast as max_pool2d on a CPU.
+    """Grow masks by ``radius`` pixels; they must stay clear of the edge of their patch."""
+    # Several times faster than max_pool2d on a CPU.
     for dim in (2, 3):
         masks = torch.stack([masks.roll(shift, dim) for shift in range(-radius, radius + 1)]).amax(dim=0)
     return masks
 
 
 def _clouds(count: int, cells: int, like: Tensor, rng: torch.Generator) -> Tensor:
-    """(count, 1, S, S) smooth noise 0..1 of so many cells across."""
+    """(count, 1, S, S) smooth noise 0..1 with ``cells`` cells across."""
     coarse = torch.rand((count, 1, cells, cells), generator=rng).to(like.device)
     return F.interpolate(coarse, like.shape[2:], mode="bilinear")
 
 
 def _cover(masks: Tensor, share: float, rng: torch.Generator) -> Tensor:
-    """Some masks without what a half plane or another mask's shape covers."""
+    """Cover some masks by a half plane or by the shape of another mask."""
     masks = masks.clone()
     chosen = torch.randperm(len(masks), generator=rng)[: round(share * len(masks))]
     planes, shapes = chosen.tensor_split(2)
@@ -169,7 +169,7 @@ def _cover(masks: Tensor, share: float, rng: torch.Generator) -> Tensor:
 
 
 def half_planes(masks: Tensor, rng: torch.Generator, share: float | None = None) -> Tensor:
-    """(B, 1, S, S) bool: at one side of a random line; where ``share`` is given, exactly so much is at the other."""
+    """(B, 1, S, S) bool: one side of a random line; with ``share``, that fraction of the mask is on the other."""
     count, side = len(masks), masks.shape[-1]
     angle = 2 * torch.pi * torch.rand((count, 1, 1, 1), generator=rng).to(masks.device)
     place = torch.linspace(-1, 1, side, device=masks.device)
@@ -184,7 +184,7 @@ def half_planes(masks: Tensor, rng: torch.Generator, share: float | None = None)
 
 
 def _unless_gone(before: Tensor, after: Tensor) -> Tensor:
-    """``after`` where enough of ``before`` is left."""
+    """``after`` where enough of ``before`` is left, else ``before``."""
     left = (after > 0.5).sum(dim=(1, 2, 3)) >= _LEAST_LEFT * (before > 0.5).sum(dim=(1, 2, 3))
     return torch.where(left[:, None, None, None], after, before)
 

@@ -1,4 +1,4 @@
-"""A byte-pair vocabulary of few words, in the file format of OpenCLIP's ``SimpleTokenizer``."""
+"""A small byte-pair vocabulary in the file format of OpenCLIP's ``SimpleTokenizer``."""
 
 import gzip
 import re
@@ -15,7 +15,7 @@ from training.small_models.glossary import COLOUR_GLOSSARY, GLOSSARY
 Merge = tuple[str, str]
 
 SINGLE_TOKENS = 2 * 256 + 2
-"""Bytes, bytes that end a word, and the two marks of beginning and end."""
+"""Bytes, bytes that end a word, and the two markers of start and end."""
 
 
 def known_words() -> list[str]:
@@ -35,7 +35,7 @@ def known_words() -> list[str]:
 
 
 def learn_merges(words: Iterable[str], most: int) -> list[Merge]:
-    """The merges of byte-pair encoding, the commonest pair first, until every word is one token or ``most``.
+    """Merges of byte-pair encoding, most frequent pair first, until every word is one token or there are ``most``.
 
     Words are lower-case ASCII.
     """

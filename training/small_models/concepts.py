@@ -1,6 +1,6 @@
-"""What can be said of the synthetic world: its things, pieces of the building, parts and kinds, in several words.
+"""Concepts of the synthetic world, each with synonyms: objects, pieces of the building, parts and kinds.
 
-The words here are used in captions of pictures; those of ``glossary.py`` never are.
+These words are used in captions of images; those of ``glossary.py`` never are.
 """
 
 from dataclasses import dataclass
@@ -94,7 +94,7 @@ KINDS: dict[tuple[str, ...], str] = {
     ("floor covering",): "rug,door mat",
     ("reading material",): "book,magazine",
 }
-"""Words for several wholes at a time."""
+"""Words for several wholes."""
 
 PARTS: dict[tuple[str, ...], str] = {
     ("body", "main part"): "body,base,case,dish,chest",
@@ -177,7 +177,7 @@ PARTS: dict[tuple[str, ...], str] = {
     ("step", "steps", "treads"): "treads",
     ("speaker cone", "cones"): "cones",
 }
-"""Words for what builders call parts."""
+"""Words for the builders' part names."""
 
 RELATED: dict[str, tuple[str, ...]] = {
     "picture": ("wall artwork",),
@@ -195,20 +195,20 @@ RELATED: dict[str, tuple[str, ...]] = {
     "rug": ("door mat",),
     "lamp": ("corridor lamp",),
 }
-"""Wholes of which a whole's words are neither true nor wrong."""
+"""For each whole, other wholes for which its words are neither true nor false."""
 
 CANONICAL = ("object", "things", "stuff", "texture")
-"""The phrases that relevancy compares with: of anything, they must be less true than its name and more than another's."""
+"""Canonical phrases of relevancy: for any object less true than its name and truer than another name."""
 
 
 @dataclass(frozen=True)
 class Concept:
-    """Something that can be said by any of several phrases.
+    """A concept with synonymous phrases.
 
     Attributes:
-        wholes: of which it is true; empty for parts' concepts, except where they are of certain wholes.
-        parts: of which it is true; empty for wholes' concepts.
-        related: wholes of which it is neither true nor wrong.
+        wholes: wholes that it is true of; for a concept of parts, the only wholes that have them (empty: any).
+        parts: parts that it is true of; empty for a concept of wholes.
+        related: wholes for which it is neither true nor false.
     """
 
     phrases: tuple[str, ...]
@@ -217,12 +217,12 @@ class Concept:
     related: frozenset[str] = frozenset()
 
     def truth(self, name: str, parts: frozenset[str], share: float = 0.0) -> int:
-        """1 (true), 0 (false) or -1 (neither) of a crop.
+        """Whether the concept is true of a crop: 1 (true), 0 (false) or -1 (undecided).
 
         Args:
-            name: of the crop, as in ``Crops.names``.
-            parts: all that the crop's whole has.
-            share: of the whole that a part's crop covers.
+            name: name of the crop, as in ``Crops.names``.
+            parts: all parts of the crop's whole.
+            share: fraction of the whole that a part's crop covers.
         """
         whole, _, part = name.partition("/")
         among = not self.wholes or whole in self.wholes
@@ -231,7 +231,7 @@ class Concept:
                 return int(among and part in self.parts)
             return -1 if among and parts & self.parts else 0
         if whole in self.wholes:
-            # Nearly all of a thing is that thing, as is a part of its name; another piece may be recognised or not.
+            # A part that is nearly the whole, or has its name, counts as the whole; other parts are undecided.
             return 1 if not part or share > 0.8 or part == whole.split()[-1] else -1
         return -1 if whole in self.related else 0
 
@@ -241,7 +241,7 @@ def _split(listed: str) -> frozenset[str]:
 
 
 def whole_concepts() -> list[Concept]:
-    """One for every whole, in the order of ``WHOLES``."""
+    """One concept for every whole, in the order of ``WHOLES``."""
     return [
         Concept(phrases, frozenset({name}), related=frozenset(RELATED.get(name, ())))
         for name, phrases in WHOLES.items()
@@ -249,10 +249,10 @@ def whole_concepts() -> list[Concept]:
 
 
 def kind_concepts() -> list[Concept]:
-    """Words for several wholes."""
+    """Concepts that cover several wholes."""
     return [Concept(phrases, _split(listed)) for phrases, listed in KINDS.items()]
 
 
 def part_concepts() -> list[Concept]:
-    """Words for parts, whatever they belong to."""
+    """Concepts of parts of any whole."""
     return [Concept(phrases, parts=_split(listed)) for phrases, listed in PARTS.items()]

@@ -1,7 +1,7 @@
-"""Crops of what is seen in filmed worlds, each with its mask and with what is true of it.
+"""Crops of rendered worlds, each with its mask, names and looks.
 
-A crop is stored as a square patch around the mask's bounding box, with some of what lies around it, so that masks
-can be grown, shrunk and covered when they are used.
+A crop is a square patch around the mask's bounding box with a margin, so that masks can be grown, shrunk and
+covered during training.
 """
 
 from collections.abc import Sequence
@@ -15,21 +15,20 @@ from numpy.typing import NDArray
 from egosplat.files import atomic_file
 from training.small_models.attributes import Appearance, find_appearance
 from training.small_models.levels import LEVELS, Levels
-from training.small_models.rebuilding import rebuild_world
-from training.small_models.worlds import FilmedWorld, read_world
+from training.small_models.worlds import RenderedWorld, read_world, rebuild_world
 
 PATCH_PX, INNER_PX = 72, 64
-"""Side of a stored patch, and the part of it that the mask's bounding square takes."""
+"""Side of a stored patch, and of the mask's bounding square in it."""
 
 _FRAME_STEP = 2
 _LEAST_PX = {"subpart": 60, "part": 45, "whole": 40}
 _KEPT = {"subpart": 0.15, "part": 0.5, "whole": 1.0}
-"""Mask size from which on, and share of them that, crops are kept, by level."""
+"""Fraction of the crops to keep, by level; ``_LEAST_PX`` is the smallest mask."""
 _KEPT_OF_BUILDING = 0.4
-"""Share of the wholes of the building that are kept: they are in every picture."""
+"""Fraction of the building's wholes to keep, because they are in every image."""
 
 OWN_ARMS = "own arms"
-"""The name of the person who films, of whom only the arms are seen."""
+"""Name of the wearer, of whom only the arms are visible."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,13 +37,13 @@ class Crops:
 
     Attributes:
         patches: (N, PATCH_PX, PATCH_PX, 4) uint8: red, green, blue, and the mask, 255 inside.
-        names: (N,) what is shown: category or building piece, and after a slash the part, if it is one.
+        names: (N,) category or building piece, and for a part a slash and its name.
         level: (N,) index into ``LEVELS``.
-        colours: (N, len(COLOURS)) float32 shares of its surface.
-        surfaces: (N,) shares of its materials: "striped cloth:0.75,wood:0.25".
-        area: (N,) pixels of its mask in the picture; side: (N,) of its bounding square [px].
-        share: (N,) of its whole's visible pixels that it covers.
-        world, whole, frame: (N,) seed, number of the whole there, number of the picture.
+        colours: (N, len(COLOURS)) float32 fractions of its surface.
+        surfaces: (N,) fractions of its materials: "striped cloth:0.75,wood:0.25".
+        area: (N,) pixels of its mask in the image; side: (N,) side of its bounding square [px].
+        share: (N,) fraction of its whole's visible pixels.
+        world, whole, frame: (N,) seed, number of the whole in that world, number of the image.
     """
 
     patches: NDArray[np.uint8]
@@ -63,51 +62,51 @@ class Crops:
         return len(self.names)
 
     def chosen(self, which: NDArray) -> "Crops":
-        """Those that a mask or list of numbers chooses."""
+        """The crops that a mask or a list of indices selects."""
         return Crops(*(getattr(self, one.name)[which] for one in fields(Crops)))
 
 
 def cut_world(folder: Path, output: Path) -> None:
-    """Cut the crops of a filmed world into a file."""
-    filmed = read_world(folder)
+    """Cut the crops of a rendered world into a file."""
+    rendered = read_world(folder)
     world, levels = rebuild_world(folder)
-    wholes = list(filmed.names)
+    wholes = list(rendered.names)
     for whole, instance in enumerate(levels.whole_instance):
         if world.instances[instance].name == "Skeleton_W":
             wholes[whole] = OWN_ARMS
-    table = _Table(filmed, levels, wholes, find_appearance(world.geometry))
+    table = _Table(rendered, levels, wholes, find_appearance(world.geometry))
     crops = cut_crops(table, world.seed, np.random.default_rng([world.seed, 101]))
     with atomic_file(output) as made, made.open("wb") as file:
         np.savez(file, **{one.name: getattr(crops, one.name) for one in fields(Crops)})
 
 
 def read_crops(files: Sequence[Path]) -> Crops:
-    """The crops of several files as one."""
+    """Read and concatenate the crops of several files."""
     read = [np.load(file) for file in files]
     return Crops(*(np.concatenate([one[field.name] for one in read]) for field in fields(Crops)))
 
 
 def plain_name(part: str) -> str:
-    """A part's name without its number or its side: ``left hand`` -> ``hand``, ``wall 2`` -> ``wall``."""
+    """The name of a part without number and side: ``left hand`` -> ``hand``, ``wall 2`` -> ``wall``."""
     words = [word for word in part.split() if not word.isdigit() and word not in ("left", "right")]
     return " ".join(words)
 
 
 class _Table:
-    """What subparts, parts and wholes of a filmed world are called and look like."""
+    """Names and looks of the subparts, parts and wholes of a rendered world."""
 
     def __init__(
-        self, filmed: FilmedWorld, levels: Levels, wholes: Sequence[str], appearance: Appearance
+        self, rendered: RenderedWorld, levels: Levels, wholes: Sequence[str], appearance: Appearance
     ) -> None:
-        self.filmed = filmed
+        self.rendered = rendered
         self.levels = levels
         self.wholes = [plain_name(name) for name in wholes]
         self.building = levels.whole_instance == 0
         self.appearance = appearance
-        used = filmed.subpart[:, ::_FRAME_STEP]
-        counts = np.bincount(filmed.labels(used)[1].ravel() + 1, minlength=len(levels.part_names) + 1)
+        used = rendered.subpart[:, ::_FRAME_STEP]
+        counts = np.bincount(rendered.labels(used)[1].ravel() + 1, minlength=len(levels.part_names) + 1)
         self.part_px = counts[1:]
-        # What is the same as what it belongs to, is not cut twice.
+        # A subpart or part that is all of its parent would be cut twice.
         self._alone = {
             "subpart": np.bincount(levels.subpart_part)[levels.subpart_part] == 1,
             "part": np.bincount(levels.part_whole)[levels.part_whole] == 1,
@@ -115,14 +114,14 @@ class _Table:
         }
 
     def name(self, level: str, number: int) -> str:
-        """Of a subpart, part or whole."""
+        """Name of a subpart, part or whole."""
         if level == "whole":
             return self.wholes[number]
         part = self._part(level, number)
         return f"{self.wholes[self.levels.part_whole[part]]}/{plain_name(self.levels.part_names[part])}"
 
     def looks(self, level: str, number: int) -> tuple[NDArray[np.float32], str]:
-        """Shares of colours and of surfaces, over all that is ever seen of it."""
+        """Fractions of colours and of surfaces, over all its visible pixels in the world's images."""
         if level == "whole":
             parts = np.flatnonzero(self.levels.part_whole == number)
         else:
@@ -139,24 +138,24 @@ class _Table:
         return int(self.levels.subpart_part[number]) if level == "subpart" else number
 
     def whole_of(self, level: str, number: int) -> int:
-        """Number of the whole that something belongs to."""
+        """Number of the whole that a subpart, part or whole belongs to."""
         return number if level == "whole" else int(self.levels.part_whole[self._part(level, number)])
 
     def share_kept(self, level: str, number: int) -> float:
-        """Share of its crops that are kept."""
+        """Fraction of its crops to keep."""
         if self._alone[level][number]:
             return 0.0
         return _KEPT[level] * (_KEPT_OF_BUILDING if self.building[self.whole_of(level, number)] else 1.0)
 
 
 def cut_crops(table: _Table, seed: int, rng: np.random.Generator) -> Crops:
-    """The crops of every second picture of a world."""
+    """Cut the crops of every second image of a world."""
     columns: dict[str, list] = {one.name: [] for one in fields(Crops)}
-    clips, frames = table.filmed.subpart.shape[:2]
+    clips, frames = table.rendered.subpart.shape[:2]
     for clip in range(clips):
         for frame in range(0, frames, _FRAME_STEP):
-            rgb = np.asarray(table.filmed.rgb[clip, frame])
-            labels = table.filmed.labels(table.filmed.subpart[clip, frame])
+            rgb = np.asarray(table.rendered.rgb[clip, frame])
+            labels = table.rendered.labels(table.rendered.subpart[clip, frame])
             whole_px = np.bincount(labels[2].ravel() + 1)[1:]
             for level, image in zip(LEVELS, labels, strict=True):
                 counts = np.bincount(image.ravel() + 1)[1:]
@@ -192,15 +191,15 @@ def cut_crops(table: _Table, seed: int, rng: np.random.Generator) -> Crops:
 
 
 def cut_patch(rgb: NDArray[np.uint8], mask: NDArray[np.bool_]) -> tuple[NDArray[np.uint8], int]:
-    """A (PATCH_PX, PATCH_PX, 4) patch of a picture around a mask, and the side of its bounding square [px].
+    """A (PATCH_PX, PATCH_PX, 4) patch of an image around a mask, and the side of its bounding square [px].
 
     Args:
-        rgb: (H, W, 3); mask: (H, W), not empty. Beyond the picture both are taken to be 0.
+        rgb: (H, W, 3); mask: (H, W), not empty. Outside the image both count as 0.
     """
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     top, bottom, left, right = rows[0], rows[-1] + 1, columns[0], columns[-1] + 1
     side = max(bottom - top, right - left)
-    # In whole pixels, and with at least one around.
+    # A margin in whole pixels, at least one.
     margin = max(1, round(side * (PATCH_PX - INNER_PX) / 2 / INNER_PX))
     width = side + 2 * margin
     y0, x0 = (top + bottom - width) // 2, (left + right - width) // 2

@@ -1,4 +1,4 @@
-"""Synonyms that no picture is ever captioned with: the text tower learns them from the words alone."""
+"""Synonyms that are in no caption: the text tower learns them from words alone."""
 
 GLOSSARY: dict[str, tuple[str, ...]] = {
     "armchair": ("easy chair", "recliner"),
@@ -54,7 +54,7 @@ GLOSSARY: dict[str, tuple[str, ...]] = {
     "wall": ("partition",),
     "door": ("entrance",),
 }
-"""By whole: what else it is called."""
+"""Synonyms by whole."""
 
 COLOUR_GLOSSARY: dict[str, tuple[str, ...]] = {
     "red": ("crimson", "scarlet"),
@@ -71,4 +71,4 @@ COLOUR_GLOSSARY: dict[str, tuple[str, ...]] = {
     "black": ("ebony",),
     "white": ("ivory",),
 }
-"""By colour: what else it is called."""
+"""Synonyms by colour."""

@@ -1,7 +1,7 @@
-"""What counts as subpart, part and whole in a synthetic world, from its surfaces.
+"""Subparts, parts and wholes of a synthetic world, from its surfaces.
 
-A *whole* is a thing, a person, or a piece of the building (one wall, one window); a *part* is what its builder
-named (the legs of a table); a *subpart* is a connected piece of that (one leg).
+A *whole* is an object, a person, or a piece of the building (one wall, one window). A *part* is a piece that its
+builder names (the legs of a table). A *subpart* is a connected piece of a part (one leg).
 """
 
 from dataclasses import dataclass
@@ -27,19 +27,19 @@ _BUILDING = {
     "door reveal": "door",
     "door frame": "door",
 }
-"""Parts of the building that belong together; every other part is a whole by itself."""
+"""Parts of the building that form one whole together; every other part of the building is its own whole."""
 
 _WELD_M = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
 class Levels:
-    """The tables of a world.
+    """Tables of the levels of a world.
 
     Attributes:
         face_subpart: (F,) int32 subpart of each face.
         subpart_part: (S,) int32 part of each subpart; part_whole: (P,) int32 whole of each part.
-        part_names: (P,) names of parts; whole_names: (W,) category of things and people, name of building pieces.
+        part_names: (P,) names of parts; whole_names: (W,) category of objects and people, name of building pieces.
         whole_instance: (W,) index into ``World.instances``.
     """
 
@@ -57,7 +57,7 @@ class Levels:
 
 
 def find_levels(world: World) -> Levels:
-    """The subparts, parts and wholes of a world."""
+    """Find the subparts, parts and wholes of a world."""
     geometry = world.geometry
     face_subpart = _connected(geometry)
     subpart_part = np.zeros(face_subpart.max() + 1, dtype=np.int32)
@@ -79,22 +79,22 @@ def find_levels(world: World) -> Levels:
 
 
 def _whole_keys(part_instance: list[int], names: list[str]) -> list[tuple[int, str, int]]:
-    """Instance, building piece and its running number of the whole that each part belongs to."""
+    """Key of the whole of each part: instance, building piece and running number."""
     seen: dict[str, int] = {}
     keys = []
     for instance, name in zip(part_instance, names, strict=True):
         if instance != 0:
             keys.append((instance, "", 0))
             continue
-        # The n-th reveal, frame and view are those of the n-th window.
+        # The n-th reveal, frame and view belong to the n-th window.
         number = seen[name] = seen.get(name, -1) + 1
         keys.append((instance, _BUILDING.get(name, name), number))
     return keys
 
 
 def _connected(geometry: Geometry) -> Ints:
-    """(F,) number of the connected piece of its part that a face belongs to."""
-    # Vertices are repeated at edges and seams: those in one place, of one part, are the same.
+    """(F,) index of the connected component of its part that each face belongs to."""
+    # Vertices are repeated at edges and seams. Weld those of one part at the same place.
     corners = geometry.faces.reshape(-1)
     part = np.repeat(geometry.face_part, 3)
     place = np.round(geometry.vertices[corners] / _WELD_M).astype(np.int64)

@@ -1,4 +1,4 @@
-"""Pictures, prompts and targets for training SAM2, cut at random from filmed worlds."""
+"""Random training samples for SAM2 from rendered worlds: images, prompts and targets."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from training.small_models.levels import LEVELS
-from training.small_models.worlds import FilmedWorld
+from training.small_models.worlds import RenderedWorld
 
 SIDE = 256
-"""Of the model's picture, where no other is asked for [px]."""
+"""Default side of the model's input [px]."""
 
 COARSE, FINE = 4, 2
-"""Pixels of the picture along a cell of the masks that the model gives, and of the targets by which their IoU is
-judged: in the coarse cells small ones are told apart too badly."""
+"""Pixels of the input per cell, for the model's masks and for the targets that define their IoU. The coarse cells
+distinguish small masks too badly for the latter."""
 
 _LEAST_PIXELS = 12
 _MEAN, _STD = np.array([0.485, 0.456, 0.406], np.float32), np.array([0.229, 0.224, 0.225], np.float32)
-"""The normalisation of the published SAM2."""
+"""Normalisation of the published SAM2."""
 
 Rng = np.random.Generator
 Bytes = NDArray[np.uint8]
@@ -30,12 +30,12 @@ Ints = NDArray[np.int32]
 
 @dataclass(frozen=True, eq=False)
 class Clip:
-    """Consecutive pictures of one world, cut and resized alike.
+    """Consecutive images of one world with the same cut and size.
 
     Attributes:
         pictures: (T, S, S, 3) uint8.
-        labels: (3, T, S, S) int32 number of subpart, part and whole; -1 for nothing.
-        names: (T, S, S) int32 what the part is called, an index into the vocabulary; -1 for nothing.
+        labels: (3, T, S, S) int32 number of subpart, part and whole; -1 for none.
+        names: (T, S, S) int32 name of the part, an index into the vocabulary; -1 for none.
     """
 
     pictures: Bytes
@@ -45,12 +45,12 @@ class Clip:
 
 @dataclass(frozen=True, eq=False)
 class Prompts:
-    """Points on one picture and what they mean.
+    """Points in one image and their targets.
 
     Attributes:
         points: (K, 2) float32 pixel (x, y), centres at integer + 0.5.
-        coarse, fine: (K, 3, M, M) and (K, 3, N, N) float32 share of each cell that the level's mask covers.
-        present: (K,) bool: whether there is anything at the point.
+        coarse, fine: (K, 3, M, M) and (K, 3, N, N) float32 fraction of each cell that the level's mask covers.
+        present: (K,) bool: whether there is an object at the point.
     """
 
     points: Tensor
@@ -61,11 +61,11 @@ class Prompts:
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
-    """Masks to follow through a clip.
+    """Masks to propagate through a clip.
 
     Attributes:
-        prompt: (K, 1, S, S) float32 mask given for the first frame, a little wrong on purpose.
-        coarse, fine: (T, K, M, M) and (T, K, N, N) float32 share covered.
+        prompt: (K, 1, S, S) float32 mask for the first frame, slightly wrong on purpose.
+        coarse, fine: (T, K, M, M) and (T, K, N, N) float32 covered fraction of each cell.
         present: (T, K) bool: whether enough of it is visible.
     """
 
@@ -75,8 +75,8 @@ class Tracks:
     present: Tensor
 
 
-def vocabulary(worlds: Sequence[FilmedWorld]) -> dict[str, int]:
-    """A number for every name that a part of any world has; numbers at a name's end do not count."""
+def vocabulary(worlds: Sequence[RenderedWorld]) -> dict[str, int]:
+    """Index of every part name in any world; numbers at the end of a name are ignored."""
     names = {_name(one) for world in worlds for one in world.part_names}
     return {name: number for number, name in enumerate(sorted(names))}
 
@@ -86,19 +86,19 @@ def _name(part: str) -> str:
 
 
 def sample_clip(
-    worlds: Sequence[FilmedWorld],
+    worlds: Sequence[RenderedWorld],
     words: dict[str, int],
     rng: Rng,
     frames: int,
     still: float = 0.0,
     side: int = SIDE,
 ) -> Clip:
-    """A clip of ``frames`` pictures: any world, cut, side and direction of time; colours changed.
+    """Draw a clip of ``frames`` images with random world, cut, size, direction of time and colours.
 
     Args:
-        worlds: where it may be from; words: see ``vocabulary``; rng: decides; frames: its length.
-        still: probability that it is one picture seen through a cut that drifts, which is easier to follow.
-        side: of the pictures [px].
+        worlds: source of the clip; words: see ``vocabulary``; rng: source of randomness; frames: length.
+        still: probability of a single image seen through a drifting cut, which is easier to propagate through.
+        side: of the images [px].
     """
     world = worlds[rng.integers(len(worlds))]
     clips, length, size = world.subpart.shape[:3]
@@ -120,13 +120,13 @@ def sample_clip(
         pictures.append(picture[:, ::-1] if flip else picture)
         subparts.append(label[:, ::-1] if flip else label)
     labels = world.labels(np.stack(subparts))
-    # The last entry is the one that -1 picks: nothing has no name.
+    # Index -1, no part, picks the last entry: no name.
     called = np.array([words[_name(part)] for part in world.part_names] + [-1], np.int32)
     return Clip(_change_colours(np.stack(pictures), rng), labels, called[labels[1]])
 
 
 def _random_box(rng: Rng, size: int) -> tuple[int, int, int, int]:
-    """Top, left, height and width of a cut of half the picture's side to all of it, nearly square."""
+    """Top, left, height and width of a nearly square cut with half to all of the image's side."""
     if rng.random() < 0.3:
         return 0, 0, size, size
     side = size * np.exp(rng.uniform(np.log(0.5), 0.0))
@@ -136,7 +136,7 @@ def _random_box(rng: Rng, size: int) -> tuple[int, int, int, int]:
 
 
 def _drifting(box: tuple[int, int, int, int], rng: Rng, size: int, frames: int) -> list[tuple[int, ...]]:
-    """The cut, a little smaller so that it has room, going one way by up to a tenth of its side a frame."""
+    """A slightly smaller cut that moves in one direction by up to a tenth of its side per frame."""
     top, left, height, width = box
     height, width = round(0.8 * height), round(0.8 * width)
     speed = rng.uniform(-0.1, 0.1, 2) * (height, width)
@@ -146,7 +146,7 @@ def _drifting(box: tuple[int, int, int, int], rng: Rng, size: int, frames: int) 
 
 
 def _change_colours(pictures: Bytes, rng: Rng) -> Bytes:
-    """Gain, contrast and curve at random, now and then other colours altogether, softness and noise."""
+    """Randomly change channel order, gain, offset, gamma, blur and noise."""
     x = pictures.astype(np.float32) / 255
     if rng.random() < 0.25:
         x = x[..., rng.permutation(3)]
@@ -164,17 +164,18 @@ def _change_colours(pictures: Bytes, rng: Rng) -> Bytes:
 
 
 def to_input(pictures: Bytes) -> Tensor:
-    """(T, S, S, 3) uint8 -> (T, 3, S, S) float32 as the model takes it."""
+    """(T, S, S, 3) uint8 -> (T, 3, S, S) float32, normalised for the model."""
     return torch.from_numpy((pictures.astype(np.float32) / 255 - _MEAN) / _STD).permute(0, 3, 1, 2)
 
 
 def sample_prompts(labels: Ints, rng: Rng, count: int) -> Prompts:
-    """Points on one picture, ``labels`` (3, S, S): on small pieces as well as on large ones, some on nothing."""
+    """Draw points in one image with ``labels`` (3, S, S): on pieces of all sizes, and some on none."""
     subparts, areas = np.unique(labels[0], return_counts=True)
     kept = (subparts >= 0) & (areas >= _LEAST_PIXELS)
     subparts, weights = subparts[kept], np.sqrt(areas[kept])
     points, coarse, fine, present = [], [], [], []
     for number in range(count):
+        # 70 % of the points are on a random subpart, small ones more often; the others are anywhere.
         if number < 0.7 * count and len(subparts):
             chosen = rng.choice(subparts, p=weights / weights.sum())
             places = np.flatnonzero(labels[0] == chosen)
@@ -192,9 +193,9 @@ def sample_prompts(labels: Ints, rng: Rng, count: int) -> Prompts:
 
 
 def sample_tracks(clip: Clip, rng: Rng, count: int) -> Tracks:
-    """Masks to follow, of all levels, wholes and movable things more often; hidden on purpose now and then.
+    """Draw masks to propagate, of all levels, more often of wholes and movable objects; hide some temporarily.
 
-    What hides a mask is painted into ``clip.pictures``, and what is hidden leaves ``clip.labels``.
+    The occluder is painted into ``clip.pictures``, and the hidden object is removed from ``clip.labels``.
     """
     chosen = []
     for _ in range(count):
@@ -218,7 +219,7 @@ def sample_tracks(clip: Clip, rng: Rng, count: int) -> Tracks:
 
 
 def _hide(clip: Clip, level: int, value: int, rng: Rng) -> None:
-    """Cover a mask in one or two frames after the first by a piece of the picture from elsewhere."""
+    """Cover a mask in one or two frames after the first with a piece of the image from elsewhere."""
     count, side = clip.pictures.shape[:2]
     first = int(rng.integers(1, count))
     for frame in range(first, min(count, first + int(rng.integers(1, 3)))):
@@ -237,7 +238,7 @@ def _hide(clip: Clip, level: int, value: int, rng: Rng) -> None:
 
 
 def _wrong(mask: NDArray[np.bool_], rng: Rng) -> NDArray[np.float32]:
-    """A mask grown or shrunk by up to two pixels, as found ones are; never empty."""
+    """Grow or shrink a mask by up to two pixels, as a segmenter might; the result is never empty."""
     radius = int(rng.integers(-2, 3))
     if radius == 0:
         return mask.astype(np.float32)
@@ -247,7 +248,7 @@ def _wrong(mask: NDArray[np.bool_], rng: Rng) -> NDArray[np.float32]:
 
 
 def share_covered(masks: NDArray[np.bool_], cell: int) -> NDArray[np.float32]:
-    """(..., S, S) masks -> (..., S / cell, S / cell) share of each cell that they cover, to within 1/255."""
+    """(..., S, S) masks -> (..., S / cell, S / cell) covered fraction of each cell, to within 1/255."""
     side = masks.shape[-1] // cell
     flat = masks.reshape(-1, *masks.shape[-2:]).astype(np.uint8) * np.uint8(255)
     cells = [cv2.resize(mask, (side, side), interpolation=cv2.INTER_AREA) for mask in flat]

@@ -1,4 +1,4 @@
-"""What training SAM2 makes small: errors of masks, of their predicted IoU, of presence, and of the features."""
+"""Losses of SAM2's training: masks, their predicted IoU, presence, and guidance of the features."""
 
 import numpy as np
 import torch
@@ -7,16 +7,16 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 _FOCAL_WEIGHT = 20.0
-"""Of the focal loss beside the dice loss, as SAM has it (Kirillov et al. 2023)."""
+"""Weight of the focal loss relative to the dice loss, as in SAM (Kirillov et al. 2023)."""
 
 
 def mask_loss(logits: Tensor, share: Tensor, balance: float) -> Tensor:
-    """(..., M, M) logits against the share of each cell that is covered -> (...,) focal and dice loss.
+    """Focal and dice loss, (...,), of (..., M, M) logits against the covered fraction of each cell.
 
     Args:
-        balance: weight of an entropy in which mask and background count alike. Without it everything is
-            background for the first thousands of steps, since masks are small.
+        balance: weight of a cross-entropy in which mask and background count equally.
     """
+    # Masks are small: without the balanced term, everything is background for the first thousands of steps.
     logits, share = logits.flatten(-2), share.flatten(-2)
     probability = logits.sigmoid()
     entropy = F.binary_cross_entropy_with_logits(logits, share, reduction="none")
@@ -30,9 +30,9 @@ def mask_loss(logits: Tensor, share: Tensor, balance: float) -> Tensor:
 
 @torch.no_grad()
 def mask_iou(logits: Tensor, share: Tensor) -> Tensor:
-    """(..., M, M) logits, enlarged to the side of the (..., N, N) shares and cut at 0 -> (...,) IoU.
+    """IoU, (...,), of (..., M, M) logits, resized to the (..., N, N) fractions and thresholded at 0.
 
-    Of two empty masks it is 1.
+    Two empty masks have IoU 1.
     """
     enlarged = F.interpolate(logits.flatten(0, -3)[None], share.shape[-2:], mode="bilinear")[0] > 0
     truth = share.flatten(0, -3) > 0.5
@@ -42,9 +42,9 @@ def mask_iou(logits: Tensor, share: Tensor) -> Tensor:
 
 
 class PixelPairs(nn.Module):
-    """Features of two pixels shall be near exactly where both show the same: a dense signal for the encoder.
+    """Auxiliary loss: features of two pixels should be close exactly if both show the same piece.
 
-    One projection a level; it serves training alone and is not kept.
+    It uses one projection per level and is discarded after training.
     """
 
     def __init__(self, channels: int, levels: int = 3, width: int = 24, samples: int = 256) -> None:
@@ -53,7 +53,7 @@ class PixelPairs(nn.Module):
         self.samples = samples
 
     def forward(self, features: Tensor, labels: Tensor) -> Tensor:
-        """(B, C, h, w) features and (B, 3, h, w) int64 labels, -1 for nothing -> loss."""
+        """(B, C, h, w) features and (B, 3, h, w) int64 labels, -1 for none -> loss."""
         features, labels = features.flatten(2).transpose(1, 2), labels.flatten(2)
         chosen = torch.multinomial(self._weights(labels[:, 2]), self.samples)
         features = features.gather(1, chosen[..., None].expand(-1, -1, features.shape[-1]))
@@ -69,7 +69,8 @@ class PixelPairs(nn.Module):
 
     @staticmethod
     def _weights(labels: Tensor) -> Tensor:
-        """Pixels of small things are drawn more often: (B, P) by the 0.7th power of their label's area."""
+        """(B, P) sampling weight of each pixel."""
+        # The power -0.7 of the label's area: a small object is drawn nearly as often as a large one.
         rows = []
         for row in labels:
             _, number, counts = torch.unique(row, return_inverse=True, return_counts=True)
@@ -78,19 +79,19 @@ class PixelPairs(nn.Module):
 
 
 class Names(nn.Module):
-    """Features shall tell what a pixel is called, and where a subpart, a part or a whole ends.
+    """Auxiliary loss: features should predict a pixel's part name and the borders of subparts, parts and wholes.
 
-    Two linear maps; they serve training alone and are not kept.
+    It uses two linear maps and is discarded after training.
     """
 
     def __init__(self, channels: int, names: int, levels: int = 3) -> None:
-        """``names``: how many there are."""
+        """Args: ``names`` is the number of part names."""
         super().__init__()
         self.names = nn.Conv2d(channels, names, 1)
         self.ends = nn.Conv2d(channels, levels, 1)
 
     def forward(self, features: Tensor, labels: Tensor, names: Tensor) -> Tensor:
-        """(B, C, h, w) features, (B, 3, h, w) and (B, h, w) int64 labels and names, -1 for nothing -> loss."""
+        """(B, C, h, w) features, (B, 3, h, w) and (B, h, w) int64 labels and names, -1 for none -> loss."""
         if bool((names >= 0).any()):
             loss = F.cross_entropy(self.names(features), names, ignore_index=-1)
         else:
@@ -106,7 +107,7 @@ class Names(nn.Module):
 
 
 class Guides(nn.Module):
-    """All that guides the features of the encoder beside the masks."""
+    """The sum of the auxiliary losses on the encoder's features."""
 
     def __init__(self, channels: int, names: int) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""One training step of SAM2 on pictures, and one on clips. Works on the published classes as they are."""
+"""Training steps of SAM2 on images and on clips, with the published classes unchanged."""
 
 from dataclasses import dataclass
 
@@ -12,17 +12,17 @@ from training.small_models.sam2_data import Clip, Prompts, Tracks, to_input
 from training.small_models.sam2_losses import Guides, mask_iou, mask_loss
 
 _LEVEL_WEIGHTS = (0.6, 0.8, 1.2)
-"""Of subpart, part and whole: nobody asks for a screw as often as for the table."""
+"""Weights of subpart, part and whole; a screw is prompted less often than a table."""
 
 _SINGLE_WEIGHT, _PRESENCE_WEIGHT = 0.3, 0.2
 
 _GIVEN_SCALE = 20.0
-"""Logits of a given mask are plus and minus half of this, as in SAM2."""
+"""Logits of a mask prompt are plus and minus half of this, as in SAM2."""
 
 
 @dataclass(frozen=True, eq=False)
 class Encoded:
-    """Features of B pictures: strides 4, 8 and 16, the positions of the last, and the loss of their guides."""
+    """Features of B images: strides 4, 8 and 16, the positional encoding of the last, and the auxiliary loss."""
 
     features: list[Tensor]
     position: Tensor
@@ -31,7 +31,7 @@ class Encoded:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Loss of a step, and the mean IoU of what it predicted (by level, or by frame)."""
+    """Loss of a step, and the mean IoU of its predictions (by level, or by frame)."""
 
     loss: Tensor
     ious: Tensor
@@ -40,7 +40,7 @@ class Outcome:
 def encode(
     model: SAM2Base, guides: Guides, pictures: Tensor, labels: np.ndarray, names: np.ndarray
 ) -> Encoded:
-    """(B, 3, S, S) pictures with (B, 3, S, S) labels and (B, S, S) names."""
+    """Encode (B, 3, S, S) images; the auxiliary loss uses (B, 3, S, S) labels and (B, S, S) names."""
     output = model.image_encoder(pictures)
     features = list(output["backbone_fpn"])
     loss = guides(features[0], labels, names)
@@ -56,10 +56,10 @@ def decode(
     points: Tensor | None = None,
     given: Tensor | None = None,
 ) -> tuple[Tensor, ...]:
-    """Masks (B, 4, M, M), IoUs (B, 4), tokens and presence logits (B, 1).
+    """Decode masks (B, 4, M, M), IoUs (B, 4), tokens and presence logits (B, 1).
 
     Args:
-        points: (B, 2) prompts; given: (B, 1, M, M) mask prompts. Neither: memory in the features decides.
+        points: (B, 2) prompts; given: (B, 1, M, M) mask prompts. Without either, memory in the features decides.
     """
     count = len(features)
     if points is None:
@@ -82,7 +82,7 @@ def decode(
 def picture_step(
     model: SAM2Base, guides: Guides, balance: float, clips: list[Clip], prompts: list[Prompts]
 ) -> Outcome:
-    """Point prompts on single pictures: three masks each, and one of the whole from the single-mask token."""
+    """Loss of point prompts on single images: three masks each, and the whole from the single-mask token."""
     device = next(model.parameters()).device
     pictures = torch.cat([to_input(clip.pictures[:1]) for clip in clips]).to(device)
     labels, names = (
@@ -109,7 +109,7 @@ def picture_step(
 def clip_step(
     model: SAM2Base, guides: Guides, balance: float, clips: list[Clip], tracks: list[Tracks]
 ) -> Outcome:
-    """Masks given for the first frame and followed through the rest by memory."""
+    """Loss of masks that are given in the first frame and propagated through the others by memory."""
     device = next(model.parameters()).device
     frames = len(clips[0].pictures)
     pictures = torch.cat([to_input(clip.pictures) for clip in clips]).to(device)
@@ -153,10 +153,10 @@ def _tokens(feature: Tensor) -> Tensor:
 def _begin(
     model: SAM2Base, features: list[Tensor], prompt: Tensor
 ) -> tuple[dict[str, Tensor], Tensor, Tensor]:
-    """The memory of a mask that is given, as ``SAM2Base._use_mask_as_output`` makes it.
+    """Memory of a mask prompt, built like ``SAM2Base._use_mask_as_output``, with the decoder's masks and presence.
 
-    Also masks and presence logits of the decoder that makes the mask's pointer: if it were not taught that the
-    thing is there, it would put the pointer of absent things in its place.
+    The presence logits need a loss: otherwise the decoder would replace the prompt's object pointer by that of
+    absent objects.
     """
     masks, _, tokens, presence = decode(model, features[2], features[:2], given=model.mask_downsample(prompt))
     pointer = _pointer(model, tokens, presence)
@@ -167,7 +167,7 @@ def _begin(
 
 
 def _pointer(model: SAM2Base, tokens: Tensor, presence: Tensor) -> Tensor:
-    """(B, C) what stands for the object in memory, or for its absence."""
+    """(B, C) object pointer of the memory, or the one for an absent object."""
     return torch.where(presence > 0, model.obj_ptr_proj(tokens[:, 0]), model.no_obj_ptr)
 
 
@@ -179,7 +179,7 @@ def _follow(
     frame: int,
     frames: int,
 ) -> tuple[Tensor, Tensor, Tensor, dict[str, Tensor]]:
-    """Masks (B, M, M), predicted IoU (B,), presence logits (B,) of a frame, and what is to be remembered."""
+    """Masks (B, M, M), predicted IoU (B,), presence logits (B,) of a frame, and its memory."""
     side = features[2].shape[-1]
     conditioned = model._prepare_memory_conditioned_features(
         frame_idx=frame,

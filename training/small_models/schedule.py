@@ -1,4 +1,4 @@
-"""The course of a training run: learning rate, averaged weights, and a state from which to go on."""
+"""Learning rate, averaged weights and resumable state of a training run."""
 
 from pathlib import Path
 from typing import Any
@@ -11,19 +11,19 @@ from egosplat.files import atomic_file
 
 
 def learning_rate(peak: float, step: int, steps: int, warm_up: int, decay: float) -> float:
-    """Rises over ``warm_up`` steps, stays, and falls in a straight line to a hundredth over the last share.
+    """Warm up, then constant, then a linear decay to one hundredth.
 
-    Constant in between, so that a longer run goes the same way as a shorter one until that one's rate falls.
+    The constant phase makes a longer run identical to a shorter one until the shorter one decays.
 
     Args:
-        decay: share of ``steps`` at the end over which it falls.
+        decay: fraction of ``steps`` at the end over which the rate falls.
     """
     left = (steps - step) / max(1, decay * steps)
     return peak * min(1.0, (step + 1) / warm_up) * max(0.01, min(1.0, left))
 
 
 class Average:
-    """Exponential moving average of a model's weights: what is kept of a training run."""
+    """Exponential moving average of a model's weights; these are the weights to keep."""
 
     def __init__(self, model: nn.Module, decay: float) -> None:
         self.decay = decay
@@ -31,7 +31,7 @@ class Average:
 
     @torch.no_grad()
     def update(self, model: nn.Module, step: int) -> None:
-        """Take in the weights after ``step``; early ones are forgotten faster."""
+        """Add the weights after ``step``; early ones are forgotten faster."""
         share = 1 - min(self.decay, (1 + step) / (10 + step))
         for name, value in model.state_dict().items():
             if value.is_floating_point():
@@ -41,13 +41,13 @@ class Average:
 
 
 def save_state(path: Path, **state: Any) -> None:
-    """Write everything that a run needs to go on, whole or not at all."""
+    """Write the state of a run atomically."""
     with atomic_file(path) as scratch:
         torch.save(state, scratch)
 
 
 def read_state(path: Path, device: torch.device) -> dict[str, Any] | None:
-    """What ``save_state`` wrote, or None where there is nothing.
+    """Read what ``save_state`` wrote, or None if the file does not exist.
 
     Raises:
         UserError: the file cannot be read.
@@ -61,7 +61,7 @@ def read_state(path: Path, device: torch.device) -> dict[str, Any] | None:
 
 
 def half_precision(weights: dict[str, Tensor]) -> dict[str, Tensor]:
-    """Weights as they are shipped: float16, contiguous, on the CPU."""
+    """Weights in the distributed form: float16, contiguous, on the CPU."""
     return {
         name: (value.half() if value.is_floating_point() else value).contiguous().cpu()
         for name, value in weights.items()

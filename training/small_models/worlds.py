@@ -1,4 +1,4 @@
-"""Worlds to learn from: apartments by seed, filmed in short clips, with the subpart that every pixel shows."""
+"""Worlds for training: apartments by seed, rendered as short clips with the subpart of every pixel."""
 
 import json
 from dataclasses import dataclass
@@ -20,19 +20,19 @@ FOCAL = 460.0
 """The paper's focal length of rectified pictures, at a side of 1408 px."""
 
 NOTHING = np.uint16(2**16 - 1)
-"""The subpart of pixels outside of the lens circle."""
+"""The subpart of pixels outside the lens circle."""
 
 TRAINING_SEEDS, HELD_OUT_SEEDS = 1_000_000, 2_000_000
-"""Where the seeds of worlds begin; those of recordings and tests are far below."""
+"""First seeds of the worlds; recordings and tests use far smaller ones."""
 
 
 @dataclass(frozen=True)
-class Filming:
-    """How a world is filmed.
+class ClipSettings:
+    """Settings of the rendering of a world.
 
     Attributes:
-        size: side of the square, upright pinhole picture [px].
-        clips: how many; frames: of each; step_s: time between frames [s].
+        size: side of the square, upright pinhole image [px].
+        clips: number of clips; frames: per clip; step_s: time between frames [s].
     """
 
     size: int = 384
@@ -40,17 +40,26 @@ class Filming:
     frames: int = 6
     step_s: float = 0.25
 
+    @property
+    def spacing_s(self) -> float:
+        """Time between the starts of clips [s]."""
+        return self.frames * self.step_s + 2.0
 
-def film_world(seed: int, filming: Filming, folder: Path) -> None:
+    @property
+    def seconds(self) -> float:
+        """Length of the recording that all clips need [s]."""
+        return self.spacing_s * self.clips
+
+
+def render_world(seed: int, settings: ClipSettings, folder: Path) -> None:
     """Render the world of a seed into a folder: ``rgb.npy``, ``subpart.npy`` and ``world.json``."""
     rng = np.random.default_rng([seed, 100])
-    spacing_s = filming.frames * filming.step_s + 2.0
-    world = make_furnished_world(seed, rng, spacing_s * filming.clips)
+    world = make_furnished_world(seed, rng, settings.seconds)
     levels = find_levels(world)
-    renderer = make_renderer(world, pinhole_lens(pinhole(filming.size, FOCAL)))
-    starts = spacing_s * np.arange(filming.clips) + rng.uniform(0, 2.0, filming.clips)
-    moments = (starts[:, None] + filming.step_s * np.arange(filming.frames)).ravel()
-    shape = (filming.clips, filming.frames, filming.size, filming.size)
+    renderer = make_renderer(world, pinhole_lens(pinhole(settings.size, FOCAL)))
+    starts = settings.spacing_s * np.arange(settings.clips) + rng.uniform(0, 2.0, settings.clips)
+    moments = (starts[:, None] + settings.step_s * np.arange(settings.frames)).ravel()
+    shape = (settings.clips, settings.frames, settings.size, settings.size)
     rgb, subpart = [], []
     for seconds in moments:
         pose = camera_pose(world, seconds) @ CLOCKWISE
@@ -61,11 +70,26 @@ def film_world(seed: int, filming: Filming, folder: Path) -> None:
     with atomic_directory(folder) as made:
         np.save(made / "rgb.npy", np.stack(rgb).reshape(*shape, 3))
         np.save(made / "subpart.npy", np.stack(subpart).astype(np.uint16).reshape(shape))
-        (made / "world.json").write_text(json.dumps(_tables(seed, filming, world, levels)))
+        (made / "world.json").write_text(json.dumps(_tables(seed, settings, world, levels)))
+
+
+def rebuild_world(folder: Path) -> tuple[World, Levels]:
+    """Rebuild the world that ``render_world`` rendered into a folder.
+
+    Raises:
+        ValueError: the rebuilt world is not the rendered one.
+    """
+    about = json.loads((folder / "world.json").read_text())
+    seed, settings = about["seed"], ClipSettings(**about["filming"])
+    world = make_furnished_world(seed, np.random.default_rng([seed, 100]), settings.seconds)
+    levels = find_levels(world)
+    if list(levels.part_names) != about["part_names"]:
+        raise ValueError(f"{folder}: seed {seed} does not make the same parts any more")
+    return world, levels
 
 
 def make_furnished_world(seed: int, rng: np.random.Generator, seconds: float) -> World:
-    """An apartment of which not every number of objects finds its place."""
+    """Make an apartment; the number of objects is redrawn until they fit."""
     for objects in rng.permutation(np.arange(18, 39)):
         try:
             return make_world(
@@ -73,13 +97,13 @@ def make_furnished_world(seed: int, rng: np.random.Generator, seconds: float) ->
             )
         except UserError:
             continue
-    raise UserError(f"no apartment can be made of seed {seed}")
+    raise UserError(f"seed {seed}: no number of objects fits")
 
 
-def _tables(seed: int, filming: Filming, world: World, levels: Levels) -> dict[str, object]:
+def _tables(seed: int, settings: ClipSettings, world: World, levels: Levels) -> dict[str, object]:
     return {
         "seed": seed,
-        "filming": vars(filming),
+        "filming": vars(settings),
         "subpart_part": levels.subpart_part.tolist(),
         "part_whole": levels.part_whole.tolist(),
         "part_names": levels.part_names,
@@ -90,14 +114,14 @@ def _tables(seed: int, filming: Filming, world: World, levels: Levels) -> dict[s
 
 
 @dataclass(frozen=True, eq=False)
-class FilmedWorld:
-    """A world read back; pictures are mapped, not loaded.
+class RenderedWorld:
+    """A rendered world; images are memory-mapped.
 
     Attributes:
         rgb: (C, T, S, S, 3) uint8; subpart: (C, T, S, S) uint16.
-        tables: (3, P + 1) int32: what each subpart is at the levels subpart, part and whole; the last column,
-            for pixels that show nothing, is -1.
-        names: of the wholes; part_names: of the parts, which are numbered through all wholes.
+        tables: (3, P + 1) int32: subpart, part and whole of each subpart; the last column is -1, for pixels
+            that show nothing.
+        names: of the wholes; part_names: of the parts, numbered across all wholes.
     """
 
     rgb: NDArray[np.uint8]
@@ -107,16 +131,16 @@ class FilmedWorld:
     part_names: tuple[str, ...]
 
     def labels(self, subpart: NDArray[np.uint16]) -> NDArray[np.int32]:
-        """(...,) subparts -> (3, ...) numbers of subpart, part and whole; -1 for nothing."""
+        """(...,) subparts -> (3, ...) numbers of subpart, part and whole; -1 for none."""
         return self.tables[:, np.minimum(subpart, self.tables.shape[1] - 1)]
 
 
-def read_world(folder: Path) -> FilmedWorld:
-    """What ``film_world`` wrote."""
+def read_world(folder: Path) -> RenderedWorld:
+    """Read the world that ``render_world`` wrote."""
     about = json.loads((folder / "world.json").read_text())
     subpart_part, part_whole = (np.array(about[name]) for name in ("subpart_part", "part_whole"))
     tables = np.stack([np.arange(len(subpart_part)), subpart_part, part_whole[subpart_part]])
-    return FilmedWorld(
+    return RenderedWorld(
         np.load(folder / "rgb.npy", mmap_mode="r"),
         np.load(folder / "subpart.npy", mmap_mode="r"),
         np.pad(tables, ((0, 0), (0, 1)), constant_values=-1).astype(np.int32),
