@@ -1,4 +1,4 @@
-"""Gaussians at their extremes, and the compiled kernels in float32 held against the reference in float64."""
+"""Fixtures: extreme Gaussians, and the compiled kernels in float32 compared with the reference in float64."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,8 +10,9 @@ import torch
 from torch import Tensor
 
 from egosplat.kernels import library
-from egosplat.rasterize import cpu, reference
+from egosplat.rasterize import cpu
 from egosplat.rasterize.contract import ALPHA_THRESHOLD, MAX_ALPHA, MIN_TRANSMITTANCE, Arguments
+from egosplat.rasterize.reference import rasterizer as reference
 
 WIDTH, HEIGHT = 32, 24
 SHAPE = ("means", "quats", "scales", "opacities", "colors")
@@ -25,7 +26,7 @@ def _kernels() -> None:
 
 @pytest.fixture(scope="session")
 def gaussian() -> Callable[..., dict[str, Tensor]]:
-    """``gaussian(**changes)``: the float32 arguments of a Gaussian 2 m ahead, turned, with three axes of its own."""
+    """``gaussian(**changes)``: float32 arguments of a rotated Gaussian 2 m ahead with three different axes."""
 
     def make(**changes: object) -> dict[str, Tensor]:
         values = {
@@ -47,7 +48,7 @@ def gaussian() -> Callable[..., dict[str, Tensor]]:
 
 @dataclass(frozen=True)
 class Rendered:
-    """Image and alpha of one camera, (H, W, X + 1), what was projected, and the gradients by name."""
+    """Image and alpha of one camera, (H, W, X + 1), the projections, and the gradients by name."""
 
     image: Tensor
     meta: dict[str, object]
@@ -56,7 +57,7 @@ class Rendered:
 
 @dataclass(frozen=True)
 class Compared:
-    """The kernels' result in float32, and the reference's in float64."""
+    """Results of the kernels in float32 and of the reference in float64."""
 
     values: dict[str, Tensor]
     found: Rendered
@@ -65,18 +66,18 @@ class Compared:
 
     @property
     def image_error(self) -> float:
-        """Largest difference of a value, where rounding decides nothing."""
+        """Largest difference of a value, at pixels that rounding cannot change."""
         return float(((self.found.image - self.truth.image).abs() * self.decided[..., None]).max())
 
     @property
     def gradient_error(self) -> float:
-        """The larger of the two that follow; infinite where a gradient is not finite."""
+        """The larger of the next two errors; infinite if a gradient is not finite."""
         return max(self.shape_error, self.pose_error)
 
     @property
     def shape_error(self) -> float:
-        """Of the gradients by the logarithms of all parameters together, by positions in widths of the Gaussian: the L2
-        norm of the difference by that of the truth."""
+        """Relative L2 error of the gradients with respect to the logarithms of all parameters; positions are in widths of
+        the Gaussian."""
         width = self.values["scales"].double().amax(dim=1, keepdim=True)
         sizes = {name: self.values[name].double() for name in SHAPE} | {"means": width}
         found, truth = (
@@ -87,7 +88,7 @@ class Compared:
 
     @property
     def pose_error(self) -> float:
-        """The same of the gradient by the pose."""
+        """Relative L2 error of the gradient with respect to the pose."""
         return _relative(self.found.gradients["viewmats"], self.truth.gradients["viewmats"])
 
 
@@ -100,7 +101,7 @@ def _relative(found: Tensor, truth: Tensor) -> float:
 
 @pytest.fixture(scope="session")
 def compare() -> Callable[..., Compared]:
-    """``compare(values, width=, height=, **options)``: render and differentiate with both, from equal numbers."""
+    """``compare(values, width=, height=, **options)``: render and differentiate equal inputs with both backends."""
 
     def both(
         values: dict[str, Tensor], width: int = WIDTH, height: int = HEIGHT, **options: object
@@ -118,7 +119,7 @@ def compare() -> Callable[..., Compared]:
 
 @pytest.fixture(scope="session")
 def cloud() -> Callable[[int, int], dict[str, Tensor]]:
-    """``cloud(seed, count)``: float32 arguments of Gaussians from specks to blobs as wide as the image."""
+    """``cloud(seed, count)``: float32 arguments of Gaussians, from specks to blobs as wide as the image."""
 
     def make(seed: int, count: int) -> dict[str, Tensor]:
         rng = np.random.default_rng(seed)
@@ -138,13 +139,13 @@ def cloud() -> Callable[[int, int], dict[str, Tensor]]:
 
 @pytest.fixture(scope="session")
 def decided_of() -> Callable[[dict[str, object]], Tensor]:
-    """(H, W) bool of a reference's meta: pixels at which rounding decides nothing."""
+    """(H, W) bool of a reference's meta: pixels that rounding cannot change."""
     return _decided
 
 
 @pytest.fixture(scope="session")
 def weights_of() -> Callable[[torch.Size], Tensor]:
-    """Fixed random float64 weights of an image, whose weighted sum is differentiated."""
+    """Fixed random float64 weights of an image, for a weighted sum to differentiate."""
     return _weights
 
 
@@ -186,7 +187,7 @@ def _forward(
 
 
 def _decided(meta: dict[str, object]) -> Tensor:
-    """(H, W) bool: pixels at which no Gaussian stands so close to a threshold that rounding decides about it."""
+    """(H, W) bool: pixels where no Gaussian is close enough to a threshold for rounding to decide."""
     order = meta["depths"][0].argsort(stable=True)
     order = order[(meta["radii"][0, order] > 0).all(dim=-1)]
     (x, y), (xx, xy, yy) = meta["means2d"][0, order].T, meta["conics"][0, order].T

@@ -1,4 +1,4 @@
-"""Where Gaussians stand before the camera, and what camera it is."""
+"""Positions of Gaussians relative to the camera, and extreme and invalid cameras."""
 
 import math
 
@@ -10,15 +10,16 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from egosplat.errors import UserError
-from egosplat.rasterize import cpu, reference
+from egosplat.rasterize import cpu
 from egosplat.rasterize.api import rasterization
 from egosplat.rasterize.contract import Arguments
+from egosplat.rasterize.reference import rasterizer as reference
 
 NEAR = 0.1
 
 
 def before(depth: float, size: float = 0.1) -> dict[str, object]:
-    """A Gaussian near the middle of the image that looks as large at any depth [m]."""
+    """A Gaussian near the middle of the image with the same apparent size at any depth [m]."""
     shares = [[0.1 * size, -0.05 * size, 1.0]]
     return {"means": np.multiply(shares, depth), "scales": np.multiply([[size, 2 * size, 1.5 * size]], depth)}
 
@@ -29,14 +30,14 @@ def before(depth: float, size: float = 0.1) -> dict[str, object]:
     outside="nearer, farther, or behind the camera: culled",
 )
 @given(exponent=st.one_of(st.floats(-0.999, 9.999)))
-def test_depths(gaussian, compare, measured, exponent):
+def test_gaussians_at_any_depth(gaussian, compare, measured, exponent):
     both = compare(gaussian(**before(10.0**exponent)), near_plane=NEAR)
     measured(both.image_error)
     measured(both.gradient_error)
 
 
 @pytest.mark.numerics("a depth of exactly the near plane", within=1e-5, outside="drawn")
-def test_at_the_near_plane(gaussian, compare, measured):
+def test_a_gaussian_exactly_at_the_near_plane(gaussian, compare, measured):
     near = float(np.float32(NEAR))
     both = compare(gaussian(means=[[0.0, 0.0, NEAR]], scales=[[0.01, 0.02, 0.015]]), near_plane=near)
     measured(both.image_error)
@@ -51,7 +52,7 @@ def test_at_the_near_plane(gaussian, compare, measured):
 @pytest.mark.parametrize(
     "depth", [np.nextafter(np.float32(NEAR), np.float32(0)), 1e-30, 0.0, -1e-30, -NEAR, -2.0]
 )
-def test_before_the_near_plane(gaussian, compare, depth):
+def test_gaussians_in_front_of_the_near_plane_are_culled(gaussian, compare, depth):
     near = float(np.float32(NEAR))
     found = compare(gaussian(means=[[0.01, 0.0, depth]]), near_plane=near).found
     assert not found.image.any() and not found.meta["radii"].any()
@@ -64,7 +65,7 @@ def test_before_the_near_plane(gaussian, compare, depth):
     outside="0 or less: ValueError",
 )
 @given(exponent=st.floats(-12, 3))
-def test_near_planes(gaussian, compare, measured, exponent):
+def test_any_near_plane(gaussian, compare, measured, exponent):
     near = 10.0**exponent
     both = compare(gaussian(**before(1.01 * near)), near_plane=near)
     measured(both.image_error)
@@ -77,7 +78,7 @@ def test_near_planes(gaussian, compare, measured, exponent):
     outside="0, negative or not finite: ValueError",
 )
 @given(exponent=st.floats(0, 5), wide=st.floats(-2, 4))
-def test_focal_lengths(gaussian, compare, measured, exponent, wide):
+def test_any_focal_length(gaussian, compare, measured, exponent, wide):
     focal, size = 10.0**exponent, 10.0 ** (wide - exponent)
     K = [[[focal, 0, 16.0], [0, 1.1 * focal, 12.0], [0, 0, 1]]]
     both = compare(
@@ -93,7 +94,7 @@ def test_focal_lengths(gaussian, compare, measured, exponent, wide):
     outside="divided by an alpha of 1e-10 at least: 0 where nothing is",
 )
 @pytest.mark.parametrize("focal", [1.0, 10.0, 1e3, 1e5])
-def test_expected_depth(gaussian, compare, measured, focal):
+def test_expected_depth_at_any_distance(gaussian, compare, measured, focal):
     K = [[[focal, 0, 16.0], [0, focal, 12.0], [0, 0, 1]]]
     both = compare(gaussian(scales=[[1.0, 2.0, 1.5]], Ks=K), render_mode="RGB+ED")
     image = both.found.image.double()
@@ -108,7 +109,7 @@ def test_expected_depth(gaussian, compare, measured, focal):
     outside="linearised at 1.3 times the field of view",
 )
 @given(exponent=st.floats(0, 8))
-def test_beside_the_image(gaussian, compare, measured, exponent):
+def test_gaussians_next_to_the_image(gaussian, compare, measured, exponent):
     aside = 2 * 10.0**exponent
     both = compare(gaussian(means=[[aside, 0.0, 2.0]], scales=[[aside, 0.2, aside]]))
     measured(both.image_error)
@@ -119,7 +120,7 @@ def test_beside_the_image(gaussian, compare, measured, exponent):
     "images of 1x1 px, focal lengths of 1 to 1e5 px", within=1e-5, outside="0 px: ValueError"
 )
 @pytest.mark.parametrize("focal", [1.0, 30.0, 1e5])
-def test_one_pixel(gaussian, compare, measured, focal):
+def test_an_image_of_one_pixel(gaussian, compare, measured, focal):
     K = [[[focal, 0, 0.4], [0, focal, 0.7], [0, 0, 1]]]
     both = compare(gaussian(means=[[0.0, 0.0, 2.0]], opacities=[0.6], Ks=K), 1, 1)
     assert both.found.image.shape == (1, 1, 4) and both.found.image.any()
@@ -141,7 +142,7 @@ def test_narrow_images(gaussian, compare, measured, width, height):
     outside="float32 itself holds no more than 6 cm at 1e6 m: see Training",
 )
 @given(exponent=st.floats(0, 6), turn=st.tuples(*[st.floats(-1, 1)] * 3))
-def test_far_from_the_origin(gaussian, compare, measured, exponent, turn):
+def test_a_camera_far_from_the_origin(gaussian, compare, measured, exponent, turn):
     centre = np.array([1.0, -0.5, 0.3]) * 10.0**exponent
     view = np.eye(4)
     view[:3, :3] = Rotation.from_rotvec(turn).as_matrix()

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.rasterize import cpu, reference
-from egosplat.rasterize.composite_reference import composite
+from egosplat.rasterize import cpu
 from egosplat.rasterize.contract import Arguments
-from egosplat.rasterize.projection_reference import project
+from egosplat.rasterize.reference import rasterizer as reference
+from egosplat.rasterize.reference.composite import composite
+from egosplat.rasterize.reference.projection import project
 
 LARGE, WINDOW = 4096, 24
 CORNERS = [(0, 0), (LARGE - WINDOW, LARGE - WINDOW), (2036, 2040), (0, LARGE - WINDOW)]
@@ -16,7 +17,7 @@ CORNERS = [(0, 0), (LARGE - WINDOW, LARGE - WINDOW), (2036, 2040), (0, LARGE - W
 @pytest.mark.numerics("image and gradients: 200 Gaussians of all sizes and opacities", within=2e-5)
 @pytest.mark.parametrize("mode", ["classic", "antialiased"])
 @pytest.mark.parametrize("seed", range(3))
-def test_a_cloud(cloud, compare, measured, mode, seed):
+def test_a_random_cloud(cloud, compare, measured, mode, seed):
     both = compare(cloud(seed, 200), rasterize_mode=mode)
     assert both.decided.float().mean() > 0.8
     measured(both.image_error)
@@ -24,7 +25,7 @@ def test_a_cloud(cloud, compare, measured, mode, seed):
 
 
 def stacked(gaussian, count: int, opacities: torch.Tensor) -> dict[str, torch.Tensor]:
-    """Gaussians of less than a pixel, all in the middle of the 5 x 5 image, from 1 to 3 m."""
+    """Gaussians smaller than a pixel, all in the middle of the 5 x 5 image, at 1 to 3 m."""
     rng = np.random.default_rng(0)
     depth = np.sort(rng.uniform(1.0, 3.0, count))
     return gaussian(
@@ -46,7 +47,7 @@ OPACITIES = pytest.mark.parametrize(("low", "high"), [(0.01, 0.01), (0.0, 1.0), 
     outside="the first that would leave a transmittance of 1e-4 or less ends the pixel; no gradient behind it",
 )
 @OPACITIES
-def test_ten_thousand_on_one_pixel(gaussian, compare, measured, low, high):
+def test_ten_thousand_gaussians_on_one_pixel(gaussian, compare, measured, low, high):
     opacities = np.random.default_rng(1).uniform(low, high, 10_000)
     both = compare(stacked(gaussian, 10_000, opacities), 5, 5)
     assert both.found.image[2, 2, -1] > 0.99 and both.decided[2, 2]
@@ -60,7 +61,7 @@ def test_ten_thousand_on_one_pixel(gaussian, compare, measured, low, high):
     within=2e-2,
 )
 @OPACITIES
-def test_pose_before_ten_thousand(gaussian, compare, measured, low, high):
+def test_pose_gradient_with_ten_thousand_gaussians(gaussian, compare, measured, low, high):
     opacities = np.random.default_rng(1).uniform(low, high, 10_000)
     measured(compare(stacked(gaussian, 10_000, opacities), 5, 5).pose_error)
 
@@ -68,7 +69,7 @@ def test_pose_before_ten_thousand(gaussian, compare, measured, low, high):
 @pytest.mark.numerics(
     "10,000 equal Gaussians at equal depth", within=1e-4, outside="composited in their order"
 )
-def test_equal_depths(gaussian, compare, measured):
+def test_gaussians_at_equal_depths_keep_their_order(gaussian, compare, measured):
     count = 10_000
     values = gaussian(
         means=[[0.0, 0.0, 2.0]] * count,
@@ -130,7 +131,7 @@ def test_a_large_image(gaussian, decided_of, weights_of, measured):
 
 
 def _windows(values: dict[str, torch.Tensor]) -> list[tuple[torch.Tensor, dict[str, object]]]:
-    """What the reference shows of each window: projected as for the large image, composited there alone."""
+    """The reference's render of each window: projected for the large image, composited in the window only."""
     shape = [values[name] for name in ("means", "quats", "scales", "opacities")]
     planes = {"near_plane": 0.1, "far_plane": 1e10, "radius_clip": 0.0, "eps2d": 0.3, "antialiased": False}
     p = project(*shape, values["viewmats"][0], values["Ks"][0], LARGE, LARGE, **planes)
@@ -163,7 +164,7 @@ STEP = 1e-6
 )
 @pytest.mark.parametrize("mode", ["classic", "antialiased"])
 @pytest.mark.parametrize("render_mode", ["RGB", "RGB+ED"])
-def test_finite_differences(cloud, decided_of, weights_of, measured, mode, render_mode):
+def test_gradients_equal_finite_differences(cloud, decided_of, weights_of, measured, mode, render_mode):
     values = {name: value.double() for name, value in cloud(5, 4).items()}
     generator = torch.Generator().manual_seed(3)
     values["colors"] = 0.2 * torch.randn(4, 16, 3, generator=generator, dtype=torch.float64)

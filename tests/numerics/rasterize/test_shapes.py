@@ -1,4 +1,4 @@
-"""Sizes, proportions, turns and opacities of a Gaussian."""
+"""Extreme sizes, proportions, rotations and opacities of a Gaussian."""
 
 import pytest
 import torch
@@ -13,7 +13,7 @@ MODES = pytest.mark.parametrize("mode", ["classic", "antialiased"])
 
 
 def decades(low: float, high: float) -> st.SearchStrategy[float]:
-    """10 to the power of ``low`` to ``high``."""
+    """10 to the power of ``low`` ... ``high``."""
     return st.floats(low, high).map(lambda exponent: 10.0**exponent)
 
 
@@ -53,21 +53,21 @@ def test_gradients_of_any_scale(gaussian, compare, measured, mode, size, turn):
     outside="finite at any length",
 )
 @given(length=decades(-4, 4), turn=TURNS)
-def test_needles(gaussian, compare, measured, length, turn):
+def test_elongated_gaussians(gaussian, compare, measured, length, turn):
     measured(compare(gaussian(scales=[[length, 1e-8, 1e-8]], quats=[turn])).gradient_error)
 
 
 @pytest.mark.numerics("gradients: pancakes 1e-8 m thin and 1e-4 to 1e4 m wide, any turn", within=1e-4)
 @MODES
 @given(width=decades(-4, 4), turn=TURNS)
-def test_pancakes(gaussian, compare, measured, mode, width, turn):
+def test_flat_gaussians(gaussian, compare, measured, mode, width, turn):
     values = gaussian(scales=[[width, 0.7 * width, 1e-8]], quats=[turn])
     measured(compare(values, rasterize_mode=mode).gradient_error)
 
 
 @pytest.mark.numerics("image and gradients: a pancake seen exactly from its edge", within=1e-5)
 @MODES
-def test_pancake_from_its_edge(gaussian, compare, measured, mode):
+def test_a_flat_gaussian_seen_from_its_edge(gaussian, compare, measured, mode):
     both = compare(gaussian(scales=[[1.0, 0.8, 1e-8]], quats=[[1, 0, 1, 0]]), rasterize_mode=mode)
     measured(both.image_error)
     measured(both.gradient_error)
@@ -86,7 +86,7 @@ def test_scales_of_zero(gaussian, compare, measured, mode):
 
 @pytest.mark.numerics("scales from 1e19 m to infinity, and NaN", outside="not drawn; gradients are finite")
 @pytest.mark.parametrize("scale", [1e19, 1e30, float("inf"), float("nan")])
-def test_scales_beyond_all_bounds(gaussian, compare, scale):
+def test_scales_larger_than_any_scene(gaussian, compare, scale):
     found = compare(gaussian(scales=[[scale] * 3])).found
     assert not found.image.any()
     assert all(gradient.isfinite().all() for gradient in found.gradients.values())
@@ -162,7 +162,7 @@ def test_opacity_of_one(gaussian, compare, measured):
 
 @pytest.mark.numerics("opacities of 0, below 1/255, and negative", outside="culled: radius 0, gradient 0")
 @pytest.mark.parametrize("opacity", [0.0, 1e-38, 0.0039, -1.0])
-def test_opacities_that_show_nothing(gaussian, compare, opacity):
+def test_opacities_too_small_to_be_visible(gaussian, compare, opacity):
     both = compare(gaussian(opacities=[opacity]))
     assert not both.found.image.any() and not both.found.meta["radii"].any()
     assert not any(gradient.any() for gradient in both.found.gradients.values())

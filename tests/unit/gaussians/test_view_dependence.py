@@ -14,7 +14,7 @@ from egosplat.gaussians.training_views import Views
 from egosplat.gaussians.view_dependence import DegreeSearch, mean_basis, reduce_degree, without_degree
 from egosplat.geometry import Camera
 from egosplat.pipeline.config import defaults
-from egosplat.rasterize.sh_reference import spherical_harmonics
+from egosplat.rasterize.reference.spherical_harmonics import spherical_harmonics
 from egosplat.splats import stage
 
 CAMERA = Camera(24, 24, 22.0, 22.0, 12.0, 12.0)

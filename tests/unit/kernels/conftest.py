@@ -1,4 +1,4 @@
-"""What the kernels' tests share: the variants that this process has not loaded, in a process of their own."""
+"""Fixture of the kernel tests: other variants of the library, each in its own process."""
 
 import os
 import subprocess
@@ -14,7 +14,7 @@ from egosplat.kernels.targets import HERE, VARIANTS
 
 @pytest.fixture(params=VARIANTS, ids=lambda variant: variant.name)
 def in_other_variant(request: pytest.FixtureRequest) -> Callable[[str, Path], None]:
-    """Runs a script, given a folder as its argument, with another variant than this process has loaded."""
+    """Run a script, with a folder as its argument, with another variant than this process has loaded."""
     variant = request.param
     if variant.name == library.variant():
         pytest.skip("the other tests are of this one")

@@ -1,4 +1,4 @@
-"""The fused Adam step: torch's numbers, whatever the rows, the threads and the processor."""
+"""The fused Adam step equals torch's for any rows, number of threads and processor."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -17,13 +17,13 @@ OPTIONS = {"beta1": 0.9, "beta2": 0.999, "eps": 1e-15}
 
 
 def tensors(rows: int, columns: int) -> list[Tensor]:
-    """A parameter with room for its gradient, and its moments."""
+    """A parameter with space for its gradient, and its moments."""
     param = torch.randn(rows, columns, generator=torch.Generator().manual_seed(3))
     return [param, *(torch.zeros(rows, columns) for _ in range(3))]
 
 
 def gradients(rows: int, columns: int, step: int) -> Tensor:
-    """Rows come and go: a row has a gradient in one of three steps, and some rows never have."""
+    """Gradients of rows that come and go: in one of three steps, or never."""
     generator = torch.Generator().manual_seed(step)
     grad = torch.randn(rows, columns, generator=generator)
     row = torch.arange(rows)
@@ -38,7 +38,7 @@ def steps(state: Sequence[Tensor], count: int, lr: float = 0.01, rates: Tensor |
 
 @pytest.mark.parametrize("rows", [0, 1, 15, 16, 100])
 @pytest.mark.parametrize("columns", [0, 1, 3, 4, 48])
-def test_steps_are_those_of_torch(rows: int, columns: int) -> None:
+def test_steps_equal_torch_adam(rows: int, columns: int) -> None:
     state = tensors(rows, columns)
     leaf = state[0].clone().requires_grad_()
     reference = torch.optim.Adam([leaf], lr=0.01, betas=(0.9, 0.999), eps=1e-15)
@@ -52,7 +52,7 @@ def test_steps_are_those_of_torch(rows: int, columns: int) -> None:
             torch.testing.assert_close(moments, reference.state[leaf][name], rtol=1e-5, atol=1e-7)
 
 
-def test_rows_without_gradient_and_moments_stay_and_others_move_on() -> None:
+def test_rows_with_zero_gradient_and_moments_keep_their_bits() -> None:
     state = tensors(40, 3)
     before = state[0].clone()
     steps(state, 6)
@@ -64,7 +64,7 @@ def test_rows_without_gradient_and_moments_stay_and_others_move_on() -> None:
 
 
 @pytest.mark.parametrize("rows", [5, 37])
-def test_columns_have_their_own_rates(rows: int) -> None:
+def test_each_column_uses_its_own_learning_rate(rows: int) -> None:
     state, parts = tensors(rows, 12), [tensors(rows, 12) for _ in range(2)]
     rates = torch.tensor([0.02] * 3 + [0.001] * 9)
     steps(state, 5, rates=rates)
@@ -75,7 +75,7 @@ def test_columns_have_their_own_rates(rows: int) -> None:
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e30])
 @pytest.mark.parametrize("row", [0, 20, 36])
-def test_a_row_with_a_broken_gradient_is_left_out_and_counted(value: float, row: int) -> None:
+def test_rows_with_a_non_finite_gradient_are_skipped_and_counted(value: float, row: int) -> None:
     state, sound = tensors(37, 5), tensors(37, 5)
     for each in (state, sound):
         steps(each, 3)
@@ -90,7 +90,7 @@ def test_a_row_with_a_broken_gradient_is_left_out_and_counted(value: float, row:
         assert torch.equal(state[index][others], sound[index][others])
 
 
-def test_threads_change_no_bit() -> None:
+def test_results_do_not_depend_on_the_number_of_threads() -> None:
     before, results = torch.get_num_threads(), []
     try:
         for threads in (1, 2, 5):
@@ -117,7 +117,7 @@ def test_mismatched_shapes_are_rejected() -> None:
         adam_step(*state, 0.01, **OPTIONS, step=1, learning_rates=torch.ones(2))
 
 
-def test_the_other_variants_agree(in_other_variant: Callable[[str, Path], None], tmp_path: Path) -> None:
+def test_other_variants_agree(in_other_variant: Callable[[str, Path], None], tmp_path: Path) -> None:
     state = tensors(21, 5)
     state[1].copy_(gradients(21, 5, 0))
     torch.save(state, tmp_path / "in.pt")

@@ -1,4 +1,4 @@
-"""The library of the kernels: which variant is taken, and what is said where none can be."""
+"""Loading the kernels: the choice of a variant, and the messages if none can be loaded."""
 
 import os
 import shutil
@@ -43,13 +43,13 @@ def compiled(tmp_path_factory) -> Path:
 
 @pytest.fixture
 def folder(compiled, tmp_path) -> Path:
-    """A private copy of it."""
+    """A private copy of the compiled folder."""
     return Path(shutil.copytree(compiled, tmp_path / "kernels"))
 
 
 @pytest.fixture
 def three(tmp_path) -> Path:
-    """A folder in which a file stands for each library."""
+    """A folder with an empty file for each library."""
     for variant in VARIANTS:
         (tmp_path / variant.file).touch()
     return tmp_path
@@ -64,17 +64,17 @@ def three(tmp_path) -> Path:
         (frozenset(), GENERIC),
     ],
 )
-def test_the_best_variant_that_the_processor_runs(three, features, expected):
+def test_the_best_supported_variant_is_chosen(three, features, expected):
     assert choose(three, features, None) == expected
 
 
-def test_a_variant_that_is_not_compiled_is_passed_over(three):
+def test_a_variant_that_is_not_compiled_is_skipped(three):
     (three / AVX512.file).unlink()
     assert choose(three, AVX512.features, None) == AVX2
 
 
 @pytest.mark.parametrize("wanted", VARIANTS, ids=lambda variant: variant.name)
-def test_the_wanted_variant(three, wanted):
+def test_the_variant_of_the_environment_variable_is_chosen(three, wanted):
     assert choose(three, AVX512.features, wanted.name) == wanted
 
 
@@ -116,7 +116,7 @@ def test_libraries_for_other_processors_are_reported(three):
     ],
     ids=["x86", "arm"],
 )
-def test_features_of_the_processor(tmp_path, text, expected):
+def test_features_are_read_from_cpuinfo(tmp_path, text, expected):
     (tmp_path / "cpuinfo").write_text(text)
     assert cpu_features(tmp_path / "cpuinfo") == expected
 
@@ -125,7 +125,7 @@ def test_a_missing_cpuinfo_gives_no_features(tmp_path):
     assert cpu_features(tmp_path / "absent") == frozenset()
 
 
-def test_a_library_runs_in_the_threads_of_torch(folder):
+def test_a_library_uses_torch_s_threads(folder):
     kernels = open_library(folder, GENERIC)
     before = torch.get_num_threads()
     try:
@@ -136,7 +136,7 @@ def test_a_library_runs_in_the_threads_of_torch(folder):
         torch.set_num_threads(before)
 
 
-def test_a_library_brings_no_openmp_runtime_of_its_own(folder):
+def test_a_library_links_to_no_openmp_runtime(folder):
     code = (
         "import sys; from pathlib import Path; from egosplat.kernels import library, targets\n"
         "def runtimes(): return {line.split()[-1] for line in open('/proc/self/maps') if 'gomp' in line}\n"
@@ -148,7 +148,7 @@ def test_a_library_brings_no_openmp_runtime_of_its_own(folder):
     assert done.returncode == 0, done.stderr
 
 
-def test_an_edited_statement_makes_the_library_stale_and_a_comment_does_not(folder):
+def test_an_edited_statement_but_no_comment_makes_the_library_stale(folder):
     source = folder / "source/kernels.cpp"
     source.write_text("// Why.\n" + SOURCE)
     open_library(folder, GENERIC)
@@ -171,8 +171,8 @@ def test_a_damaged_library_is_reported(folder):
         open_library(folder, GENERIC)
 
 
-def test_nothing_is_raised_where_the_kernels_are_missing(tmp_path):
-    """A copy of the code without libraries: it can be imported, and says why not."""
+def test_the_package_imports_without_kernels(tmp_path):
+    """A copy of the code without libraries can be imported and reports why the kernels are missing."""
     ignored = shutil.ignore_patterns("__pycache__", "*.so")
     shutil.copytree(HERE.parent, tmp_path / "egosplat", ignore=ignored)
     code = "from egosplat.kernels.library import why_not; print(why_not())"
@@ -185,7 +185,7 @@ def test_nothing_is_raised_where_the_kernels_are_missing(tmp_path):
 
 @pytest.fixture
 def fresh():
-    """Nothing loaded before and after."""
+    """Clear the loaded library before and after the test."""
     library._loaded.cache_clear()
     yield
     library._loaded.cache_clear()

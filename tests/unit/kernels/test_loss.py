@@ -1,4 +1,4 @@
-"""The fused loss: the definition's value and gradient, whatever the size, the threads and the processor."""
+"""The fused loss equals the definition's value and gradient for any size, number of threads and processor."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -17,7 +17,7 @@ SIZES = [(1, 1), (5, 7), (11, 11), (16, 16), (33, 65), (70, 9), (8, 100)]
 
 
 def pictures(height: int, width: int, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
-    """A render as the rasterizer leaves it, a photograph like it, and weights of which a third is 0."""
+    """A render as the rasterizer returns it, a similar photograph, and weights of which a third are 0."""
     generator = torch.Generator().manual_seed(seed)
     target = torch.rand(height, width, 3, generator=generator)
     noise = torch.randn(3, height, width, generator=generator).permute(1, 2, 0)
@@ -33,7 +33,7 @@ def value_and_gradient(render: Tensor, target: Tensor, weight: Tensor | None) ->
 
 
 def in_double(render: Tensor, target: Tensor, weight: Tensor | None) -> tuple[Tensor, Tensor]:
-    """The definition's value and gradient, in float64."""
+    """Value and gradient of the definition in float64."""
     leaf = render.detach().double().requires_grad_()
     loss = torch_l1_ssim(leaf, target.double(), None if weight is None else weight.double(), 0.2)
     return loss, torch.autograd.grad(loss, leaf)[0]
@@ -45,7 +45,7 @@ def distance(one: Tensor, other: Tensor) -> float:
 
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("weighted", [False, True])
-def test_value_and_gradient_are_the_definitions(size: tuple[int, int], weighted: bool) -> None:
+def test_value_and_gradient_equal_the_definition(size: tuple[int, int], weighted: bool) -> None:
     render, target, weight = pictures(*size)
     if size == (1, 1):
         weight.fill_(0.5)
@@ -57,7 +57,7 @@ def test_value_and_gradient_are_the_definitions(size: tuple[int, int], weighted:
 
 
 @pytest.mark.parametrize("level", [0.0, 0.5, 1.0])
-def test_plain_surfaces(level: float) -> None:
+def test_constant_images(level: float) -> None:
     # Variances are differences of nearly equal numbers there.
     render, target, _ = pictures(40, 40)
     target = torch.full_like(target, level)
@@ -69,7 +69,7 @@ def test_plain_surfaces(level: float) -> None:
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_threads_change_no_bit(size: tuple[int, int]) -> None:
+def test_results_do_not_depend_on_the_number_of_threads(size: tuple[int, int]) -> None:
     arguments = pictures(*size)
     before, results = torch.get_num_threads(), []
     try:
@@ -105,7 +105,7 @@ def test_non_finite_pixels_do_not_spread(value: float, which: int) -> None:
     assert not gradient[12, 17].any() and gradient[12, 18].all()
 
 
-def test_the_gradient_follows_the_factor_and_the_value_needs_none() -> None:
+def test_gradients_scale_with_the_factor_and_the_value_needs_none() -> None:
     render, target, weight = pictures(12, 20)
     loss, gradient = value_and_gradient(render, target, weight)
     (scaled,) = torch.autograd.grad(3.0 * l1_ssim(render, target, weight, 0.2), render)
@@ -132,7 +132,7 @@ def test_mismatched_shapes_are_rejected() -> None:
         l1_ssim(render, target, weight.double(), 0.2)
 
 
-def test_the_other_variants_agree(in_other_variant: Callable[[str, Path], None], tmp_path: Path) -> None:
+def test_other_variants_agree(in_other_variant: Callable[[str, Path], None], tmp_path: Path) -> None:
     arguments = pictures(41, 27)
     torch.save([tensor.detach() for tensor in arguments], tmp_path / "in.pt")
     script = (

@@ -1,4 +1,4 @@
-"""Compositing by the kernels: threads, memory, what the backward pass needs of the forward pass."""
+"""Compositing with the kernels: threads, memory, and the state between forward and backward pass."""
 
 import math
 from collections.abc import Callable
@@ -14,7 +14,7 @@ WIDTH, HEIGHT = 150, 110
 
 
 def projected(count: int, channels: int, seed: int = 0) -> dict[str, Tensor]:
-    """Projected Gaussians all over the image and beyond."""
+    """Projected Gaussians across the image and outside it."""
     generator = torch.Generator().manual_seed(seed)
 
     def uniform(low: float, high: float, *size: int) -> Tensor:
@@ -30,7 +30,7 @@ def projected(count: int, channels: int, seed: int = 0) -> dict[str, Tensor]:
         "depths": uniform(0.5, 5.0, count),
         "opacities": uniform(0.05, 0.95, count),
         "channels": uniform(0.0, 1.0, count, channels),
-        "spreads": vv,
+        "variances_y": vv,
         "radii": (3.4 * torch.stack([uu, vv], dim=-1).sqrt()).ceil().to(torch.int32),
         "background": uniform(0.0, 1.0, channels),
     }
@@ -42,7 +42,7 @@ def pull(values: dict[str, Tensor], threads: int) -> list[Tensor]:
     torch.set_num_threads(threads)
     try:
         inputs = {
-            name: value.clone().requires_grad_(name not in ("depths", "spreads", "radii"))
+            name: value.clone().requires_grad_(name not in ("depths", "variances_y", "radii"))
             for name, value in values.items()
         }
         render, alpha = composite(**inputs, width=WIDTH, height=HEIGHT)
@@ -68,7 +68,7 @@ def test_calls_do_not_share_state():
     assert all(torch.equal(a, b) for a, b in zip(fresh, pull(small, 1), strict=True))
 
 
-def test_two_passes_may_be_open_at_once():
+def test_two_forward_passes_before_their_backward_passes():
     values = [projected(500, 3, seed) for seed in (3, 4)]
     alone = [pull(value, 1) for value in values]
     inputs = [{n: v.clone().requires_grad_(n == "channels") for n, v in each.items()} for each in values]
@@ -79,7 +79,7 @@ def test_two_passes_may_be_open_at_once():
         torch.testing.assert_close(each["channels"].grad, expected[5], rtol=1e-6, atol=1e-6)
 
 
-def test_the_graph_may_be_walked_twice():
+def test_the_backward_pass_can_run_twice():
     values = projected(300, 3)
     values["channels"].requires_grad_()
     render, _ = composite(**values, width=WIDTH, height=HEIGHT)
@@ -88,7 +88,7 @@ def test_the_graph_may_be_walked_twice():
     assert torch.equal(first, second)
 
 
-def test_a_gradient_of_alpha_alone():
+def test_gradient_of_alpha_only():
     values = projected(300, 3)
     values["opacities"].requires_grad_()
     _, alpha = composite(**values, width=WIDTH, height=HEIGHT)
@@ -115,7 +115,7 @@ def test_gaussians_are_composited_nearest_first():
         "depths": torch.tensor([2.0, 1.0]),
         "opacities": torch.tensor([0.5, 0.25]),
         "channels": torch.eye(2, 3),
-        "spreads": None,
+        "variances_y": None,
         "radii": torch.full((2, 2), 12, dtype=torch.int32),
         "background": torch.zeros(3),
     }
@@ -126,7 +126,7 @@ def test_gaussians_are_composited_nearest_first():
     assert render[1, 50, 53].item() == pytest.approx(0.25 * at, rel=1e-6)
 
 
-def test_culled_gaussians_are_not_looked_at():
+def test_culled_gaussians_are_ignored():
     values = projected(50, 3)
     values["radii"][:25] = 0
     values["means2d"][:25] = math.nan
@@ -135,7 +135,7 @@ def test_culled_gaussians_are_not_looked_at():
     assert torch.equal(found, expected)
 
 
-def test_the_other_variants_agree(in_other_variant: Callable[[str, Path], None], tmp_path: Path) -> None:
+def test_other_variants_agree(in_other_variant: Callable[[str, Path], None], tmp_path: Path) -> None:
     values = projected(2000, 18) | {"opacities": torch.full((2000,), 0.3)}
     values["channels"].requires_grad_(), values["conics"].requires_grad_(), values["means2d"].requires_grad_()
     torch.save({name: value.detach() for name, value in values.items()}, tmp_path / "in.pt")

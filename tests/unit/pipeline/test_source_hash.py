@@ -1,4 +1,4 @@
-"""C++ sources are the same where the compiler sees the same."""
+"""The hash of C++ sources changes with their tokens only."""
 
 import pytest
 
@@ -66,7 +66,7 @@ def test_tokens(text, tokens):
     assert list(cpp_tokens(text)) == tokens
 
 
-def test_names_of_files_count_and_other_files_do_not(tmp_path):
+def test_file_names_count_and_other_files_do_not(tmp_path):
     (tmp_path / "kernels.cpp").write_text(SOURCE)
     first = cpp_hash(tmp_path)
     (tmp_path / "notes.txt").write_text("why")

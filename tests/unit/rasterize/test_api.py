@@ -1,4 +1,4 @@
-"""The choice of the backend; the backends themselves have their own tests."""
+"""The choice of the backend and the passing of arguments; each backend has its own tests."""
 
 import inspect
 from typing import Any
@@ -8,8 +8,9 @@ import torch
 
 from egosplat.errors import UserError
 from egosplat.kernels import library
-from egosplat.rasterize import api, reference
+from egosplat.rasterize import api
 from egosplat.rasterize.contract import Arguments
+from egosplat.rasterize.reference import rasterizer as reference
 
 SIZE = {"width": 8, "height": 6}
 
@@ -36,7 +37,7 @@ def no_kernels(monkeypatch):
     api._warn_slow.cache_clear()
 
 
-def test_without_kernels_the_reference_renders_and_says_so_once(no_kernels, capsys):
+def test_without_kernels_the_reference_renders_with_one_warning(no_kernels, capsys):
     expected, expected_alpha, _ = reference.rasterization(Arguments(**gaussians()))
     for _ in range(3):
         image, alpha, _ = api.rasterization(**gaussians())
@@ -99,7 +100,7 @@ def test_all_options_reach_the_backend(monkeypatch):
     assert all(given[name] is arguments[name] for name in arguments)
 
 
-def test_arguments_are_those_of_the_function():
+def test_argument_fields_equal_the_parameters_of_the_function():
     parameters = dict(inspect.signature(api.rasterization).parameters)
     del parameters["backend"]
     defaults = {name: each.default for name, each in parameters.items()}

@@ -1,4 +1,4 @@
-"""What the backends share around the compositing."""
+"""Helpers shared by the backends."""
 
 import math
 
@@ -21,7 +21,7 @@ def test_one_bad_number_makes_a_gaussian_unusable(value):
     assert usable_gaussians(torch.ones(0, 4), torch.zeros(0, 16, 3)).shape == (0,)
 
 
-def test_quaternion_without_length_is_unusable():
+def test_a_quaternion_of_length_zero_makes_a_gaussian_unusable():
     quats = torch.tensor([[0.0, 0, 0, 0], [1e30, 0, 0, 0], [1e-15, 0, 0, 0]])
     assert usable_gaussians(quats).tolist() == [False, False, True]
 
@@ -45,7 +45,7 @@ def test_order_of_channels(mode, expected):
     assert per_camera.tolist() == [[expected]] * 5
 
 
-def test_finish_composes_the_background_and_divides_the_depth():
+def test_finish_blends_the_background_and_divides_the_depth():
     composited = torch.tensor([0.5, 6.0]).expand(1, 1, 2, 2)
     alpha = torch.tensor([0.75, 0.0]).reshape(1, 1, 2, 1)
     background = torch.tensor([[2.0]])

@@ -1,4 +1,4 @@
-"""The check of the arguments: everything described passes, everything else is told with its shape."""
+"""Validation of the arguments: documented shapes pass, others are reported with their shape."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The compiled kernels against the reference in float64: values, every gradient, and the extremes."""
+"""The compiled kernels equal the reference in float64: values, gradients, extreme inputs."""
 
 import math
 
@@ -8,8 +8,9 @@ import torch
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
-from egosplat.rasterize import cpu, reference
+from egosplat.rasterize import cpu
 from egosplat.rasterize.contract import Arguments
+from egosplat.rasterize.reference import rasterizer as reference
 
 WIDTH, HEIGHT = 67, 51
 VALUE_TOLERANCE = 1e-5
@@ -19,7 +20,7 @@ GRADIENT_TOLERANCE = 1e-5
 
 
 def scene(seed: int, count: int = 400, cameras: int = 1, features: int = 5) -> dict[str, Tensor]:
-    """A cloud that fills the image, from specks to blobs as wide as the image, nearly to full opacity."""
+    """A cloud that fills the image, from specks to blobs as wide as the image, with opacities up to nearly 1."""
     rng = np.random.default_rng(seed)
     turns = Rotation.from_rotvec(rng.normal(size=(cameras, 3)) * 0.1).as_matrix()
     viewmats = np.tile(np.eye(4), (cameras, 1, 1))
@@ -39,8 +40,7 @@ def scene(seed: int, count: int = 400, cameras: int = 1, features: int = 5) -> d
 
 
 def undecided(meta: dict) -> Tensor:
-    """(C, H, W) pixels at which rounding may decide whether a Gaussian is composited: there, and only there,
-    float32 and float64 may rightly differ by much."""
+    """(C, H, W) pixels where rounding may decide whether a Gaussian is composited; only there may float32 and float64 differ by much."""
     rows, columns = torch.meshgrid(
         torch.arange(meta["height"]) + 0.5, torch.arange(meta["width"]) + 0.5, indexing="ij"
     )
@@ -60,15 +60,14 @@ def undecided(meta: dict) -> Tensor:
 
 
 def unsure(values: dict[str, Tensor], **options) -> Tensor:
-    """(C, H, W) pixels not to compare: undecided ones, and those where the expected depth is a quotient of two
-    numbers that are all but 0."""
+    """(C, H, W) pixels to exclude: undecided ones, and those where the expected depth is a quotient of two tiny numbers."""
     with torch.no_grad():
         _, alpha, meta = reference.rasterization(Arguments(**values, width=WIDTH, height=HEIGHT, **options))
     return undecided(meta) | (alpha[..., 0] < 0.05)
 
 
 def differentiate(backend, values: dict[str, Tensor], dtype: torch.dtype, **options) -> dict[str, Tensor]:
-    """Render, pull a random combination of the image back, and give the images and every gradient."""
+    """Render, backpropagate a random combination of the images, and return images and all gradients."""
     values = {
         name: value.detach().clone().to(dtype).requires_grad_(name != "Ks") for name, value in values.items()
     }
@@ -116,7 +115,7 @@ def test_cpu_kernels_agree_with_float64(seed, options):
 
 
 @pytest.mark.parametrize("render_mode", ["RGB", "D", "ED", "RGB+D"])
-def test_two_cameras_and_every_mode(render_mode):
+def test_two_cameras_in_every_mode(render_mode):
     values = scene(11, cameras=2) | {"colors": scene(12)["features"][:, :4]}
     values["backgrounds"] = torch.rand(2, 9, dtype=torch.float64)
     options = {"render_mode": render_mode}
@@ -152,7 +151,7 @@ def test_images_smaller_than_a_tile(size):
 
 
 @pytest.mark.parametrize("frozen", ["geometry", "all but means"])
-def test_what_needs_no_gradient_gets_none_and_changes_nothing(frozen):
+def test_inputs_without_gradient_get_none_and_change_nothing(frozen):
     values = {name: value.float() for name, value in scene(5).items()}
     free = ("colors", "features") if frozen == "geometry" else ("means",)
     gradients = []
@@ -166,7 +165,7 @@ def test_what_needs_no_gradient_gets_none_and_changes_nothing(frozen):
         assert torch.equal(gradients[0][name], gradients[1][name])
 
 
-def test_the_gradient_of_the_centres_in_the_image_can_be_kept():
+def test_the_gradient_of_means2d_can_be_retained():
     values = {name: value.float() for name, value in scene(6).items()}
     values["means"].requires_grad_()
     image, _, meta = cpu.rasterization(Arguments(**values, width=WIDTH, height=HEIGHT, sh_degree=0))
@@ -196,7 +195,7 @@ def bad(name: str, value: float):
         bad("means", 1e30),
     ],
 )
-def test_broken_gaussians_are_left_out(name, value):
+def test_non_finite_gaussians_are_culled(name, value):
     values = {key: tensor.float() for key, tensor in scene(8, count=60).items()}
     broken = {key: tensor.clone() for key, tensor in values.items()}
     broken[name][7] = value
@@ -252,7 +251,7 @@ def extreme(**changes: object) -> dict[str, Tensor]:
     ids=str,
 )
 @pytest.mark.parametrize("rasterize_mode", ["classic", "antialiased"])
-def test_extremes_stay_with_the_reference(changes, rasterize_mode):
+def test_extreme_gaussians_match_the_reference(changes, rasterize_mode):
     values = extreme(**changes)
     truth = differentiate(reference, values, torch.float64, rasterize_mode=rasterize_mode)
     found = differentiate(cpu, values, torch.float32, rasterize_mode=rasterize_mode)
@@ -263,7 +262,7 @@ def test_extremes_stay_with_the_reference(changes, rasterize_mode):
         assert found[name].isfinite().all(), name
 
 
-def test_no_gaussians_show_the_background():
+def test_without_gaussians_the_background_is_visible():
     values = {name: value[:0] for name, value in extreme().items() if name not in ("viewmats", "Ks")}
     cameras = {name: value.float() for name, value in extreme().items() if name in ("viewmats", "Ks")}
     background = torch.tensor([[0.1, 0.2, 0.3]])

@@ -1,4 +1,4 @@
-"""The call of gsplat: against a double that keeps gsplat's interface, and on a device where there is one."""
+"""The call of gsplat, with a double that has gsplat's interface, and on a CUDA device if there is one."""
 
 import math
 import sys
@@ -10,9 +10,10 @@ import torch
 from torch import Tensor
 
 from egosplat.errors import UserError
-from egosplat.rasterize import cuda, reference
+from egosplat.rasterize import cuda
 from egosplat.rasterize.contract import Arguments
-from egosplat.rasterize.sh_reference import spherical_harmonics
+from egosplat.rasterize.reference import rasterizer as reference
+from egosplat.rasterize.reference.spherical_harmonics import spherical_harmonics
 
 SIZE = {"width": 20, "height": 14}
 DEFAULTS = {
@@ -29,7 +30,7 @@ DEFAULTS = {
 
 
 class GsplatDouble:
-    """What is called of gsplat, computed by the reference, with what gsplat does to masked and zero directions."""
+    """The used part of gsplat's interface, computed by the reference, with gsplat's treatment of masked and zero directions."""
 
     __version__ = "1.5.3"
 
@@ -108,7 +109,7 @@ MODES = [
 
 @pytest.mark.parametrize(("sh", "render_mode", "rasterize_mode"), MODES)
 @pytest.mark.parametrize("hostile", [False, True])
-def test_gsplat_is_asked_for_the_same_image(sh, render_mode, rasterize_mode, hostile):
+def test_gsplat_gets_arguments_for_the_same_image(sh, render_mode, rasterize_mode, hostile):
     inputs = scene(sh, torch.float64)
     if hostile:
         with torch.no_grad():
@@ -131,7 +132,7 @@ def test_gsplat_is_asked_for_the_same_image(sh, render_mode, rasterize_mode, hos
         torch.testing.assert_close(found[name], gradient, msg=name)
 
 
-def test_options_pass_through_and_traps_are_avoided():
+def test_options_pass_through_and_gsplat_s_traps_are_avoided():
     double, inputs = GsplatDouble(), scene(False, torch.float32)
     given = {"near_plane": 0.2, "far_plane": 30.0, "radius_clip": 1.0, "eps2d": 0.2}
     cuda.render(
@@ -155,7 +156,7 @@ def test_channels_in_one_pass(features, mode, chunk):
 
 @pytest.fixture
 def installed(monkeypatch):
-    """Pretends a CUDA device and an installed gsplat: ``installed(version, compiled)``."""
+    """Pretend a CUDA device and an installed gsplat: ``installed(version, compiled)``."""
 
     def install(version: str, compiled: object) -> object:
         double = GsplatDouble()
@@ -170,7 +171,7 @@ def installed(monkeypatch):
 
 
 @pytest.mark.parametrize("version", ["1.5.3", "1.5.4", "1.5.3+pt24cu124", "1.5.10rc1"])
-def test_gsplat_is_found(installed, version):
+def test_a_supported_gsplat_is_loaded(installed, version):
     double = installed(version, object())
     assert cuda.load_gsplat() is double
 
@@ -201,7 +202,7 @@ def test_a_missing_gsplat_is_reported(monkeypatch):
         cuda.load_gsplat()
 
 
-def test_tensors_elsewhere_are_rejected(installed):
+def test_tensors_on_another_device_are_rejected(installed):
     installed("1.5.3", object())
     with pytest.raises(UserError, match="CUDA device.* cpu"):
         cuda.rasterization(Arguments(**scene(False, torch.float32), **SIZE))
@@ -224,7 +225,7 @@ def test_gsplat_agrees_on_the_device(sh, render_mode, rasterize_mode):
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
-def test_broken_gaussians_are_left_out_on_the_device():
+def test_non_finite_gaussians_are_culled_on_the_device():
     pytest.importorskip("gsplat")
     inputs = scene(True, torch.float32, "cuda")
     with torch.no_grad():

@@ -1,4 +1,4 @@
-"""Rays and triangles: what is hit is right, and is the same to the last bit however the caster is compiled."""
+"""Ray casting: hits are correct, and equal to the last bit however the caster is compiled."""
 
 import hashlib
 import os
@@ -31,7 +31,7 @@ def random_rays(count, seed):
 
 
 def rolling_ground():
-    """A closed surface of 40 x 40 squares, two triangles each."""
+    """A closed surface of 40 x 40 squares with two triangles each."""
     rng = np.random.default_rng(3)
     x, z = np.meshgrid(np.arange(41), np.arange(41), indexing="ij")
     vertices = np.stack([x * 0.1, rng.uniform(0, 0.05, x.shape), z * 0.1], axis=-1).reshape(-1, 3)
@@ -44,7 +44,7 @@ def rolling_ground():
 
 
 def rays_at_edges(count):
-    """At points of edges, where the last bit of a product decides which triangle is met."""
+    """Rays at points of edges, where the last bit of a product decides which triangle is hit."""
     rng = np.random.default_rng(4)
     vertices, faces = rolling_ground()
     chosen = vertices[faces[rng.integers(len(faces), size=count)]]
@@ -55,7 +55,7 @@ def rays_at_edges(count):
 
 
 def one_by_one(vertices, faces, origins, directions):
-    """First hits by trying every triangle with the textbook's test (Möller and Trumbore), in float64."""
+    """First hits by testing every triangle in float64 with the method of Möller and Trumbore."""
     corners, directions = vertices.astype(np.float64)[faces], directions.astype(np.float64)
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     across = np.cross(directions[:, None], second)
@@ -71,7 +71,7 @@ def one_by_one(vertices, faces, origins, directions):
     return np.where(np.isfinite(distance[chosen]), face, -1), distance[chosen], u[chosen], v[chosen]
 
 
-def test_hits_are_those_of_trying_every_triangle():
+def test_hits_equal_those_of_testing_every_triangle():
     triangles, rays = random_triangles(700, 1), random_rays(3000, 2)
     face, distance, u, v = Triangles(*triangles).cast(*rays)
     expected = one_by_one(*triangles, *rays)
@@ -93,7 +93,7 @@ def test_hits_nearer_than_the_limit_block():
 
 
 def test_no_ray_passes_between_two_triangles():
-    """Along the diagonal that both halves of a square share, on its corners and straight along the axes."""
+    """Rays at the diagonal that both halves of a square share, at its corners and along the axes."""
     square = Triangles(SQUARE, HALVES)
     share = np.linspace(0, 1, 1001, dtype=np.float32)
     targets = np.stack([share, share, np.zeros_like(share)], axis=1)
@@ -107,7 +107,7 @@ def test_no_ray_passes_between_two_triangles():
     assert (distance == 2).all()
 
 
-def test_rays_along_the_axes_meet_a_box_from_its_very_middle():
+def test_rays_along_the_axes_hit_a_box_from_its_centre():
     x, y, z = np.meshgrid([-1, 1], [-1, 1], [-1, 1], indexing="ij")
     vertices = np.stack([x, y, z], axis=-1).reshape(-1, 3).astype(np.float32)
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
@@ -120,7 +120,7 @@ def test_rays_along_the_axes_meet_a_box_from_its_very_middle():
 
 @pytest.mark.parametrize("flags", ["-O0", "-O2 -march=x86-64", "-O3 -march=native", "-O3 -march=x86-64-v3"])
 def test_equal_to_the_last_bit_however_it_is_compiled(flags, tmp_path, monkeypatch):
-    """Without -ffp-contract=off the instruction sets that multiply and add at once give other distances."""
+    """Without -ffp-contract=off, instruction sets with fused multiply-add give other distances."""
     if find_compiler() is None:
         pytest.skip("no C++ compiler is found")
     monkeypatch.setenv("CXXFLAGS", flags)
@@ -138,8 +138,8 @@ def test_equal_to_the_last_bit_however_it_is_compiled(flags, tmp_path, monkeypat
         np.testing.assert_array_equal(one.view(np.uint32), two.view(np.uint32))
 
 
-def test_hits_have_the_bits_that_every_processor_has():
-    """Its digest is written here: another processor, or compiler, that gives other bits fails here."""
+def test_hits_have_a_fixed_digest():
+    """The digest is a constant here, so a processor or compiler with other bits fails."""
     vertices = (np.arange(1200).reshape(-1, 3) * 7919 % 1000).astype(np.float32) / np.float32(256)
     faces = (np.arange(900).reshape(-1, 3) * 31 % 400).astype(np.int32)
     directions = (np.arange(6000).reshape(-1, 3) * 104729 % 2001 - 1000).astype(np.float32)
@@ -150,14 +150,14 @@ def test_hits_have_the_bits_that_every_processor_has():
     assert digest[:16] == "9626b7d8832e3fe4"
 
 
-def test_rays_past_all_triangles_hit_nothing():
+def test_rays_beyond_all_triangles_hit_nothing():
     empty = Triangles(np.empty((0, 3), np.float32), np.empty((0, 3), np.int32))
     origins, directions = random_rays(5, 0)
     assert (empty.cast(origins, directions)[0] == -1).all()
     assert not empty.blocks(origins, directions, np.full(5, np.inf, dtype=np.float32)).any()
 
 
-def test_faces_of_vertices_that_are_not_there_are_rejected():
+def test_faces_with_missing_vertices_are_rejected():
     with pytest.raises(ValueError, match="0 to 4 of 4"):
         Triangles(SQUARE, np.array([[0, 1, 4]], dtype=np.int32))
     with pytest.raises(ValueError, match="2 origins for 1"):
@@ -165,7 +165,7 @@ def test_faces_of_vertices_that_are_not_there_are_rejected():
 
 
 def test_a_library_of_other_sources_is_not_used(tmp_path, monkeypatch):
-    """A changed source must not go on with what an older one was compiled to."""
+    """After a change of the sources, the library compiled from the old ones is not used."""
     from egosplat.errors import UserError
 
     monkeypatch.setattr(library, "source_hash", lambda: "0" * 16)
@@ -208,8 +208,8 @@ def test_fast_arithmetic_is_rejected(tmp_path, monkeypatch):
         compile_rays(tmp_path, tmp_path)
 
 
-def test_no_instruction_that_multiplies_and_adds_at_once(tmp_path):
-    """What the compiler made of the sources, read from the library itself."""
+def test_the_library_has_no_fused_multiply_add(tmp_path):
+    """Reads the instructions of the compiled library."""
     if not shutil.which("objdump"):
         pytest.skip("objdump is absent")
     code = subprocess.run(

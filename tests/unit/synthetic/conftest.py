@@ -1,4 +1,4 @@
-"""One furnished apartment, and one recording of it with people at work, for all tests of this room."""
+"""Fixtures: one furnished apartment, and one recording of it with people at work."""
 
 from dataclasses import dataclass
 
@@ -17,7 +17,7 @@ SIZE, FPS, SECONDS, OBJECTS = 192, 2.5, 16.0, 24
 
 @dataclass(frozen=True)
 class Filmed:
-    """A recording with everything that it was made from."""
+    """A recording with the world and the renderer that it was made from."""
 
     world: World
     renderer: Renderer

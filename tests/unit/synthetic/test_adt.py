@@ -1,4 +1,4 @@
-"""A written sequence folder, asked through projectaria-tools' own ADT and MPS readers, gives back what went in."""
+"""projectaria-tools' own ADT and MPS readers read back what is written in a sequence folder."""
 
 import csv
 import gzip
@@ -62,7 +62,7 @@ LOG_OF_ANY_SEQUENCE = re.compile(
 
 
 def device_pose(times_ns):
-    """A swaying head: smooth, with angular accelerations of some 10 rad/s²."""
+    """A swaying head: smooth, with angular accelerations of about 10 rad/s²."""
     t = (np.asarray(times_ns, dtype=np.int64) - START_NS) * 1e-9
     turning = np.stack([0.6 * np.sin(4 * t), np.cos(3 * t), 0.3 * np.sin(6 * t + 1)], axis=-1)
     place = np.stack([np.sin(2 * t), 1.6 + 0.02 * np.cos(9 * t), 0.7 * t], axis=-1)
@@ -74,7 +74,7 @@ def random_pose(rng):
 
 
 def make_view(rng, ids):
-    """Random labels in the middle, nothing around."""
+    """Random labels in the middle, background around."""
     segmentation = np.zeros((SIZE, SIZE), np.uint64)
     segmentation[5:50, 9:60] = rng.choice(np.array(ids, np.uint64), (45, 51))
     depth = rng.integers(0, 2**16, (SIZE, SIZE)).astype(np.uint16)
@@ -82,7 +82,7 @@ def make_view(rng, ids):
 
 
 def make_picture(rng):
-    """A smooth picture, as JPEG likes it."""
+    """A smooth image, which JPEG keeps well."""
     coarse = rng.integers(0, 256, (4, 4, 3))
     ramp = np.linspace(0, 3, SIZE)
     low = np.minimum(ramp.astype(int), 2)
@@ -216,7 +216,7 @@ def test_labels_and_depth_are_exact(provider, people):
 
 
 @pytest.mark.parametrize("capture_ns", [START_NS, START_NS + 33_329_457, 10**12 + 499, 10**12 + 500])
-def test_ground_truth_is_a_little_late_and_on_the_microsecond(capture_ns):
+def test_ground_truth_times_follow_the_capture_on_the_microsecond_grid(capture_ns):
     assert abs(ground_truth_ns(capture_ns) - capture_ns - 90_000) <= 500
     assert ground_truth_ns(capture_ns) % 1000 == 0
 
@@ -294,7 +294,7 @@ def assert_same_pose(pose, time_ns):
     assert rotation_angle(difference)[0] < 1e-6
 
 
-def test_ground_truth_has_adts_rate_whatever_that_of_the_pictures(tmp_path):
+def test_ground_truth_has_adts_rate_at_any_frame_rate(tmp_path):
     sequence = make_sequence(lambda: iter([make_frame(0)]), frame_count=1)
     write_sequence(sequence, tmp_path / "tiny")
     rows = mps.read_closed_loop_trajectory(str(tmp_path / "tiny" / "aria_trajectory.csv"))
@@ -316,7 +316,7 @@ def test_trajectory_of_mps(folder):
 
 
 def test_velocities_are_in_the_device_frame():
-    """A screw motion, whose velocities are known and constant there."""
+    """A screw motion has constant, known velocities in the device frame."""
     axis, forward = np.array([0.3, -1.2, 0.5]), np.array([0.1, 0.7, -0.4])
 
     def constant_motion(times_ns):
@@ -346,7 +346,7 @@ def test_points(folder):
     assert {point.graph_uid for point in points} == {row.graph_uid for row in trajectory}
 
 
-def test_same_sequence_makes_the_same_files(folder, tmp_path):
+def test_the_same_sequence_gives_the_same_bytes(folder, tmp_path):
     write_sequence(make_sequence(), tmp_path / "tiny")
     written = {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()}
     assert written == {path.relative_to(tmp_path / "tiny") for path in tmp_path.rglob("*") if path.is_file()}
@@ -357,7 +357,7 @@ def test_same_sequence_makes_the_same_files(folder, tmp_path):
 
 
 def test_without_people(tmp_path):
-    """No person anywhere: an empty list of skeletons, and the files of both kinds all the same."""
+    """Without people, the list of skeletons is empty, and the files with and without people both exist."""
 
     def frame(number):
         full = make_frame(number)
@@ -373,7 +373,7 @@ def test_without_people(tmp_path):
 
 
 def test_frames_are_made_one_at_a_time(tmp_path):
-    """A frame is written before the next one is asked for: memory does not grow with the recording."""
+    """A frame is written before the next one is made, so memory does not grow with the recording."""
     sizes = []
 
     def frames():
@@ -424,7 +424,7 @@ def poseless_frames():
         (poseless_frames, f"world_from_object: missing \\[{CUP}\\]"),
     ],
 )
-def test_a_write_that_fails_leaves_nothing(tmp_path, frames, error):
+def test_a_failed_write_leaves_nothing(tmp_path, frames, error):
     with pytest.raises((RuntimeError, ValueError), match=error):
         write_sequence(make_sequence(frames), tmp_path / "tiny")
     assert list(tmp_path.iterdir()) == []
@@ -443,7 +443,7 @@ def test_an_inconsistent_sequence_is_rejected(tmp_path, changes, error):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_existing_folder_is_left_alone(tmp_path):
+def test_an_existing_folder_is_not_changed(tmp_path):
     (tmp_path / "tiny").mkdir()
     (tmp_path / "tiny" / "precious").write_text("x")
     with pytest.raises(UserError, match="exists already"):
@@ -460,7 +460,7 @@ def keys(path: Path) -> set[str]:
     return set(json.loads(path.read_text()))
 
 
-def test_files_are_those_of_the_real_recording(folder, real_data):
+def test_file_names_equal_those_of_the_real_recording(folder, real_data):
     real = real_data("adt_sample")
     tables = [path.name for path in real.glob("*.csv")]
     assert len(tables) >= 6

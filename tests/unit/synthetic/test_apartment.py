@@ -1,4 +1,4 @@
-"""Apartments are furnished as a person would find plausible: things stand on things and not in one another."""
+"""Apartments are plausible: objects stand on objects and do not intersect."""
 
 import itertools
 import json
@@ -20,7 +20,7 @@ DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
 
 
 def surface_points(thing, inwards):
-    """Points on a thing's surface, moved under it by so many metres."""
+    """Points on an object's surface, moved below it by some metres."""
     vertices = np.concatenate([part.shape.vertices for part in thing.model.parts])
     normals = np.concatenate([part.shape.normals for part in thing.model.parts])
     return transform(thing.pose, vertices - inwards * normals)
@@ -54,7 +54,7 @@ def as_geometry(apartment):
 
 
 @pytest.mark.parametrize(("objects", "seed"), [(16, 1), (40, 3)])
-def test_has_as_many_nameable_things_as_asked_for(objects, seed):
+def test_number_of_labelled_objects_is_as_configured(objects, seed):
     instances = make_apartment(np.random.default_rng(seed), objects).instances
     assert len(instances) == objects + 1
     assert [one.category for one in instances].count("shelter") == 1
@@ -73,13 +73,13 @@ def test_categories_are_adts(real_data):
     assert len(set(CATEGORY_UIDS.values())) == len(CATEGORY_UIDS)
 
 
-def test_numbers_of_categories_are_adts_where_its_sample_has_them(real_data):
+def test_category_uids_equal_those_of_adts_sample(real_data):
     instances = json.loads((real_data("adt_sample") / "instances.json").read_text()).values()
     known = {one["category"]: one["category_uid"] for one in instances}
     assert {name: known[name] for name in CATEGORY_UIDS if name in known}.items() <= CATEGORY_UIDS.items()
 
 
-def test_other_seeds_other_apartments(apartment, filmed):
+def test_different_seeds_give_different_apartments(apartment, filmed):
     homes = [apartment, filmed.world.apartment, make_apartment(np.random.default_rng(0), 24)]
     for one, other in itertools.combinations(homes, 2):
         assert abs(one.room.width - other.room.width) + abs(one.room.depth - other.room.depth) > 0.01
@@ -109,8 +109,8 @@ def test_objects_do_not_intersect(apartment):
 
 
 @pytest.mark.parametrize("reverse", [False, True])
-def test_the_check_for_running_into_things_finds_it(apartment, reverse):
-    """Everywhere in a box, and below its lid, whichever of the two surfaces there a ray meets first."""
+def test_the_intersection_check_finds_an_intersection(apartment, reverse):
+    """Checks everywhere in a box, and below its lid, whichever of the two surfaces there a ray hits first."""
     thing = next(thing for thing in apartment.things if thing.kind.category == "box")
     assert {part.name for part in thing.model.parts} >= {"body", "lid"}
     if reverse:
@@ -124,7 +124,7 @@ def test_the_check_for_running_into_things_finds_it(apartment, reverse):
         assert not is_inside(thing, within - way).any()
 
 
-def test_everything_is_in_the_room(apartment):
+def test_all_objects_are_in_the_room(apartment):
     room = apartment.room
     half = np.array([room.width / 2, room.depth / 2])
     for thing in apartment.things:
@@ -132,7 +132,7 @@ def test_everything_is_in_the_room(apartment):
         assert thing.bounds[0, 1] >= -1e-6 and thing.bounds[1, 1] < room.height
 
 
-def test_things_stand_on_the_floor_or_on_what_carries_them(apartment):
+def test_objects_stand_on_the_floor_or_on_their_support(apartment):
     geometry = as_geometry(apartment)
     carried = [thing for thing in apartment.things if thing.support is not None]
     assert len(carried) >= 6
@@ -150,7 +150,7 @@ def test_things_stand_on_the_floor_or_on_what_carries_them(apartment):
             assert thing.bounds[0, 1] == pytest.approx(0, abs=1e-9)
 
 
-def test_things_on_walls_touch_them(apartment):
+def test_objects_on_walls_touch_the_wall(apartment):
     hung = [thing for thing in apartment.things if thing.kind.place in ("wall", "window")]
     assert hung
     for thing in hung:
@@ -158,7 +158,7 @@ def test_things_on_walls_touch_them(apartment):
         assert np.abs(half - np.abs(thing.bounds[:, [0, 2]])).min() < 0.05
 
 
-def test_there_is_room_to_walk_and_a_way_out(apartment):
+def test_the_floor_is_walkable_and_the_door_reachable(apartment):
     assert apartment.plan.reaches_door
     assert apartment.plan.walkable_m2 > 2.5
     cells = np.argwhere(apartment.plan.inside)
@@ -171,7 +171,7 @@ def test_there_is_room_to_walk_and_a_way_out(apartment):
             assert not over.all(axis=1).any()
 
 
-def test_things_are_put_together_from_parts(apartment):
+def test_objects_consist_of_parts(apartment):
     for thing in apartment.things:
         names = [part.name for part in thing.model.parts]
         assert len(set(names)) == len(names)

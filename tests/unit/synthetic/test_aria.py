@@ -1,4 +1,4 @@
-"""The synthetic device's calibration: well-behaved, and read back exactly as it was written."""
+"""The synthetic device's calibration is well-behaved and is read back exactly as written."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def pixels_in_lens_circle(calibration: CameraCalibration) -> np.ndarray:
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_calibration_comes_back_from_its_json(size):
+def test_calibration_round_trips_through_json(size):
     written = camera_calibration(size)
     read = device_calibration_from_json_string(calibration_json(size)).get_camera_calib(RGB_LABEL)
     assert read.get_image_size().tolist() == [size, size]
@@ -40,7 +40,7 @@ def test_calibration_comes_back_from_its_json(size):
 
 
 def test_the_lens_circle_is_inside_the_model():
-    """Every pixel of the circle has a ray, and that ray leads back to it."""
+    """Every pixel of the circle has a ray that projects back to it."""
     calibration = camera_calibration(1408)
     for pixel in pixels_in_lens_circle(calibration):
         ray = calibration.unproject(pixel)
@@ -54,7 +54,7 @@ def test_corners_are_outside_the_lens_circle():
     assert calibration.unproject(np.array([703.0, 703.0])) is None
 
 
-def test_sizes_see_the_same_field_of_view():
+def test_field_of_view_does_not_depend_on_the_size():
     large, small = camera_calibration(1408), camera_calibration(352)
     for pixel in pixels_in_lens_circle(small):
         # The same point of the sensor; pixel centres are at the integer here.

@@ -1,4 +1,4 @@
-"""The wearer's head moves as a head does: smoothly, through free space, looking around."""
+"""The wearer's head moves smoothly through free space and looks around."""
 
 import numpy as np
 import pytest
@@ -42,7 +42,7 @@ def test_accelerations_are_bounded_and_without_jumps(filmed):
     assert np.abs(np.diff(spin_up, axis=0)).max() < 0.5
 
 
-def test_pictures_overlap_and_the_camera_has_parallax(filmed):
+def test_images_overlap_and_the_camera_has_parallax(filmed):
     _, poses = sample(filmed.sequence, 0.1)
     steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
     assert steps.max() < 0.2
@@ -54,7 +54,7 @@ def test_pictures_overlap_and_the_camera_has_parallax(filmed):
     assert forward[:, 1].min() < -0.4 and forward[:, 1].max() < 0.5, "and down at what is taken"
 
 
-def test_upright_picture_is_upright(filmed):
+def test_the_upright_image_is_upright(filmed):
     _, poses = sample(filmed.sequence, 0.5)
     # Turned clockwise by 90°, the sensor's -x points down in the picture's columns: it is the world's down.
     sensor_x = (poses[:, :3, :3] @ device_from_camera()[:3, :3])[:, :, 0]
@@ -75,13 +75,13 @@ def test_stays_in_the_room_clear_of_furniture(filmed):
     assert min(clear) > 0.12
 
 
-def test_the_body_keeps_off_the_furniture(filmed):
+def test_the_body_keeps_away_from_the_furniture(filmed):
     walk = filmed.world.head.walk
     places = walk.place(np.arange(0, 16, 0.1))
     assert filmed.world.apartment.plan.clearance_at(places).min() > 0.12
 
 
-def test_camera_is_where_the_device_says(filmed):
+def test_camera_pose_follows_from_the_device_pose(filmed):
     world = filmed.world
     time = world.start_ns + 3_141_592_653
     camera = world.head.device_pose(world.start_ns)(np.array([time]))[0] @ device_from_camera()

@@ -1,4 +1,4 @@
-"""A recording is the same on every processor: the libraries' choices by instruction set change nothing of it."""
+"""A recording is the same on every processor, whatever instruction set the libraries choose."""
 
 import os
 import subprocess
@@ -33,7 +33,7 @@ print(digest.hexdigest())
 
 
 def recording(limit: dict[str, str]) -> str:
-    """Digest of a small recording's frames, labels, depths and points, made in a process of its own."""
+    """Digest of a small recording's frames, labels, depths and points, made in another process."""
     done = subprocess.run(
         [sys.executable, "-c", DIGEST], env=os.environ | limit, capture_output=True, text=True, check=True
     )

@@ -1,4 +1,4 @@
-"""A whole recording: who moves, what stays, and that the same seed makes the same one."""
+"""A whole recording: motion, static objects, and reproducibility by seed."""
 
 import json
 
@@ -18,12 +18,12 @@ TINY = {"name": "tiny", "seed": 8, "size": 64, "fps": 1.5, "seconds": 4.0, "obje
 
 @pytest.fixture(scope="module")
 def still():
-    """A recording in which nobody is at work."""
+    """A recording in which nobody works."""
     sequence = make_sequence(**TINY, motion="none")
     return sequence, list(sequence.frames())
 
 
-def test_same_seed_same_recording(still):
+def test_the_same_seed_gives_the_same_recording(still):
     sequence, frames = still
     again = make_sequence(**TINY, motion=0.0)
     assert again.instances[3].name == sequence.instances[3].name
@@ -70,13 +70,13 @@ def test_frames_have_the_configured_number_and_rate(filmed):
     assert 0.01 < np.ptp(gains) / np.mean(gains) < 0.2
 
 
-def test_most_things_are_seen(filmed):
+def test_most_objects_are_visible(filmed):
     seen = set().union(*(frame.with_people.visibility for frame in filmed.frames))
     objects = {one.instance_id for one in filmed.world.apartment.instances}
     assert len(seen & objects) > 0.85 * len(objects)
 
 
-def test_people_are_seen_at_work_but_not_in_the_view_without_them(filmed):
+def test_people_are_visible_only_in_the_view_with_people(filmed):
     people = [one.instance_id for one in filmed.sequence.instances if one.category == "person"]
     assert len(people) == 2
     for person in people:
@@ -105,7 +105,7 @@ def test_hands_come_from_below_while_carrying(filmed):
         assert np.nonzero(mask)[0].mean() > 0.55 * mask.shape[0]
 
 
-def test_what_is_carried_ends_elsewhere_and_the_rest_stays(filmed):
+def test_carried_objects_end_elsewhere_and_others_stay(filmed):
     world = filmed.world
     ids = [one.instance_id for one in world.apartment.instances[1:]]
     first, last = world.thing_poses(-1.0), world.thing_poses(30.0)
@@ -128,8 +128,8 @@ def test_what_is_carried_ends_elsewhere_and_the_rest_stays(filmed):
             assert all(np.array_equal(pose, first[uid]) for pose in path)
 
 
-def test_carried_things_are_held(filmed):
-    """A palm is next to the thing all the time from grip to release."""
+def test_carried_objects_are_held(filmed):
+    """A palm is next to the object all the time from grip to release."""
     for person in filmed.world.people:
         for job in person.jobs:
             number = job.errand.thing.number
@@ -143,7 +143,7 @@ def test_carried_things_are_held(filmed):
                 assert np.linalg.norm(outside) < 0.16, (job.errand.thing.kind.category, moment - job.grip_s)
 
 
-def test_skeletons_are_those_of_the_people(filmed):
+def test_skeletons_belong_to_the_people(filmed):
     people = {one.instance_id for one in filmed.sequence.instances if one.instance_type == "human"}
     joints = {uid: np.array([frame.skeletons[uid] for frame in filmed.frames]) for uid in people}
     for person in filmed.world.people:
@@ -176,12 +176,12 @@ def test_points_lie_on_surfaces_and_most_are_good(filmed):
     assert np.median(near(~good)) > np.median(near(good))
 
 
-def test_wrong_motion_is_rejected():
+def test_invalid_motion_is_rejected():
     with pytest.raises(ValueError, match="motion"):
         make_world(seed=1, seconds=5, objects=16, motion=1.5)
 
 
-def test_adts_own_reader_reads_it(filmed, tmp_path):
+def test_the_official_reader_reads_a_recording(filmed, tmp_path):
     folder = tmp_path / "recording"
     short = film(filmed.world, filmed.renderer, name="short", fps=2.5, seconds=1.6)
     write_sequence(short, folder)
@@ -198,7 +198,7 @@ def test_adts_own_reader_reads_it(filmed, tmp_path):
     assert len(provider.get_skeleton_ids()) == 2
 
 
-def test_the_wearer_is_known_to_wear_the_device(tmp_path):
+def test_the_device_is_associated_with_the_wearer(tmp_path):
     for motion, expected in ((0.5, 1), (0.0, 0)):
         sequence = make_sequence(name="s", seed=5, size=64, fps=1.0, seconds=2.0, objects=16, motion=motion)
         folder = tmp_path / str(motion)

@@ -1,4 +1,4 @@
-"""Pictures, labels and depth are those of the scene, checked against independent computations."""
+"""Images, labels and depth agree with independent computations from the scene."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ LIGHTS = Lights(np.array([0, 3, 0], np.float32), np.array([0, 1, 0], np.float32)
 
 
 def pixel_rays(size):
-    """(H, W, 3) rays with z = 1, NaN where the lens lets nothing through, straight from the calibration."""
+    """(H, W, 3) rays with z = 1 straight from the calibration, NaN where the lens is opaque."""
     calibration = camera_calibration(size)
     rays = np.full((size, size, 3), np.nan)
     for row in range(size):
@@ -45,14 +45,14 @@ def camera_of(filmed, frame):
 
 
 def project(points, size):
-    """(N, 2) pixels of (N, 3) points in camera axes; NaN outside of the picture."""
+    """(N, 2) pixels of (N, 3) points in camera axes; NaN outside the image."""
     calibration = camera_calibration(size)
     found = [calibration.project(point) if point[2] > 0 else None for point in points]
     return np.array([[np.nan, np.nan] if pixel is None else pixel for pixel in found]) + ARIA_PIXEL_OFFSET
 
 
 def shoot(parts, camera, size=64, poses=None, bodies=()):
-    """Render parts, instance ids 1, 2, ..., without noise worth speaking of."""
+    """Render parts with instance ids 1, 2, ..., nearly without noise."""
     all_bodies = [Body(number + 1, (part,), np.eye(4), "static") for number, part in enumerate(parts)]
     renderer = Renderer(
         build_geometry([*all_bodies, *bodies]), LIGHTS, make_lens(size), np.random.default_rng(0)
@@ -60,7 +60,7 @@ def shoot(parts, camera, size=64, poses=None, bodies=()):
     return renderer.shoot(camera, poses or {}, 1.0, np.random.default_rng(0))
 
 
-def test_rays_meet_the_pixels_that_they_come_from():
+def test_rays_project_back_to_their_pixels():
     lens, calibration = make_lens(96), camera_calibration(96)
     rows, columns = np.nonzero(lens.valid)
     for number in range(0, len(rows), 97):
@@ -86,7 +86,7 @@ def test_pinhole_rays_are_upright_and_end_at_the_lens_circle():
     assert (valid & ~lens.valid).sum() == 0 and (valid ^ lens.valid).mean() < 0.05
 
 
-def test_ids_are_zero_exactly_outside_of_the_lens_circle(filmed, rays):
+def test_ids_are_zero_exactly_outside_the_lens_circle(filmed, rays):
     outside = np.isnan(rays[..., 0])
     assert 0.05 < outside.mean() < 0.4
     for frame in filmed.frames[::8]:
@@ -97,7 +97,7 @@ def test_ids_are_zero_exactly_outside_of_the_lens_circle(filmed, rays):
         assert frame.rgb[~outside].mean() > 40
 
 
-def test_depth_of_the_floor_is_that_of_a_plane(filmed, rays):
+def test_depth_of_the_floor_equals_that_of_a_plane(filmed, rays):
     geometry = filmed.renderer.geometry
     floor = [n for n, name in enumerate(geometry.part_names) if name.endswith("/floor")]
     seconds = 2.0
@@ -121,7 +121,7 @@ def test_depth_of_the_floor_is_that_of_a_plane(filmed, rays):
         assert np.abs(shot.with_people.depth_mm[seen] - expected).max() < 0.6
 
 
-def test_depth_carries_one_picture_into_the_next(filmed, rays):
+def test_depth_reprojects_one_image_into_the_next(filmed, rays):
     moving = {person.instance.instance_id for person in filmed.world.people}
     carried = {job.errand.thing.number for person in filmed.world.people for job in person.jobs}
     instances = filmed.world.apartment.instances[1:]
@@ -148,7 +148,7 @@ def test_depth_carries_one_picture_into_the_next(filmed, rays):
     assert np.median(errors) < 0.012
 
 
-def test_centres_of_things_lie_where_they_are_seen(filmed):
+def test_centres_of_objects_project_into_their_pixels(filmed):
     checked = 0
     instances = {one.instance_id: one for one in filmed.world.apartment.instances}
     poses = dict(filmed.sequence.world_from_static)
@@ -204,7 +204,7 @@ def test_people_are_in_one_view_only():
     assert shot.with_people.visibility[7] == 1.0 and shot.without_people.visibility == {1: 1.0}
 
 
-def test_visibility_is_the_share_that_nothing_hides():
+def test_visibility_is_the_unoccluded_fraction():
     ground = Part("ground", sheet((-9, 0, -9), (18, 0, 0), (0, 0, 18)), GREY)
     board = Part("board", sheet((-0.4, 0.5, -0.4), (0.8, 0, 0), (0, 0, 0.8)), GREY)
     cover = Part("cover", sheet((0.0, 0.6, -0.6), (0.8, 0, 0), (0, 0, 1.2)), GREY)
@@ -248,7 +248,7 @@ def test_sun_shines_through_windows_only():
     assert scene.reach > 0
 
 
-def test_textures_are_their_mean_from_afar_and_themselves_from_near():
+def test_textures_show_their_mean_from_afar_and_texels_from_near():
     rng = np.random.default_rng(1)
     picture = make_texture(rng.uniform(0.3, 0.7, (64, 64, 3)), 0.64)
     atlas = Atlas([GREY, picture])
@@ -275,7 +275,7 @@ def test_edges_are_smooth():
     assert ((share > 0.25) & (share < 0.75)).sum() > 20, "pixels on the slanted edges lie between both sides"
 
 
-def test_tone_is_undone():
+def test_untone_inverts_tone():
     values = np.linspace(0, 30, 500, dtype=np.float32)
     assert np.allclose(untone(tone(values)), values, rtol=2e-3, atol=1e-4)
     assert (np.diff(tone(values)) > 0).all()

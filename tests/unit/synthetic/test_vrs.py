@@ -1,4 +1,4 @@
-"""VRS files: whole or absent, in order, and read back bit by bit by projectaria-tools."""
+"""VRS files are complete or absent, in order, and read back bit by bit by projectaria-tools."""
 
 import struct
 
@@ -29,7 +29,7 @@ def raw_stream(instance_id: int, compressed: bool) -> ImageStream:
 
 
 def write(path, streams, images, start_ns=10**12):
-    """Write image i of ``images`` to stream i modulo their number, one millisecond after the one before."""
+    """Write image i of ``images`` to stream i modulo their number, one millisecond after the previous one."""
     with create_vrs(path, TAGS, streams) as file:
         for number, image in enumerate(images):
             file.write_image(
@@ -68,7 +68,7 @@ def test_two_streams_come_back_bit_by_bit(tmp_path, compressed):
 
 
 def test_record_chain_leads_from_the_header_to_the_end(tmp_path):
-    """Each record's header holds its own size and that of the record before; the last one is the index."""
+    """Each record's header holds its own size and that of the previous record; the last record is the index."""
     path = tmp_path / "a.vrs"
     write(path, [raw_stream(1, True)], random_images(3))
     content = path.read_bytes()
@@ -90,7 +90,7 @@ def test_record_chain_leads_from_the_header_to_the_end(tmp_path):
     assert len(chain) == 3 + 1 + 2
 
 
-def test_same_content_makes_the_same_file(tmp_path):
+def test_the_same_content_gives_the_same_file(tmp_path):
     for name in ("a.vrs", "b.vrs"):
         write(tmp_path / name, [raw_stream(1, True)], random_images(3))
     assert (tmp_path / "a.vrs").read_bytes() == (tmp_path / "b.vrs").read_bytes()
@@ -109,7 +109,7 @@ def test_records_out_of_order_are_rejected(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_write_that_dies_leaves_the_old_file(tmp_path):
+def test_an_interrupted_write_keeps_the_old_file(tmp_path):
     path = tmp_path / "a.vrs"
     stream = raw_stream(1, False)
     write(path, [stream], random_images(1))
@@ -120,7 +120,7 @@ def test_a_write_that_dies_leaves_the_old_file(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_layout_refuses_unknown_fields():
+def test_unknown_fields_of_a_layout_are_rejected():
     layout = DataLayout((("count", "uint32_t"), ("rate", "double")), ("name",))
     with pytest.raises(ValueError, match="speed"):
         layout.pack({"speed": 1.0})

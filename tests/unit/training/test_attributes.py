@@ -1,4 +1,4 @@
-"""Colours are named as people name them, and all surfaces in words that captions know."""
+"""Colours have the names that people use, and captions have words for all surfaces."""
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ def test_shares_of_a_striped_texture() -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS.values(), ids=list(KINDS))
-def test_things_say_what_they_are_made_of(kind) -> None:
+def test_every_object_has_a_known_surface(kind) -> None:
     model = kind.build(np.random.default_rng(3))
     surfaces = [part.texture.surface for part in model.parts if part.texture.surface]
     assert surfaces, "no part of it has a surface with a name"

@@ -1,4 +1,4 @@
-"""Captions are true of what they are made for, and known to be false of what they do not fit."""
+"""Captions are true of their crops, and false of crops that they do not describe."""
 
 import numpy as np
 import pytest
@@ -47,7 +47,7 @@ def make_crops(rows: list[tuple[str, int, dict[int, float], str, float]]) -> Cro
 
 @pytest.fixture
 def crops() -> Crops:
-    """A few things and parts."""
+    """A few objects and parts."""
     return make_crops(
         [
             ("cup", 0, {RED: 0.8, BLUE: 0.2}, "striped pottery:0.90", 1.0),
@@ -60,7 +60,7 @@ def crops() -> Crops:
 
 
 def truth_of(crops: Crops, phrase: str) -> list[int]:
-    """Truth of the claim that a phrase makes, of every crop."""
+    """Truth of the statement of a phrase, for every crop."""
     claims = make_claims(sorted(set(crops.names.tolist())))
     column = next(number for number, words in enumerate(claims.phrases) if phrase in words)
     return facts(claims, crops)[:, column].tolist()
@@ -79,7 +79,7 @@ def truth_of(crops: Crops, phrase: str) -> list[int]:
         ("wooden", [0, 0, -1, 0, 0]),
     ],
 )
-def test_truth_of_claims(crops: Crops, phrase: str, truth: list[int]) -> None:
+def test_truth_of_statements(crops: Crops, phrase: str, truth: list[int]) -> None:
     got = truth_of(crops, phrase)
     if phrase == "red":
         # Two colours of one share: neither prevails, so either may be said, but blue is not wrong.
@@ -88,7 +88,7 @@ def test_truth_of_claims(crops: Crops, phrase: str, truth: list[int]) -> None:
     assert got == truth
 
 
-def test_descriptions_are_true_of_what_they_describe(crops: Crops) -> None:
+def test_descriptions_are_true_of_their_crops(crops: Crops) -> None:
     claims = make_claims(sorted(set(crops.names.tolist())))
     known = np.repeat(facts(claims, crops), 40, axis=0)
     told = describe(claims, known, np.random.default_rng(0))
@@ -98,7 +98,7 @@ def test_descriptions_are_true_of_what_they_describe(crops: Crops) -> None:
     assert (truth == 0).mean() > 0.3
 
 
-def test_a_caption_is_false_where_any_of_its_words_is(crops: Crops) -> None:
+def test_a_caption_with_a_false_word_is_false(crops: Crops) -> None:
     claims = make_claims(sorted(set(crops.names.tolist())))
     known = facts(claims, crops)
     told = describe(claims, known[:1], np.random.default_rng(0))
@@ -108,7 +108,7 @@ def test_a_caption_is_false_where_any_of_its_words_is(crops: Crops) -> None:
     assert told.truth(known)[1, 0] == 0
 
 
-def test_the_bank_says_everything_once(crops: Crops) -> None:
+def test_the_bank_has_every_statement_once(crops: Crops) -> None:
     claims = make_claims(sorted(set(crops.names.tolist())))
     said = bank(claims, np.random.default_rng(0))
     groups = ("whole", "kind", "part", "colour", "pattern", "material")
@@ -117,19 +117,19 @@ def test_the_bank_says_everything_once(crops: Crops) -> None:
     )
 
 
-def test_everything_of_the_catalogue_has_words() -> None:
+def test_every_kind_of_the_catalogue_has_words() -> None:
     kinds = {*CORE, *REST, COFFEE_TABLE, *(one for group in GROUPS for one in group)}
     assert {kind.category for kind in kinds} <= set(WHOLES)
     assert all(set(listed.split(",")) <= set(WHOLES) for listed in KINDS.values())
 
 
-def test_words_of_the_glossary_are_in_no_caption() -> None:
+def test_glossary_words_are_in_no_caption() -> None:
     said = {phrase for table in (WHOLES.values(), KINDS, PARTS) for phrases in table for phrase in phrases}
     assert set(GLOSSARY) <= set(WHOLES)
     assert not said & {word for words in GLOSSARY.values() for word in words}
 
 
-def test_a_share_of_combinations_is_held_out(crops: Crops) -> None:
+def test_one_combination_in_eight_is_held_out(crops: Crops) -> None:
     pairs = [(colour, name) for colour in COLOURS for name in WHOLES]
     share = np.mean([held_out(*pair) for pair in pairs])
     assert 0.09 < share < 0.16
@@ -145,7 +145,7 @@ def test_captions_use_the_right_article() -> None:
     assert phrased("a photo of {a} {}", "red mug") == "a photo of a red mug"
 
 
-def test_nearly_all_of_a_thing_is_that_thing() -> None:
+def test_a_part_that_is_nearly_the_whole_counts_as_the_whole() -> None:
     concept = Concept(("couch",), frozenset({"couch"}))
     assert concept.truth("couch/back", frozenset({"back"}), share=0.9) == 1
     assert concept.truth("couch/back", frozenset({"back"}), share=0.5) == -1

@@ -1,4 +1,4 @@
-"""The losses are what their definitions say, on small numbers."""
+"""The losses follow their definitions on small numbers."""
 
 import pytest
 import torch
@@ -7,7 +7,7 @@ from torch.nn import functional as F
 from training.small_models.clip_losses import contrastive_loss, neutral_loss, synonym_loss
 
 
-def test_with_one_true_caption_each_it_is_cross_entropy_both_ways() -> None:
+def test_with_one_true_caption_each_the_loss_is_symmetric_cross_entropy() -> None:
     logits = torch.randn(5, 5, generator=torch.Generator().manual_seed(0))
     truth, target = torch.eye(5, dtype=torch.int8), torch.arange(5)
     expected = F.cross_entropy(logits, target) + F.cross_entropy(logits.T, target)
@@ -28,7 +28,7 @@ def test_other_true_captions_and_undecided_ones_do_not_compete() -> None:
     assert logits.grad[0, 0] < 0
 
 
-def test_captions_of_no_weight_do_not_count() -> None:
+def test_captions_of_weight_zero_do_not_count() -> None:
     truth = torch.eye(3, dtype=torch.int8)
     logits = torch.zeros(3, 3, requires_grad=True)
     contrastive_loss(logits, truth, torch.tensor([1.0, 1.0, 0.0])).backward()

@@ -1,4 +1,4 @@
-"""Training goes on where it was stopped, and short texts are read as the model reads them."""
+"""Training resumes exactly, and short texts are encoded as the model encodes them."""
 
 from pathlib import Path
 
@@ -22,14 +22,14 @@ SCHEDULE = Schedule(steps=4, batch=16, captions=4, warmup=1)
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Of the model."""
+    """Folder of the model."""
     made = tmp_path_factory.mktemp("model")
     write_description(made)
     return made
 
 
 def make_trainer(folder: Path) -> Trainer:
-    """Of the same model every time, with a few crops of noise."""
+    """A trainer of the same model every time, with a few crops of noise."""
     torch.manual_seed(0)
     rng = np.random.default_rng(0)
     names = np.array(["cup", "couch", "cup/handle", "floor"] * 10)
@@ -54,7 +54,7 @@ def make_trainer(folder: Path) -> Trainer:
     return Trainer(model, tokenizer, crops, SCHEDULE, 0, "cpu")
 
 
-def test_a_stopped_training_ends_as_one_that_was_not(folder: Path, tmp_path: Path) -> None:
+def test_a_resumed_training_ends_like_an_uninterrupted_one(folder: Path, tmp_path: Path) -> None:
     whole = make_trainer(folder)
     before = whole.model.visual.conv1.weight.detach().clone()
     whole.run(tmp_path / "whole.pt", 4)

@@ -1,4 +1,4 @@
-"""Crops as the model sees them: in the mask's bounding square, black outside, and never wholly covered."""
+"""Views of crops show the mask's bounding square, black outside the mask, and never fully covered."""
 
 import math
 
@@ -25,7 +25,7 @@ def test_a_mask_fills_the_view_in_its_longer_direction() -> None:
     assert inside[:, IMAGE_PX // 2].all()
 
 
-def test_left_stays_left_unless_mirrored() -> None:
+def test_views_are_mirrored_only_on_request() -> None:
     mask = rectangle(4, 68, 4, 68)
     picture = torch.zeros(1, 3, PATCH_PX, PATCH_PX)
     picture[..., :36] = 1
@@ -36,7 +36,7 @@ def test_left_stays_left_unless_mirrored() -> None:
     torch.testing.assert_close(mirrored, straight.flip(3), atol=1e-4, rtol=0)
 
 
-def test_plain_views_are_black_outside_of_the_mask() -> None:
+def test_plain_views_are_black_outside_the_mask() -> None:
     patch = np.full((1, PATCH_PX, PATCH_PX, 4), 180, dtype=np.uint8)
     patch[..., 3] = 0
     patch[0, 4:68, 30:42, 3] = 255
@@ -53,7 +53,7 @@ def test_half_of_a_mask_is_covered() -> None:
     assert (share < 0.6).all()
 
 
-def test_learning_views_differ_and_keep_something_of_every_crop() -> None:
+def test_training_views_differ_and_keep_some_of_every_crop() -> None:
     patches = np.zeros((32, PATCH_PX, PATCH_PX, 4), dtype=np.uint8)
     patches[:, 4:68, 14:58] = (200, 100, 50, 255)
     first = DEFAULT.views(patches, torch.zeros(len(patches)), torch.Generator().manual_seed(1), "cpu")

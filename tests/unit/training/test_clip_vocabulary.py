@@ -1,4 +1,4 @@
-"""The reduced vocabulary is what OpenCLIP's tokenizer reads: known words are one token, others still have some."""
+"""OpenCLIP's tokenizer reads the small vocabulary: known words are one token, others several."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from training.small_models.clip_vocabulary import SINGLE_TOKENS, known_words, le
 
 @pytest.fixture(scope="module")
 def tokenizer(tmp_path_factory: pytest.TempPathFactory) -> SimpleTokenizer:
-    """Of all known words."""
+    """A tokenizer with all known words."""
     path = tmp_path_factory.mktemp("vocabulary") / "bpe.txt.gz"
     write_vocabulary(path, learn_merges(known_words(), 10_000))
     return SimpleTokenizer(bpe_path=str(path), context_length=16)
@@ -26,12 +26,12 @@ def test_unknown_words_are_spelled(tokenizer: SimpleTokenizer) -> None:
     assert tokenizer.decode(tokens).strip() == "stegosaurus übung 7"
 
 
-def test_the_commonest_pair_is_merged_first() -> None:
+def test_the_most_frequent_pair_is_merged_first() -> None:
     assert learn_merges(["aab", "aac", "xy"], 1) == [("a", "a")]
     assert learn_merges(["ab"], 10) == [("a", "b</w>")]
 
 
-def test_size_and_bytes(tmp_path: Path) -> None:
+def test_the_vocabulary_is_small_and_reproducible(tmp_path: Path) -> None:
     merges = learn_merges(known_words(), 50)
     for name in ("a", "b"):
         write_vocabulary(tmp_path / name, merges)

@@ -1,4 +1,4 @@
-"""Crops hold what the picture shows in the mask's bounding square, and what is true of it."""
+"""Crops show the mask's bounding square, with the right names and looks."""
 
 from pathlib import Path
 
@@ -16,22 +16,22 @@ from training.small_models.crops import (
     read_crops,
 )
 from training.small_models.levels import LEVELS
-from training.small_models.worlds import Filming, film_world, read_world
+from training.small_models.worlds import ClipSettings, read_world, render_world
 
 SEED = 31
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A world, filmed small."""
+    """A small rendered world."""
     made = tmp_path_factory.mktemp("worlds") / str(SEED)
-    film_world(SEED, Filming(size=96, clips=1, frames=1), made)
+    render_world(SEED, ClipSettings(size=96, clips=1, frames=1), made)
     return made
 
 
 @pytest.fixture(scope="module")
 def crops(folder: Path) -> Crops:
-    """Its crops."""
+    """Crops of the world."""
     output = folder.parent / "crops.npz"
     cut_world(folder, output)
     return read_crops([output])
@@ -66,7 +66,7 @@ def test_plain_names(part: str, name: str) -> None:
     assert plain_name(part) == name
 
 
-def test_crops_of_a_world_are_named_after_what_it_shows(folder: Path, crops: Crops) -> None:
+def test_crops_have_names_of_the_world_s_objects(folder: Path, crops: Crops) -> None:
     world = read_world(folder)
     whole = crops.level == LEVELS.index("whole")
     known = {plain_name(name) for name in world.names} | {OWN_ARMS}
@@ -76,7 +76,7 @@ def test_crops_of_a_world_are_named_after_what_it_shows(folder: Path, crops: Cro
     assert set(crops.world) == {SEED}
 
 
-def test_areas_and_shares_are_those_of_the_picture(folder: Path, crops: Crops) -> None:
+def test_areas_and_shares_equal_those_of_the_image(folder: Path, crops: Crops) -> None:
     world = read_world(folder)
     row = int(np.flatnonzero(crops.level == LEVELS.index("whole"))[0])
     labels = world.labels(world.subpart[0, crops.frame[row]])

@@ -1,4 +1,4 @@
-"""What SAM2 learns from: prompts mean what their point shows, tracks what their mask shows, cuts are true cuts."""
+"""Training samples of SAM2: prompts, tracks and cuts agree with the labels."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from training.small_models.sam2_data import (
     to_input,
     vocabulary,
 )
-from training.small_models.worlds import NOTHING, FilmedWorld
+from training.small_models.worlds import NOTHING, RenderedWorld
 
 
 @pytest.fixture
@@ -34,12 +34,12 @@ def world():
     part = np.arange(36) // 2
     tables = np.stack([np.arange(36), part, part // 2])
     tables = np.pad(tables, ((0, 0), (0, 1)), constant_values=-1).astype(np.int32)
-    return FilmedWorld(
+    return RenderedWorld(
         rgb, subpart, tables, tuple("abcdefghi"), tuple(f"{name} 1" for name in "mnopqrstuvwxyzabcd")
     )
 
 
-def test_a_clip_is_cut_alike_in_all_frames_and_in_picture_and_label(world):
+def test_the_cut_is_the_same_in_all_frames_images_and_labels(world):
     rng = np.random.default_rng(0)
     # Parts are called m, n, ... z, a, ... d, and words are numbered by the alphabet.
     names = np.append((np.arange(18) + 4) % 18, -1)
@@ -58,12 +58,12 @@ def test_a_clip_is_cut_alike_in_all_frames_and_in_picture_and_label(world):
             assert np.ptp(colours, axis=0).max() < 6 if len(colours) > 1 else True
 
 
-def test_a_clip_may_be_of_any_side(world):
+def test_a_clip_has_the_requested_side(world):
     clip = sample_clip([world], vocabulary([world]), np.random.default_rng(0), 2, side=96)
     assert clip.pictures.shape == (2, 96, 96, 3) and clip.labels.shape == (3, 2, 96, 96)
 
 
-def test_prompts_mean_what_is_under_the_point(world):
+def test_targets_of_a_prompt_are_the_masks_under_the_point(world):
     rng = np.random.default_rng(1)
     labels = world.labels(np.repeat(np.repeat(world.subpart[0, 0], 2, 0), 2, 1))
     labels = np.pad(labels, ((0, 0), (32, 32), (32, 32)), constant_values=-1)
@@ -81,7 +81,7 @@ def test_prompts_mean_what_is_under_the_point(world):
     assert 0 < (~prompts.present).sum() < 30
 
 
-def test_small_pieces_are_asked_for_too():
+def test_small_pieces_are_prompted_too():
     labels = np.zeros((3, SIDE, SIDE), np.int32)
     labels[:, 100:105, 100:105] = 1
     prompts = sample_prompts(labels, np.random.default_rng(0), 600)
@@ -89,7 +89,7 @@ def test_small_pieces_are_asked_for_too():
     assert small > 3, "one in 2,600 if pixels were drawn alike"
 
 
-def test_tracks_are_the_masks_of_later_frames(world):
+def test_targets_of_tracks_are_the_masks_of_later_frames(world):
     rng = np.random.default_rng(2)
     hidden = 0
     for _ in range(20):

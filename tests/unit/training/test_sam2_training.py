@@ -1,4 +1,4 @@
-"""Training SAM2: losses know right from wrong, steps reach every weight, a stopped run goes on as if it had not."""
+"""Training SAM2: losses prefer the truth, steps train every weight, a stopped run resumes exactly."""
 
 import dataclasses
 import itertools
@@ -16,7 +16,7 @@ from training.sam2 import Recipe, Run
 from training.small_models import sam2_steps
 from training.small_models.sam2_losses import Names, PixelPairs, mask_iou, mask_loss
 from training.small_models.schedule import Average, half_precision, learning_rate, read_state, save_state
-from training.small_models.worlds import FilmedWorld
+from training.small_models.worlds import RenderedWorld
 
 RECIPE = Recipe(
     steps=4,
@@ -42,7 +42,7 @@ def world():
     colours = rng.integers(0, 256, (16, 3), dtype=np.uint8)
     tables = np.stack([np.arange(16), np.arange(16) // 2, np.arange(16) // 4])
     tables = np.pad(tables, ((0, 0), (0, 1)), constant_values=-1).astype(np.int32)
-    return FilmedWorld(
+    return RenderedWorld(
         colours[subpart],
         subpart,
         tables,
@@ -51,7 +51,7 @@ def world():
     )
 
 
-def test_mask_loss_falls_towards_the_truth():
+def test_mask_loss_decreases_towards_the_truth():
     share = torch.zeros(3, 16, 16)
     share[:, 4:9, 5:12] = 1.0
     right, unsure = (2 * share - 1) * 8, torch.zeros(3, 16, 16)
@@ -62,7 +62,7 @@ def test_mask_loss_falls_towards_the_truth():
     assert extreme.isfinite().all()
 
 
-def test_mask_iou_is_that_of_enlarged_masks():
+def test_mask_iou_compares_enlarged_masks():
     share = torch.zeros(1, 2, 16, 16)
     share[0, 0, 4:8, 4:12] = 1.0
     logits = torch.full((1, 2, 8, 8), -5.0)
@@ -72,7 +72,7 @@ def test_mask_iou_is_that_of_enlarged_masks():
     assert found[0, 0] > 0.6 and found[0, 1] == 1.0, "two empty masks are alike"
 
 
-def test_pairs_of_one_thing_shall_be_near():
+def test_pair_loss_pulls_pixels_of_one_object_together():
     torch.manual_seed(0)
     pairs = PixelPairs(3, samples=64)
     labels = (torch.arange(256).reshape(1, 1, 16, 16) // 64).expand(2, 3, 16, 16)
@@ -86,7 +86,7 @@ def test_pairs_of_one_thing_shall_be_near():
     assert apart < 0.1 < together
 
 
-def test_features_shall_tell_names_and_ends():
+def test_auxiliary_loss_trains_names_and_borders():
     names = (torch.arange(256).reshape(1, 16, 16) // 64).long()
     labels = names[:, None].expand(1, 3, 16, 16)
     module = Names(4, names=4)
@@ -102,7 +102,7 @@ def test_features_shall_tell_names_and_ends():
     assert module(told, torch.full_like(labels, -1), nothing).isfinite()
 
 
-def test_a_given_mask_is_remembered_as_sam2_does(world, tmp_path):
+def test_memory_of_a_given_mask_equals_sam2_s(world, tmp_path):
     model = Run(RECIPE, [world], tmp_path / "state.pt", torch.device("cpu")).model.eval()
     set_image_size(model, 256)
     torch.manual_seed(0)
@@ -119,7 +119,7 @@ def test_a_given_mask_is_remembered_as_sam2_does(world, tmp_path):
     torch.testing.assert_close(kept["maskmem_features"], stored)
 
 
-def test_a_step_of_either_kind_teaches_all_that_it_uses(world, tmp_path):
+def test_each_kind_of_step_gives_gradients_to_all_weights_that_it_uses(world, tmp_path):
     run = Run(RECIPE, [world], tmp_path / "state.pt", torch.device("cpu"))
     # Only of what is there a pointer is made.
     torch.nn.init.constant_(run.model.sam_mask_decoder.pred_obj_score_head.layers[-1].bias, 5.0)
@@ -169,7 +169,7 @@ def test_a_stopped_run_resumes_to_the_same_weights(world, tmp_path, monkeypatch)
         torch.testing.assert_close(resumed.average.weights[name], value, rtol=0, atol=0, msg=name)
 
 
-def test_a_run_may_begin_with_weights(world, tmp_path):
+def test_a_run_can_start_from_weights(world, tmp_path):
     first = Run(RECIPE, [world], tmp_path / "first.pt", torch.device("cpu"))
     save_file(half_precision(first.model.state_dict()), tmp_path / "start.safetensors")
     other = dataclasses.replace(RECIPE, seed=4)
@@ -180,7 +180,7 @@ def test_a_run_may_begin_with_weights(world, tmp_path):
     assert second.step == RECIPE.steps
 
 
-def test_pictures_of_all_sides_are_learnt_from(world, tmp_path):
+def test_all_image_sides_are_trained_on(world, tmp_path):
     recipe = dataclasses.replace(RECIPE, sides=(256, 128), pictures=2)
     run = Run(recipe, [world], tmp_path / "state.pt", torch.device("cpu"))
     sampled = [run._sample(step)[0] for step in range(0, 24, 2)]
@@ -210,7 +210,7 @@ def test_the_learning_rate_rises_stays_and_falls():
     assert longer == rates[:70], "a longer run begins alike"
 
 
-def test_the_average_follows_and_is_shipped_in_half_precision():
+def test_the_average_follows_the_weights_and_is_saved_in_half_precision():
     model = torch.nn.Linear(2, 1, bias=False)
     torch.nn.init.zeros_(model.weight)
     average = Average(model, 0.9)
@@ -221,6 +221,6 @@ def test_the_average_follows_and_is_shipped_in_half_precision():
     assert half_precision(average.weights)["weight"].dtype == torch.float16
 
 
-def test_the_shipped_configuration_is_of_a_side_between_those_that_are_learnt_from():
+def test_the_configured_side_lies_between_the_trained_ones():
     sides = Recipe(steps=1, seed=0).sides
     assert min(sides) <= OmegaConf.load(train_sam2.CONFIG).model.image_size <= max(sides)

@@ -1,4 +1,4 @@
-"""Worlds to learn from: levels are nested and connected, pictures belong to their labels, seeds do not meet."""
+"""Worlds for training: levels are nested and connected, images match labels, seeds are disjoint."""
 
 import json
 from pathlib import Path
@@ -10,16 +10,16 @@ import pytest
 from egosplat.synthetic.world.world import make_world
 from training.small_models import worlds
 from training.small_models.levels import find_levels
-from training.small_models.worlds import NOTHING, Filming, film_world, read_world
+from training.small_models.worlds import NOTHING, ClipSettings, read_world, render_world
 
 SCENES = Path(__file__).resolve().parents[3] / "config/scenes.tsv"
-TINY = Filming(size=64, clips=2, frames=3, step_s=0.3)
+TINY = ClipSettings(size=64, clips=2, frames=3, step_s=0.3)
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp("worlds") / "77"
-    film_world(77, TINY, made)
+    render_world(77, TINY, made)
     return made
 
 
@@ -60,35 +60,35 @@ def test_wholes_are_objects_people_and_building_parts(world):
     ]
 
 
-def test_pictures_and_labels_belong_together(folder):
-    filmed = read_world(folder)
-    assert filmed.rgb.shape == (2, 3, 64, 64, 3) and filmed.rgb.dtype == np.uint8
-    assert filmed.subpart.shape == (2, 3, 64, 64)
-    labels = filmed.labels(filmed.subpart)
+def test_images_and_labels_have_the_same_shape_and_valid_pixels(folder):
+    rendered = read_world(folder)
+    assert rendered.rgb.shape == (2, 3, 64, 64, 3) and rendered.rgb.dtype == np.uint8
+    assert rendered.subpart.shape == (2, 3, 64, 64)
+    labels = rendered.labels(rendered.subpart)
     assert labels.shape == (3, 2, 3, 64, 64)
-    nothing = filmed.subpart == NOTHING
+    nothing = rendered.subpart == NOTHING
     assert (labels[:, nothing] == -1).all() and (labels[:, ~nothing] >= 0).all()
-    assert (filmed.rgb[nothing] == 0).all()
+    assert (rendered.rgb[nothing] == 0).all()
     # Levels are nested: what is one subpart is one part, and one part is one whole.
     for fine, coarse in ((0, 1), (1, 2)):
         pairs = np.unique(np.stack([labels[fine].ravel(), labels[coarse].ravel()]), axis=1)
         assert len(np.unique(pairs[0])) == pairs.shape[1]
-    assert labels[2].max() < len(filmed.names)
+    assert labels[2].max() < len(rendered.names)
 
 
-def test_a_label_covers_what_it_is_of_an_image(folder):
-    """Edges of labels lie on edges of the picture far more often than elsewhere."""
-    filmed = read_world(folder)
-    grey = filmed.rgb[0, 0].astype(np.float64).mean(-1)
+def test_edges_of_labels_lie_on_edges_of_the_image(folder):
+    """Edges of labels lie on edges of the image far more often than elsewhere."""
+    rendered = read_world(folder)
+    grey = rendered.rgb[0, 0].astype(np.float64).mean(-1)
     step = np.abs(np.diff(grey, axis=1))
-    part = filmed.labels(filmed.subpart[0, 0])[1]
+    part = rendered.labels(rendered.subpart[0, 0])[1]
     border = (np.diff(part, axis=1) != 0) & (part[:, 1:] >= 0) & (part[:, :-1] >= 0)
     inside = (np.diff(part, axis=1) == 0) & (part[:, 1:] >= 0)
     assert border.sum() > 50 and step[border].mean() > 2 * step[inside].mean()
 
 
-def test_the_same_seed_makes_the_same_world(folder, tmp_path):
-    film_world(77, TINY, tmp_path / "again")
+def test_the_same_seed_gives_the_same_world(folder, tmp_path):
+    render_world(77, TINY, tmp_path / "again")
     for name in ("rgb.npy", "subpart.npy", "world.json"):
         assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes()
     assert json.loads((folder / "world.json").read_text())["seed"] == 77
@@ -97,7 +97,7 @@ def test_the_same_seed_makes_the_same_world(folder, tmp_path):
 def test_an_interrupted_world_leaves_no_files(tmp_path, monkeypatch):
     monkeypatch.setattr(worlds.json, "dumps", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        film_world(77, Filming(size=32, clips=1, frames=1), tmp_path / "77")
+        render_world(77, ClipSettings(size=32, clips=1, frames=1), tmp_path / "77")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -1,4 +1,4 @@
-"""Compositing against a loop over pixels and Gaussians that follows the definition word by word."""
+"""Compositing equals a plain loop over pixels and Gaussians that follows the definition."""
 
 import math
 
@@ -6,13 +6,13 @@ import pytest
 import torch
 from torch import Tensor
 
-from egosplat.rasterize.composite_reference import TILE, composite, intersect_tiles
+from egosplat.rasterize.reference.composite import TILE, composite, intersect_tiles
 
 TOLERANCE = {torch.float32: 2e-5, torch.float64: 1e-12}
 
 
 def loop(means2d, conics, opacities, channels, depths, width, height) -> tuple[Tensor, Tensor]:
-    """Every Gaussian at every pixel, in Python's numbers; no tiles, no rectangles."""
+    """Every Gaussian at every pixel in plain Python, without tiles and bounding rectangles."""
     image, alphas = (
         torch.zeros(height, width, channels.shape[1]).double(),
         torch.zeros(height, width).double(),
@@ -82,7 +82,7 @@ def test_nearest_first_and_equal_depths_in_order():
     assert centered([0.5, 0.25], [1.0, 1.0]) == pytest.approx((0.5 + 10 * 0.5 * 0.25, 1 - 0.5 * 0.75))
 
 
-def test_gaussian_that_ends_the_pixel_is_left_out_and_so_are_all_behind():
+def test_the_gaussian_that_ends_a_pixel_and_all_behind_it_are_skipped():
     # The third would fit (0.001 * 0.5 > 1e-4) had the second not ended the pixel.
     assert centered([1.0, 1.0, 0.5], [1.0, 2.0, 3.0]) == pytest.approx((0.999, 0.999), abs=1e-12)
     assert centered([1.0, 0.5], [1.0, 3.0]) == pytest.approx((0.999 + 10 * 0.0005, 0.9995), abs=1e-12)
@@ -102,7 +102,7 @@ def test_no_gradient_above_the_largest_alpha(opacity, slope):
     assert opacities.grad.item() == pytest.approx(slope)
 
 
-def test_tiles_hold_what_reaches_into_them():
+def test_tiles_list_the_gaussians_that_reach_them():
     means2d, _, _, _, depths, radii = random_gaussians(50, 60, 40, 0.1, 1.0, seed=1)
     radii[7] = 0
     ids, counts = intersect_tiles(means2d, depths, radii, 4, 3)
@@ -113,7 +113,7 @@ def test_tiles_hold_what_reaches_into_them():
         assert depths[found].diff().ge(0).all()
 
 
-def test_nothing_gives_an_empty_image_with_gradients():
+def test_no_gaussians_give_an_empty_image_with_gradients():
     empty = [torch.zeros(0, *shape, requires_grad=True) for shape in ((2,), (3,), (), (4,))]
     image, alpha = composite(*empty, torch.zeros(0), torch.zeros(0, 2), 20, 10)
     assert image.shape == (10, 20, 4) and alpha.shape == (10, 20, 1)

@@ -1,4 +1,4 @@
-"""Projection of Gaussians: against independent formulas, and what is culled."""
+"""Projection of Gaussians against independent formulas, and culling."""
 
 import math
 
@@ -8,7 +8,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from egosplat.geometry import Camera, invert, make_pose, transform
-from egosplat.rasterize.projection_reference import Projected, project, rotation_matrices
+from egosplat.rasterize.reference.projection import Projected, project, rotation_matrices
 
 CAMERA = Camera(64, 48, 60.0, 55.0, 30.5, 25.0)
 EPS2D = 0.3
@@ -37,13 +37,13 @@ def random_scene(count: int, seed: int = 0) -> tuple[np.ndarray, ...]:
     return means, quats, scales, rng.uniform(0.1, 0.9, count), pose
 
 
-def test_rotation_matrices_are_scipy_s():
+def test_rotation_matrices_equal_scipy_s():
     quats = np.random.default_rng(0).normal(size=(20, 4)) * 3.0
     expected = Rotation.from_quat(quats, scalar_first=True).as_matrix()
     np.testing.assert_allclose(rotation_matrices(torch.from_numpy(quats)).numpy(), expected, atol=1e-12)
 
 
-def test_centers_and_depths_are_the_camera_s():
+def test_centers_and_depths_equal_those_of_the_camera():
     means, quats, scales, opacities, pose = random_scene(30)
     found = project_numpy(means, quats, scales, opacities, pose)
     in_camera = transform(invert(pose), means)
@@ -52,7 +52,7 @@ def test_centers_and_depths_are_the_camera_s():
     assert (found.radii > 0).all()
 
 
-def test_conics_are_those_of_the_linearised_camera():
+def test_conics_equal_those_of_the_linearised_camera():
     means, quats, scales, opacities, pose = random_scene(30)
     found = project_numpy(means, quats, scales, opacities, pose)
     rotations = Rotation.from_quat(quats, scalar_first=True).as_matrix()
@@ -70,7 +70,7 @@ def test_conics_are_those_of_the_linearised_camera():
         np.testing.assert_array_equal(radii, np.ceil(extent))
 
 
-def test_linearisation_stops_at_the_wider_frustum():
+def test_linearisation_is_clamped_to_the_wider_frustum():
     # The centre's slope is 1; the covariance is that at slope (W - cx) / fx + 0.3 W / (2 fx) = 0.72.
     found = one(mean=(2.0, 0.0, 2.0), scale=(0.1, 0.1, 1.0))
     slope = (CAMERA.width - CAMERA.cx) / CAMERA.fx + 0.15 * CAMERA.width / CAMERA.fx

@@ -1,4 +1,4 @@
-"""The whole reference rasterizer: gradients, values computed by hand, culling, hostile numbers."""
+"""The whole reference rasterizer: gradients, hand-computed values, culling, non-finite numbers."""
 
 import math
 
@@ -10,14 +10,14 @@ from torch import Tensor
 
 from egosplat.geometry import Camera, invert, make_pose, transform
 from egosplat.rasterize.contract import Arguments
-from egosplat.rasterize.reference import rasterization
+from egosplat.rasterize.reference.rasterizer import rasterization
 
 WIDTH, HEIGHT = 18, 15
 GAUSSIAN_NAMES = ("means", "quats", "scales", "opacities", "colors", "features")
 
 
 def scene(count: int, seed: int, cameras: int = 1, sh: bool = False) -> dict[str, Tensor]:
-    """Gaussians in front of cameras that stand apart, float64; opacities leave no pixel opaque."""
+    """Float64 Gaussians in front of several cameras; opacities leave no pixel opaque."""
     rng = np.random.default_rng(seed)
     depths = rng.uniform(1.5, 3.0, count)
     means = np.stack([rng.uniform(-0.6, 0.6, count) * depths, rng.uniform(-0.5, 0.5, count) * depths, depths])
@@ -48,7 +48,7 @@ def scene(count: int, seed: int, cameras: int = 1, sh: bool = False) -> dict[str
         ("ED", "classic", None, 2, 2),
     ],
 )
-def test_gradients_are_finite_differences(render_mode, rasterize_mode, sh_degree, cameras, count, seed):
+def test_gradients_equal_finite_differences(render_mode, rasterize_mode, sh_degree, cameras, count, seed):
     values = scene(count, seed, cameras, sh=sh_degree is not None)
     Ks = values.pop("Ks")
     options = {"sh_degree": sh_degree, "render_mode": render_mode, "rasterize_mode": rasterize_mode}
@@ -71,7 +71,7 @@ def test_gradients_are_finite_differences(render_mode, rasterize_mode, sh_degree
 
 
 def one(**changes: object) -> tuple[Tensor, Tensor, dict]:
-    """One round Gaussian, 2 m ahead, in the middle of the pixel in row 8, column 9 of a float64 image."""
+    """One round Gaussian, 2 m ahead, at the centre of the pixel in row 8, column 9 of a float64 image."""
     arguments = {
         "means": [[0.0, 0.0, 2.0]],
         "quats": [[1.0, 0.0, 0.0, 0.0]],
@@ -142,7 +142,7 @@ def test_spherical_harmonics_become_colors():
     assert one(colors=coeffs, sh_degree=0)[0][0, 8, 9, 1].item() / 0.8 == pytest.approx(0.5 - constant)
 
 
-def test_viewing_direction_is_the_world_s():
+def test_viewing_directions_are_in_world_axes():
     coeffs = np.random.default_rng(0).normal(size=(1, 16, 3)) * 0.1
     straight = one(colors=coeffs, sh_degree=3)[0]
     # Turning the camera about its axis leaves the direction as it is; moving the camera does not.
@@ -154,7 +154,7 @@ def test_viewing_direction_is_the_world_s():
     assert (elsewhere[0, 8, 9] - straight[0, 8, 9]).abs().max() > 0.01
 
 
-def test_gaussian_appears_where_the_camera_puts_its_center():
+def test_a_gaussian_appears_at_its_projected_center():
     camera = Camera(40, 30, 35.0, 33.0, 19.3, 14.1)
     rng = np.random.default_rng(5)
     camera_to_world = make_pose(Rotation.random(rng=rng).as_matrix(), rng.normal(size=3))

@@ -1,4 +1,4 @@
-"""Spherical harmonics against SciPy's, whose signs include the Condon-Shortley phase."""
+"""Spherical harmonics equal SciPy's, whose signs include the Condon-Shortley phase."""
 
 import math
 
@@ -6,7 +6,7 @@ import pytest
 import torch
 from scipy.special import sph_harm_y
 
-from egosplat.rasterize.sh_reference import spherical_harmonics
+from egosplat.rasterize.reference.spherical_harmonics import spherical_harmonics
 
 TOLERANCE = {torch.float32: 2e-6, torch.float64: 1e-12}
 
@@ -25,7 +25,7 @@ def real_harmonic(degree: int, order: int, direction: torch.Tensor) -> float:
 
 @pytest.mark.parametrize("dtype", TOLERANCE)
 @pytest.mark.parametrize(("degree", "order"), [(d, m) for d in range(4) for m in range(-d, d + 1)])
-def test_each_function_is_scipy_s(degree, order, dtype):
+def test_each_function_equals_scipy_s(degree, order, dtype):
     dirs = directions(20, dtype)
     coeffs = torch.zeros(20, 16, 3, dtype=dtype)
     coeffs[:, degree * degree + degree + order, 1] = 1.0
@@ -45,7 +45,7 @@ def test_values_of_3dgs():
 
 
 @pytest.mark.parametrize("degree", range(4))
-def test_lower_degree_leaves_higher_coefficients_unread(degree):
+def test_coefficients_beyond_the_degree_are_ignored(degree):
     dirs, count = directions(5, torch.float64), (degree + 1) ** 2
     coeffs = torch.randn(5, 16, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
     unread = coeffs.clone()
