@@ -121,7 +121,7 @@ def make_walk(
 
 
 def _bend_for(distance: float, height: float) -> tuple[float, float]:
-    """How far the shoulders move down and forward [m] to reach an object."""
+    """Distances that the shoulders move down and forward [m] to reach an object."""
     forward = float(np.clip(distance - 0.3, 0, 0.45))
     left = distance - forward
     drop = np.sqrt(max(_ARM_M**2 - left**2, 0.01))
