@@ -189,6 +189,7 @@ class Run:
             following = pool.submit(self._sample, self.step)
             while self.step < self.recipe.steps and not self.stopped:
                 sampled = following.result()
+                # Draw the next samples while this step trains.
                 following = pool.submit(self._sample, self.step + 1)
                 self._take(sampled)
                 now = time.monotonic()
@@ -212,6 +213,7 @@ class Run:
         """Draw the samples of a step from its own random stream, so that a resumed run sees the same samples."""
         rng, recipe = np.random.default_rng([self.recipe.seed, step]), self.recipe
         side = int(rng.choice(recipe.sides))
+        # The cost of a step grows with the area of its images.
         alike = (recipe.sides[0] / side) ** 2
         if self._on_clips(step):
             done = (step / recipe.steps - recipe.clips_from) / (1 - recipe.clips_from)

@@ -62,6 +62,7 @@ _HELD_OUT_OF = 8
 
 def held_out(colour: str, category: str) -> bool:
     """Whether a category is never shown in a colour during training: one combination in eight."""
+    # A hash instead of a random choice: training and evaluation agree without a list.
     digest = hashlib.sha256(f"{colour} {category}".encode()).digest()
     return int.from_bytes(digest[:4], "big") % _HELD_OUT_OF == 0
 

@@ -91,6 +91,7 @@ class Exam:
         rows = np.flatnonzero(which)
         keys = np.stack([self.crops.world[rows], self.crops.whole[rows]], axis=1)
         _, first, number = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+        # The norm of the sum does not matter for the nearest text.
         total = torch.zeros(len(first), self.features.shape[1])
         total.index_add_(0, torch.from_numpy(number.ravel()), self.features[which])
         best = (total @ self.texts(self.names).T).argmax(dim=1).numpy()

@@ -13,6 +13,7 @@ from torch.nn import functional as F
 
 from training.small_models.clip_views import IMAGE_PX, MEAN, STD
 from training.small_models.clip_vocabulary import SINGLE_TOKENS, known_words, learn_merges, write_vocabulary
+from training.small_models.schedule import half_precision
 
 CONFIG, WEIGHTS, VOCABULARY = "open_clip_config.json", "open_clip_model.safetensors", "bpe.txt.gz"
 WORDS = "words.txt"
@@ -53,19 +54,12 @@ def build(folder: Path) -> tuple[CLIP, SimpleTokenizer]:
 
 def save_weights(model: CLIP, path: Path) -> None:
     """Write the weights in half precision."""
-    tensors = {name: value.detach().cpu() for name, value in model.state_dict().items()}
-    save_file(
-        {
-            name: (value.half() if value.is_floating_point() else value).contiguous()
-            for name, value in tensors.items()
-        },
-        path,
-        metadata={"format": "pt"},
-    )
+    save_file(half_precision(model.state_dict()), path, metadata={"format": "pt"})
 
 
 def encode_short_text(model: CLIP, tokens: Tensor) -> Tensor:
     """(N, D) of unit norm: ``model.encode_text`` without the padding at the end of all N texts."""
+    # The end-of-text token has the largest number of all, so argmax finds the end of each text.
     length = int(tokens.argmax(dim=1).max()) + 1
     tokens = tokens[:, :length]
     x = model.token_embedding(tokens) + model.positional_embedding[:length]

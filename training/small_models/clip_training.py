@@ -105,6 +105,7 @@ class Trainer:
         self._reach = np.cumsum(_evened(crops.names))
         matrices = [value for value in model.parameters() if value.ndim > 1]
         others = [value for value in model.parameters() if value.ndim <= 1]
+        # As in CLIP: no weight decay on biases and gains.
         groups = [
             {"params": matrices, "weight_decay": schedule.decay},
             {"params": others, "weight_decay": 0.0},
@@ -136,6 +137,7 @@ class Trainer:
         known = self.facts[chosen]
         other = self._rng.random(len(chosen)) < self.schedule.recoloured
         known[np.ix_(other, self.claims.columns("colour"))] = -1
+        # At least 0.5 rad, so that a recoloured crop really has another colour.
         hues = torch.from_numpy(other * self._rng.uniform(0.5, 2 * np.pi - 0.5, len(chosen)))
         captions = joined(
             bank(self.claims, self._rng), describe(self.claims, known[: self.schedule.captions], self._rng)
@@ -190,6 +192,7 @@ class Trainer:
             for name, column in zip(WHOLES, self.claims.columns("whole"), strict=True)
         }
         words, target = [], []
+        # A synonym alone means the caption with the name alone, which ``bank`` always has.
         for name in rng.choice(names, _GLOSSED, replace=False).tolist():
             words.append(phrased(str(rng.choice(TEMPLATES)), str(rng.choice(GLOSSARY[name]))))
             target.append(meaning[name])
@@ -207,6 +210,7 @@ class Trainer:
 
     def _tokens(self, texts: list[str]) -> Tensor:
         for text in texts:
+            # Tokenisation in Python is slow, and texts repeat from step to step.
             if text not in self._known:
                 self._known[text] = self._tokenizer([text])[0]
         return torch.stack([self._known[text] for text in texts]).to(self.device)

@@ -163,6 +163,7 @@ def _cover(masks: Tensor, share: float, rng: torch.Generator) -> Tensor:
     planes, shapes = chosen.tensor_split(2)
     masks[planes] = _unless_gone(masks[planes], masks[planes] * half_planes(masks[planes], rng))
     shifts = torch.randint(-30, 31, (2,), generator=rng).tolist()
+    # The next mask of the batch, shifted, is the occluder.
     others = masks[(shapes + 1) % len(masks)].roll(shifts, dims=(2, 3))
     masks[shapes] = _unless_gone(masks[shapes], masks[shapes] * (others < 0.5))
     return masks

@@ -45,6 +45,7 @@ def learn_merges(words: Iterable[str], most: int) -> list[Merge]:
         pairs = Counter(pair for pieces in spelled for pair in pairwise(pieces))
         if not pairs:
             break
+        # Ties go to the alphabetically first pair, so that the vocabulary is reproducible.
         merge = min(pairs, key=lambda pair: (-pairs[pair], pair))
         merges.append(merge)
         spelled = [_merged(pieces, merge) for pieces in spelled]
@@ -65,5 +66,6 @@ def write_vocabulary(path: Path, merges: list[Merge]) -> None:
     """Write ``bpe.txt.gz``, the same bytes for the same merges."""
     # The tokenizer skips the first line, and would read an empty last one as a merge of nothing.
     lines = ["#version: 0.2", *(" ".join(merge) for merge in merges)]
+    # No file name and time in the gzip header: the same merges give the same bytes.
     with path.open("wb") as file, gzip.GzipFile(filename="", mode="wb", fileobj=file, mtime=0) as packed:
         packed.write("\n".join(lines).encode())

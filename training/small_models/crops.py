@@ -126,6 +126,7 @@ class _Table:
             parts = np.flatnonzero(self.levels.part_whole == number)
         else:
             parts = np.array([self._part(level, number)])
+        # Visible pixels, not areas of the model: the inside of a drawer has no colour in the images.
         weight = self.part_px[parts] / self.part_px[parts].sum()
         surfaces: dict[str, float] = {}
         for part, share in zip(parts, weight, strict=True):

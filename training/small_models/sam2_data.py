@@ -205,6 +205,7 @@ def sample_tracks(clip: Clip, rng: Rng, count: int) -> Tracks:
         if kept.any():
             weights = 1 / np.sqrt(areas[kept])
             chosen.append((level, rng.choice(values[kept], p=weights / weights.sum())))
+    # Before the masks are read: an occluder changes the labels.
     for level, value in chosen:
         if rng.random() < 0.25:
             _hide(clip, level, value, rng)
@@ -224,6 +225,7 @@ def _hide(clip: Clip, level: int, value: int, rng: Rng) -> None:
     first = int(rng.integers(1, count))
     for frame in range(first, min(count, first + int(rng.integers(1, 3)))):
         rows, columns = np.nonzero(clip.labels[level, frame] == value)
+        # A large object cannot be hidden by a piece of the image.
         if len(rows) == 0 or (np.ptp(rows) + 1) * (np.ptp(columns) + 1) > 0.15 * side * side:
             continue
         margin = int(rng.integers(0, 6))

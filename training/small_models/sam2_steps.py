@@ -95,8 +95,10 @@ def picture_step(
         torch.cat([getattr(each, name) for each in prompts]).to(device)
         for name in ("points", "coarse", "fine", "present")
     )
+    # Single images have no memory: SAM2 adds this embedding instead of attention to it.
     features = repeated[2] + model.no_mem_embed.view(1, -1, 1, 1)
     masks, ious, _, presence = decode(model, features, repeated[:2], points)
+    # The decoder returns the single mask first, whose target is the whole, then the three levels.
     coarse, fine = (torch.cat([each[:, 2:], each], dim=1) for each in (coarse, fine))
     true = mask_iou(masks, fine)
     weights = masks.new_tensor((_SINGLE_WEIGHT, *_LEVEL_WEIGHTS)) * present[:, None]
@@ -153,11 +155,8 @@ def _tokens(feature: Tensor) -> Tensor:
 def _begin(
     model: SAM2Base, features: list[Tensor], prompt: Tensor
 ) -> tuple[dict[str, Tensor], Tensor, Tensor]:
-    """Memory of a mask prompt, built like ``SAM2Base._use_mask_as_output``, with the decoder's masks and presence.
-
-    The presence logits need a loss: otherwise the decoder would replace the prompt's object pointer by that of
-    absent objects.
-    """
+    """Memory of a mask prompt, built like ``SAM2Base._use_mask_as_output``; the decoder's masks and presence."""
+    # The presence logits need a loss: else the decoder would use the object pointer of absent objects.
     masks, _, tokens, presence = decode(model, features[2], features[:2], given=model.mask_downsample(prompt))
     pointer = _pointer(model, tokens, presence)
     logits = prompt * _GIVEN_SCALE - _GIVEN_SCALE / 2
@@ -192,6 +191,7 @@ def _follow(
     )
     masks, ious, tokens, presence = decode(model, conditioned, features[:2])
     pointer = _pointer(model, tokens, presence)
+    # As in SAM2, the memory of an absent object holds no mask.
     gated = torch.where((presence > 0)[:, :, None, None], masks[:, :1], NO_OBJ_SCORE)
     high = F.interpolate(gated, (model.image_size,) * 2, mode="bilinear", align_corners=False)
     kept = _remember(model, features[2], high, presence, pointer, given=False)

@@ -57,7 +57,7 @@ def read_state(path: Path, device: torch.device) -> dict[str, Any] | None:
     try:
         return torch.load(path, map_location=device, weights_only=True)
     except Exception as error:
-        raise UserError(f"{path}: not a training state ({error}); remove it to begin anew") from error
+        raise UserError(f"{path}: not a training state ({error}); remove it to start again") from error
 
 
 def half_precision(weights: dict[str, Tensor]) -> dict[str, Tensor]:

@@ -56,6 +56,7 @@ def adam_step(
     rows, columns = param.shape
     rates = torch.full((columns,), lr) if learning_rates is None else learning_rates
     _check("learning_rates", rates, (columns,))
+    # ``rates`` and the tensors stay referenced until the call returns: the kernel gets addresses only.
     addresses = (tensor.data_ptr() for tensor in (rates, *tensors.values()))
     return _function()(rows, columns, torch.get_num_threads(), beta1, beta2, eps, step, *addresses)
 

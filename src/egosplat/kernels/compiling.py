@@ -48,6 +48,7 @@ def compile_kernels(folder: Path, output: Path, variants: Sequence[Variant] = VA
     output.mkdir(parents=True, exist_ok=True)
     unit = folder / "source" / "kernels.cpp"
     with ThreadPoolExecutor(os.cpu_count()) as pool:
+        # ``list`` waits for all and raises the first error.
         list(
             pool.map(
                 lambda variant: _compile(

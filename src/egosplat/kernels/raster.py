@@ -155,6 +155,7 @@ class _Composite(torch.autograd.Function):
         )
         ctx.raster = _Raster(handle)
         ctx.save_for_backward(conics, channels, render, alpha)
+        # A missing gradient of alpha arrives as None, which saves the kernel a plane of zeros.
         ctx.set_materialize_grads(False)
         return render, alpha
 

@@ -38,6 +38,7 @@ class Triangles:
         self._tree = self._library.rays_build(vertices.ctypes.data, faces.ctypes.data, len(faces))
         if not self._tree:
             raise MemoryError(f"no memory for {len(faces)} triangles")
+        # Unlike __del__, a finalizer also runs if the interpreter exits.
         weakref.finalize(self, self._library.rays_free, self._tree)
 
     def cast(self, origins: Floats, directions: Floats) -> tuple[Ints, Floats, Floats, Floats]:
@@ -63,6 +64,7 @@ class Triangles:
         """(N,) bool: whether rays, given as for ``cast``, hit anything within (N,) float32 distances."""
         origins, directions, stride = _rays(origins, directions)
         reach = np.ascontiguousarray(reach, dtype=np.float32)
+        # NumPy's bool has the size of C++'s.
         blocked = np.empty(len(directions), dtype=np.bool_)
         pointers = (array.ctypes.data for array in (directions, reach, blocked))
         self._library.rays_blocked(self._tree, len(directions), origins.ctypes.data, stride, *pointers)

@@ -120,7 +120,7 @@ def _footprints(
     zero = torch.zeros_like(z)
     jacobian_u = torch.stack([fx / z, zero, -fx * slope_x / z], dim=-1)
     jacobian_v = torch.stack([zero, fy / z, -fy * slope_y / z], dim=-1)
-    # Rows of a square root of the 2D covariance: J W R S.
+    # Rows of J W R S, a square root of the 2D covariance (3DGS, equation 5).
     axes = rotation @ rotation_matrices(quats) * scales[:, None, :]
     root_u = torch.einsum("ni,nij->nj", jacobian_u, axes)
     root_v = torch.einsum("ni,nij->nj", jacobian_v, axes)
