@@ -43,10 +43,10 @@ def make_sequence(
         ValueError: ``motion`` is out of range.
     """
     world = make_world(seed=seed, seconds=seconds, objects=objects, motion=motion)
-    return film(world, make_renderer(world, make_lens(size)), name=name, fps=fps, seconds=seconds)
+    return record_world(world, make_renderer(world, make_lens(size)), name=name, fps=fps, seconds=seconds)
 
 
-def film(world: World, renderer: Renderer, *, name: str, fps: float, seconds: float) -> Sequence:
+def record_world(world: World, renderer: Renderer, *, name: str, fps: float, seconds: float) -> Sequence:
     """Record a world; see ``make_sequence``."""
     count = max(1, round(seconds * fps))
     captures = world.start_ns + np.round(np.arange(count) * 1e9 / fps).astype(np.int64)

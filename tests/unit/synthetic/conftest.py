@@ -8,7 +8,7 @@ import pytest
 from egosplat.synthetic.adt_format.sequence import Frame, Sequence
 from egosplat.synthetic.camera.lens import make_lens
 from egosplat.synthetic.camera.render import Renderer
-from egosplat.synthetic.recording import film, make_renderer
+from egosplat.synthetic.recording import make_renderer, record_world
 from egosplat.synthetic.world.apartment import Apartment, make_apartment
 from egosplat.synthetic.world.world import World, make_world
 
@@ -16,7 +16,7 @@ SIZE, FPS, SECONDS, OBJECTS = 192, 2.5, 16.0, 24
 
 
 @dataclass(frozen=True)
-class Filmed:
+class Recorded:
     """A recording with the world and the renderer that it was made from."""
 
     world: World
@@ -31,8 +31,8 @@ def apartment() -> Apartment:
 
 
 @pytest.fixture(scope="session")
-def filmed() -> Filmed:
+def recorded() -> Recorded:
     world = make_world(seed=5, seconds=SECONDS, objects=OBJECTS, motion=0.6)
     renderer = make_renderer(world, make_lens(SIZE))
-    sequence = film(world, renderer, name="busy", fps=FPS, seconds=SECONDS)
-    return Filmed(world, renderer, sequence, list(sequence.frames()))
+    sequence = record_world(world, renderer, name="busy", fps=FPS, seconds=SECONDS)
+    return Recorded(world, renderer, sequence, list(sequence.frames()))

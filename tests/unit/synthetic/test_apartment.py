@@ -79,8 +79,8 @@ def test_category_uids_equal_those_of_adts_sample(real_data):
     assert {name: known[name] for name in CATEGORY_UIDS if name in known}.items() <= CATEGORY_UIDS.items()
 
 
-def test_different_seeds_give_different_apartments(apartment, filmed):
-    homes = [apartment, filmed.world.apartment, make_apartment(np.random.default_rng(0), 24)]
+def test_different_seeds_give_different_apartments(apartment, recorded):
+    homes = [apartment, recorded.world.apartment, make_apartment(np.random.default_rng(0), 24)]
     for one, other in itertools.combinations(homes, 2):
         assert abs(one.room.width - other.room.width) + abs(one.room.depth - other.room.depth) > 0.01
         assert {kind.category for kind in one.instances} != {kind.category for kind in other.instances}

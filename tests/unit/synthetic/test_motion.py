@@ -16,20 +16,20 @@ def sample(sequence, step_s):
     return times, sequence.device_pose(times)
 
 
-def test_poses_are_rigid_at_any_nanosecond(filmed):
-    times, poses = sample(filmed.sequence, 0.01)
+def test_poses_are_rigid_at_any_nanosecond(recorded):
+    times, poses = sample(recorded.sequence, 0.01)
     assert times[0] > 10**13, "device time starts large"
     assert poses.shape == (len(times), 4, 4) and poses.dtype == np.float64
     assert is_rigid(poses, 1e-9).all()
     # A nanosecond is not lost: 1000 of them are a thousand times one of them.
     t = times[500]
-    places = filmed.sequence.device_pose(np.array([t, t + 1000, t + 1_000_000]))[:, :3, 3]
+    places = recorded.sequence.device_pose(np.array([t, t + 1000, t + 1_000_000]))[:, :3, 3]
     speed = np.linalg.norm(np.diff(places, axis=0), axis=1) / [1e-6, 999e-6]
     assert speed[0] == pytest.approx(speed[1], rel=0.02)
 
 
-def test_accelerations_are_bounded_and_without_jumps(filmed):
-    _, poses = sample(filmed.sequence, STEP_S)
+def test_accelerations_are_bounded_and_without_jumps(recorded):
+    _, poses = sample(recorded.sequence, STEP_S)
     places = poses[:, :3, 3]
     acceleration = np.diff(places, 2, axis=0) / STEP_S**2
     assert np.linalg.norm(acceleration, axis=1).max() < 6.0
@@ -42,8 +42,8 @@ def test_accelerations_are_bounded_and_without_jumps(filmed):
     assert np.abs(np.diff(spin_up, axis=0)).max() < 0.5
 
 
-def test_images_overlap_and_the_camera_has_parallax(filmed):
-    _, poses = sample(filmed.sequence, 0.1)
+def test_images_overlap_and_the_camera_has_parallax(recorded):
+    _, poses = sample(recorded.sequence, 0.1)
     steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
     assert steps.max() < 0.2
     assert steps.sum() > 4.0
@@ -54,35 +54,35 @@ def test_images_overlap_and_the_camera_has_parallax(filmed):
     assert forward[:, 1].min() < -0.4 and forward[:, 1].max() < 0.5, "and down at what is taken"
 
 
-def test_the_upright_image_is_upright(filmed):
-    _, poses = sample(filmed.sequence, 0.5)
+def test_the_upright_image_is_upright(recorded):
+    _, poses = sample(recorded.sequence, 0.5)
     # Turned clockwise by 90°, the sensor's -x points down in the picture's columns: it is the world's down.
     sensor_x = (poses[:, :3, :3] @ device_from_camera()[:3, :3])[:, :, 0]
     assert (sensor_x[:, 1] < -0.5).all()
 
 
-def test_stays_in_the_room_clear_of_furniture(filmed):
-    _, poses = sample(filmed.sequence, 0.2)
+def test_stays_in_the_room_clear_of_furniture(recorded):
+    _, poses = sample(recorded.sequence, 0.2)
     cameras = poses @ device_from_camera()
-    room = filmed.world.apartment.room
+    room = recorded.world.apartment.room
     places = cameras[:, :3, 3]
     assert (np.abs(places[:, [0, 2]]) < [room.width / 2 - 0.15, room.depth / 2 - 0.15]).all()
     assert (places[:, 1] > 0.7).all() and (places[:, 1] < 1.8).all()
     rng = np.random.default_rng(0)
     ways = rng.normal(size=(400, 3)).astype(np.float32)
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
-    clear = [filmed.renderer.static.cast(place.astype(np.float32), ways).distance.min() for place in places]
+    clear = [recorded.renderer.static.cast(place.astype(np.float32), ways).distance.min() for place in places]
     assert min(clear) > 0.12
 
 
-def test_the_body_keeps_away_from_the_furniture(filmed):
-    walk = filmed.world.head.walk
+def test_the_body_keeps_away_from_the_furniture(recorded):
+    walk = recorded.world.head.walk
     places = walk.place(np.arange(0, 16, 0.1))
-    assert filmed.world.apartment.plan.clearance_at(places).min() > 0.12
+    assert recorded.world.apartment.plan.clearance_at(places).min() > 0.12
 
 
-def test_camera_pose_follows_from_the_device_pose(filmed):
-    world = filmed.world
+def test_camera_pose_follows_from_the_device_pose(recorded):
+    world = recorded.world
     time = world.start_ns + 3_141_592_653
     camera = world.head.device_pose(world.start_ns)(np.array([time]))[0] @ device_from_camera()
     assert np.allclose(camera, camera_pose(world, 3.141592653), atol=1e-9)

@@ -10,7 +10,7 @@ from projectaria_tools.projects.adt import AriaDigitalTwinDataPathsProvider, Ari
 from egosplat.geometry import invert, transform
 from egosplat.synthetic.adt_format.adt import write_sequence
 from egosplat.synthetic.adt_format.aria import DEVICE_SERIAL
-from egosplat.synthetic.recording import film, make_sequence
+from egosplat.synthetic.recording import make_sequence, record_world
 from egosplat.synthetic.world.world import make_world
 
 TINY = {"name": "tiny", "seed": 8, "size": 64, "fps": 1.5, "seconds": 4.0, "objects": 16}
@@ -46,8 +46,8 @@ def test_without_motion_the_scene_is_static_and_empty(still):
     assert frames[0].world_from_object, "there are dynamic things all the same"
 
 
-def test_frames_have_the_configured_number_and_rate(filmed):
-    sequence, frames = filmed.sequence, filmed.frames
+def test_frames_have_the_configured_number_and_rate(recorded):
+    sequence, frames = recorded.sequence, recorded.frames
     assert len(frames) == sequence.frame_count == 40
     captures = np.array([frame.capture_ns for frame in frames])
     assert np.allclose(np.diff(captures), 1e9 / sequence.fps, atol=1)
@@ -70,33 +70,33 @@ def test_frames_have_the_configured_number_and_rate(filmed):
     assert 0.01 < np.ptp(gains) / np.mean(gains) < 0.2
 
 
-def test_most_objects_are_visible(filmed):
-    seen = set().union(*(frame.with_people.visibility for frame in filmed.frames))
-    objects = {one.instance_id for one in filmed.world.apartment.instances}
+def test_most_objects_are_visible(recorded):
+    seen = set().union(*(frame.with_people.visibility for frame in recorded.frames))
+    objects = {one.instance_id for one in recorded.world.apartment.instances}
     assert len(seen & objects) > 0.85 * len(objects)
 
 
-def test_people_are_visible_only_in_the_view_with_people(filmed):
-    people = [one.instance_id for one in filmed.sequence.instances if one.category == "person"]
+def test_people_are_visible_only_in_the_view_with_people(recorded):
+    people = [one.instance_id for one in recorded.sequence.instances if one.category == "person"]
     assert len(people) == 2
     for person in people:
-        pixels = [(frame.with_people.segmentation == person).mean() for frame in filmed.frames]
+        pixels = [(frame.with_people.segmentation == person).mean() for frame in recorded.frames]
         assert max(pixels) > 0.01, "well visible at some time"
         assert min(pixels) < 0.001, "and not there at another"
-    for frame in filmed.frames:
+    for frame in recorded.frames:
         assert not np.isin(frame.without_people.segmentation, people).any()
         nearer = frame.with_people.depth_mm.astype(int) - frame.without_people.depth_mm
         assert (nearer <= 0).all()
         assert (nearer[frame.with_people.segmentation == frame.without_people.segmentation] == 0).all()
 
 
-def test_hands_come_from_below_while_carrying(filmed):
-    wearer = filmed.world.people[0]
+def test_hands_come_from_below_while_carrying(recorded):
+    wearer = recorded.world.people[0]
     job = wearer.jobs[0]
-    moments = [(frame.capture_ns - filmed.world.start_ns) * 1e-9 for frame in filmed.frames]
+    moments = [(frame.capture_ns - recorded.world.start_ns) * 1e-9 for frame in recorded.frames]
     busy = [
         np.rot90(frame.with_people.segmentation, -1) == wearer.instance.instance_id
-        for frame, moment in zip(filmed.frames, moments, strict=True)
+        for frame, moment in zip(recorded.frames, moments, strict=True)
         if job.grip_s + 1 < moment < job.release_s - 1
     ]
     assert busy
@@ -105,21 +105,21 @@ def test_hands_come_from_below_while_carrying(filmed):
         assert np.nonzero(mask)[0].mean() > 0.55 * mask.shape[0]
 
 
-def test_carried_objects_end_elsewhere_and_others_stay(filmed):
-    world = filmed.world
+def test_carried_objects_end_elsewhere_and_others_stay(recorded):
+    world = recorded.world
     ids = [one.instance_id for one in world.apartment.instances[1:]]
     first, last = world.thing_poses(-1.0), world.thing_poses(30.0)
     targets = {ids[job.errand.thing.number]: job.errand for person in world.people for job in person.jobs}
     assert len(targets) >= 2
     assert len(first) > len(targets), "other dynamic things stay"
     for uid in first:
-        path = [frame.world_from_object[uid] for frame in filmed.frames]
+        path = [frame.world_from_object[uid] for frame in recorded.frames]
         moved = np.linalg.norm(last[uid][:3, 3] - first[uid][:3, 3])
         if uid in targets:
             assert moved > 0.25
             assert np.array_equal(last[uid], targets[uid].target)
             steps = np.linalg.norm(np.diff([pose[:3, 3] for pose in path], axis=0), axis=1)
-            assert steps.max() < 1.6 / filmed.sequence.fps * 1.5, "it is carried, it does not jump"
+            assert steps.max() < 1.6 / recorded.sequence.fps * 1.5, "it is carried, it does not jump"
             # The support that it stands on at the end is another piece of furniture.
             assert targets[uid].support != targets[uid].thing.support
             surface = max(s.height for s in world.apartment.things[targets[uid].support].model.surfaces)
@@ -128,9 +128,9 @@ def test_carried_objects_end_elsewhere_and_others_stay(filmed):
             assert all(np.array_equal(pose, first[uid]) for pose in path)
 
 
-def test_carried_objects_are_held(filmed):
+def test_carried_objects_are_held(recorded):
     """A palm is next to the object all the time from grip to release."""
-    for person in filmed.world.people:
+    for person in recorded.world.people:
         for job in person.jobs:
             number = job.errand.thing.number
             box = np.concatenate([part.shape.vertices for part in job.errand.thing.model.parts])
@@ -143,10 +143,10 @@ def test_carried_objects_are_held(filmed):
                 assert np.linalg.norm(outside) < 0.16, (job.errand.thing.kind.category, moment - job.grip_s)
 
 
-def test_skeletons_belong_to_the_people(filmed):
-    people = {one.instance_id for one in filmed.sequence.instances if one.instance_type == "human"}
-    joints = {uid: np.array([frame.skeletons[uid] for frame in filmed.frames]) for uid in people}
-    for person in filmed.world.people:
+def test_skeletons_belong_to_the_people(recorded):
+    people = {one.instance_id for one in recorded.sequence.instances if one.instance_type == "human"}
+    joints = {uid: np.array([frame.skeletons[uid] for frame in recorded.frames]) for uid in people}
+    for person in recorded.world.people:
         track = joints[person.instance.instance_id]
         assert track.shape[1:] == (20, 3) and np.isfinite(track).all()
         assert track[..., 1].min() > -0.05 and track[..., 1].max() < 1.9
@@ -157,13 +157,13 @@ def test_skeletons_belong_to_the_people(filmed):
     assert np.linalg.norm(places[0] - places[1], axis=1).min() > 0.3
 
 
-def test_points_lie_on_surfaces_and_most_are_good(filmed):
-    sequence = filmed.sequence
+def test_points_lie_on_surfaces_and_most_are_good(recorded):
+    sequence = recorded.sequence
     points, inverse, distance = sequence.points, sequence.inv_dist_std, sequence.dist_std
     assert 20_000 <= len(points) <= 60_000 and np.isfinite(points).all()
     good = (inverse < 0.001) & (distance < 0.15)
     assert 0.7 < good.mean() < 0.97
-    surfaces = filmed.renderer.static
+    surfaces = recorded.renderer.static
     rng = np.random.default_rng(0)
     ways = rng.normal(size=(300, 3)).astype(np.float32)
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
@@ -181,20 +181,20 @@ def test_invalid_motion_is_rejected():
         make_world(seed=1, seconds=5, objects=16, motion=1.5)
 
 
-def test_the_official_reader_reads_a_recording(filmed, tmp_path):
+def test_the_official_reader_reads_a_recording(recorded, tmp_path):
     folder = tmp_path / "recording"
-    short = film(filmed.world, filmed.renderer, name="short", fps=2.5, seconds=1.6)
+    short = record_world(recorded.world, recorded.renderer, name="short", fps=2.5, seconds=1.6)
     write_sequence(short, folder)
     provider = AriaDigitalTwinDataProvider(AriaDigitalTwinDataPathsProvider(str(folder)).get_datapaths())
     stream = StreamId("214-1")
     times = provider.get_aria_device_capture_timestamps_ns(stream)
-    assert times == [frame.capture_ns for frame in filmed.frames[:4]]
-    frame = filmed.frames[2]
+    assert times == [frame.capture_ns for frame in recorded.frames[:4]]
+    frame = recorded.frames[2]
     labels = provider.get_segmentation_image_by_timestamp_ns(times[2], stream)
     assert labels.is_valid()
     image = labels.data().to_numpy_array()
     assert np.array_equal(image.astype(np.uint64), frame.without_people.segmentation)
-    assert set(provider.get_instance_ids()) == {one.instance_id for one in filmed.sequence.instances}
+    assert set(provider.get_instance_ids()) == {one.instance_id for one in recorded.sequence.instances}
     assert len(provider.get_skeleton_ids()) == 2
 
 

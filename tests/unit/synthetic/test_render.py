@@ -39,9 +39,9 @@ def rays():
     return pixel_rays(SIZE)
 
 
-def camera_of(filmed, frame):
-    seconds = (frame.capture_ns + ROLLING_SHUTTER_MIDDLE_NS - filmed.world.start_ns) * 1e-9
-    return camera_pose(filmed.world, seconds)
+def camera_of(recorded, frame):
+    seconds = (frame.capture_ns + ROLLING_SHUTTER_MIDDLE_NS - recorded.world.start_ns) * 1e-9
+    return camera_pose(recorded.world, seconds)
 
 
 def project(points, size):
@@ -86,10 +86,10 @@ def test_pinhole_rays_are_upright_and_end_at_the_lens_circle():
     assert (valid & ~lens.valid).sum() == 0 and (valid ^ lens.valid).mean() < 0.05
 
 
-def test_ids_are_zero_exactly_outside_the_lens_circle(filmed, rays):
+def test_ids_are_zero_exactly_outside_the_lens_circle(recorded, rays):
     outside = np.isnan(rays[..., 0])
     assert 0.05 < outside.mean() < 0.4
-    for frame in filmed.frames[::8]:
+    for frame in recorded.frames[::8]:
         for view in (frame.with_people, frame.without_people):
             assert np.array_equal(view.segmentation == 0, outside)
             assert np.array_equal(view.depth_mm == 0, outside)
@@ -97,14 +97,14 @@ def test_ids_are_zero_exactly_outside_the_lens_circle(filmed, rays):
         assert frame.rgb[~outside].mean() > 40
 
 
-def test_depth_of_the_floor_equals_that_of_a_plane(filmed, rays):
-    geometry = filmed.renderer.geometry
+def test_depth_of_the_floor_equals_that_of_a_plane(recorded, rays):
+    geometry = recorded.renderer.geometry
     floor = [n for n, name in enumerate(geometry.part_names) if name.endswith("/floor")]
     seconds = 2.0
-    camera = camera_pose(filmed.world, seconds)
-    view = (camera, filmed.world.body_poses(seconds), 1.0)
-    shot = filmed.renderer.shoot(*view, np.random.default_rng(0))
-    picture = filmed.renderer.picture(*view, np.random.default_rng(0))
+    camera = camera_pose(recorded.world, seconds)
+    view = (camera, recorded.world.body_poses(seconds), 1.0)
+    shot = recorded.renderer.shoot(*view, np.random.default_rng(0))
+    picture = recorded.renderer.picture(*view, np.random.default_rng(0))
     assert np.array_equal(picture.rgb, shot.rgb)
     parts = np.where(picture.faces >= 0, geometry.face_part[picture.faces], -1)
     seen = np.isin(parts, floor)
@@ -117,21 +117,21 @@ def test_depth_of_the_floor_equals_that_of_a_plane(filmed, rays):
     seen = np.isin(parts, walls)
     if seen.any():
         way = rays[seen] @ camera[2, :3]
-        expected = (-filmed.world.apartment.room.depth / 2 - camera[2, 3]) / way * 1000
+        expected = (-recorded.world.apartment.room.depth / 2 - camera[2, 3]) / way * 1000
         assert np.abs(shot.with_people.depth_mm[seen] - expected).max() < 0.6
 
 
-def test_depth_reprojects_one_image_into_the_next(filmed, rays):
-    moving = {person.instance.instance_id for person in filmed.world.people}
-    carried = {job.errand.thing.number for person in filmed.world.people for job in person.jobs}
-    instances = filmed.world.apartment.instances[1:]
+def test_depth_reprojects_one_image_into_the_next(recorded, rays):
+    moving = {person.instance.instance_id for person in recorded.world.people}
+    carried = {job.errand.thing.number for person in recorded.world.people for job in person.jobs}
+    instances = recorded.world.apartment.instances[1:]
     moving |= {instances[number].instance_id for number in carried}
     agreeing = []
-    for first, second in zip(filmed.frames[:-1:5], filmed.frames[1::5], strict=False):
+    for first, second in zip(recorded.frames[:-1:5], recorded.frames[1::5], strict=False):
         one, other = first.with_people, second.with_people
         usable = (one.depth_mm > 0) & ~np.isin(one.segmentation, list(moving))
-        points = transform(camera_of(filmed, first), rays[usable] * (one.depth_mm[usable] * 1e-3)[:, None])
-        local = transform(invert(camera_of(filmed, second)), points)
+        points = transform(camera_of(recorded, first), rays[usable] * (one.depth_mm[usable] * 1e-3)[:, None])
+        local = transform(invert(camera_of(recorded, second)), points)
         pixels = project(local[::7], SIZE)
         inside = np.isfinite(pixels[:, 0])
         columns, rows = np.floor(pixels[inside]).astype(int).T
@@ -148,14 +148,14 @@ def test_depth_reprojects_one_image_into_the_next(filmed, rays):
     assert np.median(errors) < 0.012
 
 
-def test_centres_of_objects_project_into_their_pixels(filmed):
+def test_centres_of_objects_project_into_their_pixels(recorded):
     checked = 0
-    instances = {one.instance_id: one for one in filmed.world.apartment.instances}
-    poses = dict(filmed.sequence.world_from_static)
-    for frame in filmed.frames[::3]:
+    instances = {one.instance_id: one for one in recorded.world.apartment.instances}
+    poses = dict(recorded.sequence.world_from_static)
+    for frame in recorded.frames[::3]:
         view = frame.without_people
-        camera = camera_of(filmed, frame)
-        lens = filmed.renderer.lens
+        camera = camera_of(recorded, frame)
+        lens = recorded.renderer.lens
         rim = np.ones((SIZE, SIZE))
         rim[lens.valid] = lens.radius
         for uid, share in view.visibility.items():
