@@ -58,7 +58,7 @@ def test_value_and_gradient_equal_the_definition(size: tuple[int, int], weighted
 
 @pytest.mark.parametrize("level", [0.0, 0.5, 1.0])
 def test_constant_images(level: float) -> None:
-    # Variances are differences of nearly equal numbers there.
+    # In constant images, variances are differences of nearly equal numbers.
     render, target, _ = pictures(40, 40)
     target = torch.full_like(target, level)
     render = (target + 0.01 * render.detach()).requires_grad_()

@@ -152,5 +152,5 @@ def test_other_variants_agree(in_other_variant: Callable[[str, Path], None], tmp
     inputs = [values[name] for name in ("means2d", "conics", "channels")]
     gradients = torch.autograd.grad(render.square().mean() + alpha.mean(), inputs)
     for found, expected in zip(torch.load(tmp_path / "out.pt"), (render, alpha, *gradients), strict=True):
-        # A pixel in a million may decide otherwise at the edge of a Gaussian.
+        # At the edge of a Gaussian, rounding may change one pixel in a million.
         assert (found - expected).norm() < 1e-4 * expected.norm()

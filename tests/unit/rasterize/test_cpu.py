@@ -256,7 +256,7 @@ def test_extreme_gaussians_match_the_reference(changes, rasterize_mode):
     truth = differentiate(reference, values, torch.float64, rasterize_mode=rasterize_mode)
     found = differentiate(cpu, values, torch.float32, rasterize_mode=rasterize_mode)
     different = (found["image"] - truth["image"]).abs().amax(dim=-1) > 1e-4
-    # Of a needle as long as the image, rounding may move the edge by a pixel.
+    # Rounding may move the edge of a Gaussian as long as the image by a pixel.
     assert different.sum() <= 0.02 * different.numel()
     for name in (name for name in truth if name.startswith("d ")):
         assert found[name].isfinite().all(), name

@@ -116,7 +116,7 @@ def test_gsplat_gets_arguments_for_the_same_image(sh, render_mode, rasterize_mod
             inputs["means"][0, 1] = inputs["features"][1, 2] = math.nan
             inputs["colors"][2], inputs["scales"][3], inputs["quats"][4] = math.inf, math.inf, 0.0
             inputs["opacities"][5] = math.nan
-            # At the first camera's centre: without a direction.
+            # At the first camera's centre, which has no viewing direction.
             inputs["means"][6] = 0.0
     options = DEFAULTS | {"render_mode": render_mode, "rasterize_mode": rasterize_mode}
     arguments = inputs | SIZE | {name: options[name] for name in options.keys() - inputs.keys()}
@@ -142,7 +142,7 @@ def test_options_pass_through_and_gsplat_s_traps_are_avoided():
     call = double.calls[0]
     assert given.items() <= call.items() and SIZE.items() <= call.items()
     assert call["packed"] is False and call["channel_chunk"] == 7
-    assert call["means"] is inputs["means"], "usable Gaussians are passed on as they are"
+    assert call["means"] is inputs["means"], "usable Gaussians are not copied"
 
 
 @pytest.mark.parametrize(("features", "mode", "chunk"), [(29, "RGB+D", 33), (29, "RGB", 32), (60, "RGB", 33)])

@@ -99,11 +99,13 @@ def test_no_ray_passes_between_two_triangles():
     targets = np.stack([share, share, np.zeros_like(share)], axis=1)
     for origin in ([0.3, 0.9, 1.7], [-0.2, 0.1, -0.9]):
         origin = np.array(origin, dtype=np.float32)
-        assert (square.cast(origin, targets - origin)[0] >= 0).mean() > 0.99  # the ends round outwards
+        assert (
+            square.cast(origin, targets - origin)[0] >= 0
+        ).mean() > 0.99  # rounding moves the ends outwards
         assert (square.cast(origin, targets[1:-1] - origin)[0] >= 0).all()
     straight = np.tile(np.array([0, 0, -1], dtype=np.float32), (len(targets), 1))
     face, distance, _, _ = square.cast(targets + np.array([0, 0, 2], dtype=np.float32), straight)
-    assert (face == 0).all(), "of equally near faces the first one counts"
+    assert (face == 0).all(), "the first of equally near faces wins"
     assert (distance == 2).all()
 
 

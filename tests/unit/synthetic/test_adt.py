@@ -55,7 +55,7 @@ INSTANCES = [
     ),
 ]
 LOG_OF_ANY_SEQUENCE = re.compile(
-    # What the provider also says of real ADT recordings without the optional parts.
+    # The provider prints these also for real ADT recordings without the optional parts.
     r"stream id (400|345)-1 not found in Aria Device Model|no synthetic video data found"
     r"|Hand tracking folder|Failed to parse eye gaze vergence file"
 )
@@ -95,7 +95,7 @@ def make_frame(number):
     rng = np.random.default_rng(number)
     seen = [ROOM, SHELF, CUP]
     return Frame(
-        # The real sample's rate, so that captures do not lie on the microsecond grid.
+        # The real sample's rate, whose captures are not on the microsecond grid.
         capture_ns=START_NS + number * 33_329_457,
         exposure_s=0.004 + 0.001 * number,
         gain=2.0 + number,
@@ -161,7 +161,7 @@ def test_official_reader_accepts_the_synthetic_sequence(folder, people, capfd):
         provider.get_object_3d_boundingboxes_by_timestamp_ns(capture_ns)
         provider.get_aria_3d_pose_by_timestamp_ns(capture_ns)
     captured = capfd.readouterr()
-    assert "214-1/camera-rgb activated" in captured.out + captured.err  # the log does arrive here
+    assert "214-1/camera-rgb activated" in captured.out + captured.err  # the log is captured
     assert complaints(captured.out + captured.err) == []
 
 
@@ -353,7 +353,7 @@ def test_the_same_sequence_gives_the_same_bytes(folder, tmp_path):
     for name in written:
         assert (folder / name).read_bytes() == (tmp_path / "tiny" / name).read_bytes(), name
     archive = (folder / "mps/slam/semidense_points.csv.gz").read_bytes()
-    assert archive[4:8] == bytes(4)  # no time of day in it
+    assert archive[4:8] == bytes(4)  # no timestamp
 
 
 def test_without_people(tmp_path):

@@ -87,7 +87,7 @@ def test_different_seeds_give_different_apartments(apartment, recorded):
         assert not {kind.instance_id for kind in one.instances} & {
             kind.instance_id for kind in other.instances
         }
-        # The couch, which every apartment has, stands elsewhere and is covered otherwise.
+        # Every apartment has a couch; its place and its cover differ.
         couches = [
             next(thing for thing in home.things if thing.kind.category == "couch") for home in (one, other)
         ]
@@ -143,7 +143,7 @@ def test_objects_stand_on_the_floor_or_on_their_support(apartment):
         hits = body_scene(geometry, thing.support, thing.support + 1).cast(foot + [0, 0.02, 0], down)
         gap = hits.distance.min() - 0.02
         assert -0.004 < gap < 0.006, f"{thing.kind.category} floats {gap} m above its support"
-        # What it rests on lies under its middle, so that it does not topple.
+        # The support lies under its middle, so it does not topple.
         assert (foot.min(axis=0) - 0.01 <= points.mean(axis=0)).all(where=[True, False, True])
     for thing in apartment.things:
         if thing.support is None and thing.kind.place not in ("wall", "window"):

@@ -21,7 +21,7 @@ def test_poses_are_rigid_at_any_nanosecond(recorded):
     assert times[0] > 10**13, "device time starts large"
     assert poses.shape == (len(times), 4, 4) and poses.dtype == np.float64
     assert is_rigid(poses, 1e-9).all()
-    # A nanosecond is not lost: 1000 of them are a thousand times one of them.
+    # Times keep nanosecond resolution: 1 us gives a thousandth of the motion of 1 ms.
     t = times[500]
     places = recorded.sequence.device_pose(np.array([t, t + 1000, t + 1_000_000]))[:, :3, 3]
     speed = np.linalg.norm(np.diff(places, axis=0), axis=1) / [1e-6, 999e-6]
@@ -50,13 +50,13 @@ def test_images_overlap_and_the_camera_has_parallax(recorded):
     assert np.degrees(rotation_angle(invert(poses[:-1]) @ poses[1:])).max() < 15
     forward = (poses[:, :3, :3] @ device_from_camera()[:3, :3])[:, :, 2]
     yaw = np.unwrap(np.arctan2(forward[:, 0], forward[:, 2]))
-    assert np.ptp(yaw) > np.radians(120), "it looks around"
-    assert forward[:, 1].min() < -0.4 and forward[:, 1].max() < 0.5, "and down at what is taken"
+    assert np.ptp(yaw) > np.radians(120), "the gaze moves around"
+    assert forward[:, 1].min() < -0.4 and forward[:, 1].max() < 0.5, "and down to the picked object"
 
 
 def test_the_upright_image_is_upright(recorded):
     _, poses = sample(recorded.sequence, 0.5)
-    # Turned clockwise by 90°, the sensor's -x points down in the picture's columns: it is the world's down.
+    # Rotated clockwise by 90°, the sensor's -x points down in the image, and down in the world.
     sensor_x = (poses[:, :3, :3] @ device_from_camera()[:3, :3])[:, :, 0]
     assert (sensor_x[:, 1] < -0.5).all()
 
@@ -86,7 +86,7 @@ def test_camera_pose_follows_from_the_device_pose(recorded):
     time = world.start_ns + 3_141_592_653
     camera = world.head.device_pose(world.start_ns)(np.array([time]))[0] @ device_from_camera()
     assert np.allclose(camera, camera_pose(world, 3.141592653), atol=1e-9)
-    # Its optical axis and "up" as the head holds it.
+    # Its optical axis and its "up" direction.
     upright = world.head.world_from_upright(np.array([3.141592653]))[0]
     assert np.allclose(transform(camera, np.array([0, 0, 1.0])), transform(upright, np.array([0, 0, 1.0])))
 

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-# Each variable makes a library choose what it would on another processor. Unknown names are ignored.
+# Each variable makes a library choose the code path of another processor. Unknown names are ignored.
 LIMITS = {
     "NumPy without AVX-512": {"NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR"},
     "NumPy without AVX2, OpenBLAS of an early processor": {

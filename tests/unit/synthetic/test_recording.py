@@ -43,7 +43,7 @@ def test_without_motion_the_scene_is_static_and_empty(still):
         assert np.array_equal(frame.with_people.segmentation, frame.without_people.segmentation)
         for uid, pose in frame.world_from_object.items():
             assert np.array_equal(pose, frames[0].world_from_object[uid])
-    assert frames[0].world_from_object, "there are dynamic things all the same"
+    assert frames[0].world_from_object, "dynamic objects exist even without motion"
 
 
 def test_frames_have_the_configured_number_and_rate(recorded):
@@ -81,8 +81,8 @@ def test_people_are_visible_only_in_the_view_with_people(recorded):
     assert len(people) == 2
     for person in people:
         pixels = [(frame.with_people.segmentation == person).mean() for frame in recorded.frames]
-        assert max(pixels) > 0.01, "well visible at some time"
-        assert min(pixels) < 0.001, "and not there at another"
+        assert max(pixels) > 0.01, "clearly visible in some frame"
+        assert min(pixels) < 0.001, "and absent in another"
     for frame in recorded.frames:
         assert not np.isin(frame.without_people.segmentation, people).any()
         nearer = frame.with_people.depth_mm.astype(int) - frame.without_people.depth_mm
@@ -111,7 +111,7 @@ def test_carried_objects_end_elsewhere_and_others_stay(recorded):
     first, last = world.thing_poses(-1.0), world.thing_poses(30.0)
     targets = {ids[job.errand.thing.number]: job.errand for person in world.people for job in person.jobs}
     assert len(targets) >= 2
-    assert len(first) > len(targets), "other dynamic things stay"
+    assert len(first) > len(targets), "other dynamic objects stay"
     for uid in first:
         path = [frame.world_from_object[uid] for frame in recorded.frames]
         moved = np.linalg.norm(last[uid][:3, 3] - first[uid][:3, 3])
@@ -119,8 +119,8 @@ def test_carried_objects_end_elsewhere_and_others_stay(recorded):
             assert moved > 0.25
             assert np.array_equal(last[uid], targets[uid].target)
             steps = np.linalg.norm(np.diff([pose[:3, 3] for pose in path], axis=0), axis=1)
-            assert steps.max() < 1.6 / recorded.sequence.fps * 1.5, "it is carried, it does not jump"
-            # The support that it stands on at the end is another piece of furniture.
+            assert steps.max() < 1.6 / recorded.sequence.fps * 1.5, "it moves without jumps"
+            # It ends on another piece of furniture.
             assert targets[uid].support != targets[uid].thing.support
             surface = max(s.height for s in world.apartment.things[targets[uid].support].model.surfaces)
             assert last[uid][1, 3] <= surface + 0.01

@@ -81,7 +81,7 @@ def test_pinhole_rays_are_upright_and_end_at_the_lens_circle():
     rows, columns = np.nonzero(lens.valid)
     pixels = camera.project(lens.directions.astype(np.float64))
     assert pixels == pytest.approx(np.stack([columns, rows], axis=1) + 0.5, abs=1e-4)
-    # The rectified picture of the same side is valid in the same places, but for the circle's rim.
+    # The rectified image of the same side is valid at the same pixels, except at the rim of the circle.
     valid = Rectification(camera_calibration(64), camera, turns=1).valid
     assert (valid & ~lens.valid).sum() == 0 and (valid ^ lens.valid).mean() < 0.05
 
@@ -137,7 +137,7 @@ def test_depth_reprojects_one_image_into_the_next(recorded, rays):
         columns, rows = np.floor(pixels[inside]).astype(int).T
         depth = other.depth_mm[rows, columns] * 1e-3
         expected = local[::7][inside, 2]
-        # What is hidden in the second picture is hidden by something nearer.
+        # A point that is hidden in the second image is hidden by something nearer.
         visible = (depth > 0) & (depth > expected - 0.03 * expected)
         close = np.abs(depth - expected) < 0.03 * expected
         same = one.segmentation[usable][::7][inside] == other.segmentation[rows, columns]
@@ -227,7 +227,7 @@ def test_shadows_fall_where_light_is_blocked():
     normals = np.tile(np.array([0, 1, 0], np.float32), (4, 1))
     light = LIGHTS.direct([scene], points, normals)[:, 0]
     assert (light[:2] == 0).all() and (light[2:] > 0).all()
-    # Beyond the shadow, by the cosine law and the inverse square softened near the lamp.
+    # Outside the shadow: cosine law and inverse square, bounded near the lamp.
     expected = [np.cos(np.arctan(x / 3)) / (0.5 + x**2 + 9) for x in (0.49, 1.5)]
     assert light[2] / light[3] == pytest.approx(expected[0] / expected[1], rel=0.01)
     assert (LIGHTS.direct([scene], points, -normals) == 0).all()
@@ -240,7 +240,7 @@ def test_sun_shines_through_windows_only():
     sun = np.array([0, 0.6, -0.8], np.float32)
     window = tuple(np.array(x, np.float32) for x in ([-0.5, 1, -2], [1, 0, 0], [0, 1, 0], [0, 0, 1]))
     dark = Lights(np.array([0, -50, 0], np.float32), sun, (window,))
-    # On its way to the window plane z = -2 a ray from (x, 0, z) rises by 0.75 (z + 2).
+    # On the way to the window plane z = -2, a ray from (x, 0, z) rises by 0.75 (z + 2).
     points = np.array([[0, 0, 0], [0, 0, -1], [0.6, 0, 0], [0, 0, 1.0]], np.float32)
     up = np.tile(np.array([0, 1, 0], np.float32), (4, 1))
     lit = dark.direct([], points, up)[:, 0] > 0

@@ -43,7 +43,7 @@ def test_shares_of_a_striped_texture() -> None:
 def test_every_object_has_a_known_surface(kind) -> None:
     model = kind.build(np.random.default_rng(3))
     surfaces = [part.texture.surface for part in model.parts if part.texture.surface]
-    assert surfaces, "no part of it has a surface with a name"
+    assert surfaces, "no part has a named surface"
     for surface in surfaces:
         *patterns, material = surface.split()
         assert material in MATERIALS

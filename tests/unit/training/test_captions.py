@@ -82,7 +82,7 @@ def truth_of(crops: Crops, phrase: str) -> list[int]:
 def test_truth_of_statements(crops: Crops, phrase: str, truth: list[int]) -> None:
     got = truth_of(crops, phrase)
     if phrase == "red":
-        # Two colours of one share: neither prevails, so either may be said, but blue is not wrong.
+        # Two colours with equal fractions: neither dominates, so both may be in a caption, and blue is not false.
         truth[2] = got[2]
         assert got[2] in (1, -1)
     assert got == truth
@@ -94,7 +94,7 @@ def test_descriptions_are_true_of_their_crops(crops: Crops) -> None:
     told = describe(claims, known, np.random.default_rng(0))
     truth = told.truth(known)
     assert (np.diagonal(truth) == 1).all()
-    # And not empty words: most are false of other crops.
+    # They also discriminate: most are false of other crops.
     assert (truth == 0).mean() > 0.3
 
 

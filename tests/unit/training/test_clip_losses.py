@@ -24,7 +24,7 @@ def test_other_true_captions_and_undecided_ones_do_not_compete() -> None:
     torch.testing.assert_close(loss, contrastive_loss(changed, truth, weights))
     loss.backward()
     assert (logits.grad[:, 3] == 0).all()
-    # The first caption is true of the first crop, and is still drawn to it while the second one is nearer.
+    # The first caption is true of the first crop and is pulled to it although the second one is nearer.
     assert logits.grad[0, 0] < 0
 
 

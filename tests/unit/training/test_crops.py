@@ -44,7 +44,7 @@ def test_a_patch_shows_the_mask_in_its_middle() -> None:
     patch, side = cut_patch(rgb, mask)
     assert patch.shape == (PATCH_PX, PATCH_PX, 4)
     assert side == 64 == INNER_PX
-    # At this size nothing is resized, so pixels are the picture's own.
+    # At this size nothing is resized, so pixels equal those of the image.
     margin = (PATCH_PX - INNER_PX) // 2
     np.testing.assert_array_equal(patch[..., :3], rgb[40 - margin : 104 + margin, 124 - 36 : 124 + 36])
     assert patch[..., 3].sum() == 255 * mask.sum()

@@ -41,13 +41,13 @@ def world():
 
 def test_the_cut_is_the_same_in_all_frames_images_and_labels(world):
     rng = np.random.default_rng(0)
-    # Parts are called m, n, ... z, a, ... d, and words are numbered by the alphabet.
+    # Parts have the names m, n, ... z, a, ... d; words are numbered alphabetically.
     names = np.append((np.arange(18) + 4) % 18, -1)
     for _ in range(20):
         clip = sample_clip([world], vocabulary([world]), rng, 3)
         assert clip.pictures.shape == (3, SIDE, SIDE, 3) and clip.labels.shape == (3, 3, SIDE, SIDE)
         assert np.array_equal(clip.names, names[clip.labels[1]])
-        # One colour a subpart, but for smoothing at edges and noise: medians of two differ, those of one do not.
+        # One colour per subpart, except at smoothed edges: medians differ between subparts, not within one.
         values = [value for value in np.unique(clip.labels[0]) if value >= 0]
         for value in values:
             colours = [
@@ -86,7 +86,7 @@ def test_small_pieces_are_prompted_too():
     labels[:, 100:105, 100:105] = 1
     prompts = sample_prompts(labels, np.random.default_rng(0), 600)
     small = (prompts.fine.sum((1, 2, 3)) < 100).sum()
-    assert small > 3, "one in 2,600 if pixels were drawn alike"
+    assert small > 3, "one in 2,600 with uniform sampling"
 
 
 def test_targets_of_tracks_are_the_masks_of_later_frames(world):
@@ -99,14 +99,14 @@ def test_targets_of_tracks_are_the_masks_of_later_frames(world):
         count = tracks.prompt.shape[0]
         assert tracks.prompt.shape == (count, 1, SIDE, SIDE)
         assert tracks.coarse.shape == (4, count, SIDE // COARSE, SIDE // COARSE)
-        assert tracks.present[0].all(), "what is to be followed is visible at first"
+        assert tracks.present[0].all(), "tracked objects are visible in the first frame"
         assert (tracks.prompt.sum((1, 2, 3)) > 0).all()
-        # Given masks are near the true ones.
+        # Prompts are close to the true masks.
         given = torch.from_numpy(share_covered(tracks.prompt[:, 0].numpy() > 0, COARSE))
         assert ((given - tracks.coarse[0]).abs().mean((1, 2)) < 0.05).all()
         covered = (clip.labels == -1) & (before.labels >= 0)
         hidden += bool(covered.any())
-        assert not covered[:, 0].any(), "the first frame is left as it is"
+        assert not covered[:, 0].any(), "the first frame is not covered"
         untouched = ~covered.any(axis=0)
         assert np.array_equal(clip.pictures[untouched], before.pictures[untouched])
     assert 2 < hidden < 20

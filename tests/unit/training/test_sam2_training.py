@@ -69,7 +69,7 @@ def test_mask_iou_compares_enlarged_masks():
     logits[0, 0, 2:4, 2:6] = 5.0
     found = mask_iou(logits, share)
     assert found.shape == (1, 2)
-    assert found[0, 0] > 0.6 and found[0, 1] == 1.0, "two empty masks are alike"
+    assert found[0, 0] > 0.6 and found[0, 1] == 1.0, "two empty masks have IoU 1"
 
 
 def test_pair_loss_pulls_pixels_of_one_object_together():
@@ -121,9 +121,9 @@ def test_memory_of_a_given_mask_equals_sam2_s(world, tmp_path):
 
 def test_each_kind_of_step_gives_gradients_to_all_weights_that_it_uses(world, tmp_path):
     run = Run(RECIPE, [world], tmp_path / "state.pt", torch.device("cpu"))
-    # Only of what is there a pointer is made.
+    # The pointer is computed only for visible objects.
     torch.nn.init.constant_(run.model.sam_mask_decoder.pred_obj_score_head.layers[-1].bias, 5.0)
-    taught = set()
+    trained = set()
     for step in (0, 3):
         run.step = step
         before = {name: value.detach().clone() for name, value in run.model.named_parameters()}
@@ -135,8 +135,8 @@ def test_each_kind_of_step_gives_gradients_to_all_weights_that_it_uses(world, tm
         }
         assert changed and all(value.isfinite().all() for value in run.model.parameters())
         assert any(not torch.equal(before[name], value) for name, value in run.model.named_parameters())
-        taught |= changed
-    rooms = {name.split(".")[0] for name in taught}
+        trained |= changed
+    rooms = {name.split(".")[0] for name in trained}
     assert {
         "image_encoder",
         "memory_attention",
@@ -162,7 +162,7 @@ def test_a_stopped_run_resumes_to_the_same_weights(world, tmp_path, monkeypatch)
     stopped.train()
     resumed = Run(RECIPE, [world], tmp_path / "stopped.pt", torch.device("cpu"))
     assert resumed.step == 2
-    # What else draws from torch's generator must not matter.
+    # Other draws from torch's generator must not change the result.
     torch.rand(7)
     resumed.train()
     for name, value in whole.average.weights.items():
@@ -207,7 +207,7 @@ def test_the_learning_rate_rises_stays_and_falls():
     assert all(later < earlier for earlier, later in itertools.pairwise(rates[71:]))
     assert 0.01 <= rates[-1] < 0.05
     longer = [learning_rate(1.0, step, 200, 10, 0.3) for step in range(70)]
-    assert longer == rates[:70], "a longer run begins alike"
+    assert longer == rates[:70], "a longer run begins with the same rates"
 
 
 def test_the_average_follows_the_weights_and_is_saved_in_half_precision():

@@ -35,7 +35,7 @@ def test_every_subpart_is_a_connected_piece_of_one_part(world):
     for subpart in range(0, len(levels.subpart_part), 7):
         faces = np.flatnonzero(levels.face_subpart == subpart)
         assert set(geometry.face_part[faces]) == {levels.subpart_part[subpart]}
-    # Four legs stand apart; a table's top is one piece.
+    # Four legs are separate pieces; a table top is one.
     names = np.array(levels.part_names)
     counts = np.bincount(levels.subpart_part, minlength=len(names))
     assert (counts[names == "legs"] == 4).any() and (counts[names == "floor"] == 1).all()
@@ -52,7 +52,7 @@ def test_wholes_are_objects_people_and_building_parts(world):
     for window in windows:
         parts = [levels.part_names[part] for part in np.flatnonzero(levels.part_whole == window)]
         assert sorted(parts) == ["view", "window frame", "window reveal", "window sill"]
-    # Everything else is one whole an instance, under its category.
+    # Every other instance is one whole, with the name of its category.
     rest = [number for number, one in enumerate(levels.whole_instance) if one != 0]
     assert sorted(levels.whole_instance[rest]) == list(range(1, len(world.instances)))
     assert [levels.whole_names[number] for number in rest] == [
@@ -69,7 +69,7 @@ def test_images_and_labels_have_the_same_shape_and_valid_pixels(folder):
     nothing = rendered.subpart == NOTHING
     assert (labels[:, nothing] == -1).all() and (labels[:, ~nothing] >= 0).all()
     assert (rendered.rgb[nothing] == 0).all()
-    # Levels are nested: what is one subpart is one part, and one part is one whole.
+    # Levels are nested: each subpart is in one part, and each part in one whole.
     for fine, coarse in ((0, 1), (1, 2)):
         pairs = np.unique(np.stack([labels[fine].ravel(), labels[coarse].ravel()]), axis=1)
         assert len(np.unique(pairs[0])) == pairs.shape[1]

@@ -83,7 +83,7 @@ def test_nearest_first_and_equal_depths_in_order():
 
 
 def test_the_gaussian_that_ends_a_pixel_and_all_behind_it_are_skipped():
-    # The third would fit (0.001 * 0.5 > 1e-4) had the second not ended the pixel.
+    # The third would be composited (0.001 * 0.5 > 1e-4) if the second had not ended the pixel.
     assert centered([1.0, 1.0, 0.5], [1.0, 2.0, 3.0]) == pytest.approx((0.999, 0.999), abs=1e-12)
     assert centered([1.0, 0.5], [1.0, 3.0]) == pytest.approx((0.999 + 10 * 0.0005, 0.9995), abs=1e-12)
 

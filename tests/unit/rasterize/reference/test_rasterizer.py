@@ -134,7 +134,7 @@ def test_depth_modes():
 def test_spherical_harmonics_become_colors():
     coeffs = np.zeros((1, 4, 3))
     coeffs[0, 0], coeffs[0, 2, 1] = [1.0, -1.0, -9.0], 0.5
-    # Seen along +z: the constant term, the z term, and nothing below 0.
+    # Viewed along +z: the constant term plus the z term, clamped at 0.
     constant, along_z = math.sqrt(1 / (4 * math.pi)), math.sqrt(3 / (4 * math.pi))
     image = one(colors=coeffs, sh_degree=1)[0]
     expected = double([0.5 + constant, 0.5 - constant + 0.5 * along_z, 0.0])
@@ -145,7 +145,7 @@ def test_spherical_harmonics_become_colors():
 def test_viewing_directions_are_in_world_axes():
     coeffs = np.random.default_rng(0).normal(size=(1, 16, 3)) * 0.1
     straight = one(colors=coeffs, sh_degree=3)[0]
-    # Turning the camera about its axis leaves the direction as it is; moving the camera does not.
+    # Rotating the camera keeps the viewing direction; moving it does not.
     turn = make_pose(Rotation.from_euler("z", 90, degrees=True).as_matrix(), np.zeros(3))
     turned = one(colors=coeffs, sh_degree=3, viewmats=turn[None])[0]
     torch.testing.assert_close(turned[0, 8, 9], straight[0, 8, 9])
