@@ -76,8 +76,7 @@ class Compared:
 
     @property
     def shape_error(self) -> float:
-        """Relative L2 error of the gradients with respect to the logarithms of all parameters; positions are in widths of
-        the Gaussian."""
+        """Relative L2 error of the gradients by the logarithms of all parameters, positions in widths."""
         width = self.values["scales"].double().amax(dim=1, keepdim=True)
         sizes = {name: self.values[name].double() for name in SHAPE} | {"means": width}
         found, truth = (

@@ -19,15 +19,6 @@ def arguments(n: int = 4, c: int = 2, **changes: object) -> dict[str, object]:
         "Ks": torch.eye(3).repeat(c, 1, 1),
         "width": 8,
         "height": 6,
-        "near_plane": 0.1,
-        "far_plane": 1e10,
-        "radius_clip": 0.0,
-        "eps2d": 0.3,
-        "sh_degree": None,
-        "features": None,
-        "backgrounds": None,
-        "render_mode": "RGB",
-        "rasterize_mode": "classic",
     } | changes
 
 
