@@ -16,17 +16,6 @@ from egosplat.rasterize.reference import rasterizer as reference
 from egosplat.rasterize.reference.spherical_harmonics import spherical_harmonics
 
 SIZE = {"width": 20, "height": 14}
-DEFAULTS = {
-    "near_plane": 0.1,
-    "far_plane": 1e10,
-    "radius_clip": 0.0,
-    "eps2d": 0.3,
-    "sh_degree": None,
-    "features": None,
-    "backgrounds": None,
-    "render_mode": "RGB",
-    "rasterize_mode": "classic",
-}
 
 
 class GsplatDouble:
@@ -118,9 +107,8 @@ def test_gsplat_gets_arguments_for_the_same_image(sh, render_mode, rasterize_mod
             inputs["opacities"][5] = math.nan
             # At the first camera's centre, which has no viewing direction.
             inputs["means"][6] = 0.0
-    options = DEFAULTS | {"render_mode": render_mode, "rasterize_mode": rasterize_mode}
-    arguments = inputs | SIZE | {name: options[name] for name in options.keys() - inputs.keys()}
-    arguments["sh_degree"] = 3 if sh else None
+    modes = {"render_mode": render_mode, "rasterize_mode": rasterize_mode, "sh_degree": 3 if sh else None}
+    arguments = inputs | SIZE | modes
     image, alpha, meta = cuda.render(GsplatDouble(), Arguments(**arguments))
     expected, expected_alpha, expected_meta = reference.rasterization(Arguments(**arguments))
     torch.testing.assert_close(image, expected)
@@ -135,10 +123,7 @@ def test_gsplat_gets_arguments_for_the_same_image(sh, render_mode, rasterize_mod
 def test_options_pass_through_and_gsplat_s_traps_are_avoided():
     double, inputs = GsplatDouble(), scene(False, torch.float32)
     given = {"near_plane": 0.2, "far_plane": 30.0, "radius_clip": 1.0, "eps2d": 0.2}
-    cuda.render(
-        double,
-        Arguments(**inputs, **SIZE, **{k: v for k, v in (DEFAULTS | given).items() if k not in inputs}),
-    )
+    cuda.render(double, Arguments(**inputs, **SIZE, **given))
     call = double.calls[0]
     assert given.items() <= call.items() and SIZE.items() <= call.items()
     assert call["packed"] is False and call["channel_chunk"] == 7
@@ -149,8 +134,7 @@ def test_options_pass_through_and_gsplat_s_traps_are_avoided():
 def test_channels_in_one_pass(features, mode, chunk):
     double, inputs = GsplatDouble(), scene(False, torch.float32)
     inputs |= {"features": torch.rand(12, features), "backgrounds": None}
-    options = {k: v for k, v in DEFAULTS.items() if k not in inputs} | {"render_mode": mode}
-    cuda.render(double, Arguments(**inputs, **SIZE, **options))
+    cuda.render(double, Arguments(**inputs, **SIZE, render_mode=mode))
     assert double.calls[0]["channel_chunk"] == chunk
 
 
