@@ -1,4 +1,4 @@
-"""Consistent features: views that are all the same, alone, of no length, of half precision, and very many."""
+"""Consistent features of identical, single, zero, half-precision and very many views."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Compression of features: none that differ, none at all, none of any length, and halves."""
+"""Compression of identical, missing, zero and half-precision features."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""A small scene with pictures of known Gaussians, as artifacts."""
+"""A small scene with images of known Gaussians, as artifacts."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -30,7 +30,7 @@ KEYS = defaults()["splats"] | {
 
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Neither hash the code of the stage nor wait for the disk, which here takes longer than all else."""
+    """Skip the code hash and waiting for the disk, which take longer than the tests."""
     monkeypatch.setattr(provenance, "code_of", lambda stage: "0")
     monkeypatch.setattr(files, "_sync_one", lambda path: None)
 

@@ -1,4 +1,4 @@
-"""The loss, Adam, relocation and the Gaussians' start, against float64 and beyond its reach."""
+"""Loss, Adam, relocation and initialization against float64, up to the limits of float32."""
 
 import math
 from fractions import Fraction

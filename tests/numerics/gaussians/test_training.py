@@ -1,4 +1,4 @@
-"""Training on what is broken, empty, or of one colour, and with rates that are far too high."""
+"""Training survives broken, empty and single-color input and excessive learning rates."""
 
 from dataclasses import asdict, replace
 
@@ -241,7 +241,7 @@ def test_too_far_from_the_origin(scene, run, left, far):
 )
 @pytest.mark.parametrize("height", [1, 5, 10])
 def test_small_pictures(scene, run, height):
-    """No SSIM window of 11 px fits into the picture, and PSNR is measured all the same."""
+    """No SSIM window of 11 px fits into the image; PSNR is measured anyway."""
     intrinsics = np.array([[18.0, 0, 10], [0, 18.0, height / 2], [0, 0, 1]])
     rgb, valid = np.full((FRAMES, height, SIZE, 3), 90, np.uint8), np.ones((height, SIZE), bool)
     trained = run(scene(rgb=rgb, valid=valid, intrinsics=intrinsics))

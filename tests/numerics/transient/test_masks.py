@@ -1,4 +1,4 @@
-"""Probabilities at their ends, thresholds at their ends, and pictures of which nothing is left."""
+"""Masks at the extremes: probabilities, thresholds, and images masked completely."""
 
 import numpy as np
 import pytest

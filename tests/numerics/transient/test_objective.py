@@ -1,4 +1,4 @@
-"""The network's loss with transient_penalty at its ends, and pictures and residuals that are extreme."""
+"""The network's loss at extreme penalties, images and residuals."""
 
 from dataclasses import replace
 
@@ -74,7 +74,7 @@ def test_the_loss(views, measured, offset, residual):
 @pytest.mark.numerics(
     "transient_penalty = 0: masking costs nothing", outside="the probability rises; nothing is NaN"
 )
-def test_lambda2_of_zero(views):
+def test_transient_penalty_of_zero(views):
     one = objective(transient_penalty=0.0, lr=1e-2)
     losses = trained(one, views, 0.3, 20)
     assert sound(one) and losses[-1] < losses[0]
@@ -83,7 +83,7 @@ def test_lambda2_of_zero(views):
 @pytest.mark.numerics(
     "transient_penalty = 1e6: masking never pays", outside="the probability falls; nothing is NaN"
 )
-def test_a_huge_lambda2(views):
+def test_a_huge_transient_penalty(views):
     one = objective(transient_penalty=1e6, lr=1e-2)
     losses = trained(one, views, 0.3, 20)
     assert sound(one) and losses[-1] < losses[0]
@@ -93,7 +93,7 @@ def test_a_huge_lambda2(views):
     "transient_penalty = 1e30: gradients whose norm overflows float32",
     outside="no step is taken: the network stays as it was",
 )
-def test_lambda2_beyond_float32(views):
+def test_transient_penalty_beyond_float32(views):
     one = objective(transient_penalty=1e30)
     before = [p.detach().clone() for p in one.net.parameters()]
     trained(one, views, 0.3, 3)

@@ -1,4 +1,4 @@
-"""Aggregation follows the paper's formula, also where views are few, equal, or mostly wrong."""
+"""Aggregation follows the paper's formula, also for few, equal, or mostly wrong views."""
 
 import numpy as np
 import pytest
@@ -123,8 +123,8 @@ def test_many_instances_at_once_are_as_each_alone(norm, monkeypatch):
 
 @pytest.mark.parametrize("count", [1, 2, 3, 8, 31])
 @pytest.mark.parametrize("norm", NORMS)
-def test_a_view_counts_where_its_disagreement_is_within_the_limit(norm, count):
-    """What is drawn above a view is what was decided on, to the last bit."""
+def test_a_view_is_an_inlier_if_its_disagreement_is_within_the_limit(norm, count):
+    """The number drawn above a view on the sheet is the one that decided, to the last bit."""
     rng = np.random.default_rng(count)
     for scale in (0.0, 1e-20, 1.0):
         views = (rng.normal(size=(count, 6)) * scale * rng.choice([1, 1, 9], (count, 1))).astype(np.float32)

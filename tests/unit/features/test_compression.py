@@ -1,4 +1,4 @@
-"""Codes decode to what they were made of, as well as their number of dimensions allows."""
+"""Codes decode to their features as well as their number of channels allows."""
 
 import numpy as np
 import pytest
@@ -55,7 +55,7 @@ def test_every_row_is_in_a_batch_of_at_least_two(count):
 
 
 @pytest.mark.parametrize("kind, dims", [("none", 1), ("linear", 4), ("linear", 12), ("autoencoder", 3)])
-def test_codes_and_what_they_are_decoded_to(kind, dims):
+def test_shapes_of_codes_and_reconstructions(kind, dims):
     features = rows(150, 12, 4)
     fitted = fit(features, kind, dims, 3, 0)
     codes = fitted.encode(features)
@@ -82,7 +82,7 @@ def test_the_decoder_s_numbers_are_the_autoencoder_s():
         assert decode(grid, decoder).shape == (7, 1, 20) and decode(grid, decoder).dtype == torch.float64
 
 
-def test_training_the_autoencoder_brings_features_back():
+def test_a_trained_autoencoder_reconstructs_features():
     features = rows(200, 16, 2)
     few, many = (
         reconstruction(

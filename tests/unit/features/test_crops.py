@@ -1,4 +1,4 @@
-"""Instances are found where they are, and crops show them alone, whole and upright."""
+"""Regions cover their instances, and crops show one instance on black, centered and upright."""
 
 import numpy as np
 import pytest

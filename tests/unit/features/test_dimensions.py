@@ -1,4 +1,4 @@
-"""How many numbers a code needs: against the compression itself, and at its extremes."""
+"""features.dims = auto is the smallest number of channels that reaches the bound."""
 
 import numpy as np
 import pytest
@@ -62,5 +62,5 @@ def test_an_autoencoder_takes_as_many_numbers_as_a_basis_needs():
     assert found.need.dims == basis.need.dims == found.decoder.widths[0] == found.encode(rows).shape[1]
 
 
-def test_what_is_not_compressed_needs_all_channels():
+def test_no_compression_keeps_all_channels():
     assert fit(unit_rows(50, 8, 8), "none", "auto", 1, 0, 0.9).decoder.widths == (8,)

@@ -1,4 +1,4 @@
-"""What was finished comes back, what was cut short or belongs elsewhere does not."""
+"""The journal restores complete records and drops truncated, damaged or foreign ones."""
 
 import numpy as np
 import pytest

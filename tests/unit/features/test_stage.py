@@ -1,4 +1,4 @@
-"""The stage ``features`` from view features to what Gaussians are trained on."""
+"""Stage features aggregates, supervises and compresses, and leaves out broken views."""
 
 import numpy as np
 import pytest
@@ -42,7 +42,7 @@ def run(write_views, tmp_path, feature):
 
 
 @pytest.mark.parametrize("mad_norm", ["element", "euclidean", "cosine"])
-def test_the_wrong_view_is_left_out(run, feature, mad_norm):
+def test_an_outlier_view_is_left_out(run, feature, mad_norm):
     features = run(mad_norm=mad_norm)
     assert features.read("views").tolist() == [7, 0, 2, 1]
     assert features.read("inlier").tolist()[6:] == [False, True, True, True]
@@ -62,7 +62,7 @@ def test_supervision_is_the_average_and_of_unit_norm(run, feature):
     np.testing.assert_allclose(kept_half[6], unit(feature[6] + consistent[0]), atol=1e-6)
 
 
-def test_a_view_of_another_thing_keeps_its_own_feature(run, feature):
+def test_a_mismatched_view_keeps_its_own_feature(run, feature):
     features = run()
     consistent, supervision = features.read("consistent"), features.read("supervision")
     cosine = (unit(feature) * consistent[features.read("instance")]).sum(axis=1)
@@ -95,7 +95,7 @@ def test_without_renormalising_means_keep_their_length(run, feature):
 
 
 def test_the_paper_s_reference_value(run):
-    """Of 0, 1, 2, 3, 10 the consistent value is 1.5, the average of 10 is 5.75 (docs/method.md#supervision)."""
+    """Values 0, 1, 2, 3, 10: the consistent one is 1.5, the average of 10 is 5.75 (docs/method.md#supervision)."""
     feature = np.stack([np.array([0, 1, 2, 3, 10]), np.full(5, 1.0)], axis=1)
     keys = {"normalize": False, "outlier_target": "average", "compression": "none"}
     features = run(feature, [0] * 5, [0], **keys)
@@ -182,7 +182,7 @@ def test_equal_runs_are_equal(run):
 
 
 def test_any_number_of_threads_makes_the_same_codes():
-    """Of rows so wide and many that PyTorch would share the work out."""
+    """Rows are so wide and many that PyTorch would split the work over threads."""
     rows = np.random.default_rng(0).normal(size=(3000, 512)).astype(np.float32)
     before, codes = torch.get_num_threads(), []
     for threads in (1, 2):

@@ -1,4 +1,4 @@
-"""The stage from artifacts to the artifact, also when it is killed."""
+"""Stage view_features encodes the same features in any batch size, after a kill, and without bad views."""
 
 import os
 import shutil
@@ -55,7 +55,7 @@ def test_artifact_holds_the_expected_facts_and_inputs(scene, run, clip_keys):
 
 
 def test_features_are_open_clip_s_own(scene, run, clip_keys):
-    """Through OpenCLIP's own transform of the picture that the crop is."""
+    """Features equal those of OpenCLIP's own transform of the cropped image."""
     from open_clip.transform import PreprocessCfg, image_transform_v2
 
     folder = scene()
@@ -160,7 +160,7 @@ def test_views_without_a_feature_are_left_out_and_reported(scene, run, monkeypat
     assert "3 of 10 views are left out" in capsys.readouterr().err
 
 
-def test_a_model_that_makes_no_feature_at_all(scene, run, monkeypatch):
+def test_a_model_without_a_finite_feature_is_reported(scene, run, monkeypatch):
     monkeypatch.setattr(stage, "encode", lambda clip, crops: np.full((len(crops), 8), np.nan, np.float32))
     folder = scene()
     with pytest.raises(UserError, match="models.clip_checkpoint"):
@@ -168,7 +168,7 @@ def test_a_model_that_makes_no_feature_at_all(scene, run, monkeypatch):
     assert not (folder / "view_features.zarr").exists()
 
 
-def test_segments_of_other_frames(scene, run, labels):
+def test_segments_of_other_frames_are_rejected(scene, run, labels):
     folder = scene()
     segments = (folder / "segments.zarr").rename(folder / "kept.zarr")
     scene(labels=labels[:4], train=np.ones(4, bool))

@@ -1,4 +1,4 @@
-"""InstanceViews are those of training frames, large enough and not too many; their crops are upright."""
+"""Views come from training frames, are large enough and limited in number; their crops are upright."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests of the points that are added where photographs show none."""
+"""densify_init adds one point to each valid cell without points, at a plausible depth."""
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ def test_no_points_are_added_where_every_cell_has_one():
     np.testing.assert_array_equal(colours, rgb)
 
 
-def test_empty_cells_get_a_point_as_far_away_as_those_beside_it_in_the_photograph_s_colour():
+def test_empty_cells_get_a_point_at_the_neighbouring_depth_in_the_image_s_colour():
     xyz, rgb = wall(3.0, left_half=True)
     every, colours = cover(xyz, rgb)
     new, shown = every[len(xyz) :], colours[len(xyz) :]

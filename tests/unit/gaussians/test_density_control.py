@@ -1,4 +1,4 @@
-"""Density control of 3DGS."""
+"""Density control of 3DGS clones, splits, prunes and resets at its thresholds, and keeps the optimizer in step."""
 
 import math
 

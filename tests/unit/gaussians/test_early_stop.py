@@ -1,4 +1,4 @@
-"""When training stops, and which Gaussians are kept."""
+"""Early stopping waits for its patience and keeps the best Gaussians."""
 
 import math
 

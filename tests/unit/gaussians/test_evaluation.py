@@ -1,4 +1,4 @@
-"""PSNR and SSIM of renders."""
+"""Scores of renders: valid pixels, background, and agreement with the benchmark's scores."""
 
 import math
 from dataclasses import replace
@@ -25,7 +25,7 @@ def views(pictures, camera_to_world) -> Views:
 
 
 def test_the_benchmark_has_the_same_scores_of_the_same_render(truth, views):
-    """splats.png and metrics.json tell one number: with invalid pixels, and a render that is not perfect."""
+    """splats.png and metrics.json report the same number, with invalid pixels and an imperfect render."""
     valid = np.hypot(*(np.mgrid[:24, :24] - 11.5)) < 10
     lens = replace(views, valid=torch.from_numpy(valid).float())
     moved = views.camera_to_world.copy()

@@ -1,4 +1,4 @@
-"""The Gaussians that training starts from."""
+"""Initial Gaussians have 3DGS's values at finite points; random points lie in the viewing volumes."""
 
 import numpy as np
 import pytest

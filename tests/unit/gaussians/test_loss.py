@@ -1,4 +1,4 @@
-"""The definition of the losses, and when the kernel stands in for it."""
+"""The losses match their definition, ignore broken pixels, and use the kernel only where it is exact."""
 
 import pytest
 import torch

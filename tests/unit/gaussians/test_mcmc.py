@@ -1,4 +1,4 @@
-"""Density control of 3DGS-MCMC."""
+"""3DGS-MCMC relocates dead Gaussians, grows to the cap and adds bounded noise."""
 
 import math
 

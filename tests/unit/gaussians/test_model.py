@@ -1,4 +1,4 @@
-"""The Gaussians' container, and one camera's picture of them."""
+"""The Gaussians' container checks its tensors, and a render has the documented channels."""
 
 import math
 
@@ -46,7 +46,7 @@ def test_concatenate_keeps_the_order_and_takes_empty_parts() -> None:
     assert torch.equal(joined.means[:2], first.means) and torch.equal(joined.sh[2:], second.sh)
 
 
-def test_gradients_are_asked_for_and_detached() -> None:
+def test_gradients_can_be_required_and_detached() -> None:
     gaussians = make(3)
     assert gaussians.requires_grad_() is gaussians
     assert all(tensor.requires_grad and tensor.is_leaf for tensor in gaussians.parameters().values())

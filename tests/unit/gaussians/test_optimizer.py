@@ -1,4 +1,4 @@
-"""Adam over Gaussians: the same numbers as torch's, and nothing that is not finite."""
+"""Adam over Gaussians equals torch's Adam and never stores a value that is not finite."""
 
 import math
 
@@ -98,7 +98,7 @@ def test_invisible_rows_advance_only_the_step(share: float) -> None:
         torch.testing.assert_close(getattr(one, name), getattr(other, name), rtol=1e-6, atol=1e-7)
 
 
-def test_a_row_without_gradient_and_moments_stays_and_one_with_moments_moves_on() -> None:
+def test_a_row_moves_if_it_has_a_gradient_or_moments() -> None:
     gaussians = make(3)
     optimizer = Adam(gaussians, RATES)
     set_gradients(gaussians, 0)

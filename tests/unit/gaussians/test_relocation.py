@@ -1,4 +1,4 @@
-"""Who moves onto whom in 3DGS-MCMC, and what they share."""
+"""Relocation formulas of 3DGS-MCMC: shared opacity and scale, and the limit of copies per host."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What happens when in a training run."""
+"""The schedule keeps 3DGS's milestones, scaled or cut to a run's length."""
 
 from dataclasses import replace
 
@@ -92,8 +92,8 @@ def test_an_inconsistent_schedule_is_rejected(wrong: dict[str, int]) -> None:
         scaled(STOCK, 0)
 
 
-def test_a_cut_schedule_is_the_beginning_of_the_stock_one():
-    """EgoLifter's 7,000 iterations: growth until the end, the stock learning rates, resets at 500 and 3,000."""
+def test_a_cut_schedule_is_the_beginning_of_the_stock_schedule():
+    """EgoLifter's 7,000 iterations: growth until the end, 3DGS's learning rates, resets at 500 and 3,000."""
     begun = cut(replace(STOCK, reset_at_start=True), 7_000)
     assert resets(begun) == [500, 3_000]
     grows = densifications(begun)

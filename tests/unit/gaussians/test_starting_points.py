@@ -1,4 +1,4 @@
-"""Tests of what training starts from."""
+"""Training starts at the visible points, within the budget."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def test_without_densify_init_gaussians_start_at_the_points(start):
     assert float(start(False, 1000).means[:, 0].max()) < 0
 
 
-def test_with_cover_there_are_gaussians_where_no_point_is_known(start):
+def test_densify_init_adds_gaussians_where_no_point_is_known(start):
     known, covered = start(False, 1000), start(True, 1000)
     torch.testing.assert_close(covered.means[: known.count], known.means)
     new = covered.means[known.count :]

@@ -1,4 +1,4 @@
-"""The training loop."""
+"""The training loop learns, resumes identically, stops when it diverges, and passes its options on."""
 
 import math
 from dataclasses import replace
@@ -209,7 +209,7 @@ def test_regularisation_is_of_the_means(start):
     assert float(regularisation(start, 0.5, 2.0)) == pytest.approx(float(expected))
 
 
-def test_options_scale_the_schedule_of_the_kind_of_density_control():
+def test_options_scale_the_schedule_of_the_strategy():
     stock, mcmc = (replace(OPTIONS, iterations=3000, strategy=kind).schedule for kind in ("default", "mcmc"))
     assert (
         stock.densify_until == STOCK.densify_until // 10
@@ -222,7 +222,7 @@ def test_options_scale_the_schedule_of_the_kind_of_density_control():
 
 
 def test_options_reach_density_control(trained):
-    """EgoLifter's: a reset at the start, another opacity after a reset, and pruning by the size on screen."""
+    """EgoLifter's options: a reset at the start, another opacity after a reset, pruning by screen size."""
     options = replace(
         OPTIONS, iterations=30_000, reset_at_start=True, reset_opacity=0.01, prune_screen_px=20.0
     )
@@ -241,8 +241,8 @@ def test_options_reach_density_control(trained):
     assert lowered.max().item() < 0.08 < trained(**short).gaussians.opacities.min().item()
 
 
-def test_what_is_large_on_screen_is_pruned_with_the_renderers_own_radii(trained):
-    """Radii come from the renderer; with a limit below them nothing that is seen would be left."""
+def test_screen_size_pruning_uses_the_renderer_s_radii(trained):
+    """Radii come from the renderer; a limit below all of them would leave no visible Gaussian."""
     state = trained(iterations=12, evaluate_every=12)
     _, _, meta = render(
         state.gaussians,

@@ -1,4 +1,4 @@
-"""ViewSets with poses, and which of them does what."""
+"""Frames with a pose get one role each, and views hold the chosen frames."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Which degree of spherical harmonics a scene needs, and what goes with one that it does not."""
+"""splats.sh_degree = auto keeps the lowest sufficient degree of spherical harmonics."""
 
 from dataclasses import replace
 
@@ -60,8 +60,8 @@ def test_a_glossy_scene_keeps_its_degree(scene, glossy):
     assert all(psnr[lower] < psnr[3] - 0.2 for lower in range(degree))
 
 
-def test_the_frame_that_judges_is_trained_on_once_it_is_decided(scene, pictures):
-    """The middle one of eight training frames decides; its picture matters after, not before."""
+def test_the_deciding_frame_is_trained_on_afterwards(scene, pictures):
+    """The middle one of eight training frames decides; it affects training only afterwards."""
     keys = {"min_improvement": 100.0, "densify_init": False}
     found = run(scene(), **keys)
     assert found.facts["views"] == {"training": 8, "validation": 0, "held out": 1}
@@ -73,7 +73,7 @@ def test_the_frame_that_judges_is_trained_on_once_it_is_decided(scene, pictures)
     assert decided.any() and same[decided].all() and not same[~decided].all()
 
 
-def test_with_patience_the_frames_that_validate_judge(scene):
+def test_with_patience_the_validation_frames_decide(scene):
     found = run(scene(), patience=5, min_improvement=100.0)
     assert found.facts["views"] == {"training": 7, "validation": 1, "held out": 1}
     assert found.facts["sh_degree_psnr"]
@@ -93,7 +93,7 @@ def test_one_frame_cannot_validate(scene):
         run(scene(train=one))
 
 
-def test_without_a_degree_the_mean_of_what_the_cameras_see_is_left(truth, camera_to_world):
+def test_a_dropped_degree_leaves_its_mean_over_the_cameras(truth, camera_to_world):
     sh = torch.randn(truth.count, 16, 3, generator=torch.Generator().manual_seed(0))
     gaussians = replace(truth, sh=sh)
     means = mean_basis(truth.means, CAMERA, camera_to_world, near_plane=0.1)

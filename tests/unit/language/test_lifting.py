@@ -1,4 +1,4 @@
-"""Closed-form lifting, against weights that are found one Gaussian at a time."""
+"""Closed-form lifting against compositing weights measured one Gaussian at a time."""
 
 import numpy as np
 import pytest

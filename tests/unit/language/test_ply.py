@@ -1,4 +1,4 @@
-"""The file that viewers open, read back by a library that knows the format."""
+"""The exported .ply file, read back by a library that knows the format."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ def test_ply_uses_the_names_that_viewers_expect(tmp_path, gaussians):
     assert np.array_equal(found["rot_0"].ravel(), gaussians.quats[:, 0].numpy())
 
 
-def test_codes_are_further_properties():
+def test_codes_are_additional_properties():
     code, share = np.arange(12, dtype=np.float32).reshape(2, 2, 3), np.ones((2, 2), np.float32)
     columns = code_columns(code, share, ["part", "whole"])
     assert list(columns) == [

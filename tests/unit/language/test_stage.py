@@ -1,4 +1,4 @@
-"""The stage from artifacts to the artifact."""
+"""Stage language writes a complete artifact for each method and checks its inputs."""
 
 import shutil
 from pathlib import Path
@@ -78,7 +78,7 @@ def test_equal_runs_are_equal_and_leave_no_other_files(scene, method):
     assert {path.name for path in folder.iterdir()} - before == {"language.zarr", "again.zarr"}
 
 
-def test_codes_trained_with_the_geometry_are_taken_as_they_are(scene):
+def test_codes_of_joint_training_are_copied(scene):
     folder = scene()
     train(folder, language="joint")
     splats, found = verify(folder / "splats.zarr", SCHEMAS), run(folder)
@@ -89,7 +89,7 @@ def test_codes_trained_with_the_geometry_are_taken_as_they_are(scene):
 
 
 def test_joint_codes_are_rendered_in_queries_as_they_were_in_training(scene):
-    """Whatever language.normalize_codes says: codes of another norm would be composited with other weights."""
+    """language.normalize_codes does not apply: codes of another norm would be composited with other weights."""
     folder = scene()
     train(folder, language="joint")
     stored = verify(folder / "splats.zarr", SCHEMAS).read("features")
@@ -113,7 +113,7 @@ def test_joint_codes_of_other_features_are_rejected(scene):
         run(folder)
 
 
-def test_masks_that_are_needed_must_be_given(scene):
+def test_missing_masks_are_reported(scene):
     folder = scene()
     train(folder, masking="refined")
     with pytest.raises(UserError, match="--masks"):
@@ -126,7 +126,7 @@ def test_the_transient_network_alone_can_mask(scene):
     assert "transient.zarr" in run(folder).provenance["inputs"]
 
 
-def test_joint_training_needs_what_codes_are_made_from(scene):
+def test_joint_training_needs_segments_and_features(scene):
     folder = scene()
     with pytest.raises(UserError, match="--segments.*--features"):
         splats_stage.run(

@@ -1,4 +1,4 @@
-"""What pixels shall mean, by view, by instance, and not at all."""
+"""Target codes of pixels: by view, by instance, or none."""
 
 import torch
 

@@ -1,4 +1,4 @@
-"""Codes trained by gradients."""
+"""Training of codes converges, resumes identically, and reports divergence."""
 
 import pytest
 import torch
@@ -53,7 +53,7 @@ def test_a_learning_rate_far_too_large_ends_training(wall, views, settings, chec
         training.run(wall, views, settings, checkpoint)
 
 
-def test_unit_codes():
+def test_normalized_codes_have_unit_norm():
     code = torch.tensor([[[3.0, 4.0], [0.0, 0.0]]])
     assert codes_to_render(code, True).tolist() == [[[pytest.approx(0.6), pytest.approx(0.8)], [0.0, 0.0]]]
     assert codes_to_render(code, False) is code

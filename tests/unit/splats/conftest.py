@@ -1,4 +1,4 @@
-"""A small scene with pictures of known Gaussians."""
+"""A small scene with images of known Gaussians."""
 
 from tests.support.gaussian_scene import camera_to_world, pictures, points, scene, truth
 

@@ -1,4 +1,4 @@
-"""The stage from artifacts to the artifact, also when it is killed."""
+"""Stage splats writes a complete artifact, resumes identically, and reports user errors."""
 
 import json
 import os

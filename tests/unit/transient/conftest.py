@@ -1,4 +1,4 @@
-"""A small scene in which a square moves before a wall, as artifacts and as views."""
+"""A small scene with a square moving in front of a wall, as artifacts and as views."""
 
 from collections.abc import Callable
 from pathlib import Path

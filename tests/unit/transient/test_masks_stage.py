@@ -1,4 +1,4 @@
-"""The stage masks from artifacts to the artifact."""
+"""Stage masks scores instances on training frames and masks the transient ones in all frames."""
 
 from pathlib import Path
 
@@ -66,7 +66,7 @@ def test_a_lower_threshold_masks_more(folder):
 
 
 def test_evaluation_frames_decide_nothing_and_are_masked(scene):
-    """Frame 3 is held out: what the network says of it changes no score, and its instances are masked all the same."""
+    """Frame 3 is held out: its probabilities change no score, but its instances are masked."""
     folder = scene()
     labels = open_artifact(folder / "segments.zarr", SEGMENTS).read("labels")
     probability = np.where(labels[:, 2] == 0, 0.5, 0.0)
@@ -95,7 +95,7 @@ def test_no_transient_instance_masks_nothing(folder, keys):
     assert not masks.read("refined").any() and masks.facts["masked_share"] == 0.0
 
 
-def test_a_level_that_was_left_out_is_shown_by_the_one_that_it_repeats(scene):
+def test_a_dropped_duplicate_level_uses_the_level_that_it_repeats(scene):
     made = predicted(scene({"repeats": {"part": "whole"}}))
     by_part, by_whole = run(made, level="part").read("refined"), run(made, level="whole").read("refined")
     assert by_whole.any() and np.array_equal(by_part, by_whole)

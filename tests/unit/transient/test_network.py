@@ -1,4 +1,4 @@
-"""The network H."""
+"""The network H: EgoLifter's architecture, upright input, seeded weights, checked checkpoints."""
 
 import pytest
 import torch
@@ -21,7 +21,7 @@ def test_it_has_the_size_of_egolifters():
 
 
 @torch.no_grad()
-def test_probabilities_have_the_size_that_is_asked_for():
+def test_probabilities_have_the_requested_size():
     net = make_network(64, False, None, 0)
     probability = net(PICTURE, 20, 28)
     assert probability.shape == (20, 28) and probability.dtype == torch.float32
@@ -29,7 +29,7 @@ def test_probabilities_have_the_size_that_is_asked_for():
 
 
 @torch.no_grad()
-def test_a_sideways_picture_is_turned_clockwise_to_be_looked_at():
+def test_a_sideways_picture_is_turned_clockwise_for_the_network():
     upright, sideways = (make_network(64, turned, None, 0).eval() for turned in (False, True))
     expected = upright(PICTURE.rot90(-1, (0, 1)), 56, 40).rot90(1, (0, 1))
     torch.testing.assert_close(sideways(PICTURE, 40, 56), expected, atol=1e-5, rtol=1e-5)

@@ -1,4 +1,4 @@
-"""L_init: what it is, what it drives H to, and that it goes on where it was."""
+"""L_init matches the paper's formula, drives H to the residual's side, and resumes."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Pictures at working size."""
+"""Frames at working size keep their aspect ratio and content."""
 
 import numpy as np
 import pytest

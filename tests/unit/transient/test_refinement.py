@@ -1,4 +1,4 @@
-"""From probabilities to instances."""
+"""Instance scores pool pixels over frames; masks are unions of transient instances."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def test_pixels_are_pooled_over_the_frames():
     assert [one.tolist() for one in chosen] == [[True], [False]]
 
 
-def test_probability_is_soft_and_what_is_not_finite_counts_as_nothing():
+def test_probability_is_soft_and_non_finite_values_count_as_zero():
     scores = InstanceScores(1)
     probability = np.full((1, 40), 0.4, np.float16)
     probability[0, 0], probability[0, 1] = np.nan, np.inf
@@ -32,7 +32,7 @@ def test_probability_is_soft_and_what_is_not_finite_counts_as_nothing():
     assert scores.scores == pytest.approx([0.2], abs=1e-3)
 
 
-def test_levels_are_scored_each_by_itself():
+def test_levels_are_scored_separately():
     labels = np.full((2, 1, 4), -1, np.int32)
     labels[0, 0, :2], labels[1, 0] = 0, 1
     scores = InstanceScores(3)

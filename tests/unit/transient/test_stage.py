@@ -1,4 +1,4 @@
-"""The stage transient from artifacts to the artifact."""
+"""Stage transient writes a complete artifact, resumes identically, and reports user errors."""
 
 from pathlib import Path
 
@@ -120,7 +120,7 @@ def test_batch_norm_of_the_picture_or_of_the_run(scene):
     assert (of_picture.read("probability") != of_run.read("probability")).any()
 
 
-def test_pictures_as_the_sensor_takes_them_are_looked_at_upright(scene):
+def test_pictures_of_the_sensor_are_turned_upright(scene):
     lying = run(scene(facts={"format": "adt", "upright": False}), iterations=1, warmup=1.0).read(
         "probability"
     )
