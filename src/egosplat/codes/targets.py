@@ -48,6 +48,7 @@ class CodeTargets:
         self._common = features.read("consistent_code")
         seen = features.read("views") > 0
         views_alone = features.provenance["options"]["supervision"] == "view"
+        # Instances whose consistent code serves frames without a view of theirs.
         self._usable = np.zeros_like(seen) if views_alone else seen
         self._named = seen
         self._levels = np.unique(segments.read("instances/level"))

@@ -60,7 +60,7 @@ def aggregate(
         ValueError: k is below 1, or the norm is unknown.
     """
     if norm not in NORMS or not k >= 1:
-        raise ValueError(f"norm {norm!r} is to be one of {NORMS}, k = {k} at least 1")
+        raise ValueError(f"norm {norm!r} must be one of {NORMS}, and k = {k} at least 1")
     found = Aggregate(
         np.zeros((count, features.shape[1])),
         np.bincount(instance, minlength=count).astype(np.int32),

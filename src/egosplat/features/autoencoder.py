@@ -71,6 +71,7 @@ def fit_autoencoder(
     Raises:
         UserError: training diverges.
     """
+    # Leaves the global random generator untouched.
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         model = Autoencoder(features.shape[1], dims)

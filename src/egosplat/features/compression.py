@@ -79,7 +79,7 @@ def fit(
         return replace(fit(features, kind, basis.need.dims, epochs, seed), need=basis.need)
     if dims > width:
         raise UserError(
-            f"features.dims = {dims}: OpenCLIP's features have {width} channels; set at most that"
+            f"features.dims = {dims}: OpenCLIP's features have {width} channels; use at most {width}"
         )
     if kind == "linear":
         return fit_linear(features, dims)

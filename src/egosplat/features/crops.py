@@ -42,6 +42,7 @@ def find_regions(labels: Labels, count: int) -> Regions:
     area = np.bincount(labels.ravel() + 1, minlength=count + 1)[1:]
     box = np.zeros((count, 4), np.int32)
     for level in labels:
+        # find_objects ignores label 0, which is "no instance" here.
         for instance, found in enumerate(ndimage.find_objects(level + 1)):
             if found is not None:
                 rows, columns = found

@@ -78,6 +78,7 @@ class Journal:
     def _whole(self, file: BinaryIO) -> Iterator[Rows]:
         while len(head := file.read(_HEAD.size)) == _HEAD.size:
             first, rows, channels = _HEAD.unpack(head)
+            # A record of another writer, or garbage that claims gigabytes of memory.
             if first != self._row or rows * channels > 2**31:
                 return
             body, digest = file.read(4 * rows * channels), file.read(_DIGEST_BYTES)

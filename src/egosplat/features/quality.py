@@ -49,6 +49,7 @@ def spread(features: Features) -> float | None:
     if count < 2:
         return None
     total = unit(features).sum(axis=0)
+    # The squared norm of the sum contains all pairs, and each row with itself.
     return float((total @ total - count) / (count * (count - 1)))
 
 

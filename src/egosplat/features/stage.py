@@ -90,6 +90,7 @@ def run(view_features: Path, output: Path, options: FeaturesOptions) -> None:
     )
     codes, consistent_codes = (compressed.encode(part) for part in (result.supervision, result.consistent))
     seen = found.views > 0
+    # An encoder maps the zero feature to an arbitrary code.
     codes[~seen[views.instance]] = 0.0
     consistent_codes[~seen] = 0.0
     facts = _facts(view_features_artifact, views, result, codes, consistent_codes, compressed, level)

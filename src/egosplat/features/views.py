@@ -77,6 +77,7 @@ def spread(instance: Ints, most: int) -> NDArray[np.bool_]:
     _, first, counts = np.unique(instance, return_index=True, return_counts=True)
     place = np.arange(len(instance)) - np.repeat(first, counts)
     total = np.repeat(np.maximum(counts, most), counts)
+    # A row is kept where place * most / total reaches the next integer.
     return place * most // total != (place - 1) * most // total
 
 

@@ -83,11 +83,13 @@ def _cell_depths(
     pixels = camera.project(local)
     inside = camera.contains(pixels) & (local[:, 2] >= near_plane)
     size = np.array([camera.width, camera.height]) / shape[::-1]
+    # Rounding may put a pixel at the border into the cell beyond the last one.
     column, row = np.minimum((pixels[inside] / size).astype(np.int64), np.array(shape[::-1]) - 1).T
     cell, depth = row * shape[1] + column, local[inside, 2]
     order = np.lexsort((depth, cell))
     cell, depth = cell[order], depth[order]
     found, first, count = np.unique(cell, return_index=True, return_counts=True)
     result = np.full(shape[0] * shape[1], np.nan)
+    # The lower median: depths are sorted within each cell.
     result[found] = depth[first + (count - 1) // 2]
     return result.reshape(shape)

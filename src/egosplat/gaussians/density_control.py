@@ -92,6 +92,7 @@ class DensityControl:
         cameras, n = radii.shape[:2]
         statistics = self._statistics_of(n, radii.device)
         half_image = means2d_grad.new_tensor([width / 2, height / 2])
+        # In units of half the image, as in 3DGS; times the number of cameras, because the loss is their mean.
         norms = torch.linalg.vector_norm(means2d_grad * half_image, dim=-1) * cameras
         counted = (radii > 0).all(dim=-1) & norms.isfinite()
         statistics["grad"] += torch.where(counted, norms, 0.0).sum(dim=0)
@@ -133,6 +134,7 @@ class DensityControl:
         options, statistics = self.options, self._statistics_of(gaussians.count, gaussians.means.device)
         # Rows change below: the next interval collects new statistics.
         self._statistics = {}
+        # Pruning comes first: it frees room in the budget for growth.
         keep = gaussians.finite() & (gaussians.opacities >= options.prune_opacity)
         score = statistics["grad"] / statistics["views"].clamp(min=1.0)
         room = options.max_gaussians - int(keep.sum())
@@ -141,6 +143,7 @@ class DensityControl:
         children = split_gaussians(gaussians.select(split), generator)
         new = Gaussians.concatenate([gaussians.select(clone), children])
         old_radius = statistics["radius"][keep & ~split]
+        # New Gaussians have not been rendered yet: radius 0 spares them.
         radius = torch.cat([old_radius, old_radius.new_zeros(new.count)])
         gaussians = replace_rows(gaussians, optimizer, keep & ~split, new)
         if self.schedule.prunes_large(iteration):

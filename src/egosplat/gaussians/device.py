@@ -18,6 +18,7 @@ def training_device(backend: str) -> torch.device:
     """
     if backend == "cuda":
         load_gsplat()
+    # A GPU without gsplat cannot render.
     usable = torch.cuda.is_available() and importlib.util.find_spec("gsplat") is not None
     return torch.device("cuda" if backend == "cuda" or (backend == "auto" and usable) else "cpu")
 

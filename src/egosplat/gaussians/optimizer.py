@@ -75,6 +75,7 @@ class Adam:
         grads = {name: _gradient_rows(p) for name, p in self.gaussians.parameters().items()}
         broken = broken_rows(list(grads.values()))
         self.skipped_rows += len(broken)
+        # Saved because the step below updates all rows.
         before = [tensor[broken] for tensor in self._state()]
         rows = self._rows_to_step()
         for name in PARAMETERS:

@@ -36,6 +36,7 @@ class Masking:
         if artifact is None:
             return None
         _, height, width = artifact.shape(self.array)
+        # Read row by row: most frames may be unused.
         found = np.empty((len(rows), height, width), artifact.schema.fields[self.array].dtype)
         for position, row in enumerate(rows):
             found[position] = artifact.row(self.array, row)

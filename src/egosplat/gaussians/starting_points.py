@@ -83,6 +83,7 @@ def _densify(
     )
     given, added = len(xyz), len(every) - len(xyz)
     log(f"{added} points added where views show none")
+    # New points get at most half of the budget.
     kept = _subset(xyz, rgb, max(max_points - added, max_points // 2), seed)
     new = _subset(every[given:], colours[given:], max_points - len(kept[0]), seed)
     return np.concatenate([kept[0], new[0]]), np.concatenate([kept[1], new[1]])

@@ -78,7 +78,7 @@ def replace_rows(
     if not result.count:
         raise UserError(
             f"splats: none of {gaussians.count} Gaussians is left to train: all were too transparent, too large "
-            "or not finite; check the poses and what the masks leave visible"
+            "or not finite; check the poses and the masks"
         )
     optimizer.select(keep)
     optimizer.append(added)

@@ -83,6 +83,7 @@ def train(
     schedule = options.schedule
     started = time.perf_counter() - state.seconds
     rest = range(state.iteration + 1, options.iterations + 1)
+    # Views of the degree search join training once the degree is decided.
     usable = view_sets.trained_on(all_views=not state.degree_search.open)
     for iteration in track(rest, "training", unit="iteration"):
         iterate(state, view_sets.training, usable, options, schedule)

@@ -63,6 +63,7 @@ def pixel_weight(valid: Tensor | None, transient: Tensor | None) -> Tensor | Non
     """
     if transient is None:
         return valid
+    # A broken value counts as transient: M = 1.
     static = 1.0 - transient.float().nan_to_num(1.0, 1.0, 1.0).clamp(0.0, 1.0)
     return static if valid is None else valid * static
 

@@ -68,6 +68,7 @@ def reduce_degree(
     means = mean_basis(gaussians.means, training.camera, training.camera_to_world, settings.near_plane)
     candidates = [gaussians]
     for dropped in range(degree, 0, -1):
+        # The candidate of each degree is the next higher one without its highest terms.
         candidates.insert(0, without_degree(candidates[0], dropped, means))
     psnr = [evaluate(some, held_out, settings, used).mean_psnr for used, some in enumerate(candidates)]
     enough = next((used for used in range(degree) if psnr[used] >= psnr[degree] - tolerance_db), degree)

@@ -43,6 +43,7 @@ def lift(gaussians: Gaussians, views: CodeViews, settings: RenderSettings) -> Li
         weight = views.weight(index)
         counted = targets.known.float() if weight is None else targets.known * weight
         shown = counted.new_ones(counted.shape[1:]) if weight is None else weight
+        # Codes, their weights and the weights of all pixels share one backward pass.
         pixels = torch.cat([(targets.codes * counted[:, None]).flatten(0, 1), counted, shown[None]])
         pose = views.camera_to_world[index]
         part = sum_over_pixels(gaussians, pixels.permute(1, 2, 0), views.camera, pose, settings)

@@ -163,6 +163,7 @@ def _write(
     output: Path, record: Provenance, code: Tensor, share: Tensor, curve: Curve, facts: dict[str, Any]
 ) -> None:
     labeled = share > 0
+    # Gaussians that no labeled pixel shows have no code.
     code = torch.where(labeled[..., None], code, 0.0)
     with create(output, LANGUAGE, record) as artifact:
         artifact.put("code", code.cpu().numpy())

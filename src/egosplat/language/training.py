@@ -61,6 +61,7 @@ class CodeTraining:
         self.curve = Curve()
         self.iteration = 0
         self._options = options
+        # Epsilon as in 3DGS: gradients of single Gaussians are tiny.
         self._adam = torch.optim.Adam([self.code], lr=options.lr, eps=1e-15)
         self._generator = torch.Generator().manual_seed(options.seed)
         self._order: list[int] = []

@@ -207,7 +207,7 @@ def _check_left(views: Views) -> None:
     weights = (views.weight(index) for index in range(len(views)))
     if not any(weight is None or bool(weight.any()) for weight in weights):
         raise UserError(
-            "splats.masking: leaves no pixel of any training frame; raise masks.threshold, or set it to none"
+            "splats.masking leaves no pixel of any training frame; raise masks.threshold, or set splats.masking to none"
         )
 
 

@@ -106,6 +106,7 @@ def make_network(input_size: int, sideways: bool, encoder_weights: Path | None, 
         raise UserError(
             f"transient.input_size = {input_size}: must be a multiple of {STRIDE}, and at least {LEAST_SIDE}"
         )
+    # Leaves the global random generator untouched.
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         net = TransientNet(input_size, sideways)
@@ -117,15 +118,15 @@ def make_network(input_size: int, sideways: bool, encoder_weights: Path | None, 
 def _load_encoder(encoder: nn.Module, path: Path) -> None:
     if not path.is_file():
         raise UserError(
-            f"transient.encoder_weights: there is no file {path}. Put timm's {ENCODER} there, or set the key to null"
+            f"transient.encoder_weights: no file {path}. Put timm's {ENCODER} there, or set the key to null"
         )
     given = {name: t for name, t in read_tensors(path).items() if not name.startswith(_CLASSIFIER)}
     try:
         encoder.load_state_dict(given)
     except RuntimeError:
         raise UserError(
-            f"{path}: is of another architecture than timm's {ENCODER}. "
-            "Give that one's weights as transient.encoder_weights, or set the key to null"
+            f"{path}: not the architecture of timm's {ENCODER}. "
+            "Use its weights as transient.encoder_weights, or set the key to null"
         ) from None
 
 

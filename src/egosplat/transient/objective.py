@@ -66,6 +66,7 @@ class InitialObjective:
             return factor * l2(image, picture, views.valid)
         probability = self.net(picture, *picture.shape[:2])
         self._probability[self._iteration - 1] = probability.detach().mean()
+        # Not detached: L_init trains H through this weight.
         static = 1.0 - probability
         weight = static if views.valid is None else views.valid * static
         return factor * l2(image, picture, weight) + self._options.transient_penalty * probability.mean()

@@ -84,6 +84,7 @@ class TransientOptions:
             reset_at_start=self.reset_at_start,
             prune_screen_px=self.prune_screen_px,
             cuts_schedule=self.schedule == "cut",
+            # Temporary Gaussians need neither intermediate evaluations nor early stopping.
             evaluate_every=self.iterations,
             patience=0,
             min_improvement=0.0,
