@@ -1,4 +1,4 @@
-"""Answers to queries in one view: its codes are rendered, compared with the queries, and read as maps."""
+"""Answer queries in one view: render its codes, compare them with the queries, read the relevancy maps."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,21 +19,21 @@ from egosplat.query.relevancy import relevancy_maps
 from egosplat.query.scene import QueryScene
 from egosplat.query.text import Texts
 
+# Relevancies held at a time, 512 MiB in float32. More queries are answered in batches.
 _MAPS_AT_ONCE = 2**27
-"""Numbers of relevancy that are held at a time, 512 MiB in float32; more queries are decoded for in turn."""
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """One view of the codes, at the resolution (h, w) in which they were rendered.
+    """The codes of one view, rendered at (h, w) pixels.
 
     Attributes:
-        codes: (L, h, w, C) float32 codes of full weight at each level.
-        coverage: (L, h, w) float32 in 0..1: how much of a pixel is covered by something with a code.
-        depth: (h, w) float32 expected camera z [m]; 0 where nothing is.
-        camera: of the picture of the answers, (H, W); its image is the codes', resized.
+        codes: (L, h, w, C) float32 codes at each level, divided by their coverage.
+        coverage: (L, h, w) float32 share of each pixel that Gaussians with a code cover, 0..1.
+        depth: (h, w) float32 expected camera z [m]; 0 where the view is empty.
+        camera: camera of the answers, (H, W) pixels; it shows the same image at another size.
         camera_to_world: (4, 4) float64.
-        valid: (H, W) bool pixels of the picture that show the scene, or None for all; there is no answer elsewhere.
+        valid: (H, W) bool pixels that show the scene, or None for all; other pixels are never answers.
     """
 
     codes: Tensor
@@ -46,19 +46,19 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What one query finds in one view of (H, W) pixels.
+    """The answer to one query in one view of (H, W) pixels.
 
-    Where nothing is seen at any level there is no answer: score 0, no candidates, an empty mask, and None.
+    A view without any code at any level has score 0, no candidates, an empty mask, and None for the rest.
 
     Attributes:
-        phrase: the query's words.
-        score: largest smoothed relevancy, 0..1; above 0.5 it fits better than every canonical phrase.
-        level: index of the level that this is found at.
-        candidates: (K, 2) int64 column and row of all pixels that have it.
-        pixel: column and row of the one among them that is nearest to their middle.
-        position: (3,) float64 place in the world that this pixel's centre shows [m]; None also without depth.
-        relevancy: (H, W) float32 at ``level``, not smoothed; 0 where nothing is seen.
-        mask_level: index of the level that the mask is made at.
+        phrase: text of the query.
+        score: largest smoothed relevancy, 0..1; above 0.5 the query fits better than every canonical phrase.
+        level: index of the level with the score.
+        candidates: (K, 2) int64 column and row of all pixels with the score.
+        pixel: column and row of the candidate nearest to the mean of all candidates.
+        position: (3,) float64 world position shown at the pixel's centre [m]; None without depth.
+        relevancy: (H, W) float32 at ``level``, not smoothed; 0 where no code is visible.
+        mask_level: index of the mask's level.
         mask: (H, W) bool.
     """
 
@@ -84,11 +84,11 @@ def ask(
     """Answer queries in one view of a scene.
 
     Args:
-        scene: what is asked.
-        texts: the queries, by the model that the scene's features were made with.
-        camera, camera_to_world: of the picture that is asked.
+        scene: the Gaussians and their codes.
+        texts: the queries, encoded by the model that made the scene's features.
+        camera, camera_to_world: the view to query.
         valid: (H, W) bool pixels that show the scene, or None for all.
-        options: how queries are answered.
+        options: how to compute and read relevancy.
 
     Returns:
         The answers in the order of the queries.
@@ -104,17 +104,17 @@ def ask(
 def view_of(
     scene: QueryScene, camera: Camera, camera_to_world: Array, valid: Mask | None, resolution: int
 ) -> View:
-    """One view's codes and depth; arguments as ``ask``, and ``resolution`` as in ``QueryOptions``."""
-    drawn, settings = rendering_camera(camera, resolution), scene.settings
-    codes = render_codes(scene.gaussians, scene.code, scene.share, drawn, camera_to_world, settings)
+    """Render the codes and the depth of one view; arguments as in ``ask``, ``resolution`` as in ``QueryOptions``."""
+    small, settings = rendering_camera(camera, resolution), scene.settings
+    codes = render_codes(scene.gaussians, scene.code, scene.share, small, camera_to_world, settings)
     depth, _, _ = render(
-        scene.gaussians, drawn, camera_to_world, settings, sh_degree=0, background=None, render_mode="ED"
+        scene.gaussians, small, camera_to_world, settings, sh_degree=0, background=None, render_mode="ED"
     )
     return View(codes.codes, codes.coverage, depth[..., 0], camera, camera_to_world, valid)
 
 
 def rendering_camera(camera: Camera, resolution: int) -> Camera:
-    """The camera with its longer side brought down to ``resolution`` [px]; itself where that is 0 or no less."""
+    """Scale a camera down to a longer side of ``resolution`` [px]; 0, or more than its own, changes nothing."""
     longer = max(camera.width, camera.height)
     if not 0 < resolution < longer:
         return camera
@@ -123,33 +123,33 @@ def rendering_camera(camera: Camera, resolution: int) -> Camera:
 
 
 def answer_from_codes(view: View, decoder: Decoder, texts: Texts, options: QueryOptions) -> Iterator[Answer]:
-    """Answer queries in order, one at a time, because each answer holds maps of the picture's size.
+    """Answer queries in order, one at a time, because each answer holds maps of the image's size.
 
     Args:
-        view: what is asked.
-        decoder: of its codes.
-        texts: the queries.
-        options: how they are answered; ``canonical`` is in the texts, ``resolution`` in the view already.
+        view: rendered codes and depth.
+        decoder: decoder of the codes.
+        texts: the queries with the canonical phrases.
+        options: how to compute and read relevancy; ``canonical`` and ``resolution`` are not used.
 
     Raises:
-        ValueError: a code is not finite, or shapes do not belong together.
+        ValueError: a code is not finite, or shapes do not agree.
     """
     _check(view)
     height, width = view.camera.height, view.camera.width
     valid = np.ones((height, width), bool) if view.valid is None else view.valid
     seen = _seen(view, valid, options.min_coverage)
-    there = torch.from_numpy(seen).to(view.codes.device)
-    for part in texts.in_parts(max(1, _MAPS_AT_ONCE // seen.size)):
-        maps = relevancy_maps(view.codes, there, decoder, part, options.temperature)
-        for phrase, small in zip(part.phrases, maps, strict=True):
-            levels = np.where(seen, small.cpu().numpy(), np.float32(np.nan))
+    seen_on_device = torch.from_numpy(seen).to(view.codes.device)
+    for batch in texts.in_batches(max(1, _MAPS_AT_ONCE // seen.size)):
+        maps = relevancy_maps(view.codes, seen_on_device, decoder, batch, options.temperature)
+        for phrase, query_maps in zip(batch.phrases, maps, strict=True):
+            levels = np.where(seen, query_maps.cpu().numpy(), np.float32(np.nan))
             yield _answer(phrase, find_in_maps(levels, valid, options), view)
 
 
 def _answer(phrase: str, found: Found | None, view: View) -> Answer:
     if found is None:
-        nothing = np.zeros((view.camera.height, view.camera.width), np.float32)
-        return Answer(phrase, 0.0, None, np.zeros((0, 2), np.int64), None, None, nothing, None, nothing > 0)
+        zeros = np.zeros((view.camera.height, view.camera.width), np.float32)
+        return Answer(phrase, 0.0, None, np.zeros((0, 2), np.int64), None, None, zeros, None, zeros > 0)
     location = found.location
     return Answer(
         phrase=phrase,
@@ -166,16 +166,16 @@ def _answer(phrase: str, found: Found | None, view: View) -> Answer:
 
 def _check(view: View) -> None:
     codes, size = tuple(view.codes.shape), (view.camera.height, view.camera.width)
-    wanted = {"coverage": (view.coverage, codes[:3]), "depth": (view.depth, codes[1:3])}
+    expected = {"coverage": (view.coverage, codes[:3]), "depth": (view.depth, codes[1:3])}
     if view.valid is not None:
-        wanted["valid"] = (view.valid, size)
-    for name, (array, shape) in wanted.items():
+        expected["valid"] = (view.valid, size)
+    for name, (array, shape) in expected.items():
         if len(codes) != 4 or tuple(array.shape) != shape:
-            raise ValueError(f"{name} {tuple(array.shape)} does not belong to codes {codes}, picture {size}")
+            raise ValueError(f"{name} {tuple(array.shape)} does not match codes {codes} and image {size}")
 
 
 def _seen(view: View, valid: Mask, min_coverage: float) -> Mask:
-    """(L, h, w) bool: what the codes' view shows of the scene."""
+    """(L, h, w) bool pixels that show the scene and have a code at a level."""
     height, width = view.depth.shape
     inside = cv2.resize(valid.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST_EXACT) > 0
     return (view.coverage > min_coverage).cpu().numpy() & inside
@@ -184,27 +184,27 @@ def _seen(view: View, valid: Mask, min_coverage: float) -> Mask:
 def pixel_position(
     camera: Camera, camera_to_world: Array, pixel: tuple[int, int], depth: NDArray[np.float32]
 ) -> Array | None:
-    """The place that a pixel's centre shows.
+    """The world position shown at a pixel's centre.
 
     Args:
-        camera, camera_to_world: of the picture.
-        pixel: column and row in it.
-        depth: (h, w) float32 expected camera z [m], of the same view in any resolution.
+        camera, camera_to_world: the view.
+        pixel: column and row.
+        depth: (h, w) float32 expected camera z [m] of the same view at any resolution.
 
     Returns:
-        (3,) float64 in the world [m]; None where there is no depth (0, or not finite).
+        (3,) float64 [m]; None without depth (0, or not finite).
     """
     point = np.array(pixel) + 0.5
     height, width = depth.shape
     column, row = (point * [width / camera.width, height / camera.height]).astype(int)
-    found = float(depth[row, column])
-    if not (np.isfinite(found) and found > 0):
+    z = float(depth[row, column])
+    if not (np.isfinite(z) and z > 0):
         return None
-    return unproject(camera, camera_to_world, point, np.array(found))
+    return unproject(camera, camera_to_world, point, np.array(z))
 
 
 def unproject(camera: Camera, camera_to_world: Array, points: Array, depth: Array) -> Array:
-    """The places that image points show.
+    """Unproject image points to the world.
 
     Args:
         camera: pinhole camera.
@@ -213,7 +213,7 @@ def unproject(camera: Camera, camera_to_world: Array, points: Array, depth: Arra
         depth: (...,) float64 camera z [m].
 
     Returns:
-        (..., 3) float64 in the world [m].
+        (..., 3) float64 world positions [m].
     """
     points, depth = np.asarray(points, np.float64), np.asarray(depth, np.float64)
     x = (points[..., 0] - camera.cx) / camera.fx

@@ -1,4 +1,4 @@
-"""Relevancy maps: where a query is found (docs/method.md#localization) and its mask (#segmentation-threshold)."""
+"""Read relevancy maps: localization (docs/method.md#localization) and masks (#segmentation-threshold)."""
 
 from dataclasses import dataclass
 
@@ -14,12 +14,12 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Location:
-    """The place of the largest relevancy.
+    """The pixels with the largest smoothed relevancy.
 
     Attributes:
-        level: index of the level at which it is largest, the first of equal ones.
-        score: that relevancy, smoothed.
-        candidates: (K, 2) int64 column and row of all pixels that have it, K at least 1.
+        level: index of their level; the first one on ties.
+        score: the smoothed relevancy.
+        candidates: (K, 2) int64 column and row of all pixels with this value, K at least 1.
     """
 
     level: int
@@ -28,9 +28,9 @@ class Location:
 
     @property
     def pixel(self) -> tuple[int, int]:
-        """Column and row of one candidate: that nearest to their middle."""
-        apart = np.linalg.norm(self.candidates - self.candidates.mean(axis=0), axis=1)
-        column, row = self.candidates[apart.argmin()]
+        """Column and row of the candidate nearest to the mean of all candidates."""
+        distance = np.linalg.norm(self.candidates - self.candidates.mean(axis=0), axis=1)
+        column, row = self.candidates[distance.argmin()]
         return int(column), int(row)
 
 
@@ -39,7 +39,7 @@ class Segmentation:
     """A mask.
 
     Attributes:
-        level: index of the level that it was made at, the first of equal ones.
+        level: index of its level; the first one on ties.
         mask: (H, W) bool.
     """
 
@@ -49,12 +49,12 @@ class Segmentation:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """Where one query is found in one picture.
+    """Location and mask of one query in one image.
 
     Attributes:
-        location: the place of the largest smoothed relevancy.
+        location: the pixels with the largest smoothed relevancy.
         segmentation: the mask.
-        relevancy: (H, W) float32 at the location's level, not smoothed; 0 where nothing is seen.
+        relevancy: (H, W) float32 at the location's level, not smoothed; 0 where no code is visible.
     """
 
     location: Location
@@ -63,22 +63,22 @@ class Found:
 
 
 def find_in_maps(maps: Map, valid: Mask, options: QueryOptions) -> Found | None:
-    """Read a query's maps, one a level, as LangSplat does (docs/method.md#query-levels).
+    """Localize and segment a query from its maps of all levels, as LangSplat does (docs/method.md#query-levels).
 
     Args:
-        maps: (L, h, w) float32 relevancy in 0..1, NaN where nothing is seen; of the picture resized, with pixel centres
-            where they were.
-        valid: (H, W) bool pixels of the picture that show the scene; there is no answer elsewhere.
+        maps: (L, h, w) float32 relevancy in 0..1, NaN where no code is visible; of the whole image at any size.
+        valid: (H, W) bool pixels of the image that show the scene; other pixels are never answers.
         options: ``box_filter``, ``segmentation_threshold`` and ``majority_filter`` are used.
 
     Returns:
-        None where nothing is seen at any level.
+        None if no level has a visible code.
 
     Raises:
-        ValueError: the maps have not three axes.
+        ValueError: the maps do not have three axes.
     """
     if maps.ndim != 3:
         raise ValueError(f"maps {maps.shape} are not (level, height, width)")
+    # Not INTER_NEAREST, which does not keep pixel centres in place.
     nearest = cv2.INTER_NEAREST_EXACT
     seen = ~np.isnan(maps) & (_resize(valid.astype(np.uint8), maps.shape[1:], nearest) > 0)
     shown = valid & np.stack([_resize(one.astype(np.uint8), valid.shape, nearest) > 0 for one in seen])
@@ -95,7 +95,7 @@ def find_in_maps(maps: Map, valid: Mask, options: QueryOptions) -> Found | None:
 
 
 def _resize(values: NDArray, size: tuple[int, int], interpolation: int) -> NDArray:
-    """(h, w) -> (H, W) of that size; pixel centres stay where they are in the picture."""
+    """Resize (h, w) values to ``size``, (H, W); pixel centres keep their place in the image."""
     height, width = size
     return (
         values if values.shape == size else cv2.resize(values, (width, height), interpolation=interpolation)
@@ -103,14 +103,14 @@ def _resize(values: NDArray, size: tuple[int, int], interpolation: int) -> NDArr
 
 
 def localize(filtered: Map, seen: Mask) -> Location | None:
-    """The level with the largest value, and all pixels that have this value.
+    """Find the level with the largest value and all pixels with this value.
 
     Args:
         filtered: (L, H, W) float32 smoothed relevancy, finite.
-        seen: (L, H, W) bool; other pixels are no candidates.
+        seen: (L, H, W) bool pixels that may be candidates.
 
     Returns:
-        None where nothing is seen at any level.
+        None if ``seen`` is empty.
     """
     if not seen.any():
         return None
@@ -123,21 +123,19 @@ def localize(filtered: Map, seen: Mask) -> Location | None:
 def segment(
     raw: Map, filtered: Map, seen: Mask, segmentation_threshold: float, majority_px: int
 ) -> Segmentation | None:
-    """The mask of the level at which the mean of raw and smoothed relevancy is largest.
+    """Segment at the level where the mean of raw and smoothed relevancy is largest.
 
-    This mean is brought to 0..1 over what is seen at the level; what is above the threshold belongs to the mask, which
-    then takes the majority of its surroundings. LangSplat's ``clip(2 g - 1, 0, 1) > 0.4`` is ``g > 0.7``. A relative
-    threshold finds something for every query, present or not; only a constant map has an empty mask.
+    The mean is normalized to 0..1 over the seen pixels of the level, thresholded, and filtered by ``majority``.
 
     Args:
         raw: (L, H, W) float32 relevancy, finite.
-        filtered: the same, smoothed.
-        seen: (L, H, W) bool; other pixels do not count and are in no mask.
+        filtered: (L, H, W) float32 smoothed relevancy, finite.
+        seen: (L, H, W) bool; other pixels are in no mask.
         segmentation_threshold: see ``QueryOptions``.
         majority_px: see ``majority``.
 
     Returns:
-        None where nothing is seen at any level.
+        None if ``seen`` is empty.
     """
     if not seen.any():
         return None
@@ -146,15 +144,16 @@ def segment(
     level = int(peaks.argmax())
     values, top = combined[level], peaks[level]
     lowest = values.min(where=seen[level], initial=np.inf)
+    # LangSplat writes this as clip(2 g - 1, 0, 1) > 0.4, which is g > 0.7. A relative threshold gives every query a
+    # mask, whether the object is there or not; only a constant map has an empty one.
     above = (values - lowest > segmentation_threshold * (top - lowest)) & seen[level]
     return Segmentation(level, majority(above, majority_px) & seen[level])
 
 
 def box_filter(values: Map, size: int) -> Map:
-    """Mean over a square around each pixel, the border mirrored without repeating the outermost pixel.
+    """Mean over a square around each pixel; the border is mirrored without repeating the outermost pixel.
 
-    A square of even side reaches one pixel further to the left and up: of side 30, from -15 to +14. This is OpenCV's
-    ``filter2D`` with a constant kernel, by running sums, so that its time does not grow with the size.
+    A square of even side reaches one pixel further left and up: side 30 covers -15 to +14.
 
     Args:
         values: (H, W) float32, finite.
@@ -163,11 +162,14 @@ def box_filter(values: Map, size: int) -> Map:
     Returns:
         (H, W) float32.
     """
+    # Equals LangSplat's filter2D with a constant kernel, but uses running sums: the time does not grow with the size.
     return cv2.blur(values, (size, size), borderType=cv2.BORDER_REFLECT_101)
 
 
 def majority(mask: Mask, size: int) -> Mask:
-    """Where more than half of the square around a pixel is set; squares end at the border (LangSplat's).
+    """Majority filter: set a pixel if more than half of the square around it is set (LangSplat).
+
+    Squares are cut off at the border.
 
     Args:
         mask: (H, W) bool.
@@ -186,15 +188,14 @@ def majority(mask: Mask, size: int) -> Mask:
 
 
 def fill_unseen(values: Map, seen: Mask) -> Map:
-    """Put the lowest value that is seen wherever nothing is seen.
-
-    Any value below it would stretch the scale that a map is normalised by, and so move the threshold of all masks.
+    """Fill unseen pixels with the lowest seen value.
 
     Args:
         values: (H, W) float32.
         seen: (H, W) bool.
 
     Returns:
-        (H, W) float32; zeros where nothing at all is seen.
+        (H, W) float32; zeros if no pixel is seen.
     """
+    # A lower value would stretch the range that masks are normalized by, and so move their thresholds.
     return np.where(seen, values, values[seen].min()) if seen.any() else np.zeros_like(values)

@@ -1,30 +1,29 @@
-"""How a question is answered: the numbers of LangSplat's protocol, and what they may be changed to."""
+"""Options of queries, with the values of LangSplat's protocol."""
 
 from dataclasses import dataclass
 
 CANONICAL = ("object", "things", "stuff", "texture")
-"""Phrases that fit anything: what is asked for has to fit better than the best of them (paper, LERF, LangSplat)."""
+"""Phrases that fit any object; relevancy compares each query with them (paper, LERF, LangSplat)."""
 
 
 @dataclass(frozen=True)
 class QueryOptions:
-    """How relevancy is computed and read (docs/method.md#queries).
+    """How to compute and read relevancy (docs/method.md#queries).
 
     Attributes:
-        canonical: phrases that a query is compared with; at least one.
-        temperature: t of the relevancy; the paper's formula has 1, LERF and LangSplat 10; above 0.
-        resolution: longer side of the picture in which codes are rendered and decoded [px]; 0, or more than the
-            camera's, for the camera's own. Maps are then resized to the camera's, in which all else happens.
-        min_coverage: a pixel is seen at a level where more of it is covered by something with a code there; of less
-            nothing can be said. Above 0, below 1.
-        box_filter: side of the box filter, as a share of the picture's longer side; 0 for none.
-        segmentation_threshold: a pixel belongs to the mask where its value, brought to 0..1 over the picture, is
-            larger.
-        majority_filter: side of the square in which the mask takes the majority_filter, as the same share; 0 for none.
-        min_score: least score of an answer; below it there is nothing of the kind.
+        canonical: phrases to compare each query with; at least one.
+        temperature: t of the relevancy, above 0. The paper's formula has 1, LERF and LangSplat 10.
+        resolution: longer side of rendered and decoded codes [px]; 0 for the camera's. Maps are then resized to the
+            camera's size.
+        min_coverage: minimum share of a pixel covered by Gaussians with a code; below it the pixel has no relevancy.
+            Above 0, below 1.
+        box_filter: side of the box filter, as a share of the image's longer side; 0 for none.
+        segmentation_threshold: minimum relevancy of a mask's pixels, after normalization to 0..1 over the image.
+        majority_filter: side of the mask's majority filter, as a share of the image's longer side; 0 for none.
+        min_score: minimum score of an answer; below it the query is refused.
 
     Raises:
-        ValueError: a number is out of its range.
+        ValueError: a value is out of its range.
     """
 
     canonical: tuple[str, ...]
@@ -49,14 +48,14 @@ class QueryOptions:
         }
         for name, good in ranges.items():
             if not good:
-                raise ValueError(f"{name} = {getattr(self, name)!r} is out of its range")
+                raise ValueError(f"{name} = {getattr(self, name)!r} is out of range")
 
     def box_filter_px(self, longer: int) -> int:
-        """Side of the box filter [px] in a picture with this longer side; at least 1, which filters nothing."""
+        """Side of the box filter [px] for a longer side [px]; at least 1, which changes nothing."""
         return max(1, round(self.box_filter * longer))
 
     def majority_px(self, longer: int) -> int:
-        """The same of the majority's square: the odd number that is nearest, which has a middle."""
+        """Side of the majority filter [px] for a longer side [px]: the nearest odd number."""
         return 2 * int(self.majority_filter * longer / 2) + 1
 
 
@@ -70,5 +69,4 @@ LANGSPLAT = QueryOptions(
     majority_filter=0.005,
     min_score=0.5,
 )
-"""LangSplat's protocol, which the paper follows: squares of 30 and 7 pixels at the paper's 1408. LangSplat itself also
-decodes what nothing covers."""
+"""LangSplat's protocol, used by the paper: filters of 30 and 7 pixels at 1408. LangSplat itself has no ``min_coverage``."""

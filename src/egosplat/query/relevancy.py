@@ -1,4 +1,4 @@
-"""How well what is seen fits what is asked for (paper, "Open-Vocabulary Querying"; LERF; docs/method.md#relevancy)."""
+"""Relevancy of features to queries (paper, "Open-Vocabulary Querying"; LERF; docs/method.md#relevancy)."""
 
 import numpy as np
 import torch
@@ -9,21 +9,23 @@ from egosplat.query.text import Texts
 
 
 def fold(decoder: Decoder, directions: Tensor) -> tuple[Decoder, Tensor]:
-    """A decoder of r = min(D, H + 1) channels with the same cosines, for any features that it decodes.
+    """Reduce a decoder of D channels to r = min(D, H + 1), where H is the width of its last hidden layer.
+
+    Inner products with the directions stay the same for every feature that the decoder can give.
 
     Args:
-        decoder: of features of D channels, from H in its last layer.
+        decoder: gives (..., D) unit features f.
         directions: (K, D) float32.
 
     Returns:
-        folded: gives (..., r) unit features g of the codes that ``decoder`` gives (..., D) unit features f of.
-        projected: (K, r) float32 such that projected · g = directions · f; in general shorter than the directions.
+        folded: gives (..., r) unit features g for the same codes.
+        projected: (K, r) float32 with projected · g = directions · f; usually not of unit norm.
 
     Raises:
-        ValueError: directions are of another length than the features.
+        ValueError: the directions do not have D channels.
     """
     if directions.ndim != 2 or directions.shape[1] != decoder.widths[-1]:
-        raise ValueError(f"directions {tuple(directions.shape)} are not of {decoder.widths[-1]} channels")
+        raise ValueError(f"directions {tuple(directions.shape)} do not have {decoder.widths[-1]} channels")
     if len(decoder.widths) == 1 or decoder.widths[-2] + 1 >= decoder.widths[-1]:
         return decoder, directions
     # The last layer maps H numbers h to D channels, f = W [h; 1], so f lies in at most H + 1 dimensions. With W = Q R,
@@ -39,53 +41,54 @@ def fold(decoder: Decoder, directions: Tensor) -> tuple[Decoder, Tensor]:
     return folded, projected.to(directions.dtype)
 
 
+# Values of the decoder's widest layer held at a time: 1 MiB of float32 fit a processor's cache.
 _NUMBERS_AT_ONCE = 2**18
-"""Of the widest layer of a decoder, in float32: 1 MiB, which stay in a processor's cache."""
 
 
 def relevancy(features: Tensor, queries: Tensor, canonical: Tensor, temperature: float) -> Tensor:
     """Relevancy of features to queries: ``sigmoid(t (s_q - max_c s_c))``.
 
-    That is the paper's minimum over the canonical phrases c of exp(t s_q) / (exp(t s_q) + exp(t s_c)), without an
-    exponential that could overflow. It is 0.5 where the query fits as well as the best canonical phrase.
+    It is 0.5 where the query fits as well as the best canonical phrase.
 
     Args:
-        features: (..., D) floats of unit norm; zeros, or numbers that are not finite, where there is none. Halves are
-            widened: they would move a relevancy by 0.08 at a temperature of 10,000.
-        queries: (Q, D) float32; s_q is the inner product.
+        features: (..., D) floats of unit norm; zeros or non-finite values where there is no feature.
+        queries: (Q, D) float32; s_q is the inner product with a feature.
         canonical: (K, D) float32, K at least 1.
         temperature: t.
 
     Returns:
         (..., Q) float32 in [0, 1]; 0 where there is no feature.
     """
+    # Halves would move a relevancy by 0.08 at a temperature of 10,000.
     wide = torch.promote_types(features.dtype, torch.float32)
     features, queries, canonical = features.to(wide), queries.to(wide), canonical.to(wide)
     fits = features @ queries.T - (features @ canonical.T).amax(dim=-1, keepdim=True)
-    # Of unit norm or of none, and a comparison with NaN is false.
-    there = (features.square().sum(dim=-1, keepdim=True) - 1.0).abs() < 0.5
-    return torch.where(there, torch.sigmoid(temperature * fits), 0.0)
+    # The norm is 1 or 0, and a comparison with NaN is false.
+    has_feature = (features.square().sum(dim=-1, keepdim=True) - 1.0).abs() < 0.5
+    # The paper takes the minimum over canonical phrases c of exp(t s_q) / (exp(t s_q) + exp(t s_c)). The sigmoid of the
+    # difference is equal and does not overflow.
+    return torch.where(has_feature, torch.sigmoid(temperature * fits), 0.0)
 
 
 @torch.inference_mode()
 def relevancy_maps(codes: Tensor, seen: Tensor, decoder: Decoder, texts: Texts, temperature: float) -> Tensor:
-    """Relevancy of rendered codes to all queries; features are never held for more than a few thousand pixels.
+    """Relevancy of rendered codes to all queries; decodes a few thousand pixels at a time.
 
     Args:
-        codes: (L, H, W, C) float32, of full weight (divided by what they were weighted with).
+        codes: (L, H, W, C) float32, divided by their coverage.
         seen: (L, H, W) bool, on the same device; other pixels are not decoded.
-        decoder: of the codes.
-        texts: Q queries and what they are compared with.
+        decoder: decoder of the codes.
+        texts: Q queries with the canonical phrases.
         temperature: see ``relevancy``.
 
     Returns:
-        (Q, L, H, W) float32 in [0, 1], on the codes' device; 0 where nothing is seen or a feature vanishes.
+        (Q, L, H, W) float32 in [0, 1], on the codes' device; 0 where ``seen`` is false or the feature is zero.
 
     Raises:
-        ValueError: a code is not finite, or shapes do not belong together.
+        ValueError: a code is not finite, or shapes do not agree.
     """
     if codes.ndim != 4 or seen.shape != codes.shape[:-1]:
-        raise ValueError(f"codes {tuple(codes.shape)} and seen {tuple(seen.shape)} do not belong together")
+        raise ValueError(f"codes {tuple(codes.shape)} and seen {tuple(seen.shape)} do not match")
     if not codes.isfinite().all():
         raise ValueError("codes hold numbers that are not finite")
     count = len(texts.phrases)

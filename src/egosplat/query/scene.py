@@ -1,4 +1,4 @@
-"""Trained scenes: Gaussians with their render settings, and the codes that queries need."""
+"""Read trained scenes: Gaussians with their render settings, and the codes that queries need."""
 
 from dataclasses import dataclass
 
@@ -18,12 +18,12 @@ from egosplat.geometry import Camera
 
 @dataclass(frozen=True, eq=False)
 class TrainedScene:
-    """N Gaussians as they were trained.
+    """N trained Gaussians.
 
     Attributes:
         gaussians: on any device.
-        settings: how they are rendered.
-        camera: of the training views.
+        settings: how to render them.
+        camera: camera of the training views.
         sh_degree: degree of the spherical harmonics in use.
     """
 
@@ -34,7 +34,7 @@ class TrainedScene:
 
     @torch.no_grad()
     def picture(self, camera: Camera, camera_to_world: NDArray[np.float64]) -> NDArray[np.float32]:
-        """(H, W, 3) float32 sRGB in [0, 1], rendered as in training; a random background is black."""
+        """Render (H, W, 3) float32 sRGB in [0, 1] as in training; a random background becomes black."""
         image, _, _ = render(
             self.gaussians,
             camera,

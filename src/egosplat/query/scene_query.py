@@ -1,4 +1,4 @@
-"""Queries asked of the whole scene: which things in 3D fit, and which view shows each of them best."""
+"""Query the whole scene: find the matching 3D things, and the view that shows each of them best."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -24,25 +24,23 @@ from egosplat.query.text import Texts
 from egosplat.query.things import Surface, Thing, find_things
 
 MOST_VIEWS = 64
-"""Views that are looked at, evenly spaced among the frames with a pose: enough to see every part of a walk."""
-
+"""Maximum number of rendered views, evenly spaced among the frames with a pose: they cover a whole recording."""
 
 VIEW_SIDE = 192
-"""Longer side of these views [px]: a thing of a thousandth of the picture still has some 20 pixels."""
+"""Longer side of these views [px]: a thing of a thousandth of the image still has about 20 pixels."""
 
-
+# Relevancies held at a time, 512 MiB in float32. More queries are answered in batches.
 _NUMBERS_AT_ONCE = 2**27
-"""Relevancies held at a time, 512 MiB in float32; more queries are asked in turn."""
 
 
 @dataclass(frozen=True, eq=False)
 class SceneIndex:
-    """What all queries of a scene need; made once.
+    """Data shared by all queries of a scene.
 
     Attributes:
         scene: the Gaussians and their codes.
-        surface: the Gaussians as things are made of them.
-        frame: (V,) int64 frames whose views were looked at.
+        surface: the Gaussians with their neighbours and visible shares.
+        frame: (V,) int64 frames of the rendered views.
     """
 
     scene: QueryScene
@@ -50,17 +48,17 @@ class SceneIndex:
     frame: NDArray[np.int64]
 
     def best_frame(self, thing: Thing) -> int:
-        """The frame whose view shows a thing best."""
+        """The frame that shows a thing best."""
         return int(self.frame[thing.view])
 
 
 @dataclass(frozen=True, eq=False)
 class SceneAnswer:
-    """What one query finds in a scene.
+    """The answer to one query of a scene.
 
     Attributes:
-        phrase: the query's words.
-        things: by falling score; none where no Gaussian has a code.
+        phrase: text of the query.
+        things: by decreasing score; empty if no Gaussian has a code.
     """
 
     phrase: str
@@ -68,25 +66,25 @@ class SceneAnswer:
 
     @property
     def score(self) -> float:
-        """Of the best thing; 0 without any."""
+        """Score of the best thing; 0 without any."""
         return self.things[0].score if self.things else 0.0
 
 
 def index_scene(scene: QueryScene, poses: Artifact, camera: Camera, valid: Mask | None) -> SceneIndex:
-    """Look at a scene from the frames of its recording.
+    """Measure which Gaussians the frames of a recording show.
 
     Args:
-        scene: what is to be asked.
-        poses: the poses artifact; one frame at least has a pose.
-        camera: of the frames.
-        valid: (H, W) bool pixels of a frame that show the scene, or None for all.
+        scene: the Gaussians and their codes.
+        poses: the poses artifact; at least one frame has a pose.
+        camera: camera of the frames.
+        valid: (H, W) bool pixels that show the scene, or None for all.
     """
     registered = np.flatnonzero(poses.read("registered"))
     count = min(MOST_VIEWS, len(registered))
     frame = registered[np.linspace(0, len(registered) - 1, count).round().astype(int)]
     small = rendering_camera(camera, VIEW_SIDE)
     seen = None if valid is None else _shrunk(valid, small)
-    views = track(poses.read("camera_to_world")[frame], "looking around", unit="view")
+    views = track(poses.read("camera_to_world")[frame], "rendering views", unit="view")
     shares = visible_shares(scene.gaussians, small, views, seen, scene.settings).cpu().numpy()
     return SceneIndex(scene, _surface(scene, shares), frame)
 
@@ -95,19 +93,19 @@ def ask_scene(index: SceneIndex, texts: Texts, options: QueryOptions, most: int)
     """Answer queries in order.
 
     Args:
-        index: of the scene.
-        texts: the queries, by the model that the scene's features were made with.
+        index: index of the scene.
+        texts: the queries, encoded by the model that made the scene's features.
         options: ``temperature``, ``segmentation_threshold`` and ``box_filter`` are used.
-        most: things an answer names at most.
+        most: maximum number of things in an answer.
     """
     scene = index.scene
     levels, count = scene.share.shape[1], scene.share.shape[0]
-    # A code is asked by itself here, not blended in a pixel: a picture of one column a level.
+    # The code of each Gaussian is queried directly, not blended in a pixel: an image of one column per level.
     codes = scene.code.movedim(1, 0)[:, :, None]
     seen = torch.from_numpy(index.surface.weight > 0).T[:, :, None].to(codes.device)
-    for part in texts.in_parts(max(1, _NUMBERS_AT_ONCE // max(1, levels * count))):
-        maps = relevancy_maps(codes, seen, scene.decoder, part, options.temperature)[..., 0]
-        for phrase, relevancy in zip(part.phrases, maps.cpu().numpy(), strict=True):
+    for batch in texts.in_batches(max(1, _NUMBERS_AT_ONCE // max(1, levels * count))):
+        maps = relevancy_maps(codes, seen, scene.decoder, batch, options.temperature)[..., 0]
+        for phrase, relevancy in zip(batch.phrases, maps.cpu().numpy(), strict=True):
             threshold, box_side = options.segmentation_threshold, options.box_filter
             things = find_things(index.surface, relevancy, threshold, box_side, most)
             yield SceneAnswer(phrase, tuple(things))
@@ -123,29 +121,30 @@ def _surface(scene: QueryScene, shares: NDArray[np.float32]) -> Surface:
 def visible_shares(
     gaussians: Gaussians, camera: Camera, poses: Iterable[Array], valid: Mask | None, settings: RenderSettings
 ) -> Tensor:
-    """Share of each view that every Gaussian fills, with what stands in front of it taken into account.
+    """Share of each view that every Gaussian fills, with occlusion.
 
-    A picture is linear in the values of the Gaussians. The transposed map of a picture of ones therefore sums the
-    compositing weights of each Gaussian. Pixels count less towards the border, where things are cut off: by a half sine
-    along each axis, with mean 1 over the picture.
+    Pixels count less towards the border, where things are cut off.
 
     Args:
-        gaussians: the scene.
-        camera: of all views, at the resolution to measure in.
+        gaussians: N Gaussians.
+        camera: camera of all views, at the resolution to measure in.
         poses: V (4, 4) float64 camera_to_world.
         valid: (height, width) bool pixels of the camera that show the scene, or None for all.
         settings: how to render.
 
     Returns:
-        (V, N) float32 on the device of the Gaussians, each row with a sum of at most about 1.
+        (V, N) float32 on the device of the Gaussians; each row sums to at most about 1.
     """
+    # An image is linear in the values of the Gaussians, so the transposed map of an image of ones sums the compositing
+    # weights of each Gaussian.
     ones = torch.from_numpy(_window(camera, valid)).to(gaussians.means.device)
     rows = [sum_over_pixels(gaussians, ones[..., None], camera, pose, settings)[:, 0] for pose in poses]
     return torch.stack(rows) if rows else ones.new_zeros(0, gaussians.count)
 
 
 def _window(camera: Camera, valid: Mask | None) -> np.ndarray:
-    """(H, W) float32 share of the picture that each pixel counts as."""
+    """(H, W) float32 weight of each pixel; the weights of all pixels sum to 1, invalid ones are set to 0."""
+    # A half sine along each axis falls towards the border.
     down, right = (np.sin(np.pi * (np.arange(side) + 0.5) / side) for side in (camera.height, camera.width))
     window = np.outer(down, right)
     window /= window.sum()
@@ -153,6 +152,6 @@ def _window(camera: Camera, valid: Mask | None) -> np.ndarray:
 
 
 def _shrunk(valid: Mask, camera: Camera) -> Mask:
-    """(h, w) bool: the mask at the pixel centres of a smaller camera."""
+    """Sample a mask at the pixel centres of a smaller camera, (h, w) bool."""
     size = camera.width, camera.height
     return cv2.resize(valid.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST_EXACT) > 0

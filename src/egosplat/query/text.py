@@ -1,4 +1,4 @@
-"""OpenCLIP's features of phrases."""
+"""Encode queries with OpenCLIP."""
 
 import re
 import unicodedata
@@ -12,20 +12,19 @@ from egosplat.codes.vectors import unit, usable
 from egosplat.errors import UserError
 from egosplat.models.open_clip_loader import OpenClip
 
+# Start and end of every text.
 _SPECIAL_TOKENS = 2
-"""Start and end, which stand around every text."""
 
-
+# Unicode categories of control characters, and of surrogates: Python decodes bytes that are not UTF-8 to them.
 _NO_TEXT = ("Cc", "Cs")
-"""Unicode's categories of control characters, and of what stands for bytes that are no UTF-8."""
 
 
 @dataclass(frozen=True, eq=False)
 class Texts:
-    """Q queries, and the K canonical phrases that they are compared with.
+    """Features of Q queries and of K canonical phrases.
 
     Attributes:
-        phrases: the queries' words.
+        phrases: texts of the queries.
         queries: (Q, D) float32 of unit norm.
         canonical: (K, D) float32 of unit norm, K at least 1.
     """
@@ -35,23 +34,23 @@ class Texts:
     canonical: Tensor
 
     def of(self, phrases: Sequence[str]) -> "Texts":
-        """Some of the queries, in the order of these phrases."""
+        """Select queries, in the order of the given phrases."""
         rows = [self.phrases.index(phrase) for phrase in phrases]
         return Texts(tuple(phrases), self.queries[rows], self.canonical)
 
-    def in_parts(self, size: int) -> Iterator["Texts"]:
-        """The queries, at most ``size`` at a time, in order."""
+    def in_batches(self, size: int) -> Iterator["Texts"]:
+        """Split the queries into batches of at most ``size``, in order."""
         for begin in range(0, len(self.phrases), size):
-            part = slice(begin, begin + size)
-            yield Texts(self.phrases[part], self.queries[part], self.canonical)
+            batch = slice(begin, begin + size)
+            yield Texts(self.phrases[batch], self.queries[batch], self.canonical)
 
 
 def encode_texts(clip: OpenClip, phrases: Sequence[str], canonical: Sequence[str]) -> Texts:
-    """Encode queries and canonical phrases word for word, without a template (docs/method.md#query-text).
+    """Encode queries and canonical phrases as they are, without a prompt template (docs/method.md#query-text).
 
     Args:
-        clip: the model that made the features which are asked.
-        phrases: Q queries; may be none.
+        clip: the model that made the scene's features.
+        phrases: Q queries; may be empty.
         canonical: K phrases, at least one.
 
     Raises:
@@ -61,13 +60,13 @@ def encode_texts(clip: OpenClip, phrases: Sequence[str], canonical: Sequence[str
 
 
 def encode_phrases(clip: OpenClip, phrases: Sequence[str]) -> Tensor:
-    """The features of phrases.
+    """Encode P phrases.
 
     Returns:
-        (P, D) float32 of unit norm, on the CPU; (0, 0) of no phrase.
+        (P, D) float32 of unit norm, on the CPU; (0, 0) without phrases.
 
     Raises:
-        UserError: a phrase is blank, no text, or longer than the model reads, or the model makes no direction of it.
+        UserError: a phrase is blank, not text, or too long for the model, or its feature is zero or not finite.
     """
     if not phrases:
         return torch.zeros(0, 0)
@@ -78,15 +77,13 @@ def encode_phrases(clip: OpenClip, phrases: Sequence[str]) -> Tensor:
         features = clip.model.encode_text(tokens).float().cpu().numpy()
     for phrase, good in zip(phrases, usable(features), strict=True):
         if not good:
-            raise UserError(f"query {phrase!r}: the model of models.clip_checkpoint makes no direction of it")
+            raise UserError(f"query {phrase!r}: models.clip_checkpoint gives a zero or non-finite feature")
     return torch.from_numpy(unit(features)).float()
 
 
 def untaught_words(clip: OpenClip, phrase: str) -> list[str]:
-    """Words of a phrase that the model was not trained on, in order; none where the model lists no words.
-
-    An untrained word has an arbitrary direction, so its relevancy says nothing.
-    """
+    """Words of a phrase that the model was not trained on, in order; empty if the model lists no vocabulary."""
+    # The feature of an untrained word has an arbitrary direction, so its relevancy is meaningless.
     if clip.words is None:
         return []
     return [word for word in re.findall(r"[^\W_]+", phrase.lower()) if word not in clip.words]
@@ -94,10 +91,10 @@ def untaught_words(clip: OpenClip, phrase: str) -> list[str]:
 
 def _check(clip: OpenClip, phrase: str) -> None:
     if not phrase.strip():
-        raise UserError("query: is blank; say in a few words what to look for")
+        raise UserError("query: is blank; describe the object in a few words")
     if any(unicodedata.category(letter) in _NO_TEXT for letter in phrase):
         raise UserError(
-            f"query {phrase[:80]!r}: holds control characters, or is not in UTF-8; say it in words"
+            f"query {phrase[:80]!r}: has control characters or is not UTF-8; describe the object in words"
         )
     tokens, limit = len(clip.tokenizer.encode(phrase)), clip.tokenizer.context_length - _SPECIAL_TOKENS
     if tokens > limit:

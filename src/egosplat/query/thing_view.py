@@ -1,4 +1,4 @@
-"""A thing of the scene as one view shows it."""
+"""Render a 3D thing in one view."""
 
 from dataclasses import dataclass
 
@@ -17,7 +17,7 @@ from egosplat.query.text import Texts
 from egosplat.query.things import Thing
 
 HALF = 0.5
-"""A pixel belongs to a thing where the thing's Gaussians make up more than this part of it."""
+"""A pixel belongs to a thing if the thing's Gaussians make up more than this share of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,9 +25,9 @@ class ThingView:
     """A thing in a view of (H, W) pixels.
 
     Attributes:
-        mask: (H, W) bool pixels that show it.
-        pixel: column and row of the mask's pixel that is farthest from the mask's border; None of an empty mask.
-        relevancy: (H, W) float32 relevancy of all that is seen, at the thing's level; 0 where nothing is seen.
+        mask: (H, W) bool pixels that show the thing.
+        pixel: column and row of the mask's pixel farthest from the mask's border; None if the mask is empty.
+        relevancy: (H, W) float32 at the thing's level, for the whole view; 0 where no code is visible.
     """
 
     mask: Mask
@@ -45,13 +45,13 @@ def view_thing(
     valid: Mask | None,
     options: QueryOptions,
 ) -> ThingView:
-    """Render a thing and the relevancy around it.
+    """Render a thing's mask and the relevancy of the whole view.
 
     Args:
-        scene: that it was found in.
-        thing: what is rendered.
+        scene: the scene of the thing.
+        thing: the thing to render.
         texts: the one query that found it.
-        camera, camera_to_world: of the view.
+        camera, camera_to_world: the view.
         valid: (H, W) bool pixels that show the scene, or None for all.
         options: ``resolution``, ``min_coverage`` and ``temperature`` are used.
     """
@@ -62,25 +62,19 @@ def view_thing(
     members[torch.from_numpy(thing.members).to(members.device)] = 1.0
     filled, _ = render_values(scene.gaussians, members, small, camera_to_world, scene.settings)
     mask = (cv2.resize(filled[..., 0].cpu().numpy(), size) > HALF) & inside
-    at = slice(thing.level, thing.level + 1)
-    codes = render_codes(
-        scene.gaussians,
-        scene.code[:, at],
-        scene.share[:, at],
-        small,
-        camera_to_world,
-        scene.settings,
-    )
+    level = slice(thing.level, thing.level + 1)
+    code, share = scene.code[:, level], scene.share[:, level]
+    codes = render_codes(scene.gaussians, code, share, small, camera_to_world, scene.settings)
     seen = codes.coverage > options.min_coverage
-    fits = relevancy_maps(codes.codes, seen, scene.decoder, texts, options.temperature)[0, 0]
-    relevancy = np.where(inside, cv2.resize(fits.cpu().numpy(), size), np.float32(0.0))
+    relevancy = relevancy_maps(codes.codes, seen, scene.decoder, texts, options.temperature)[0, 0]
+    relevancy = np.where(inside, cv2.resize(relevancy.cpu().numpy(), size), np.float32(0.0))
     return ThingView(mask, _innermost(mask), relevancy)
 
 
 def _innermost(mask: Mask) -> tuple[int, int] | None:
     if not mask.any():
         return None
-    # The picture's own border cuts a thing off and is no border of it, but a mark there would be cut as well.
+    # Padding counts the image border as a border of the mask: a marker drawn there would be cut off.
     distance = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
     row, column = np.unravel_index(distance.argmax(), mask.shape)
     return int(column), int(row)

@@ -1,4 +1,4 @@
-"""Connected things in 3D that fit a query."""
+"""Find connected sets of Gaussians that match a query."""
 
 from dataclasses import dataclass
 
@@ -11,31 +11,31 @@ from scipy.spatial import cKDTree
 from egosplat.geometry import Array
 
 NEAREST = 16
-"""Neighbours of a Gaussian, itself among them: a patch of a surface of some four by four."""
+"""Number of neighbours of a Gaussian, itself included: a patch of about four by four on a surface."""
 
 REACH = 2.0
-"""Standard deviations up to which a Gaussian reaches: there its weight is down to an eighth."""
+"""Extent of a Gaussian in standard deviations: its weight there is about an eighth."""
 
 
 @dataclass(frozen=True, eq=False)
 class Neighbours:
-    """Which of N Gaussians reach each other.
+    """The neighbours of N Gaussians.
 
     Attributes:
-        touching: (N, N) sparse float32: 1 where a Gaussian is among the nearest of another, and they reach each other, see
-            ``REACH``; each touches itself.
+        touching: (N, N) sparse float32: 1 where one Gaussian is among the nearest of another and their extents (see
+            ``REACH``) overlap; 1 on the diagonal.
     """
 
     touching: csr_array
 
     def averaging(self, weights: NDArray[np.float32]) -> csr_array:
-        """The matrix that takes values to their weighted means over each Gaussian and its neighbours.
+        """The matrix that averages values over each Gaussian and its neighbours.
 
         Args:
-            weights: (N,) at least 0.
+            weights: (N,) non-negative weights of the Gaussians.
 
         Returns:
-            (N, N) sparse float32, whose rows have the sum 1; 0 where all weights are 0.
+            (N, N) sparse float32 whose rows sum to 1, or to 0 where all weights are 0.
         """
         counted = self.touching @ diags_array(weights.astype(np.float32))
         total = counted.sum(axis=1)
@@ -43,24 +43,24 @@ class Neighbours:
         return csr_array(diags_array(inverse.astype(np.float32)) @ counted)
 
     def components(self, members: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Number the connected parts of some Gaussians.
+        """Label the connected components of a subset of the Gaussians.
 
         Args:
             members: (M,) indices, each once.
 
         Returns:
-            (M,) int64 number of the part that each belongs to.
+            (M,) int64 component of each member.
         """
         links = self.touching[members][:, members]
         return connected_components(links, directed=False)[1].astype(np.int64)
 
 
 def find_neighbours(means: Array, radii: Array) -> Neighbours:
-    """Find the neighbours of all Gaussians.
+    """Find the neighbours of N Gaussians.
 
     Args:
         means: (N, 3) float64 centres.
-        radii: (N,) float64 standard deviation of each along its longest axis, in the unit of the centres.
+        radii: (N,) float64 standard deviations along the longest axis, in the unit of the centres.
     """
     size, count = len(means), min(NEAREST, len(means))
     if not count:
@@ -74,26 +74,26 @@ def find_neighbours(means: Array, radii: Array) -> Neighbours:
 Floats = NDArray[np.float32]
 
 LEAST_GAUSSIANS = 16
-"""Fewer Gaussians are less than one neighbourhood: what they mean is chance."""
+"""Minimum number of Gaussians of a thing: fewer are less than one neighbourhood, where relevancy is noise."""
 
 EXTENT = (0.02, 0.98)
-"""Quantiles, by visible share, between which a thing extends: single Gaussians far from it do not count."""
+"""Quantiles of a thing's box, weighted by visible share: single Gaussians far away do not enlarge it."""
 
 SAME = 0.25
-"""Things that share a larger part of the smaller one's visible share are one thing, at two levels or of two sizes."""
+"""Two things are duplicates if they share more than this part of the smaller one's visible share."""
 
 
 @dataclass(frozen=True, eq=False)
 class Thing:
-    """A connected set of Gaussians that fit a query.
+    """A connected set of Gaussians that match a query.
 
     Attributes:
-        members: (M,) int64 indices of Gaussians.
-        level: index of the level at which they fit.
+        members: (M,) int64 indices of the Gaussians.
+        level: index of the level at which they match.
         score: 0..1, see ``find_things``.
-        view: index of the view that shows most of it, near the view's middle; the first of equal ones.
-        centre: (3,) float64 mean of its centres by visible share, in the world.
-        low, high: (3,) float64 corners of its box along the world's axes, see ``EXTENT``.
+        view: index of the view that shows most of it, with pixels weighted towards the centre; the first on ties.
+        centre: (3,) float64 mean of the Gaussians' centres, weighted by visible share, in world coordinates.
+        low, high: (3,) float64 corners of its box along the world axes, see ``EXTENT``.
     """
 
     members: NDArray[np.int64]
@@ -107,13 +107,14 @@ class Thing:
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """The Gaussians that can be asked, N of them, as V views show them at L levels.
+    """N Gaussians with their visibility in V views and their codes' shares at L levels.
 
     Attributes:
         means: (N, 3) float64 centres.
-        shares: (V, N) float32 share of each view that each fills, see ``egosplat.query.scene_query.visible_shares``.
-        weight: (N, L) float32 mean share of a view that each fills with something that has a code at the level.
-        neighbours: which of them reach each other.
+        shares: (V, N) float32 share of each view that a Gaussian fills, see
+            ``egosplat.query.scene_query.visible_shares``.
+        weight: (N, L) float32 mean of ``shares`` over the views, times the share of the Gaussian with a code.
+        neighbours: the neighbours of the Gaussians.
         averaging: L matrices, see ``Neighbours.averaging``.
     """
 
@@ -125,12 +126,12 @@ class Surface:
 
     @staticmethod
     def of(means: Array, radii: Array, shares: Floats, code_share: Floats) -> "Surface":
-        """The surface of Gaussians.
+        """Build the surface of N Gaussians.
 
         Args:
-            means: (N, 3) float64 centres; radii: (N,) float64, see ``find_neighbours``.
+            means, radii: see ``find_neighbours``.
             shares: (V, N) float32, V at least 1.
-            code_share: (N, L) float32 share of language.zarr.
+            code_share: (N, L) float32 ``share`` of language.zarr.
         """
         neighbours = find_neighbours(means, radii)
         weight = shares.mean(axis=0)[:, None] * code_share
@@ -141,24 +142,21 @@ class Surface:
 def find_things(
     surface: Surface, relevancy: Floats, threshold: float, box_side: float, most: int
 ) -> list[Thing]:
-    """The things that fit a query best, told apart in 3D.
+    """Find the things that match a query best (docs/method.md#scene-queries).
 
-    At each level relevancy is smoothed over neighbours and brought to 0..1 between its lowest and largest value; what
-    is above the threshold falls into connected parts. This is LangSplat's mask on Gaussians in place of pixels
-    (docs/method.md#scene-queries).
-
-    The score of a part is its mean relevancy, weighted by visible share, times A / (A + a): A is the share of the view
-    that shows it best, a that of LangSplat's box filter. In a picture that filter does the same to what is smaller.
+    This is LangSplat's segmentation on Gaussians instead of pixels. At each level, relevancy is averaged over
+    neighbours, normalized to 0..1 and thresholded; the Gaussians above the threshold are split into connected
+    components.
 
     Args:
-        surface: what is asked.
+        surface: the Gaussians.
         relevancy: (L, N) float32 in 0..1.
-        threshold: of the smoothed relevancy, 0..1.
-        box_side: side of the box filter, as a share of the picture's side.
-        most: number of things at most.
+        threshold: threshold of the normalized relevancy, 0..1.
+        box_side: side of the box filter, as a share of the image's side.
+        most: maximum number of things.
 
     Returns:
-        Things by falling score, no two of which are the same, see ``SAME``.
+        Things by decreasing score, without duplicates (see ``SAME``).
     """
     found = [
         _thing(surface, values, members, level, box_side)
@@ -175,7 +173,7 @@ def find_things(
 
 
 def _parts(surface: Surface, values: Floats, level: int, threshold: float) -> list[NDArray[np.int64]]:
-    """Members of each connected part of what fits at a level, specks left out."""
+    """Members of each connected component above the threshold at a level; specks are left out."""
     seen = surface.weight[:, level] > 0
     if not seen.any():
         return []
@@ -199,6 +197,8 @@ def _thing(
     return Thing(
         members=members,
         level=level,
+        # Mean relevancy times A / (A + a): A is the thing's share of its best view, a the share of LangSplat's box
+        # filter. In an image, that filter lowers the peak of smaller things by the same factor.
         score=float(weight @ values[members] / total * shown[view] / (shown[view] + box_side**2)),
         view=view,
         centre=weight @ means / total,
@@ -208,7 +208,7 @@ def _thing(
 
 
 def _quantiles(values: Array, weight: Array) -> Array:
-    """(2,) weighted quantiles ``EXTENT`` of (M,) values."""
+    """(2,) weighted quantiles of (M,) values at ``EXTENT``."""
     order = np.argsort(values)
     below = np.cumsum(weight[order])
     places = np.searchsorted(below, np.array(EXTENT) * below[-1])

@@ -1,4 +1,4 @@
-"""Where a question is asked from: a frame of the recording, or any place."""
+"""The viewpoint of a query: a frame of the recording, or any pose."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +17,7 @@ class Viewpoint:
     """A pose of the recording's camera.
 
     Attributes:
-        name: in words.
+        name: name to show to the user.
         camera_to_world: (4, 4) float64, OpenCV axes, metres.
         valid: (H, W) bool pixels that show the scene, or None for all.
     """
@@ -39,9 +39,9 @@ def frame_viewpoint(frames: Artifact, poses: Artifact, frame: int) -> Viewpoint:
     if not registered[frame]:
         with_pose = np.flatnonzero(registered)
         if not len(with_pose):
-            raise UserError(f"{poses.path}: no frame has a pose; look at the log of the stage poses")
+            raise UserError(f"{poses.path}: no frame has a pose; see the log of the stage poses")
         nearest = with_pose[np.abs(with_pose - frame).argmin()]
-        raise UserError(f"--frame {frame}: has no pose; the nearest frame that has one is {nearest}")
+        raise UserError(f"--frame {frame}: has no pose; the nearest frame with a pose is {nearest}")
     return Viewpoint(f"frame {frame}", poses.read("camera_to_world")[frame], frames.read("valid"))
 
 
@@ -49,7 +49,7 @@ def file_viewpoint(path: Path) -> Viewpoint:
     """The viewpoint of a JSON file ``{"camera_to_world": [[...], ...]}``, 4 rows of 4 numbers.
 
     Raises:
-        UserError: the file cannot be read, or holds no rigid motion.
+        UserError: the file cannot be read, or does not hold a rigid motion.
     """
     try:
         pose = np.array(read_json(path)["camera_to_world"], np.float64)
@@ -57,9 +57,9 @@ def file_viewpoint(path: Path) -> Viewpoint:
         raise UserError(f"--pose {path}: does not exist") from None
     except (OSError, ValueError, TypeError, KeyError, OverflowError) as error:
         reason = str(error).partition("\n")[0]
-        raise UserError(f"--pose {path}: is no JSON with 4x4 numbers camera_to_world ({reason})") from None
+        raise UserError(f"--pose {path}: is not JSON with 4x4 numbers camera_to_world ({reason})") from None
     if pose.shape != (4, 4) or not is_rigid(pose):
         raise UserError(
-            f"--pose {path}: camera_to_world is no rigid motion: 4x4, a rotation and metres, last row 0 0 0 1"
+            f"--pose {path}: camera_to_world is not a rigid motion: a 4x4 rotation and translation, last row 0 0 0 1"
         )
     return Viewpoint(path.name, pose, None)

@@ -74,5 +74,5 @@ def test_a_code_that_vanishes_has_no_relevancy(texts):
 
 def test_invalid_arguments_are_rejected(texts):
     codes, seen = unit(1, 2, 2, 6), torch.ones(1, 2, 2, dtype=torch.bool)
-    with pytest.raises(ValueError, match="belong together"):
+    with pytest.raises(ValueError, match="do not match"):
         relevancy_maps(codes, seen[0], IDENTITY, texts, 10.0)

@@ -58,7 +58,7 @@ def test_a_model_without_a_direction_is_named(clip, monkeypatch):
 
 def test_batches_cover_all_phrases():
     queries = torch.eye(5)
-    parts = list(Texts(tuple("abcde"), queries, queries[:1]).in_parts(2))
+    parts = list(Texts(tuple("abcde"), queries, queries[:1]).in_batches(2))
     assert [part.phrases for part in parts] == [("a", "b"), ("c", "d"), ("e",)]
     assert torch.equal(torch.cat([part.queries for part in parts]), queries)
     assert all(torch.equal(part.canonical, queries[:1]) for part in parts)

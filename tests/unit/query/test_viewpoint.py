@@ -47,14 +47,14 @@ def test_a_pose_file_may_be_in_any_folder(tmp_path):
     [
         (None, "does not exist"),
         ("{", "is no JSON"),
-        ("[]", "is no JSON with 4x4"),
+        ("[]", "is not JSON with 4x4"),
         ("[" * 5000, "nested too deeply"),
-        (json.dumps({"camera_to_world": [[10**400]]}), "is no JSON with 4x4"),
+        (json.dumps({"camera_to_world": [[10**400]]}), "is not JSON with 4x4"),
         ('{"pose": 1}', "camera_to_world"),
-        ('{"camera_to_world": [[1, 2], [3]]}', "is no JSON with 4x4"),
-        ('{"camera_to_world": [[1, 2], [3, 4]]}', "no rigid motion"),
-        (json.dumps({"camera_to_world": (2 * np.eye(4)).tolist()}), "no rigid motion"),
-        (json.dumps({"camera_to_world": np.full((4, 4), np.nan).tolist()}), "no rigid motion"),
+        ('{"camera_to_world": [[1, 2], [3]]}', "is not JSON with 4x4"),
+        ('{"camera_to_world": [[1, 2], [3, 4]]}', "not a rigid motion"),
+        (json.dumps({"camera_to_world": (2 * np.eye(4)).tolist()}), "not a rigid motion"),
+        (json.dumps({"camera_to_world": np.full((4, 4), np.nan).tolist()}), "not a rigid motion"),
     ],
 )
 def test_files_without_a_pose_are_rejected(tmp_path, text, said):

@@ -111,8 +111,8 @@ def test_what_is_not_there_is_rejected(word_scene, query):
     status, out, err = query(word_scene(), "basketball", "spaceship", "couch", "--min-score", 0.6)
     assert status == 0, err
     basketball, spaceship, couch = out.splitlines()[2:5]
-    assert "nothing of the kind: the best fit is below 0.60" in basketball
-    assert 'nothing of the kind: the OpenCLIP checkpoint was not trained on "spaceship"' in spaceship
+    assert "not found: the best match is below 0.60" in basketball
+    assert 'not found: the OpenCLIP checkpoint was not trained on "spaceship"' in spaceship
     assert columns(couch)[2] == "whole"
 
 
@@ -126,7 +126,7 @@ def test_a_scene_without_codes_has_no_answer_at_any_limit(word_scene, query, mon
 
 def test_one_frame_applies_the_same_threshold_as_the_scene(word_scene, query):
     _, out, _ = query(word_scene(), "basketball", "--frame", 1, "--min-score", 0.6)
-    assert "nothing of the kind" in out.splitlines()[2]
+    assert "not found" in out.splitlines()[2]
 
 
 def test_lengths_have_no_metres_without_a_scale(word_scene, query, unscaled):
@@ -166,7 +166,7 @@ def test_a_pose_that_sees_nothing_gives_no_answer(word_scene, query, tmp_path):
     status, out, err = query(word_scene(), "cup", "--pose", tmp_path / "away.json", "--output", output)
     assert status == 0, err
     assert (
-        columns(out.splitlines()[2])[:2] == ["cup", "0.00"] and "nothing of the kind" in out.splitlines()[2]
+        columns(out.splitlines()[2])[:2] == ["cup", "0.00"] and "not found" in out.splitlines()[2]
     )
     assert Image.open(output).size[0] > 400
 

@@ -23,7 +23,7 @@ def answer(phrase: str) -> DrawnAnswer:
 
 def test_a_long_refusal_does_not_widen_a_column(tmp_path):
     """The three pictures of a row are equally wide, whatever is written below."""
-    refused = DrawnAnswer("zeppelin", 0.2, refusal="nothing of the kind: " + "a long reason " * 6)
+    refused = DrawnAnswer("zeppelin", 0.2, refusal="not found: " + "a long reason " * 6)
     draw_answers([answer("cup"), refused], "a scene", tmp_path / "page.png")
     page = np.asarray(Image.open(tmp_path / "page.png").convert("L")).astype(int)
     # The row of pixels with the most ink crosses the pictures.
@@ -35,7 +35,7 @@ def test_a_long_refusal_does_not_widen_a_column(tmp_path):
 
 def test_a_page_of_rejected_queries_only(tmp_path):
     draw_answers(
-        [DrawnAnswer("zeppelin", 0.2, refusal="nothing of the kind")], "a scene", tmp_path / "page.png"
+        [DrawnAnswer("zeppelin", 0.2, refusal="not found")], "a scene", tmp_path / "page.png"
     )
     width, height = Image.open(tmp_path / "page.png").size
     assert width > height
