@@ -1,4 +1,4 @@
-"""``metrics.json``: its parts as plain values, its schema, and how it is written."""
+"""Build the entries of ``metrics.json``, check them against the schema, and write the file."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -9,7 +9,7 @@ from typing import Any
 from egosplat.evaluation.evaluation_frames import Frame
 from egosplat.evaluation.intervals import bounds_of
 from egosplat.evaluation.rendering import RegionScore
-from egosplat.evaluation.run_queries import Asked
+from egosplat.evaluation.run_queries import AnsweredQuery
 from egosplat.evaluation.scores import GroupScore
 from egosplat.frames.recording import Instance
 from egosplat.output_files import FileKind, stage_json_kind, write_json
@@ -22,57 +22,58 @@ METHOD_METRICS = stage_json_kind("method_metrics")
 
 
 def write_metrics(output: Path, document: Mapping[str, Any], kind: FileKind) -> None:
-    """Check a document and write it, with sorted keys; the file appears when it is complete.
-
-    Numbers that are not finite (a mean of nothing, the PSNR of equal pictures) become null.
+    """Check a document against the schema and write it atomically, with sorted keys.
 
     Raises:
-        jsonschema.ValidationError: it is not what the schema describes.
-        UserError: something is at ``output`` that is not of this kind.
+        jsonschema.ValidationError: the document does not match the schema.
+        UserError: ``output`` exists and is of another kind.
     """
+    # JSON has no NaN (a mean of nothing) and no infinity (the PSNR of equal images).
     values = finite(document)
     Draft202012Validator(schema("metrics")).validate(values)
     write_json(output, values, kind)
 
 
 def finite(value: Any) -> Any:
-    """The same plain value with lists for tuples, and None for numbers that are not finite."""
+    """Replace numbers that are not finite by None, and tuples by lists, at any depth."""
     if isinstance(value, Mapping):
-        return {key: finite(one) for key, one in value.items()}
+        return {key: finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [finite(one) for one in value]
+        return [finite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def score_entry(score: GroupScore) -> dict[str, Any]:
-    """Of a group, with intervals as pairs; null of a single category, or none."""
+    """The entry of a group; its intervals are pairs, or null with fewer than two categories."""
     return asdict(score) | {
         "accuracy_interval": bounds_of(score.accuracy_interval),
         "mean_iou_interval": bounds_of(score.mean_iou_interval),
     }
 
 
-def query_entry(asked: Asked, instances: Sequence[Instance], levels: Sequence[str]) -> dict[str, Any]:
-    """Of a query; levels and instances by their names."""
-    query, score = asked.query, asked.score
+def query_entry(
+    answered: AnsweredQuery, instances: Sequence[Instance], levels: Sequence[str]
+) -> dict[str, Any]:
+    """The entry of a query, with levels and instances by name."""
+    query, score = answered.query, answered.score
     return {
         "frame": query.frame,
         "category": query.category,
-        "relevancy": asked.relevancy,
-        "level": None if asked.level is None else levels[asked.level],
-        "pixel": asked.pixel,
-        "position": None if asked.position is None else asked.position.tolist(),
-        "mask_level": None if asked.mask_level is None else levels[asked.mask_level],
-        "mask_pixels": asked.mask_pixels,
+        "relevancy": answered.relevancy,
+        "level": None if answered.level is None else levels[answered.level],
+        "pixel": answered.pixel,
+        "position": None if answered.position is None else answered.position.tolist(),
+        "mask_level": None if answered.mask_level is None else levels[answered.mask_level],
+        "mask_pixels": answered.mask_pixels,
         "groups": {
-            name: asdict(score.groups[name]) | {"instances": [instances[index].name for index in own]}
-            for name, own in query.instances.items()
+            name: asdict(score.groups[name]) | {"instances": [instances[index].name for index in members]}
+            for name, members in query.instances.items()
         },
     }
 
 
 def frame_entry(frame: Frame, queries: int, rendering: Mapping[str, RegionScore]) -> dict[str, Any]:
-    """Of an evaluation frame, in which so many queries were asked."""
+    """The entry of an evaluation frame: its number of queries, and its rendering scores by group."""
     return {
         "frame": frame.index,
         "annotated": frame.annotated,

@@ -1,6 +1,6 @@
-"""The frames that a scene is evaluated in: their truth, their cameras and their renders."""
+"""The evaluation frames of a scene: their annotations, cameras and renders."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,11 +17,11 @@ class Frame:
     """An evaluation frame.
 
     Attributes:
-        row: in annotations.zarr.
-        index: in frames.zarr.
+        row: index in annotations.zarr.
+        index: index in frames.zarr.
         annotated, registered: whether it has an annotation, and a pose.
-        trained_on: whether it is a training frame as well.
-        held_out: row of its render in splats.zarr; None where it was trained on, or has no pose.
+        trained_on: whether it is also a training frame.
+        held_out: row of its render in splats.zarr; None for a training frame or a frame without a pose.
     """
 
     row: int
@@ -33,24 +33,24 @@ class Frame:
 
     @property
     def asked(self) -> bool:
-        """Whether queries are asked in it: it has truth, and a place to look from."""
+        """Whether it is queried: it has an annotation and a pose."""
         return self.annotated and self.registered
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """What the benchmark looks at; the artifacts belong together.
+    """The evaluation frames with their artifacts.
 
     Attributes:
-        pictures, annotations, splats: the artifacts; the pictures are frames.zarr.
+        frames_artifact, annotations, splats: artifacts that belong together.
         frames: the evaluation frames, in order.
-        instances: that the instance maps' indices mean.
+        instances: instances by their index in the instance maps.
         valid: (H, W) bool pixels that show the scene.
-        camera: of all frames.
-        camera_to_world: (F, 4, 4) float64, NaN where there is no pose.
+        camera: camera of all frames.
+        camera_to_world: (F, 4, 4) float64, NaN without a pose.
     """
 
-    pictures: Artifact
+    frames_artifact: Artifact
     annotations: Artifact
     splats: Artifact
     frames: list[Frame]
@@ -64,9 +64,9 @@ class Evaluation:
         return read_map(self.annotations, frame.row, self.valid)
 
     def rendering_of(self, frame: Frame) -> Mapping[str, RegionScore]:
-        """How well a held-out frame is rendered: where it is annotated by group of pixels, else all of them alone.
+        """Scores of a held-out frame's render: by group if it is annotated, else of all pixels only.
 
-        Of a frame that was trained on, or has no pose, there is no score.
+        Empty for a training frame and for a frame without a pose.
         """
         if frame.held_out is None:
             return {}
@@ -74,32 +74,53 @@ class Evaluation:
         if frame.annotated:
             groups = regions(self.map_of(frame), self.instances, self.valid)
         render = self.splats.row("held_out/render", frame.held_out)
-        return region_scores(render, self.pictures.row("rgb", frame.index), self.valid, groups)
+        return region_scores(render, self.frames_artifact.row("rgb", frame.index), self.valid, groups)
 
 
-def read_evaluation(
-    pictures: Artifact, poses: Artifact, annotations: Artifact, splats: Artifact
-) -> Evaluation:
-    """Read it."""
-    _, height, width, _ = pictures.shape("rgb")
+def read_evaluation(frames: Artifact, poses: Artifact, annotations: Artifact, splats: Artifact) -> Evaluation:
+    """Read the evaluation frames from artifacts that belong together."""
+    _, height, width, _ = frames.shape("rgb")
+    rendered = {int(frame): row for row, frame in enumerate(splats.read("held_out/frame"))}
     return Evaluation(
-        pictures=pictures,
+        frames_artifact=frames,
         annotations=annotations,
         splats=splats,
-        frames=_frames(pictures, poses, annotations, splats),
+        frames=find_frames(frames, poses, annotations, rendered),
         instances=instances_of(annotations),
-        valid=pictures.read("valid"),
+        valid=frames.read("valid"),
         camera=Camera.from_matrix(poses.read("intrinsics"), width, height),
         camera_to_world=poses.read("camera_to_world"),
     )
 
 
-def _frames(pictures: Artifact, poses: Artifact, annotations: Artifact, splats: Artifact) -> list[Frame]:
-    rendered = {int(frame): row for row, frame in enumerate(splats.read("held_out/frame"))}
-    train, registered = pictures.read("train"), poses.read("registered")
+def find_frames(
+    frames: Artifact, poses: Artifact, annotations: Artifact, rendered: Mapping[int, int]
+) -> list[Frame]:
+    """List the evaluation frames.
+
+    Args:
+        frames, poses, annotations: artifacts that belong together.
+        rendered: row of each held-out render, by index of its frame.
+    """
+    train, registered = frames.read("train"), poses.read("registered")
     index, annotated = annotations.read("frame"), annotations.read("annotated")
     flags = np.stack([annotated, registered[index], train[index]], axis=1).tolist()
     return [
-        Frame(row, int(frame), *own, rendered.get(int(frame)))
-        for row, (frame, own) in enumerate(zip(index, flags, strict=True))
+        Frame(row, int(frame), *flags_of_frame, rendered.get(int(frame)))
+        for row, (frame, flags_of_frame) in enumerate(zip(index, flags, strict=True))
     ]
+
+
+def count_frames(
+    frames: Artifact, evaluated: Sequence[Frame], instances: Sequence[Instance]
+) -> dict[str, int]:
+    """Numbers of frames and annotated instances, for ``counts`` of ``metrics.json``."""
+    return {
+        "frames": frames.shape("rgb")[0],
+        "evaluation_frames": len(evaluated),
+        "evaluation_frames_annotated": sum(frame.annotated for frame in evaluated),
+        "evaluation_frames_asked": sum(frame.asked for frame in evaluated),
+        "evaluation_frames_trained_on": sum(frame.trained_on for frame in evaluated),
+        "evaluation_frames_without_pose": sum(not frame.registered for frame in evaluated),
+        "annotated_instances": len(instances),
+    }

@@ -1,7 +1,7 @@
-"""Stage ``method_metrics``: another method's relevancy maps are scored like egosplat's own.
+"""Stage ``method_metrics``: score the relevancy maps of another method.
 
-The queries are those of the stage ``metrics``, their maps are read by the same code, and the scores are written in the
-same form, but for what only egosplat's artifacts tell: no renders are scored, and there are no counts of Gaussians.
+Queries, reading of maps and scores are those of the stage ``metrics``. Renders are not scored, and Gaussians are not
+counted.
 """
 
 from collections.abc import Iterator, Sequence
@@ -30,7 +30,7 @@ from egosplat.evaluation.document import (
     score_entry,
     write_metrics,
 )
-from egosplat.evaluation.evaluation_frames import Frame
+from egosplat.evaluation.evaluation_frames import Frame, count_frames, find_frames
 from egosplat.evaluation.intervals import IntervalOptions
 from egosplat.evaluation.provenance_summary import artifact_entries
 from egosplat.evaluation.queries import (
@@ -43,7 +43,7 @@ from egosplat.evaluation.queries import (
     read_map,
 )
 from egosplat.evaluation.rendering import summarise_rendering
-from egosplat.evaluation.run_queries import Asked
+from egosplat.evaluation.run_queries import AnsweredQuery
 from egosplat.evaluation.scores import score_query, summarise
 from egosplat.output_files import check_output
 from egosplat.progress import log, track
@@ -51,15 +51,12 @@ from egosplat.query.maps import Found, find_in_maps
 from egosplat.query.options import LANGSPLAT, QueryOptions
 
 UNDECIDED = 0.01
-"""Share of a picture; where more of it has the largest relevancy, a hit says little."""
+"""Share of an image; if more of it has the largest relevancy, a hit says little."""
 
 
 @dataclass(frozen=True)
 class MethodMetricsOptions(BenchmarkQueries, IntervalOptions):
-    """The schema's keys of ``metrics``, and of ``query`` those that matter for maps of another method.
-
-    ``config.schema.yaml`` describes each.
-    """
+    """The keys of ``metrics``, and the keys of ``query`` that read maps; see ``config.schema.yaml``."""
 
     hit_region: str
     box_filter: float
@@ -68,7 +65,7 @@ class MethodMetricsOptions(BenchmarkQueries, IntervalOptions):
 
     @property
     def query(self) -> QueryOptions:
-        """How the maps are read."""
+        """The options that read the maps."""
         return replace(
             LANGSPLAT,
             box_filter=self.box_filter,
@@ -90,46 +87,46 @@ def run(
     """Write another method's scores of a scene as JSON, see ``metrics.schema.yaml``.
 
     Args:
-        frames, poses, annotations: the scene's artifacts; frames without a pose are not asked, as in ``metrics``.
-        relevancy: the maps, laid out as in ``egosplat.artifacts.relevancy``; those of other queries are not read.
-        output: the file.
+        frames, poses, annotations: the scene's artifacts; frames without a pose are not queried, as in ``metrics``.
+        relevancy: maps in the layout of ``egosplat.artifacts.relevancy``; maps of other queries are ignored.
+        output: the file to write.
         title: ``DATASET/SCENE``.
 
     Raises:
-        UserError: inputs do not belong together, a query has no map, or a map is not what the layout says.
+        UserError: the inputs do not match, a query has no map, or a map does not follow the layout.
     """
     check_output(output, METHOD_METRICS)
-    pictures, walk = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
-    truth, maps = open_artifact(annotations, ANNOTATIONS), open_relevancy(relevancy)
-    made_from = lineage([pictures, walk, truth])
-    made = _begin(asdict(options), made_from.found.values(), maps)
-    valid = pictures.read("valid")
+    frames_artifact, poses_artifact = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
+    annotations_artifact, maps = open_artifact(annotations, ANNOTATIONS), open_relevancy(relevancy)
+    made_from = lineage([frames_artifact, poses_artifact, annotations_artifact])
+    record = _begin(asdict(options), made_from.found.values(), maps)
+    valid = frames_artifact.read("valid")
     _check_size(maps, valid)
-    seen = _frames(pictures, walk, truth)
-    queries = _queries(truth, valid, options, seen)
+    evaluated = find_frames(frames_artifact, poses_artifact, annotations_artifact, rendered={})
+    queries = _queries(annotations_artifact, valid, options, evaluated)
     _check_complete(maps, queries)
-    asked = list(_ask(queries, truth, maps, valid, options.query, options.hit_region))
-    scores = summarise([one.score for one in asked], options)
-    instances = instances_of(truth)
+    answered = list(_answer(queries, annotations_artifact, maps, valid, options.query, options.hit_region))
+    scores = summarise([one.score for one in answered], options)
+    instances = instances_of(annotations_artifact)
     document = {
         "format_version": FORMAT_VERSION,
         "method": maps.method,
         "scene": title,
-        "origin": made.origin,
+        "origin": record.origin,
         "notice": None,
         "alarms": [asdict(alarm) for alarm in alarms_of_all(made_from.found.values())],
-        "counts": _counts(pictures, seen, len(instances)),
+        "counts": count_frames(frames_artifact, evaluated, instances),
         "scores": {name: score_entry(score) for name, score in scores.items()},
-        "queries": [query_entry(one, instances, maps.levels) for one in asked],
-        "frames": [frame_entry(frame, _asked_in(frame, asked), {}) for frame in seen],
+        "queries": [query_entry(one, instances, maps.levels) for one in answered],
+        "frames": [frame_entry(frame, _queries_in(frame, answered), {}) for frame in evaluated],
         "rendering": {name: asdict(score) for name, score in summarise_rendering([]).items()},
         "models": {},
         "artifacts": artifact_entries(made_from),
         "total": {"wall_s": None, "peak_memory_mb": None},
-        "provenance": made.record(),
+        "provenance": record.record(),
     }
     write_metrics(output, document, METHOD_METRICS)
-    log(f"{maps.method}: {len(asked)} queries; {len(maps.rows) - len(asked)} maps are of no query")
+    log(f"{maps.method}: {len(answered)} queries; {len(maps.rows) - len(answered)} maps belong to no query")
 
 
 def _begin(keys: dict[str, Any], artifacts: Sequence[Artifact], maps: Relevancy) -> Provenance:
@@ -140,68 +137,61 @@ def _begin(keys: dict[str, Any], artifacts: Sequence[Artifact], maps: Relevancy)
 
 def _check_size(maps: Relevancy, valid: Mask) -> None:
     (height, width), (rows, columns) = valid.shape, maps.size
-    # The picture resized: the same shape, but for what rounding takes.
+    # The aspect ratio is that of the frames, up to rounding of the resized width and height.
     if abs(rows * width - columns * height) > max(width, height):
         raise UserError(
-            f"{maps.path}: maps of {columns}x{rows} pixels are of another shape than the frames, {width}x{height}; "
-            "give whole frames, of any size"
+            f"{maps.path}: maps of {columns}x{rows} pixels have another aspect ratio than the frames, "
+            f"{width}x{height}; give maps of whole frames, at any size"
         )
 
 
-def _frames(pictures: Artifact, walk: Artifact, truth: Artifact) -> list[Frame]:
-    train, registered = pictures.read("train"), walk.read("registered")
-    index, annotated = truth.read("frame").tolist(), truth.read("annotated").tolist()
-    return [
-        Frame(row, frame, annotated[row], bool(registered[frame]), bool(train[frame]), None)
-        for row, frame in enumerate(index)
-    ]
-
-
-def _queries(truth: Artifact, valid: Mask, options: BenchmarkQueries, frames: Sequence[Frame]) -> list[Query]:
-    """Those of frames that have a pose."""
+def _queries(
+    annotations: Artifact, valid: Mask, options: BenchmarkQueries, frames: Sequence[Frame]
+) -> list[Query]:
+    """The queries of frames with a pose."""
     asked = {frame.row for frame in frames if frame.asked}
-    return [query for query in find_queries(truth, valid, options) if query.row in asked]
+    return [query for query in find_queries(annotations, valid, options) if query.row in asked]
 
 
 def _check_complete(maps: Relevancy, queries: Sequence[Query]) -> None:
-    """A query left out would not count as a miss."""
-    lacking = [query for query in queries if (query.frame, query.category) not in maps.rows]
-    if lacking:
-        first = lacking[0]
+    # A query without a map would not be scored, instead of counting as a miss.
+    missing = [query for query in queries if (query.frame, query.category) not in maps.rows]
+    if missing:
+        first = missing[0]
         raise UserError(
-            f"{maps.path}: has no map for {len(lacking)} of {len(queries)} queries, the first {first.category!r} in "
-            f"frame {first.frame}.\nGive all; a map of NaN says that nothing is seen"
+            f"{maps.path}: has no map for {len(missing)} of {len(queries)} queries, the first {first.category!r} in "
+            f"frame {first.frame}.\nGive a map for each query; a map of NaN means that nothing is visible"
         )
 
 
-def _ask(
+def _answer(
     queries: Sequence[Query],
-    truth: Artifact,
+    annotations: Artifact,
     maps: Relevancy,
     valid: Mask,
     options: QueryOptions,
     hit_region: str,
-) -> Iterator[Asked]:
+) -> Iterator[AnsweredQuery]:
     undecided = 0
-    for row, own in groupby(track(queries, "reading maps", unit="query"), key=lambda query: query.row):
-        instance_map = read_map(truth, row, valid)
-        for query in own:
+    for row, in_frame in groupby(track(queries, "reading maps", unit="query"), key=lambda query: query.row):
+        instance_map = read_map(annotations, row, valid)
+        for query in in_frame:
             found = find_in_maps(maps.maps(query.frame, query.category), valid, options)
             undecided += found is not None and len(found.location.candidates) > UNDECIDED * valid.size
-            yield _asked(query, found, instance_map, valid, hit_region)
+            yield _answered(query, found, instance_map, valid, hit_region)
     if undecided:
         log(
-            f"warning: in {undecided} of {len(queries)} queries more than {UNDECIDED:.0%} of the picture has the "
-            "largest relevancy, and any of its pixels may hit"
+            f"warning: in {undecided} of {len(queries)} queries more than {UNDECIDED:.0%} of the image has the "
+            "largest relevancy, and any of these pixels may hit"
         )
 
 
-def _asked(
+def _answered(
     query: Query, found: Found | None, instance_map: InstanceMap, valid: Mask, hit_region: str
-) -> Asked:
+) -> AnsweredQuery:
     candidates = np.zeros((0, 2), np.int64) if found is None else found.location.candidates
     mask = np.zeros_like(valid) if found is None else found.segmentation.mask
-    return Asked(
+    return AnsweredQuery(
         query=query,
         score=score_query(query, candidates, mask, instance_map, valid, hit_region),
         relevancy=0.0 if found is None else found.location.score,
@@ -213,17 +203,5 @@ def _asked(
     )
 
 
-def _counts(pictures: Artifact, frames: Sequence[Frame], instances: int) -> dict[str, int]:
-    return {
-        "frames": pictures.shape("rgb")[0],
-        "evaluation_frames": len(frames),
-        "evaluation_frames_annotated": sum(frame.annotated for frame in frames),
-        "evaluation_frames_asked": sum(frame.asked for frame in frames),
-        "evaluation_frames_trained_on": sum(frame.trained_on for frame in frames),
-        "evaluation_frames_without_pose": sum(not frame.registered for frame in frames),
-        "annotated_instances": instances,
-    }
-
-
-def _asked_in(frame: Frame, asked: Sequence[Asked]) -> int:
-    return sum(one.query.frame == frame.index for one in asked)
+def _queries_in(frame: Frame, answered: Sequence[AnsweredQuery]) -> int:
+    return sum(one.query.frame == frame.index for one in answered)

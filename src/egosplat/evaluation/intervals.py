@@ -1,7 +1,7 @@
-"""How far a score could be chance: intervals over categories and scenes, and McNemar's test.
+"""Bootstrap intervals of scores, over categories and scenes.
 
-Queries of one category in one scene are one thing seen from several frames: they are hit or missed together. The
-category is therefore what is resampled, never the query.
+Queries of one category in one scene show one thing from several frames, so they hit or miss together. The bootstrap
+therefore resamples categories, never queries.
 """
 
 import math
@@ -12,18 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+# Means of categories that differ by less are equal up to rounding.
 _SAME = 1e-12
-"""Means of categories that differ by no more are equal but for rounding."""
 
 
 @dataclass(frozen=True)
 class IntervalOptions:
-    """Which intervals are made.
+    """Options of the bootstrap.
 
     Attributes:
-        confidence: such as 0.95.
-        resamples: of the bootstrap.
-        seed: of the bootstrap.
+        confidence: confidence level, such as 0.95.
+        resamples: number of bootstrap samples.
+        seed: random seed of the bootstrap.
     """
 
     confidence: float
@@ -36,7 +36,7 @@ RESAMPLING = IntervalOptions(confidence=0.95, resamples=10_000, seed=0)
 
 @dataclass(frozen=True)
 class Interval:
-    """Lower and upper bound of a score."""
+    """Lower and upper bound."""
 
     low: float
     high: float
@@ -47,8 +47,8 @@ class Clusters:
     """The values of one scene's queries, summed by category.
 
     Attributes:
-        totals: (K,) float64 sum of each category's values.
-        counts: (K,) float64 number of each category's queries, at least 1.
+        totals: (K,) float64 sums of values by category.
+        counts: (K,) float64 numbers of queries by category, at least 1.
     """
 
     totals: NDArray[np.float64]
@@ -56,7 +56,7 @@ class Clusters:
 
     @property
     def mean(self) -> float:
-        """Mean over the queries; NaN of none."""
+        """Mean over the queries; NaN without queries."""
         count = self.counts.sum()
         return float(self.totals.sum() / count) if count else float("nan")
 
@@ -65,8 +65,8 @@ def cluster(values: Sequence[float], categories: Sequence[str]) -> Clusters:
     """Sum the values of a scene's queries by category.
 
     Args:
-        values: (P,) of each query.
-        categories: (P,) category of each query.
+        values: (P,) values of the queries.
+        categories: (P,) categories of the queries.
     """
     _, number = np.unique(np.asarray(categories, np.str_), return_inverse=True)
     return Clusters(
@@ -75,7 +75,7 @@ def cluster(values: Sequence[float], categories: Sequence[str]) -> Clusters:
 
 
 def mean_of_scenes(scenes: Sequence[Clusters]) -> float:
-    """Plain mean of the scenes' means, as in the paper's tables; scenes without queries are left out."""
+    """Plain mean of the scenes' means, as in the paper's tables, without scenes that have no queries."""
     means = [scene.mean for scene in scenes if len(scene.counts)]
     return math.fsum(means) / len(means) if means else float("nan")
 
@@ -83,31 +83,24 @@ def mean_of_scenes(scenes: Sequence[Clusters]) -> float:
 def clustered_interval(
     scenes: Sequence[Clusters], options: IntervalOptions, least: float = 0.0, most: float = 1.0
 ) -> Interval | None:
-    """Interval of ``mean_of_scenes``: how far other categories, and other scenes, could move it.
+    """Confidence interval of ``mean_of_scenes`` for other categories and other scenes.
 
-    Of one scene, categories are resampled with replacement, and the mean is their total over their number of queries.
-    Of several, scenes are resampled first, then the categories of each drawn scene. The interval is the bootstrap's
-    percentile interval, expanded for the small number K of categories in all: its tails are those of Student's
-    distribution times sqrt(K / (K - 1)) (Hesterberg 2015, "What teachers should know about the bootstrap"). Of few scenes
-    that differ by themselves it is too narrow; benchmarks/intervals/README.md says by how much.
-
-    Of so few categories that even their smallest and largest cover less than the confidence (of six 97 %, of five 94 %),
-    it is Student's interval around the mean, with the bootstrap's spread. Where all categories of all scenes have one
-    mean, resampling shows no spread: then Wilson's interval of 0 in K bounds the share of categories that could differ,
-    and each of these could be anything from ``least`` to ``most``.
+    It is an expanded percentile interval of the bootstrap. It is too narrow for few scenes that differ from each other;
+    benchmarks/intervals/README.md measures by how much.
 
     Args:
-        scenes: their values.
-        options: which interval is made.
-        least, most: bounds of a value, such as -1 and 1 of a difference of hits.
+        scenes: values of each scene.
+        options: options of the bootstrap.
+        least, most: bounds of a value, such as -1 and 1 for a difference of hits.
 
     Returns:
-        None where there are fewer than two categories: a single one tells nothing of others.
+        None with fewer than two categories: one category says nothing about others.
     """
     scenes = [scene for scene in scenes if len(scene.counts)]
     means = np.concatenate([scene.totals / scene.counts for scene in scenes]) if scenes else np.zeros(0)
     if len(means) < 2:
         return None
+    # Resampling equal means gives no spread.
     if np.ptp(means) <= _SAME:
         return _interval_without_spread(float(means[0]), len(means), options.confidence, least, most)
     low, high = _bounds(scenes, len(means), options)
@@ -120,13 +113,17 @@ def bounds_of(interval: Interval | None) -> tuple[float, float] | None:
 
 
 def scaled(bounds: Sequence[float] | None, factor: float) -> tuple[float, float] | None:
-    """A pair of bounds in another unit."""
+    """Multiply a pair of bounds by a factor."""
     return None if bounds is None else (factor * bounds[0], factor * bounds[1])
 
 
 def _bounds(scenes: Sequence[Clusters], clusters: int, options: IntervalOptions) -> tuple[float, float]:
     resampled = _resampled(scenes, options)
+    # The percentiles are expanded for a small number K of categories: the tails are those of Student's distribution
+    # times sqrt(K / (K - 1)) (Hesterberg 2015, "What teachers should know about the bootstrap").
     student = stats.t.ppf((1 + options.confidence) / 2, clusters - 1) * math.sqrt(clusters / (clusters - 1))
+    # The smallest and the largest of a few categories cover less than the confidence (of five, 94 %). Student's interval
+    # with the bootstrap's standard deviation replaces the percentiles.
     if 2.0 ** (1 - clusters) > 1 - options.confidence:
         mean, half = mean_of_scenes(scenes), student * float(resampled.std())
         return mean - half, mean + half
@@ -135,7 +132,7 @@ def _bounds(scenes: Sequence[Clusters], clusters: int, options: IntervalOptions)
 
 
 def _resampled(scenes: Sequence[Clusters], options: IntervalOptions) -> NDArray[np.float64]:
-    """(R,) means of resampled scenes and categories."""
+    """(R,) means of resampled scenes and categories: scenes first, then the categories of each drawn scene."""
     rng = np.random.default_rng(options.seed)
     shape = (options.resamples, len(scenes))
     drawn = rng.integers(len(scenes), size=shape) if len(scenes) > 1 else np.zeros(shape, np.int64)
@@ -150,5 +147,6 @@ def _resampled(scenes: Sequence[Clusters], options: IntervalOptions) -> NDArray[
 def _interval_without_spread(
     value: float, clusters: int, confidence: float, least: float, most: float
 ) -> Interval:
+    # Wilson's interval of 0 in K bounds the share of categories that could differ, each by as much as is possible.
     others = stats.binomtest(0, clusters).proportion_ci(confidence, method="wilson").high
     return Interval(value - others * (value - least), value + others * (most - value))

@@ -1,4 +1,4 @@
-"""Whether what is asked for is found at its place (docs/method.md#scores)."""
+"""Localization: decide whether an answer hits its target (docs/method.md#scores)."""
 
 from collections.abc import Sequence
 
@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from egosplat.evaluation.queries import InstanceMap, Mask
 
 TARGETS = ("box", "mask")
-"""What has to be hit: an instance's bounding box, as in LangSplat, or its pixels."""
+"""Regions to hit: the bounding box of an instance, as in LangSplat, or its pixels."""
 
 
 def target_area(instance_map: InstanceMap, instances: Sequence[int], hit_region: str) -> Mask:
-    """(H, W) bool: the pixels that hit any of the instances.
+    """(H, W) bool pixels that hit any of the instances.
 
     Args:
         instance_map: (H, W) int32.
@@ -30,17 +30,17 @@ def target_area(instance_map: InstanceMap, instances: Sequence[int], hit_region:
             for x0, y0, x1, y1 in bounding_boxes(instance_map, instances):
                 area[y0 : y1 + 1, x0 : x1 + 1] = True
             return area
-    raise ValueError(f"hit_region {hit_region!r} is none of {TARGETS}")
+    raise ValueError(f"hit_region {hit_region!r} is not one of {TARGETS}")
 
 
 def is_hit(candidates: NDArray[np.int64], area: Mask) -> bool:
-    """Whether any of the (K, 2) candidates, column and row, lies in the (H, W) area; none of no candidate."""
+    """Whether any of (K, 2) candidates, column and row, lies in the (H, W) area; False without candidates."""
     columns, rows = candidates.T
     return bool(area[rows, columns].any())
 
 
 def random_hit(area: Mask, valid: Mask | None) -> float:
-    """Probability that a random valid pixel hits, 0..1: what pointing anywhere is worth.
+    """Probability that a random valid pixel hits, 0..1.
 
     Args:
         area: (H, W) bool, see ``target_area``.
@@ -50,16 +50,16 @@ def random_hit(area: Mask, valid: Mask | None) -> float:
 
 
 def middle_hit(area: Mask) -> bool:
-    """Whether the middle of the picture hits: pixel (W // 2, H // 2), whatever is asked."""
+    """Whether the middle pixel of the image, (W // 2, H // 2), hits."""
     height, width = area.shape
     return bool(area[height // 2, width // 2])
 
 
 def bounding_boxes(instance_map: InstanceMap, instances: Sequence[int]) -> NDArray[np.int64]:
-    """Boxes of what is seen of each instance, those that are not seen left out.
+    """Bounding boxes of the visible instances.
 
     Returns:
-        (B, 4) int64 x0, y0, x1, y1, the first and last column and row [px].
+        (B, 4) int64 x0, y0, x1, y1: first and last column and row [px], both inside.
     """
     boxes = []
     for instance in instances:

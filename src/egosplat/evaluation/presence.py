@@ -1,4 +1,4 @@
-"""Queries asked of the whole scene, of things that are there and of things that are not."""
+"""Query the whole scene for present and for absent things, and score which queries are answered."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -26,24 +26,24 @@ from egosplat.query.things import Thing
 from egosplat.query.verdict import refusal
 
 LABEL_SIDE = 256
-"""Longer side of the views in which things are compared with annotations [px]."""
+"""Longer side of the views that compare things with annotations [px]."""
 
 LEAST_PIXELS = 4.0
-"""A thing of which the evaluation frames show less, at that size, cannot be compared."""
+"""Minimum area of a thing in all evaluation frames together, at that size [px]; smaller ones are not compared."""
 
 
 @dataclass(frozen=True)
 class PresenceQuery:
-    """One phrase that was asked of the whole scene.
+    """One query of the whole scene.
 
     Attributes:
-        phrase: what was asked.
-        present: whether the recording has such a thing.
-        score: of the best thing, 0..1.
-        answered: whether it was not refused.
+        phrase: text of the query.
+        present: whether the recording shows such a thing.
+        score: score of the best thing, 0..1.
+        answered: whether the query was not refused.
         untaught: whether the model was not trained on one of its words.
-        right: whether most of the thing that is named belongs to the category; None of an absent one, of one without
-            any thing, and where no evaluation frame shows the thing.
+        right: whether most of the best thing belongs to the category; None for absent phrases, without any thing, and
+            if no evaluation frame shows the thing.
     """
 
     phrase: str
@@ -57,18 +57,18 @@ class PresenceQuery:
 def presence_phrases(
     queries: Sequence[Query], instances: Sequence[Instance], negatives: Sequence[str]
 ) -> tuple[list[str], list[str]]:
-    """The phrases of things that are there, and of things that are not.
+    """The phrases of present and of absent things.
 
     Args:
-        queries: of the evaluation frames.
-        instances: of the whole recording.
-        negatives: phrases that may name something absent; those that are a category of the recording are dropped.
+        queries: queries of the evaluation frames.
+        instances: instances of the whole recording.
+        negatives: candidate phrases of absent things; categories of the recording are dropped.
 
     Returns:
-        The categories of the queries, sorted; the negatives that are left, in their order.
+        The sorted categories of the queries; the remaining negatives, in their order.
     """
-    named = {one.category for one in instances}
-    return sorted({query.category for query in queries}), [one for one in negatives if one not in named]
+    known = {instance.category for instance in instances}
+    return sorted({query.category for query in queries}), [one for one in negatives if one not in known]
 
 
 def ask_presence(
@@ -80,15 +80,15 @@ def ask_presence(
     clip: OpenClip,
     options: QueryOptions,
 ) -> list[PresenceQuery]:
-    """Ask the whole scene for what is there and for what is not.
+    """Query the whole scene for present and for absent things.
 
     Args:
         present, absent: phrases, see ``presence_phrases``.
-        evaluation: the frames whose annotations say what a thing is.
-        poses: the poses artifact, from whose frames the scene is looked at.
-        scene: is asked.
-        clip: the model that its features were made with.
-        options: how queries are answered.
+        evaluation: the evaluation frames with their annotations.
+        poses: the poses artifact.
+        scene: the Gaussians and their codes.
+        clip: the model that made the scene's features.
+        options: how to compute and read relevancy.
     """
     phrases = [*present, *absent]
     if not phrases:
@@ -114,14 +114,14 @@ def ask_presence(
 
 
 def presence_entry(queries: Sequence[PresenceQuery], min_score: float) -> dict[str, Any]:
-    """What ``metrics.json`` tells of them.
+    """The entry ``presence`` of ``metrics.json``.
 
     Args:
-        queries: all of them.
-        min_score: least score of an answer.
+        queries: all queries of the scene.
+        min_score: minimum score of an answer.
     """
-    present, absent = ([one for one in queries if one.present is there] for there in (True, False))
-    # Untaught words are refused whatever their score, so their scores say nothing of the limit.
+    present, absent = ([one for one in queries if one.present is value] for value in (True, False))
+    # Untaught words are refused at any score, so their scores say nothing about the limit.
     taught = [one.score for one in absent if not one.untaught]
     return {
         "min_score": min_score,
@@ -144,15 +144,15 @@ def presence_entry(queries: Sequence[PresenceQuery], min_score: float) -> dict[s
 def annotated_shares(
     scene: QueryScene, things: Sequence[Thing], evaluation: Evaluation
 ) -> tuple[NDArray[np.float64], list[str]]:
-    """How much of each thing lies on each annotated category, over the evaluation frames.
+    """Measure how many pixels of each thing lie on each annotated category, over the evaluation frames.
 
     Args:
-        scene: that the things are of.
-        things: T of them.
-        evaluation: the frames with their annotations. Pixels of people do not count: they are not in the Gaussians.
+        scene: the scene of the things.
+        things: T things.
+        evaluation: the evaluation frames with their annotations.
 
     Returns:
-        (T, C + 1) float64 pixels, the last column on nothing that is annotated; names of the C categories.
+        (T, C + 1) float64 pixels, the last column without annotation; names of the C categories.
     """
     names = sorted({one.category for one in evaluation.instances})
     total = np.zeros((len(things), len(names) + 1))
@@ -172,12 +172,12 @@ def annotated_shares(
 
 
 def is_right(shares: NDArray[np.float64], names: Sequence[str], category: str) -> bool | None:
-    """Whether more than half of a thing belongs to a category; None where too little of it is seen.
+    """Whether more than half of a thing belongs to a category; None if too little of it is visible.
 
     Args:
         shares: (C + 1,) row of ``annotated_shares``.
-        names: of the categories.
-        category: which should be the largest.
+        names: names of the C categories.
+        category: the expected category.
     """
     if shares.sum() < LEAST_PIXELS or category not in names:
         return None
@@ -185,9 +185,9 @@ def is_right(shares: NDArray[np.float64], names: Sequence[str], category: str) -
 
 
 def separation(present: Sequence[float], absent: Sequence[float]) -> float:
-    """Area under the ROC curve: how often a present thing scores higher than an absent one, ties half.
+    """Area under the ROC curve: how often a present thing scores higher than an absent one; ties count half.
 
-    NaN where either is empty.
+    NaN if either is empty.
     """
     if not len(present) or not len(absent):
         return float("nan")
@@ -196,7 +196,7 @@ def separation(present: Sequence[float], absent: Sequence[float]) -> float:
 
 
 def _indicators(things: Sequence[Thing], scene: QueryScene) -> torch.Tensor:
-    """(N, T) 1 where a Gaussian belongs to a thing."""
+    """(N, T) float32: 1 where a Gaussian belongs to a thing."""
     values = torch.zeros(scene.gaussians.count, len(things))
     for column, thing in enumerate(things):
         values[torch.from_numpy(thing.members), column] = 1.0
@@ -206,10 +206,12 @@ def _indicators(things: Sequence[Thing], scene: QueryScene) -> torch.Tensor:
 def _category_map(
     evaluation: Evaluation, frame: Frame, names: Sequence[str], camera: Camera
 ) -> NDArray[np.int64]:
-    """(h, w) int64 index of the category at the centre of each pixel of a smaller camera; C for none, -1 for people and
-    for what does not show the scene."""
-    own = [-1 if one.instance_type == "human" else names.index(one.category) for one in evaluation.instances]
-    lookup = np.array([*own, len(names)], np.int16)
+    """(h, w) int64 category at each pixel centre of a smaller camera; C for none, -1 for people and invalid pixels."""
+    # Pixels of people do not count: people are masked in training, so the Gaussians do not show them.
+    index = [
+        -1 if one.instance_type == "human" else names.index(one.category) for one in evaluation.instances
+    ]
+    lookup = np.array([*index, len(names)], np.int16)
     full = np.where(evaluation.valid, lookup[evaluation.map_of(frame)], np.int16(-1))
     size = camera.width, camera.height
     return cv2.resize(full, size, interpolation=cv2.INTER_NEAREST_EXACT).astype(np.int64)

@@ -1,4 +1,4 @@
-"""How what was scored came about: every artifact on the way, what it cost, and which models made it."""
+"""Summarise how a scored scene was made: its artifacts, their cost, and the models used."""
 
 from typing import Any
 
@@ -10,18 +10,20 @@ _MIB = 2**20
 
 
 def artifact_entries(made_from: Lineage) -> dict[str, dict[str, Any] | None]:
-    """Provenance, digest and size on disk [MiB] of each artifact by file name, what it cost among it; of one that was
-    trained, the time that this took altogether [s], interruptions left out. None of a lost one."""
+    """Provenance, digest and size on disk [MiB] of each artifact, by file name; None for a lost artifact.
+
+    A trained artifact also has its total training time [s], without interruptions.
+    """
     known = {name: artifact.provenance | _measured(artifact) for name, artifact in made_from.found.items()}
     return known | dict.fromkeys(made_from.lost)
 
 
 def total_cost(made_from: Lineage, own: dict[str, Any]) -> dict[str, float | None]:
-    """Wall time of all stages one after the other [s] and the largest peak memory [MiB]; None if an artifact is lost.
+    """Sum of the wall times of all stages [s] and the largest peak memory [MiB]; None if an artifact is lost.
 
     Args:
         made_from: all artifacts.
-        own: the record of what is being made itself.
+        own: the provenance of the running stage.
     """
     if made_from.lost:
         return {"wall_s": None, "peak_memory_mb": None}
@@ -33,7 +35,7 @@ def total_cost(made_from: Lineage, own: dict[str, Any]) -> dict[str, float | Non
 
 
 def models_used(made_from: Lineage) -> dict[str, dict[str, Any]]:
-    """Of each model by the key of its checkpoint: its value, content hash, and whether it is the small one shipped."""
+    """Checkpoint, content hash and whether it is the bundled small model, by the checkpoint's configuration key."""
     return {
         key: {
             "checkpoint": artifact.provenance["options"][key],

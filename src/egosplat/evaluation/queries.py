@@ -1,4 +1,4 @@
-"""The benchmark's queries: every category that an annotated frame shows (docs/method.md#benchmark-queries)."""
+"""The evaluation queries: every category in every annotated frame (docs/method.md#benchmark-queries)."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from egosplat.artifacts.reader import Artifact
 from egosplat.frames.recording import Instance
 
 GROUPS = ("static", "dynamic", "all")
-"""What is reported separately, as in the paper's tables."""
+"""Groups with separate scores, as in the paper's tables."""
 
 InstanceMap = NDArray[np.int32]
 Mask = NDArray[np.bool_]
@@ -18,12 +18,12 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class BenchmarkQueries:
-    """Which pairs of a frame and a category are asked.
+    """Options that select pairs of a frame and a category.
 
     Attributes:
-        min_area: a group of a category counts in a frame that shows at least this share of the picture of it.
-        excluded: categories that are not asked, such as ADT's ``shelter``, the rooms themselves.
-        people: whether people are asked for.
+        min_area: minimum share of the image that a group of a category must cover to count in a frame.
+        excluded: categories without queries, such as ADT's ``shelter`` (walls, floor, ceiling).
+        people: whether to query people.
     """
 
     min_area: float
@@ -33,16 +33,16 @@ class BenchmarkQueries:
 
 @dataclass(frozen=True)
 class Query:
-    """A category in a frame, with all of its instances there.
+    """A category in a frame, with its visible instances.
 
-    A category that owns static and dynamic instances in a frame counts once in ``all``, and in each of the other
-    groups with the instances of this kind as the truth (docs/method.md#mixed-categories).
+    A category with static and dynamic instances in a frame counts once in ``all``, and in each other group with the
+    instances of that group as ground truth (docs/method.md#mixed-categories).
 
     Attributes:
-        row: of the frame in annotations.zarr.
-        frame: its index in frames.zarr.
-        category: the text that is asked, as the dataset has it.
-        instances: of each group in which the query counts, one at least: indices of the instances that are seen.
+        row: index of the frame in annotations.zarr.
+        frame: index of the frame in frames.zarr.
+        category: text of the query, as the dataset names the category.
+        instances: indices of the visible instances, by group; at least one group.
     """
 
     row: int
@@ -52,12 +52,12 @@ class Query:
 
 
 def find_queries(annotations: Artifact, valid: Mask, options: BenchmarkQueries) -> list[Query]:
-    """All queries of an annotations artifact, by frame, then category.
+    """Find all queries of an annotations artifact, ordered by frame, then category.
 
     Args:
         annotations: the artifact.
-        valid: (H, W) bool, of frames.zarr: pixels that show the scene.
-        options: which are asked.
+        valid: (H, W) bool pixels that show the scene, from frames.zarr.
+        options: which queries to make.
     """
     instances = instances_of(annotations)
     annotated, frames = annotations.read("annotated"), annotations.read("frame")
@@ -69,24 +69,24 @@ def find_queries(annotations: Artifact, valid: Mask, options: BenchmarkQueries) 
 
 
 def read_map(annotations: Artifact, row: int, valid: Mask) -> InstanceMap:
-    """(H, W) int32 instance map of an evaluation frame; -1 also outside of what is valid."""
+    """(H, W) int32 instance map of an evaluation frame; invalid pixels are -1."""
     return np.where(valid, annotations.row("instance_map", row), np.int32(-1))
 
 
 def instances_of(annotations: Artifact) -> list[Instance]:
-    """What the instance maps' indices mean."""
+    """The instances, by their index in the instance maps."""
     return [Instance(**entry) for entry in annotations.facts["instances"]]
 
 
 def categories(
     instance_map: InstanceMap, instances: Sequence[Instance], options: BenchmarkQueries
 ) -> Iterator[tuple[str, dict[str, tuple[int, ...]]]]:
-    """The categories that are asked in one frame, in alphabetical order, with the instances of each group.
+    """The categories to query in one frame, in alphabetical order, with their instances by group.
 
     Args:
         instance_map: (H, W) int32 index into the instances, -1 for none.
-        instances: of the recording.
-        options: which categories are asked.
+        instances: all instances of the recording.
+        options: which categories to query.
     """
     area = np.bincount(instance_map[instance_map >= 0], minlength=len(instances))
     least = options.min_area * instance_map.size
@@ -95,8 +95,11 @@ def categories(
         if _is_asked(instances[index], options):
             seen.setdefault(instances[index].category, []).append(int(index))
     for category, members in sorted(seen.items()):
-        kinds = {kind: [one for one in members if instances[one].motion_type == kind] for kind in GROUPS[:2]}
-        groups = kinds | {"all": members}
+        by_motion = {
+            motion: [index for index in members if instances[index].motion_type == motion]
+            for motion in GROUPS[:2]
+        }
+        groups = by_motion | {"all": members}
         large = {name: tuple(own) for name, own in groups.items() if own and area[own].sum() >= least}
         if large:
             yield category, large

@@ -1,4 +1,4 @@
-"""How well a held-out photograph is rendered: of all, of static and of dynamic pixels, as EgoLifter."""
+"""PSNR and SSIM of held-out renders, of all, static and dynamic pixels, as in EgoLifter."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -17,12 +17,12 @@ Picture = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class RegionScore:
-    """Of one region of a picture; NaN where it has no pixel.
+    """Scores of one region of an image; NaN if the region is empty.
 
     Attributes:
-        pixels: its size.
-        psnr: [dB], infinite where render and photograph are equal.
-        ssim: mean of the SSIM map over the region's pixels that have a value; NaN too where none has.
+        pixels: size of the region.
+        psnr: [dB]; infinite if render and photograph are equal.
+        ssim: mean of the SSIM map over the region's pixels with a value; NaN without any.
     """
 
     pixels: int
@@ -32,11 +32,11 @@ class RegionScore:
 
 @dataclass(frozen=True)
 class RenderingScore:
-    """Of one region in several pictures; NaN where none has it.
+    """Mean scores of one region over several images; NaN if the region is empty in all of them.
 
     Attributes:
-        frames: pictures that have a pixel of it.
-        psnr, ssim: means over those of these pictures that have one, as papers have them.
+        frames: number of images with a pixel of the region.
+        psnr, ssim: means over the images that have a value.
     """
 
     frames: int
@@ -45,7 +45,7 @@ class RenderingScore:
 
 
 def summarise_rendering(scores: Sequence[Mapping[str, RegionScore]]) -> dict[str, RenderingScore]:
-    """The mean over pictures of each of ``GROUPS``; pictures without a pixel of a region do not count there."""
+    """The mean over images for each of ``GROUPS``; images where a group is empty do not count."""
     return {name: _mean([one[name] for one in scores if name in one]) for name in GROUPS}
 
 
@@ -62,16 +62,16 @@ def regions(instance_map: InstanceMap, instances: Sequence[Instance], valid: Mas
     """The pixels of each group.
 
     Args:
-        instance_map: (H, W) int32, -1 where nothing is annotated; that counts as static.
-        instances: that the map's indices mean.
+        instance_map: (H, W) int32, -1 without annotation, which counts as static.
+        instances: instances by their index in the map.
         valid: (H, W) bool pixels that show the scene.
 
     Returns:
-        (H, W) bool for ``static``, ``dynamic`` and ``all``, the valid pixels.
+        (H, W) bool for ``static``, ``dynamic`` and ``all`` valid pixels.
     """
-    # The last entry is the one that -1 picks.
-    moves = np.array([*(one.motion_type == "dynamic" for one in instances), False])
-    dynamic = moves[instance_map] & valid
+    # Index -1 selects the last entry.
+    is_dynamic = np.array([*(one.motion_type == "dynamic" for one in instances), False])
+    dynamic = is_dynamic[instance_map] & valid
     return {"static": valid & ~dynamic, "dynamic": dynamic, "all": valid}
 
 
@@ -80,12 +80,10 @@ def region_scores(
 ) -> dict[str, RegionScore]:
     """PSNR and SSIM of each group of pixels, see ``egosplat.image_quality``.
 
-    SSIM compares the 11 x 11 pixels around each, so that a region's border also shows what lies beyond it.
-
     Args:
         render, photograph: (H, W, 3) uint8.
         valid: (H, W) bool pixels that show the scene.
-        groups: (H, W) bool each, within the valid ones.
+        groups: (H, W) bool masks of valid pixels, by name.
 
     Raises:
         ValueError: shapes differ.
@@ -94,10 +92,11 @@ def region_scores(
         raise ValueError(
             f"render {render.shape}, photograph {photograph.shape} and valid {valid.shape} differ"
         )
-    image, truth = torch.from_numpy(render), torch.from_numpy(photograph)
-    alike = ssim_map(image, truth, torch.from_numpy(valid))
-    regions = {name: torch.from_numpy(own) for name, own in groups.items()}
+    image, target = torch.from_numpy(render), torch.from_numpy(photograph)
+    # SSIM compares windows of 11 x 11 pixels, so it also depends on pixels just outside a region.
+    ssim = ssim_map(image, target, torch.from_numpy(valid))
+    regions = {name: torch.from_numpy(mask) for name, mask in groups.items()}
     return {
-        name: RegionScore(int(own.sum()), psnr(image, truth, own), mean_ssim(alike, own))
-        for name, own in regions.items()
+        name: RegionScore(int(mask.sum()), psnr(image, target, mask), mean_ssim(ssim, mask))
+        for name, mask in regions.items()
     }

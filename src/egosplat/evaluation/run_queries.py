@@ -1,4 +1,4 @@
-"""The benchmark's queries, asked frame by frame."""
+"""Run the evaluation queries, frame by frame."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -15,13 +15,13 @@ from egosplat.query.text import Texts
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
-    """A query, what was answered without its maps, and the score.
+class AnsweredQuery:
+    """A query with its score and its answer, without the answer's maps.
 
     Attributes:
-        query: what was asked.
-        score: against the truth.
-        relevancy: the largest.
+        query: the query.
+        score: score against the annotation.
+        relevancy: largest smoothed relevancy, 0..1.
         level, mask_level, pixel, position: see ``egosplat.query.answer.Answer``.
         mask_pixels: size of the mask.
     """
@@ -36,38 +36,40 @@ class Asked:
     mask_pixels: int
 
 
-def ask_all(
+def run_queries(
     queries: Sequence[Query],
     evaluation: Evaluation,
     scene: QueryScene,
     texts: Texts,
     options: QueryOptions,
     hit_region: str,
-) -> Iterator[Asked]:
-    """Ask all queries, each in its frame.
+) -> Iterator[AnsweredQuery]:
+    """Answer and score all queries, each in its frame.
 
     Args:
-        queries: in frames that have a pose.
-        evaluation: whose frames they are of.
-        scene: is asked.
-        texts: of all categories.
-        options: how queries are answered.
+        queries: queries in frames with a pose.
+        evaluation: the evaluation frames.
+        scene: the Gaussians and their codes.
+        texts: features of all categories.
+        options: how to compute and read relevancy.
         hit_region: see ``egosplat.evaluation.localization.target_area``.
     """
-    wanted = {query.frame for query in queries}
-    frames = [frame for frame in evaluation.frames if frame.index in wanted]
-    for frame in track(frames, "asking"):
-        own = [query for query in queries if query.frame == frame.index]
-        truth, pose = evaluation.map_of(frame), evaluation.camera_to_world[frame.index]
-        words = texts.of([query.category for query in own])
-        answers = ask(scene, words, evaluation.camera, pose, evaluation.valid, options)
-        for query, answer in zip(own, answers, strict=True):
-            score = score_query(query, answer.candidates, answer.mask, truth, evaluation.valid, hit_region)
+    queried = {query.frame for query in queries}
+    frames = [frame for frame in evaluation.frames if frame.index in queried]
+    for frame in track(frames, "queries"):
+        in_frame = [query for query in queries if query.frame == frame.index]
+        instance_map, pose = evaluation.map_of(frame), evaluation.camera_to_world[frame.index]
+        texts_in_frame = texts.of([query.category for query in in_frame])
+        answers = ask(scene, texts_in_frame, evaluation.camera, pose, evaluation.valid, options)
+        for query, answer in zip(in_frame, answers, strict=True):
+            score = score_query(
+                query, answer.candidates, answer.mask, instance_map, evaluation.valid, hit_region
+            )
             yield _without_maps(query, answer, score)
 
 
-def _without_maps(query: Query, answer: Answer, score: QueryScore) -> Asked:
-    return Asked(
+def _without_maps(query: Query, answer: Answer, score: QueryScore) -> AnsweredQuery:
+    return AnsweredQuery(
         query=query,
         score=score,
         relevancy=answer.score,

@@ -1,4 +1,4 @@
-"""The scores of a scene: each query by itself, and together for static, dynamic and all."""
+"""Score single queries, and the groups static, dynamic and all of a scene."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,13 +13,13 @@ from egosplat.evaluation.queries import GROUPS, InstanceMap, Mask, Query
 
 @dataclass(frozen=True)
 class Result:
-    """What an answer is worth against the truth of one group.
+    """Scores of an answer against the instances of one group.
 
     Attributes:
-        hit: whether it was found at its place.
-        iou: of the mask, 0..1.
+        hit: whether a candidate pixel hits.
+        iou: IoU of the mask, 0..1.
         random_hit: probability that a random valid pixel hits, 0..1.
-        middle_hit: whether the middle of the picture hits.
+        middle_hit: whether the middle pixel of the image hits.
     """
 
     hit: bool
@@ -30,11 +30,11 @@ class Result:
 
 @dataclass(frozen=True)
 class QueryScore:
-    """Of one query.
+    """Scores of one query.
 
     Attributes:
-        category: what was asked; queries of one category are one cluster.
-        groups: the results by the groups in which it counts.
+        category: category of the query; intervals resample categories.
+        groups: results, by the groups in which the query counts.
     """
 
     category: str
@@ -43,16 +43,16 @@ class QueryScore:
 
 @dataclass(frozen=True)
 class GroupScore:
-    """Of all queries of a group; NaN where there is none.
+    """Scores of all queries of a group; NaN without queries.
 
     Attributes:
         count: number of queries, pairs of a frame and a category.
-        categories: number of categories among them.
-        accuracy: share of queries that were found at their place, 0..1.
-        accuracy_interval: see ``clustered_interval``; None of a single category.
-        mean_iou: plain mean over queries, as LangSplat's (docs/method.md#mean-iou), 0..1.
-        mean_iou_interval: the same as of the accuracy.
-        random_pixel, middle_pixel: accuracy of a random valid pixel, and of the middle of the picture: chance.
+        categories: number of different categories.
+        accuracy: share of queries that hit, 0..1.
+        accuracy_interval: see ``clustered_interval``; None with fewer than two categories.
+        mean_iou: plain mean over queries, as in LangSplat (docs/method.md#mean-iou), 0..1.
+        mean_iou_interval: as ``accuracy_interval``.
+        random_pixel, middle_pixel: accuracy of a random valid pixel and of the middle pixel (chance level).
     """
 
     count: int
@@ -73,49 +73,49 @@ def score_query(
     valid: Mask | None,
     hit_region: str,
 ) -> QueryScore:
-    """Compare an answer with the truth of each group; the answer is the same for all.
+    """Score one answer against the instances of each group.
 
     Args:
-        query: what was asked.
-        candidates, mask: of the answer, see ``egosplat.query.answer.Answer``; (K, 2) int64 and (H, W) bool.
+        query: the query.
+        candidates, mask: (K, 2) int64 and (H, W) bool, see ``egosplat.query.answer.Answer``.
         instance_map: (H, W) int32 of the query's frame, see ``read_map``.
         valid: (H, W) bool pixels that show the scene, or None for all.
         hit_region: see ``target_area``.
     """
 
-    def result(own: Sequence[int]) -> Result:
-        area = target_area(instance_map, own, hit_region)
+    def result(members: Sequence[int]) -> Result:
+        area = target_area(instance_map, members, hit_region)
         return Result(
             hit=is_hit(candidates, area),
-            iou=iou(mask, np.isin(instance_map, own), valid),
+            iou=iou(mask, np.isin(instance_map, members), valid),
             random_hit=random_hit(area, valid),
             middle_hit=middle_hit(area),
         )
 
-    return QueryScore(query.category, {name: result(own) for name, own in query.instances.items()})
+    return QueryScore(query.category, {name: result(members) for name, members in query.instances.items()})
 
 
-def iou(predicted: Mask, truth: Mask, valid: Mask | None) -> float:
+def iou(predicted: Mask, target: Mask, valid: Mask | None) -> float:
     """Intersection over union of two masks, 0..1.
 
     Args:
-        predicted, truth: (H, W) bool; the truth is seen in a valid pixel at least.
+        predicted, target: (H, W) bool; the target has at least one valid pixel.
         valid: (H, W) bool pixels that count, or None for all.
 
     Raises:
-        ValueError: shapes differ, or there is no truth: then the value is not defined.
+        ValueError: shapes differ, or the target is empty.
     """
-    if predicted.shape != truth.shape:
-        raise ValueError(f"a mask of {predicted.shape} is compared with one of {truth.shape}")
+    if predicted.shape != target.shape:
+        raise ValueError(f"the shapes of two masks differ: {predicted.shape} and {target.shape}")
     if valid is not None:
-        predicted, truth = predicted & valid, truth & valid
-    if not truth.any():
+        predicted, target = predicted & valid, target & valid
+    if not target.any():
         raise ValueError("a query without a visible instance has no IoU")
-    return float((predicted & truth).sum() / (predicted | truth).sum())
+    return float((predicted & target).sum() / (predicted | target).sum())
 
 
 def summarise(scores: Sequence[QueryScore], options: IntervalOptions) -> dict[str, GroupScore]:
-    """The scores of each of ``GROUPS``."""
+    """Scores of each of ``GROUPS``."""
     return {name: _summary([one for one in scores if name in one.groups], name, options) for name in GROUPS}
 
 

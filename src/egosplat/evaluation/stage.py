@@ -1,9 +1,11 @@
-"""Stage ``metrics``: everything that is annotated is asked for; answers and renders are scored."""
+"""Stage ``metrics``: query every annotated category, score the answers and the renders."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from egosplat.alarms.alarm import Alarm, warning_lines
 from egosplat.alarms.artifact_alarms import alarms_of_all
@@ -14,11 +16,11 @@ from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.lineage import Lineage, lineage
+from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.poses import POSES, length_unit
 from egosplat.artifacts.provenance import Provenance
-from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
-from egosplat.evaluation.counts import counts_of
 from egosplat.evaluation.document import (
     FORMAT_VERSION,
     METRICS,
@@ -27,13 +29,13 @@ from egosplat.evaluation.document import (
     score_entry,
     write_metrics,
 )
-from egosplat.evaluation.evaluation_frames import Evaluation, Frame, read_evaluation
+from egosplat.evaluation.evaluation_frames import Evaluation, Frame, count_frames, read_evaluation
 from egosplat.evaluation.intervals import IntervalOptions
 from egosplat.evaluation.presence import ask_presence, presence_entry, presence_phrases
 from egosplat.evaluation.provenance_summary import artifact_entries, models_used, total_cost
 from egosplat.evaluation.queries import GROUPS, BenchmarkQueries, Query, find_queries
 from egosplat.evaluation.rendering import summarise_rendering
-from egosplat.evaluation.run_queries import Asked, ask_all
+from egosplat.evaluation.run_queries import AnsweredQuery, run_queries
 from egosplat.evaluation.scores import GroupScore, summarise
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.output_files import check_output
@@ -46,10 +48,7 @@ from egosplat.query.text import encode_texts
 
 @dataclass(frozen=True)
 class MetricsOptions(QueryOptions, BenchmarkQueries, IntervalOptions):
-    """The schema's keys of ``metrics``, ``query`` and ``presence``, and of ``models`` OpenCLIP's.
-
-    ``config.schema.yaml`` describes each.
-    """
+    """The keys of ``metrics``, ``query``, ``presence`` and of OpenCLIP in ``models``; see ``config.schema.yaml``."""
 
     backend: str
     hit_region: str
@@ -75,43 +74,52 @@ def run(
     """Write the scores of a scene as JSON, see ``metrics.schema.yaml``.
 
     Raises:
-        UserError: inputs do not belong together, the model is not that of the features, the backend cannot run.
+        UserError: the inputs do not match, the model did not make the features, or the backend cannot run.
     """
     check_output(output, METRICS)
-    pictures, walk = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
-    truth, words = open_artifact(annotations, ANNOTATIONS), open_artifact(features, FEATURES)
-    trained, meaning = open_artifact(splats, SPLATS), open_artifact(language, LANGUAGE)
-    made_from = lineage([pictures, walk, truth, words, trained, meaning])
-    made = _begin(asdict(options), made_from)
+    frames_artifact, poses_artifact = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
+    annotations_artifact = open_artifact(annotations, ANNOTATIONS)
+    features_artifact, splats_artifact = open_artifact(features, FEATURES), open_artifact(splats, SPLATS)
+    language_artifact = open_artifact(language, LANGUAGE)
+    made_from = lineage(
+        [
+            frames_artifact,
+            poses_artifact,
+            annotations_artifact,
+            features_artifact,
+            splats_artifact,
+            language_artifact,
+        ]
+    )
+    record = _begin(asdict(options), made_from)
     model = (options.clip_model, options.clip_checkpoint, options.device, options.precision)
-    clip = load_clip_of(words, *model)
-    evaluation = read_evaluation(pictures, walk, truth, trained)
+    clip = load_clip_of(features_artifact, *model)
+    evaluation = read_evaluation(frames_artifact, poses_artifact, annotations_artifact, splats_artifact)
     queries = _queries(evaluation, options)
     texts = encode_texts(clip, sorted({query.category for query in queries}), options.canonical)
-    scene = read_scene(trained, meaning, words, options.backend)
-    asked = list(ask_all(queries, evaluation, scene, texts, options, options.hit_region))
+    scene = read_scene(splats_artifact, language_artifact, features_artifact, options.backend)
+    answered = list(run_queries(queries, evaluation, scene, texts, options, options.hit_region))
     phrases = presence_phrases(queries, evaluation.instances, options.negatives)
-    presence = presence_entry(
-        ask_presence(*phrases, evaluation, walk, scene, clip, options), options.min_score
-    )
-    scores = summarise([one.score for one in asked], options)
-    used = list(made_from.found.values())
+    presence_queries = ask_presence(*phrases, evaluation, poses_artifact, scene, clip, options)
+    presence = presence_entry(presence_queries, options.min_score)
+    scores = summarise([one.score for one in answered], options)
+    used, levels = list(made_from.found.values()), language_artifact.facts["levels"]
     notice, alarms = notice_of_artifacts(used), [*alarms_of_all(used), *_alarms(scores["all"])]
     document = {
         "scene": title,
         "notice": notice,
         "alarms": [asdict(alarm) for alarm in alarms],
-        "counts": counts_of(evaluation, words, meaning, made_from),
+        "counts": _counts(evaluation, features_artifact, language_artifact, made_from),
         "scores": {name: score_entry(score) for name, score in scores.items()},
         "presence": presence,
-        "length_unit": length_unit(walk),
-        "queries": [query_entry(one, evaluation.instances, meaning.facts["levels"]) for one in asked],
-        **_rendering(evaluation, asked),
-        **_making(made, made_from),
+        "length_unit": length_unit(poses_artifact),
+        "queries": [query_entry(one, evaluation.instances, levels) for one in answered],
+        **_rendering_entries(evaluation, answered),
+        **_provenance_entries(record, made_from),
     }
     write_metrics(output, document, METRICS)
-    _tell(evaluation.frames, scores)
-    _tell_presence(presence)
+    _log_scores(evaluation.frames, scores)
+    _log_presence(presence)
     for line in warning_lines(notice, alarms):
         log(line)
 
@@ -125,15 +133,35 @@ def _begin(keys: dict[str, Any], made_from: Lineage) -> Provenance:
 
 
 def _queries(evaluation: Evaluation, options: BenchmarkQueries) -> list[Query]:
-    """Those of frames that have a pose."""
+    """The queries of frames with a pose."""
     asked = {frame.row for frame in evaluation.frames if frame.asked}
     found = find_queries(evaluation.annotations, evaluation.valid, options)
     return [query for query in found if query.row in asked]
 
 
-def _rendering(evaluation: Evaluation, asked: Sequence[Asked]) -> dict[str, Any]:
+def _counts(
+    evaluation: Evaluation, features: Artifact, language: Artifact, made_from: Lineage
+) -> dict[str, Any]:
+    """Counts of frames, instances, views and Gaussians."""
+    levels = features.facts["levels"]
+    by_level = np.bincount(features.read("instances/level"), minlength=len(levels))
+    # Without masks, the lineage has no masks artifact.
+    masks = next((one for one in made_from.found.values() if one.schema.name == MASKS.name), None)
+    with_code = (language.read("share") > 0).sum(axis=0)
+    return count_frames(evaluation.frames_artifact, evaluation.frames, evaluation.instances) | {
+        "training_frames": evaluation.splats.facts["views"]["training"],
+        "instances": dict(zip(levels, by_level.tolist(), strict=True)),
+        "transient_instances": None if masks is None else masks.facts["transient"],
+        "views": features.shape("instance")[0],
+        "gaussians": evaluation.splats.shape("means")[0],
+        "gaussians_with_code": dict(zip(language.facts["levels"], with_code.tolist(), strict=True)),
+        "code_channels": language.shape("code")[2],
+    }
+
+
+def _rendering_entries(evaluation: Evaluation, answered: Sequence[AnsweredQuery]) -> dict[str, Any]:
     rendering = [evaluation.rendering_of(frame) for frame in evaluation.frames]
-    counts = [sum(one.query.frame == frame.index for one in asked) for frame in evaluation.frames]
+    counts = [sum(one.query.frame == frame.index for one in answered) for frame in evaluation.frames]
     entries = zip(evaluation.frames, counts, rendering, strict=True)
     return {
         "frames": [frame_entry(*entry) for entry in entries],
@@ -141,11 +169,11 @@ def _rendering(evaluation: Evaluation, asked: Sequence[Asked]) -> dict[str, Any]
     }
 
 
-def _making(made: Provenance, made_from: Lineage) -> dict[str, Any]:
-    record = made.record()
+def _provenance_entries(provenance_of_run: Provenance, made_from: Lineage) -> dict[str, Any]:
+    record = provenance_of_run.record()
     return {
         "format_version": FORMAT_VERSION,
-        "origin": made.origin,
+        "origin": provenance_of_run.origin,
         "provenance": record,
         "models": models_used(made_from),
         "artifacts": artifact_entries(made_from),
@@ -158,28 +186,28 @@ def _alarms(score: GroupScore) -> Iterator[Alarm]:
     return metrics_alarms(interval and interval.low, max(score.random_pixel, score.middle_pixel))
 
 
-def _tell(frames: Sequence[Frame], scores: Mapping[str, GroupScore]) -> None:
+def _log_scores(frames: Sequence[Frame], scores: Mapping[str, GroupScore]) -> None:
     if trained_on := sum(frame.trained_on for frame in frames):
         log(
-            f"warning: {trained_on} of {len(frames)} evaluation frames were trained on; their renders are not scored"
+            f"warning: {trained_on} of {len(frames)} evaluation frames are training frames; their renders are not scored"
         )
     if lost := sum(frame.annotated and not frame.registered for frame in frames):
-        log(f"warning: {lost} annotated frames have no pose and are not asked")
+        log(f"warning: {lost} annotated frames have no pose and are not queried")
     for name in GROUPS:
-        one = scores[name]
-        told = (
-            f"accuracy {one.accuracy:.1%} (chance: a random pixel {one.random_pixel:.1%}, the middle of the picture "
-            f"{one.middle_pixel:.1%}), mIoU {one.mean_iou:.1%}"
+        score = scores[name]
+        values = (
+            f"accuracy {score.accuracy:.1%} (chance: a random pixel {score.random_pixel:.1%}, the middle of the image "
+            f"{score.middle_pixel:.1%}), mIoU {score.mean_iou:.1%}"
         )
-        log(f"{name}: {one.count} queries, {told if one.count else 'nothing to ask for'}")
+        log(f"{name}: {score.count} queries, {values if score.count else 'no scores'}")
 
 
-def _tell_presence(presence: Mapping[str, Any]) -> None:
+def _log_presence(presence: Mapping[str, Any]) -> None:
     present, absent = presence["present"], presence["absent"]
     if present["asked"]:
         log(
-            f"whole scene: of {present['asked']} things that are there {present['answered']} are answered, "
-            f"{present['right']} of them rightly"
+            f"whole scene: {present['answered']} of {present['asked']} queries of present things are answered, "
+            f"{present['right']} of them correctly"
         )
     if absent["asked"]:
-        log(f"whole scene: of {absent['asked']} things that are not there {absent['answered']} are answered")
+        log(f"whole scene: {absent['answered']} of {absent['asked']} queries of absent things are answered")

@@ -46,7 +46,7 @@ def test_a_pose_file_may_be_in_any_folder(tmp_path):
     "text, said",
     [
         (None, "does not exist"),
-        ("{", "is no JSON"),
+        ("{", "is not JSON"),
         ("[]", "is not JSON with 4x4"),
         ("[" * 5000, "nested too deeply"),
         (json.dumps({"camera_to_world": [[10**400]]}), "is not JSON with 4x4"),
