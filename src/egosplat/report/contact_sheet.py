@@ -1,4 +1,4 @@
-"""A scene on one page: its pictures, the annotations of its evaluation frames, and the walk from above."""
+"""Draw a scene on one page: frames, annotated evaluation frames, and the trajectory from above."""
 
 import math
 from pathlib import Path
@@ -21,109 +21,110 @@ from egosplat.report.page_text import add_name
 PAGE = picture_kind("egosplat contact-sheet")
 
 PICTURES = 8
-"""At most so many pictures, and as many annotated evaluation frames."""
+"""Maximum number of frames, and of evaluation frames."""
 
 COLUMNS = 4
 
 HEIGHT = 11.0
-"""Of the page, in inches."""
+"""Height of the page [inches]."""
 
 ROOM = "shelter"
-"""ADT's category of walls, floor and ceiling; left untinted and without a name, so that the things in it stand out."""
+"""ADT's category of walls, floor and ceiling; it gets no tint and no name, so that the objects are easy to see."""
 
 LEAST_EXTENT = 1.0
-"""Metres that the view from above shows at least."""
+"""Minimum extent of the view from above [m]."""
 
 LABELS = 10
-"""At most so many of an evaluation frame's instances are named in the picture, the largest first."""
+"""Maximum number of named instances in an evaluation frame, the largest first."""
 
 LEAST_SHARE = 0.002
-"""Of the picture, that an instance must cover to be named."""
+"""Minimum share of the image of a named instance."""
 
 
 def run(frames: Path, annotations: Path, poses: Path, output: Path, *, title: str) -> None:
-    """Draw the contact sheet of a scene as PNG; the file appears when it is complete."""
+    """Draw the contact sheet of a scene as PNG, atomically."""
     check_output(output, PAGE)
-    pictures, labels, walk = (
-        open_artifact(path, schema)
-        for path, schema in ((frames, FRAMES), (annotations, ANNOTATIONS), (poses, POSES))
-    )
-    shown = evenly_spaced(pictures.shape("rgb")[0], PICTURES)
-    rows = evenly_spaced(labels.shape("frame")[0], PICTURES)
+    frames_artifact, poses_artifact = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
+    annotations_artifact = open_artifact(annotations, ANNOTATIONS)
+    shown = evenly_spaced(frames_artifact.shape("rgb")[0], PICTURES)
+    rows = evenly_spaced(annotations_artifact.shape("frame")[0], PICTURES)
     columns = min(COLUMNS, max(len(shown), len(rows)))
     above, below = (math.ceil(len(part) / columns) for part in (shown, rows))
-    widths = (HEIGHT * 0.72, _grid_width(pictures, columns, above + below))
+    widths = (HEIGHT * 0.72, _grid_width(frames_artifact, columns, above + below))
     figure = plt.figure(figsize=(sum(widths), HEIGHT), layout="constrained")
-    draw_heading(figure, f"{title}: {_summary(pictures, labels, walk)}", warnings_of(pictures, walk), 14)
+    summary = _summary(frames_artifact, annotations_artifact, poses_artifact)
+    draw_heading(figure, f"{title}: {summary}", warnings_of(frames_artifact, poses_artifact), 14)
     left, right = figure.subfigures(1, 2, width_ratios=widths)
-    draw_from_above(left.subplots(), walk)
+    draw_from_above(left.subplots(), poses_artifact)
     grid = right.subplots(above + below, columns, squeeze=False)
     for cell in grid.flat:
         cell.set_axis_off()
-    _draw_pictures(grid[:above], pictures, shown)
-    _draw_annotated_pictures(grid[above:], pictures, labels, rows)
+    _draw_frames(grid[:above], frames_artifact, shown)
+    _draw_evaluation_frames(grid[above:], frames_artifact, annotations_artifact, rows)
     save_figure(figure, output, PAGE)
 
 
-def _grid_width(pictures: Artifact, columns: int, rows: int) -> float:
-    """Inches that ``rows`` of pictures need in width to fill the page's height, within reason."""
-    _, height, width, _ = pictures.shape("rgb")
+def _grid_width(frames: Artifact, columns: int, rows: int) -> float:
+    """Width [inches] with which ``rows`` of images fill the page's height, within limits."""
+    _, height, width, _ = frames.shape("rgb")
     cell = (HEIGHT - 0.8) / rows - 0.3
     return float(np.clip(columns * cell * width / height, 6.0, 16.0))
 
 
-def _summary(pictures: Artifact, labels: Artifact, walk: Artifact) -> str:
-    count, height, width, _ = pictures.shape("rgb")
-    seconds = float(np.ptp(pictures.read("timestamp_ns"))) * 1e-9
+def _summary(frames: Artifact, annotations: Artifact, poses: Artifact) -> str:
+    count, height, width, _ = frames.shape("rgb")
+    seconds = float(np.ptp(frames.read("timestamp_ns"))) * 1e-9
     return (
-        f"{pictures.facts['recording']}, origin {pictures.origin}\n"
+        f"{frames.facts['recording']}, origin {frames.origin}\n"
         f"{count} frames {width}×{height} in {seconds:.1f} s: "
-        f"{int(pictures.read('train').sum())} to train, {int(pictures.read('evaluation').sum())} to evaluate, "
-        f"{int(walk.read('registered').sum())} with a pose; {len(labels.facts['instances'])} instances"
+        f"{int(frames.read('train').sum())} for training, {int(frames.read('evaluation').sum())} for evaluation, "
+        f"{int(poses.read('registered').sum())} with a pose; {len(annotations.facts['instances'])} instances"
     )
 
 
 def ground_axes(up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Two unit vectors that span the plane across ``up``.
+    """Two unit vectors that span the plane perpendicular to ``up``.
 
     Args:
         up: (3,) float64 unit vector.
 
     Returns:
-        (2, 3) float64; seen from above, the first points right and the second up the page.
+        (2, 3) float64; seen from above, the first points to the right of the page and the second to its top.
     """
-    # The world axis that is least parallel to up makes the best-conditioned cross product.
+    # The world axis least parallel to up gives the best-conditioned cross product.
     helper = np.eye(3)[np.argmin(np.abs(up))]
     right = np.cross(helper, up)
     right /= np.linalg.norm(right)
     return np.stack([right, np.cross(up, right)])
 
 
-def draw_from_above(axes: Axes, walk: Artifact) -> None:
-    """Draw points, trajectory and viewing directions, seen against ``up``."""
-    up, registered = walk.read("up"), walk.read("registered")
-    poses = walk.read("camera_to_world")[registered]
+def draw_from_above(axes: Axes, poses: Artifact) -> None:
+    """Draw points, trajectory and viewing directions of the poses artifact, seen from above."""
+    up, registered = poses.read("up"), poses.read("registered")
+    camera_to_world = poses.read("camera_to_world")[registered]
     plane = ground_axes(up)
-    path = poses[:, :3, 3] @ plane.T
-    _scatter_points(axes, walk, plane, up, heights=poses[:, :3, 3] @ up)
+    path = camera_to_world[:, :3, 3] @ plane.T
+    _scatter_points(axes, poses, plane, up, heights=camera_to_world[:, :3, 3] @ up)
     segments = np.stack([path[:-1], path[1:]], axis=1)
     line = LineCollection(list(segments), cmap="plasma", linewidths=2.2, zorder=3)
     line.set_array(np.linspace(0, 1, len(segments)))
     axes.add_collection(line)
-    looking = poses[:, :3, 2] @ plane.T
+    directions = camera_to_world[:, :3, 2] @ plane.T
     step = max(1, len(path) // 40)
-    axes.quiver(*path[::step].T, *looking[::step].T, scale=28, width=0.0025, color="0.15", zorder=4)
+    axes.quiver(*path[::step].T, *directions[::step].T, scale=28, width=0.0025, color="0.15", zorder=4)
     axes.scatter(*path[0], s=70, c="limegreen", edgecolors="k", zorder=5, label="start")
     axes.scatter(*path[-1], s=70, c="crimson", edgecolors="k", zorder=5, label="end")
     _widen(axes, LEAST_EXTENT)
-    unit = "arbitrary unit" if walk.facts["notes"].get("scale") == "arbitrary" else "m"
-    axes.set(aspect="equal", title="From above: points by height, the walk by time", xlabel=unit, ylabel=unit)
+    unit = "arbitrary unit" if poses.facts["notes"].get("scale") == "arbitrary" else "m"
+    title = "From above: points coloured by height, trajectory by time"
+    axes.set(aspect="equal", title=title, xlabel=unit, ylabel=unit)
     axes.legend(loc="upper right")
     axes.grid(alpha=0.2)
 
 
 def _widen(axes: Axes, least: float) -> None:
-    """Let each axis show at least so much: a walk of a few millimetres is not to look like one."""
+    """Widen each axis to at least ``least``."""
+    # Otherwise millimetres of noise in the poses fill the page like a real trajectory.
     for get, set_ in ((axes.get_xlim, axes.set_xlim), (axes.get_ylim, axes.set_ylim)):
         low, high = get()
         if high - low < least:
@@ -132,12 +133,12 @@ def _widen(axes: Axes, least: float) -> None:
 
 def _scatter_points(
     axes: Axes,
-    walk: Artifact,
+    poses: Artifact,
     plane: NDArray[np.float64],
     up: NDArray[np.float64],
     heights: NDArray[np.float64],
 ) -> None:
-    points = walk.read("points/xyz")
+    points = poses.read("points/xyz")
     # The ceiling would hide the room.
     points = points[points @ up < heights.max()]
     if len(points) > 60_000:
@@ -157,37 +158,37 @@ def _scatter_points(
     )
 
 
-def _draw_pictures(cells: NDArray[np.object_], pictures: Artifact, shown: list[int]) -> None:
-    times = pictures.read("timestamp_ns")
+def _draw_frames(cells: NDArray[np.object_], frames: Artifact, shown: list[int]) -> None:
+    times = frames.read("timestamp_ns")
     for cell, index in zip(cells.flat, shown, strict=False):
-        cell.imshow(pictures.row("rgb", index))
+        cell.imshow(frames.row("rgb", index))
         cell.set_title(f"frame {index}, {(times[index] - times[0]) * 1e-9:.1f} s", fontsize=9)
 
 
-def _draw_annotated_pictures(
-    cells: NDArray[np.object_], pictures: Artifact, labels: Artifact, rows: list[int]
+def _draw_evaluation_frames(
+    cells: NDArray[np.object_], frames: Artifact, annotations: Artifact, rows: list[int]
 ) -> None:
-    names = [instance["category"] for instance in labels.facts["instances"]]
-    frames, annotated = labels.read("frame"), labels.read("annotated")
+    names = [instance["category"] for instance in annotations.facts["instances"]]
+    index, annotated = annotations.read("frame"), annotations.read("annotated")
     for cell, row in zip(cells.flat, rows, strict=False):
-        picture, title = pictures.row("rgb", frames[row]), f"evaluated, frame {frames[row]}"
+        image, title = frames.row("rgb", index[row]), f"evaluation frame {index[row]}"
         if annotated[row]:
-            seen = _draw_annotated(cell, picture, labels.row("instance_map", row), names)
-            cell.set_title(f"{title}: {seen} instances", fontsize=8)
+            count = _draw_annotated(cell, image, annotations.row("instance_map", row), names)
+            cell.set_title(f"{title}: {count} instances", fontsize=8)
         else:
-            cell.imshow(picture)
+            cell.imshow(image)
             cell.set_title(f"{title}: not annotated", fontsize=8)
 
 
 def _draw_annotated(
-    cell: Axes, picture: NDArray[np.uint8], instance_map: NDArray[np.int32], names: list[str]
+    cell: Axes, image: NDArray[np.uint8], instance_map: NDArray[np.int32], names: list[str]
 ) -> int:
-    """Draw the tinted and labelled picture; give back how many instances are seen in it."""
+    """Draw an image with tinted and named instances; return the number of visible instances."""
     rooms = [index for index, name in enumerate(names) if name == ROOM]
-    cell.imshow(overlay(picture, np.where(np.isin(instance_map, rooms), -1, instance_map)))
+    cell.imshow(overlay(image, np.where(np.isin(instance_map, rooms), -1, instance_map)))
     values, sizes = np.unique(instance_map[instance_map >= 0], return_counts=True)
-    things = [value for value in values[np.argsort(-sizes, kind="stable")] if value not in rooms]
-    for value in things[:LABELS]:
+    objects = [value for value in values[np.argsort(-sizes, kind="stable")] if value not in rooms]
+    for value in objects[:LABELS]:
         mask = instance_map == value
         if mask.mean() >= LEAST_SHARE:
             v, u = _inner_point(mask)
@@ -196,16 +197,16 @@ def _draw_annotated(
 
 
 def overlay(picture: NDArray[np.uint8], instance_map: NDArray[np.int32]) -> NDArray[np.uint8]:
-    """Tint a picture by instance.
+    """Tint an image by instance.
 
     Args:
         picture: (H, W, 3) uint8.
-        instance_map: (H, W) int32, -1 where nothing is annotated.
+        instance_map: (H, W) int32, -1 without annotation.
 
     Returns:
-        (H, W, 3) uint8; unannotated pixels keep their colour.
+        (H, W, 3) uint8; pixels without annotation keep their colour.
     """
-    # Golden-angle hues: neighbouring indices get colours far apart.
+    # Golden-angle hues: neighbouring indices get very different colours.
     hue = (np.arange(instance_map.max() + 2) * 0.618034) % 1.0
     colours = hsv_to_rgb(np.stack([hue, np.full_like(hue, 0.75), np.ones_like(hue)], axis=-1)) * 255
     tinted = 0.6 * picture + 0.4 * colours[instance_map]
@@ -213,7 +214,8 @@ def overlay(picture: NDArray[np.uint8], instance_map: NDArray[np.int32]) -> NDAr
 
 
 def _inner_point(mask: NDArray[np.bool_]) -> tuple[int, int]:
-    """Row and column of the mask's pixel that is nearest to its median: always inside."""
+    """Row and column of the mask's pixel nearest to its median."""
+    # The median itself may lie outside of the mask.
     rows, columns = np.nonzero(mask)
     middle = np.argmin((rows - np.median(rows)) ** 2 + (columns - np.median(columns)) ** 2)
     return int(rows[middle]), int(columns[middle])

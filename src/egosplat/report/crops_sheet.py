@@ -1,4 +1,4 @@
-"""What OpenCLIP was shown of some instances, on one page: their crops in order of time, outlier views struck out."""
+"""Draw the OpenCLIP crops of some instances on one page, in order of time, with outlier views struck out."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,34 +23,33 @@ from egosplat.report.figure import draw_heading, evenly_spaced, plt, save_figure
 PAGE = picture_kind("egosplat crops-sheet")
 
 COLUMNS = 12
-"""At most so many views of an instance are shown."""
+"""Maximum number of views of an instance."""
 
 DISTINCT = 6
-"""So many instances are shown that are seen often and differ most in what they mean."""
+"""Number of often seen instances with the most different features."""
 
 OFTEN = 0.5
-"""This share of all instances, those with the most views, count as seen often: rows of a view or two say little."""
+"""Share of all instances, those with the most views, that count as often seen: rows of one or two views say little."""
 
 MOST_OUTLIERS = 2
-"""So many more are shown, those with the most outliers."""
+"""Number of further instances, those with the most outliers."""
 
 SAME_THING = 0.5
-"""Intersection over union of two instances' boxes, on average over all frames of either, from which on they are taken
-for one thing at two levels."""
+"""Minimum IoU of two instances' boxes, averaged over the frames of either, at which they show one object at two levels."""
 
 NUMBERS = {
-    "element": "the share of the feature's channels in which it disagrees with the other views",
+    "element": "the share of feature channels that disagree with the other views",
     "euclidean": "its distance to the median of all views",
     "cosine": "1 - its cosine to the median of all views",
-    "none": "nothing, for every view counts",
+    "none": "no number, because every view counts",
 }
-"""By the key ``features.mad_norm``, the number above each crop: the one that decides which views are outliers."""
+"""Description of the number above each crop, by ``features.mad_norm``; the number decides which views are outliers."""
 
 CELL = 1.25
-"""Side of a crop on the page, in inches."""
+"""Side of a crop on the page [inches]."""
 
 BACKGROUND = 0.12
-"""Grey around crops, 0..1, so that the black of what is masked out is told from the page."""
+"""Grey level around objects, 0..1: it separates masked pixels from dark objects."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +62,15 @@ class _Sources:
 
 @dataclass(frozen=True)
 class Table:
-    """Of R views, sorted by instance, then frame: instance and frame (R,) int32, box (R, 4) int32, inlier (R,) bool;
-    of N instances: level (N,) int8, consistent (N, D) float64 features of unit norm, 0 without views."""
+    """R views, sorted by instance, then frame, of N instances.
+
+    Attributes:
+        instance, frame: (R,) int32.
+        box: (R, 4) int32.
+        inlier: (R,) bool.
+        level: (N,) int8.
+        consistent: (N, D) float64 features of unit norm, 0 without views.
+    """
 
     instance: NDArray[np.int32]
     frame: NDArray[np.int32]
@@ -74,17 +80,17 @@ class Table:
     consistent: NDArray[np.float64]
 
     def rows(self, instance: int) -> NDArray[np.int64]:
-        """Of the views of an instance."""
+        """Rows of the views of an instance."""
         return np.arange(*np.searchsorted(self.instance, [instance, instance + 1]))
 
 
 def run(
     frames: Path, segments: Path, view_features: Path, features: Path, output: Path, *, title: str
 ) -> None:
-    """Draw the page as PNG; the file appears when it is complete.
+    """Draw the page as PNG, atomically.
 
     Raises:
-        UserError: features are of other views than ``view_features``.
+        UserError: the features were not made from ``view_features``.
     """
     check_output(output, PAGE)
     sources = _Sources(
@@ -121,36 +127,36 @@ def _read(views: Artifact, features: Artifact) -> Table:
 
 
 def choose_instances(table: Table) -> list[int]:
-    """The instances to show, each of another thing.
+    """Choose the instances to show, each of a different object.
 
-    First the one with the most views, then, of those that are seen often, the one that is least alike in meaning to all
-    before it, and so on; at last those with the most outliers.
+    First the instance with the most views. Then, repeatedly, the often seen instance whose feature is least similar to
+    all chosen ones. Last, the instances with the most outliers.
     """
     views = np.bincount(table.instance, minlength=len(table.level))
     outliers = np.bincount(table.instance[~table.inlier], minlength=len(table.level))
     often = (views > 0) & (views >= np.quantile(views[views > 0], 1 - OFTEN) if views.any() else False)
-    alike = np.full(len(views), -1.0)
+    similarity = np.full(len(views), -1.0)
     shown: list[int] = []
     while len(shown) < DISTINCT and often.any():
-        one = int(np.lexsort((-views, np.where(often, alike, np.inf)))[0])
-        often[one] = False
-        if _is_new(table, one, shown):
-            shown.append(one)
-            alike = np.maximum(alike, table.consistent @ table.consistent[one])
+        instance = int(np.lexsort((-views, np.where(often, similarity, np.inf)))[0])
+        often[instance] = False
+        if _is_new(table, instance, shown):
+            shown.append(instance)
+            similarity = np.maximum(similarity, table.consistent @ table.consistent[instance])
     end = len(shown) + MOST_OUTLIERS
-    for one in np.argsort(-outliers, kind="stable").tolist():
-        if len(shown) < end and outliers[one] and _is_new(table, one, shown):
-            shown.append(one)
+    for instance in np.argsort(-outliers, kind="stable").tolist():
+        if len(shown) < end and outliers[instance] and _is_new(table, instance, shown):
+            shown.append(instance)
     return shown
 
 
 def _is_new(table: Table, instance: int, shown: list[int]) -> bool:
-    """Whether an instance is neither among those shown nor one of their things at another level."""
+    """Whether an instance is not shown yet, at this or at another level."""
     return instance not in shown and all(overlap(table, instance, one) < SAME_THING for one in shown)
 
 
 def overlap(table: Table, one: int, other: int) -> float:
-    """Intersection over union of two instances' boxes, on average over all frames in which either is."""
+    """IoU of two instances' boxes, averaged over all frames that show either."""
     first, second = table.rows(one), table.rows(other)
     common, left, right = np.intersect1d(table.frame[first], table.frame[second], return_indices=True)
     a, b = table.box[first[left]].astype(np.int64), table.box[second[right]].astype(np.int64)
@@ -162,7 +168,7 @@ def overlap(table: Table, one: int, other: int) -> float:
 
 
 def choose_views(table: Table, instance: int) -> NDArray[np.int64]:
-    """Rows of the views to show, in order of time: evenly spread, outliers first, up to half of the strip."""
+    """Choose the rows of views to show, in order of time: evenly spaced; outliers take up to half of the strip."""
     rows = table.rows(instance)
     outliers, others = rows[~table.inlier[rows]], rows[table.inlier[rows]]
     outliers = outliers[evenly_spaced(len(outliers), COLUMNS // 2)]
@@ -193,16 +199,16 @@ def _draw_crop(cell: Axes, crop: NDArray[np.uint8], inlier: bool) -> None:
 
 
 def _numbers(sources: _Sources, table: Table, instance: int) -> tuple[dict[int, str], float]:
-    """Of each view of an instance, by its row, the number that decides whether it counts; and the largest that counts."""
+    """The number above each view of an instance, by row, and the limit above which a view is an outlier."""
     options = sources.features.provenance["options"]
     rows = table.rows(instance)
     feature = sources.views.read("feature")[rows]
     good = usable(feature)
     if options["mad_norm"] == "none" or not good.any():
         return dict.fromkeys(rows.tolist(), ""), 0.0
-    found, limit = disagreement(feature[good], options["mad_norm"], options["mad_k"])
-    told = dict.fromkeys(rows.tolist(), "no feature")
-    return told | {int(row): f"{number:.2f}" for row, number in zip(rows[good], found, strict=True)}, limit
+    values, limit = disagreement(feature[good], options["mad_norm"], options["mad_k"])
+    numbers = dict.fromkeys(rows.tolist(), "no feature")
+    return numbers | {int(row): f"{value:.2f}" for row, value in zip(rows[good], values, strict=True)}, limit
 
 
 def _caption(sources: _Sources, table: Table, instance: int, limit: float) -> str:
@@ -218,7 +224,7 @@ def _summary(sources: _Sources, table: Table) -> str:
     model = "small" if facts["clip"]["small"] else facts["clip"]["model"]
     norm = options["mad_norm"]
     return (
-        f"crops as OpenCLIP ({model}) sees them, origin {sources.features.origin}\n"
+        f"crops encoded by OpenCLIP ({model}), origin {sources.features.origin}\n"
         f"{len(table.instance)} views of {len(np.unique(table.instance))} instances, {facts['outliers']} outliers "
-        f"(MAD {norm}, k = {options['mad_k']:g}) struck out; above each its frame and {NUMBERS[norm]}"
+        f"(MAD {norm}, k = {options['mad_k']:g}) struck out; above each crop: its frame and {NUMBERS[norm]}"
     )

@@ -29,7 +29,7 @@ def draw_heading(figure: Figure, title: str, warnings: Sequence[str], fontsize: 
     """Write the title with the warnings below it. Long lines are wrapped, and the figure grows by the added lines.
 
     Args:
-        figure: has its final size, except for the height of warnings.
+        figure: figure at its final size, except for the height of warnings.
         title: one or more lines.
         warnings: notices and alarms, one line each.
         fontsize: in points.

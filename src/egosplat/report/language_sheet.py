@@ -1,4 +1,4 @@
-"""What the Gaussians mean, on one page: a look around from one place, and at each level their codes as colours."""
+"""Draw the codes of the Gaussians on one page: views around one place, with the codes of each level as colours."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,22 +24,22 @@ from egosplat.report.figure import draw_heading, plt, save_figure
 PAGE = picture_kind("egosplat language-sheet")
 
 TURNS = 6
-"""Views of a whole turn."""
+"""Number of views of a full turn."""
 
 NEAREST = 0.1
-"""Of the frames so many, those nearest to the middle of the walk, are candidates to look around from."""
+"""Share of the frames, those nearest to the middle of the trajectory, to choose the place from."""
 
 LONGEST_SIDE = 512
-"""Pixels that a rendered picture has at most along a side."""
+"""Maximum side of a rendered image [px]."""
 
 CELL = 2.9
-"""Width of a picture on the page, in inches."""
+"""Width of an image on the page [inches]."""
 
 UNKNOWN = 0.25
-"""Grey, 0..1, of what shows no instance with a code."""
+"""Grey level, 0..1, of pixels without a code."""
 
 SPREAD = 2.0
-"""Standard deviations on either side of the mean that the colours reach."""
+"""Range of the colours, in standard deviations on either side of the mean."""
 
 
 @dataclass(frozen=True)
@@ -47,65 +47,65 @@ class CodeColours:
     """An affine map of C-dimensional codes to colours: the first three principal components as red, green, blue.
 
     Attributes:
-        mean: (C,) code that is shown in the middle of all three.
-        axes: (3, C), each a unit vector divided by the width of the range; 0 where there is no such component.
+        mean: (C,) code shown as medium grey.
+        axes: (3, C) principal axes, divided by the width of their range; 0 for a missing component.
     """
 
     mean: NDArray[np.float64]
     axes: NDArray[np.float64]
 
     def paint(self, codes: NDArray[np.float32], coverage: NDArray[np.float32]) -> NDArray[np.float64]:
-        """(..., 3) colours in [0, 1] of (..., C) codes, on grey where the (...) coverage is below 1."""
+        """(..., 3) colours in [0, 1] of (..., C) codes, blended with grey where the (...) coverage is below 1."""
         colours = np.clip(0.5 + (codes - self.mean) @ self.axes.T, 0.0, 1.0)
         share = np.clip(coverage, 0.0, 1.0)[..., None]
         return share * colours + (1 - share) * UNKNOWN
 
 
 def run(poses: Path, splats: Path, language: Path, output: Path, *, title: str) -> None:
-    """Draw the page as PNG; the file appears when it is complete.
+    """Draw the page as PNG, atomically.
 
     Raises:
         UserError: the inputs do not belong together.
     """
     check_output(output, PAGE)
-    walk, trained = open_artifact(poses, POSES), open_artifact(splats, SPLATS)
-    meaning = open_artifact(language, LANGUAGE)
-    check_made_from(trained, walk)
-    check_made_from(meaning, walk, trained)
-    scene = read_trained_scene(trained, "auto")
-    levels = meaning.facts["levels"]
+    poses_artifact, splats_artifact = open_artifact(poses, POSES), open_artifact(splats, SPLATS)
+    language_artifact = open_artifact(language, LANGUAGE)
+    check_made_from(splats_artifact, poses_artifact)
+    check_made_from(language_artifact, poses_artifact, splats_artifact)
+    scene = read_trained_scene(splats_artifact, "auto")
+    levels = language_artifact.facts["levels"]
     camera = _reduced(scene.camera)
     size = (CELL * TURNS, (CELL * camera.height / camera.width + 0.25) * (1 + len(levels)) + 0.9)
     figure, grid = plt.subplots(1 + len(levels), TURNS, squeeze=False, figsize=size, layout="constrained")
-    draw_heading(figure, f"{title}: {_summary(meaning)}", warnings_of(meaning))
-    _draw_views(grid, scene, walk, meaning, camera)
+    draw_heading(figure, f"{title}: {_summary(language_artifact)}", warnings_of(language_artifact))
+    _draw_views(grid, scene, poses_artifact, language_artifact, camera)
     save_figure(figure, output, PAGE)
 
 
 def _reduced(camera: Camera) -> Camera:
-    """The camera with its longer side at most ``LONGEST_SIDE``."""
+    """Scale a camera down to a longer side of at most ``LONGEST_SIDE``."""
     factor = min(LONGEST_SIDE / max(camera.width, camera.height), 1.0)
     return camera.scaled_to(max(round(factor * camera.width), 1), max(round(factor * camera.height), 1))
 
 
-def _summary(meaning: Artifact) -> str:
+def _summary(language: Artifact) -> str:
     return (
-        f"what the Gaussians mean ({meaning.facts['method']}), origin {meaning.origin}\n"
-        f"a look around from one place, as colours and at each level as codes: the more alike two colours, the more "
-        "alike the meaning; dark grey where the training views show no instance"
+        f"language codes of the Gaussians ({language.facts['method']}), origin {language.origin}\n"
+        "views around one place: rendered colours, and codes of each level; similar colours are similar features; "
+        "dark grey: no code, because no training view shows an instance"
     )
 
 
 @torch.no_grad()
 def _draw_views(
-    grid: NDArray[np.object_], scene: TrainedScene, walk: Artifact, meaning: Artifact, camera: Camera
+    grid: NDArray[np.object_], scene: TrainedScene, poses: Artifact, language: Artifact, camera: Camera
 ) -> None:
-    code, share = meaning.read("code"), meaning.read("share")
+    code, share = language.read("code"), language.read("share")
     colours, device = principal_colours(code, share), scene.gaussians.means.device
-    poses, up = walk.read("camera_to_world"), walk.read("up")
-    frame = choose_place(poses, walk.read("registered"), up)
+    camera_to_world, up = poses.read("camera_to_world"), poses.read("up")
+    frame = choose_place(camera_to_world, poses.read("registered"), up)
     for column, turn in enumerate(np.arange(TURNS) * 360.0 / TURNS):
-        pose = turned_right(poses[frame], up, turn)
+        pose = turned_right(camera_to_world[frame], up, turn)
         heading = f"turned {turn:.0f}° to the right" if column else f"as in frame {frame}"
         _show(grid[0, column], scene.picture(camera, pose), heading)
         rendered = render_codes(
@@ -116,17 +116,17 @@ def _draw_views(
             pose,
             scene.settings,
         )
-        for row, name in enumerate(meaning.facts["levels"]):
+        for row, name in enumerate(language.facts["levels"]):
             coverage = rendered.coverage[row].cpu().numpy()
             picture = colours.paint(rendered.codes[row].cpu().numpy(), coverage)
-            _show(grid[1 + row, column], picture, f"{name}: {coverage.mean():.0%} has a meaning")
+            _show(grid[1 + row, column], picture, f"{name}: {coverage.mean():.0%} covered by codes")
 
 
 def principal_colours(code: NDArray[np.float32], share: NDArray[np.float32]) -> CodeColours:
-    """The colours of codes, of all levels together: the same code has the same colour everywhere.
+    """Fit one colour map to the codes of all levels, so that equal codes have equal colours at every level.
 
     Args:
-        code: (N, L, C), each weighing by its share.
+        code: (N, L, C), weighted by their shares.
         share: (N, L) in [0, 1].
     """
     channels = code.shape[2]
@@ -143,23 +143,26 @@ def principal_colours(code: NDArray[np.float32], share: NDArray[np.float32]) -> 
 
 
 def _scaled(variance: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3, C) axes of ``CodeColours`` from at most three components, the largest first."""
+    """(3, C) axes of ``CodeColours`` from at most three principal components, the largest first."""
     axes = np.zeros((3, vectors.shape[1]))
     for axis, value, vector in zip(axes, variance, vectors, strict=False):
         if value > 1e-9 * max(variance[0], 1e-9):
-            # An eigenvector's sign is arbitrary: its largest entry is made positive.
+            # The sign of an eigenvector is arbitrary. Making its largest entry positive keeps colours reproducible.
             sign = np.sign(vector[np.argmax(np.abs(vector))])
             axis[:] = sign * vector / (2 * SPREAD * np.sqrt(value))
     return axes
 
 
 def choose_place(poses: NDArray[np.float64], registered: NDArray[np.bool_], up: NDArray[np.float64]) -> int:
-    """The frame to look around from: near the middle of the walk, where the wearer has been and may look around
-    without a wall before the eyes, and of these the one that looks most nearly level.
+    """Choose the frame to render views around.
 
     Args:
-        poses: (F, 4, 4) camera_to_world; registered: (F,), one at least; up: (3,) unit vector against gravity.
+        poses: (F, 4, 4) camera_to_world.
+        registered: (F,) which frames have a pose, at least one.
+        up: (3,) unit vector against gravity.
     """
+    # The wearer walked near the middle of the trajectory, so no wall blocks the view there. The most level view of
+    # these frames needs no tilting.
     rows = np.flatnonzero(registered)
     places = poses[rows, :3, 3]
     distance = np.linalg.norm(places - np.median(places, axis=0), axis=1)

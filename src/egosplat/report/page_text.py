@@ -1,6 +1,6 @@
-"""Texts on a page that fit: titles wrapped to their picture's width, names kept inside it and apart from each other.
+"""Fit the texts of a page: wrap titles to the width of their image, and move names inside it and apart.
 
-How wide a text is, and how large a picture becomes, is known only after the page is laid out.
+The sizes of texts and images are known only after the layout of the page.
 """
 
 from collections.abc import Iterator
@@ -12,37 +12,39 @@ from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
 NAME = "name"
-"""The id of texts that name something in a picture."""
+"""Group id of texts that name something in an image."""
 
 HEADING_WIDTH = 0.98
-"""Share of a page's width that its heading may take."""
+"""Maximum width of a heading, as a share of the page's width."""
 
+# Distance of a name from the image border and from other names [points].
 _GAP = 2
-"""Between a name and the picture's border or another name [points]."""
 
 _BOX = {"facecolor": "black", "alpha": 0.55, "pad": 1, "edgecolor": "none"}
 
 
 def add_name(axes: Axes, u: float, v: float, text: str) -> None:
-    """Name what is at column u and row v of a picture; ``arrange_texts`` may move or drop the name."""
+    """Write a name at column u and row v of an image; ``arrange_texts`` may move or drop it."""
     style = {"color": "white", "fontsize": 7, "ha": "center", "va": "center", "bbox": _BOX}
     axes.text(u, v, text, gid=NAME, in_layout=False, **style)
 
 
 def arrange_texts(figure: Figure) -> None:
-    """Wrap each title to the width that its picture may take and each heading to that of its page, then move names into
-    their pictures and apart; a name that finds no place is dropped, the later one first."""
+    """Wrap titles to the width of their axes and headings to that of their page, then move names into the image and apart.
+
+    Names are placed in order; a name that overlaps earlier ones everywhere is dropped.
+    """
     figure.draw_without_rendering()
     wrapped = [wrap_text(text, room) for text, room in _titles(figure)]
     named = [axes for axes in figure.get_axes() if _names(axes)]
     if any(wrapped) and named:
         figure.draw_without_rendering()
     for axes in named:
-        _settle(axes, figure.dpi)
+        _place_names(axes, figure.dpi)
 
 
 def _titles(figure: Figure) -> Iterator[tuple[Text, float]]:
-    """Headings and titles, with the width [pixels] that there is for each."""
+    """Headings and titles, each with its maximum width [pixels]."""
     for page in _pages(figure):
         for text in page.texts:
             yield text, HEADING_WIDTH * page.bbox.width
@@ -57,7 +59,7 @@ def _pages(page: FigureBase) -> Iterator[FigureBase]:
 
 
 def wrap_text(text: Text, room: float) -> bool:
-    """Break lines that are wider than ``room`` [pixels]; whether there was one."""
+    """Break lines wider than ``room`` [pixels]; return whether there was one."""
     words = text.get_text()
     width = text.get_window_extent().width
     if width <= room:
@@ -76,7 +78,7 @@ def _names(axes: Axes) -> list[Text]:
     return [text for text in axes.texts if text.get_gid() == NAME]
 
 
-def _settle(axes: Axes, dpi: float) -> None:
+def _place_names(axes: Axes, dpi: float) -> None:
     inside = axes.get_window_extent()
     kept: list[Bbox] = []
     for name in _names(axes):
@@ -92,7 +94,7 @@ def _settle(axes: Axes, dpi: float) -> None:
 
 
 def _free_place(box: Bbox, inside: Bbox, taken: list[Bbox]) -> Bbox | None:
-    """The box moved inside, else a line above or below; None where all three overlap what is taken or are too large."""
+    """Move a box inside, or also one line up or down; None if all three overlap a taken box or do not fit."""
     if box.width > inside.width or box.height > inside.height:
         return None
     for up in (0.0, box.height, -box.height):
@@ -104,5 +106,5 @@ def _free_place(box: Bbox, inside: Bbox, taken: list[Bbox]) -> Bbox | None:
 
 
 def _into(low: float, high: float, least: float, most: float) -> float:
-    """By how much to move an interval so that it lies within another."""
+    """The shift that moves an interval into another."""
     return max(least - low, 0.0) or min(most - high, 0.0)

@@ -1,4 +1,4 @@
-"""A scene's scored queries asked once more, for the maps that their scores were computed from."""
+"""Answer scored queries of a scene again, to get the maps behind their scores."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -34,7 +34,7 @@ _SCHEMAS = (FRAMES, POSES, ANNOTATIONS, FEATURES, SPLATS, LANGUAGE)
 
 @dataclass(frozen=True, eq=False)
 class Sources:
-    """The artifacts that a scene was scored with."""
+    """The artifacts of a scored scene."""
 
     frames: Artifact
     poses: Artifact
@@ -46,21 +46,21 @@ class Sources:
 
 @dataclass(frozen=True, eq=False)
 class ShownQuery:
-    """A query with all that is drawn of it, (H, W) pixels.
+    """A query with its images of (H, W) pixels.
 
     Attributes:
         scored: the query and its score.
         photograph: (H, W, 3) uint8.
         view: (H, W, 3) float32 in [0, 1], rendered.
-        truth: (H, W) bool what was asked for, as annotated.
-        boxes: (B, 4) int64 of its instances, see ``bounding_boxes``.
-        answer: with its maps.
+        target: (H, W) bool pixels of the annotated instances.
+        boxes: (B, 4) int64 boxes of the instances, see ``bounding_boxes``.
+        answer: the answer with its maps.
     """
 
     scored: ScoredQuery
     photograph: NDArray[np.uint8]
     view: NDArray[np.float32]
-    truth: NDArray[np.bool_]
+    target: NDArray[np.bool_]
     boxes: NDArray[np.int64]
     answer: Answer
 
@@ -69,14 +69,14 @@ def open_sources(paths: Sequence[Path], scored: ScoredScene) -> Sources:
     """Open frames, poses, annotations, features, splats and language, in this order.
 
     Raises:
-        UserError: they do not belong together, or were not what the scene was scored with.
+        UserError: the artifacts do not belong together, or the scene was scored with others.
     """
     opened = [open_artifact(path, schema) for path, schema in zip(paths, _SCHEMAS, strict=True)]
     lineage(opened)
     if scored.method is not None:
         raise UserError(
-            f"{scored.path}: holds the scores of {scored.method}, and only egosplat's own queries can be asked again; "
-            "give the scene's metrics.json"
+            f"{scored.path}: holds the scores of {scored.method}; only egosplat's own queries can be answered again. "
+            "Give the scene's metrics.json"
         )
     check_inputs(scored.path, scored.document["provenance"]["inputs"], opened)
     return Sources(*opened)
@@ -85,37 +85,38 @@ def open_sources(paths: Sequence[Path], scored: ScoredScene) -> Sources:
 def ask_again(
     chosen: Sequence[ScoredQuery], sources: Sources, options: Mapping[str, Any]
 ) -> Iterator[ShownQuery]:
-    """Ask queries as the stage ``metrics`` asked them, on whatever device there is now; frame by frame.
+    """Answer queries again as in the stage ``metrics``, frame by frame, on any device.
 
     Args:
-        chosen: some of the scene's.
-        sources: what it was scored with.
-        options: the keys that it was scored with, as ``metrics.json`` tells them.
+        chosen: queries of the scene.
+        sources: artifacts of the scored scene.
+        options: options of the stage ``metrics``, from ``metrics.json``.
 
     Raises:
-        UserError: the OpenCLIP that the features were made with is not there any more.
+        UserError: the OpenCLIP model that made the features is missing.
     """
     if not chosen:
         return
     evaluation = read_evaluation(sources.frames, sources.poses, sources.annotations, sources.splats)
     asked = {(one.frame, one.category): one for one in _asked(evaluation, options)}
-    reading = query_options(options)
+    answering = query_options(options)
     model, checkpoint, precision = (options[key] for key in ("clip_model", "clip_checkpoint", "precision"))
     clip = load_clip_of(sources.features, model, checkpoint, "auto", precision)
-    texts = encode_texts(clip, sorted({one.category for one in chosen}), reading.canonical)
+    texts = encode_texts(clip, sorted({one.category for one in chosen}), answering.canonical)
     scene = read_scene(sources.splats, sources.language, sources.features, "auto")
     for frame in sorted({one.frame for one in chosen}):
-        own = [one for one in chosen if one.frame == frame]
-        pose, words = evaluation.camera_to_world[frame], texts.of([one.category for one in own])
+        in_frame = [one for one in chosen if one.frame == frame]
+        pose = evaluation.camera_to_world[frame]
+        texts_in_frame = texts.of([one.category for one in in_frame])
         photograph, view = sources.frames.row("rgb", frame), scene.picture(evaluation.camera, pose)
-        answers = ask(scene, words, evaluation.camera, pose, evaluation.valid, reading)
-        for one, answer in zip(own, answers, strict=True):
-            truth, boxes = _target(evaluation, asked[frame, one.category])
-            yield ShownQuery(one, photograph, view, truth, boxes, answer)
+        answers = ask(scene, texts_in_frame, evaluation.camera, pose, evaluation.valid, answering)
+        for scored, answer in zip(in_frame, answers, strict=True):
+            target, boxes = _target(evaluation, asked[frame, scored.category])
+            yield ShownQuery(scored, photograph, view, target, boxes, answer)
 
 
 def query_options(options: Mapping[str, Any]) -> QueryOptions:
-    """How the queries were answered, of the keys that a scene was scored with."""
+    """Select the query options from the options of the stage ``metrics``."""
     named = {field.name: options[field.name] for field in fields(QueryOptions)}
     return QueryOptions(**named | {"canonical": tuple(named["canonical"])})
 
@@ -128,7 +129,7 @@ def _asked(evaluation: Evaluation, options: Mapping[str, Any]) -> list[Query]:
 
 
 def _target(evaluation: Evaluation, query: Query) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """The pixels and the boxes of all instances of what was asked for."""
+    """The pixels and the boxes of all instances of a query."""
     frame = next(one for one in evaluation.frames if one.row == query.row)
     instance_map, instances = evaluation.map_of(frame), query.instances["all"]
     return np.isin(instance_map, instances), bounding_boxes(instance_map, instances)

@@ -1,4 +1,4 @@
-"""Which of a scene's queries are shown: those that were answered best, and those that were answered worst."""
+"""Choose the queries to show: the best and the worst answers of a scene."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -7,14 +7,14 @@ from typing import Any
 
 @dataclass(frozen=True)
 class ScoredQuery:
-    """A query as ``metrics.json`` tells it, scored against all instances of its category.
+    """A query of ``metrics.json``, scored against all instances of its category.
 
     Attributes:
         frame: index in frames.zarr.
-        category: what was asked.
-        relevancy: the largest, 0..1.
-        hit: whether it was found at its place.
-        iou: of the mask, 0..1.
+        category: text of the query.
+        relevancy: largest smoothed relevancy, 0..1.
+        hit: whether the answer hits.
+        iou: IoU of the mask, 0..1.
     """
 
     frame: int
@@ -39,11 +39,10 @@ def scored_queries(document: Mapping[str, Any]) -> list[ScoredQuery]:
 
 
 def best_and_worst(queries: Sequence[ScoredQuery], count: int) -> tuple[list[ScoredQuery], list[ScoredQuery]]:
-    """At most ``count`` of each; a category is in one of the two, once.
+    """Choose at most ``count`` best and ``count`` worst queries, each of a different category.
 
-    The best were found: the highest IoU first, then by frame and category. The worst were missed, and no other frame of
-    their category is among the best: the lowest IoU first, of equal ones the surest (the largest relevancy), then by
-    frame and category.
+    The best ones hit; they are ordered by decreasing IoU. The worst ones miss, and their category is not among the best;
+    they are ordered by increasing IoU, then by decreasing relevancy. Ties are ordered by frame and category.
     """
     found = sorted((one for one in queries if one.hit), key=lambda one: (-one.iou, one.frame, one.category))
     best = _one_a_category(found, ())[:count]
@@ -55,7 +54,7 @@ def best_and_worst(queries: Sequence[ScoredQuery], count: int) -> tuple[list[Sco
 
 
 def _one_a_category(queries: Iterable[ScoredQuery], taken: Iterable[str]) -> list[ScoredQuery]:
-    """The first query of each category that is not taken."""
+    """The first query of each category outside ``taken``."""
     seen = set(taken)
     first: list[ScoredQuery] = []
     for one in queries:

@@ -1,4 +1,4 @@
-"""A scene's queries on one page: those that were answered best, and those that were answered worst."""
+"""Draw the best and the worst answers of a scene's queries on one page."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,17 +21,17 @@ from egosplat.tables.table import Cell
 PAGE = picture_kind("egosplat queries-sheet")
 
 ROWS = 4
-"""At most so many queries are shown of the best, and of the worst."""
+"""Maximum number of best queries, and of worst ones."""
 
 CELL = 2.9
-"""Width of a picture on the page, in inches."""
+"""Width of an image on the page [inches]."""
 
-HIT, MISS = ("found", "o", "forestgreen"), ("missed", "X", "red")
-"""Word, mark and colour of what was found at its place, and of what was not."""
+HIT, MISS = ("hit", "o", "forestgreen"), ("miss", "X", "red")
+"""Word, marker and colour of a hit and of a miss."""
 
-BEST = "best: found at their place, the highest IoU first; a row a category"
-WORST = "worst: missed, the lowest IoU first, of equal ones the surest; a row a category"
-"""What the blocks are called."""
+BEST = "best: hits with the highest IoU, one per category"
+WORST = "worst: misses with the lowest IoU, then the highest relevancy, one per category"
+"""Titles of the two blocks."""
 
 
 def run(
@@ -46,12 +46,12 @@ def run(
     *,
     title: str,
 ) -> None:
-    """Draw the page as PNG; the file appears when it is complete.
+    """Draw the page as PNG, atomically.
 
-    Queries are asked again as ``metrics.json`` says that they were asked; their scores are those that it tells.
+    Queries are answered again with the options of ``metrics.json``; the scores are those of ``metrics.json``.
 
     Raises:
-        UserError: the inputs do not belong together, or the features' OpenCLIP is not there any more.
+        UserError: the inputs do not belong together, or the features' OpenCLIP is missing.
     """
     check_output(output, PAGE)
     scored = read_scored_scene(metrics)
@@ -65,39 +65,39 @@ def run(
         _draw(figure, *blocks, _hits_boxes(scored))
     else:
         figure.set_size_inches(6 * CELL, CELL)
-        figure.text(0.5, 0.4, "No annotated frame with a pose shows anything to ask for.", ha="center")
+        figure.text(0.5, 0.4, "No annotated frame with a pose has a category to query.", ha="center")
     draw_heading(figure, f"{title}: {summary(scored)}", scored.warnings)
     save_figure(figure, output, PAGE)
 
 
 def summary(scored: ScoredScene) -> str:
-    """The scores of all queries, with what they come from; below it how to read the page."""
+    """Scores of all queries with data and checkpoints; on the second line, a legend of the page."""
     about = f"origin {scored.origin}, {find_series([scored])[0].checkpoints}"
     if not scored.document["scores"]["all"]["count"]:
         return f"no queries; {about}"
     accuracy, mean_iou = (scored.cell(name, "all") for name in ("accuracy", "mean_iou"))
     chance = ", ".join(f"{name} {scored.chance(key, 'all').percent:.1f} %" for key, name in CHANCE.items())
     return (
-        f"{accuracy.queries} queries; accuracy {_told(accuracy)}, mIoU {_told(mean_iou)}; chance: {chance}; {about}\n"
-        f"white: what was asked for, as annotated{', dashed its box' if _hits_boxes(scored) else ''}; "
-        "colours: relevancy, from 0 (blue) to 1 (red); mark: the most relevant pixel, green where it hits, red where not"
+        f"{accuracy.queries} queries; accuracy {_percent(accuracy)}, mIoU {_percent(mean_iou)}; chance: {chance}; "
+        f"{about}\nwhite: annotated instances{', dashed: their boxes' if _hits_boxes(scored) else ''}; "
+        "colours: relevancy from 0 (blue) to 1 (red); marker: the most relevant pixel, green for a hit, red for a miss"
     )
 
 
 def _hits_boxes(scored: ScoredScene) -> bool:
-    """Whether a box had to be hit, not the pixels in it."""
-    return scored.protocol["target"] == "box"
+    """Whether the boxes of instances had to be hit, not their pixels."""
+    return scored.protocol["hit_region"] == "box"
 
 
-def _told(score: Cell) -> str:
-    """In percent, with its interval; of a single category there is none."""
+def _percent(score: Cell) -> str:
+    """A score in percent, with its interval if it has one."""
     interval = f" ({score.interval[0]:.1f} to {score.interval[1]:.1f})" if score.interval else ""
     return f"{score.percent:.1f} %{interval}"
 
 
 def _draw(figure: Figure, best: Sequence[ShownQuery], worst: Sequence[ShownQuery], boxes: bool) -> None:
-    """The two blocks beside each other."""
-    height, width = (*best, *worst)[0].truth.shape
+    """Draw the best queries on the left and the worst ones on the right."""
+    height, width = (*best, *worst)[0].target.shape
     rows = max(len(best), len(worst))
     figure.set_size_inches(6 * CELL, (CELL * height / width + 0.12) * rows + 0.9)
     left, right = figure.subfigures(1, 2, wspace=0.02)
@@ -115,18 +115,18 @@ def _draw_block(page: SubFigure, queries: Sequence[ShownQuery], rows: int, boxes
 
 
 def _draw_query(cells: NDArray[np.object_], query: ShownQuery, boxes: bool) -> None:
-    """What was asked for, where it was looked for, and what was taken for it."""
+    """Draw the photograph, the relevancy and the mask of a query."""
     photograph, heat, mask = cells
     scored, answer = query.scored, query.answer
     photograph.imshow(query.photograph)
     photograph.set_title(f'"{scored.category}", frame {scored.frame}', fontsize=9)
     draw_heat(heat, query.view, answer.relevancy)
-    said, marker, colour = HIT if scored.hit else MISS
-    heat.set_title(f"{said}, relevancy {scored.relevancy:.2f}", fontsize=9, color=colour)
+    verdict, marker, colour = HIT if scored.hit else MISS
+    heat.set_title(f"{verdict}, relevancy {scored.relevancy:.2f}", fontsize=9, color=colour)
     draw_mask(mask, query.view, answer.mask)
     mask.set_title(f"mask: IoU {scored.iou:.2f}", fontsize=9)
     for axes in cells:
-        _outline(axes, query.truth)
+        _outline(axes, query.target)
     if boxes:
         _draw_boxes(photograph, query.boxes)
         _draw_boxes(heat, query.boxes)
@@ -135,14 +135,14 @@ def _draw_query(cells: NDArray[np.object_], query: ShownQuery, boxes: bool) -> N
 
 
 def _outline(axes: Axes, mask: NDArray[np.bool_]) -> None:
-    """Of a mask, in white on black."""
+    """Draw the outline of a mask in white on black."""
     if mask.any() and not mask.all():
         axes.contour(mask, levels=[0.5], colors="black", linewidths=1.8)
         axes.contour(mask, levels=[0.5], colors="white", linewidths=0.9)
 
 
 def _draw_boxes(axes: Axes, boxes: NDArray[np.int64]) -> None:
-    """Dashed, around the outermost pixels."""
+    """Draw dashed boxes around the outermost pixels."""
     for x0, y0, x1, y1 in boxes:
         place, size = (x0 - 0.5, y0 - 0.5), (x1 - x0 + 1, y1 - y0 + 1)
         axes.add_patch(Rectangle(place, *size, fill=False, edgecolor="white", linestyle="--", linewidth=0.9))

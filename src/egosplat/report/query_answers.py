@@ -1,4 +1,4 @@
-"""Answers to queries as rows of a table and as pictures, of the whole scene or of one view."""
+"""Turn answers to queries, of the whole scene or of one view, into rows of a table and images."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -22,15 +22,14 @@ from egosplat.query.viewpoint import Viewpoint
 from egosplat.report.query_sheet import DrawnAnswer
 
 MOST_DRAWN = 8
-"""Answers in the picture; more are in the table alone, so that many queries take no longer for pictures."""
-
+"""Maximum number of answers in the picture; the table has all of them."""
 
 _ABSENT = "-"
 
 
 @dataclass(frozen=True)
 class QuerySources:
-    """Artifacts of one scene that belong together."""
+    """Artifacts of one scene."""
 
     frames: Artifact
     poses: Artifact
@@ -41,13 +40,13 @@ class QuerySources:
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """Queries and the scene that they are asked of.
+    """Queries and their scene.
 
     Attributes:
         texts: the queries, each once.
-        untaught: for each query, its words that the model was not trained on.
-        options: how queries are answered.
-        scene: is asked and rendered.
+        untaught: words of each query that the model was not trained on.
+        options: how to compute and read relevancy.
+        scene: the Gaussians and their codes.
     """
 
     texts: Texts
@@ -56,7 +55,7 @@ class Question:
     scene: QueryScene
 
     def refusal(self, phrase: str, score: float) -> str | None:
-        """Why a query has no answer, in words; None where it has one."""
+        """The reason why a query has no answer; None if it has one."""
         return refusal(score, self.untaught[phrase], self.options.min_score)
 
 
@@ -65,11 +64,11 @@ class Answered:
     """All answers.
 
     Attributes:
-        place: what was asked, in words.
-        columns: of the table.
-        rows: of the table; a row of a refused query is its phrase, its score and a sentence.
-        drawn: the first answers.
-        left_out: number of answers that are not drawn.
+        place: the queried scene or view, for the title.
+        columns: column names of the table.
+        rows: rows of the table; the row of a refused query has its phrase, its score and the reason.
+        drawn: the first answers, for the picture.
+        left_out: number of answers outside the picture.
     """
 
     place: str
@@ -80,12 +79,12 @@ class Answered:
 
 
 def answer_in_scene(question: Question, sources: QuerySources, most: int) -> Answered:
-    """Find each query's things in 3D, and draw the best one in the view that shows it best."""
+    """Answer queries of the whole scene; the picture shows each query's best thing in the view that shows it best."""
     unit = length_unit(sources.poses)
     columns = ("query", "score", "level", f"centre [{unit}]", f"size [{unit}]", "frame")
     index = index_scene(question.scene, sources.poses, question.scene.camera, sources.frames.read("valid"))
-    asked = ask_scene(index, question.texts, question.options, most)
-    answers = list(track(asked, "asking", unit="answer", total=len(question.texts.phrases)))
+    stream = ask_scene(index, question.texts, question.options, most)
+    answers = list(track(stream, "queries", unit="answer", total=len(question.texts.phrases)))
     levels = sources.language.facts["levels"]
     rows = [row for answer in answers for row in _scene_rows(answer, question, index, levels)]
     drawn = [_draw_thing(answer, question, index, sources) for answer in answers[:MOST_DRAWN]]
@@ -113,7 +112,7 @@ def _scene_rows(
 
 def _why_refused(answer: SceneAnswer, question: Question) -> str | None:
     why = question.refusal(answer.phrase, answer.score)
-    return why if why or answer.things else "nothing of the scene has a code"
+    return why if why or answer.things else "no Gaussian of the scene has a code"
 
 
 def _draw_thing(
@@ -142,17 +141,17 @@ def _draw_thing(
 
 
 def answer_in_view(question: Question, sources: QuerySources, viewpoint: Viewpoint) -> Answered:
-    """Find each query in one view."""
+    """Answer queries in one view."""
     camera, pose = question.scene.camera, viewpoint.camera_to_world
     unit = length_unit(sources.poses)
     columns = ("query", "score", "level", "pixel", f"position [{unit}]")
     picture = question.scene.picture(camera, pose)
     levels = sources.language.facts["levels"]
-    asked = ask(question.scene, question.texts, camera, pose, viewpoint.valid, question.options)
+    stream = ask(question.scene, question.texts, camera, pose, viewpoint.valid, question.options)
     rows: list[tuple[str, ...]] = []
     drawn: list[DrawnAnswer] = []
-    # Answers hold maps of the picture's size, so they are not kept.
-    for answer in track(asked, "asking", unit="answer", total=len(question.texts.phrases)):
+    # Answers hold maps of the image's size, so they are not kept.
+    for answer in track(stream, "queries", unit="answer", total=len(question.texts.phrases)):
         why = question.refusal(answer.phrase, answer.score)
         rows.append(_view_row(answer, levels, why))
         if len(drawn) < MOST_DRAWN:

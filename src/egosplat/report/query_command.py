@@ -1,4 +1,4 @@
-"""Questions to a finished scene: ``egosplat query``."""
+"""Query a finished scene: ``egosplat query``."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,18 +23,19 @@ from egosplat.query.viewpoint import Viewpoint, file_viewpoint, frame_viewpoint
 from egosplat.report.query_answers import Answered, QuerySources, Question, answer_in_scene, answer_in_view
 from egosplat.report.query_sheet import QUERY_PICTURE, draw_answers
 
+# Artifacts whose checksums are verified. frames.zarr may hold gigabytes, and queries read only little of it.
 _VERIFIED = {"poses": POSES, "features": FEATURES, "splats": SPLATS, "language": LANGUAGE}
-"""Artifacts whose every byte is checked. Of frames.zarr, which may hold gigabytes, only a little is read."""
 
 
 @dataclass(frozen=True)
 class Asking:
-    """Where a question is asked, and what is made of the answers.
+    """The view to query, and the output.
 
     Attributes:
-        frame: index of a frame, or None; ``pose``: a JSON file, or None. With neither, the whole scene is asked.
-        most: things that an answer of the whole scene names at most.
-        output: picture to make; None for query.png in the scene's folder.
+        frame: index of a frame, or None.
+        pose: JSON file of a pose, or None. Without frame and pose, the whole scene is queried.
+        most: maximum number of things in an answer of the whole scene.
+        output: picture to write; None for query.png in the scene's folder.
     """
 
     frame: int | None
@@ -53,21 +54,22 @@ def run(
     device: str,
     precision: str,
 ) -> str:
-    """Answer in words and in a picture.
+    """Answer queries in a table and in a picture.
 
     Args:
-        folder: with the artifacts of a scene.
-        phrases: one at least; they are read by the OpenCLIP that the features were made with.
-        asking: where, and which picture to make.
-        options: how queries are answered.
-        backend: what renders; device, precision: of the model, as the keys of the section ``models``.
+        folder: folder with the artifacts of a scene.
+        phrases: the queries, at least one; the OpenCLIP model that made the features encodes them.
+        asking: the view to query, and the output.
+        options: how to compute and read relevancy.
+        backend: renderer, as the key ``backend``.
+        device, precision: of OpenCLIP, as the keys of the section ``models``.
 
     Returns:
-        A table.
+        The table.
 
     Raises:
-        UserError: an artifact is missing, damaged or does not belong to the others, its OpenCLIP is not there any
-            more, the frame or pose cannot be had, a phrase cannot be asked, the picture would replace something else.
+        UserError: an artifact is missing, damaged or does not belong to the others; its OpenCLIP is missing; the frame
+            has no pose, or the pose cannot be read; a phrase is not valid; or the output is another kind of file.
     """
     output = folder / "query.png" if asking.output is None else asking.output
     check_output(output, QUERY_PICTURE)
@@ -87,16 +89,15 @@ def run(
         answered = answer_in_view(question, sources, viewpoint)
     notice = notice_of_artifacts(made_from.found.values())
     title = f"{folder}, {answered.place}, origin {sources.language.origin}"
-    # Below the title, in the table as in the picture.
-    return _told(answered, "\n".join(filter(None, (title, notice))), output)
+    return _draw_and_format(answered, "\n".join(filter(None, (title, notice))), output)
 
 
 def answers_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Lay out one line a row in aligned columns.
+    """Format a table with aligned columns, one line per row.
 
     Args:
-        columns: their names, C of them.
-        rows: of C cells; a row of fewer ends in a sentence that does not widen its column.
+        columns: C column names.
+        rows: rows of C cells. The last cell of a shorter row is a sentence that does not widen its column.
     """
     every = [columns, *rows]
     cells = [row if len(row) == len(columns) else row[:-1] for row in every]
@@ -105,31 +106,31 @@ def answers_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(lines)
 
 
-def _told(answered: Answered, title: str, output: Path) -> str:
+def _draw_and_format(answered: Answered, title: str, output: Path) -> str:
     draw_answers(answered.drawn, title, output)
     picture = f"picture: {output}"
     if answered.left_out:
         picture += (
-            f" (of the first {len(answered.drawn)} answers; {answered.left_out} more are in the table alone)"
+            f" (the first {len(answered.drawn)} answers; {answered.left_out} more are in the table only)"
         )
     return f"{title}\n{answers_table(answered.columns, answered.rows)}\n{picture}"
 
 
 def _open(folder: Path) -> tuple[QuerySources, Lineage]:
-    """The artifacts of a scene, which belong together, and all that they were made from."""
+    """Open the artifacts of a scene, and check that they belong together."""
     opened = {name: _verified(folder / f"{name}.zarr", schema) for name, schema in _VERIFIED.items()}
     sources = QuerySources(frames=open_artifact(folder / "frames.zarr", FRAMES), **opened)
     return sources, lineage([sources.frames, *opened.values()])
 
 
 def _verified(path: Path, schema: Schema) -> Artifact:
-    # This says best what is missing, or of another kind.
+    # Opening reports a missing artifact, or one of another kind, more clearly than verifying.
     open_artifact(path, schema)
     return verify(path, {schema.name: schema})
 
 
 def _viewpoint(sources: QuerySources, asking: Asking) -> Viewpoint | None:
-    """Where to ask from; None for the whole scene."""
+    """The view to query; None for the whole scene."""
     if asking.frame is not None and asking.pose is not None:
         raise UserError("--frame and --pose: give one of them")
     if asking.pose is not None:

@@ -1,4 +1,4 @@
-"""Answers on one page: for each query the place, the relevancy and the mask in the rendered view."""
+"""Draw answers on one page: for each query the location, the relevancy and the mask in the rendered view."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,20 +15,20 @@ from egosplat.report.figure import plt, save_figure
 QUERY_PICTURE = picture_kind("egosplat query")
 
 CELL = 4.0
-"""Height of a picture, in inches."""
+"""Height of an image [inches]."""
 
 
 @dataclass(frozen=True, eq=False)
 class DrawnAnswer:
-    """An answer with what is drawn of it; nothing but its words where it was refused, or nothing is seen.
+    """An answer with its images; a query without an answer has only its phrase.
 
     Attributes:
-        phrase: the query's words.
+        phrase: text of the query.
         score: 0..1.
-        refusal: why there is no answer, or None.
-        where: which view it is, in words.
+        refusal: reason why there is no answer, or None.
+        where: name of the view, such as "frame 12".
         picture: (H, W, 3) float32 in [0, 1], the rendered view, or None.
-        pixel: column and row of the place, or None.
+        pixel: column and row of the location, or None.
         relevancy: (H, W) float32 in 0..1.
         level, mask_level: names of the levels of relevancy and mask.
         mask: (H, W) bool.
@@ -47,17 +47,17 @@ class DrawnAnswer:
 
 
 def draw_answers(answers: Sequence[DrawnAnswer], title: str, output: Path) -> None:
-    """Draw the page as PNG; the file appears when it is complete.
+    """Draw the page as PNG, atomically.
 
     Args:
-        answers: a row each, one at least.
-        title: above all; lines that are too long are broken.
+        answers: one per row, at least one.
+        title: title of the page; long lines are wrapped.
         output: the file.
     """
     shapes = [one.picture.shape for one in answers if one.picture is not None]
     height, width = shapes[0][:2] if shapes else (1, 1)
     cell = CELL * float(np.clip(width / height, 0.6, 1.8))
-    # A refused query needs a line, not a picture.
+    # A refused query takes one line.
     heights = [0.6 if one.picture is None else CELL + 0.35 for one in answers]
     figure = plt.figure(figsize=(3 * cell, sum(heights) + 0.8), layout="constrained")
     grid = figure.subplots(len(answers), 3, squeeze=False, height_ratios=heights)
@@ -72,13 +72,13 @@ def _draw(cells: NDArray[np.object_], answer: DrawnAnswer) -> None:
     for axes in cells:
         axes.set_axis_off()
     where = f", {answer.where}" if answer.where else ""
-    words = f'"{answer.phrase}": {answer.score:.2f}{where}'
+    caption = f'"{answer.phrase}": {answer.score:.2f}{where}'
     if answer.picture is None:
-        words = f'"{answer.phrase}": {answer.refusal or "nothing is seen here"}'
-        # Out of the layout, which would make the first column as wide as the words.
-        place.text(0.0, 0.5, words, fontsize=10, transform=place.transAxes, clip_on=False, in_layout=False)
+        caption = f'"{answer.phrase}": {answer.refusal or "nothing is visible here"}'
+        # Outside of the layout: otherwise the first column becomes as wide as the text.
+        place.text(0.0, 0.5, caption, fontsize=10, transform=place.transAxes, clip_on=False, in_layout=False)
         return
-    place.set_title(words, fontsize=10)
+    place.set_title(caption, fontsize=10)
     place.imshow(answer.picture)
     _mark(place, answer.pixel)
     draw_heat(heat, answer.picture, answer.relevancy)
@@ -89,7 +89,7 @@ def _draw(cells: NDArray[np.object_], answer: DrawnAnswer) -> None:
 
 
 def _mark(axes: Axes, pixel: tuple[int, int] | None) -> None:
-    """Draw a ring around the place."""
+    """Draw a ring around a pixel."""
     if pixel is not None:
         axes.scatter(*pixel, s=130, facecolors="none", edgecolors="black", linewidths=3.5)
         axes.scatter(*pixel, s=130, facecolors="none", edgecolors="white", linewidths=1.5)

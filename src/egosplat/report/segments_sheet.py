@@ -1,4 +1,4 @@
-"""What was segmented, on one page: frames through the video, with the instances of each level in colours."""
+"""Draw the segments on one page: frames of the video, with the instances of each level in colours."""
 
 from pathlib import Path
 
@@ -18,55 +18,58 @@ from egosplat.report.figure import draw_heading, evenly_spaced, plt, save_figure
 PAGE = picture_kind("egosplat segments-sheet")
 
 PICTURES = 6
-"""Frames shown, evenly spread."""
+"""Maximum number of frames, evenly spaced."""
 
 CELL = 2.9
-"""Width of a picture on the page, in inches."""
+"""Width of an image on the page [inches]."""
 
 TINT = 0.55
-"""Share of an instance's colour over the picture."""
+"""Opacity of an instance's colour."""
 
 
 def run(frames: Path, segments: Path, output: Path, *, title: str) -> None:
-    """Draw the page as PNG; the file appears when it is complete.
+    """Draw the page as PNG, atomically.
 
     Raises:
-        UserError: the segments are of other frames.
+        UserError: the segments were made from other frames.
     """
     check_output(output, PAGE)
-    pictures, found = open_artifact(frames, FRAMES), open_artifact(segments, SEGMENTS)
-    check_made_from(found, pictures, axes=("frame",))
-    count, height, width, _ = pictures.shape("rgb")
+    frames_artifact, segments_artifact = open_artifact(frames, FRAMES), open_artifact(segments, SEGMENTS)
+    check_made_from(segments_artifact, frames_artifact, axes=("frame",))
+    count, height, width, _ = frames_artifact.shape("rgb")
     shown = evenly_spaced(count, PICTURES)
-    levels, repeats = found.facts["levels"], found.facts.get("repeats", {})
+    levels, repeats = segments_artifact.facts["levels"], segments_artifact.facts.get("repeats", {})
     size = (CELL * len(shown), (CELL * height / width + 0.25) * (1 + len(levels)) + 0.9)
     figure, grid = plt.subplots(
         1 + len(levels), len(shown), squeeze=False, figsize=size, layout="constrained"
     )
-    draw_heading(figure, f"{title}: {_summary(found)}", warnings_of(found))
-    colours = palette(found.shape("instances/level")[0])
+    draw_heading(figure, f"{title}: {_summary(segments_artifact)}", warnings_of(segments_artifact))
+    colours = palette(segments_artifact.shape("instances/level")[0])
     for column, frame in enumerate(shown):
-        picture, labels = pictures.row("rgb", frame), found.row("labels", frame)
-        _show(grid[0, column], picture, f"frame {frame}")
+        image, labels = frames_artifact.row("rgb", frame), segments_artifact.row("labels", frame)
+        _show(grid[0, column], image, f"frame {frame}")
         for level, name in enumerate(levels):
-            seen = len(np.unique(labels[level][labels[level] >= 0]))
-            told = f"{name}: repeats {repeats[name]}" if name in repeats else f"{name}: {seen} instances"
-            _show(grid[1 + level, column], tinted(picture, labels[level], colours), told)
+            visible = len(np.unique(labels[level][labels[level] >= 0]))
+            heading = (
+                f"{name}: repeats {repeats[name]}" if name in repeats else f"{name}: {visible} instances"
+            )
+            _show(grid[1 + level, column], tinted(image, labels[level], colours), heading)
     save_figure(figure, output, PAGE)
 
 
-def _summary(found: Artifact) -> str:
-    facts = found.facts
+def _summary(segments: Artifact) -> str:
+    facts = segments.facts
     by_level = ", ".join(f"{number} {name}s" for name, number in facts["instances"].items())
     keys = facts.get("key_frames")
     prompted = f"; prompted in {len(keys)} frames" if keys is not None else ""
     return (
-        f"{by_level} by {facts['segmenter']}{prompted}, origin {found.origin}\nan instance keeps its colour"
+        f"{by_level} by {facts['segmenter']}{prompted}, origin {segments.origin}\n"
+        "an instance has the same colour in all frames"
     )
 
 
 def palette(count: int) -> NDArray[np.float64]:
-    """(count, 3) colours 0..1; neighbours in number are far apart in hue."""
+    """(count, 3) colours in 0..1; consecutive ones have very different hues."""
     hues = (np.arange(count) * 0.61803398875) % 1.0
     value = 0.75 + 0.25 * ((np.arange(count) // 7) % 2)
     hsv = np.stack([hues, np.full(count, 0.85), value], axis=1)
@@ -76,10 +79,15 @@ def palette(count: int) -> NDArray[np.float64]:
 def tinted(
     picture: NDArray[np.uint8], labels: NDArray[np.int32], colours: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(H, W, 3) picture 0..1, grey where nothing is, with instances in their colours and outlined.
+    """Tint and outline the instances of an image; the rest is grey.
 
     Args:
-        picture: (H, W, 3) uint8; labels: (H, W), -1 for none; colours: (N, 3) 0..1.
+        picture: (H, W, 3) uint8.
+        labels: (H, W) instances, -1 for none.
+        colours: (N, 3) in 0..1.
+
+    Returns:
+        (H, W, 3) float64 in 0..1.
     """
     light = picture / 255.0
     grey = np.repeat(light.mean(axis=2, keepdims=True), 3, axis=2)
@@ -92,7 +100,7 @@ def tinted(
 
 
 def _borders(labels: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """(H, W) pixels whose right or lower neighbour has another label."""
+    """(H, W) bool pixels whose right or lower neighbour has another label."""
     borders = np.zeros(labels.shape, dtype=bool)
     borders[:, :-1] |= labels[:, :-1] != labels[:, 1:]
     borders[:-1] |= labels[:-1] != labels[1:]

@@ -1,4 +1,4 @@
-"""What moves, on one page: photographs, where the network sees something move, what is masked, and what is left."""
+"""Draw transient objects on one page: frames, predicted probability, masks, and renders without them."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,31 +27,31 @@ from egosplat.report.page_text import add_name
 PAGE = picture_kind("egosplat transient-sheet")
 
 PICTURES = 5
-"""At most so many frames are shown."""
+"""Maximum number of frames."""
 
 MOVING = 4
-"""At most so many of them with something masked."""
+"""Maximum number of frames with masked pixels."""
 
 NAMED_BARS = 80
-"""At most so many bars are named: more names would lie on one another."""
+"""Maximum number of bars with a name: more names would overlap."""
 
 LABELS = 4
-"""At most so many instances of a frame are named, the largest first."""
+"""Maximum number of named instances in a frame, the largest first."""
 
 CELL = 2.9
-"""Width of a picture on the page, in inches."""
+"""Width of an image on the page [inches]."""
 
 CHART = 2.6
-"""Height of the chart, in inches."""
+"""Height of the chart [inches]."""
 
 MASKED, STATIC, OTHER_LEVEL = "crimson", "0.7", "lightpink"
-"""Colours of instances that move, that do not, and that would but are of a level that is not asked for."""
+"""Colours of transient instances, of static ones, and of those above the threshold at a level that is not used."""
 
 TINT = 0.4
-"""Share of the colour over what is masked."""
+"""Opacity of the colour of masked pixels."""
 
 HEAT = 0.75
-"""Share of the heat map over the photograph."""
+"""Opacity of the heat map."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def run(
     *,
     title: str,
 ) -> None:
-    """Draw the page as PNG; the file appears when it is complete.
+    """Draw the page as PNG, atomically.
 
     Raises:
         UserError: the inputs do not belong together.
@@ -95,33 +95,39 @@ def run(
 
 
 def _open(frames: Path, poses: Path, transient: Path, segments: Path, masks: Path, splats: Path) -> _Sources:
-    pictures, found = open_artifact(frames, FRAMES), open_artifact(segments, SEGMENTS)
-    predicted, refined = open_artifact(transient, TRANSIENT), open_artifact(masks, MASKS)
-    walk, trained = open_artifact(poses, POSES), open_artifact(splats, SPLATS)
-    check_made_from(trained, walk)
-    for artifact in (walk, found, predicted, trained):
-        check_made_from(artifact, pictures)
-    check_made_from(refined, found, predicted)
-    check_made_from(trained, predicted, refined)
-    return _Sources(pictures, walk, predicted, found, refined, trained)
+    sources = _Sources(
+        frames=open_artifact(frames, FRAMES),
+        poses=open_artifact(poses, POSES),
+        transient=open_artifact(transient, TRANSIENT),
+        segments=open_artifact(segments, SEGMENTS),
+        masks=open_artifact(masks, MASKS),
+        splats=open_artifact(splats, SPLATS),
+    )
+    check_made_from(sources.splats, sources.poses)
+    for artifact in (sources.poses, sources.segments, sources.transient, sources.splats):
+        check_made_from(artifact, sources.frames)
+    check_made_from(sources.masks, sources.segments, sources.transient)
+    check_made_from(sources.splats, sources.transient, sources.masks)
+    return sources
 
 
 def _masked_shares(masks: Artifact) -> NDArray[np.float64]:
-    """(F,) share of each frame that is masked."""
+    """(F,) masked share of each frame."""
     return np.array([masks.row("refined", frame).mean() for frame in range(masks.shape("refined")[0])])
 
 
 def choose_frames(masked: NDArray[np.float64], posed: NDArray[np.bool_]) -> list[int]:
-    """The frames to show, in order of time.
+    """Choose the frames to show, in order of time.
 
-    Of each of ``MOVING`` equally long parts of the frames with something masked the one with the most, not too near
-    the part's ends, that no two are neighbours; the rest are frames without anything masked, evenly spread.
+    The frames with masked pixels are split into ``MOVING`` equal parts; each part gives the frame with the largest masked
+    share. The remaining frames have no masked pixel and are evenly spaced.
 
     Args:
-        masked: (F,) share of each frame that is masked.
-        posed: (F,) which frames have a pose; only they can be rendered.
+        masked: (F,) masked share of each frame.
+        posed: (F,) which frames have a pose; only these can be rendered.
     """
     moving, still = np.flatnonzero(posed & (masked > 0)), np.flatnonzero(posed & (masked == 0))
+    # The outer quarters of a part are left out, so that no two frames are neighbours.
     middles = [part[len(part) // 4 : len(part) - len(part) // 4] for part in np.array_split(moving, MOVING)]
     most = [int(middle[np.argmax(masked[middle])]) for middle in middles if len(middle)]
     spread = still[middles_of_parts(len(still), PICTURES - len(most))].tolist()
@@ -130,12 +136,15 @@ def choose_frames(masked: NDArray[np.float64], posed: NDArray[np.bool_]) -> list
 
 def _summary(sources: _Sources) -> str:
     facts, masking = sources.masks.facts, sources.splats.provenance["options"]["masking"]
-    trained = {"none": "all pixels", "initial": "all pixels, less where the probability is high"}
+    trained_on = {
+        "none": "all pixels",
+        "initial": "all pixels, with less weight where the probability is high",
+    }
     return (
-        f"{facts['transient']} of {facts['instances']} instances move, {facts['masked_share']:.1%} of all pixels; "
-        f"origin {sources.masks.origin}\n"
-        f"instances move whose score is {facts['threshold']:g} or more (levels: {facts['level']}); "
-        f"the Gaussians were trained on {trained.get(masking, 'what is not masked')}"
+        f"{facts['transient']} of {facts['instances']} instances are transient, {facts['masked_share']:.1%} of all "
+        f"pixels; origin {sources.masks.origin}\n"
+        f"an instance is transient if its score is {facts['threshold']:g} or more (levels: {facts['level']}); "
+        f"the Gaussians were trained on {trained_on.get(masking, 'the unmasked pixels')}"
     )
 
 
@@ -153,23 +162,21 @@ def _draw_frames(page: SubFigure, sources: _Sources, shown: list[int], columns: 
         _draw_mask(grid[2, column], photograph, sources, frame)
         _show(grid[3, column], scene.picture(scene.camera, poses[frame]), "rendered from the Gaussians")
     if heat is not None:
-        bar = page.colorbar(heat, ax=grid[1].tolist(), pad=0.01, label="probability of moving")
+        bar = page.colorbar(heat, ax=grid[1].tolist(), pad=0.01, label="transient probability")
         bar.solids.set_alpha(1.0)
 
 
 def _draw_probability(
     cell: Axes, photograph: NDArray[np.uint8], probability: NDArray[np.float16]
 ) -> AxesImage:
-    """Lay the probability over the photograph in grey."""
+    """Draw the probability over the photograph, shown in grey."""
     values = np.nan_to_num(probability.astype(np.float32))
-    _show(
-        cell, photograph.mean(axis=2), f"probability of moving: {values.mean():.1%} on average", cmap="gray"
-    )
+    _show(cell, photograph.mean(axis=2), f"transient probability: mean {values.mean():.1%}", cmap="gray")
     return cell.imshow(values, cmap="inferno", vmin=0.0, vmax=1.0, alpha=HEAT)
 
 
 def _draw_mask(cell: Axes, photograph: NDArray[np.uint8], sources: _Sources, frame: int) -> None:
-    """Tint and outline what is masked, and name its largest instances."""
+    """Tint and outline the masked pixels, and name their largest instances."""
     mask = sources.masks.row("refined", frame)
     tint = 255.0 * np.array(to_rgb(MASKED))
     shown = np.where(mask[..., None], (1 - TINT) * photograph + TINT * tint, photograph)
@@ -183,9 +190,7 @@ def _draw_mask(cell: Axes, photograph: NDArray[np.uint8], sources: _Sources, fra
 
 
 def label_places(labels: NDArray[np.int32], moves: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
-    """Column, row and number of the instances to name, the largest first.
-
-    One whose name would lie on another's is left out, as a part is at the place of its whole.
+    """Column, row and index of the instances to name, the largest first.
 
     Args:
         labels: (L, H, W) instance at each level, -1 for none.
@@ -201,23 +206,24 @@ def label_places(labels: NDArray[np.int32], moves: NDArray[np.bool_]) -> list[tu
         # The pixel nearest to the middle: the middle itself may lie outside.
         nearest = np.argmin((rows - np.median(rows)) ** 2 + (columns - np.median(columns)) ** 2)
         u, v = int(columns[nearest]), int(rows[nearest])
+        # A part and its whole have about the same middle: only one of their names fits.
         if all(abs(u - x) > 0.25 * width or abs(v - y) > 0.08 * height for x, y, _ in places):
             places.append((u, v, int(instance)))
     return places
 
 
 def _draw_scores(axes: Axes, masks: Artifact, segments: Artifact) -> None:
-    """The instances by score, and the threshold."""
+    """Draw the scores of all instances, sorted, and the threshold."""
     scores, moves = masks.read("instances/score"), masks.read("instances/transient")
     level, names = segments.read("instances/level"), segments.facts["levels"]
     threshold = masks.facts["threshold"]
     order = np.argsort(-scores, kind="stable")
     named = len(order) <= NAMED_BARS
     other = ~moves & (scores >= threshold)
-    groups = ((moves, MASKED, "moves"), (other, OTHER_LEVEL, "of a level not asked for"))
-    for chosen, colour, label in (*groups, (~moves & ~other, STATIC, "stays")):
+    groups = ((moves, MASKED, "transient"), (other, OTHER_LEVEL, "at a level that is not used"))
+    for chosen, colour, label in (*groups, (~moves & ~other, STATIC, "static")):
         places = np.flatnonzero(chosen[order])
-        # Without smoothed edges many narrow bars show no seams.
+        # Antialiasing would draw seams between many narrow bars.
         options = {"width": 0.8 if named else 1.0, "antialiased": False, "color": colour, "label": label}
         if len(places):
             axes.bar(places, scores[order[places]], **options)
@@ -226,8 +232,10 @@ def _draw_scores(axes: Axes, masks: Artifact, segments: Artifact) -> None:
         ticks = [f"{instance} {names[level[instance]]}" for instance in order]
         axes.set_xticks(range(len(order)), ticks, rotation=90, fontsize=6)
     else:
-        axes.set_xlabel("instances, by score")
-    axes.set_title("score: mean probability over all pixels of the instance in all frames", fontsize=10)
+        axes.set_xlabel("instances, sorted by score")
+    axes.set_title(
+        "score: mean transient probability over all pixels of an instance in all frames", fontsize=10
+    )
     axes.set(ylabel="score", ylim=(0, 1), xlim=(-0.8, max(len(order), 10) - 0.2))
     axes.legend(loc="upper right", fontsize=8)
 

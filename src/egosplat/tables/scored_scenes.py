@@ -16,7 +16,7 @@ from egosplat.tables.table import Cell
 FULL = "full"
 """The variant of a scene's own folder."""
 
-PROTOCOL = ("min_area", "excluded", "people", "target", "confidence")
+PROTOCOL = ("min_area", "excluded", "people", "hit_region", "confidence")
 """Keys of the section ``metrics`` that decide what is asked and how it is scored: they are the same in a table."""
 
 UNTOUCHED = tuple(f"scene{number}" for number in range(6, 11))

@@ -39,5 +39,5 @@ def test_undefined_iou_is_rejected():
         iou(square(2, 2, 4), square(2, 2, 0), None)
     with pytest.raises(ValueError, match="visible"):
         iou(square(2, 2, 4), square(2, 2, 4), square(10, 10, 3))
-    with pytest.raises(ValueError, match="compared"):
+    with pytest.raises(ValueError, match="differ"):
         iou(square(2, 2, 4)[:-1], square(2, 2, 4), None)

@@ -121,7 +121,7 @@ def test_a_scene_without_codes_has_no_answer_at_any_limit(word_scene, query, mon
     monkeypatch.setattr(query_answers, "ask_scene", lambda *_: [SceneAnswer("cup", ())])
     status, out, err = query(word_scene(), "cup", "--min-score", 0)
     assert status == 0, err
-    assert columns(out.splitlines()[2]) == ["cup", "0.00", "nothing of the scene has a code"]
+    assert columns(out.splitlines()[2]) == ["cup", "0.00", "no Gaussian of the scene has a code"]
 
 
 def test_one_frame_applies_the_same_threshold_as_the_scene(word_scene, query):
@@ -146,7 +146,7 @@ def test_many_answers_are_drawn_in_part(word_scene, query):
     ]
     folder = word_scene()
     _, out, _ = query(folder, *many)
-    assert "of the first 8 answers; 2 more are in the table alone" in out.splitlines()[-1]
+    assert "the first 8 answers; 2 more are in the table only" in out.splitlines()[-1]
     assert all(any(line.startswith(phrase) for line in out.splitlines()) for phrase in many)
 
 
