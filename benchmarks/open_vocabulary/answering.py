@@ -100,6 +100,6 @@ def _answers(
             for one in own:
                 if one.query.category == answer.phrase:
                     score = score_query(
-                        one.query, answer.candidates, answer.mask, truth, evaluation.valid, keys["target"]
+                        one.query, answer.candidates, answer.mask, truth, evaluation.valid, keys["hit_region"]
                     )
                     yield Answered(one, score.groups["all"])

@@ -61,7 +61,7 @@ def true_segments(folder: Path, output: Path) -> None:
 
 def score(folder: Path, work: Path, target: str) -> ScoredScene:
     """Scores of a scene with the segments and view features in ``work`` and one of ``TARGETS``."""
-    config = configuration.resolve({"features": {"target": target}}, PRESETS)
+    config = configuration.resolve({"features": {"supervision": target}}, PRESETS)
     own = {name: folder / f"{name}.zarr" for name in ("frames", "poses", "annotations", "splats")}
     masking = open_artifact(own["splats"], SPLATS).provenance["options"]["masking"]
     made = {name: work / target / f"{name}.zarr" for name in ("features", "language")}

@@ -172,9 +172,7 @@ def test_nothing_is_found_where_every_value_is_nan(tmp_path, scored, perfect):
 
 def test_maps_with_many_maxima_give_a_warning(tmp_path, scored, perfect, capsys):
     scored(write(tmp_path / "mine.zarr", perfect, QUERIES))
-    assert (
-        "in 2 of 2 queries more than 1% of the image has the largest relevancy" in capsys.readouterr().err
-    )
+    assert "in 2 of 2 queries more than 1% of the image has the largest relevancy" in capsys.readouterr().err
     rows, columns = np.mgrid[:HEIGHT, :WIDTH]
     scored(
         write(tmp_path / "mine.zarr", (perfect - 1e-4 * (WIDTH * rows + columns)).astype(np.float32), QUERIES)

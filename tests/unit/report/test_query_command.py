@@ -165,9 +165,7 @@ def test_a_pose_that_sees_nothing_gives_no_answer(word_scene, query, tmp_path):
     output = tmp_path / "made" / "away.png"
     status, out, err = query(word_scene(), "cup", "--pose", tmp_path / "away.json", "--output", output)
     assert status == 0, err
-    assert (
-        columns(out.splitlines()[2])[:2] == ["cup", "0.00"] and "not found" in out.splitlines()[2]
-    )
+    assert columns(out.splitlines()[2])[:2] == ["cup", "0.00"] and "not found" in out.splitlines()[2]
     assert Image.open(output).size[0] > 400
 
 

@@ -34,8 +34,6 @@ def test_a_long_refusal_does_not_widen_a_column(tmp_path):
 
 
 def test_a_page_of_rejected_queries_only(tmp_path):
-    draw_answers(
-        [DrawnAnswer("zeppelin", 0.2, refusal="not found")], "a scene", tmp_path / "page.png"
-    )
+    draw_answers([DrawnAnswer("zeppelin", 0.2, refusal="not found")], "a scene", tmp_path / "page.png")
     width, height = Image.open(tmp_path / "page.png").size
     assert width > height
