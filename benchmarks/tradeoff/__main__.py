@@ -32,8 +32,8 @@ def cell(measure: Measure, found: dict[str, Any] | None) -> str:
     if found is None:
         return "-"
     if found["low"] is None:
-        return measure.told(found["mean"])
-    return f"{measure.told(found['mean'])} ({measure.told(found['low'])} to {measure.told(found['high'])})"
+        return measure.text(found["mean"])
+    return f"{measure.text(found['mean'])} ({measure.text(found['low'])} to {measure.text(found['high'])})"
 
 
 def row(point: dict[str, Any], folder: Path, scene: ScoredScene) -> list[str]:

@@ -1,4 +1,4 @@
-"""Scores of several scenes together: means with intervals, and how often a whole scene answers."""
+"""Average the scores of several scenes, and count how often queries of whole scenes are answered."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -9,47 +9,45 @@ from egosplat.tables.table import Cell
 
 
 def average(scenes: Mapping[str, ScoredScene], metric: str, group: str) -> Cell:
-    """The plain mean over scenes, as in the paper's tables, of those that have a score.
-
-    Its interval, by ``clustered_interval``, tells how far other categories and other scenes could move it.
+    """The plain mean over the scenes that have a score, as in the paper's tables, with ``clustered_interval``.
 
     Args:
-        scenes: by name, of one confidence (see ``check_protocol``).
+        scenes: scenes by name, scored with one confidence (see ``check_protocol``).
         metric: ``accuracy`` or ``mean_iou``.
         group: one of ``egosplat.evaluation.queries.GROUPS``.
     """
-    clusters = {name: scene.clusters(metric, group) for name, scene in scenes.items()}
-    there = {name: own for name, own in sorted(clusters.items()) if len(own.counts)}
-    if not there:
+    clusters = {name: scene.clusters(metric, group) for name, scene in sorted(scenes.items())}
+    scored = {name: values for name, values in clusters.items() if len(values.counts)}
+    if not scored:
         return Cell()
-    options = replace(RESAMPLING, confidence=scenes[next(iter(there))].protocol["confidence"])
-    values = list(there.values())
+    options = replace(RESAMPLING, confidence=scenes[next(iter(scored))].protocol["confidence"])
+    values = list(scored.values())
     return Cell(
         percent=100 * mean_of_scenes(values),
         interval=scaled(bounds_of(clustered_interval(values, options)), 100),
-        queries=int(sum(own.counts.sum() for own in values)),
-        categories=sum(len(own.counts) for own in values),
-        scenes=tuple(there),
+        queries=int(sum(scene.counts.sum() for scene in values)),
+        categories=sum(len(scene.counts) for scene in values),
+        scenes=tuple(scored),
     )
 
 
 def average_chance(scenes: Mapping[str, ScoredScene], answerer: str, group: str) -> Cell:
-    """The same of an accuracy by chance, see ``ScoredScene.chance``; without an interval."""
-    cells = {name: scene.chance(answerer, group) for name, scene in scenes.items()}
-    there = {name: cell for name, cell in sorted(cells.items()) if cell.percent is not None}
-    if not there:
+    """The plain mean over scenes of the accuracy by chance, see ``ScoredScene.chance``; without an interval."""
+    cells = {name: scene.chance(answerer, group) for name, scene in sorted(scenes.items())}
+    scored = {name: cell for name, cell in cells.items() if cell.percent is not None}
+    if not scored:
         return Cell()
-    return Cell(percent=sum(cell.percent for cell in there.values()) / len(there), scenes=tuple(there))
+    return Cell(percent=sum(cell.percent for cell in scored.values()) / len(scored), scenes=tuple(scored))
 
 
 @dataclass(frozen=True)
 class PresenceCounts:
-    """Counts of queries.
+    """Counts of queries of whole scenes.
 
     Attributes:
-        present, absent: queries of things that are there, and of things that are not.
-        answered, answered_absent: how many of each were answered.
-        right: answered queries whose thing mostly belongs to the category.
+        present, absent: number of queries of present and of absent things.
+        answered, answered_absent: number of each that were answered.
+        right: number of answered queries whose thing mostly belongs to the category.
     """
 
     present: int
@@ -59,16 +57,16 @@ class PresenceCounts:
     answered_absent: int
 
     @property
-    def told(self) -> str:
+    def summary(self) -> str:
         """The counts in a sentence, without a full stop."""
         return (
-            f"asked of the whole scene, {self.answered} of {self.present} things that are there are answered, "
-            f"{self.right} of them rightly, and {self.answered_absent} of {self.absent} that are not there"
+            f"in queries of the whole scene, {self.answered} of {self.present} present things are answered, "
+            f"{self.right} of them correctly, and {self.answered_absent} of {self.absent} absent things"
         )
 
 
 def presence_counts(scenes: Iterable[ScoredScene]) -> PresenceCounts:
-    """Sum the counts of scenes; those of other methods have none."""
+    """Sum the counts of scenes; scores of other methods have none."""
     entries = [scene.document["presence"] for scene in scenes if "presence" in scene.document]
     present, absent = ([entry[kind] for entry in entries] for kind in ("present", "absent"))
     return PresenceCounts(

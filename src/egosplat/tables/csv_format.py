@@ -1,4 +1,4 @@
-"""A table as CSV: one line a number, for other programs."""
+"""Write a table as CSV, one line per number."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -14,10 +14,11 @@ CSV = text_kind("egosplat tables", ".csv", begin="table,kind,method,")
 
 
 def to_csv(table: Table) -> str:
-    """All numbers of a table with what they are of; what is not known is left empty.
+    """Write one line per number; unknown values are empty.
 
-    ``kind`` is ``printed``, ``real`` or ``synthetic``; ``percent``, ``low`` and ``high`` are a score and its interval
-    [%], over so many ``queries`` of so many ``categories``; ``scenes`` are those that a measured average is made of; ``steps`` are the components of an ablation in use.
+    Columns: ``kind`` is ``printed``, ``real`` or ``synthetic``; ``percent``, ``low`` and ``high`` are a score and its
+    interval [%]; ``queries`` and ``categories`` are their numbers; ``scenes`` are the scenes of a measured average;
+    ``steps`` are the enabled components of an ablation.
     """
     lines = [
         _line(table, block, row, column, cell)
@@ -60,5 +61,5 @@ def _rounded(percent: float | None) -> float | None:
 
 
 def _harmless(text: str) -> str:
-    """A name that no spreadsheet takes for a formula."""
+    """Quote a name that a spreadsheet would read as a formula."""
     return f"'{text}" if text.startswith(("=", "+", "-", "@")) else text

@@ -1,4 +1,4 @@
-"""A table as LaTeX, laid out as the paper's."""
+"""Write a table as LaTeX, in the layout of the paper."""
 
 from collections.abc import Iterator
 
@@ -6,12 +6,12 @@ from egosplat.output_files import text_kind
 from egosplat.tables.table import Block, Cell, Row, Table, aside, number
 
 MARK = "% egosplat tables"
-"""A comment, the first line of each file."""
+"""First line of each file, a comment."""
 
 LATEX = text_kind("egosplat tables", ".tex", begin=MARK)
 
 WIDE = 8
-"""Columns, at most, of a table that fits one column of a page."""
+"""Maximum number of columns of a table that fits one column of a page."""
 
 _ESCAPED = {
     "\\": r"\textbackslash{}",
@@ -31,8 +31,9 @@ _RANKS = {
 
 
 def to_latex(table: Table) -> str:
-    """A float with its caption, notes and label ``tab:NAME``; the best number of a block is red, the second teal, but for
-    synthetic ones.
+    """Write a float with caption, notes and label ``tab:NAME``.
+
+    The best number of a block is red, the second best teal; synthetic blocks are not ranked.
     """
     environment = "table" if len(table.columns) <= WIDE else "table*"
     lines = [
@@ -56,7 +57,7 @@ def to_latex(table: Table) -> str:
 
 
 def escape(text: str) -> str:
-    """Text that means nothing but itself."""
+    """Escape the special characters of LaTeX."""
     return "".join(_ESCAPED.get(one, one) for one in text)
 
 

@@ -1,4 +1,4 @@
-"""A table as Markdown, as GitHub shows it: one table a block."""
+"""Write a table as GitHub Markdown, one Markdown table per block."""
 
 import re
 from collections.abc import Iterator
@@ -7,12 +7,12 @@ from egosplat.output_files import text_kind
 from egosplat.tables.table import Block, Cell, Row, Table, aside, number
 
 MARK = "<!-- egosplat tables -->"
-"""A comment, the first line of each file."""
+"""First line of each file, a comment."""
 
 MARKDOWN = text_kind("egosplat tables", ".md", begin=MARK)
 
 ROOM = 8
-"""Columns, at most, beside which there is room for intervals."""
+"""Maximum number of columns of a table that also shows intervals."""
 
 _SPECIAL = re.compile(r"([\\`*_{}\[\]|~$#])")
 _ENTITIES = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;"})
@@ -20,7 +20,10 @@ _RANKS = {0: "{}", 1: "**{}**", 2: "*{}*"}
 
 
 def to_markdown(table: Table) -> str:
-    """A table with its caption and notes; the best number of a block is bold, the second best in italics, but for synthetic ones."""
+    """Write a table with caption and notes.
+
+    The best number of a block is bold, the second best italic; synthetic blocks are not ranked.
+    """
     parts = [MARK, f"### {escape(table.caption)}"]
     for block in table.blocks:
         parts += [f"**{escape(block.title)}**", "\n".join(_lines(table, block))]
@@ -29,7 +32,7 @@ def to_markdown(table: Table) -> str:
 
 
 def escape(text: str) -> str:
-    """Text that means nothing but itself, also inside a table."""
+    """Escape the special characters of Markdown, also inside a table."""
     return _SPECIAL.sub(r"\\\1", text.translate(_ENTITIES))
 
 

@@ -1,4 +1,4 @@
-"""All tables on one HTML page that needs nothing beside itself."""
+"""Write all tables on one self-contained HTML page."""
 
 import base64
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from egosplat.tables.series import Series
 from egosplat.tables.table import Table, aside, number
 
 GENERATOR = "egosplat tables"
-"""What the page says that it was made by."""
+"""Generator named in the page's metadata."""
 
 HTML = text_kind(GENERATOR, ".html", mark=f'<meta name="generator" content="{GENERATOR}">')
 
@@ -24,11 +24,11 @@ _KINDS = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture of a scene.
+    """An image of a scene.
 
     Attributes:
-        name: what stands below it.
-        address: the picture itself, as a data URI.
+        name: caption.
+        address: content of the image, as a data URI.
     """
 
     name: str
@@ -37,20 +37,20 @@ class Picture:
 
 @dataclass(frozen=True)
 class Source:
-    """A scene's scores, with the row that they are in."""
+    """The scores of a scene, and the series that they belong to."""
 
     series: Series
     scene: ScoredScene
 
 
 def read_picture(path: Path) -> Picture:
-    """Read a PNG or JPEG file; below ``results`` its name is the path from there.
+    """Read a PNG or JPEG file; its name is its path, relative to a folder ``results``.
 
     Raises:
         UserError: it cannot be read, or is of another kind.
     """
     if path.suffix.lower() not in _KINDS:
-        raise UserError(f"{path}: is no picture for the page; give {', '.join(_KINDS)}")
+        raise UserError(f"{path}: is not an image for the page; give {', '.join(_KINDS)}")
     try:
         content = base64.b64encode(path.read_bytes()).decode("ascii")
     except FileNotFoundError:
@@ -62,13 +62,13 @@ def read_picture(path: Path) -> Picture:
 def to_html(
     tables: Sequence[Table], series: Sequence[Series], pictures: Sequence[Picture], confidence: float | None
 ) -> str:
-    """The page.
+    """Write the page.
 
     Args:
-        tables: in order.
-        series: that their measured rows are made of.
-        pictures: of scenes.
-        confidence: of the intervals, such as 0.95; None where there is no interval.
+        tables: the tables, in order.
+        series: the series of all measured rows.
+        pictures: images of scenes.
+        confidence: confidence of the intervals, such as 0.95; None without intervals.
     """
     template = (resources.files("egosplat") / "tables" / "tables.html.j2").read_text(encoding="utf-8")
     environment = Environment(
@@ -81,7 +81,7 @@ def to_html(
         alarmed=[scene for one in series for scene in one.scenes.values() if scene.document["alarms"]],
         pictures=pictures,
         confidence=None if confidence is None else f"{100 * confidence:g} %",
-        told=sorted({one.about for one in series}),
+        measured_on=sorted({one.about for one in series}),
         number=number,
         aside=aside,
     )

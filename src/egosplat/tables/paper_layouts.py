@@ -1,4 +1,4 @@
-"""How the paper lays its five tables out."""
+"""The layouts of the paper's five tables."""
 
 from dataclasses import dataclass
 
@@ -16,9 +16,9 @@ class Line:
     """A line of a table.
 
     Attributes:
-        printed: the method's name among the paper's numbers.
-        variant: of egosplat that it is, or None for none of them.
-        steps: which components it has, in an ablation.
+        printed: name of the method in the paper's numbers.
+        variant: the corresponding variant of egosplat, or None.
+        steps: enabled components, in an ablation.
     """
 
     printed: str
@@ -28,16 +28,16 @@ class Line:
 
 @dataclass(frozen=True)
 class Layout:
-    """How a table of the paper is laid out.
+    """The layout of a table.
 
     Attributes:
-        name: of its files.
-        caption: says what it shows.
-        numbers: the name of the table among the paper's numbers.
-        dataset: of the scenes.
-        scenes: that count in it.
+        name: stem of the files.
+        caption: caption.
+        numbers: name of the table in the paper's numbers.
+        dataset: dataset of the scenes.
+        scenes: scenes of the table.
         columns, lines: in the paper's order.
-        components: headings of an ablation's ticks.
+        components: column headings of an ablation's components.
     """
 
     name: str
@@ -55,7 +55,7 @@ class Layout:
         return tuple(line for line in self.lines if line.variant is not None)
 
     def scenes_of(self, untouched: bool) -> tuple[str, ...]:
-        """The scenes that count; untouched apartments have a place in averages alone."""
+        """The scenes of the table; untouched apartments appear only in averages."""
         if not untouched:
             return self.scenes
         averaged = any(column.scene == AVERAGE for column in self.columns)
@@ -142,7 +142,7 @@ LAYOUTS = (
 
 
 def in_a_table(scene: ScoredScene) -> bool:
-    """Whether any table has a place for a scene's scores."""
+    """Whether any table shows a scene's scores."""
     return any(
         layout.dataset == scene.dataset
         and scene.scene in layout.scenes_of(scene.untouched)

@@ -1,4 +1,4 @@
-"""The numbers that the paper prints (``paper_numbers.csv`` beside this file), and notes on them."""
+"""The numbers printed in the paper (``paper_numbers.csv`` in this folder), and notes on them."""
 
 import functools
 from collections.abc import Mapping
@@ -9,29 +9,25 @@ import pandas as pd
 
 METRICS = ("accuracy", "mean_iou")
 
-
 AVERAGE = "average"
-"""In place of a scene's name."""
-
+"""Name of the average, instead of a scene."""
 
 METHODS = ("LERF", "LEGaussian", "SG", "GAGS", "LangSplat", "EgoSplat")
-"""In the order of the paper's rows."""
-
+"""Methods in the order of the paper's rows."""
 
 SCENES = {dataset: tuple(f"scene{number}" for number in range(1, 6)) for dataset in ("adt", "hoi4d")}
-"""The paper's five scenes of each dataset, as the table of scenes calls them."""
-
+"""The paper's five scenes of each dataset, as named in the table of scenes."""
 
 _KEY = ["table", "scene", "method", "metric", "group"]
 
 
 @dataclass(frozen=True)
 class PaperNote:
-    """A remark on the paper's printed numbers.
+    """A note on printed numbers.
 
     Attributes:
-        text: the remark.
-        cells: scene, method, metric and group of the printed numbers that it is about; none for the whole table.
+        text: the note.
+        cells: scene, method, metric and group of the printed numbers; empty for the whole table.
     """
 
     text: str
@@ -41,8 +37,8 @@ class PaperNote:
 PAPER_NOTES: dict[str, tuple[PaperNote, ...]] = {
     "adt_accuracy": (
         PaperNote(
-            "12.6 is below both 29.7 and 13.0; a score over the queries of both groups lies between them, but for "
-            "the few queries that count in both. Probably a misprint.",
+            "12.6 is below both 29.7 and 13.0. A score over the queries of both groups lies between their scores, "
+            "except for the few queries that count in both. Probably a misprint.",
             (("scene1", "LERF", "accuracy", "all"),),
         ),
         PaperNote(
@@ -50,17 +46,16 @@ PAPER_NOTES: dict[str, tuple[PaperNote, ...]] = {
             ((AVERAGE, "SG", "accuracy", "static"),),
         ),
         PaperNote(
-            "Below LangSplat and GAGS, which the paper does not discuss.",
+            "Below LangSplat and GAGS; the paper does not discuss this.",
             (("scene4", "EgoSplat", "accuracy", "dynamic"),),
         ),
         PaperNote(
-            "The paper tells neither its evaluation frames nor how many queries there are. Its numbers fit about 70 to "
-            "160 pairs of a frame and a category in a scene, so that one pair is worth 0.5 to 1.5 points; many of SG's "
-            "and GAGS's numbers fit no such count."
+            "The paper states neither its evaluation frames nor its number of queries. Its numbers are consistent with "
+            "about 70 to 160 pairs of a frame and a category per scene, so that one pair is worth 0.5 to 1.5 points. "
+            "Many numbers of SG and GAGS are consistent with no such count."
         ),
         PaperNote(
-            "The paper's text cites this table under the label of the one of IoU, and the other way round; here "
-            "captions are taken at their word."
+            "The paper's text swaps the references to this table and to the table of IoU; the captions are used here."
         ),
     ),
     "adt_iou": (
@@ -75,7 +70,7 @@ PAPER_NOTES: dict[str, tuple[PaperNote, ...]] = {
     ),
     "adt_ablation": (
         PaperNote(
-            "The numbers of LangSplat's row in the tables by scene.",
+            "Equal to LangSplat's row in the tables by scene.",
             tuple(
                 (AVERAGE, "baseline", metric, group)
                 for metric in ("accuracy", "mean_iou")
@@ -83,29 +78,29 @@ PAPER_NOTES: dict[str, tuple[PaperNote, ...]] = {
             ),
         ),
         PaperNote(
-            "The transient prediction's gain on static targets is 1.3 points of accuracy and 0.5 of mIoU, with one pair "
-            "of a frame and a category worth 0.5 to 1.5 points in a scene."
+            "Transient prediction gains 1.3 points of accuracy and 0.5 points of mIoU on static targets; one pair of a "
+            "frame and a category is worth 0.5 to 1.5 points in a scene."
         ),
     ),
     "hoi4d": (
         PaperNote(
-            "The printed numbers are of the paper's own annotations of the five sequences, with 37 categories, which are "
-            "not public; egosplat reads the dataset's. How the paper averages is not told; egosplat takes the plain mean "
-            "over scenes, as the paper's tables of ADT do."
+            "The paper uses its own annotations of the five sequences, with 37 categories, which are not public; "
+            "egosplat reads the dataset's annotations. The paper does not state how it averages; egosplat uses the plain "
+            "mean over scenes, as in the paper's tables of ADT."
         ),
     ),
     "adt_transient": (
         PaperNote(
-            "The initial stage alone lowers mIoU, in every group, against no transient prediction at all.",
+            "The initial stage alone lowers mIoU in every group, compared with no transient prediction.",
             tuple(("scene1", "initial", "mean_iou", group) for group in ("static", "dynamic", "all")),
         ),
         PaperNote(
-            "The gain of both stages over none, 0.6 points of accuracy and 0.8 of mIoU, is that of one scene with "
-            "100 to 300 pairs of a frame and a category: of accuracy, one to three pairs."
+            "Both stages gain 0.6 points of accuracy and 0.8 points of mIoU over none, on one scene with 100 to 300 "
+            "pairs of a frame and a category: in accuracy, one to three pairs."
         ),
     ),
 }
-"""By the name of the table."""
+"""Notes by the name of the table."""
 
 
 def printed(table: str, scene: str, method: str, metric: str, group: str) -> float:

@@ -1,4 +1,4 @@
-"""The paper's five tables: what it prints, and below what was measured here."""
+"""Build the paper's five tables: printed numbers, and measured numbers below."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from string import ascii_lowercase
@@ -11,24 +11,23 @@ from egosplat.tables.series import APARTMENTS, NAMES, OWN, UNTOUCHED_APARTMENTS,
 from egosplat.tables.table import PRINTED, REAL, SYNTHETIC, Block, Cell, Column, Note, Row, Table, ranked
 
 INTERVALS = (
-    "Intervals tell how far other categories could move a number, and of an average other scenes too: categories are "
-    "resampled, not queries, because the queries of one category are one thing seen from several frames. A score of a "
-    "single category has none."
+    "Intervals are for other categories, and for averages also for other scenes. Categories are resampled, not queries, "
+    "because the queries of one category show one thing in several frames. A score of a single category has no interval."
 )
 
 
 def paper_tables(series: Sequence[Series]) -> list[Table]:
-    """All five, with a row for each of the series that belongs to them."""
+    """Build all five tables, with a row for each series that belongs to one."""
     return [_table(layout, series) for layout in LAYOUTS]
 
 
 def _table(layout: Layout, series: Sequence[Series]) -> Table:
     own = [one for one in series if one.dataset == layout.dataset and _scenes_of(layout, one)]
     measured = _measured_blocks(layout, own)
-    apart = f" The last rows are of {APARTMENTS}, not of {NAMES[layout.dataset]}."
+    synthetic = f" The last rows are of {APARTMENTS}, not of {NAMES[layout.dataset]}."
     return Table(
         name=layout.name,
-        caption=layout.caption + (apart if any(block.kind == SYNTHETIC for block in measured) else ""),
+        caption=layout.caption + (synthetic if any(block.kind == SYNTHETIC for block in measured) else ""),
         components=layout.components,
         columns=layout.columns,
         blocks=(_printed_block(layout), *measured),
@@ -56,7 +55,7 @@ def _printed_cell(layout: Layout, line: Line, column: Column) -> Cell:
 
 
 def _notes_on_the_paper(layout: Layout) -> list[Note]:
-    """The remarks on a table; those on some of its cells have a letter."""
+    """Notes on a table's printed numbers; notes on single cells have a letter."""
     letters = iter(ascii_lowercase)
     return [Note(next(letters) if one.cells else "", one.text) for one in PAPER_NOTES[layout.name]]
 
@@ -64,11 +63,11 @@ def _notes_on_the_paper(layout: Layout) -> list[Note]:
 def _measured_blocks(layout: Layout, series: Sequence[Series]) -> list[Block]:
     name = NAMES[layout.dataset]
     titles = {
-        (REAL, False): f"Measured by egosplat's benchmark, on {name}",
-        (SYNTHETIC, False): f"Measured on {APARTMENTS}: not {name}, comparable with no row above",
+        (REAL, False): f"Measured by egosplat on {name}",
+        (SYNTHETIC, False): f"Measured on {APARTMENTS}: not {name}, not comparable with any row above",
         (SYNTHETIC, True): (
-            f"Measured on {UNTOUCHED_APARTMENTS} ({UNTOUCHED[0]} to {UNTOUCHED[-1]}), by which nothing was chosen: "
-            f"not {name}, comparable with no row above"
+            f"Measured on {UNTOUCHED_APARTMENTS} ({UNTOUCHED[0]} to {UNTOUCHED[-1]}), used for no choice of settings: "
+            f"not {name}, not comparable with any row above"
         ),
     }
     rows = {
@@ -80,7 +79,7 @@ def _measured_blocks(layout: Layout, series: Sequence[Series]) -> list[Block]:
 
 
 def _rows(layout: Layout, series: Sequence[Series]) -> tuple[Row, ...]:
-    """Rows of one block, then what chance is worth; in an ablation, a line of which nothing is known has no numbers."""
+    """Rows of one block, then the chance level; a line of an ablation without scores gets an empty row."""
     known = {line: [one for one in series if _belongs(one, line)] for line in layout.own_lines}
     rows: list[Row] = []
     for line, own in known.items():
@@ -89,13 +88,13 @@ def _rows(layout: Layout, series: Sequence[Series]) -> tuple[Row, ...]:
             rows.append(_empty_row(layout, line, series[0].data))
     if not rows:
         return ()
-    # A mark of the best on a synthetic row could be taken for the best of the table.
+    # A mark on the best synthetic row could be mistaken for the best row of the table.
     own = tuple(rows) if series[0].origin == SYNTHETIC else ranked(rows)
     return (*own, *_chance_rows(layout, series))
 
 
 def _chance_rows(layout: Layout, series: Sequence[Series]) -> Iterator[Row]:
-    """The accuracy of those of ``CHANCE`` on the scenes of a block."""
+    """Rows with the accuracy of each of ``CHANCE`` on the scenes of a block."""
     if not any(column.metric == "accuracy" for column in layout.columns):
         return
     scenes: dict[str, ScoredScene] = {}
@@ -117,13 +116,12 @@ def _chance_cell(column: Column, scenes: Mapping[str, ScoredScene], answerer: st
 
 
 def _belongs(series: Series, line: Line) -> bool:
-    """Whether scores are of a line; other methods have none in an ablation of egosplat."""
+    """Whether a series belongs to a line; other methods have no line in an ablation of egosplat."""
     return series.variant == line.variant and (series.own or not line.steps)
 
 
 def _row(layout: Layout, line: Line, series: Series) -> Row:
     scenes = _scenes_of(layout, series)
-
     cells = tuple(_cell(column, scenes) for column in layout.columns)
     return Row(
         label=series.label,
@@ -145,7 +143,7 @@ def _cell(column: Column, scenes: Mapping[str, ScoredScene]) -> Cell:
 
 
 def _scenes_of(layout: Layout, series: Series) -> dict[str, ScoredScene]:
-    """Those of a series that count in a table."""
+    """The scenes of a series that belong to a table."""
     names = layout.scenes_of(series.untouched)
     return {name: series.scenes[name] for name in names if name in series.scenes}
 
@@ -157,27 +155,28 @@ def _empty_row(layout: Layout, line: Line, data: str) -> Row:
 
 
 def _notes_on(blocks: Sequence[Block]) -> Iterator[Note]:
-    """What has to be known of measured blocks."""
+    """Notes on measured blocks."""
     notices = dict.fromkeys(row.notice for block in blocks for row in block.rows if row.notice)
-    yield from (Note("", f"{told[0].upper()}{told[1:]}.") for told in notices)
+    yield from (Note("", f"{notice[0].upper()}{notice[1:]}.") for notice in notices)
     if any(cell.interval for block in blocks for row in block.rows for cell in row.cells):
         yield Note("", INTERVALS)
     for block in blocks:
-        on = block.rows[0].data
+        data = block.rows[0].data
         if len({row.scenes for row in block.rows if row.scenes}) > 1:
-            yield Note("", f"Averages on {on} are over different scenes, and not comparable.")
+            yield Note("", f"Averages on {data} are over different scenes, and not comparable.")
         if block.kind == REAL and any(cell.queries for row in block.rows for cell in row.cells):
             yield Note(
-                "", f"Measured on {on} in egosplat's own evaluation frames; the paper's are not known."
+                "",
+                f"Measured on {data} in egosplat's own evaluation frames; the paper's frames are not known.",
             )
 
 
 def _presence_notes(layout: Layout, series: Sequence[Series]) -> Iterator[Note]:
-    """What each row answers of things that are there and of things that are not, where a table has accuracies."""
+    """Notes on the answers of each row to queries of present and absent things, in tables with accuracies."""
     if not any(column.metric == "accuracy" for column in layout.columns):
         return
     for one in series:
         counts = presence_counts(_scenes_of(layout, one).values())
         if counts.absent:
             variant = "" if one.variant == FULL else f", {one.variant}"
-            yield Note("", f"{one.label}{variant}: {counts.told}.")
+            yield Note("", f"{one.label}{variant}: {counts.summary}.")

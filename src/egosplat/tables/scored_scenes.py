@@ -1,4 +1,4 @@
-"""The scores of scenes as ``metrics.json`` files tell them."""
+"""Read the scores of scenes from ``metrics.json`` files."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -14,19 +14,19 @@ from egosplat.pipeline import config as configuration
 from egosplat.tables.table import Cell
 
 FULL = "full"
-"""The variant of a scene's own folder."""
+"""Name of the variant in a scene's own folder."""
 
 PROTOCOL = ("min_area", "excluded", "people", "hit_region", "confidence")
-"""Keys of the section ``metrics`` that decide what is asked and how it is scored: they are the same in a table."""
+"""Keys of the section ``metrics`` that decide queries and scores; they must be equal within a table."""
 
 UNTOUCHED = tuple(f"scene{number}" for number in range(6, 11))
-"""The synthetic apartments of ADT's name that are for reporting alone: no default, threshold or design is chosen by them."""
+"""Synthetic apartments in ADT format that are only for reporting: no default, threshold or design is chosen with them."""
 
 CHANCE = {"random_pixel": "a random pixel", "middle_pixel": "the middle of the picture"}
-"""What answers without looking, by its key among the scores: what an accuracy has to be above."""
+"""Constant answers by their key in the scores: their accuracy is the chance level."""
 
+# The value of a query that each score averages.
 _VALUES = {"accuracy": "hit", "mean_iou": "iou"}
-"""Of a query, what each score is the mean of."""
 
 _PLACE = re.compile(
     r"(?:^|/)results/(?P<dataset>[a-z0-9_]+)/(?P<scene>[A-Za-z0-9_-]+)/"
@@ -37,7 +37,7 @@ _NAME = re.compile(r"(?P<dataset>[a-z0-9_]+)/(?P<scene>[A-Za-z0-9_-]+)(?:, (?P<v
 
 @dataclass(frozen=True)
 class Model:
-    """A model on the way: key and file name of its checkpoint, what the files hold, whether it is the small one."""
+    """A model used for a scene: configuration key, file name and content hash of its checkpoint; whether it is small."""
 
     key: str
     checkpoint: str
@@ -50,12 +50,12 @@ class ScoredScene:
     """A scene's scores.
 
     Attributes:
-        path: of the file.
-        dataset, scene, variant: of which scene; another method has the variant ``FULL``.
-        method: another method's name, or None for egosplat itself.
+        path: path of the file.
+        dataset, scene, variant: names of the scene; scores of another method have the variant ``FULL``.
+        method: name of another method, or None for egosplat.
         origin: ``real`` or ``synthetic``.
-        models: by key.
-        document: the file's values.
+        models: models, sorted by key.
+        document: content of the file.
     """
 
     path: Path
@@ -74,18 +74,18 @@ class ScoredScene:
 
     @property
     def protocol(self) -> dict[str, Any]:
-        """The values of ``PROTOCOL``; None of a key that the file does not tell."""
+        """The values of ``PROTOCOL``; None for a key that the file does not have."""
         options = self.document["provenance"]["options"]
         return {key: options.get(key) for key in PROTOCOL}
 
     @property
     def warnings(self) -> list[str]:
-        """Why the scores are not to be trusted, a line each: the notice, then the alarms."""
+        """Reasons not to trust the scores, one line each: the notice, then the alarms."""
         alarms = (Alarm(**alarm) for alarm in self.document["alarms"])
         return warning_lines(self.document["notice"], alarms)
 
     def cell(self, metric: str, group: str) -> Cell:
-        """A score in percent, with its interval where it has one."""
+        """A score in percent, with its interval if it has one."""
         score = self.document["scores"][group]
         return Cell(
             percent=_percent(score[metric]),
@@ -109,11 +109,11 @@ class ScoredScene:
 def read_scored_scene(path: Path) -> ScoredScene:
     """Read a ``metrics.json``.
 
-    Which scene it is of is told by its path ``results/DATASET/SCENE/``, below which ``variants/NAME/`` is a variant
-    and ``methods/NAME/`` another method's; elsewhere by its own ``scene``, DATASET/SCENE or DATASET/SCENE, VARIANT.
+    The path ``results/DATASET/SCENE/`` names the scene, with ``variants/NAME/`` for a variant and ``methods/NAME/`` for
+    another method. Elsewhere, the file's ``scene`` names it: DATASET/SCENE or DATASET/SCENE, VARIANT.
 
     Raises:
-        UserError: the file cannot be read, is no ``metrics.json``, or does not say which scene it is of.
+        UserError: the file cannot be read, is not a ``metrics.json``, or does not name its scene.
     """
     document = _read(path)
     _check_format(document, path)
@@ -136,10 +136,10 @@ def read_scored_scene(path: Path) -> ScoredScene:
 
 
 def check_protocol(scenes: Sequence[ScoredScene]) -> None:
-    """Check that all scenes of a dataset were asked and scored alike, and that all intervals have one confidence.
+    """Check that all scenes of a dataset were scored with one protocol, and all scenes with one confidence.
 
     Raises:
-        UserError: names two that were not.
+        UserError: two files differ.
     """
     for key in PROTOCOL:
         first: dict[str, ScoredScene] = {}
@@ -149,12 +149,12 @@ def check_protocol(scenes: Sequence[ScoredScene]) -> None:
             if mine != theirs:
                 raise UserError(
                     f"{scene.path}: was scored with metrics.{key} = {mine!r}, {other.path} with {theirs!r}.\n"
-                    "Numbers in one table need the same; make one of them anew"
+                    "Numbers in one table need the same value; rebuild one of them"
                 )
 
 
 def one_line(text: str) -> str:
-    """A name that someone gave, on one line and without control characters."""
+    """Put a given name on one line, without control characters."""
     return " ".join("".join(one if one.isprintable() else " " for one in text).split())
 
 
@@ -165,7 +165,7 @@ def _read(path: Path) -> dict[str, Any]:
         raise UserError(f"{path}: does not exist. Make it: snakemake --cores 2 {path}") from None
     except (OSError, ValueError) as error:
         reason = str(error).partition("\n")[0]
-        raise UserError(f"{path}: cannot be read as JSON ({reason}). Make it anew") from None
+        raise UserError(f"{path}: cannot be read as JSON ({reason}). Rebuild it") from None
 
 
 def _check_format(document: Mapping[str, Any], path: Path) -> None:
@@ -173,8 +173,8 @@ def _check_format(document: Mapping[str, Any], path: Path) -> None:
     found = document.get("format_version", expected) if isinstance(document, Mapping) else expected
     if found != expected:
         raise UserError(
-            f"{path}: has format {found!r}, and this egosplat reads {expected}.\n"
-            f"Make it anew: snakemake --cores 2 --force {path}"
+            f"{path}: has format {found!r}; this version of egosplat reads format {expected}.\n"
+            f"Rebuild it: snakemake --cores 2 --force {path}"
         )
 
 
@@ -182,16 +182,16 @@ def _refuse(constant: str) -> float:
     raise ValueError(f"{constant} is no number of JSON")
 
 
-def _place(path: Path, told: str) -> tuple[str, str, str]:
-    below, named = _PLACE.search(path.as_posix()), _NAME.fullmatch(told)
+def _place(path: Path, title: str) -> tuple[str, str, str]:
+    below, named = _PLACE.search(path.as_posix()), _NAME.fullmatch(title)
     if below is None and named is None:
         raise UserError(
-            f"{path}: lies below no results/DATASET/SCENE and its scene {told!r} is no DATASET/SCENE; "
-            "move it there, as results/adt/scene1/methods/NAME/metrics.json"
+            f"{path}: is not in a folder results/DATASET/SCENE, and its scene {title!r} is not DATASET/SCENE; "
+            "move it, for example to results/adt/scene1/methods/NAME/metrics.json"
         )
     parts = ("dataset", "scene", "variant")
     if below and named and below.group(*parts) != named.group(*parts):
-        raise UserError(f"{path}: holds the scores of {told}, which lie elsewhere; make it anew")
+        raise UserError(f"{path}: holds the scores of {title}, which belong to another folder; rebuild it")
     dataset, scene, variant = (below or named).group(*parts)
     return dataset, scene, variant or FULL
 

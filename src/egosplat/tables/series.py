@@ -1,7 +1,4 @@
-"""Which scenes make one row: those of one method and variant, of one origin, with the same models.
-
-Untouched apartments make rows of their own.
-"""
+"""Group scenes into rows: one method, variant, origin and set of models. Untouched apartments are separate rows."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -12,26 +9,26 @@ from egosplat.models.suitability import BRIEF
 from egosplat.tables.scored_scenes import Model, ScoredScene
 
 NAMES = {"adt": "ADT", "hoi4d": "HOI4D"}
-"""What the paper calls the datasets."""
+"""Names of the datasets in the paper."""
 
 APARTMENTS = "synthetic apartments"
 UNTOUCHED_APARTMENTS = "untouched synthetic apartments"
 
 OWN = "EgoSplat"
-"""What a row of egosplat itself is called."""
+"""Name of egosplat's own rows."""
 
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """Scores that may be averaged.
+    """Scenes whose scores may be averaged.
 
     Attributes:
-        dataset, variant, origin: of all of them.
-        untouched: whether they are apartments that nothing was chosen by, see ``UNTOUCHED``.
-        method: its name in a table.
-        own: whether it is egosplat itself.
-        checkpoints: in words.
-        scenes: by name.
+        dataset, variant, origin: common to all scenes.
+        untouched: whether the scenes are ``UNTOUCHED`` apartments.
+        method: name of the method in a table.
+        own: whether the method is egosplat.
+        checkpoints: description of the checkpoints.
+        scenes: scores by name of the scene.
     """
 
     dataset: str
@@ -45,15 +42,16 @@ class Series:
 
     @property
     def data(self) -> str:
-        """What it was measured on."""
+        """Name of the data."""
         if self.origin == "synthetic":
             return UNTOUCHED_APARTMENTS if self.untouched else APARTMENTS
         return NAMES.get(self.dataset, self.dataset)
 
     @property
     def notice(self) -> str | None:
-        """That the models do not know what the recordings show, and what to do; None where they do."""
-        return next((told for scene in self.scenes.values() if (told := scene.document["notice"])), None)
+        """Notice that the models do not suit the recordings, and what to do; None if they do."""
+        notices = (scene.document["notice"] for scene in self.scenes.values())
+        return next(filter(None, notices), None)
 
     @property
     def about(self) -> str:
@@ -68,17 +66,17 @@ class Series:
 
 
 def find_series(scenes: Sequence[ScoredScene]) -> list[Series]:
-    """Scenes by what makes a row; egosplat itself first, then by method and checkpoints.
+    """Group scenes into series; egosplat's own come first, then sorted by method and checkpoints.
 
     Raises:
-        UserError: two files have the scores of one scene for one row.
+        UserError: two files have scores of one scene in one series.
     """
     found: dict[tuple, dict[str, ScoredScene]] = {}
     for one in scenes:
         key = (one.dataset, one.variant, one.origin, one.untouched, one.method, one.models)
         other = found.setdefault(key, {}).setdefault(one.scene, one)
         if other is not one:
-            raise UserError(f"{one.path} and {other.path}: are scores of the same; give one of them")
+            raise UserError(f"{one.path} and {other.path}: are scores of the same scene; give one of them")
     names = _checkpoint_names({models for *_, models in found})
     series = [
         Series(
@@ -97,7 +95,7 @@ def find_series(scenes: Sequence[ScoredScene]) -> list[Series]:
 
 
 def _checkpoint_names(kinds: set[tuple[Model, ...]]) -> dict[tuple[Model, ...], str]:
-    """Names of sets of models; with the beginning of the hashes where they would not tell two of them apart."""
+    """Names of sets of models; equal names get the beginning of the hashes."""
     plain = {models: _checkpoints(models) for models in kinds}
     times = Counter(plain.values())
     return {

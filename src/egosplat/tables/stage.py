@@ -1,4 +1,4 @@
-"""Stage ``tables``: the paper's tables, with what was measured below what it prints."""
+"""Stage ``tables``: write the paper's tables, with measured numbers below the printed ones."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,18 +20,18 @@ _FORMATS = ((CSV, to_csv), (MARKDOWN, to_markdown), (LATEX, to_latex))
 
 
 def run(metrics: Sequence[Path], output: Path, *, pictures: Sequence[Path]) -> None:
-    """Write each of ``egosplat.tables.paper_layouts.LAYOUTS`` as CSV, Markdown and LaTeX, and all on one page.
+    """Write each of ``egosplat.tables.paper_layouts.LAYOUTS`` as CSV, Markdown and LaTeX, and all on one HTML page.
 
-    Each file appears when it is complete. The same inputs make the same bytes.
+    Files are written atomically; equal inputs give equal bytes.
 
     Args:
-        metrics: ``metrics.json`` files, of egosplat's variants and of other methods; see ``read_scored_scene``. What no
-            table has a place for is told and left out.
-        output: the folder of the files, made where it is not there.
-        pictures: PNG or JPEG files of scenes, which the page ends with.
+        metrics: ``metrics.json`` files of egosplat's variants and of other methods, see ``read_scored_scene``. Files that
+            belong to no table are logged and left out.
+        output: folder of the files, created if it does not exist.
+        pictures: PNG or JPEG files of scenes, for the end of the page.
 
     Raises:
-        UserError: a file cannot be read, two have the scores of the same, they were not scored alike, or a file would replace
+        UserError: a file cannot be read, two files are of the same scene, protocols differ, or a file would replace
             something else.
     """
     kinds = {output / f"{layout.name}{kind.suffix}": kind for layout in LAYOUTS for kind, _ in _FORMATS}
@@ -53,5 +53,5 @@ def run(metrics: Sequence[Path], output: Path, *, pictures: Sequence[Path]) -> N
 def _with_a_place(scenes: Sequence[ScoredScene]) -> list[ScoredScene]:
     for one in scenes:
         if not in_a_table(one):
-            log(f"{one.path}: no table has a place for {one.dataset}/{one.scene}, variant {one.variant}")
+            log(f"{one.path}: no table shows {one.dataset}/{one.scene}, variant {one.variant}")
     return [one for one in scenes if in_a_table(one)]

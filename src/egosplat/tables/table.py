@@ -1,23 +1,23 @@
-"""A table of results: columns, blocks of rows of one origin, cells with intervals."""
+"""Tables of results: columns, blocks of comparable rows, cells with intervals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 PRINTED, REAL, SYNTHETIC = "printed", "real", "synthetic"
-"""Kinds of blocks: what the paper prints, and what was measured here, on recordings or on synthetic apartments."""
+"""Kinds of blocks: printed in the paper, measured on recordings, measured on synthetic apartments."""
 
 METRIC_NAMES = {"accuracy": "Acc", "mean_iou": "mIoU"}
 
 
 @dataclass(frozen=True)
 class Column:
-    """What its cells tell.
+    """A column.
 
     Attributes:
-        scene: its name, or ``AVERAGE``.
+        scene: name of the scene, or ``AVERAGE``.
         metric, group: see ``egosplat.tables.paper_numbers``.
-        over: heading that it shares with its neighbours; empty for none.
-        heading: its own.
+        over: heading shared with neighbouring columns; empty for none.
+        heading: heading of the column.
     """
 
     scene: str
@@ -29,15 +29,15 @@ class Column:
 
 @dataclass(frozen=True)
 class Cell:
-    """A number; None where there is none.
+    """A number of a table.
 
     Attributes:
-        percent: the score [%].
-        interval: its bounds [%].
-        queries, categories: that it was measured with; None of a printed number.
-        scenes: that a measured average was made of; empty of anything else.
-        mark: letter of the footnote about it, or empty.
-        rank: 1 or 2 where it is the best or the second best of its block, else 0.
+        percent: the score [%], or None.
+        interval: bounds of its interval [%], or None.
+        queries, categories: numbers of queries and categories; None for a printed number.
+        scenes: scenes of a measured average; else empty.
+        mark: letter of a footnote, or empty.
+        rank: 1 for the best and 2 for the second best number of a block, else 0.
     """
 
     percent: float | None = None
@@ -51,14 +51,14 @@ class Cell:
 
 @dataclass(frozen=True)
 class Row:
-    """The numbers of one method, of the data that the label names.
+    """The numbers of one method on one kind of data.
 
     Attributes:
-        label: method, data and checkpoints in words.
-        method, data, checkpoints, variant: the same, each by itself.
-        steps: of an ablation, which of its components are in use; else empty.
-        cells: one a column.
-        notice: that the models do not know what the data show, and what to do; else empty.
+        label: method, data and checkpoints, in one text.
+        method, data, checkpoints, variant: parts of the label.
+        steps: enabled components of an ablation; else empty.
+        cells: one per column.
+        notice: notice that the models do not suit the data, and what to do; else empty.
     """
 
     label: str
@@ -72,18 +72,18 @@ class Row:
 
     @property
     def scenes(self) -> tuple[str, ...]:
-        """All scenes that any of its averages is made of."""
+        """All scenes of its averages."""
         return tuple(sorted({scene for cell in self.cells for scene in cell.scenes}))
 
 
 @dataclass(frozen=True)
 class Block:
-    """Rows that may be compared with each other, and with no other row.
+    """Rows that may be compared with each other, but not with other rows.
 
     Attributes:
         kind: ``PRINTED``, ``REAL`` or ``SYNTHETIC``.
-        title: says what they are.
-        rows: in order.
+        title: title of the block.
+        rows: rows in order.
     """
 
     kind: str
@@ -93,7 +93,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Note:
-    """What a reader has to know; ``mark`` is the letter of the cells that it is about, or empty."""
+    """A footnote; ``mark`` is the letter of its cells, or empty."""
 
     mark: str
     text: str
@@ -104,13 +104,13 @@ class Table:
     """One table of the paper.
 
     Attributes:
-        name: of its files.
-        caption: says what it shows.
-        components: headings of the columns of ticks that an ablation begins with.
-        columns: in the paper's order.
-        blocks: printed, real, synthetic; those that have rows.
-        notes: below it.
-        scenes: that an average is over when none is missing.
+        name: stem of the files.
+        caption: caption.
+        components: headings of the first columns of an ablation, one per component.
+        columns: columns in the paper's order.
+        blocks: blocks with rows, in the order printed, real, synthetic.
+        notes: footnotes.
+        scenes: scenes of a complete average.
     """
 
     name: str
@@ -122,7 +122,7 @@ class Table:
     scenes: tuple[str, ...]
 
     def spans(self) -> list[tuple[str, int]]:
-        """Shared headings in order, each with its number of columns; empty where there is none at all."""
+        """Shared headings in order, each with its number of columns; empty without shared headings."""
         found: list[tuple[str, int]] = []
         for column in self.columns:
             if found and found[-1][0] == column.over:
@@ -132,26 +132,26 @@ class Table:
         return found if any(heading for heading, _ in found) else []
 
     def label(self, row: Row) -> str:
-        """A row's label; of a measured average with the number of its scenes."""
+        """The label of a row, with the number of scenes of a measured average."""
         if not row.scenes:
             return row.label
         return f"{row.label}, average of {len(row.scenes)} of {len(self.scenes)} scenes"
 
 
 def number(percent: float | None) -> str:
-    """A number as the paper prints it: of one decimal, ``-`` where there is none."""
+    """Format a number as in the paper, with one decimal; ``-`` for None."""
     return "-" if percent is None else f"{percent:.1f}"
 
 
 def aside(cell: Cell, row: Row) -> str:
-    """Of an average that is made of fewer scenes than others of its row: their number, else nothing."""
+    """The number of scenes of an average over fewer scenes than others in its row; else empty."""
     return f" (of {len(cell.scenes)})" if cell.scenes and cell.scenes != row.scenes else ""
 
 
 def ranked(rows: Sequence[Row]) -> tuple[Row, ...]:
-    """The rows with the best and the second best number of each column marked; equal ones are equally good.
+    """Rank the best and the second best number of each column; equal printed numbers have equal ranks.
 
-    A row alone is best of nothing, and averages over different scenes are not ranked.
+    Single rows and averages over different scenes are not ranked.
     """
     if len(rows) < 2:
         return tuple(rows)
@@ -162,9 +162,9 @@ def ranked(rows: Sequence[Row]) -> tuple[Row, ...]:
 
 
 def _ranked(cells: Sequence[Cell]) -> list[Cell]:
-    there = [cell for cell in cells if cell.percent is not None]
-    if len(there) < 2 or len({cell.scenes for cell in there}) > 1:
+    known = [cell for cell in cells if cell.percent is not None]
+    if len(known) < 2 or len({cell.scenes for cell in known}) > 1:
         return list(cells)
-    best = sorted({number(cell.percent) for cell in there}, key=float, reverse=True)[:2]
-    places = {shown: place for place, shown in enumerate(best, start=1)}
-    return [replace(cell, rank=places.get(number(cell.percent), 0)) for cell in cells]
+    best = sorted({number(cell.percent) for cell in known}, key=float, reverse=True)[:2]
+    ranks = {text: rank for rank, text in enumerate(best, start=1)}
+    return [replace(cell, rank=ranks.get(number(cell.percent), 0)) for cell in cells]

@@ -1,4 +1,4 @@
-"""What a few runs with different seeds tell: means with intervals."""
+"""Means with confidence intervals, from a few runs with different seeds."""
 
 import math
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ from scipy import stats
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number, with the bounds of its interval; these are None where too few runs tell nothing of chance."""
+    """A value with the bounds of its interval; the bounds are None without repeated runs."""
 
     value: float
     low: float | None = None
@@ -18,12 +18,11 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Sample:
-    """A measure of one point, once a run.
+    """The values of one measure of one point, one per run.
 
     Attributes:
-        values: at least one.
-        step: the least by which it can differ, as 1 / queries of a share; 0 of what is continuous. Two runs that are
-            equal differ by less than that, not by nothing.
+        values: at least one value.
+        step: resolution of the measure, such as 1 / queries for an accuracy; 0 for a continuous measure.
     """
 
     values: tuple[float, ...]
@@ -35,30 +34,30 @@ class Sample:
 
     @property
     def squares(self) -> float:
-        """Sum of the squared differences from the mean."""
+        """Sum of squared differences from the mean."""
         mean = self.mean
         return math.fsum((value - mean) ** 2 for value in self.values)
 
     @property
     def logarithms(self) -> "Sample":
-        """Of positive values."""
+        """The sample of the logarithms of positive values."""
         return Sample(tuple(math.log(value) for value in self.values))
 
 
 @dataclass(frozen=True)
 class Chance:
-    """How far runs of the same point differ.
+    """Random differences between runs of one point.
 
     Attributes:
-        variance: of a single run; NaN where no point was run twice.
-        freedom: degrees of freedom of that estimate.
+        variance: variance of a single run; NaN if no point was run twice.
+        freedom: degrees of freedom of the variance.
     """
 
     variance: float
     freedom: int
 
     def interval(self, value: float, share: float, confidence: float) -> Estimate:
-        """A value whose variance is ``share`` of a single run's, with Student's interval."""
+        """Student's interval of a value whose variance is ``share`` times that of a single run."""
         if self.freedom == 0:
             return Estimate(value)
         half = stats.t.ppf((1 + confidence) / 2, self.freedom) * math.sqrt(share * self.variance)
@@ -66,28 +65,28 @@ class Chance:
 
 
 def pooled(samples: Sequence[Sample]) -> Chance:
-    """One variance for all points, that within each of them (of analysis of variance).
+    """Pool the variance within all points, as in analysis of variance.
 
-    Two runs of one point tell next to nothing of chance; two runs of each of ten points do, where chance is about as
-    large in all of them. It is at least that of rounding to the largest step. Equal runs of what is continuous, as PSNR
-    of points that share their Gaussians, are the same runs, and count once.
+    A few runs per point give a usable variance only together; this assumes about the same variance in all points.
     """
     shares = [one for one in samples if one.step]
+    # Equal continuous samples, such as the PSNR of points that share their Gaussians, are the same runs: they count once.
     known = shares + list(dict.fromkeys(one for one in samples if not one.step))
     freedom = sum(len(one.values) - 1 for one in known)
     if not freedom:
         return Chance(math.nan, 0)
+    # Equal accuracies can still differ by less than a step: the variance is at least that of rounding.
     rounding = max(one.step for one in known) ** 2 / 12
     return Chance(max(math.fsum(one.squares for one in known) / freedom, rounding), freedom)
 
 
 def mean(sample: Sample, chance: Chance, confidence: float) -> Estimate:
-    """The mean with its interval."""
+    """Mean with its interval."""
     return chance.interval(sample.mean, 1 / len(sample.values), confidence)
 
 
 def positive_mean(sample: Sample, chance: Chance, confidence: float) -> Estimate:
-    """The mean of positive values, with the bounds of a ratio to it; ``chance`` is that of logarithms."""
+    """Mean of positive values, with an interval of their ratio to it; ``chance`` is that of the logarithms."""
     bounds = chance.interval(0.0, 1 / len(sample.values), confidence)
     if bounds.low is None:
         return Estimate(sample.mean)
@@ -95,8 +94,10 @@ def positive_mean(sample: Sample, chance: Chance, confidence: float) -> Estimate
 
 
 def front(points: Sequence[tuple[float, float]]) -> list[int]:
-    """Indices of the Pareto front of (cost, gain): those than which none is both as cheap and as good, and better in
-    one of the two. In order of their costs."""
+    """Indices of the Pareto front of (cost, gain), by increasing cost.
+
+    A point is on the front if every other point is more expensive, less good, or equal in both.
+    """
     order = sorted(range(len(points)), key=lambda index: (points[index][0], -points[index][1]))
     found: list[int] = []
     for index in order:

@@ -1,4 +1,4 @@
-"""Points as they were measured: read from ``metrics.json``, one file a seed."""
+"""Read measured points from ``metrics.json``, one file per seed."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,16 +14,16 @@ from egosplat.tradeoff.points import PRESET, Setting, shown
 
 @dataclass(frozen=True)
 class Measure:
-    """One measure.
+    """A cost or a gain.
 
     Attributes:
-        name: in files.
-        heading: in words.
-        unit: in which it is told.
-        scale: from the unit in files to that one.
-        decimals: that are told.
+        name: name in files.
+        heading: name on the page.
+        unit: unit on the page.
+        scale: factor from the unit in files to the unit on the page.
+        decimals: number of decimals on the page.
         more_is_better: whether it is a gain; else it is a cost.
-        about: what it is.
+        about: definition.
     """
 
     name: str
@@ -34,47 +34,46 @@ class Measure:
     more_is_better: bool
     about: str
 
-    def told(self, value: float | None) -> str:
-        """A value in words, ``-`` where there is none."""
+    def text(self, value: float | None) -> str:
+        """Format a value in the unit of the page; ``-`` for None."""
         return "-" if value is None else f"{value * self.scale:.{self.decimals}f}"
 
 
 WALL = Measure(
-    "wall_s", "time", "min", 1 / 60, 1, False, "of all stages that make the scene, one after the other"
+    "wall_s", "time", "min", 1 / 60, 1, False, "wall time of all stages of the scene, one after the other"
 )
-CPU = Measure("cpu_s", "CPU time", "min", 1 / 60, 1, False, "time on processors, of all threads")
-MEMORY = Measure("peak_memory_mb", "memory", "MiB", 1.0, 0, False, "the largest of all stages")
+CPU = Measure("cpu_s", "CPU time", "min", 1 / 60, 1, False, "processor time of all threads")
+MEMORY = Measure("peak_memory_mb", "memory", "MiB", 1.0, 0, False, "peak of all stages")
 DISK = Measure("disk_mb", "disk", "MiB", 1.0, 0, False, "of all artifacts")
-ACCURACY = Measure("accuracy", "accuracy", "%", 100.0, 1, True, "share of queries found at their place")
-MEAN_IOU = Measure("mean_iou", "mIoU", "%", 100.0, 1, True, "of all queries")
-PSNR = Measure("psnr", "static PSNR", "dB", 1.0, 2, True, "of what stays, in held-out frames")
+ACCURACY = Measure("accuracy", "accuracy", "%", 100.0, 1, True, "share of queries that hit")
+MEAN_IOU = Measure("mean_iou", "mIoU", "%", 100.0, 1, True, "mean over all queries")
+PSNR = Measure("psnr", "static PSNR", "dB", 1.0, 2, True, "of static pixels in held-out frames")
 
 COSTS = (WALL, CPU, MEMORY, DISK)
 
 MEASURES = (*COSTS, ACCURACY, MEAN_IOU, PSNR)
 
-
 EVALUATION = ("annotations", "metrics")
-"""Stages that score a scene and do not make it: not in its costs."""
+"""Stages that only score a scene; they do not count in its costs."""
 
 Costs = Mapping[str, float | None]
-"""Of a stage, by the names of ``COSTS``; None of what was not measured."""
+"""Costs of a stage by the names of ``COSTS``; None if not measured."""
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A point made with one seed.
+    """A run of a point with one seed.
 
     Attributes:
-        scored: its scores.
-        stages: what each stage cost, by name.
+        scored: the scores.
+        stages: costs by stage.
     """
 
     scored: ScoredScene
     stages: Mapping[str, Costs]
 
     def value(self, measure: Measure) -> float | None:
-        """A measure; costs are those of all stages but ``EVALUATION``, as if none were shared."""
+        """The value of a measure; costs include shared stages, but not ``EVALUATION``."""
         document = self.scored.document
         if measure is PSNR:
             return document["rendering"]["static"]["psnr"]
@@ -91,8 +90,8 @@ class MeasuredPoint:
     """A point with its runs.
 
     Attributes:
-        settings: that come to it.
-        runs: one a seed.
+        settings: all settings that give this point.
+        runs: one run per seed.
         about: data and checkpoints.
     """
 
@@ -102,7 +101,7 @@ class MeasuredPoint:
 
     @property
     def label(self) -> str:
-        """What it is called: of the scene itself the name of its preset."""
+        """Name of the point, for the scene itself with the name of its preset."""
         presets = [setting.value for setting in self.settings if setting.knob == PRESET]
         if self.variant is None:
             return f"the scene ({', '.join(presets)})" if presets else "the scene"
@@ -110,7 +109,7 @@ class MeasuredPoint:
 
     @property
     def variant(self) -> str | None:
-        """The variant of its first run; None of the scene itself."""
+        """The variant of the first run; None for the scene itself."""
         first = self.runs[0].scored.path.parent
         return first.name if first.parent.name == "variants" else None
 
@@ -119,14 +118,14 @@ class MeasuredPoint:
         return self.runs[0].scored.document["scores"]["all"]["count"]
 
     def sample(self, measure: Measure) -> Sample | None:
-        """A measure in all runs; None where one does not tell it."""
+        """The values of a measure in all runs; None if a run has no value."""
         values = [run.value(measure) for run in self.runs]
         if None in values:
             return None
         return Sample(tuple(values), step=1 / self.queries if measure is ACCURACY else 0.0)
 
     def stage_costs(self) -> dict[str, dict[str, float | None]]:
-        """The mean over the runs of what each stage cost, by stage and measure."""
+        """Mean costs over the runs, by stage and measure."""
         names = dict.fromkeys(stage for run in self.runs for stage in run.stages)
         return {
             stage: {
@@ -141,17 +140,17 @@ def read_points(points: Sequence[Mapping[str, Any]]) -> list[MeasuredPoint]:
     """Read the scores of points.
 
     Args:
-        points: each with its ``settings``, pairs of knob and value, and the paths of its ``metrics``.
+        points: ``settings``, pairs of a key and a value, and ``metrics``, paths of files, of each point.
 
     Raises:
-        UserError: a file cannot be read or has lost an artifact, or the scores cannot be compared.
+        UserError: a file cannot be read, misses an artifact, or cannot be compared with the others.
     """
     read = [[_run(Path(path)) for path in point["metrics"]] for point in points]
     scenes = [run.scored for runs in read for run in runs]
     check_protocol(scenes)
     if others := [one for one in scenes if (one.dataset, one.scene) != (scenes[0].dataset, scenes[0].scene)]:
         raise UserError(
-            f"{others[0].path}: is of another scene than {scenes[0].path}; compare one scene alone"
+            f"{others[0].path}: is of another scene than {scenes[0].path}; compare points of one scene"
         )
     about = {scene.path: series.about for series in find_series(scenes) for scene in series.scenes.values()}
     return [
@@ -165,7 +164,7 @@ def read_points(points: Sequence[Mapping[str, Any]]) -> list[MeasuredPoint]:
 
 
 def chances(points: Sequence[MeasuredPoint]) -> dict[Measure, Chance]:
-    """How far runs of a point differ by chance, of all points together; of costs their logarithms."""
+    """Pooled chance of all points, by measure; for costs it is that of their logarithms."""
     found = {}
     for measure in MEASURES:
         samples = [sample for point in points if (sample := point.sample(measure))]
@@ -182,14 +181,14 @@ def _run(path: Path) -> Run:
     artifacts = scored.document["artifacts"]
     if lost := [name for name, entry in artifacts.items() if entry is None]:
         raise UserError(
-            f"{path}: does not know what {lost[0]} cost, which was lost.\nMake it anew: rm {path}"
+            f"{path}: has no costs of {lost[0]}, which was missing.\nDelete it and run Snakemake again: rm {path}"
         )
     records = [*artifacts.values(), scored.document["provenance"]]
     return Run(scored, {record["stage"]: _costs(record) for record in records})
 
 
 def _costs(record: Mapping[str, Any]) -> Costs:
-    """Of a stage that was interrupted, at least the time that its training took in all runs."""
+    # The wall time of an interrupted stage is that of its last run; the training time is that of all runs.
     wall = max(record["wall_s"], record.get("training_s", 0.0))
     return {cost.name: record.get(cost.name) for cost in COSTS} | {WALL.name: wall}
 

@@ -1,4 +1,4 @@
-"""The files of a trade-off: ``tradeoff.json``, its numbers as CSV, and the page."""
+"""Write the files of a trade-off: ``tradeoff.json``, CSV and HTML."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
@@ -20,28 +20,21 @@ from egosplat.tradeoff.points import shown
 
 FORMAT_VERSION = 4
 
-
 _COLUMNS = ("scene", "point", "about", "front", "stage", "measure", "mean", "low", "high", "runs")
 
-
 GENERATOR = "egosplat tradeoff"
-"""What the page says that it was made by."""
-
+"""Generator named in the page's metadata."""
 
 TRADEOFF = json_kind("egosplat tradeoff", "format_version", "points", "seeds")
-
-
 TABLE = text_kind("egosplat tradeoff", ".csv", begin=",".join(_COLUMNS[:4]) + ",")
-
-
 PAGE = text_kind(GENERATOR, ".html", mark=f'<meta name="generator" content="{GENERATOR}">')
 
 
 def tradeoff_document(points: Sequence[MeasuredPoint]) -> dict[str, Any]:
-    """All that was measured, as plain values; see ``tradeoff.schema.yaml``.
+    """Build the content of ``tradeoff.json``, see ``tradeoff.schema.yaml``.
 
     Args:
-        points: the scene itself first.
+        points: measured points, the scene itself first.
     """
     first = points[0].runs[0].scored
     confidence = first.protocol["confidence"]
@@ -64,14 +57,14 @@ def write_document(path: Path, document: dict[str, Any]) -> None:
     """Check ``tradeoff.json`` against its schema and write it atomically, with sorted keys.
 
     Raises:
-        UserError: something is at ``path`` that is no ``tradeoff.json``.
+        UserError: ``path`` exists and is not a ``tradeoff.json``.
     """
     configuration.check(document, str(path), against="tradeoff")
     write_json(path, document, TRADEOFF)
 
 
 def to_csv(document: Mapping[str, Any]) -> str:
-    """All numbers of ``tradeoff.json``, in its units; ``stage`` is empty where all stages are told together."""
+    """Write all numbers of ``tradeoff.json`` as CSV, in its units; ``stage`` is empty for totals of all stages."""
     lines = (
         {
             "scene": document["scene"],
@@ -87,7 +80,7 @@ def to_csv(document: Mapping[str, Any]) -> str:
 
 
 def to_html(document: Mapping[str, Any], picture: Path) -> str:
-    """The page of ``tradeoff.json``, with the picture of it.
+    """Write the page of ``tradeoff.json``, with its plot.
 
     Raises:
         UserError: the picture cannot be read.
@@ -99,7 +92,7 @@ def to_html(document: Mapping[str, Any], picture: Path) -> str:
     points = document["points"]
     own = [f"{one['knob']}={shown(one['value'])}" for one in points[0]["settings"]]
     measured = {stage for point in points for stage in point["stages"]}
-    making = [name for name in STAGES if name in measured and name not in EVALUATION]
+    stages = [name for name in STAGES if name in measured and name not in EVALUATION]
     return environment.from_string(template).render(
         document=document,
         generator=GENERATOR,
@@ -107,7 +100,7 @@ def to_html(document: Mapping[str, Any], picture: Path) -> str:
         own=own,
         measures=MEASURES,
         wall=WALL,
-        stages=making + [name for name in EVALUATION if name in measured],
+        stages=stages + [name for name in EVALUATION if name in measured],
         evaluation=EVALUATION,
         chances={name: document["chance"][key] for key, name in CHANCE.items()},
         confidence=f"{100 * document['confidence']:g} %",
@@ -117,7 +110,7 @@ def to_html(document: Mapping[str, Any], picture: Path) -> str:
 
 
 def _front(points: Sequence[MeasuredPoint]) -> list[MeasuredPoint]:
-    """The Pareto front of time and accuracy, of the points that have both."""
+    """The Pareto front of time and accuracy, among the points with both."""
     known = [(point, point.sample(WALL), point.sample(ACCURACY)) for point in points]
     known = [(point, time.mean, accuracy.mean) for point, time, accuracy in known if time and accuracy]
     return [known[index][0] for index in front([means for _, *means in known])]
@@ -136,20 +129,20 @@ def _entry(
         "queries": point.queries,
         "gaussians": [run.scored.document["counts"]["gaussians"] for run in point.runs],
         "measures": {
-            measure.name: _told(measure, sample, chance[measure], confidence) if sample else None
+            measure.name: _measure_entry(measure, sample, chance[measure], confidence) if sample else None
             for measure, sample in samples.items()
         },
         "stages": point.stage_costs(),
     }
 
 
-def _told(measure: Measure, sample: Sample, chance: Chance, confidence: float) -> dict[str, Any]:
-    found: Estimate = (mean if measure.more_is_better else positive_mean)(sample, chance, confidence)
-    return {"runs": list(sample.values), "mean": found.value, "low": found.low, "high": found.high}
+def _measure_entry(measure: Measure, sample: Sample, chance: Chance, confidence: float) -> dict[str, Any]:
+    estimate: Estimate = (mean if measure.more_is_better else positive_mean)(sample, chance, confidence)
+    return {"runs": list(sample.values), "mean": estimate.value, "low": estimate.low, "high": estimate.high}
 
 
 def _machines(point: MeasuredPoint) -> list[str]:
-    """The machines that made it; none of artifacts that do not tell."""
+    """The machines of a point's artifacts, without artifacts that do not record one."""
     documents = (run.scored.document for run in point.runs)
     records = (entry for document in documents for entry in document["artifacts"].values())
     return [entry["machine"] for entry in records if "machine" in entry]

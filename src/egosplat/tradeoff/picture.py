@@ -1,4 +1,4 @@
-"""The trade-off as a picture: each point, and the Pareto fronts."""
+"""Plot a trade-off: all points, and the Pareto fronts."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -21,10 +21,10 @@ _BLUE = "tab:blue"
 
 
 def draw(document: Mapping[str, Any], output: Path) -> None:
-    """Draw ``tradeoff.json`` as PNG; the file appears when it is complete.
+    """Plot ``tradeoff.json`` as PNG, atomically.
 
-    A mark is a point's mean, with its interval where there is one. Those of the front are joined and named; presets are
-    named, too.
+    A marker is the mean of a point, with its interval. Points of the front are connected and labelled; presets are
+    labelled, too.
     """
     figure = plt.figure(figsize=(6.2 * len(PANELS), 5.6), layout="constrained")
     figure.suptitle(f"{document['scene']}: speed against accuracy, {document['about']}", fontsize=13)
@@ -44,11 +44,11 @@ def _draw_panel(axes: Axes, points: Sequence[Mapping[str, Any]], cost: Measure, 
     axes.step(columns, rows, where="post", color=_BLUE, zorder=3)
     axes.plot(columns, rows, "o", color=_BLUE, zorder=4)
     presets = [index for index, one in enumerate(known) if index not in best and _is_preset(one)]
-    # Above a front and left of it there is no point; what is not on it is named on the other side.
-    words = {"textcoords": "offset points", "fontsize": 8, "zorder": 5}
+    # No point lies above the front or to its left. Labels of the front go there, other labels below and to the right.
+    style = {"textcoords": "offset points", "fontsize": 8, "zorder": 5}
     for index in (*best, *presets):
         side = {"xytext": (-6, 2), "ha": "right"} if index in best else {"xytext": (6, -9), "ha": "left"}
-        axes.annotate(known[index]["label"], places[index], **side, **words)
+        axes.annotate(known[index]["label"], places[index], **side, **style)
     axes.set(xlabel=f"{cost.heading} [{cost.unit}]", ylabel=f"{gain.heading} [{gain.unit}]")
     if places:
         axes.set_xscale("log")
@@ -66,7 +66,7 @@ def _mean(point: Mapping[str, Any], measure: Measure) -> float:
 
 
 def _around(point: Mapping[str, Any], measure: Measure) -> list[list[float]] | None:
-    """Lengths of the bars below and above, which end at 0; None without an interval."""
+    """Lengths of the error bars below and above, cut off at 0; None without an interval."""
     found = point["measures"][measure.name]
     if found["low"] is None:
         return None

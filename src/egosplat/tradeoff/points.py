@@ -1,7 +1,7 @@
-"""The points of a scene's trade of speed against accuracy: presets, and one knob changed at a time, each a variant.
+"""The points of a trade-off: presets, and single keys with other values, each a variant of the scene.
 
-A point that changes nothing of the scene is the scene itself. Each point is made with several seeds: the variants
-``seed-1``, ... of the scene. Those of the points stand over both the point and the seed, and share what either has.
+A point that changes nothing is the scene itself. Each point is run with several seeds. The variants ``seed-1``, ... are
+the scene with another seed; ``POINT-seed-1`` extends both the point and the seed, and shares their artifacts.
 """
 
 import difflib
@@ -23,15 +23,15 @@ PRESET = "preset"
 """The knob whose values are presets."""
 
 SEEDED = ("features", "transient", "splats", "language")
-"""Sections whose seeds are changed together."""
+"""Sections whose seeds change together."""
 
+# Maximum length of a value in a variant's name [characters].
 _LONGEST = 60
-"""Of a value in a variant's name, in characters."""
 
 
 @dataclass(frozen=True)
 class Setting:
-    """A knob, ``preset`` or a key as ``features.dims``, with a value."""
+    """A knob, ``preset`` or a key such as ``features.dims``, with a value."""
 
     knob: str
     value: Any
@@ -39,11 +39,11 @@ class Setting:
 
 @dataclass
 class Point:
-    """One point.
+    """A point.
 
     Attributes:
-        settings: all that come to this point; of the scene itself each knob's own value.
-        variants: one a seed, the scene's own seed first; None is the scene itself.
+        settings: all settings that give this point; for the scene itself, its own value of each knob.
+        variants: one variant per seed, the scene's own seed first; None is the scene itself.
     """
 
     settings: list[Setting] = field(default_factory=list)
@@ -51,7 +51,7 @@ class Point:
 
 
 def read_scenes_with_points(config: Config, presets: Path) -> dict[tuple[str, str], Scene]:
-    """The table of scenes, each with the variants of its points; arguments and errors as its two parts."""
+    """Read the table of scenes and add the variants of each scene's points, see ``read_scenes`` and ``with_points``."""
     scenes = read_scenes(config)
     return {
         key: replace(scene, config=with_points(scene.config, presets, scene.format))
@@ -60,7 +60,7 @@ def read_scenes_with_points(config: Config, presets: Path) -> dict[tuple[str, st
 
 
 def measured_points(scene: Scene) -> list[dict[str, Any]]:
-    """The points of a scene for ``egosplat tradeoff``: their settings, and metrics.json of each of their runs."""
+    """The points of a scene for ``egosplat tradeoff``: settings, and the metrics.json of each run."""
     return [
         {
             "settings": [[one.knob, one.value] for one in point.settings],
@@ -73,42 +73,42 @@ def measured_points(scene: Scene) -> list[dict[str, Any]]:
 
 
 def with_points(config: Config, presets: Path, format: str) -> Config:
-    """A scene's configuration with the variants of its points beside its own.
+    """Add the variants of a scene's points to its configuration.
 
     Args:
-        config: the scene's.
-        presets: the folder of the preset files.
-        format: of its recording.
+        config: configuration of the scene.
+        presets: folder of the preset files.
+        format: format of the recording.
 
     Raises:
-        UserError: a knob is none, or a variant of the configuration has the name of a point.
+        UserError: a knob is not valid, or a variant of the configuration has the name of a point.
     """
     settings: Config = {}
     for setting in _settings(config):
         name = variant_name(setting)
         if name in settings:
             raise UserError(
-                f"tradeoff.sweep: {setting.knob} has two values of the name {name}; take one of them"
+                f"tradeoff.sweep: two values of {setting.knob} have the name {name}; remove one of them"
             )
         settings[name] = _keys(setting, presets, format)
     found = dict(settings)
     for seed in config["tradeoff"]["seeds"]:
-        over = _seed_name(seed)
-        found[over] = {section: {"seed": seed} for section in SEEDED}
-        found |= {_with_seed(name, seed): {EXTENDS: [name, over]} for name in settings}
+        seed_variant = _seed_name(seed)
+        found[seed_variant] = {section: {"seed": seed} for section in SEEDED}
+        found |= {_with_seed(name, seed): {EXTENDS: [name, seed_variant]} for name in settings}
     if taken := sorted(set(found) & set(config["variants"])):
         raise UserError(
-            f"variants: {taken[0]} is the name of a point of the section tradeoff; give it another name"
+            f"variants: {taken[0]} is the name of a point of the section tradeoff; rename the variant"
         )
     return config | {"variants": config["variants"] | found}
 
 
 def points_of(config: Config, where: str) -> list[Point]:
-    """The points of a scene, itself first, then in the order of the configuration.
+    """The points of a scene: the scene itself, then the others in the order of the configuration.
 
     Args:
-        config: the scene's, of ``with_points``.
-        where: the scene, for messages.
+        config: configuration of the scene, from ``with_points``.
+        where: name of the scene, for messages.
 
     Raises:
         UserError: a value is not allowed, or a seed is the scene's own.
@@ -116,7 +116,9 @@ def points_of(config: Config, where: str) -> list[Point]:
     seeds = config["tradeoff"]["seeds"]
     for seed in seeds:
         if not reaches("metrics", config, variant_config(config, _seed_name(seed), where)):
-            raise UserError(f"{where}: tradeoff.seeds: {seed} is the scene's own; give others, or none")
+            raise UserError(
+                f"{where}: tradeoff.seeds: {seed} is the scene's own seed; give other seeds, or none"
+            )
     scene = Point(list(_own_settings(config)), [None, *map(_seed_name, seeds)])
     points = [scene]
     for setting in _settings(config):
@@ -130,20 +132,17 @@ def points_of(config: Config, where: str) -> list[Point]:
 
 
 def variant_name(setting: Setting) -> str:
-    """The name of a setting's variant: ``features-dims-8``; of a preset, the preset's.
-
-    Letters, digits, ``-`` and ``_`` stand for themselves; other characters become ``_``, and a few digits that tell
-    the text apart from others follow, so that ``masks-threshold-0_5-d2cbad`` is 0.5 and nothing else.
-    """
+    """The name of a setting's variant, such as ``features-dims-8``; for a preset, the name of the preset."""
     text = shown(setting.value)
     safe = re.sub("[^A-Za-z0-9_-]", "_", text)[:_LONGEST]
+    # A hash keeps names unique after characters are replaced: masks-threshold-0_5-d2cbad is 0.5 only.
     if safe != text:
         safe += f"-{hashlib.sha256(text.encode()).hexdigest()[:6]}"
     return safe if setting.knob == PRESET else f"{setting.knob.replace('.', '-')}-{safe}"
 
 
 def shown(value: Any) -> str:
-    """A value in words."""
+    """Format a value: text as it is, other values as JSON."""
     return value if isinstance(value, str) else json.dumps(value)
 
 
@@ -166,14 +165,12 @@ def _check_knob(knob: str) -> None:
     known = section_keys(section)
     if key not in known:
         near = difflib.get_close_matches(key, known, n=1)
-        advice = f"did you mean {section}.{near[0]}?" if near else "egosplat keys tells all"
+        advice = f"did you mean {section}.{near[0]}?" if near else "egosplat keys lists all keys"
         raise UserError(f"tradeoff.sweep: no key {knob}; {advice}")
     if section in QUESTIONS or knob in QUESTIONS:
-        raise UserError(
-            f"tradeoff.sweep: with other values of {knob} scores cannot be compared; leave it out"
-        )
+        raise UserError(f"tradeoff.sweep: scores with other values of {knob} cannot be compared; remove it")
     if key == "seed" or section == "tradeoff":
-        raise UserError(f"tradeoff.sweep: {knob} is no knob; leave it out (seeds stand in tradeoff.seeds)")
+        raise UserError(f"tradeoff.sweep: {knob} cannot be swept; remove it (seeds are in tradeoff.seeds)")
 
 
 def _keys(setting: Setting, presets: Path, format: str) -> Config:

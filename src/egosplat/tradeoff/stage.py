@@ -1,4 +1,4 @@
-"""Speed against accuracy of a scene: from the scores of its points to a page, a picture and tables."""
+"""Stage ``tradeoff``: write the speed and accuracy of a scene's points as a page, a plot and tables."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,25 +12,22 @@ from egosplat.tradeoff.page import PAGE, TABLE, TRADEOFF, to_csv, to_html, trade
 from egosplat.tradeoff.picture import PICTURE, draw
 
 NAME = "tradeoff"
-"""Of the files."""
+"""Stem of the files."""
 
 
 def run(points: Sequence[Mapping[str, Any]], output: Path) -> None:
-    """Write ``tradeoff.json``, ``.csv``, ``.png`` and ``.html``; each appears when it is complete.
-
-    The same inputs make the same bytes.
+    """Write ``tradeoff.json``, ``.csv``, ``.png`` and ``.html`` atomically; equal inputs give equal bytes.
 
     Args:
-        points: the scene itself first, as ``egosplat.tradeoff.measured.read_points`` takes them.
-        output: the folder of the files, made where it is not there.
+        points: points as in ``egosplat.tradeoff.measured.read_points``, the scene itself first.
+        output: folder of the files, created if it does not exist.
 
     Raises:
-        UserError: a file cannot be read, what was measured cannot be compared, or a file would replace something else.
+        UserError: a file cannot be read, the scores cannot be compared, or a file would replace something else.
     """
     if not isinstance(points, Sequence) or not points or not all(map(_is_point, points)):
         raise UserError(
-            "--points: no list of points, at least one, the scene itself: each an object with the lists settings and "
-            "metrics"
+            "--points: must be a list of at least one point; each is an object with the lists settings and metrics"
         )
     json, csv, png, html = (output / f"{NAME}.{suffix}" for suffix in ("json", "csv", "png", "html"))
     for path, kind in ((json, TRADEOFF), (csv, TABLE), (png, PICTURE), (html, PAGE)):

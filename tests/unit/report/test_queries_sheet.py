@@ -98,11 +98,11 @@ def test_the_maps_are_those_that_were_scored(word_scene):
     for query, told in zip(queries, scored.document["queries"], strict=True):
         one = shown[query]
         assert list(one.answer.pixel) == told["pixel"] and one.answer.score == told["relevancy"]
-        assert iou(one.answer.mask, one.truth, valid) == query.iou == told["groups"]["all"]["iou"]
+        assert iou(one.answer.mask, one.target, valid) == query.iou == told["groups"]["all"]["iou"]
         # The annotated left half is the couch, the right one the cup, and the two uppermost rows are not valid.
         left = [0, 2, 23, 47]
         assert one.boxes.tolist() == [left if query.category == "couch" else [24, 2, 47, 47]]
-        assert one.truth.sum() == 46 * 24
+        assert one.target.sum() == 46 * 24
 
 
 def test_without_a_query_the_page_says_so(word_scene, monkeypatch):
@@ -119,7 +119,7 @@ def test_without_a_query_the_page_says_so(word_scene, monkeypatch):
 def test_the_heading_tells_the_scores_and_where_they_come_from(word_scene):
     metrics = score(word_scene())
     told, how_to_read = summary(read_scored_scene(metrics)).split("\n")
-    assert "dashed its box" in how_to_read
+    assert "dashed: their boxes" in how_to_read
     assert "dashed" not in summary(read_scored_scene(score(metrics.parent, hit_region="mask")))
     # Of two categories; those of four independent queries would begin at 51.
     assert told.startswith("4 queries; accuracy 100.0 % (34.2 to 100.0), mIoU 89.")

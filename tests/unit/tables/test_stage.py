@@ -129,7 +129,7 @@ def test_all_files_are_written_even_without_scores(tables, tmp_path):
     assert {path.name for path in (tmp_path / "out").iterdir()} == expected
     assert set(found["hoi4d"].kind) == {"printed", "real"}
     assert found["hoi4d"][found["hoi4d"].kind == "real"].percent.isna().all()
-    assert "nothing yet" in (tmp_path / "out" / "tables.html").read_text()
+    assert "none yet" in (tmp_path / "out" / "tables.html").read_text()
 
 
 def test_the_same_scores_make_the_same_bytes_in_any_order(tables, scored, tmp_path):
@@ -225,7 +225,7 @@ def test_untouched_apartments_stand_apart(tables, scored, tmp_path):
     transient = found["adt_transient"]
     assert "untouched synthetic apartments" not in set(transient.data)
     text = (tmp_path / "out" / "adt_accuracy.md").read_text()
-    assert "(scene6 to scene10), by which nothing was chosen" in text
+    assert "(scene6 to scene10), used for no choice of settings" in text
 
 
 def test_small_checkpoints_on_real_data_are_marked_in_every_format(tables, scored, tmp_path):
@@ -263,10 +263,7 @@ def test_answers_to_what_is_not_there_stand_beside_the_accuracy(scored, tables, 
     presence = counts | {"min_score": 0.5, "separation": 0.9, "queries": []}
     tables(scored("adt/scene1", presence=presence), scored("adt/scene2", presence=presence))
     page = (tmp_path / "out" / "adt_accuracy.md").read_text()
-    assert (
-        "18 of 40 things that are there are answered, 16 of them rightly, and 4 of 60 that are not there"
-        in page
-    )
+    assert "18 of 40 present things are answered, 16 of them correctly, and 4 of 60 absent things" in page
     assert "that are not there" not in (tmp_path / "out" / "adt_iou.md").read_text()
 
 
@@ -359,7 +356,7 @@ def test_scores_without_a_table_are_reported(tables, scored, capsys):
     )
     told = capsys.readouterr().err
     for place in ("plain/room, variant full", "adt/scene9, variant full", "adt/scene2, variant initial"):
-        assert f"no table has a place for {place}" in told
+        assert f"no table shows {place}" in told
     assert not any("synthetic" in set(table.kind) for table in found.values())
 
 
@@ -415,7 +412,7 @@ def test_pictures_are_on_the_page(tables, tmp_path):
     page = (tmp_path / "out" / "tables.html").read_text()
     assert base64.b64encode(PIXEL).decode() in page
     assert "<figcaption>adt/scene1/splats.png</figcaption>" in page
-    for path, message in (("a.svg", "is no picture for the page"), ("a.png", "does not exist")):
+    for path, message in (("a.svg", "is not an image for the page"), ("a.png", "does not exist")):
         with pytest.raises(UserError, match=message):
             tables(pictures=[tmp_path / path])
 

@@ -133,7 +133,7 @@ def test_presets_replace_the_scenes_own_preset(name, below):
         ("metrics.hit_region", "with other values of metrics.hit_region scores cannot be compared"),
         ("frames.evaluation_frames", "scores cannot be compared"),
         ("synthetic.size", "scores cannot be compared"),
-        ("splats.seed", "splats.seed is no knob"),
+        ("splats.seed", "splats.seed cannot be swept"),
     ],
 )
 def test_an_invalid_sweep_is_rejected(knob, message):
