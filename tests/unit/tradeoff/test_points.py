@@ -130,9 +130,9 @@ def test_presets_replace_the_scenes_own_preset(name, below):
     [
         ("features.dim", "no key features.dim; did you mean features.dims"),
         ("nothing.here", "no key nothing.here"),
-        ("metrics.hit_region", "with other values of metrics.hit_region scores cannot be compared"),
-        ("frames.evaluation_frames", "scores cannot be compared"),
-        ("synthetic.size", "scores cannot be compared"),
+        ("metrics.hit_region", "scores with other values of metrics.hit_region cannot be compared"),
+        ("frames.evaluation_frames", "cannot be compared"),
+        ("synthetic.size", "cannot be compared"),
         ("splats.seed", "splats.seed cannot be swept"),
     ],
 )
