@@ -296,8 +296,8 @@ def test_the_ablations_take_their_variants(tables, scored):
         one = one[(one.kind == "synthetic") & (one.metric == "accuracy") & (one.group == "all")]
         one = one[one.method == "EgoSplat"]
         lines[name] = list(zip(one.variant, one.percent.fillna(-1), strict=True))
-    assert lines["adt_ablation"] == [("baseline", -1), ("aggregation", 70.0), ("full", 90.0)]
-    assert lines["adt_transient"] == [("aggregation", 70.0), ("initial", 80.0), ("full", 90.0)]
+    assert lines["adt_ablation"] == [("baseline", -1), ("no_masks", 70.0), ("full", 90.0)]
+    assert lines["adt_transient"] == [("no_masks", 70.0), ("network_masks", 80.0), ("full", 90.0)]
     # By scene, only what the scene's own folder holds.
     by_scene = found["adt_accuracy"]
     own = by_scene[(by_scene.kind == "synthetic") & (by_scene.method == "EgoSplat")]
@@ -337,7 +337,7 @@ def test_scores_from_another_folder_keep_their_scene_name(scored, tmp_path):
     assert (found.dataset, found.scene, found.variant) == ("hoi4d", "scene2", "full")
     path.write_text(scored("adt/scene1/variants/network_masks").read_text())
     assert read_scored_scene(path).variant == "network_masks"
-    path.write_text(path.read_text().replace("adt/scene1, initial", "kitchen"))
+    path.write_text(path.read_text().replace("adt/scene1, network_masks", "kitchen"))
     with pytest.raises(UserError, match="elsewhere.json"):
         read_scored_scene(path)
 
@@ -355,7 +355,11 @@ def test_scores_without_a_table_are_reported(tables, scored, capsys):
         scored("plain/room"), scored("adt/scene9", origin="real"), scored("adt/scene2/variants/network_masks")
     )
     told = capsys.readouterr().err
-    for place in ("plain/room, variant full", "adt/scene9, variant full", "adt/scene2, variant initial"):
+    for place in (
+        "plain/room, variant full",
+        "adt/scene9, variant full",
+        "adt/scene2, variant network_masks",
+    ):
         assert f"no table shows {place}" in told
     assert not any("synthetic" in set(table.kind) for table in found.values())
 
@@ -399,7 +403,7 @@ def test_a_file_without_scores_is_named(tables, tmp_path, content, message):
 
 def test_scores_of_an_older_format_are_named_with_what_to_do(tables, scored):
     """Those of format 1 have intervals over queries."""
-    with pytest.raises(UserError, match="scene1/metrics.json.* 1, .* 3") as caught:
+    with pytest.raises(UserError, match="scene1/metrics.json.* 1; .* 3") as caught:
         tables(scored("adt/scene1", format_version=1))
     assert "--force" in str(caught.value) and str(caught.value).count("\n") == 1
 
