@@ -36,18 +36,18 @@ AREAS = {
 
 HEADER = """# Numbers at their extremes
 
-What `tests/numerics` tries, and how far results stay from a float64 reference. `make numerics` runs it and writes this file.
+Cases of `tests/numerics` and their errors against a float64 reference. `make numerics` runs the tests and writes this file.
 
-- **Tried**: the inputs. Ranges are swept by [Hypothesis](https://hypothesis.readthedocs.io) or stepped through by decades.
-- **Bound**: the largest error that the test lets pass. Errors are absolute for images, probabilities and relevancies, which
-  are about 1 in size, and relative, in the L2 norm over all values of a kind, for gradients and positions. Where there is
-  none, the case is about what happens rather than about how exactly.
+- **Tried**: the inputs. [Hypothesis](https://hypothesis.readthedocs.io) samples ranges, or the test steps through decades.
+- **Bound**: the largest error that the test accepts. Errors are absolute for images, probabilities and relevancies, whose size
+  is about 1, and relative for gradients and positions (L2 norm over all values of a kind). A case without a bound tests
+  behaviour, not accuracy.
 - **Measured**: the largest error of the run that wrote this file; {machine}
-- **Beyond**: what happens outside of the range, or at its end: an error that names the cause, or a clamp. Never NaN.
+- **Beyond**: behaviour at the end of the range and outside: an error that names the cause, or a clamp. Never NaN.
 
-Float32 results are compared with float64 results of the same, already rounded, inputs, unless a row says otherwise. Pixels at
-which rounding alone decides whether a Gaussian is composited (alpha within 1e-4 of 1/255, or transmittance of 1e-4) are left out:
-there an image may rightly change by 1/255 of a colour.
+Float32 results are compared with float64 results of the same rounded inputs, unless a row says otherwise. Pixels where rounding
+alone decides whether a Gaussian is composited (alpha within 1e-4 of 1/255, or transmittance of 1e-4) are left out, because their
+colour may change by 1/255.
 """
 
 

@@ -52,7 +52,7 @@ def test_report_text_covers_every_step_without_markup(finished, tmp_path):
     text = json.loads(DESCRIPTION.search(report(finished, tmp_path / "report.html"))[1])
     steps = re.findall(r"<li><p><strong>([^<]+)</strong>|<li><strong>([^<]+)</strong>", text)
     assert [one or other for one, other in steps] == [
-        *("Frames", "Survey", "Instances", "Features", "What moves", "Gaussians", "Language", "Queries")
+        *("Frames", "Survey", "Instances", "Features", "Transient masks", "Gaussians", "Language", "Queries")
     ]
     assert "system-message" not in text and "{{" not in text
 
