@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """Error numbers of a full disk, an exhausted quota, and a file larger than the limit."""
 
-MAKE_ROOM = "Make room and start the same command again: what is whole already stays"
+MAKE_ROOM = "Make room and start the same command again: complete results are kept"
 """The advice for ``NO_ROOM``."""
 
 _NO_MEMORY = re.compile(
@@ -33,15 +33,17 @@ class UserError(Exception):
 
 
 def is_out_of_memory(error: Exception) -> bool:
-    """Whether an error means that memory was refused."""
+    """Whether an error means that no memory is left."""
     if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
         return True
     return isinstance(error, (RuntimeError, ImportError, OSError)) and bool(_NO_MEMORY.search(str(error)))
 
 
 def is_system_error(error: Exception) -> bool:
-    """Whether an error comes from the system (memory, rights, open files, file system) and says nothing about a file's
-    content. The same operation may succeed later, or on another machine."""
+    """Whether an error comes from the system: memory, rights, open files, file system.
+
+    It says nothing about a file's content: the same operation may succeed later, or on another machine.
+    """
     return is_out_of_memory(error) or (isinstance(error, OSError) and error.errno in _SYSTEM_ERRORS)
 
 
@@ -64,7 +66,7 @@ def reraise_as(
 
 
 def user_message(error: Exception) -> str | None:
-    """What went wrong and what to do, in one or two lines; None for an error in the program, which needs its traceback."""
+    """The message for a user, in one or two lines; None for a programming error, which needs its traceback."""
     if isinstance(error, UserError):
         return str(error)
     if is_out_of_memory(error):

@@ -83,11 +83,11 @@ def read_json(path: Path, parse_constant: Callable[[str], Any] | None = None) ->
 
 
 _ROOM_BYTES = 2**20
-"""Logs and notes of a run take less."""
+"""More than the logs and notes of a run need."""
 
 
 def check_writable(folders: Iterable[Path]) -> None:
-    """Check that a file of a mebibyte can be made in each folder, or in the first one above it that is there.
+    """Check that a file of 1 MiB can be written in each folder, or in its nearest parent that exists.
 
     Nothing is left behind.
 
@@ -100,19 +100,19 @@ def check_writable(folders: Iterable[Path]) -> None:
                 probe.write(bytes(_ROOM_BYTES))
                 probe.flush()
         except OSError as error:
-            writable = "Results, logs and notes are written there: it has to be writable"
+            writable = "Results, logs and notes are written there; make it writable"
             advice = MAKE_ROOM if error.errno in NO_ROOM else writable
             raise UserError(f"{folder.absolute()}: {error.strerror}. {advice}") from None
 
 
 def _nearest(folder: Path) -> Path:
-    """The folder, or the first one above it that is there."""
+    """The folder, or the nearest parent that exists."""
     return next(each for each in (folder, *folder.absolute().parents) if each.is_dir())
 
 
 def _begin(path: Path) -> Path:
     if path.name in ("", ".."):
-        raise UserError(f"{path}: is no name for something new; give --output a name of its own")
+        raise UserError(f"{path}: is no name of a file or folder; give another --output")
     path.parent.mkdir(parents=True, exist_ok=True)
     _sweep(path)
     return _beside(path)

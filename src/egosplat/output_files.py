@@ -21,7 +21,7 @@ SOFTWARE = "Software"
 """The keyword of PNG's text chunk that names the program."""
 
 _HEAD_BYTES = 4096
-"""A mark lies within the first so many bytes of its file."""
+"""A mark is within this many bytes from the start of its file."""
 
 _PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -134,7 +134,7 @@ def _check_replaceable(path: Path, kind: FileKind) -> None:
 
 
 def _what(path: Path, mode: int) -> str:
-    """What something is that is no regular file."""
+    """Describe something that is no regular file."""
     if stat.S_ISLNK(mode):
         return f"a link to {path.readlink()}"
     if stat.S_ISDIR(mode):

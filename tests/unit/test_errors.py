@@ -30,7 +30,7 @@ def test_a_full_disk_is_reported(filename):
     where = f"{filename}: " if filename else ""
     assert (
         told
-        == f"{where}No space left on device. Make room and start the same command again: what is whole already stays"
+        == f"{where}No space left on device. Make room and start the same command again: complete results are kept"
     )
 
 

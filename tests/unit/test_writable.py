@@ -18,7 +18,7 @@ def test_the_write_probe_leaves_no_file(tmp_path):
 
 @pytest.mark.parametrize(
     ("number", "advice"),
-    [(errno.ENOSPC, "Make room"), (errno.EDQUOT, "Make room"), (errno.EROFS, "has to be writable")],
+    [(errno.ENOSPC, "Make room"), (errno.EDQUOT, "Make room"), (errno.EROFS, "make it writable")],
 )
 def test_an_unwritable_folder_is_named_with_the_reason(tmp_path, monkeypatch, number, advice):
     def refuse(**_: object) -> None:

@@ -51,7 +51,7 @@ def test_a_disk_full_before_the_run_is_reported(on_small_disk, small_disk):
     told = refused(on_small_disk, str(SCENE / "recording"))
     assert told == (
         f"egosplat: {on_small_disk.folder}/.snakemake: No space left on device. "
-        "Make room and start the same command again: what is whole already stays"
+        "Make room and start the same command again: complete results are kept"
     )
 
 

@@ -1,4 +1,4 @@
-"""What ``annotations.zarr`` holds: the evaluation frames' instance maps. For evaluation only."""
+"""Schema of ``annotations.zarr``: instance maps of the evaluation frames. For evaluation only."""
 
 from egosplat.artifacts.schema import Field, Schema
 

@@ -18,7 +18,7 @@ DOCUMENTS = {"metrics.json": "metrics", "survey.json": "survey", "tradeoff.json"
 
 @dataclass(frozen=True)
 class Report:
-    """What was found of one artifact; ``problem`` is empty where it is sound."""
+    """The result for one artifact; ``problem`` is empty if it is sound."""
 
     path: Path
     problem: str
@@ -29,13 +29,13 @@ class Report:
 
 
 def check_tree(folder: Path, say: Callable[[str], object]) -> list[Report]:
-    """Verify every ``*.zarr`` and every file of ``DOCUMENTS`` at or below ``folder``; tell each result through ``say``.
+    """Verify every ``*.zarr`` and every file of ``DOCUMENTS`` at or below ``folder``; report each result with ``say``.
 
-    An artifact is sound if its bytes match its digest, a JSON file if it is what its schema describes; and every input
-    that the provenance of either names and that is beside it is still the one it was made from.
+    An artifact is sound if its bytes match its digest; a JSON file is sound if it matches its schema. In addition, an
+    input in the same folder must have the digest that the provenance records.
 
     Raises:
-        UserError: there is none.
+        UserError: the folder holds no artifact.
     """
     paths = [folder] if _is_result(folder) else sorted(filter(_is_result, folder.rglob("*")))
     if not paths:
@@ -60,7 +60,7 @@ def _problem(path: Path) -> str:
 
 
 def _provenance(path: Path) -> dict[str, Any]:
-    """What a verified artifact or JSON file tells of how it was made; a trade-off tells nothing."""
+    """Provenance of an artifact or JSON file after its verification; a trade-off has none."""
     if path.suffix == ".zarr":
         return verify(path, SCHEMAS).provenance
     if not path.is_file():
@@ -73,7 +73,8 @@ def _provenance(path: Path) -> dict[str, Any]:
 
 
 def _digest_of(path: Path) -> str | None:
-    """An artifact's recorded digest; None where it is absent, damaged or refused, which its own report tells."""
+    """The recorded digest of an artifact; None if it cannot be read."""
+    # A damaged input has its own line in the report.
     try:
         return recorded_digest(path)
     except (UserError, OSError):

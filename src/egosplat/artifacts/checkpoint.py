@@ -1,8 +1,7 @@
-"""Checkpoints inside a long stage: what was reached survives a kill, and a rerun goes on from there.
+"""Checkpoints of a long stage: a killed stage continues from the last one.
 
-A checkpoint lies in a hidden folder beside the output, because the workflow deletes outputs before it makes
-them. It names what it belongs to (options, inputs, code and library versions), and one of anything else
-is never resumed. Its own hash tells a damaged one, which is not resumed either.
+A checkpoint is in a hidden folder next to the output, because the workflow deletes outputs before it makes them. A stage
+resumes only a checkpoint with its own options, inputs, code and library versions, and an intact hash.
 """
 
 import hashlib
@@ -28,32 +27,38 @@ class Checkpoint:
     """The checkpoint of the artifact at ``output``."""
 
     def __init__(self, output: Path, key: str, every_s: float) -> None:
-        """``key``: what it belongs to, see ``key_of``. ``every_s``: wall time between two [s]."""
+        """Describe the checkpoint.
+
+        Args:
+            output: path of the artifact.
+            key: hash of all that decides the result, see ``provenance.key_of``.
+            every_s: least wall time between two checkpoints [s].
+        """
         self.file = output.parent / f".{output.name}.checkpoint" / "state"
         self._key = key
         self._every_s = every_s
         self._saved = time.monotonic()
 
     def load(self) -> State | None:
-        """The state to go on from, tensors on the CPU; None where there is none for this key."""
+        """The state to continue from, with tensors on the CPU; None if there is none with this key."""
         try:
             content = self.file.read_bytes()
         except FileNotFoundError:
             return None
         digest, body = content[:_DIGEST_BYTES], memoryview(content)[_DIGEST_BYTES:]
         if hashlib.sha256(body).digest() != digest:
-            log(f"{self.file}: the checkpoint is damaged; the stage starts anew")
+            log(f"{self.file}: the checkpoint is damaged; the stage starts again")
             return None
         saved = torch.load(io.BytesIO(body), map_location="cpu", weights_only=True)
         if saved["key"] != self._key:
-            log("the checkpoint is of other options, inputs or code; the stage starts anew")
+            log("the checkpoint has other options, inputs or code; the stage starts again")
             return None
         return saved["state"]
 
     def save_if_due(self, state: Callable[[], State]) -> None:
-        """Write ``state()`` where the last checkpoint is long enough ago.
+        """Write ``state()`` if the last checkpoint is ``every_s`` old.
 
-        One that cannot be written, on a full disk say, is told and does not end the stage.
+        If the write fails, for example on a full disk, the stage logs a warning and continues.
         """
         if time.monotonic() - self._saved < self._every_s:
             return
@@ -61,11 +66,11 @@ class Checkpoint:
             self._save(state())
         except OSError as error:
             log(f"warning: no checkpoint: {self.file}: {error.strerror}")
-        # From the end of writing: a slow disk must not take all the time.
+        # Counted from the end of the write, so that a slow disk does not take all the time.
         self._saved = time.monotonic()
 
     def remove(self) -> None:
-        """Remove it, and what a killed writer left of one."""
+        """Remove the checkpoint and the scratch files of killed writers."""
         shutil.rmtree(self.file.parent, ignore_errors=True)
 
     def _save(self, state: State) -> None:

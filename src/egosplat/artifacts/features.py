@@ -1,4 +1,4 @@
-"""What ``features.zarr`` holds: each instance's consistent feature, what is supervised with, and its codes."""
+"""Schema of ``features.zarr``: aggregated features of instances, supervision of views, codes, decoder."""
 
 from egosplat.artifacts.schema import Field, Schema
 

@@ -1,4 +1,4 @@
-"""What ``frames.zarr`` holds: a recording's pictures."""
+"""Schema of ``frames.zarr``: the frames of a recording."""
 
 from egosplat.artifacts.schema import Field, Schema
 

@@ -1,4 +1,4 @@
-"""How damage to an artifact is noticed: a digest over its arrays, a seal over its attributes."""
+"""Detect damage to an artifact: a digest over its arrays, a seal over its attributes."""
 
 import hashlib
 import json
@@ -18,7 +18,7 @@ _RESULT = re.compile(r"(^|/)results/[a-z0-9_]+/[A-Za-z0-9_-]+/(variants/[A-Za-z0
 
 
 class ArtifactError(UserError):
-    """An artifact that is absent, damaged, or of another format version."""
+    """An artifact is absent, damaged, or of another format version."""
 
 
 def seal(attributes: dict[str, Any]) -> str:
@@ -40,27 +40,26 @@ def digest_of(root: Path) -> str:
 
 
 def check_replaceable(path: Path, schema: Schema) -> None:
-    """Check that nothing is lost when an artifact takes a path: a mistyped output must not cost a folder of pictures.
+    """Check that a path is free, an empty folder, or an artifact of the same kind, damaged or not.
 
     Raises:
-        ArtifactError: something else stands there than an artifact of that kind, damaged or not, or an empty folder.
+        ArtifactError: something else is at the path.
     """
+    # A mistyped --output must not delete a folder of pictures.
     if path.is_symlink() or not path.exists() or (path.is_dir() and not any(path.iterdir())):
         return
     kind = _kind(path / "zarr.json")
     if kind is None:
-        raise ArtifactError(
-            f"{path}: stands there already and is no artifact of egosplat's, so it stays; give another --output"
-        )
+        raise ArtifactError(f"{path}: is there already and is no artifact of egosplat; give another --output")
     if kind != schema.name:
         raise ArtifactError(
-            f"{path}: stands there already and holds {kind!r}; give another --output, or remove it first: "
+            f"{path}: is there already and holds {kind!r}; give another --output, or remove it first: "
             f"{_removal(path)}"
         )
 
 
 def _kind(metadata: Path) -> str | None:
-    """What an artifact's metadata calls it, if they can be read no further than that; None of anything else."""
+    """The schema name in an artifact's metadata, also if the rest is damaged; None if there is none."""
     try:
         found = re.search(rb'"egosplat".*?"schema":\s*"(\w+)"', metadata.read_bytes(), re.DOTALL)
     except OSError as error:
@@ -71,16 +70,16 @@ def _kind(metadata: Path) -> str | None:
 
 
 def damaged(path: Path, what: str) -> ArtifactError:
-    """The error for an artifact that cannot be trusted, or for something else in its place."""
+    """The error for a damaged artifact, or for something else in its place."""
     if _is_own(path):
         return ArtifactError(f"{path}: {what}. It is damaged. Rebuild it: {rebuild_command(path)}")
-    return ArtifactError(f"{path}: {what}. Give an artifact of egosplat's, such as {EXAMPLE}")
+    return ArtifactError(f"{path}: {what}. Give an artifact of egosplat, such as {EXAMPLE}")
 
 
 def absent(path: Path) -> ArtifactError:
     """The error for an artifact that is not there."""
     if not _is_result(path):
-        return ArtifactError(f"{path}: does not exist. Give an artifact of egosplat's, such as {EXAMPLE}")
+        return ArtifactError(f"{path}: does not exist. Give an artifact of egosplat, such as {EXAMPLE}")
     return ArtifactError(f"{path}: does not exist. Make it: snakemake --cores 2 {shlex.quote(str(path))}")
 
 
@@ -97,7 +96,8 @@ def _removal(path: Path) -> str:
 
 
 def _is_own(path: Path) -> bool:
-    """Whether something at a path is egosplat's, by its metadata or by its place: all else is not to be removed."""
+    """Whether egosplat wrote what is at a path, by its metadata or its place."""
+    # A message must not tell a user to remove anything else.
     return _is_result(path) or _kind(path / "zarr.json") is not None
 
 

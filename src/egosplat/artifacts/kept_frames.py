@@ -1,4 +1,4 @@
-"""Which frames learn: the one place where stages ask for what a survey leaves out."""
+"""Select the frames to train on, from the survey."""
 
 from pathlib import Path
 
@@ -11,14 +11,14 @@ from egosplat.pipeline.survey_file import Survey, gaussians_use_all_frames, read
 
 
 def kept_frames(frames: Artifact, survey: Path | None) -> tuple[NDArray[np.bool_], dict[str, str]]:
-    """Which frames add views, by a survey of them, and what a stage's provenance says of that beside its keys.
+    """Select the frames that add views, and the entry about it for the provenance of a stage.
 
     Args:
         frames: the frames artifact.
         survey: path of their survey; None to keep all.
 
     Returns:
-        (F,) bool, and ``{"kept_frames": digest}``, or nothing where no survey is followed.
+        (F,) bool, and ``{"kept_frames": digest}``; an empty dictionary if every frame is kept without a survey.
 
     Raises:
         UserError: the survey cannot be read, or is of other frames.
@@ -29,7 +29,10 @@ def kept_frames(frames: Artifact, survey: Path | None) -> tuple[NDArray[np.bool_
 def frames_for_gaussians(
     frames: Artifact, survey: Path | None, masking: str
 ) -> tuple[NDArray[np.bool_], dict[str, str]]:
-    """As ``kept_frames``, of the frames that Gaussians may be trained on where ``masking`` is masked."""
+    """``kept_frames`` for the training of Gaussians, with ``masking`` the value of ``splats.masking``.
+
+    A static scene without masks keeps every frame.
+    """
     found = None if survey is None else _survey_of(frames, survey)
     if found is not None and gaussians_use_all_frames(found, masking):
         found = None
@@ -43,7 +46,7 @@ def _survey_of(frames: Artifact, path: Path) -> Survey:
 
 
 def _kept(frames: Artifact, survey: Survey | None) -> tuple[NDArray[np.bool_], dict[str, str]]:
-    """Those that a survey keeps; all where none is followed."""
+    """The frames that a survey keeps; all frames without one."""
     count = frames.shape("rgb")[0]
     if survey is None:
         return np.ones(count, bool), {}

@@ -1,4 +1,4 @@
-"""What ``language.zarr`` holds: what each Gaussian of ``splats.zarr`` means, at every level."""
+"""Schema of ``language.zarr``: a code for each Gaussian of ``splats.zarr`` and each level."""
 
 from egosplat.artifacts.schema import Field, Schema
 

@@ -1,4 +1,4 @@
-"""What artifacts were made from, back to the recording."""
+"""Find all artifacts that an artifact was made from, back to the recording."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,11 +11,11 @@ from egosplat.artifacts.registry import SCHEMAS
 
 @dataclass(frozen=True)
 class Lineage:
-    """Some artifacts with all that they were made from.
+    """Artifacts with everything that they were made from.
 
     Attributes:
-        found: by file name, sorted.
-        lost: names of those that lie beside none of them any more, or only another of that name does; sorted.
+        found: the artifacts by file name, sorted.
+        lost: sorted file names of inputs that are absent, or that only differ in digest from one that is there.
     """
 
     found: Mapping[str, Artifact]
@@ -23,11 +23,10 @@ class Lineage:
 
 
 def lineage(artifacts: Sequence[Artifact]) -> Lineage:
-    """Follow the digests that artifacts record of their inputs; these are looked for beside any of the artifacts, and
-    in all variants of the same scene.
+    """Find the inputs of artifacts by their recorded digests, in the folders of the artifacts and in all variants of the scene.
 
     Raises:
-        UserError: two of them were made from different artifacts of one name, or one is damaged.
+        UserError: two artifacts were made from different inputs of one name, or an artifact is damaged.
     """
     folders = _folders([artifact.path.parent for artifact in artifacts])
     found = {artifact.path.name: artifact for artifact in artifacts}
@@ -50,6 +49,7 @@ def lineage(artifacts: Sequence[Artifact]) -> Lineage:
 
 
 def _folders(own: Sequence[Path]) -> list[Path]:
-    """Where to look, in order: a variant may have inputs from another that it stands over."""
+    """The folders to search, in order."""
+    # A variant shares inputs with the variants that it extends.
     variants = (sorted(folder.parent.iterdir()) for folder in own if folder.parent.name == "variants")
     return list(dict.fromkeys([*own, *(folder for folders in variants for folder in folders)]))

@@ -1,4 +1,4 @@
-"""What ``masks.zarr`` holds: which instances are transient, and the pixels that are left out of training for it."""
+"""Schema of ``masks.zarr``: the transient instances, and the pixels that training masks."""
 
 from egosplat.artifacts.schema import Field, Schema
 

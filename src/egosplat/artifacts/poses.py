@@ -1,4 +1,4 @@
-"""What ``poses.zarr`` holds: camera poses and points."""
+"""Schema of ``poses.zarr``: camera poses and points."""
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schema import Field, Schema

@@ -1,4 +1,4 @@
-"""How an artifact was made: what travels with it down to the tables."""
+"""Provenance of artifacts: recorded by each stage, and shown in the tables."""
 
 import hashlib
 import json
@@ -18,19 +18,19 @@ from egosplat.pipeline.stages import STAGES, code_of
 
 @dataclass(frozen=True)
 class Provenance:
-    """How an artifact was made.
+    """How an artifact is made.
 
     Attributes:
         stage: name of the stage.
         options: its configuration keys with their values.
-        origin: ``synthetic`` if anything it was made from is synthetic, else ``real``.
-        inputs: digest of each artifact it was made from, by file name.
-        models: hash of each model it was made with, by the key of its checkpoint.
+        origin: ``synthetic`` if any input is synthetic, else ``real``.
+        inputs: digest of each input artifact, by file name.
+        models: hash of each model, by the configuration key of its checkpoint.
         code: content hash of the code that the stage executes.
-        versions: of egosplat, Python and the libraries that do the work.
-        created: UTC time at which the stage began.
-        started: the same on the process's monotonic clock [s].
-        started_cpu: time on processors that the process had taken then [s].
+        versions: versions of egosplat, Python and the libraries of the stage.
+        created: UTC time at the start of the stage.
+        started: time on the monotonic clock at the start [s].
+        started_cpu: processor time that the process had used at the start [s].
     """
 
     stage: str
@@ -58,7 +58,7 @@ class Provenance:
 
 
 class Made(Protocol):
-    """An artifact that others are made from."""
+    """An artifact that is an input of another."""
 
     @property
     def path(self) -> Path: ...
@@ -69,14 +69,14 @@ class Made(Protocol):
 
 
 def key_of(made: Provenance, more: Mapping[str, Any] | None = None) -> str:
-    """SHA-256 of all that decides the result: stage, options, inputs, models, code, versions, and what is given beside."""
+    """SHA-256 of all that decides the result: stage, options, inputs, models, code, versions, and ``more``."""
     mappings = (made.options, made.inputs, made.models, made.versions, more or {})
     parts = [made.stage, made.code, *map(dict, mappings)]
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
 def joint_origin(*origins: str) -> str:
-    """Of what is made from things of several origins: one that is synthetic makes it synthetic."""
+    """``synthetic`` if one of the origins is, else ``real``."""
     return "synthetic" if "synthetic" in origins else "real"
 
 
@@ -87,7 +87,7 @@ def begin(
     inputs: Mapping[str, str] | None = None,
     models: Mapping[str, str] | None = None,
 ) -> Provenance:
-    """The provenance of an artifact that ``stage`` starts to make now."""
+    """Start the provenance of an artifact, and its clocks; arguments as the attributes of ``Provenance``."""
     versions = {"egosplat": egosplat.__version__, "python": sys.version.split()[0]}
     versions |= {name: metadata.version(name) for name in STAGES[stage].libraries}
     return Provenance(
@@ -107,7 +107,7 @@ def begin(
 def begin_from(
     stage: str, options: Mapping[str, Any], used: Iterable[Made], models: Mapping[str, str] | None = None
 ) -> Provenance:
-    """``begin`` for what is made from these artifacts alone."""
+    """Start the provenance of an artifact whose inputs are the artifacts ``used``."""
     used = list(used)
     origin = joint_origin(*(artifact.origin for artifact in used))
     return begin(stage, options, origin, {artifact.path.name: artifact.digest for artifact in used}, models)

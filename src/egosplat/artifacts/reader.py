@@ -1,5 +1,7 @@
-"""Reading an artifact: schema, version, seal and completeness when it is opened, each chunk's CRC32C when
-it is read, every stored byte when it is verified."""
+"""Read artifacts with checks.
+
+Opening checks schema, version, seal and completeness. Reading checks the CRC32C of each chunk. ``verify`` checks every byte.
+"""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -25,7 +27,7 @@ class Artifact:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Small results that are no arrays."""
+        """Small results that are not arrays."""
         return self._attributes["facts"]
 
     @property
@@ -35,7 +37,7 @@ class Artifact:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """How it was made: stage, options, inputs, versions, origin, time and memory."""
+        """Stage, options, inputs, versions, origin, time and memory of its making."""
         return self._attributes["provenance"]
 
     @property
@@ -56,7 +58,7 @@ class Artifact:
         array = self._group[name]
         values = np.empty(array.shape, array.dtype)
         if values.size:
-            # A chunk at a time, so that damage is told by its chunk.
+            # One chunk at a time, so that an error names the damaged chunk.
             rows = array.chunks[0]
             for start in range(0, len(values), rows):
                 values[start : start + rows] = self._checked(array, name, slice(start, start + rows))
@@ -77,7 +79,8 @@ class Artifact:
 
 
 def _reason(error: Exception) -> str:
-    """A library's error in a few words; its checksums' bytes tell a reader nothing."""
+    """A library's error in a few words."""
+    # The bytes of a checksum do not help a user.
     text = str(error).partition("\n")[0]
     return "its checksum does not match" if "checksum" in text else text or type(error).__name__
 
@@ -87,7 +90,7 @@ def open_artifact(path: Path, schema: Schema) -> Artifact:
 
     Raises:
         ArtifactError: it is absent, of another kind or version, or damaged; the message says how to rebuild it.
-        OSError, MemoryError, RuntimeError: the system refuses to read it, see ``egosplat.errors``; so all that read.
+        OSError, MemoryError, RuntimeError: a system error, see ``egosplat.errors``.
     """
     return _checked_artifact(path, schema, *_open(path))
 
@@ -109,10 +112,10 @@ def _checked_artifact(path: Path, schema: Schema, group: zarr.Group, attributes:
 
 
 def open_any(path: Path, schemas: Mapping[str, Schema]) -> Artifact:
-    """Open an artifact of any of some kinds, by name.
+    """Open an artifact of any kind in ``schemas``, by name.
 
     Raises:
-        ArtifactError: as ``open_artifact``, or it is of none of these kinds.
+        ArtifactError: as ``open_artifact``, or the artifact is of no kind in ``schemas``.
     """
     group, attributes = _open(path)
     schema = schemas.get(attributes.get("schema", ""))
@@ -124,21 +127,21 @@ def open_any(path: Path, schemas: Mapping[str, Schema]) -> Artifact:
 
 
 def verify(path: Path, schemas: Mapping[str, Schema]) -> Artifact:
-    """Open an artifact of any of some kinds, and also check every stored byte against its digest.
+    """Open an artifact of any kind in ``schemas`` and check every stored byte against its digest.
 
     Raises:
-        ArtifactError: as ``open_any``, or some file was changed, added or removed.
+        ArtifactError: as ``open_any``, or a file was changed, added or removed.
     """
     artifact = open_any(path, schemas)
     if digest_of(path) != artifact.digest:
-        for name in artifact.schema.fields:  # names the chunk, where it is a chunk
+        for name in artifact.schema.fields:  # raises with the name of the damaged chunk
             artifact.read(name)
         raise damaged(path, "its files are not those that were written (digest differs)")
     return artifact
 
 
 def recorded_digest(path: Path) -> str:
-    """The digest that an artifact of any kind was published with.
+    """The digest in an artifact's attributes; no array is read.
 
     Raises:
         ArtifactError: its attributes cannot be trusted.
@@ -153,7 +156,7 @@ def _open(path: Path) -> tuple[zarr.Group, dict[str, Any]]:
     def tell(error: Exception) -> ArtifactError:
         if isinstance(error, KeyError):
             return ArtifactError(
-                f"{path}: is a Zarr group that egosplat did not write. Give an artifact of egosplat's"
+                f"{path}: is a Zarr group that egosplat did not write. Give an artifact of egosplat"
             )
         return damaged(path, f"is no readable Zarr group ({type(error).__name__})")
 

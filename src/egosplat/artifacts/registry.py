@@ -1,4 +1,4 @@
-"""All kinds of artifacts."""
+"""The schemas of all kinds of artifacts."""
 
 from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.features import FEATURES

@@ -1,4 +1,4 @@
-"""What another method's relevancy maps are read from: a Zarr group that anyone can write (docs/other_methods.md)."""
+"""Read another method's relevancy maps from a Zarr group that anyone can write (docs/other_methods.md)."""
 
 import hashlib
 import json
@@ -29,11 +29,11 @@ RELEVANCY = Schema(
         "frame": Field(("query",), "int64", "index", "frame in frames.zarr that the query is asked in"),
     },
 )
-"""Attributes beside the arrays: ``schema`` and ``format_version`` of this, ``method``, the method's name, ``levels``,
-names of the levels, and ``category``, the text of each query."""
+"""The group's attributes: ``schema``, ``format_version``, ``method`` (its name), ``levels`` (their names) and
+``category`` (the text of each query)."""
 
 FLOATS = ("float16", "float32")
-"""What the maps may be stored in."""
+"""Allowed number types of the maps."""
 
 LONGEST_NAME = 60
 
@@ -43,11 +43,11 @@ class Relevancy:
     """Another method's maps; made by ``open_relevancy``.
 
     Attributes:
-        path: of the group.
-        method: its name.
-        levels: their names, one at least.
-        rows: of each pair of a frame and a category, its row.
-        digest: SHA-256 over all that is stored.
+        path: path of the group.
+        method: name of the method.
+        levels: names of the levels, at least one.
+        rows: row of each pair (frame, category).
+        digest: SHA-256 over arrays and attributes.
     """
 
     path: Path
@@ -63,14 +63,14 @@ class Relevancy:
         return self._maps.shape[2:]
 
     def maps(self, frame: int, category: str) -> NDArray[np.float32]:
-        """The (L, H, W) float32 maps of a query, NaN where nothing is seen.
+        """The maps of a query, (L, H, W) float32; NaN where nothing is seen.
 
         Raises:
-            UserError: they cannot be read, or hold a number outside 0..1.
+            UserError: the maps cannot be read, or hold a number outside 0..1.
         """
         row = self.rows[frame, category]
         where = f"{self.path}: relevancy[{row}], {category!r} in frame {frame}"
-        with reraise_as(_damaged(f"{where}, cannot be read", "; write it anew")):
+        with reraise_as(_damaged(f"{where}, cannot be read", "; write it again")):
             values = np.asarray(self._maps[row], np.float32)
         if not ((values >= 0) & (values <= 1) | np.isnan(values)).all():
             raise UserError(
@@ -80,10 +80,10 @@ class Relevancy:
 
 
 def open_relevancy(path: Path) -> Relevancy:
-    """Open another method's maps and check all but the maps themselves.
+    """Open another method's maps and check everything except the values of the maps.
 
     Raises:
-        UserError: it is absent or not laid out so; says what is wrong.
+        UserError: the group is absent or has another layout.
     """
     group, attributes = _open(path)
     sizes: dict[str, int] = {}
@@ -103,13 +103,13 @@ def open_relevancy(path: Path) -> Relevancy:
 
 
 def _damaged(what: str, advice: str = "") -> Callable[[Exception], UserError]:
-    """What is told of the many kinds of errors that zarr raises for what is damaged."""
+    """Describe an error that zarr raises for a damaged group."""
     return lambda error: UserError(f"{what} ({type(error).__name__}){advice}")
 
 
 def _open(path: Path) -> tuple[zarr.Group, dict[str, Any]]:
     if not path.exists():
-        raise UserError(f"{path}: does not exist. docs/other_methods.md says how it is made")
+        raise UserError(f"{path}: does not exist. docs/other_methods.md describes the layout")
     with reraise_as(_damaged(f"{path}: is no readable Zarr group")):
         group = zarr.open_group(path, mode="r")
         attributes = group.attrs.asdict()
@@ -123,7 +123,7 @@ def _open(path: Path) -> tuple[zarr.Group, dict[str, Any]]:
 
 
 def _read_frames(path: Path, group: zarr.Group) -> list[int]:
-    with reraise_as(_damaged(f"{path}: array 'frame' cannot be read", "; write it anew")):
+    with reraise_as(_damaged(f"{path}: array 'frame' cannot be read", "; write it again")):
         return np.asarray(group["frame"][...]).tolist()
 
 

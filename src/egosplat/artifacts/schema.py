@@ -1,4 +1,4 @@
-"""How an artifact of one kind is described."""
+"""Describe the arrays of an artifact."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,12 +9,12 @@ class Field:
     """One array of an artifact.
 
     Attributes:
-        dims: name of each axis, or its fixed size. Axes of one name have one size within an artifact.
+        dims: name of each axis, or its fixed size. Axes with the same name have the same size within an artifact.
         dtype: NumPy name of the element type.
         unit: physical unit, or what the numbers count.
-        about: what the array holds, with its axis convention.
-        by_row: how many indices of the first axis a chunk holds: ``True``, that is one, for what is read a frame
-            at a time; a number, of which the chunks have a few MB, for many short rows; ``False`` for all.
+        about: description, with the axis convention.
+        by_row: number of rows (indices of the first axis) in a chunk: ``True`` (one) for arrays that are read frame by
+            frame, a number that gives chunks of a few MB for many short rows, ``False`` for all rows.
     """
 
     dims: tuple[str | int, ...]
@@ -26,7 +26,7 @@ class Field:
 
 @dataclass(frozen=True)
 class Schema:
-    """What an artifact of one kind holds. ``version`` grows when old artifacts can no longer be read."""
+    """The arrays of one kind of artifact. ``version`` grows when old artifacts can no longer be read."""
 
     name: str
     version: int
@@ -34,7 +34,7 @@ class Schema:
 
 
 def check_shape(declared: Field, shape: tuple[int, ...], sizes: dict[str, int], name: str) -> None:
-    """Check ``shape`` against the declared axes and the sizes seen so far, which it adds to."""
+    """Check ``shape`` against the declared axes and the known ``sizes``, and add new sizes to them."""
     if len(shape) != len(declared.dims):
         raise ValueError(f"{name!r} has {len(shape)} axes, not {len(declared.dims)}")
     for dim, size in zip(declared.dims, shape, strict=True):

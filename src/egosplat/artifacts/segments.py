@@ -1,4 +1,4 @@
-"""What ``segments.zarr`` holds: instances followed through the video, at up to three levels."""
+"""Schema of ``segments.zarr``: instances at up to three levels, tracked through the video."""
 
 from egosplat.artifacts.schema import Field, Schema
 

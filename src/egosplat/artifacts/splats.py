@@ -1,4 +1,4 @@
-"""What ``splats.zarr`` holds: trained Gaussians, how training went, and how well held-out frames are rendered."""
+"""Schema of ``splats.zarr``: trained Gaussians, training curves, and renders of held-out frames."""
 
 from egosplat.artifacts.schema import Field, Schema
 

@@ -1,4 +1,4 @@
-"""What ``transient.zarr`` holds: how probable it is that a pixel shows something that moves, before refinement."""
+"""Schema of ``transient.zarr``: the probability that a pixel is transient, before refinement."""
 
 from egosplat.artifacts.schema import Field, Schema
 

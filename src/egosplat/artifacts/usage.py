@@ -1,4 +1,4 @@
-"""Processor time and memory that a process has used so far, and the machine that it runs on."""
+"""Processor time and memory that a process has used, and the machine that it runs on."""
 
 import functools
 import os
@@ -13,21 +13,21 @@ _KIB, _MIB = 2**10, 2**20
 
 
 def cpu_seconds() -> float:
-    """Time on processors [s], of all threads of this process and of the processes it has waited for."""
+    """Processor time of all threads of this process and of its finished child processes [s]."""
     children = resource.getrusage(resource.RUSAGE_CHILDREN)
     return time.process_time() + children.ru_utime + children.ru_stime
 
 
 def peak_memory_mb(status: Path = Path("/proc/self/status")) -> float:
-    """Peak of main memory of this process [MiB]."""
-    # Linux counts the program alone; getrusage starts from the peak of the process that started it.
+    """Peak main memory of this process [MiB]."""
+    # On Linux, getrusage starts from the peak of the parent process; VmHWM does not.
     lines = status.read_text().splitlines() if status.is_file() else []
     peaks = (int(line.split()[1]) for line in lines if line.startswith("VmHWM:"))
     return next(peaks, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) / _KIB
 
 
 def peak_gpu_memory_mb() -> float | None:
-    """Peak of the memory that PyTorch used on its GPUs [MiB]; None where it used none."""
+    """Peak memory of PyTorch on its GPUs [MiB]; None if it used none."""
     cuda = _used_cuda()
     if cuda is None:
         return None
@@ -43,14 +43,14 @@ def machine() -> str:
 
 
 def _used_cuda() -> Any:
-    """``torch.cuda`` where this process has used it, else None."""
+    """``torch.cuda`` if this process has used it, else None."""
     torch = sys.modules.get("torch")
     return torch.cuda if torch is not None and torch.cuda.is_initialized() else None
 
 
 @functools.cache
 def _processor(cpuinfo: Path = Path("/proc/cpuinfo")) -> str:
-    """The processor's name, or its architecture where the machine has no name for it."""
+    """Name of the processor, or its architecture if the name is unknown."""
     lines = cpuinfo.read_text().splitlines() if cpuinfo.is_file() else []
     names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
     return next(names, platform.machine())

@@ -1,4 +1,4 @@
-"""What ``view_features.zarr`` holds: the feature of each instance in each frame that shows it."""
+"""Schema of ``view_features.zarr``: the feature of each instance in each frame that shows it."""
 
 from egosplat.artifacts.schema import Field, Schema
 

@@ -1,4 +1,4 @@
-"""Writing an artifact: whole or not at all (``egosplat.files``), so a path that exists is complete."""
+"""Write artifacts, whole or not at all (``egosplat.files``)."""
 
 import contextlib
 import json
@@ -18,7 +18,7 @@ from egosplat.files import atomic_directory
 
 
 class Writer:
-    """The arrays of an artifact while it is being made; given by ``create``."""
+    """The arrays of an artifact that is being written; from ``create``."""
 
     def __init__(self, group: zarr.Group, schema: Schema) -> None:
         self._group = group
@@ -27,13 +27,13 @@ class Writer:
         self._arrays: dict[str, zarr.Array] = {}
         self._rows_missing: dict[str, set[int]] = {}
         self.facts: dict[str, Any] = {}
-        """Small results that are no arrays; plain JSON values."""
+        """Small results that are not arrays; plain JSON values."""
 
     def put(self, name: str, values: NDArray[Any]) -> None:
         """Store a whole array.
 
         Raises:
-            ValueError: the shape or element type is not what the schema declares.
+            ValueError: the shape or element type differs from the schema.
         """
         values = np.asarray(values)
         if values.dtype != np.dtype(self._declared(name).dtype):
@@ -41,12 +41,12 @@ class Writer:
         self._create(name, values.shape)[...] = values
 
     def allocate(self, name: str, shape: tuple[int, ...]) -> None:
-        """Begin an array that is written a row at a time with ``put_row``."""
+        """Create an array whose rows ``put_row`` writes."""
         self._create(name, shape)
         self._rows_missing[name] = set(range(shape[0]))
 
     def put_row(self, name: str, index: int, values: NDArray[Any]) -> None:
-        """Store row ``index`` of an allocated array; its shape and element type must match exactly."""
+        """Store row ``index`` of an allocated array; shape and element type must match exactly."""
         array = self._arrays[name]
         if values.shape != array.shape[1:] or values.dtype != array.dtype:
             raise ValueError(
@@ -56,7 +56,7 @@ class Writer:
         self._rows_missing[name].discard(index)
 
     def finish(self) -> None:
-        """Check that everything declared was written."""
+        """Check that every declared array and row was written."""
         missing = sorted(set(self._schema.fields) - set(self._arrays))
         if missing:
             raise ValueError(f"artifact {self._schema.name}: never written: {', '.join(missing)}")
@@ -80,7 +80,7 @@ class Writer:
             chunks=tuple(max(1, size) for size in (rows, *shape[1:])),
             compressors=[ZstdCodec(level=3), Crc32cCodec()],
             dimension_names=[dim if isinstance(dim, str) else None for dim in declared.dims],
-            # An all-zero chunk is stored too: only then is a missing file known to be a loss.
+            # All-zero chunks are stored too, so that a missing file always means damage.
             config={"write_empty_chunks": True},
             attributes={"unit": declared.unit, "about": declared.about},
         )
@@ -90,18 +90,19 @@ class Writer:
 
 @contextlib.contextmanager
 def create(path: Path, schema: Schema, provenance: Provenance) -> Iterator[Writer]:
-    """Write an artifact; it appears at ``path`` when the block ends without error, else not at all.
-
-    An artifact that stands at ``path`` already is replaced at that moment.
+    """Write an artifact; it appears at ``path`` when the block ends without error.
 
     Args:
-        path: the folder to make. What stands there is replaced only if it is an artifact of the same kind.
-        schema: what it will hold.
-        provenance: how it is made; its clock is stopped at the end of the block.
+        path: the folder to write. An artifact of the same kind is replaced at that moment.
+        schema: schema of the artifact.
+        provenance: its provenance; time and memory are recorded at the end of the block.
+
+    Raises:
+        ArtifactError: something else is at ``path``.
     """
     check_replaceable(path, schema)
     with atomic_directory(path) as scratch:
-        # Mode "w" would make the folder anew, without its lock.
+        # Mode "w" would replace the folder and lose its lock.
         writer = Writer(zarr.open_group(scratch, mode="a"), schema)
         yield writer
         writer.finish()
@@ -116,7 +117,7 @@ def _write_attributes(scratch: Path, schema: Schema, provenance: Provenance, fac
         "provenance": provenance.record(),
         "facts": facts,
     }
-    # Through JSON once, so that the seal is over what a reader will see.
+    # A round trip through JSON, so that the seal covers exactly what a reader gets.
     attributes = json.loads(json.dumps(attributes, allow_nan=False))
     attributes["seal"] = seal(attributes)
     zarr.open_group(scratch, mode="a").attrs.put({"egosplat": attributes})
