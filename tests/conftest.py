@@ -1,4 +1,4 @@
-"""What all tests share: real recordings where they are, a tiny artifact, and the workflow."""
+"""Fixtures of all tests: real recordings, and working directories in which the workflow runs."""
 
 import os
 import re
@@ -17,7 +17,7 @@ REAL_DATA = Path(os.environ.get("EGOSPLAT_REAL_DATA", ROOT.parent / "shared" / "
 
 @pytest.fixture(scope="session")
 def real_data() -> Callable[[str], Path]:
-    """Folder of a real recording by name; skips the test, saying so, where it is absent."""
+    """Return the folder of a real recording by name; the test is skipped if it is absent."""
 
     def folder(name: str) -> Path:
         path = REAL_DATA / name
@@ -56,7 +56,7 @@ class Workdir:
             "queries.png",
         )
     )
-    """What ``finished`` has: the main job's result and every page."""
+    """The outputs in ``finished``: scores and every page."""
 
     snakefile = ROOT / "workflow/Snakefile"
 
@@ -65,12 +65,12 @@ class Workdir:
         self.code = code or folder / "src"
 
     def command(self, *arguments: object) -> list[str]:
-        """Snakemake's with the tiny settings; arguments go before the targets' ``--``."""
+        """Command line of Snakemake with the tiny settings; options go before ``--``, targets after it."""
         options = ["--snakefile", self.snakefile, "--cores", "2", "--configfile", "tiny.yaml"]
         return [str(word) for word in (sys.executable, "-m", "snakemake", *options, *arguments)]
 
     def snakemake(self, *arguments: object, timeout: float = 600) -> subprocess.CompletedProcess[str]:
-        """Run it here."""
+        """Run Snakemake in the folder."""
         return subprocess.run(
             check=False,
             args=self.command(*arguments),
@@ -84,7 +84,7 @@ class Workdir:
     def start(
         self, *arguments: object, transcript: Path, before: tuple[str, ...] = ()
     ) -> "subprocess.Popen[bytes]":
-        """Start it here, in a process group of its own, after the words ``before``; what it says goes to a file."""
+        """Start Snakemake in its own process group, with the words ``before`` in front; its output goes to ``transcript``."""
         with transcript.open("w") as said:
             return subprocess.Popen(
                 [*before, *self.command(*arguments)],
@@ -97,17 +97,17 @@ class Workdir:
 
     @property
     def environment(self) -> dict[str, str]:
-        """The environment in which the copied code is the one that runs."""
+        """Environment that runs the copied code."""
         return os.environ | {"PYTHONPATH": str(self.code), "PYTHONDONTWRITEBYTECODE": "1"}
 
     def run(self, *targets: str) -> str:
-        """Make targets; fail the test with the log when that fails."""
+        """Make targets and return the output; the test fails with the output if a job fails."""
         done = self.snakemake("--", *targets)
         assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout + done.stderr
 
     def stale(self, *targets: str, config: str = "") -> set[str]:
-        """Names of the rules that would run for the targets, with some more configuration."""
+        """Names of the rules that would run for the targets, with additional configuration."""
         (self.folder / "more.yaml").write_text(config or "{}")
         done = self.snakemake("more.yaml", "--dry-run", "--quiet", "host", "--", *targets)
         assert done.returncode == 0, done.stdout + done.stderr
@@ -130,9 +130,9 @@ class Workdir:
 
 @pytest.fixture(scope="session")
 def finished(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Workdir:
-    """A working directory in which the tiny main job has run once. Not to be changed: see ``workdir``.
+    """A working directory in which the tiny main job has run; shared by all processes of a test run.
 
-    One for all processes of a test run.
+    Tests must not change it; ``workdir`` is a private copy.
     """
     temporary = tmp_path_factory.getbasetemp()
     shared = temporary if worker_id == "master" else temporary.parent

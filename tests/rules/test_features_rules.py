@@ -1,4 +1,4 @@
-"""The rules of features, from frames and segments that are there, with an OpenCLIP of the user's own."""
+"""The rules view_features and features run on existing frames and segments, with the user's own OpenCLIP model."""
 
 import json
 import shutil
@@ -33,13 +33,13 @@ DESCRIPTION = {
 
 @dataclass(frozen=True)
 class Work:
-    """A working directory with its own workflow, of two rules."""
+    """A working directory with a workflow of two rules."""
 
     folder: Path
     weights: Path
 
     def snakemake(self, *arguments: str, **config: dict) -> str:
-        """Ask for the features with some more configuration; what is said."""
+        """Run Snakemake for features.zarr with additional configuration and return its output."""
         models = {"clip_model": "model", "clip_checkpoint": str(self.weights), "device": "cpu"}
         (self.folder / "mine.yaml").write_text(yaml.safe_dump({"models": models, **config}))
         options = ["--snakefile", "workflow/Snakefile", "--cores", "1", "--configfile", "mine.yaml"]
@@ -54,14 +54,14 @@ class Work:
         return done.stdout + done.stderr
 
     def stale(self, **config: dict) -> set[str]:
-        """Rules that would run."""
+        """Names of the rules that would run."""
         lines = self.snakemake("--dry-run", "--quiet", "host", **config).splitlines()
         return {line.split()[1].rstrip(":") for line in lines if line.startswith("rule ")}
 
 
 @pytest.fixture(scope="module")
 def work(tmp_path_factory: pytest.TempPathFactory) -> Work:
-    """Both rules have run, on six frames with two instances."""
+    """A working directory in which both rules have run, on six frames with two instances."""
     folder = tmp_path_factory.mktemp("features")
     shutil.copytree(ROOT / "workflow", folder / "workflow", ignore=shutil.ignore_patterns("profiles"))
     shutil.copytree(ROOT / "config" / "presets", folder / "config" / "presets")
@@ -81,7 +81,7 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Work:
 
 
 def write_inputs(folder: Path) -> None:
-    """frames.zarr and segments.zarr."""
+    """Write frames.zarr and segments.zarr."""
     labels = np.full((FRAME_COUNT, 1, SIZE, SIZE), -1, np.int32)
     labels[:, 0, 4:14, 4:20] = 0
     labels[:, 0, 20:30, 4:20] = 1

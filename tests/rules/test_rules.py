@@ -1,4 +1,4 @@
-"""Each rule alone, from the inputs that a full run left, makes what the full run made."""
+"""Each rule alone, on the inputs of a full run, makes the same output as the full run."""
 
 import json
 import shutil
@@ -13,7 +13,7 @@ from egosplat.artifacts.registry import SCHEMAS
 
 SCENE = "results/adt/scene1"
 COSTS = {"created", "wall_s", "cpu_s", "peak_memory_mb", "peak_gpu_memory_mb", "training_s", "disk_mb"}
-"""What differs between equal runs."""
+"""Keys of provenance that differ between equal runs."""
 
 OUTPUTS = {
     "synthetic": "recording",

@@ -98,7 +98,7 @@ class LocalSlurm:
             process.wait(timeout=30)
 
     def ask(self, *command: str) -> str:
-        """What one of SLURM's commands says."""
+        """Output of a SLURM command."""
         done = subprocess.run(
             command, env=os.environ | self.environment, check=True, capture_output=True, text=True, timeout=30
         )
@@ -110,12 +110,12 @@ class LocalSlurm:
         return dict(line.split() for line in lines)
 
     def end_of(self, job: str) -> str:
-        """The state in which a job ended, waited for."""
+        """Wait until a job ends and return its state."""
         wait_for(lambda: self.states()[job] not in UNDER_WAY)
         return self.states()[job]
 
     def asked_of(self, job: str) -> dict[str, str]:
-        """What a job was submitted with, as ``scontrol show job`` has it."""
+        """Properties of a job, as ``scontrol show job`` prints them."""
         text = self.ask("scontrol", "show", "job", job)
         return dict(word.partition("=")[::2] for word in text.split() if "=" in word)
 

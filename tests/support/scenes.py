@@ -41,11 +41,11 @@ def put(
     """Write ``folder/name.zarr`` with the given arrays; all other arrays of its schema get plausible values.
 
     Args:
-        arrays: by name; one that the schema lacks is an error.
-        facts: of the artifact.
+        arrays: arrays by name; a name that is not in the schema is an error.
+        facts: facts of the artifact.
         made_from: names of artifacts in the folder, whose digests are recorded as inputs.
-        size: of the axes that no given array has.
-        made: the whole provenance, in place of the next.
+        size: size of the axes that no given array has.
+        made: the whole provenance, instead of the next arguments.
         provenance: options, origin (by default synthetic), inputs, models; stage (by default the artifact's name).
     """
     arrays, schema = dict(arrays or {}), SCHEMAS[name]
@@ -72,10 +72,10 @@ def put_scene(
     chained: bool = False,
     **provenance: Any,
 ) -> list[Path]:
-    """Write several artifacts with the same facts; each takes the arrays that its schema names.
+    """Write several artifacts with the same facts; each gets the arrays that its schema names.
 
     Args:
-        chained: each records the digests of those before it.
+        chained: whether each artifact records the digests of those before it.
     """
     names = list(names)
     if unknown := set(arrays).difference(*(SCHEMAS[name].fields for name in names)):
@@ -89,7 +89,7 @@ def put_scene(
 
 
 def digests(folder: Path, names: Iterable[str]) -> dict[str, str]:
-    """What provenance records of artifacts in a folder."""
+    """Digest of each artifact in a folder, by file name, as provenance records it."""
     return {f"{name}.zarr": recorded_digest(folder / f"{name}.zarr") for name in names}
 
 

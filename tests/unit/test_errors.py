@@ -73,7 +73,7 @@ main()
 
 
 def test_a_limit_on_addresses_is_named(tmp_path):
-    """Of which libraries take more than most stages ever fill."""
+    """The libraries reserve more addresses than most stages ever fill."""
     words = ["splats", "--frames", "a", "--poses", "b", "--output", "c"]
     done = subprocess.run(
         [sys.executable, "-c", LIMITED, *words],

@@ -74,7 +74,7 @@ def test_an_arrow_up_is_found(tmp_path):
 
 
 def test_the_pipeline_and_the_rules_need_neither_torch_nor_zarr():
-    """What Snakemake imports before a run stays light."""
+    """Snakemake starts quickly: the modules that it imports need no heavy library."""
     for path in sorted((PACKAGE / "pipeline").rglob("*.py")):
         names = {
             name.partition(".")[0]

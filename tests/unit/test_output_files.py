@@ -103,7 +103,7 @@ OWN_NAME = {
     "a link to nothing": (linked(None), "is a link to"),
     "a link to a device": (lambda path: path.symlink_to("/dev/null"), "is a link to /dev/null"),
 }
-"""What may be at a name with the right suffix, and what is said of it."""
+"""Things that may be at a path with the right suffix, and the message for each."""
 
 OTHER_NAMES = [
     "metrics.json",
@@ -184,7 +184,7 @@ def test_a_file_in_place_of_an_output_folder_is_reported(monkeypatch, capfd, tmp
 @pytest.mark.parametrize("device", ["/dev/null", "/dev/stdout", "/dev/fd/1"])
 @pytest.mark.parametrize("command", COMMANDS)
 def test_devices_have_no_suffix(monkeypatch, capfd, tmp_path, command, device):
-    """Of a device with the suffix see the pipe and the link above; a node can be made by root alone."""
+    """Only root can make a device node, so this tests the system's own; pipes and links with the suffix are tested above."""
     before = os.lstat(device)
     status, err = call(monkeypatch, capfd, command, tmp_path, Path(device))
     assert status == 2 and device in err and os.lstat(device).st_ino == before.st_ino
@@ -271,7 +271,7 @@ def test_a_folder_that_holds_files_of_others_is_rejected(monkeypatch, capfd, tmp
 
 
 def test_the_tables_replace_their_own_files(tmp_path):
-    """Each of the sixteen is told by its content."""
+    """Each of the sixteen kinds is recognised by its content."""
     tables_stage.run([], tmp_path, pictures=[])
     before = everything(tmp_path)
     tables_stage.run([], tmp_path, pictures=[])

@@ -1,4 +1,4 @@
-"""What an output may take the place of: nothing of anyone else is lost, through a link or a mistyped path."""
+"""An output replaces only an artifact of its kind: no other file is lost through a link or a mistyped path."""
 
 import errno
 import re

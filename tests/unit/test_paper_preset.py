@@ -47,7 +47,7 @@ def test_every_key_of_the_preset_is_in_the_table():
 
 
 def test_egolifters_density_control_and_hoi4ds_own_values_are_set():
-    """What the paper takes over from EgoLifter, and what it says of HOI4D."""
+    """Values that the paper takes from EgoLifter, and values for HOI4D."""
     paper = config.resolve({"preset": "paper"}, PRESETS)
     for section in ("transient", "splats"):
         found = paper[section]

@@ -1,4 +1,4 @@
-"""The apartments that are for reporting alone: nothing may be chosen by their scores."""
+"""The apartments for reporting: no default or threshold may be chosen by their scores."""
 
 import re
 import subprocess
@@ -22,7 +22,7 @@ REPORTS = {
     "benchmarks/ablation/README.md",
     "benchmarks/open_vocabulary/README.md",
 }
-"""Where they may be named: the table itself, what is said of it, and pages of scores."""
+"""Files that may name them: the table, its description, and pages of scores."""
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""A SLURM for the tests of the cluster profile, where its programs are installed; a disk that can be filled."""
+"""Fixtures of the workflow tests: a local SLURM, and a small disk."""
 
 import tempfile
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ from tests.support.local_slurm import LocalSlurm, missing_programs
 
 @pytest.fixture(scope="module")
 def slurm() -> Iterator[LocalSlurm]:
-    """One of our own, for a module's tests; skips them, saying so, where SLURM is absent."""
+    """Run a local SLURM for the tests of a module; they are skipped if SLURM is not installed."""
     if absent := missing_programs():
         pytest.skip(
             f"no SLURM here: {', '.join(absent)} not found; Debian's packages are slurmctld, slurmd, slurm-client, munge"
@@ -23,7 +23,7 @@ def slurm() -> Iterator[LocalSlurm]:
 
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[SmallDisk]:
-    """A disk of its own; skips the test, saying so, where none may be mounted."""
+    """Mount a small disk; the test is skipped if mounting is not allowed."""
     try:
         with SmallDisk(tmp_path / "disk") as disk:
             yield disk

@@ -1,4 +1,4 @@
-"""docs/adding_a_stage.md is true: its blocks, and nothing else, make a stage that runs."""
+"""The blocks of docs/adding_a_stage.md make a stage that runs."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""Bad input: each kind gets one or two lines that name what is wrong and what to do, and loses nothing."""
+"""Bad input gives one or two lines with the error and the remedy, and no output is lost."""
 
 import csv
 import gzip

@@ -17,14 +17,14 @@ FRAMES = "results/mine/scene/frames.zarr"
 ROOT = Path(__file__).parents[2]
 PROFILE = ROOT / "workflow/profiles/slurm"
 COSTS = {"created", "wall_s", "cpu_s", "peak_memory_mb", "training_s", "disk_mb"}
-"""What differs between equal runs."""
+"""Keys of provenance that differ between equal runs."""
 
 HERE = (
     *("--slurm-no-account", "--slurm-status-command", "squeue"),
     *("--slurm-init-seconds-before-status-checks", "2", "--slurm-keep-successful-logs"),
     *("--latency-wait", "5", "--max-threads", "1"),
 )
-"""What this SLURM lacks: accounting; and less patience, and one thread, by which training is the same to the last bit."""
+"""Options for a SLURM without accounting and with short waits. One thread makes training equal to the last bit."""
 
 
 @pytest.fixture
@@ -72,7 +72,7 @@ def greedy(photographs):
 
 
 def memory_of(slurm, jobs: list[str]) -> list[int]:
-    """What each job asked for [MB]."""
+    """Memory that each job requested [MB]."""
     return [int(slurm.asked_of(job)["MinMemoryNode"].rstrip("M")) for job in jobs]
 
 
@@ -94,7 +94,7 @@ def test_a_job_without_enough_memory_reports_it_and_leaves_nothing(slurm, on_clu
 
 
 def test_a_killed_snakemake_leaves_its_jobs_alone_and_then_goes_on(slurm, on_cluster, photographs, tmp_path):
-    """Jobs run on without it: it must not start them a second time beside them."""
+    """Jobs continue after Snakemake is killed; a second Snakemake must not submit them again."""
     workdir = photographs("    import time\n    time.sleep(20)\n")
     words = ("--profile", PROFILE, *HERE, "--", FRAMES)
     snakemake = workdir.start(*words, transcript=tmp_path / "said.txt")
@@ -123,7 +123,7 @@ def without_costs(values: Any) -> Any:
 
 
 def scores(folder: Path) -> Any:
-    """All that the benchmark says, beside what it took."""
+    """The content of metrics.json without costs."""
     found = json.loads((folder / METRICS).read_text())
     return without_costs(
         {name: found[name] for name in ("scores", "queries", "frames", "rendering", "counts")}

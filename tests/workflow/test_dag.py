@@ -1,9 +1,9 @@
-"""What may depend on what."""
+"""No rule that trains depends on annotations; scenes for reporting run only by name."""
 
 import re
 
 EVALUATION = {"all", "contact_sheet", "metrics", "queries_sheet", "tables", "tradeoff"}
-"""Rules that may see annotations. Any other rule is taken for one that trains."""
+"""Rules that may read annotations. Every other rule counts as training."""
 
 
 def edges(finished, *targets: str) -> set[tuple[str, str]]:

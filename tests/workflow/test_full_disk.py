@@ -68,7 +68,7 @@ def test_an_unwritable_results_folder_is_reported(workdir, small_disk):
 def test_colmap_is_not_begun_on_a_full_disk(small_disk, finished, tmp_path, monkeypatch, capfd):
     """Where SQLite finds no room COLMAP takes the process down."""
     monkeypatch.setenv("TMPDIR", str(small_disk.folder))
-    monkeypatch.setattr("tempfile.tempdir", None)  # asked anew
+    monkeypatch.setattr("tempfile.tempdir", None)  # so that it is computed again
     left = small_disk.folder / "egosplat-colmap-of-the-dead"
     left.mkdir()
     small_disk.leave(2**24)

@@ -1,4 +1,4 @@
-"""What Snakemake is given: numbers on its command line are numbers, and a mistake is told last and in words."""
+"""Input of Snakemake: numbers on its command line are numbers, and an error message comes last."""
 
 import json
 

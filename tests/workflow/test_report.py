@@ -1,4 +1,4 @@
-"""Snakemake's report of what is there, while other scenes are not made."""
+"""Snakemake's report shows the existing results, although other scenes have none."""
 
 import base64
 import json

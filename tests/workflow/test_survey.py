@@ -1,4 +1,4 @@
-"""The DAG follows what a scene's survey decides, and what is stale follows the decisions alone."""
+"""The DAG follows the decisions of the survey; a rule reruns only if a decision that it uses changes."""
 
 import json
 import re

@@ -72,7 +72,7 @@ def test_poses_agree_to_numerical_precision(sequence, folder, truth):
 
 
 def test_objects_are_seen_where_they_are(sequence, folder, truth):
-    """The centre of each static object's box projects into or beside its own pixels."""
+    """The centre of each static object's box projects into or next to its own pixels."""
     frames = open_artifact(folder / "frames.zarr", FRAMES)
     annotations = open_artifact(folder / "annotations.zarr", ANNOTATIONS)
     camera = Camera(**frames.facts["camera"])
@@ -97,7 +97,7 @@ def test_objects_are_seen_where_they_are(sequence, folder, truth):
 
 
 def test_points_lie_on_what_is_seen(sequence, folder, truth):
-    """Semi-dense points project inside the picture and are told apart by the lens circle only."""
+    """Semi-dense points project inside the picture and are separated by the lens circle only."""
     frames, poses = open_artifact(folder / "frames.zarr", FRAMES), open_artifact(folder / "poses.zarr", POSES)
     camera = Camera(**frames.facts["camera"])
     points = poses.read("points/xyz")

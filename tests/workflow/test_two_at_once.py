@@ -1,4 +1,4 @@
-"""Two Snakemakes in one working directory: the second is told so, and neither harms what the other makes."""
+"""Two Snakemakes in one working directory: the second stops with a message, and no output is harmed."""
 
 from pathlib import Path
 
@@ -26,7 +26,7 @@ def test_two_concurrent_runs_do_the_work_once(workdir, tmp_path):
 
 
 def test_on_a_cluster_the_locks_of_a_killed_one_stay(workdir):
-    """What it submitted may run on; two must not write one artifact."""
+    """Submitted jobs may still run; two jobs must not write one artifact."""
     lock = workdir.folder / ".snakemake/locks/0.output.lock"
     lock.parent.mkdir(parents=True, exist_ok=True)
     lock.write_text(f"{workdir.folder / SCENE / 'splats.zarr'}\n{SCENE / 'splats.zarr'}\n")

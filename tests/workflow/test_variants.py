@@ -1,4 +1,4 @@
-"""Variants make anew what their keys reach, and share the rest."""
+"""A variant makes the artifacts that its keys change, and shares the others."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The files of a plain recording that stages read are their rules' inputs, so that one written anew is seen."""
+"""The files of a plain recording are inputs of the rules that read them, so a changed file is noticed."""
 
 import pytest
 

@@ -34,7 +34,7 @@ TINY = Schema(
     },
 )
 VIEWS = 8
-"""Three chunks, of which the last is not full."""
+"""Three chunks; the last one is not full."""
 
 
 @pytest.fixture(autouse=True)

@@ -15,7 +15,7 @@ from tests.support.scenes import put
 
 @pytest.fixture
 def surveyed(tmp_path, survey_that_keeps) -> Path:
-    """A survey beside the artifact that it was made from."""
+    """A survey next to the artifact that it was made from."""
     make_artifact(tmp_path)
     survey_that_keeps(tmp_path, [0])
     return tmp_path

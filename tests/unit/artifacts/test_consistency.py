@@ -39,7 +39,7 @@ def test_an_artifact_made_from_its_source_passes(tmp_path, frames):
 
 
 def test_a_source_with_another_digest_is_rejected(tmp_path, frames):
-    """Sources of equal sizes are told apart by digest; the message names both files and the command that rebuilds."""
+    """Sources of equal sizes are distinguished by digest; the message names both files and the command that rebuilds."""
     other = source(tmp_path / "other" / "frames.zarr", 1, 2, 4)
     poses = made(tmp_path / "results/adt/one/poses.zarr", 3, {"frames.zarr": frames.digest})
     with pytest.raises(UserError) as caught:

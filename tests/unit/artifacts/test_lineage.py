@@ -1,4 +1,4 @@
-"""What artifacts were made from."""
+"""The lineage of artifacts is found in their folders and in variants, by digest."""
 
 import shutil
 
@@ -44,7 +44,7 @@ def test_an_artifact_made_from_another_is_named(word_scene, tmp_path):
     shutil.rmtree(folder / "language.zarr")
     shutil.copytree(other, folder / "language.zarr")
     language = open_artifact(folder / "language.zarr", LANGUAGE)
-    # Beside it lies another of this name, which is not the one that it was made from.
+    # The same folder holds another artifact of this name, with another digest.
     assert lineage([language]).lost == ("splats.zarr",)
     with pytest.raises(UserError, match=r"language.zarr: was made from another splats.zarr .*Rebuild it: "):
         lineage([language, open_artifact(folder / "splats.zarr", SPLATS)])
