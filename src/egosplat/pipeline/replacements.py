@@ -1,7 +1,7 @@
-"""What a run replaces: results that were made with other settings than it has, told before it begins.
+"""Notices about results that a run replaces because its settings differ.
 
-Only what an artifact records of how it was made is compared, as JSON: neither Zarr nor PyTorch is imported. A change of code
-is not told, nor one of a recording alone; Snakemake's plan names its reason.
+Only the options recorded in an artifact's JSON are compared: neither Zarr nor PyTorch is imported. A change of code or of a
+recording gives no notice; Snakemake's plan names its reason.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -22,23 +22,23 @@ from egosplat.pipeline.stages import PAGES, STAGES
 from egosplat.pipeline.variants import artifact_path, scene_config
 
 NAMED = 4
-"""So many keys are named in a message, and so many scenes."""
+"""Largest number of keys, and of scenes, in a message."""
 
 Changes = dict[str, tuple[Any, Any]]
-"""By key, ``splats.iterations``: the value that a result was made with, and that of now."""
+"""Recorded and current value by key, such as ``splats.iterations``."""
 
 
 @dataclass(frozen=True)
 class Asked:
-    """A scene, or a variant of it, of which results are asked for.
+    """A scene or variant with requested results.
 
     Attributes:
-        folder: the scene's, ``results/adt/scene1``.
-        variant: its name; None for the scene itself.
-        goals: names of the files asked for, below the folder of either.
-        config: the whole configuration, of the scene or the variant.
-        path_of: where the artifact of a stage is.
-        with_preset: the same configuration with another preset.
+        folder: folder of the scene, ``results/adt/scene1``.
+        variant: name of the variant; None for the scene itself.
+        goals: names of the requested files, below the folder of the scene or variant.
+        config: complete configuration of the scene or variant.
+        path_of: gets the path of a stage's artifact.
+        with_preset: gets the same configuration with another preset.
     """
 
     folder: Path
@@ -51,13 +51,13 @@ class Asked:
 
 @dataclass(frozen=True)
 class Replaced:
-    """What was made with other settings.
+    """Artifacts that were made with other settings.
 
     Attributes:
-        asked: of which scene.
-        artifacts: their paths, in the order of the stages.
-        changes: their keys.
-        preset: that all of the scene's artifacts were made with; None where none explains them.
+        asked: the scene or variant.
+        artifacts: paths, in the order of the stages.
+        changes: changed keys.
+        preset: preset that explains all recorded values, or None.
     """
 
     asked: Asked
@@ -72,11 +72,11 @@ Scenes = Mapping[tuple[str, str], Scene]
 def asked_results(
     scenes: Scenes, targets: Iterable[Target], with_preset: Callable[[str], Scenes]
 ) -> list[Asked]:
-    """What a command line asks for; without targets, of every scene of such a run.
+    """List the requested scenes and variants; without targets, all scenes of the default run.
 
     Args:
-        scenes: the table.
-        targets: below ``results``.
+        scenes: table of scenes.
+        targets: targets below ``results``.
         with_preset: reads the same table with another preset.
     """
     names: dict[tuple[str, str, str | None], list[str]] = {}
@@ -106,16 +106,16 @@ def _asked(
 
 
 def replacement_notices(asked: Iterable[Asked]) -> list[str]:
-    """A line for each scene of which results are replaced, and one that names the way to keep both."""
+    """Format a line for each scene with replaced results, and one that says how to keep both."""
     found = [replaced for one in asked if (replaced := find_replaced(one)) is not None]
     if not found:
         return []
     more = [f"and results of {len(found) - NAMED} more scenes"] if len(found) > NAMED else []
-    return [*map(_told, found[:NAMED]), *more, _way_to_keep_both(found[0])]
+    return [*map(_notice, found[:NAMED]), *more, _way_to_keep_both(found[0])]
 
 
 def find_replaced(asked: Asked) -> Replaced | None:
-    """The artifacts behind what is asked for that were made with other settings; None where there is none."""
+    """Find existing inputs of the requested files that were made with other settings, or None."""
     records = dict(_records(asked))
     changes = {stage: _changes(stage, options, asked.config) for stage, options in records.items()}
     artifacts = tuple(asked.path_of(stage) for stage in records if changes[stage])
@@ -129,11 +129,11 @@ def find_replaced(asked: Asked) -> Replaced | None:
 
 
 def stages_behind(goals: Iterable[str], config: Config) -> list[str]:
-    """The stages whose artifacts files are made from, themselves included, in the order of the pipeline.
+    """List the stages needed for files, including their own, in the order of the pipeline.
 
     Args:
-        goals: names of files, as ``metrics.json``, ``splats.png`` and ``splats.zarr``.
-        config: which decides what is read.
+        goals: names of files, such as ``metrics.json``, ``splats.png`` and ``splats.zarr``.
+        config: configuration, which decides the optional inputs.
     """
     todo = [stage for name in goals if (stage := _stage_of(name)) is not None]
     found: set[str] = set()
@@ -153,16 +153,16 @@ def _stage_of(name: str) -> str | None:
 
 
 def _records(asked: Asked) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """The stages of which an artifact is there, with the options that it was made with."""
+    """Yield each stage with an existing artifact, and the artifact's recorded options."""
     for stage in stages_behind(asked.goals, asked.config):
         if stage in PAGES:
-            continue  # a picture has no keys of its own
+            continue  # a figure has no keys of its own
         if (options := _recorded_options(asked.path_of(stage))) is not None:
             yield stage, options
 
 
 def _recorded_options(path: Path) -> Mapping[str, Any] | None:
-    """The options that an artifact was made with; None where it is absent, or damaged, which its reader tells."""
+    """Read an artifact's recorded options; None if it is missing or damaged, which its reader reports."""
     try:
         if path.suffix == ".zarr":
             document = read_json(path / "zarr.json")["attributes"]["egosplat"]
@@ -186,7 +186,7 @@ def _changes(stage: str, options: Mapping[str, Any], config: Config) -> Changes:
 
 
 def _full_names(stage: str) -> dict[str, str]:
-    """``iterations`` -> ``splats.iterations`` of the keys that a stage takes."""
+    """Map the keys of a stage to full names: ``iterations`` to ``splats.iterations``."""
     about = STAGES[stage]
     names = {
         key: f"{section}.{key}"
@@ -197,7 +197,7 @@ def _full_names(stage: str) -> dict[str, str]:
 
 
 def _preset_of(records: Mapping[str, Mapping[str, Any]], asked: Asked) -> str | None:
-    """The preset, with the configuration's other keys, that explains all that artifacts record."""
+    """Find the preset that explains all recorded options, or None."""
     for preset in configuration.schema("config")["properties"]["preset"]["enum"]:
         config = asked.with_preset(preset)
         if not any(_changes(stage, options, config) for stage, options in records.items()):
@@ -206,21 +206,21 @@ def _preset_of(records: Mapping[str, Mapping[str, Any]], asked: Asked) -> str | 
 
 
 def _filmed_otherwise(asked: Asked, preset: str | None) -> Changes:
-    """The keys in which a synthetic recording of that preset differs; the recording itself does not tell its own."""
+    """Get the changed keys of a synthetic recording by its preset, because a recording stores no options."""
     if preset is None or not (asked.folder / "recording").is_dir():
         return {}
     before, now = asked.with_preset(preset)["synthetic"], asked.config["synthetic"]
     return {f"synthetic.{key}": (before[key], now[key]) for key in now if before[key] != now[key]}
 
 
-def _told(found: Replaced) -> str:
+def _notice(found: Replaced) -> str:
     names = ", ".join(str(path.relative_to(found.asked.folder)) for path in found.artifacts)
     now = found.asked.config["preset"]
     presets = f" (preset {found.preset} -> {now})" if found.preset not in (None, now) else ""
     values = [f"{key} {old} -> {new}" for key, (old, new) in list(found.changes.items())[:NAMED]]
     more = [f"{len(found.changes) - NAMED} more keys"] if len(found.changes) > NAMED else []
     return (
-        f"{found.asked.folder}: this run replaces {names}, and what is made from them, for they were made with other "
+        f"{found.asked.folder}: this run replaces {names}, and everything made from them, because they were made with other "
         f"settings{presets}: {', '.join([*values, *more])}"
     )
 
@@ -230,15 +230,15 @@ def _way_to_keep_both(found: Replaced) -> str:
     variant = next(name for name, file in FILES.items() if file == now)
     if asked.variant is None and found.preset not in (None, now) and variant in asked.config["variants"]:
         target = f"{asked.folder}/variants/{variant}/metrics.json"
-        return f"To keep both, stop this run and ask for a variant, with preset {found.preset}: snakemake --cores 2 {target}"
+        return f"To keep both, stop this run and request a variant, with preset {found.preset}: snakemake --cores 2 {target}"
     return (
         f"To keep both, stop this run, leave the scene's settings, add to config/config.yaml  {_variant(found.changes)}  "
-        f"and ask for {asked.folder}/variants/NAME/metrics.json"
+        f"and request {asked.folder}/variants/NAME/metrics.json"
     )
 
 
 def _variant(changes: Changes) -> str:
-    """The keys of a variant, as YAML."""
+    """Format the keys of a variant as YAML."""
     keys: Config = {}
     for key, (_, new) in changes.items():
         section, _, name = key.partition(".")

@@ -1,4 +1,4 @@
-"""The code hash follows what is executed, and nothing else."""
+"""The code hash changes with executed code only."""
 
 import subprocess
 import sys

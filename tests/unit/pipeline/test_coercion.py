@@ -1,4 +1,4 @@
-"""Texts that Snakemake hands on for numbers, true, false and null become what the schema wants."""
+"""Strings that Snakemake passes for numbers, booleans and null get the types of the schema."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The configuration: one schema, no drift, and errors that say what to do."""
+"""The configuration has one schema, code and documentation follow it, and errors say what to do."""
 
 import inspect
 import re
@@ -178,7 +178,7 @@ def test_invalid_values_are_named_by_key(user, message):
 
 
 def test_every_keyword_of_the_schemas_that_people_write_for_has_words():
-    """A jsonschema keyword without words would be told by its own name."""
+    """Protects messages: every keyword of the schema has a description."""
 
     def keywords(part):
         for key, value in part.items() if isinstance(part, dict) else []:

@@ -1,4 +1,4 @@
-"""Which artifacts a stage reads, and what a survey decides, without Snakemake."""
+"""Inputs of stages and decisions of a survey, without Snakemake."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""What a run that failed says last."""
+"""A failed run ends with the messages of its failed stages."""
 
 import logging
 

@@ -1,4 +1,4 @@
-"""A stage whose Snakemake is gone ends; one without, or with a living one, goes on."""
+"""A stage ends when its Snakemake has died, and only then."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""What a run replaces is told before it begins, with the way to keep both; no more than what it would replace."""
+"""A run lists exactly the results that it replaces, before it begins, and says how to keep both."""
 
 import json
 import subprocess

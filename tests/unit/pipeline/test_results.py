@@ -1,4 +1,4 @@
-"""What a run without a target makes, and what the tables are made from."""
+"""Results of a run without a target, and inputs of the tables."""
 
 from pathlib import Path
 
@@ -27,7 +27,7 @@ def scenes(tmp_path, monkeypatch):
 
 
 def test_a_run_without_a_target_takes_scenes_whose_recording_exists_or_can_be_made(scenes):
-    """Protects ``snakemake`` without a target from films that nobody asked for."""
+    """Protects ``snakemake`` without a target from recordings that nobody requested."""
     assert [scene.name for scene in default_scenes(scenes.values())] == ["adt/one", "mine/here"]
     assert "results/adt/one/metrics.json" in default_results(scenes["adt", "one"])
 

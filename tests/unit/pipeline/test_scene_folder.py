@@ -1,4 +1,4 @@
-"""What is given to `egosplat query` and `egosplat export` in the place of a finished scene."""
+"""`egosplat query` and `egosplat export` reject folders that are not finished scenes."""
 
 import pytest
 

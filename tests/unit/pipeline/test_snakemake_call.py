@@ -1,4 +1,4 @@
-"""What a call of Snakemake asks for, as its own parser reads it."""
+"""Targets and options of a Snakemake call, read with its own parser."""
 
 import pytest
 
@@ -38,13 +38,13 @@ def test_a_call_that_reports(words):
 
 @pytest.mark.parametrize("words", [["-n"], ["--dry-run"], ["-np", "--cores", "2"]])
 def test_a_dry_run(words):
-    """Protects the notices of a plan; letters that are combined count."""
+    """Protects the notices of a plan, also with combined short options."""
     call = read_call(words)
     assert call.dry_run and not call.makes_results and not call.reports
 
 
 def test_values_of_options_are_no_targets():
-    """Protects the messages about targets: a path after --config or --forcerun is none."""
+    """Protects the messages about targets: a path after --config or --forcerun is no target."""
     words = [
         "--cores",
         "2",

@@ -1,4 +1,4 @@
-"""Locks of the dead are cleared, those of the living are not."""
+"""Locks of a killed Snakemake are removed, those of a running one stay."""
 
 import subprocess
 import sys

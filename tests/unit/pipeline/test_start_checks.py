@@ -1,4 +1,4 @@
-"""What the workflow refuses before Snakemake does anything."""
+"""The workflow rejects impossible runs before Snakemake begins."""
 
 import pytest
 

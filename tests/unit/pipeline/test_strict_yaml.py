@@ -1,4 +1,4 @@
-"""YAML files: a key stands once, numbers are numbers, and an error names its line and column."""
+"""YAML files: repeated keys are rejected, 1e-4 is a number, and errors name line and column."""
 
 import pytest
 

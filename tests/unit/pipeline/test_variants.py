@@ -1,4 +1,4 @@
-"""Which artifacts a variant makes anew, and which it shares with its scene."""
+"""Artifacts that a variant changes, and artifacts that it shares with its scene."""
 
 from pathlib import Path
 
@@ -21,7 +21,7 @@ BASE = defaults()
 
 
 def reached(**keys: dict[str, object]) -> set[str]:
-    """The stages that these keys make anew, pictures left out."""
+    """The stages that these keys change, without figures."""
     changed = merge(BASE, keys)
     return {name for name in STAGES if name not in PAGES and reaches(name, BASE, changed)}
 
