@@ -37,7 +37,7 @@ $(COMPILED): $(INSTALLED) setup.py $(addprefix $(KERNELS)/,targets.py compiling.
 
 demo: install
 	$(BIN)/snakemake --cores $(CORES) results/adt/scene1/metrics.json $(addprefix results/adt/scene1/,$(PAGES))
-	$(BIN)/egosplat query results/adt/scene1 "desk lamp" "coffee table" elephant
+	$(BIN)/egosplat query results/adt/scene1 "desk lamp" television elephant
 	@echo "Look at results/adt/scene1: $(PAGES) query.png"
 
 # One process a core, and one thread each: more would wait for one another. The longest files come first.
