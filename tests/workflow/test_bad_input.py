@@ -311,7 +311,7 @@ def test_an_artifact_of_another_kind(scene, refused):
 
 def test_poses_of_other_frames(scene, refused, plain_frames, tmp_path):
     other = plain_frames(video(tmp_path / "v.mp4"))
-    assert "poses.zarr: was made from another frames.zarr" in refused(*splats(scene, frames=other))
+    assert "poses.zarr: was made from another new.zarr" in refused(*splats(scene, frames=other))
 
 
 def test_a_damaged_picture_is_not_trained_on(scene, refused):

@@ -160,8 +160,8 @@ def test_a_recording_may_hold_what_a_comment_begins_with(tmp_path):
         (f"{HEADER}0\tmine\ts1\tplain\tx\t\n", "line 2: has 6 of the 5 columns"),
         (f'{HEADER}mine\t"s1\n"\tplain\tx\t\n', r"line 3: scene = 's1\\n' is not allowed"),
         (f"{HEADER}mine\ts1\tplain\ta\0b\t\n", "recording = .* is not allowed"),
-        (f"{HEADER}mine\ts1\tplain\t{'x' * 300}\t\n", "recording: a name of more than 255 bytes"),
-        (f"{HEADER}mine\ts1\tplain\t{{x}}.mp4\t\n", "line 2: recording {x}.mp4: Snakemake takes braces"),
+        (f"{HEADER}mine\ts1\tplain\t{'x' * 300}\t\n", "recording: .* 255 bytes"),
+        (f"{HEADER}mine\ts1\tplain\t{{x}}.mp4\t\n", "line 2: recording {x}.mp4: .* braces"),
         (f"{HEADER}mine\ts1\tplain\tx\tframes.stride=[\n", "line 2: option .* its value cannot be read"),
     ],
 )

@@ -73,6 +73,6 @@ def test_after_a_killed_snakemake_the_same_command_goes_on(workdir):
     wait_for(lambda: not writers(workdir))
     assert not (workdir.folder / target).exists()
 
-    assert "was killed: going on" in workdir.run(str(target))
+    assert "was killed: continuing" in workdir.run(str(target))
     assert (workdir.folder / target / "video.vrs").exists()
     assert not [path for path in (workdir.folder / SCENE).iterdir() if path.name.endswith(".tmp")]
