@@ -40,7 +40,7 @@ def test_a_finished_run_has_nothing_to_do(workdir):
         ("splats: {masking: none}", AFTER_SPLATS),
         ("language: {method: trained, iterations: 10}", AFTER_LANGUAGE),
         ("query: {canonical: [object, thing]}", AFTER_QUERIES),
-        ("metrics: {target: mask}", AFTER_QUERIES),
+        ("metrics: {hit_region: mask}", AFTER_QUERIES),
         ("annotations: {max_age_ms: 2.0}", {"annotations", "contact_sheet", *AFTER_QUERIES}),
         ("frames: {stride: 2}", AFTER_FRAMES),
         ("synthetic: {objects: 17}", {"synthetic", *AFTER_FRAMES}),
