@@ -30,7 +30,7 @@ AREAS = {
     "query": "Relevancy and answers",
     "transient": "Transient network and masks",
     "poses": "Poses",
-    "splats": "Training",
+    "gaussians": "Training",
 }
 """By the folder of the tests; the table's order."""
 

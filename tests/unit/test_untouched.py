@@ -21,6 +21,7 @@ REPORTS = {
     "config/README.md",
     "benchmarks/ablation/README.md",
     "benchmarks/open_vocabulary/README.md",
+    "benchmarks/presence/README.md",
 }
 """Files that may name them: the table, its description, and pages of scores."""
 

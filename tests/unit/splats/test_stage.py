@@ -163,7 +163,7 @@ def test_the_best_are_stored_where_training_stops_early(scene):
 def test_a_scene_without_points_starts_from_random_ones(scene, capsys):
     empty = {"points/xyz": np.zeros((0, 3)), "points/rgb": np.zeros((0, 3), np.uint8)}
     splats = run(scene(**empty), max_points=50)
-    assert "50 random ones" in capsys.readouterr().err and splats.read("curve/gaussians")[0] <= 60
+    assert "50 random points" in capsys.readouterr().err and splats.read("curve/gaussians")[0] <= 60
 
 
 def test_points_that_no_camera_sees_are_left_out(scene, points):
