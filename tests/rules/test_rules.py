@@ -45,10 +45,9 @@ def same(left: Path, right: Path) -> bool:
         return without_costs(json.loads(left.read_text())) == without_costs(json.loads(right.read_text()))
     if left.is_dir():
         return same_folder(left, right)
-    return (
-        ImageChops.difference(Image.open(left).convert("RGB"), Image.open(right).convert("RGB")).getbbox()
-        is None
-    )
+    # PyTorch rounds the last bit by how its arrays lie in memory, so a rendered pixel may differ by a level or two.
+    difference = ImageChops.difference(Image.open(left).convert("RGB"), Image.open(right).convert("RGB"))
+    return max(high for _, high in difference.getextrema()) <= 2
 
 
 def without_costs(value: Any) -> Any:
