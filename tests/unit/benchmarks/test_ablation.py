@@ -80,7 +80,9 @@ def test_variants_are_compared_query_by_query():
     assert rows[0].startswith("| no_masks against baseline | 16 | 7 | 1 | +37.5 (")
     assert "p = 0.07 |" in rows[0]
     # Equal answers leave the doubt of sixteen categories, not none.
-    assert rows[1].startswith("| network_masks against no_masks | 16 | 0 | 0 | +0.0 (-19.4 to +19.4), p = 1 |")
+    assert rows[1].startswith(
+        "| network_masks against no_masks | 16 | 0 | 0 | +0.0 (-19.4 to +19.4), p = 1 |"
+    )
     assert rows[3].startswith("| full against baseline | 16 | 14 | 2 | +75.0 (") and "p = 0.0042" in rows[3]
 
 
