@@ -1,5 +1,6 @@
-"""Schema of ``frames.zarr``: the frames of a recording."""
+"""Schema of ``frames.zarr``: the frames of a recording, and how they lie."""
 
+from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schema import Field, Schema
 
 FRAMES = Schema(
@@ -14,3 +15,9 @@ FRAMES = Schema(
         "evaluation": Field(("frame",), "bool", "-", "frames to evaluate on"),
     },
 )
+
+
+def lies_on_its_side(frames: Artifact) -> bool:
+    """Whether images lie on their side, as from Aria's sensor (docs/method.md#upright)."""
+    # OpenCLIP and the transient network need upright images: they are turned clockwise.
+    return frames.facts["format"] == "adt" and not frames.facts["upright"]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.frames import FRAMES, lies_on_its_side
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
@@ -25,7 +25,6 @@ from egosplat.features.views import (
     InstanceViews,
     cut_crops,
     find_views,
-    lies_on_its_side,
 )
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.configs import SMALL

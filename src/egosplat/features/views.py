@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.artifacts.frames import lies_on_its_side
 from egosplat.artifacts.reader import Artifact
 from egosplat.features.crops import Regions, cut_crop, find_regions, resize
 from egosplat.models.open_clip_loader import Preprocessing
@@ -97,12 +98,6 @@ def cut_crops(
             rgb, labels, at = frames.row("rgb", frame), segments.row("labels", frame), frame
         crop = cut_crop(rgb, labels[level[instance]], instance, box)
         yield resize(np.rot90(crop, -1) if turned else crop, wanted.image_size, wanted.interpolation)
-
-
-def lies_on_its_side(frames: Artifact) -> bool:
-    """Whether images lie on their side, as from Aria's sensor (docs/method.md#upright)."""
-    # OpenCLIP needs upright images: they are turned clockwise.
-    return frames.facts["format"] == "adt" and not frames.facts["upright"]
 
 
 def _joined(parts: list[Ints]) -> Ints:

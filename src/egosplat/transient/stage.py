@@ -10,7 +10,7 @@ import torch
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.frames import FRAMES, lies_on_its_side
 from egosplat.artifacts.kept_frames import kept_frames
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.provenance import Provenance
@@ -122,7 +122,7 @@ def run(
     check_made_from(poses_artifact, frames_artifact, axes=("frame",))
     kept, by_survey = kept_frames(frames_artifact, survey)
     weights = None if options.encoder_weights is None else Path(options.encoder_weights).expanduser()
-    net = make_network(options.input_size, _sideways(frames_artifact), weights, options.seed)
+    net = make_network(options.input_size, lies_on_its_side(frames_artifact), weights, options.seed)
     record = _begin(asdict(options) | by_survey, frames_artifact, poses_artifact, weights)
     view_sets = _view_sets(
         frames_artifact, poses_artifact, kept, options.resolution, training_device(options.backend)
@@ -157,11 +157,6 @@ def run(
             "tensors": tensors,
         }
     checkpoint.remove()
-
-
-def _sideways(frames: Artifact) -> bool:
-    """Whether images lie on their side, as from Aria's sensor."""
-    return frames.facts.get("format") == "adt" and not frames.facts["upright"]
 
 
 def _begin(keys: dict[str, Any], frames: Artifact, poses: Artifact, weights: Path | None) -> Provenance:
