@@ -13,7 +13,7 @@ from egosplat.evaluation.intervals import (
     clustered_interval,
     mean_of_scenes,
 )
-from egosplat.tables.averages import average_chance
+from egosplat.tables.paper_tables import average_chance
 from egosplat.tables.scored_scenes import CHANCE, ScoredScene
 from egosplat.tables.table import Cell
 

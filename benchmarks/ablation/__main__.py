@@ -24,7 +24,7 @@ from benchmarks.scores import (
     queries_of,
     told,
 )
-from egosplat.tables.averages import average, average_chance
+from egosplat.tables.paper_tables import average, average_chance
 from egosplat.tables.scored_scenes import CHANCE, ScoredScene, check_protocol, read_scored_scene
 from egosplat.tables.table import Cell, number
 

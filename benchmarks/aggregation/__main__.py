@@ -21,7 +21,7 @@ from egosplat.codes.decoder import decode
 from egosplat.codes.vectors import unit
 from egosplat.features.aggregation import NORMS, aggregate
 from egosplat.features.compression import fit
-from egosplat.features.quality import reconstruction, spread
+from egosplat.features.supervision import reconstruction, spread
 from egosplat.models.open_clip_loader import OpenClip, load_open_clip
 from egosplat.progress import track
 from egosplat.synthetic.objects.catalogue import CATEGORY_UIDS

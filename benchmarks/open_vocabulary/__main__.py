@@ -21,7 +21,7 @@ from benchmarks.open_vocabulary.answering import Answered, answer_scene
 from benchmarks.open_vocabulary.phrases import KINDS, LEFT_OUT_PAIR, NAME
 from benchmarks.open_vocabulary.questions import TARGETS, TOLD_APART
 from benchmarks.scores import METHOD, Paired, accuracy_difference, differences, told
-from egosplat.doctor.configuration import read_configuration
+from egosplat.doctor.inputs import read_configuration
 from egosplat.evaluation.intervals import (
     RESAMPLING,
     Clusters,

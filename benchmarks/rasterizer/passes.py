@@ -10,7 +10,7 @@ from benchmarks.rasterizer.scenes import SCENES, Problem, make_problem, make_sce
 from benchmarks.rasterizer.timing import Sample, sample
 from egosplat.kernels import library
 from egosplat.kernels.raster import composite
-from egosplat.rasterize.reference.composite import composite as composite_in_torch
+from egosplat.rasterize.reference.rasterizer import composite as composite_in_torch
 
 Run = Callable[[], tuple[Tensor, ...]]
 """Returns the image (H, W, X), then the gradients to means2d, conics, opacities and channels."""

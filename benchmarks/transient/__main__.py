@@ -21,7 +21,7 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.progress import log
-from egosplat.transient.refinement import InstanceScores, refined_mask, transient_instances
+from egosplat.transient.masks_stage import InstanceScores, refined_mask, transient_instances
 
 THRESHOLDS = tuple(round(0.05 * step, 2) for step in range(1, 20))
 ALONE = 0.5

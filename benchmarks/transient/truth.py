@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.frames.annotation_readers import open_annotations
+from egosplat.frames.annotations_stage import open_annotations
 from egosplat.frames.recording import Annotations
 from egosplat.geometry import Camera
 

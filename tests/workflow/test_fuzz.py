@@ -8,7 +8,7 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from egosplat.doctor.configuration import read_configuration
+from egosplat.doctor.inputs import read_configuration
 from egosplat.errors import UserError
 from egosplat.pipeline import config
 from egosplat.pipeline.config import schema

@@ -68,7 +68,7 @@ def test_a_changed_key_reruns_its_stage_and_what_follows(workdir, config, expect
         ),
         ("kernels/source/composite.h", "// Compositing of", "// The compositing of", set()),
         ("splats/stage.py", "\ndef run", "\nCHANGED = 1\n\n\ndef run", AFTER_SPLATS),
-        ("transient/refinement.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_MASKS),
+        ("transient/masks_stage.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_MASKS),
         ("language/lifting.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_LANGUAGE),
         ("query/maps.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_QUERIES),
         ("evaluation/scores.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_QUERIES),

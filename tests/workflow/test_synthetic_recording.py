@@ -19,7 +19,7 @@ from egosplat.poses import stage as poses_stage
 from egosplat.synthetic.adt_format.adt import write_sequence
 from egosplat.synthetic.adt_format.aria import device_from_camera
 from egosplat.synthetic.adt_format.sequence import ROLLING_SHUTTER_MIDDLE_NS, Sequence
-from egosplat.synthetic.recording import make_sequence
+from egosplat.synthetic.stage import make_sequence
 
 KEYS = defaults()
 

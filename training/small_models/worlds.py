@@ -12,7 +12,7 @@ from egosplat.files import atomic_directory
 from egosplat.frames.rectify import pinhole
 from egosplat.geometry import CLOCKWISE
 from egosplat.synthetic.camera.lens import pinhole_lens
-from egosplat.synthetic.recording import make_renderer
+from egosplat.synthetic.stage import make_renderer
 from egosplat.synthetic.world.world import World, camera_pose, make_world
 from training.small_models.levels import Levels, find_levels
 

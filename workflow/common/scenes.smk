@@ -6,7 +6,7 @@ import os
 import shlex
 from functools import cache
 
-from egosplat.doctor.notices import left_out_notices, plan_notices
+from egosplat.doctor.inputs import left_out_notices, plan_notices
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.process_guards import STARTED_BY, clear_stale_locks
 from egosplat.pipeline.replacements import asked_results, replacement_notices

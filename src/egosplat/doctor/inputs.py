@@ -1,20 +1,138 @@
-"""Check the models and recordings that the configuration names."""
+"""Read the configuration as the workflow does, and check the models and recordings that it names."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 
+import egosplat
 from egosplat.doctor.findings import Finding, Mark
-from egosplat.doctor.notices import scene_notice
 from egosplat.errors import UserError, user_message
+from egosplat.frames.recording_files import recording_origin
 from egosplat.models.checkpoints import CLIP, SAM2, ModelSpec, find_checkpoint, model_hash
-from egosplat.pipeline.config import Config
-from egosplat.pipeline.scenes import Scene, is_own
+from egosplat.models.suitability import configured_checkpoints, notice
+from egosplat.pipeline.config import Config, merge, read_yaml, resolve
+from egosplat.pipeline.scenes import Scene, Target, is_own
+from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml
+from egosplat.pipeline.variants import variant_config
 
 MIB = 1024**2
 
 NAMED = 5
 """The number of missing recordings that are named."""
+
+SHIPPED = Path("config/config.yaml")
+"""The file that the workflow reads first, relative to the working directory."""
+
+PRESETS = Path("config/presets")
+
+
+def scene_notice(scene: Scene, config: Config | None = None) -> str | None:
+    """The warning for a scene; None if the models suit its recording, or the recording does not exist.
+
+    Args:
+        scene: of the table of scenes.
+        config: a variant's; None for the scene's own.
+    """
+    if scene.synthetic or not scene.recording.exists():
+        return None
+    try:
+        origin = recording_origin(scene.format, scene.recording)
+    except UserError:
+        return None  # the stage frames reports what is wrong with the recording
+    return notice(origin, configured_checkpoints(config or scene.config))
+
+
+def plan_notices(scenes: Mapping[tuple[str, str], Scene], targets: Sequence[Target]) -> list[str]:
+    """One line for each distinct warning about the targets, with the names of its scenes.
+
+    Args:
+        scenes: all of the table, by dataset and name.
+        targets: below ``results``; empty for every scene.
+    """
+    found: dict[str, list[str]] = {}
+    for name, warning in _scene_warnings(scenes, targets):
+        if warning is not None and name not in found.setdefault(warning, []):
+            found[warning].append(name)
+    return [f"{', '.join(names)}: {warning}" for warning, names in found.items()]
+
+
+def left_out_notices(scenes: Mapping[tuple[str, str], Scene], targets: Sequence[Target]) -> list[str]:
+    """A line that names the user's own rows without recording, if all scenes are targets.
+
+    Args:
+        scenes, targets: as ``plan_notices``; a target of a scene without its recording is an error of its own.
+    """
+    absent = [
+        scene
+        for scene in scenes.values()
+        if is_own(scene) and not scene.synthetic and not scene.recording.exists()
+    ]
+    if targets or not absent:
+        return []
+    names = [f"{one.dataset}/{one.scene} ({one.recording})" for one in absent]
+    return [f"skipped, their recordings are missing: {_enumerated(names)}"]
+
+
+def _enumerated(names: Sequence[str]) -> str:
+    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    return ", ".join(names[:NAMED]) + more
+
+
+def _scene_warnings(
+    scenes: Mapping[tuple[str, str], Scene], targets: Sequence[Target]
+) -> Iterable[tuple[str, str | None]]:
+    if not targets:
+        return [(f"{scene.dataset}/{scene.scene}", scene_notice(scene)) for scene in scenes.values()]
+    return [_target_warning(scenes[target.dataset, target.scene], target) for target in targets]
+
+
+def _target_warning(scene: Scene, target: Target) -> tuple[str, str | None]:
+    where = f"{scene.dataset}/{scene.scene}"
+    if target.variant is None:
+        return where, scene_notice(scene)
+    config = variant_config(scene.config, target.variant, where)
+    return f"{where}, {target.variant}", scene_notice(scene, config)
+
+
+def read_configuration(files: Sequence[Path], options: Sequence[str]) -> tuple[Config, list[str]]:
+    """The whole configuration that Snakemake makes of the same options, and its sources.
+
+    Args:
+        files: of ``--configfile``; later ones override earlier ones, all override config/config.yaml.
+        options: of ``--config``, as ``preset=fast``, ``models={device: cpu}`` or ``models.device=cpu``; they
+            override the files.
+
+    Raises:
+        UserError: a file or an option cannot be read, or a key or value is not allowed.
+    """
+    read = [path for path in (SHIPPED, *files) if path in files or path.is_file()]
+    config: Config = {}
+    for path in read:
+        config = merge(config, read_yaml(path))
+    for option in options:
+        config = merge(config, _parsed(option))
+    return resolve(config, _presets()), [*map(str, read), *options]
+
+
+def _parsed(option: str) -> Config:
+    key, equals, value = option.partition("=")
+    try:
+        content = load_yaml(value)
+    except NO_YAML:
+        content = None
+    names = key.split(".")  # models.device=cpu is short for models={device: cpu}
+    if not (equals and all(names)) or (content is None and value != "null"):
+        raise UserError(
+            f"--config {option[:80]}: not of the form KEY=VALUE, as in preset=fast or splats.iterations=5"
+        )
+    for name in reversed(names):
+        content = {name: content}
+    return content
+
+
+def _presets() -> Path:
+    """The presets of the working directory, else those of the source tree."""
+    return PRESETS if PRESETS.is_dir() else Path(egosplat.__file__).resolve().parents[2] / PRESETS
 
 
 def model_findings(config: Config) -> Iterator[Finding]:
@@ -89,7 +207,6 @@ def _recordings(dataset: str, root: str | None, scenes: list[Scene]) -> Finding:
         return Finding(Mark.OK, subject, found)
     if not any(map(is_own, absent)):
         return Finding(Mark.NOTE, subject, f"none; data_root.{dataset} is not set")
-    names = ", ".join(f"{scene.scene} ({scene.recording})" for scene in absent[:NAMED])
-    more = f" and {len(absent) - NAMED} more" if len(absent) > NAMED else ""
+    names = _enumerated([f"{scene.scene} ({scene.recording})" for scene in absent])
     advice = f"Copy them there, set data_root.{dataset} to their folder, or remove their rows from the table of scenes"
-    return Finding(Mark.MISSING, subject, f"{found}; missing: {names}{more}", advice)
+    return Finding(Mark.MISSING, subject, f"{found}; missing: {names}", advice)

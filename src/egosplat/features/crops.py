@@ -1,11 +1,15 @@
-"""Locate instances in a frame and cut their crops for OpenCLIP (docs/method.md#crops)."""
+"""Locate instances in a frame, cut their crops and encode them with OpenCLIP (docs/method.md#crops)."""
 
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from PIL import Image
 from scipy import ndimage
+
+from egosplat.codes.vectors import unit, usable
+from egosplat.models.open_clip_loader import OpenClip
 
 Pixels = NDArray[np.uint8]
 Labels = NDArray[np.int32]
@@ -85,3 +89,28 @@ def resize(crop: Pixels, size: tuple[int, int], interpolation: str) -> Pixels:
     if crop.shape[:2] == size:
         return crop
     return np.asarray(Image.fromarray(crop).resize(size[::-1], RESAMPLING[interpolation]))
+
+
+def encode(clip: OpenClip, crops: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Encode a batch of crops.
+
+    Args:
+        clip: the model.
+        crops: (B, H, W, 3) uint8 at the model's size, B >= 1.
+
+    Returns:
+        (B, D) float32 of unit norm; NaN for a crop whose feature is zero or not finite.
+    """
+    wanted = clip.preprocessing
+    device = clip.compute.device
+    mean, std = (torch.tensor(values, device=device)[:, None, None] for values in (wanted.mean, wanted.std))
+    with clip.compute.inference():
+        pictures = torch.from_numpy(crops).to(device).permute(0, 3, 1, 2).float() / 255.0
+        features = clip.model.encode_image((pictures - mean) / std).float().cpu().numpy()
+    good = usable(features)
+    return np.where(good[:, None], unit(np.where(good[:, None], features, 0.0)), np.nan).astype(np.float32)
+
+
+def channels(clip: OpenClip) -> int:
+    """Return D, the number of channels of the model's features."""
+    return encode(clip, np.zeros((1, *clip.preprocessing.image_size, 3), np.uint8)).shape[1]

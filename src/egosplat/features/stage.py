@@ -19,8 +19,16 @@ from egosplat.codes.decoder import decode, decoder_metadata
 from egosplat.codes.vectors import unit, usable
 from egosplat.features.aggregation import Aggregate, aggregate
 from egosplat.features.compression import SHARE, Compression, Need, fit
-from egosplat.features.quality import agreement, reconstruction, spread, summary
-from egosplat.features.supervision import agreement_limit, consistent_directions, supervise, vanishing
+from egosplat.features.supervision import (
+    agreement,
+    agreement_limit,
+    consistent_directions,
+    reconstruction,
+    spread,
+    summary,
+    supervise,
+    vanishing,
+)
 from egosplat.progress import log
 
 Features = NDArray[np.float32]

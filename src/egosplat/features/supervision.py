@@ -1,10 +1,14 @@
-"""The supervision of Gaussians: a view's own feature, the consistent feature, or their average."""
+"""The supervision of Gaussians: a view's own feature, the consistent feature, or their average; its figures."""
 
 import math
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
+from egosplat.codes.decoder import Decoder, decode
 from egosplat.codes.vectors import unit
 
 Floats = NDArray[np.floating]
@@ -67,3 +71,64 @@ def consistent_directions(consistent: Floats, own: Floats, instance: NDArray[np.
 def vanishing(features: Floats) -> Bools:
     """(R,) bool: features whose norm is rounding error, as averages of unit vectors."""
     return np.linalg.norm(features, axis=-1) < 1e-6
+
+
+Features = NDArray[np.float32]
+
+_ROWS_AT_ONCE = 2**14
+
+
+def reconstruction(features: Features, codes: Features, decoder: Decoder) -> NDArray[np.float64]:
+    """(R,) cosine of each feature with its decoded code; 0 if either vanishes."""
+    cosines = [np.zeros(0)]
+    for begin in range(0, len(features), _ROWS_AT_ONCE):
+        part = slice(begin, begin + _ROWS_AT_ONCE)
+        decoded = decode(torch.from_numpy(codes[part]), decoder).numpy()
+        cosines.append((unit(features[part]) * unit(decoded)).sum(axis=1))
+    return np.concatenate(cosines)
+
+
+def agreement(views: Features, consistent: Features, instance: NDArray[np.integer]) -> float | None:
+    """Mean cosine of each view's feature with its instance's consistent feature; None without views.
+
+    Args:
+        views: (R, D).
+        consistent: (N, D).
+        instance: (R,) instance of each view.
+    """
+    total = 0.0
+    for begin in range(0, len(views), _ROWS_AT_ONCE):
+        part = slice(begin, begin + _ROWS_AT_ONCE)
+        total += float((unit(views[part]) * unit(consistent[instance[part]])).sum())
+    return total / len(views) if len(views) else None
+
+
+def spread(features: Features) -> float | None:
+    """Mean cosine between different rows of (N, D) features; None for fewer than two.
+
+    It is 1 if all are equal, which too few code channels cause (docs/method.md#code-dimensions).
+    """
+    count = len(features)
+    if count < 2:
+        return None
+    total = unit(features).sum(axis=0)
+    # The squared norm of the sum contains all pairs, and each row with itself.
+    return float((total @ total - count) / (count * (count - 1)))
+
+
+def summary(cosines: NDArray[np.float64], level: NDArray[np.integer], names: Sequence[str]) -> dict[str, Any]:
+    """Mean and lowest cosine over all rows, and per level.
+
+    Args:
+        cosines: (R,).
+        level: (R,) index into ``names``.
+        names: level names.
+    """
+    by_level = {name: _figures(cosines[level == number]) for number, name in enumerate(names)}
+    return {**_figures(cosines), "by_level": by_level}
+
+
+def _figures(cosines: NDArray[np.float64]) -> dict[str, float | None]:
+    if not len(cosines):
+        return {"mean": None, "lowest": None}
+    return {"mean": float(cosines.mean()), "lowest": float(cosines.min())}

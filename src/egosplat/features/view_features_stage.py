@@ -19,7 +19,7 @@ from egosplat.artifacts.view_features import VIEW_FEATURES
 from egosplat.artifacts.writer import create
 from egosplat.codes.vectors import usable
 from egosplat.errors import UserError
-from egosplat.features.encoding import channels, encode
+from egosplat.features.crops import channels, encode
 from egosplat.features.journal import Journal
 from egosplat.features.views import (
     InstanceViews,

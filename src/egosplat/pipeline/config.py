@@ -1,16 +1,72 @@
 """The configuration: defaults, preset, user's keys and scene's keys, checked against one schema."""
 
 import copy
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from egosplat.errors import UserError
 from egosplat.files import read_json
-from egosplat.pipeline.coercion import Config, coerced
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml, problem
 from egosplat.pipeline.validation import Draft202012Validator, StrictValidator, explained, schema, shortened
+
+Config = dict[str, Any]
+
+
+_NAMED = ("variants", "formats")
+"""Sections whose values are named sets of keys."""
+
+
+def coerced(config: Mapping[str, Any]) -> Config:
+    """Convert the strings of a configuration to the types in the schema.
+
+    A string that cannot be converted stays, and validation rejects it.
+    """
+    # Snakemake passes the 5 of `--config splats={iterations: 5}` and the 1e-4 of a file as strings.
+    root = schema("config")
+    found = _coerced(config, root)
+    sections = {name: part for name, part in root["properties"].items() if name not in _NAMED}
+    for named in _NAMED:
+        if isinstance(sets := found.get(named), Mapping):
+            found[named] = {name: _coerced(keys, {"properties": sections}) for name, keys in sets.items()}
+    tradeoff = found.get("tradeoff")
+    if isinstance(tradeoff, Mapping) and isinstance(sweep := tradeoff.get("sweep"), Mapping):
+        found["tradeoff"] = {**tradeoff, "sweep": {key: _coerced_sweep(key, sweep[key]) for key in sweep}}
+    return found
+
+
+def _coerced_sweep(key: object, values: Any) -> Any:
+    """Convert the values of a swept key by the schema of that key."""
+    section, _, name = str(key).partition(".")
+    part = schema("config")["properties"].get(section, {}).get("properties", {}).get(name, {})
+    return _coerced(values, {"type": "array", "items": part})
+
+
+def _coerced(value: Any, part: Mapping[str, Any]) -> Any:
+    if isinstance(value, str):
+        return _read(value, part)
+    if isinstance(value, list) and "items" in part:
+        return [_coerced(item, part["items"]) for item in value]
+    if isinstance(value, Mapping) and part.keys() & {"properties", "additionalProperties"}:
+        known, other = part.get("properties", {}), part.get("additionalProperties") or {}
+        return {key: _coerced(item, known.get(key, other)) for key, item in value.items()}
+    return value
+
+
+def _read(text: str, part: Mapping[str, Any]) -> Any:
+    kinds = part.get("type", "string")
+    kinds = [kinds] if isinstance(kinds, str) else kinds
+    if text == "null" and "null" in kinds:
+        return None
+    if "string" in kinds and re.fullmatch(part.get("pattern", ".*"), text, re.DOTALL):
+        return text
+    try:
+        return load_yaml(text)
+    except NO_YAML:
+        return text
+
 
 _VALIDATORS = {"config": StrictValidator, "scenes": StrictValidator}
 """Validators of files that people write. JSON artifacts use the standard validator."""

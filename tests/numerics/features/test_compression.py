@@ -15,7 +15,7 @@ from egosplat.codes.vectors import unit
 from egosplat.errors import UserError
 from egosplat.features import autoencoder, stage
 from egosplat.features.compression import fit
-from egosplat.features.quality import reconstruction, spread
+from egosplat.features.supervision import reconstruction, spread
 from egosplat.pipeline.config import defaults
 from tests.support.scenes import put
 

@@ -14,10 +14,9 @@ from egosplat.gaussians.adam import BETA1, BETA2, EPS, LARGEST_GRADIENT, adam_st
 from egosplat.gaussians.density_control import reset_opacities
 from egosplat.gaussians.initialization import from_points, neighbour_distance
 from egosplat.gaussians.loss import LARGEST_VALUE, l1_ssim, l2, torch_l1_ssim
-from egosplat.gaussians.mcmc import add_noise
+from egosplat.gaussians.mcmc import add_noise, draw_hosts, most_copies, relocated
 from egosplat.gaussians.model import Gaussians, rotation_matrices
 from egosplat.gaussians.optimizer import Adam, LearningRates
-from egosplat.gaussians.relocation import draw_hosts, most_copies, relocated
 
 SIZE = 20
 

@@ -7,8 +7,8 @@ import torch
 from egosplat.rasterize import cpu
 from egosplat.rasterize.contract import Arguments
 from egosplat.rasterize.reference import rasterizer as reference
-from egosplat.rasterize.reference.composite import composite
 from egosplat.rasterize.reference.projection import project
+from egosplat.rasterize.reference.rasterizer import composite
 
 LARGE, WINDOW = 4096, 24
 CORNERS = [(0, 0), (LARGE - WINDOW, LARGE - WINDOW), (2036, 2040), (0, LARGE - WINDOW)]

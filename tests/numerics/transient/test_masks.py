@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from egosplat.gaussians.loss import l1_ssim, l2
 from egosplat.gaussians.training_views import pixel_weight
-from egosplat.transient.refinement import InstanceScores, refined_mask, transient_instances
+from egosplat.transient.masks_stage import InstanceScores, refined_mask, transient_instances
 
 SIZE = 12
 LEVEL = np.zeros(2, np.int8)

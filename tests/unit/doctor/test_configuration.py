@@ -2,7 +2,7 @@
 
 import pytest
 
-from egosplat.doctor.configuration import read_configuration
+from egosplat.doctor.inputs import read_configuration
 from egosplat.errors import UserError
 
 

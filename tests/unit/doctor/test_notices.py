@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from egosplat.doctor.notices import left_out_notices, plan_notices, scene_notice
+from egosplat.doctor.inputs import left_out_notices, plan_notices, scene_notice
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.scenes import Scene, requested_targets
 

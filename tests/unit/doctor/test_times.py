@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from egosplat.doctor.times import PARTS, duration, estimate
+from egosplat.doctor.examination import PARTS, duration, estimate
 from egosplat.pipeline.config import defaults, resolve
 
 ROOT = Path(__file__).resolve().parents[3]

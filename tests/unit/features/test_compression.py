@@ -9,7 +9,7 @@ from egosplat.codes.vectors import unit
 from egosplat.errors import UserError
 from egosplat.features.autoencoder import BATCH, Autoencoder, batches, loss
 from egosplat.features.compression import fit
-from egosplat.features.quality import reconstruction, spread, summary
+from egosplat.features.supervision import reconstruction, spread, summary
 
 
 def rows(count: int, channels: int, rank: int, seed: int = 0) -> np.ndarray:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from egosplat.features.compression import SHARE, fit, needed_dims
-from egosplat.features.quality import reconstruction
+from egosplat.features.supervision import reconstruction
 
 
 def unit_rows(count: int, width: int, rank: int, noise: float = 0.0, seed: int = 0) -> np.ndarray:

@@ -11,7 +11,7 @@ from egosplat.codes.vectors import unit
 from egosplat.errors import UserError
 from egosplat.features import stage
 from egosplat.features.autoencoder import fit_autoencoder
-from egosplat.features.quality import agreement
+from egosplat.features.supervision import agreement
 from egosplat.pipeline.config import defaults
 
 KEYS = defaults()["features"] | {"dims": 3, "epochs": 2}

@@ -8,7 +8,7 @@ import pytest
 from egosplat.errors import UserError
 from egosplat.frames.adt import AdtRecording
 from egosplat.frames.adt_annotations import AdtAnnotations
-from egosplat.frames.annotation_readers import open_annotations
+from egosplat.frames.annotations_stage import open_annotations
 from egosplat.frames.rectify import pinhole
 
 OPTIONS = {"resolution": 352, "focal": 460.0, "upright": True, "stride": 1, "start_s": 0.0, "end_s": None}

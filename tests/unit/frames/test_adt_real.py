@@ -9,7 +9,7 @@ from projectaria_tools.core import data_provider
 
 from egosplat.errors import UserError
 from egosplat.frames.adt import EXPOSURE_MIDDLE_AFTER_CAPTURE_NS, RGB_STREAM, AdtRecording
-from egosplat.frames.annotation_readers import open_annotations
+from egosplat.frames.annotations_stage import open_annotations
 from egosplat.frames.native_log import captured_log
 from egosplat.frames.rectify import pinhole
 

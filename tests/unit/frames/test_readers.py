@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.frames.annotation_readers import open_annotations
+from egosplat.frames.annotations_stage import open_annotations
 from egosplat.frames.readers import open_recording
 from egosplat.geometry import Camera
 

@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from egosplat.gaussians.early_stop import EarlyStop
+from egosplat.gaussians.training_state import EarlyStop
 
 
 def stops(

@@ -11,11 +11,11 @@ from egosplat.gaussians.mcmc import (
     McmcOptions,
     add_noise,
     grow,
+    most_copies,
     relocate,
 )
 from egosplat.gaussians.model import PARAMETERS, Gaussians, rotation_matrices
 from egosplat.gaussians.optimizer import Adam, LearningRates
-from egosplat.gaussians.relocation import most_copies
 from egosplat.gaussians.schedule import STOCK_MCMC
 
 DEAD = 0.005

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from egosplat.errors import UserError
-from egosplat.gaussians.relocation import draw_hosts, most_copies, relocated
+from egosplat.gaussians.mcmc import draw_hosts, most_copies, relocated
 
 DEAD = 0.005
 

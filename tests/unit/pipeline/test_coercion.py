@@ -5,8 +5,7 @@ from pathlib import Path
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.pipeline.coercion import coerced
-from egosplat.pipeline.config import resolve
+from egosplat.pipeline.config import coerced, resolve
 
 PRESETS = Path(__file__).resolve().parents[3] / "config" / "presets"
 

@@ -15,7 +15,7 @@ from egosplat.errors import UserError
 from egosplat.geometry import Camera
 from egosplat.poses.colmap.database import Project
 from egosplat.poses.colmap.mapping import format_ranges, too_few_message
-from egosplat.poses.colmap.pairs import every_pair, sequential_pairs
+from egosplat.poses.colmap.matching import every_pair, sequential_pairs
 from egosplat.poses.colmap.pipeline import (
     MAX_REPROJECTION_ERROR_PX,
     MIN_TRACK_LENGTH,

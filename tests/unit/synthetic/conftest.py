@@ -8,7 +8,7 @@ import pytest
 from egosplat.synthetic.adt_format.sequence import Frame, Sequence
 from egosplat.synthetic.camera.lens import make_lens
 from egosplat.synthetic.camera.render import Renderer
-from egosplat.synthetic.recording import make_renderer, record_world
+from egosplat.synthetic.stage import make_renderer, record_world
 from egosplat.synthetic.world.apartment import Apartment, make_apartment
 from egosplat.synthetic.world.world import World, make_world
 

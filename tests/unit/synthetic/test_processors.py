@@ -21,7 +21,7 @@ LIMITS = {
 
 DIGEST = """
 import hashlib
-from egosplat.synthetic.recording import make_sequence
+from egosplat.synthetic.stage import make_sequence
 sequence = make_sequence(name="x", seed=1, size=96, fps=1, seconds=4)
 digest = hashlib.sha256(sequence.points.tobytes())
 for frame in sequence.frames():

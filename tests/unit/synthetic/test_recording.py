@@ -10,7 +10,7 @@ from projectaria_tools.projects.adt import AriaDigitalTwinDataPathsProvider, Ari
 from egosplat.geometry import invert, transform
 from egosplat.synthetic.adt_format.adt import write_sequence
 from egosplat.synthetic.adt_format.aria import DEVICE_SERIAL
-from egosplat.synthetic.recording import make_sequence, record_world
+from egosplat.synthetic.stage import make_sequence, record_world
 from egosplat.synthetic.world.world import make_world
 
 TINY = {"name": "tiny", "seed": 8, "size": 64, "fps": 1.5, "seconds": 4.0, "objects": 16}

@@ -5,10 +5,9 @@ from pathlib import Path
 import pytest
 
 from egosplat.evaluation.intervals import RESAMPLING, clustered_interval
-from egosplat.tables.averages import average, average_chance
 from egosplat.tables.paper_layouts import LAYOUTS
 from egosplat.tables.paper_numbers import METHODS, SCENES, printed
-from egosplat.tables.paper_tables import paper_tables
+from egosplat.tables.paper_tables import average, average_chance, paper_tables
 from egosplat.tables.scored_scenes import ScoredScene
 from egosplat.tables.table import Cell, Row, aside, number, ranked
 

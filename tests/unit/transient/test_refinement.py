@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from egosplat.transient.refinement import InstanceScores, refined_mask, transient_instances
+from egosplat.transient.masks_stage import InstanceScores, refined_mask, transient_instances
 
 
 def frame(pixels: int) -> np.ndarray:

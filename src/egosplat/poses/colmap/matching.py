@@ -1,5 +1,6 @@
 """COLMAP's second step: match features between images and verify the matches."""
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -7,7 +8,108 @@ import numpy as np
 import pycolmap
 
 from egosplat.poses.colmap.database import Project
-from egosplat.poses.colmap.pairs import every_pair, sequential_pairs
+from egosplat.progress import log
+
+Pair = tuple[str, str]
+"""Names of two images."""
+
+# For every 5th image COLMAP looks up the 5 most similar ones.
+_LOOP_PERIOD = 5
+_LOOP_IMAGES = 5
+# Descriptors per visual word that clustering needs.
+_DESCRIPTORS_PER_WORD = 40
+_MAX_DESCRIPTORS = 200_000
+_MAX_WORDS = 4096
+
+
+def every_pair(project: Project) -> list[Pair]:
+    """Every pair of images."""
+    with pycolmap.Database.open(project.database) as database:
+        generator = pycolmap.ExhaustivePairGenerator(pycolmap.ExhaustivePairingOptions(), database)
+        return _named(database, generator)
+
+
+def sequential_pairs(project: Project, overlap: int, seed: int) -> list[Pair]:
+    """Pairs near in time, and pairs of similar images further apart, which close loops.
+
+    Args:
+        project: with features.
+        overlap: each image is paired with this many next ones, and with those 2, 4, ..., 2^(overlap - 1) later.
+        seed: of the choice of descriptors; clustering takes COLMAP's.
+    """
+    with pycolmap.Database.open(project.database) as database:
+        pairs = _near_in_time(database, overlap)
+        # COLMAP's vocabulary of visual words is a download; this one is clustered from the recording's descriptors.
+        if not _write_vocabulary(project, database, seed):
+            log("COLMAP: too few features for a vocabulary; loops are not closed")
+            return pairs
+        loops = pycolmap.SequentialPairingOptions(
+            overlap=1,
+            quadratic_overlap=False,
+            num_threads=1,
+            loop_detection=True,
+            loop_detection_period=_LOOP_PERIOD,
+            loop_detection_num_images=_LOOP_IMAGES,
+            loop_detection_min_index_distance=overlap + 1,
+            vocab_tree_path=project.vocabulary,
+        )
+        similar = _named(database, pycolmap.SequentialPairGenerator(loops, database))
+    known = set(pairs)
+    closing = [pair for pair in similar if pair not in known]
+    log(f"COLMAP: {len(pairs)} pairs near in time, {len(closing)} more of similar images")
+    return pairs + closing
+
+
+def _near_in_time(database: pycolmap.Database, overlap: int) -> list[Pair]:
+    pairs: set[Pair] = set()
+    # COLMAP's quadratic overlap (offsets 1, 2, 4, ...) replaces the plain one, so both are generated.
+    for quadratic in (False, True):
+        options = pycolmap.SequentialPairingOptions(
+            overlap=overlap, quadratic_overlap=quadratic, num_threads=1
+        )
+        pairs.update(_named(database, pycolmap.SequentialPairGenerator(options, database)))
+    return sorted(pairs)
+
+
+def _named(database: pycolmap.Database, generator: pycolmap.PairGenerator) -> list[Pair]:
+    """The generator's pairs by name, sorted and without duplicates."""
+    names = {image.image_id: image.name for image in database.read_all_images()}
+    pairs: set[Pair] = set()
+    for one, other in generator.all_pairs():
+        first, second = sorted((names[one], names[other]))
+        # The generator also pairs images with themselves.
+        if first != second:
+            pairs.add((first, second))
+    return sorted(pairs)
+
+
+def _write_vocabulary(project: Project, database: pycolmap.Database, seed: int) -> bool:
+    """Cluster descriptors of all images into visual words.
+
+    Returns:
+        False if there are too few descriptors for a vocabulary.
+    """
+    images = sorted(database.read_all_images(), key=lambda image: image.name)
+    per_image = math.ceil(_MAX_DESCRIPTORS / len(images))
+    rng = np.random.default_rng(seed)
+    sampled = []
+    for image in images:
+        descriptors = database.read_descriptors(image.image_id).to_float().data
+        chosen = rng.permutation(len(descriptors))[:per_image]
+        sampled.append(np.asarray(descriptors)[np.sort(chosen)])
+    data = np.concatenate(sampled)
+    words = min(_MAX_WORDS, len(data) // _DESCRIPTORS_PER_WORD)
+    if words < 2:
+        return False
+    log(f"COLMAP: clustering {len(data)} descriptors into {words} visual words")
+    options = pycolmap.VisualIndex.BuildOptions(
+        num_visual_words=words, num_iterations=20, num_rounds=1, num_threads=1
+    )
+    index = pycolmap.VisualIndex.create(data.shape[1], data.shape[1] // 2)
+    index.build(options, pycolmap.FeatureDescriptorsFloat(pycolmap.FeatureExtractorType.SIFT, data))
+    index.write(project.vocabulary)
+    return True
+
 
 Matching = Literal["auto", "exhaustive", "sequential"]
 

@@ -6,8 +6,14 @@ import torch
 from torch import Tensor
 
 from egosplat.rasterize.channels import camera_centers, finish, stack_channels, usable_gaussians
-from egosplat.rasterize.contract import Arguments, Render, shows_colors
-from egosplat.rasterize.reference.composite import composite
+from egosplat.rasterize.contract import (
+    ALPHA_THRESHOLD,
+    MAX_ALPHA,
+    MIN_TRANSMITTANCE,
+    Arguments,
+    Render,
+    shows_colors,
+)
 from egosplat.rasterize.reference.projection import Projected, project
 from egosplat.rasterize.reference.spherical_harmonics import spherical_harmonics
 
@@ -82,3 +88,96 @@ def view_colors(means: Tensor, coeffs: Tensor, center: Tensor, sh_degree: int, r
 def _stack(projections: list[Projected]) -> dict[str, Any]:
     names = ("means2d", "conics", "depths", "radii", "opacities")
     return {name: torch.stack([getattr(each, name) for each in projections]) for name in names}
+
+
+TILE = 16
+"""Side of a tile [px]."""
+
+
+def composite(
+    means2d: Tensor,
+    conics: Tensor,
+    opacities: Tensor,
+    channels: Tensor,
+    depths: Tensor,
+    radii: Tensor,
+    width: int,
+    height: int,
+) -> tuple[Tensor, Tensor]:
+    """Composite the channels of Gaussians in one image, nearest first, without a background.
+
+    Gradients reach ``means2d``, ``conics``, ``opacities`` and ``channels``.
+
+    Args:
+        means2d: (N, 2) centres [px]; pixel centres lie at integer + 0.5.
+        conics: (N, 3) upper triangle of a positive definite inverse covariance [1/px²].
+        opacities: (N,).
+        channels: (N, X).
+        depths: (N,); equal depths keep the order of the Gaussians.
+        radii: (N, 2) int32 half extents [px]; Gaussians with radius 0 are skipped.
+
+    Returns:
+        (H, W, X) weighted sums and (H, W, 1) accumulated alpha.
+    """
+    columns, rows = -(-width // TILE), -(-height // TILE)
+    ids, counts = intersect_tiles(means2d, depths, radii, columns, rows)
+    # A channel of ones accumulates alpha. One gather for all tiles makes the gradient one scatter.
+    ones = torch.ones_like(opacities)
+    table = torch.cat([means2d, conics, opacities[:, None], channels, ones[:, None]], dim=-1)
+    tiles = table.index_select(0, ids).split(counts.tolist())
+    pixels = torch.stack(
+        [_composite_tile(tile, index % columns, index // columns) for index, tile in enumerate(tiles)]
+    )
+    image = pixels.unflatten(0, (rows, columns)).transpose(1, 2).reshape(rows * TILE, columns * TILE, -1)
+    image = image[:height, :width]
+    return image[..., :-1], image[..., -1:]
+
+
+def intersect_tiles(
+    means2d: Tensor, depths: Tensor, radii: Tensor, columns: int, rows: int
+) -> tuple[Tensor, Tensor]:
+    """Find the Gaussians that reach each tile, by their bounding rectangles.
+
+    Args:
+        means2d, depths, radii: as for ``composite``.
+        columns, rows: number of tiles.
+
+    Returns:
+        (I,) int64 indices of Gaussians, tile after tile (row-major) and nearest first within each;
+        (rows * columns,) int64 number of Gaussians in each tile.
+    """
+    with torch.no_grad():
+        visible = (radii > 0).all(dim=-1).nonzero().squeeze(-1)
+        order = visible[depths[visible].argsort(stable=True)]
+        grid = means2d.new_tensor([columns, rows])
+        centers, extents = means2d[order], radii[order].to(means2d.dtype)
+        # Clamp before the conversion to integers, which a huge extent would overflow.
+        first = ((centers - extents) / TILE).floor().clamp(min=0.0).minimum(grid).long()
+        last = ((centers + extents) / TILE).ceil().clamp(min=0.0).minimum(grid).long()
+        spans = (last - first).clamp(min=0)
+        areas = spans.prod(dim=-1)
+        owner = torch.arange(len(order), device=areas.device).repeat_interleave(areas)
+        # Number of each (Gaussian, tile) pair within its Gaussian's rectangle, counted row by row.
+        within = torch.arange(len(owner), device=areas.device) - (areas.cumsum(0) - areas)[owner]
+        across = spans[owner, 0]
+        tile_x = first[owner, 0] + within % across
+        tile_y = first[owner, 1] + within.div(across, rounding_mode="floor")
+        tile = tile_y * columns + tile_x
+        by_tile = tile.argsort(stable=True)
+        return order[owner[by_tile]], torch.bincount(tile, minlength=rows * columns)
+
+
+def _composite_tile(table: Tensor, column: int, row: int) -> Tensor:
+    """(L, 6 + X) mean, conic, opacity and channels, nearest first -> (TILE, TILE, X) composited channels."""
+    mean_x, mean_y, conic_xx, conic_xy, conic_yy, opacity = table[:, :6].T.unbind()
+    centers = torch.arange(TILE, dtype=table.dtype, device=table.device) + 0.5
+    dx, dy = (centers + column * TILE)[:, None] - mean_x, (centers + row * TILE)[:, None] - mean_y
+    # sigma[y, x, Gaussian]; the parentheses keep most products smaller than that.
+    sigma = (conic_xy * dy)[:, None] * dx + (0.5 * conic_xx * dx * dx) + (0.5 * conic_yy * dy * dy)[:, None]
+    alpha = (opacity * torch.exp(-sigma)).clamp(max=MAX_ALPHA)
+    alpha = torch.where((sigma >= 0) & (alpha >= ALPHA_THRESHOLD), alpha, 0.0)
+    transmittance = (1.0 - alpha).cumprod(dim=-1)
+    before = torch.cat([alpha.new_ones(TILE, TILE, 1), transmittance], dim=-1)[..., :-1]
+    # The running product never rises, so this stays false after the Gaussian that ends the pixel.
+    weights = alpha * before * (transmittance > MIN_TRANSMITTANCE)
+    return weights @ table[:, 6:]

@@ -1,18 +1,21 @@
 """Write a synthetic recording as an Aria Digital Twin sequence folder (docs/method.md#adt-files)."""
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from egosplat.errors import UserError
 from egosplat.files import atomic_directory
 from egosplat.progress import track
-from egosplat.synthetic.adt_format.adt_documents import write_documents
 from egosplat.synthetic.adt_format.adt_images import create_images
 from egosplat.synthetic.adt_format.adt_trajectory import write_trajectories
 from egosplat.synthetic.adt_format.adt_truth import TruthTables
-from egosplat.synthetic.adt_format.sequence import ROLLING_SHUTTER_MIDDLE_NS, Frame, Sequence
+from egosplat.synthetic.adt_format.aria import DEVICE_SERIAL
+from egosplat.synthetic.adt_format.sequence import ROLLING_SHUTTER_MIDDLE_NS, Frame, Instance, Sequence
 
 _TRUTH_AFTER_CAPTURE_NS = 90_000
 
@@ -68,3 +71,66 @@ def _frames(sequence: Sequence) -> Iterator[Frame]:
         yield frame
     if count != sequence.frame_count:
         raise ValueError(f"{count} frames, not {sequence.frame_count}")
+
+
+def write_documents(folder: Path, sequence: Sequence) -> None:
+    """Write ``instances.json``, ``3d_bounding_box.csv``, ``skeleton_aria_association.json``, ``metadata.json``."""
+    _write_json(
+        folder / "instances.json", {str(one.instance_id): _instance(one) for one in sequence.instances}
+    )
+    rows = [_box(one) for one in sequence.instances if one.instance_type == "object"]
+    columns = ["object_uid", "timestamp[ns]"]
+    columns += [f"p_local_obj_{axis}{end}[m]" for axis in "xyz" for end in ("min", "max")]
+    pd.DataFrame(rows, columns=columns).to_csv(folder / "3d_bounding_box.csv", index=False)
+    people = [one for one in sequence.instances if one.instance_type == "human"]
+    association = {"SkeletonMetadata": [_skeleton(person, sequence.wearer) for person in people]}
+    _write_json(folder / "skeleton_aria_association.json", association)
+    _write_json(folder / "metadata.json", _metadata(len(people)))
+
+
+def _instance(one: Instance) -> dict[str, Any]:
+    return {
+        "instance_id": one.instance_id,
+        "instance_name": one.name,
+        "prototype_name": one.prototype,
+        "category": one.category,
+        "category_uid": one.category_uid,
+        "motion_type": one.motion_type,
+        "instance_type": one.instance_type,
+        "rigidity": "deformable" if one.instance_type == "human" else "rigid",
+        "rotational_symmetry": {"is_annotated": False},
+        "canonical_pose": {"up_vector": [0, 1, 0], "front_vector": [0, 0, 1]},
+    }
+
+
+def _box(one: Instance) -> tuple[float, ...]:
+    """A row of the box file. The box is in the instance's own frame and never changes: time -1."""
+    return (one.instance_id, -1, *one.bounds.T.ravel().tolist())
+
+
+def _skeleton(person: Instance, wearer: int | None) -> dict[str, Any]:
+    device = DEVICE_SERIAL if person.instance_id == wearer else "NONE"
+    return {"AssociatedDeviceSerial": device, "SkeletonId": person.instance_id, "SkeletonName": person.name}
+
+
+def _metadata(people: int) -> dict[str, Any]:
+    """ADT's keys, and ``origin``, which ADT does not have."""
+    return {
+        "serial": DEVICE_SERIAL,
+        # Empty, so that the same sequence gives the same files.
+        "gt_creation_time": "",
+        "scene": "SyntheticApartment",
+        "is_multi_person": False,
+        "num_skeletons": people,
+        "timecode_enabled": 0,
+        "gt_time_domain": "DEVICE_CAPTURE",
+        "concurrent_sequence": "",
+        # Name and version of the format; projectaria-tools accepts no other name.
+        "dataset_name": "ADT_2023",
+        "dataset_version": "2.0",
+        "origin": "synthetic",
+    }
+
+
+def _write_json(path: Path, document: dict[str, Any]) -> None:
+    path.write_text(json.dumps(document, indent=2) + "\n")

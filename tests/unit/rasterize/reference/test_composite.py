@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from egosplat.rasterize.reference.composite import TILE, composite, intersect_tiles
+from egosplat.rasterize.reference.rasterizer import TILE, composite, intersect_tiles
 
 TOLERANCE = {torch.float32: 2e-5, torch.float64: 1e-12}
 
