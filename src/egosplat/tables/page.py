@@ -3,21 +3,16 @@
 import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
-
-from jinja2 import Environment, StrictUndefined
 
 from egosplat.errors import UserError
 from egosplat.output_files import text_kind
+from egosplat.tables.formats import COMMAND, render
 from egosplat.tables.scored_scenes import ScoredScene
 from egosplat.tables.series import Series
-from egosplat.tables.table import Table, aside, number
+from egosplat.tables.table import Table
 
-GENERATOR = "egosplat tables"
-"""Generator named in the page's metadata."""
-
-HTML = text_kind(GENERATOR, ".html", mark=f'<meta name="generator" content="{GENERATOR}">')
+HTML = text_kind(COMMAND, ".html", mark=f'<meta name="generator" content="{COMMAND}">')
 
 _KINDS = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
 
@@ -70,18 +65,13 @@ def to_html(
         pictures: images of scenes.
         confidence: confidence of the intervals, such as 0.95; None without intervals.
     """
-    template = (resources.files("egosplat") / "tables" / "tables.html.j2").read_text(encoding="utf-8")
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    return environment.from_string(template).render(
+    return render(
+        "tables.html.j2",
         tables=tables,
-        generator=GENERATOR,
+        generator=COMMAND,
         sources=[Source(one, scene) for one in series for scene in one.scenes.values()],
         alarmed=[scene for one in series for scene in one.scenes.values() if scene.document["alarms"]],
         pictures=pictures,
         confidence=None if confidence is None else f"{100 * confidence:g} %",
         measured_on=sorted({one.about for one in series}),
-        number=number,
-        aside=aside,
     )

@@ -5,9 +5,7 @@ from pathlib import Path
 
 from egosplat.output_files import check_output, write_text_file
 from egosplat.progress import log
-from egosplat.tables.csv_format import CSV, to_csv
-from egosplat.tables.latex_format import LATEX, to_latex
-from egosplat.tables.markdown_format import MARKDOWN, to_markdown
+from egosplat.tables.formats import CSV, LATEX, MARKDOWN, to_csv, to_latex, to_markdown
 from egosplat.tables.page import HTML, read_picture, to_html
 from egosplat.tables.paper_layouts import LAYOUTS, in_a_table
 from egosplat.tables.paper_tables import paper_tables

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 
 PRINTED, REAL, SYNTHETIC = "printed", "real", "synthetic"
 """Kinds of blocks: printed in the paper, measured on recordings, measured on synthetic apartments."""
@@ -123,13 +124,8 @@ class Table:
 
     def spans(self) -> list[tuple[str, int]]:
         """Shared headings in order, each with its number of columns; empty without shared headings."""
-        found: list[tuple[str, int]] = []
-        for column in self.columns:
-            if found and found[-1][0] == column.over:
-                found[-1] = (column.over, found[-1][1] + 1)
-            else:
-                found.append((column.over, 1))
-        return found if any(heading for heading, _ in found) else []
+        found = [(over, len([*columns])) for over, columns in groupby(column.over for column in self.columns)]
+        return found if any(over for over, _ in found) else []
 
     def label(self, row: Row) -> str:
         """The label of a row, with the number of scenes of a measured average."""

@@ -7,11 +7,7 @@ from html.parser import HTMLParser
 import pandas as pd
 import pytest
 
-from egosplat.tables.csv_format import to_csv
-from egosplat.tables.latex_format import escape as latex
-from egosplat.tables.latex_format import to_latex
-from egosplat.tables.markdown_format import escape as markdown
-from egosplat.tables.markdown_format import to_markdown
+from egosplat.tables.formats import latex, markdown, to_csv, to_latex, to_markdown
 from egosplat.tables.page import Picture, to_html
 from egosplat.tables.table import Block, Cell, Column, Note, Row, Table
 
