@@ -55,23 +55,23 @@ LAWS_TEXT = (
     "bytes for each pixel of a training frame (`transient`, `splats`), and four float32 copies of each view's feature "
     "(`view_features`). *k* is a thousand.\n\n"
     "| size | meaning |\n| --- | --- |\n"
-    "| kept, training | frames that the survey keeps; those of them that are trained on |\n"
+    "| kept, training | frames that the survey keeps; kept frames that are training frames |\n"
     "| evaluated | frames that the benchmark scores |\n"
     "| prompts | point prompts of SAM2 |\n"
     "| tracked | instances that SAM2 tracks, before short and duplicate ones are removed |\n"
     "| sam2 area | area of SAM2's input, relative to the model's own |\n"
     "| autoencoder | 1 if the autoencoder compresses the features, else 0 |\n"
     "| codes | numbers in a code, all levels together |\n"
-    "| joint | as codes if Gaussians learn codes with their geometry, else 0 |\n"
+    "| joint | numbers in a code if codes are trained jointly with the geometry, else 0 |\n"
     "| initial, network | the temporary Gaussians and the network of the stage `transient` |\n\n"
-    "**Held out** are the errors of laws that are fitted without the point that they predict. Where that point alone "
-    "has a size, this is an extrapolation."
+    "**Held out** errors are those of laws that are fitted without the point that they predict. If no other point has "
+    "such a size, this is an extrapolation."
 )
 
 REACH_TEXT = (
-    "The measured range of each size, over the stages whose laws contain it, and the sizes that the laws are "
-    "extrapolated to. The laws do not know effects that begin only at larger sizes: caches that no longer hold a "
-    "frame, full disks, or a change of opacity that changes how many Gaussians a pixel shows."
+    "The table compares the measured range of each size, over the stages whose laws contain it, with the sizes that the "
+    "laws are extrapolated to. The laws do not contain effects that begin only at larger sizes, such as frames that no "
+    "longer fit into the caches, full disks, or a change of opacity that changes the number of Gaussians per pixel."
 )
 
 
@@ -85,13 +85,14 @@ def _beginning(measured: Measured) -> str:
     return (
         "# How the pipeline grows\n\n"
         "`python -m benchmarks.growth report benchmarks/growth/growth.json` writes this page. The same laws are in "
-        "[coefficients.json](../src/egosplat/cost_model/coefficients.json), which the cluster profile and `egosplat doctor` "
-        "read; `python -m benchmarks.growth coefficients benchmarks/growth/growth.json` writes it.\n\n"
-        "The pipeline ran on small synthetic apartments with the small models. One factor was changed at a time, and "
-        f"all of them once: {len(measured.points)} of {len(POINTS)} points, {len(measured.runs)} runs of stages, "
+        "[coefficients.json](../src/egosplat/cost_model/coefficients.json), which "
+        "`python -m benchmarks.growth coefficients benchmarks/growth/growth.json` writes, and which the cluster profile and "
+        "`egosplat doctor` read.\n\n"
+        "The pipeline ran on small synthetic apartments with the small models. Each point changes one factor, and one point "
+        f"changes all: {len(measured.points)} of {len(POINTS)} points, {len(measured.runs)} runs of stages, "
         f"{seconds:.0f} CPU-seconds, one thread of {measured.machine.partition(', ')[0]}, with other work on the machine. CPU time "
-        "and peak memory come from each artifact's provenance and leave out the start of Python and its libraries (some "
-        "seconds a stage). No GPU was measured."
+        "and peak memory come from each artifact's provenance. They do not include the start of Python and its libraries "
+        "(some seconds per stage). No GPU was measured."
     )
 
 
@@ -104,9 +105,9 @@ def _checks(fits: tables.Fits, checks: dict[str, list[Run]]) -> list[str]:
     if not checks:
         return []
     text = (
-        "A finished scene that no law was fitted to, on two threads: the laws' predictions and the measured values. The sums "
-        "are closer than single stages because errors cancel. This is no blind test: some terms of `survey`, `segments`, "
-        "`view_features` and `features`, and the point where all factors are large, were added after a comparison with it."
+        "The tables compare predictions with measurements of a finished scene that no law was fitted to, on two threads. The "
+        "sums are closer than single stages because errors cancel. This is not a blind test: some terms of `survey`, "
+        "`segments`, `view_features` and `features`, and the point with all factors large, were added after a comparison with it."
     )
     parts = [f"### {name}\n\n{tables.held_against(fits, runs)}" for name, runs in checks.items()]
     return ["## Checked on a larger scene", text, *parts]
@@ -116,18 +117,18 @@ def _sequence_text(measured: Measured, costs: Mapping[str, Cost], assumed: Assum
     units = measured.published
     share = costs["segments"].cpu_s.value / sum(cost.cpu_s.value for cost in costs.values())
     return (
-        f"{assumed.frames:,} frames of 1408 × 1408, `preset: paper`: the laws above, with the paper's models in place of "
-        "the small ones. Their unit costs were measured apart, with random weights, on one thread. SAM2.1 hiera_b+ takes "
+        f"The laws above, applied to {assumed.frames:,} frames of 1408 × 1408 and `preset: paper`, with the paper's models instead of "
+        "the small ones. The unit costs of these models were measured separately, with random weights, on one thread. SAM2.1 hiera_b+ takes "
         f"{units['picture']:.2f} CPU-s for a frame, {units['prompt']:.3f} for a prompt and {units['tracked']:.2f} for a "
         f"tracked instance in a frame, with its memory full; ViT-B-16 takes {units['crop']:.2f} for a crop. The preset needs "
         "no survey.\n\n"
-        "**CPU-hours** are extrapolated from measurements, on one core. *Lowest to highest* is the range of the laws that are "
-        f"fitted without one of the points. `segments` takes {share:.0%} of them, nearly all for SAM2's attention to the memory of "
-        "each instance: they grow with `--instances` and `--frames`, and a stride of frames divides them. **GPU-hours** are "
-        "CPU-hours divided by an *assumed* factor; they are not measured. **Memory** is main memory of a run without a GPU; "
-        "memory of a GPU is not known. Nothing was masked in these runs: masks add a byte a pixel and training frame to `splats`.\n\n"
-        "A job asks the scheduler for this memory and a margin ([cluster.md](cluster.md#what-jobs-ask-for)), computed for as many "
-        "instances and Gaussians as the configuration allows."
+        "**CPU-hours** are extrapolated from measurements on one core. *Lowest to highest* is the range of laws that are "
+        f"fitted with one point left out. `segments` takes {share:.0%} of the CPU-hours, nearly all for SAM2's attention to the memory "
+        "of each instance. They are proportional to `--instances` and `--frames`, so a stride of frames divides them. **GPU-hours** "
+        "are CPU-hours divided by an *assumed* factor; they are not measured. **Memory** is main memory of a run without a GPU; "
+        "memory of a GPU is not known. These runs had no masks; masks add one byte per pixel and training frame to `splats`.\n\n"
+        "A job requests this memory and a margin ([cluster.md](cluster.md#what-jobs-request)), for the largest numbers of "
+        "instances and Gaussians that the configuration allows."
     )
 
 
@@ -151,9 +152,9 @@ def _assumed(assumed: Assumptions) -> str:
         for one in fields(Assumptions)
     ]
     return (
-        "None of these is measured. Each is an option of `report`: "
+        "None of these values is measured. Each is an option of `report`: "
         "`python -m benchmarks.growth report benchmarks/growth/growth.json --network-speedup 400`. The defaults of the two speed-ups follow from "
-        "peak rates: an RTX 3090, the paper's card, has 35,600 GFLOP/s by its data sheet, a core 117 "
+        "peak rates. An RTX 3090, the paper's card, has 35,600 GFLOP/s by its data sheet. One core has 117 "
         "([measured](../benchmarks/rasterizer/README.md)), 300 times less. Networks are assumed to reach two thirds of that ratio, "
-        "rendering a sixth.\n\n" + tables.table(("option", "meaning", "assumed value"), rows, words=2)
+        "rendering one sixth.\n\n" + tables.table(("option", "meaning", "assumed value"), rows, words=2)
     )

@@ -1,4 +1,4 @@
-"""Read another method's relevancy maps from a Zarr group that anyone can write (docs/other_methods.md)."""
+"""Read another method's relevancy maps from a Zarr group that anyone can write (docs/external_methods.md)."""
 
 import hashlib
 import json
@@ -109,7 +109,7 @@ def _damaged(what: str, advice: str = "") -> Callable[[Exception], UserError]:
 
 def _open(path: Path) -> tuple[zarr.Group, dict[str, Any]]:
     if not path.exists():
-        raise UserError(f"{path}: does not exist. docs/other_methods.md describes the layout")
+        raise UserError(f"{path}: does not exist. docs/external_methods.md describes the layout")
     with reraise_as(_damaged(f"{path}: is no readable Zarr group")):
         group = zarr.open_group(path, mode="r")
         attributes = group.attrs.asdict()
@@ -117,7 +117,7 @@ def _open(path: Path) -> tuple[zarr.Group, dict[str, Any]]:
     if found != (RELEVANCY.name, RELEVANCY.version):
         raise UserError(
             f"{path}: attributes schema and format_version are {found[0]!r} and {found[1]!r}, not {RELEVANCY.name!r} "
-            f"and {RELEVANCY.version}; see docs/other_methods.md"
+            f"and {RELEVANCY.version}; see docs/external_methods.md"
         )
     return group, attributes
 
@@ -131,7 +131,7 @@ def _check_array(path: Path, group: zarr.Group, name: str, declared: Field, size
     with reraise_as(_damaged(f"{path}: array {name!r} is unreadable")):
         array = group.get(name)
     if not isinstance(array, zarr.Array):
-        raise UserError(f"{path}: lacks the array {name!r}; see docs/other_methods.md")
+        raise UserError(f"{path}: lacks the array {name!r}; see docs/external_methods.md")
     fits = array.dtype.kind in "iu" if name == "frame" else array.dtype in FLOATS
     if not fits:
         raise UserError(f"{path}: array {name!r} is {array.dtype}, not {' or '.join(_allowed(name))}")

@@ -49,7 +49,7 @@ class Stage:
 
 PATHS = {
     "recording": "the recording's folder or video file",
-    "relevancy": "the other method's relevancy maps in the layout of docs/other_methods.md",
+    "relevancy": "the other method's relevancy maps in the layout of docs/external_methods.md",
 }
 """Inputs that no stage writes under this name."""
 

@@ -14,7 +14,7 @@ from jsonschema import Draft202012Validator
 
 from egosplat.artifacts.relevancy import open_relevancy
 from egosplat.errors import UserError
-from egosplat.evaluation import external as other_methods
+from egosplat.evaluation import external
 from egosplat.frames.recording import Instance
 from egosplat.pipeline.config import stage_keys
 from egosplat.pipeline.stages import STAGES
@@ -23,7 +23,7 @@ from egosplat.tables.scored_scenes import PROTOCOL
 from tests.support.scenes import put
 
 HEIGHT, WIDTH, FRAMES_TOTAL = 30, 40, 4
-DOC = Path(__file__).parents[3] / "docs" / "other_methods.md"
+DOC = Path(__file__).parents[3] / "docs" / "external_methods.md"
 OF_EGOSPLAT = {
     "training_frames",
     "instances",
@@ -105,8 +105,8 @@ def scored(tmp_path, scene):
         paths = {name: scene / f"{name}.zarr" for name in ("frames", "poses", "annotations")}
         output = tmp_path / "metrics.json"
         keys = defaults | {"resamples": 50, "box_filter": 0.0, "majority_filter": 0.0} | keys
-        options = other_methods.MethodMetricsOptions(**keys)
-        other_methods.run(**paths, relevancy=relevancy, output=output, options=options, title="adt/scene1")
+        options = external.MethodMetricsOptions(**keys)
+        external.run(**paths, relevancy=relevancy, output=output, options=options, title="adt/scene1")
         return json.loads(output.read_text())
 
     return run
