@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from egosplat.artifacts import provenance
+from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.frames import FRAMES, lies_on_its_side
 from egosplat.artifacts.provenance import Provenance
@@ -19,11 +21,11 @@ from egosplat.artifacts.view_features import VIEW_FEATURES
 from egosplat.artifacts.writer import create
 from egosplat.codes.vectors import usable
 from egosplat.errors import UserError
-from egosplat.features.crops import channels, encode
-from egosplat.features.journal import Journal
-from egosplat.features.views import (
+from egosplat.features.crops import (
     InstanceViews,
+    channels,
     cut_crops,
+    encode,
     find_views,
 )
 from egosplat.models.checkpoints import CLIP, model_hash
@@ -32,6 +34,9 @@ from egosplat.models.open_clip_loader import OpenClip, load_open_clip
 from egosplat.progress import log, track
 
 Features = NDArray[np.float32]
+
+CHECKPOINT_S = 60.0
+"""Wall time between checkpoints [s]."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +62,7 @@ class ViewFeaturesOptions:
 def run(frames: Path, segments: Path, output: Path, options: ViewFeaturesOptions) -> None:
     """Write the view features of ``segments``.
 
-    A killed run resumes after its last complete batch and gives identical features.
+    A killed run resumes from its last checkpoint and gives identical features.
 
     Raises:
         UserError: the inputs do not belong together, the model cannot be loaded, or it gives no finite feature.
@@ -76,8 +81,8 @@ def run(frames: Path, segments: Path, output: Path, options: ViewFeaturesOptions
         {CLIP.checkpoint_key: model["hash"]},
     )
     views = find_views(frames_artifact, segments_artifact, options.min_area, options.max_views)
-    journal = Journal(output, bytes.fromhex(provenance.key_of(record, model)))
-    features = _encoded(inputs, views, options.batch, journal)
+    checkpoint = Checkpoint(output, provenance.key_of(record, model), CHECKPOINT_S)
+    features = _encoded(inputs, views, options.batch, checkpoint)
     good = _checked(features, options.clip_checkpoint)
     facts = {
         "levels": segments_artifact.facts["levels"],
@@ -88,7 +93,7 @@ def run(frames: Path, segments: Path, output: Path, options: ViewFeaturesOptions
     _write(
         output, record, views.chosen(good), features[good], segments_artifact.read("instances/level"), facts
     )
-    journal.remove()
+    checkpoint.remove()
     seen, count = len(np.unique(views.instance[good])), segments_artifact.shape("instances/level")[0]
     log(f"{int(good.sum())} views of {seen} of {count} instances")
 
@@ -105,17 +110,17 @@ def _model_facts(clip: OpenClip, model: str, checkpoint: str) -> dict[str, Any]:
     }
 
 
-def _encoded(inputs: _Inputs, views: InstanceViews, batch: int, journal: Journal) -> Features:
+def _encoded(inputs: _Inputs, views: InstanceViews, batch: int, checkpoint: Checkpoint) -> Features:
     """(R, D) features in the order of the views; NaN where the model gives none."""
     order = views.by_frame
-    done = journal.resume()
-    start = sum(map(len, done))
-    if start:
+    saved = checkpoint.load()
+    done = [] if saved is None else [saved["features"].numpy()]
+    if start := sum(map(len, done)):
         log(f"encoding resumes after crop {start} of {len(views)}")
     left = views.chosen(order[start:])
     for crops in track(_batches(inputs, left, batch), "encoding crops", -(-len(left) // batch), unit="step"):
         done.append(encode(inputs.clip, crops))
-        journal.append(done[-1])
+        checkpoint.save_if_due(lambda: {"features": torch.from_numpy(np.concatenate(done))})
     features = np.empty((len(views), done[0].shape[1] if done else channels(inputs.clip)), np.float32)
     if done:
         features[order] = np.concatenate(done)

@@ -100,7 +100,7 @@ def mortal(clip, crops):
     done.append(1)
     return encode(clip, crops)
 
-stage.encode = mortal
+stage.encode, stage.CHECKPOINT_S = mortal, 0.0
 folder = Path(sys.argv[1])
 paths = [folder / f"{name}.zarr" for name in ("frames", "segments", "view_features")]
 stage.run(*paths, stage.ViewFeaturesOptions(**eval(sys.argv[2])))
@@ -128,9 +128,10 @@ def test_a_killed_run_resumes_to_the_same_features(scene, run, clip_keys, capsys
 def test_progress_with_other_options_is_not_reused(scene, run, monkeypatch):
     folder = scene()
     expected = run(folder, "fresh.zarr", batch=2).digest
-    monkeypatch.setattr(stage.Journal, "remove", lambda self: None)
+    monkeypatch.setattr(stage, "CHECKPOINT_S", 0.0)
+    monkeypatch.setattr(stage.Checkpoint, "remove", lambda self: None)
     run(folder, batch=1)
-    assert (folder / ".view_features.zarr.checkpoint" / "journal").exists()
+    assert (folder / ".view_features.zarr.checkpoint" / "state").exists()
     assert run(folder, batch=2).digest == expected
 
 
