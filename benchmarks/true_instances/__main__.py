@@ -112,7 +112,7 @@ def main(folders: tuple[Path, ...]) -> None:
         scenes.append(found["average"])
         pairs.append(paired(found["average"], found["view"]))
     click.echo(
-        "# Consistent features with right tracks\n\n`python -m benchmarks.true_instances`. Accuracy and mIoU in percent. "
+        "# Consistent features with true tracks\n\n`python -m benchmarks.true_instances`. Accuracy and mIoU in percent. "
         f"{METHOD} {chance(scenes)}\n\n{markdown(COLUMNS, rows, words=3)}\n"
     )
     click.echo(
