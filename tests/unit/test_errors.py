@@ -49,21 +49,6 @@ def test_a_lack_of_memory_is_reported(allocate):
     assert told.startswith("no memory left (") and "scale.md" in told and "\n" not in told
 
 
-@pytest.mark.parametrize(
-    "error",
-    [
-        OSError(errno.ENOMEM, "Cannot allocate memory"),
-        OSError("libraster.so: failed to map segment from shared object"),
-        ImportError("libtorch_cpu.so: failed to map segment from shared object"),
-    ],
-)
-def test_a_lack_of_memory_for_processes_and_libraries(error):
-    assert (
-        user_message(error)
-        == f"no memory left ({error}). Free some, or see docs/scale.md for what takes less"
-    )
-
-
 LIMITED = """
 import resource
 resource.setrlimit(resource.RLIMIT_AS, (600_000_000, resource.RLIM_INFINITY))
@@ -86,12 +71,6 @@ def test_a_limit_on_addresses_is_named(tmp_path):
     (line,) = done.stderr.splitlines()
     assert done.returncode == 2 and line.startswith("egosplat: no memory left (")
     assert "failed to map segment" in line and "ulimit -v allows 600 MB" in line
-
-
-def test_a_gpus_lack_of_memory():
-    assert "no memory left" in user_message(
-        torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2.00 GiB.\n...")
-    )
 
 
 @pytest.mark.parametrize(

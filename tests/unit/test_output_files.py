@@ -2,7 +2,6 @@
 
 import json
 import os
-import shutil
 import stat
 import sys
 from collections.abc import Callable
@@ -181,15 +180,6 @@ def test_a_file_in_place_of_an_output_folder_is_reported(monkeypatch, capfd, tmp
     assert status == 2 and str(output) in err and (tmp_path / "file").read_bytes() == b"a file"
 
 
-@pytest.mark.parametrize("device", ["/dev/null", "/dev/stdout", "/dev/fd/1"])
-@pytest.mark.parametrize("command", COMMANDS)
-def test_devices_have_no_suffix(monkeypatch, capfd, tmp_path, command, device):
-    """Only root can make a device node, so this tests the system's own; pipes and links with the suffix are tested above."""
-    before = os.lstat(device)
-    status, err = call(monkeypatch, capfd, command, tmp_path, Path(device))
-    assert status == 2 and device in err and os.lstat(device).st_ino == before.st_ino
-
-
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root makes device nodes")
 def test_a_device_node_with_the_suffix_stays(tmp_path):
     output = tmp_path / "null.png"
@@ -232,15 +222,6 @@ def test_the_check_is_made_again_at_writing(tmp_path):
     foreign_ply(output)
     with pytest.raises(UserError, match="is there already"), output_file(output, EXPORT):
         pytest.fail("it began")
-
-
-def test_a_copy_without_the_mark_is_not_taken_for_an_own_picture(tmp_path):
-    """A program that crops or annotates the picture drops or replaces the text."""
-    picture(tmp_path / "a.png")
-    Image.open(tmp_path / "a.png").save(tmp_path / "b.png", pnginfo=None)
-    shutil.move(tmp_path / "b.png", tmp_path / "a.png")
-    with pytest.raises(UserError, match="rm "):
-        check_output(tmp_path / "a.png", QUERY_PICTURE)
 
 
 FOLDERS = {

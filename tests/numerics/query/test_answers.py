@@ -52,7 +52,8 @@ def test_a_constant_map(measured):
 def test_nothing_is_seen(nothing):
     (answer,) = answer_from_codes(view(**nothing), IDENTITY, TEXTS, LANGSPLAT)
     assert answer.score == 0 and answer.level is None and answer.pixel is None and answer.position is None
-    assert not answer.relevancy.any() and not answer.mask.any()
+    assert not answer.relevancy.any() and not answer.mask.any() and answer.mask.shape == (6, 8)
+    assert answer.candidates.shape == (0, 2)
 
 
 @pytest.mark.numerics("a picture of 1x1 px", within=1e-6)

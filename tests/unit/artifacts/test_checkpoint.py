@@ -89,7 +89,7 @@ def test_a_truncated_checkpoint_is_detected(tmp_path, length):
 
 def test_cache_key_covers_everything_that_decides_the_result():
     made = begin("splats", {"seed": 0, "iterations": 5}, "real", {"frames.zarr": "abc"})
-    later = replace(made, created="later", started=0.0)
+    later = replace(made, created="later", started=0.0, origin="synthetic")
     assert key_of(made) == key_of(later)
     changes = [
         {"options": {"seed": 1, "iterations": 5}},
@@ -97,4 +97,5 @@ def test_cache_key_covers_everything_that_decides_the_result():
         {"code": "other"},
         {"versions": {**made.versions, "torch": "0"}},
     ]
-    assert len({key_of(made), *(key_of(replace(made, **change)) for change in changes)}) == 5
+    keys = {key_of(made), *(key_of(replace(made, **change)) for change in changes)}
+    assert len(keys | {key_of(made, {"hash": "c"}), key_of(made, {"hash": "d"})}) == 7

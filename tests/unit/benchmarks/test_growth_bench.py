@@ -88,13 +88,6 @@ def test_errors_and_held_out_errors_match_their_definition(bench):
     assert low <= truth(points[3]) * (1 + 1e-9) and high > truth(points[3])
 
 
-@pytest.mark.parametrize("measured", [[1.0], [1.0, 0.0], [1.0, -2.0]])
-def test_too_few_or_non_positive_values_are_an_error(bench, measured):
-    """A law needs two positive points."""
-    with pytest.raises(ValueError, match="two points"):
-        bench("fitting").fit([()], [{}] * len(measured), measured)
-
-
 def test_a_term_that_no_point_has_gets_the_coefficient_0(bench):
     """Otherwise it would be NaN."""
     points = [{"frames": float(f), "joint": 0.0} for f in range(1, 5)]
@@ -137,33 +130,6 @@ def measured(bench):
     return bench("store").Measured("Abacus, 2 cores", points, checks, units)
 
 
-def test_measurements_survive_saving_and_loading(bench, measured, tmp_path):
-    """An interrupted measurement resumes from the file."""
-    store = bench("store")
-    store.save(tmp_path / "growth.json", measured)
-    assert store.load(tmp_path / "growth.json") == measured
-    assert store.load(tmp_path / "absent.json").points == {}
-
-
-def test_the_page_says_how_far_it_extrapolates(bench, measured):
-    """Readers see the ratio of extrapolated to measured sizes."""
-    assumed = bench("assumptions").Assumptions()
-    text = bench("page").page(measured, assumed)
-    most = max(run.sizes["frames"] for run in measured.runs)
-    row = next(line for line in text.splitlines() if line.startswith("| frames | ") and "3,600" in line)
-    assert row.split(" | ")[-1].strip(" |") == f"{3600 / most:.1f}"
-    assert "assumed" in text and "CPU-hours" in text and "No GPU was measured" in text
-
-
-def test_small_numbers_are_printed_as_a_bound(bench):
-    """No row of the page reads 0 hours."""
-    tables = bench("tables")
-    assert [tables.hours(value) for value in (1.0, 90.0, 7200.0, 3.6e6)] == ["< 0.01", "0.025", "2", "1,000"]
-    assert tables.span(tables.hours, 1.0, 2.0) == "< 0.01"
-    assert tables.span(tables.hours, 1.0, 7200.0) == "< 0.01 to 2"
-    assert tables.in_words({(): 0.0, ("frames", "mean_gaussians"): 0.002}) == "2 · frames · k mean gaussians"
-
-
 def test_measured_unit_costs_replace_those_of_the_small_models(bench, measured):
     """A hand-computed sum of frames, prompts and tracked instances."""
     extrapolation, laws = bench("extrapolation"), bench("laws")
@@ -179,15 +145,6 @@ def test_measured_unit_costs_replace_those_of_the_small_models(bench, measured):
     )
     # 100 pictures, 32 x 32 prompts, 10 instances looked for in half of the frames: a quarter, and a third of the rest.
     assert costs["segments"].cpu_s.value == pytest.approx(100 * 10.0 + 1024 * 0.1 + 100 * 10 * 0.5 * 2.0)
-
-
-def test_the_survey_is_counted_where_it_decides_something(bench):
-    """As in the workflow, which makes it only then."""
-    extrapolation = bench("extrapolation")
-    paper = extrapolation.paper_config()
-    assert "survey" not in extrapolation.stages_of(paper)
-    paper["survey"]["min_view_change_deg"] = 3.0
-    assert "survey" in extrapolation.stages_of(paper)
 
 
 def test_gpu_hours_follow_from_the_assumptions(bench, measured):

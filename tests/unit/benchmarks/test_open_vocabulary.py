@@ -10,13 +10,9 @@ from benchmarks.open_vocabulary import answering
 from benchmarks.open_vocabulary.answering import Answered, answer_scene
 from benchmarks.open_vocabulary.colours import colour_shares, is_doubtful, main_colour
 from benchmarks.open_vocabulary.phrases import (
-    GLOSSED_PAIR,
-    LEFT_OUT_PAIR,
     NAME,
     NEW,
-    TAUGHT_PAIR,
     UNTAUGHT,
-    colour_phrases,
     synonym_phrases,
 )
 from benchmarks.open_vocabulary.questions import COLOURED, TOLD_APART, WORDS, Question, find_questions
@@ -28,7 +24,6 @@ from egosplat.pipeline import config as configuration
 from egosplat.synthetic.objects.catalogue import CATEGORY_UIDS
 from egosplat.synthetic.world.world import make_world
 from training.small_models.attributes import COLOURS
-from training.small_models.captions import held_out
 from training.small_models.clip_vocabulary import known_words
 from training.small_models.concepts import WHOLES
 
@@ -50,15 +45,6 @@ def test_new_synonyms_are_in_no_caption_and_no_glossary():
     assert not words & taught
     assert set(UNTAUGHT) <= set(CATEGORY_UIDS) & set(WHOLES)
     assert len(words) > 30
-
-
-def test_a_pair_is_either_taught_or_left_out():
-    colour = next(colour for colour in COLOURS if held_out(colour, "bottle"))
-    other = next(colour for colour in COLOURS if not held_out(colour, "bottle"))
-    assert colour_phrases(colour, "bottle")[LEFT_OUT_PAIR] == f"{colour} bottle"
-    assert TAUGHT_PAIR not in colour_phrases(colour, "bottle")
-    assert colour_phrases(other, "bottle")[TAUGHT_PAIR] == f"{other} bottle"
-    assert set(colour_phrases(other, "bottle")) == {NAME, TAUGHT_PAIR, GLOSSED_PAIR}
 
 
 def test_the_colour_of_a_thing_is_that_of_captions():
@@ -99,13 +85,6 @@ def test_a_colour_means_the_things_that_have_it(stripes):
 def test_a_colour_that_another_thing_has_in_part_is_not_asked(stripes):
     found = asked(stripes, [RED, REDDISH, RED, RED])
     assert {one.colour for one in found if one.targets != WORDS} == {"white"}
-
-
-def test_one_colour_gives_no_comparison(stripes):
-    found = asked(stripes, [RED, RED, BLUE, BLUE])
-    assert TOLD_APART not in {one.targets for one in found}
-    assert {one.query.instances["all"] for one in found if one.targets == COLOURED} == {(0, 1)}
-    assert COLOURED not in {one.targets for one in asked(stripes, [RED, BLUE, RED, RED], min_area=0.3)}
 
 
 def test_colours_of_an_apartment_are_those_of_its_surfaces():
@@ -155,9 +134,3 @@ def test_rows_are_compared_with_the_name_for_the_same_targets():
     assert lines[0][:8] == [WORDS, NAME, "8", "8", "8", "100.0 (67.6 to 100.0)", "5.0", "0.0"]
     assert lines[1][2:8] == ["6", "6", "6", "0.0 (0.0 to 39.0)", "5.0", "0.0"]
     assert lines[1][-1] == "-100.0 (-100.0 to -21.9), p = 0.031"
-
-
-def test_left_out_pairs_are_counted_also_where_there_are_none():
-    assert "visible here: 0. " in open_vocabulary.left_out([[answered(0, "cup", NEW, True)]])
-    one = answered(0, "cup", LEFT_OUT_PAIR, True)
-    assert "visible here: 1: " in open_vocabulary.left_out([[one, one]])

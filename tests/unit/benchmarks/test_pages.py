@@ -25,17 +25,3 @@ def test_an_overview_has_no_interval_over_queries_without_a_word(page):
     lines = (ROOT / page).read_text(encoding="utf-8").splitlines()
     bare = [line for line in lines if re.search(r"\(-?\d+\.\d to \d+\.\d", line) and "too narrow" not in line]
     assert not [line for line in bare if "categories" not in line]
-
-
-@pytest.mark.parametrize(
-    "claim",
-    ["the reference implementation", "refined best on four", "accuracy as good", "answers as well but for"],
-)
-def test_withdrawn_claims_stay_out_of_the_pages(claim):
-    pages = [
-        ROOT / "README.md",
-        *(ROOT / "benchmarks").rglob("*.md"),
-        *(ROOT / "docs").glob("*.md"),
-        ROOT / "config/README.md",
-    ]
-    assert not [page.name for page in pages if claim in " ".join(page.read_text(encoding="utf-8").split())]

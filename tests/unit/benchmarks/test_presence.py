@@ -1,10 +1,8 @@
 """The limit below which a query is refused: how it is chosen, and what it costs."""
 
 import numpy as np
-import pytest
 
-from benchmarks.presence.__main__ import Asked, gather, grouped, summary, table
-from egosplat.errors import UserError
+from benchmarks.presence.__main__ import Asked, gather, grouped
 
 ASKED = Asked(
     present=np.array([0.9, 0.8, 0.7, 0.4]),
@@ -51,16 +49,3 @@ def test_no_limit_is_chosen_on_untouched_apartments():
         "untouched": [0.4],
     }
     assert list(grouped([untouched])) == ["untouched"]
-
-
-def test_no_queries_are_an_error():
-    with pytest.raises(UserError, match="no scene"):
-        gather([Scene(row(False, 0.2))])
-
-
-def test_the_table_has_a_row_a_limit():
-    lines = table({"tuning": ASKED}, [0.7]).splitlines()
-    assert lines[2] == "| 0.70 | 75.0 | 50.0 | 25.0 |"
-    assert "75% of present things are answered, 50% rightly, and 25% of absent ones" in summary(
-        "tuning", ASKED, 0.7
-    )

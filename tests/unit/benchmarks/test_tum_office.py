@@ -7,8 +7,7 @@ import pytest
 import yaml
 from PIL import Image
 
-from benchmarks.tum_office.__main__ import HERE, Drawing, Outline, parse_drawing, rasterize, write_recording
-from egosplat.errors import UserError
+from benchmarks.tum_office.__main__ import HERE, Outline, parse_drawing, rasterize, write_recording
 from egosplat.frames.plain import PlainRecording
 from egosplat.frames.plain_annotations import PlainAnnotations, read_instances
 from egosplat.frames.split import split_frames
@@ -78,16 +77,3 @@ def test_the_recording_is_read_as_a_plain_one(pictures, tmp_path):
             assert found is None
         else:
             assert (ids[found + 1] == rasterize(DRAWING.outlines[name], 640, 480)).all()
-
-
-def test_missing_and_other_pictures_are_named(pictures, tmp_path):
-    first = DRAWING.pictures[0]
-    small = Drawing(320, 240, [first], {})
-    with pytest.raises(UserError, match=f"{first}.*640x480 px, but 320x240"):
-        write_recording(pictures, tmp_path / "recording", small)
-    (pictures / first).unlink()
-    with pytest.raises(UserError, match=f"{first}"):
-        write_recording(pictures, tmp_path / "recording", DRAWING)
-    assert not (tmp_path / "recording").exists()
-    with pytest.raises(UserError, match="exists already"):
-        write_recording(pictures, pictures, DRAWING)

@@ -27,10 +27,6 @@ def test_separation_counts_ordered_pairs(present, absent, area):
     assert separation(present, absent) == pytest.approx(area) == pytest.approx(np.mean(pairs))
 
 
-def test_separation_needs_present_and_absent_queries():
-    assert math.isnan(separation([], [0.5])) and math.isnan(separation([0.5], []))
-
-
 @pytest.mark.parametrize(
     "shares, category, right",
     [

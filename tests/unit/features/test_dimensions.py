@@ -51,11 +51,6 @@ def test_an_unreachable_bound_takes_all_dimensions():
     assert found.dims == 8
 
 
-def test_an_explicit_dims_is_kept():
-    found = fit(unit_rows(50, 8, 8), "linear", 5, 1, 0, 0.5)
-    assert found.decoder.widths[0] == 5 and found.need is None
-
-
 def test_an_autoencoder_takes_as_many_numbers_as_a_basis_needs():
     rows = unit_rows(50, 8, 8)
     basis, found = (fit(rows, kind, "auto", 1, 0, 0.9) for kind in ("linear", "autoencoder"))

@@ -159,13 +159,6 @@ def test_views_without_a_finite_feature_are_left_out(run, feature, bad, compress
         assert (features.read(name)[9] == 0).all()
 
 
-def test_cancelling_views_leave_the_first(run):
-    opposite = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
-    features = run(opposite, [0, 0], [0], compression="none")
-    assert features.read("consistent").tolist() == [[1.0, 0.0, 0.0]]
-    assert features.read("supervision").tolist() == [[1.0, 0.0, 0.0]] * 2
-
-
 @pytest.mark.parametrize("compression", ["linear", "autoencoder", "none"])
 @pytest.mark.parametrize("instance, level", [([], []), ([], [0, 1]), ([0], [1])])
 def test_features_of_very_few_views_are_finite(run, compression, instance, level):

@@ -11,7 +11,6 @@ from egosplat.gaussians.density_control import (
     DensityControl,
     DensityOptions,
     clone_or_split,
-    highest,
     reset_opacities,
     split_gaussians,
     too_large,
@@ -152,14 +151,6 @@ def test_pruning_makes_room_in_the_budget() -> None:
     assert torch.equal(after.means, gaussians.means[[1, 2, 1]])
 
 
-def test_highest_respects_the_free_capacity() -> None:
-    score, candidates = torch.tensor([3.0, 9.0, 5.0, 4.0]), torch.tensor([True, False, True, True])
-    assert highest(score, candidates, 2).tolist() == [False, False, True, True]
-    assert highest(score, candidates, 3).tolist() == candidates.tolist()
-    assert not highest(score, candidates, 0).any() and not highest(score, candidates, -4).any()
-    assert highest(score[:0], candidates[:0], 1).shape == (0,)
-
-
 @pytest.mark.parametrize("name", PARAMETERS)
 def test_transparent_and_broken_ones_are_pruned(name: str) -> None:
     gaussians = make(4)
@@ -229,15 +220,6 @@ def test_one_gaussian_can_become_two() -> None:
     observe(density, [1.0])
     after = step(density, NOW, optimizer)
     assert after.count == 2 and not torch.equal(after.means[0], after.means[1])
-
-
-def test_the_same_seed_gives_the_same_gaussians() -> None:
-    results = []
-    for seed in (3, 3, 4):
-        density, optimizer = control(), with_moments(make(2, scale=0.1))
-        observe(density, [1.0, 1.0])
-        results.append(step(density, NOW, optimizer, seed=seed).means)
-    assert torch.equal(results[0], results[1]) and not torch.equal(results[0], results[2])
 
 
 def test_a_restored_state_continues_identically() -> None:

@@ -38,17 +38,6 @@ def test_the_benchmark_has_the_same_scores_of_the_same_render(truth, views):
         assert 10 < found.psnr < 40 and found.ssim < 0.99
 
 
-def test_pixels_of_no_weight_do_not_count(truth, views):
-    weight = torch.ones(24, 24)
-    weight[:, :8] = 0.0
-    expected = evaluate(truth, replace(views, valid=weight), OPTIONS, 0)
-    spoilt = views.pictures.clone()
-    spoilt[:, :, :8] = 255
-    found = evaluate(truth, replace(views, valid=weight, pictures=spoilt), OPTIONS, 0)
-    assert (found.psnr == expected.psnr).all() and (found.ssim == expected.ssim).all()
-    assert evaluate(truth, replace(views, pictures=spoilt), OPTIONS, 0).psnr.max() < expected.psnr.min()
-
-
 def test_the_true_gaussians_render_the_pictures(truth, views):
     shown = {}
     scores = evaluate(truth, views, OPTIONS, 0, shown.__setitem__)

@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.errors import UserError
 from egosplat.gaussians.initialization import (
     SH_C0,
     from_points,
-    neighbour_distance,
     random_points,
     scene_extent,
     seen,
@@ -42,19 +40,6 @@ def test_gaussians_from_points_have_the_stock_values() -> None:
     assert bool(gaussians.finite().all())
 
 
-def test_scale_is_the_distance_to_the_three_nearest_others() -> None:
-    xyz = np.array([[0.0, 0, 0], [1.0, 0, 0], [0, 2.0, 0], [0, 0, 3.0], [50.0, 0, 0]])
-    scales = start(xyz).scales
-    torch.testing.assert_close(scales[0], torch.full((3,), np.sqrt((1 + 4 + 9) / 3), dtype=torch.float32))
-
-
-@pytest.mark.parametrize(("count", "expected"), [(1, 0.1), (2, 2.0), (3, 2.0)])
-def test_few_points_take_the_neighbours_that_there_are(count: int, expected: float) -> None:
-    triangle = np.array([[0.0, 0, 0], [2.0, 0, 0], [1.0, np.sqrt(3), 0]])[:count]
-    np.testing.assert_allclose(neighbour_distance(triangle), expected)
-    assert start(triangle).count == count
-
-
 def test_duplicates_get_a_small_scale_and_not_zero() -> None:
     gaussians = start(np.zeros((10, 3)))
     np.testing.assert_allclose(gaussians.scales.numpy(), np.sqrt(1e-7), rtol=1e-4)
@@ -80,13 +65,6 @@ def test_budget_keeps_a_seeded_subset() -> None:
     rows = {tuple(row) for row in xyz.astype(np.float32).tolist()}
     assert len({tuple(row) for row in one.means.tolist()} & rows) == 20
     assert start(xyz, max_points=100).count == 100
-
-
-def test_no_finite_point_is_an_error() -> None:
-    with pytest.raises(UserError, match="no finite point"):
-        start(np.full((3, 3), np.nan))
-    with pytest.raises(UserError, match="no finite point"):
-        start(np.zeros((0, 3)))
 
 
 @pytest.mark.parametrize("rgb", [np.zeros((4, 3)), np.zeros((3, 3), np.uint8)])

@@ -18,41 +18,9 @@ def make(n: int, degree: int = 1, channels: int = 2, seed: int = 0) -> Gaussians
     return Gaussians(*(torch.randn(shape, generator=generator) for shape in shapes))
 
 
-def test_activations_invert_the_raw_parameters() -> None:
-    gaussians = make(5)
-    torch.testing.assert_close(gaussians.scales.log(), gaussians.log_scales)
-    torch.testing.assert_close(gaussians.opacities.logit(), gaussians.logit_opacities, rtol=1e-4, atol=1e-5)
-    assert gaussians.count == 5
-
-
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
 def test_sh_degree_is_read_from_the_coefficients(degree: int) -> None:
     assert make(2, degree=degree).sh_degree == degree
-
-
-def test_select_takes_masks_and_repeated_indices() -> None:
-    gaussians = make(4)
-    masked = gaussians.select(torch.tensor([True, False, False, True]))
-    picked = gaussians.select(torch.tensor([3, 0, 3]))
-    for name, tensor in gaussians.parameters().items():
-        assert torch.equal(getattr(masked, name), torch.stack([tensor[0], tensor[3]]))
-        assert torch.equal(getattr(picked, name), torch.stack([tensor[3], tensor[0], tensor[3]]))
-
-
-def test_concatenate_keeps_the_order_and_takes_empty_parts() -> None:
-    first, second = make(2, seed=1), make(3, seed=2)
-    joined = Gaussians.concatenate([first, make(0), second])
-    assert joined.count == 5
-    assert torch.equal(joined.means[:2], first.means) and torch.equal(joined.sh[2:], second.sh)
-
-
-def test_gradients_can_be_required_and_detached() -> None:
-    gaussians = make(3)
-    assert gaussians.requires_grad_() is gaussians
-    assert all(tensor.requires_grad and tensor.is_leaf for tensor in gaussians.parameters().values())
-    detached = gaussians.detach()
-    assert not any(tensor.requires_grad for tensor in detached.parameters().values())
-    assert detached.means.data_ptr() == gaussians.means.data_ptr()
 
 
 @pytest.mark.parametrize("name", PARAMETERS)

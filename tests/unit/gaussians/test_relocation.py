@@ -1,7 +1,5 @@
 """Relocation formulas of 3DGS-MCMC: shared opacity and scale, and the limit of copies per host."""
 
-import math
-
 import numpy as np
 import pytest
 import torch
@@ -27,20 +25,6 @@ def test_relocated_ones_keep_the_transmittance_and_the_profiles_integral(opacity
     accumulated = 1 - (1 - new * np.exp(-0.5 * x**2)) ** copies
     original = opacity * np.exp(-0.5 * x**2)
     assert factor * accumulated.sum() == pytest.approx(original.sum(), rel=1e-5)
-
-
-def test_relocated_equals_the_papers_double_sum() -> None:
-    opacity, n = 0.7, 6
-    new = 1 - (1 - opacity) ** (1 / n)
-    denominator = sum(
-        math.comb(i - 1, k) * (-1) ** k * new ** (k + 1) / math.sqrt(k + 1)
-        for i in range(1, n + 1)
-        for k in range(i)
-    )
-    shared, factor = relocated(torch.tensor([opacity]), torch.tensor([n]))
-    assert float(shared[0]) == pytest.approx(new, rel=1e-6)
-    assert float(factor[0]) == pytest.approx(opacity / denominator, rel=1e-6)
-    assert relocated(torch.zeros(0), torch.zeros(0, dtype=torch.int64))[0].shape == (0,)
 
 
 def test_hosts_are_drawn_by_opacity_and_by_seed() -> None:

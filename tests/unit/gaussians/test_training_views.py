@@ -65,7 +65,3 @@ def test_the_weight_is_the_lens_circle(scene):
     weight = read_views(*opened(scene(valid=valid)), mask(9, 0), NOTHING, CPU).valid
     assert weight.dtype == torch.float32
     np.testing.assert_array_equal(weight.numpy(), valid)
-
-
-def test_an_empty_set_of_views_is_allowed(scene):
-    assert len(read_views(*opened(scene()), mask(9), NOTHING, CPU)) == 0

@@ -15,11 +15,6 @@ def test_no_cores_and_no_jobs_are_rejected(cores, nodes, named):
         check_cores(cores, nodes)
 
 
-@pytest.mark.parametrize("cores, nodes", [(1, None), (None, 50), (None, None), (64, 2)])
-def test_any_number_of_cores_or_jobs_is_taken(cores, nodes):
-    check_cores(cores, nodes)
-
-
 def test_each_configuration_file_is_checked_and_json_is_left_to_snakemake(tmp_path):
     good, bad, json = tmp_path / "good.yaml", tmp_path / "bad.yaml", tmp_path / "c.json"
     good.write_text("frames: {stride: 2}")

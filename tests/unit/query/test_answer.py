@@ -95,36 +95,6 @@ def test_pixels_that_are_not_valid_do_not_answer(view):
     assert cup.candidates[:, 0].max() < 20 and not couch.relevancy[:, 20:].any()
 
 
-@pytest.mark.parametrize("valid", [None, np.zeros((SIZE, SIZE), bool)])
-def test_no_visible_pixel_gives_no_answer(view, valid):
-    coverage = torch.zeros(3, SIZE, SIZE) if valid is None else view.coverage
-    for found in answer_from_codes(replace(view, coverage=coverage, valid=valid), IDENTITY, TEXTS, OPTIONS):
-        assert (found.score, found.level, found.mask_level) == (0.0, None, None)
-        assert found.pixel is None and found.position is None and found.candidates.shape == (0, 2)
-        assert not found.mask.any() and not found.relevancy.any() and found.mask.shape == (SIZE, SIZE)
-
-
-def test_without_depth_there_is_no_place(view):
-    cup, _ = answer_from_codes(replace(view, depth=torch.zeros(SIZE, SIZE)), IDENTITY, TEXTS, OPTIONS)
-    assert cup.position is None and cup.pixel is not None
-
-
-def test_constant_relevancy(view):
-    codes = DIRECTIONS[3].expand(3, SIZE, SIZE, 8)
-    cup, _ = answer_from_codes(replace(view, codes=codes), IDENTITY, TEXTS, OPTIONS)
-    assert len(cup.candidates) == SIZE * SIZE and not cup.mask.any() and cup.score == 0.5
-
-
-def test_one_pixel():
-    camera = Camera(1, 1, 1.0, 1.0, 0.5, 0.5)
-    view = View(
-        DIRECTIONS[0].expand(1, 1, 1, 8), torch.ones(1, 1, 1), torch.ones(1, 1), camera, np.eye(4), None
-    )
-    cup, couch = answer_from_codes(view, IDENTITY, TEXTS, LANGSPLAT)
-    assert cup.pixel == couch.pixel == (0, 0) and cup.score > 0.99 and couch.score == pytest.approx(0.5)
-    np.testing.assert_allclose(cup.position, [0.0, 0.0, 1.0])
-
-
 def test_many_queries_are_answered_in_turn_and_order(view, monkeypatch):
     names = tuple("abcdefg")
     texts = Texts(names, DIRECTIONS[[0, 1, 0, 1, 0, 1, 0]], TEXTS.canonical)

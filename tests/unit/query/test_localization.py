@@ -42,9 +42,3 @@ def test_the_pixel_is_a_candidate_even_if_their_middle_is_not():
     values = np.zeros((1, 1, 9), np.float32)
     values[0, 0, [0, 1, 8]] = 1.0
     assert localize(values, np.ones(values.shape, bool)).pixel == (1, 0)
-
-
-def test_one_pixel_and_nothing_seen():
-    values = np.zeros((1, 1, 1), np.float32)
-    assert localize(values, np.ones((1, 1, 1), bool)).pixel == (0, 0)
-    assert localize(values, np.zeros((1, 1, 1), bool)) is None

@@ -50,11 +50,3 @@ def test_majority_filter_takes_the_majority():
     assert segment(values, values, seen(values), 0.7, 1).mask[0, 19]
     mask = segment(values, values, seen(values), 0.7, 7).mask
     assert not mask[0, 19] and mask[7:13, 7:13].all() and not mask[:3].any()
-
-
-def test_a_constant_map_one_pixel_and_nothing_seen():
-    values = np.full((1, 3, 3), 0.5, np.float32)
-    found = segment(values, values, seen(values), 0.7, 7)
-    assert found.level == 0 and not found.mask.any()
-    assert not segment(values[:, :1, :1], values[:, :1, :1], seen(values[:, :1, :1]), 0.7, 7).mask.any()
-    assert segment(values, values, ~seen(values), 0.7, 7) is None

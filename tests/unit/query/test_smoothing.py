@@ -11,15 +11,6 @@ def picture(height: int, width: int) -> np.ndarray:
     return np.random.default_rng(0).random((height, width), dtype=np.float32)
 
 
-def test_an_even_square_reaches_further_to_the_upper_left():
-    point = np.zeros((80, 80), np.float32)
-    point[40, 40] = 900.0
-    rows, columns = np.nonzero(box_filter(point, 30) > 0.5)
-    # The pixel counts for those from whose -15 to +14 it is: 14 before it to 15 behind it.
-    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (26, 55, 26, 55)
-    assert box_filter(point, 30)[40, 40] == pytest.approx(1.0)
-
-
 @pytest.mark.parametrize("shape", [(64, 50), (9, 70), (1, 12), (1, 1)])
 @pytest.mark.parametrize("size", [30, 7])
 def test_box_filter_equals_opencvs_filter2d(shape, size):
@@ -50,19 +41,6 @@ def test_the_majority_counts_visible_pixels_only(size):
     for row, column in np.ndindex(mask.shape):
         around = mask[max(0, row - half) : row + half + 1, max(0, column - half) : column + half + 1]
         assert found[row, column] == (2 * around.sum() > around.size)
-
-
-def test_majority_filter_removes_specks_and_holes():
-    mask = np.zeros((30, 30), bool)
-    mask[10:25, 10:25] = True
-    whole = majority(mask, 7)
-    mask[3, 3], mask[17, 17] = True, False
-    np.testing.assert_array_equal(majority(mask, 7), whole)
-    assert whole[17, 17] and not whole[3, 3]
-
-
-def test_a_full_mask_stays_full():
-    assert majority(np.ones((5, 6), bool), 7).all()
 
 
 def test_invisible_pixels_get_the_lowest_visible_value():

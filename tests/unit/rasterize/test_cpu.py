@@ -142,14 +142,6 @@ def test_any_number_of_channels(features):
             assert relative(found[name], truth[name]) < GRADIENT_TOLERANCE, name
 
 
-@pytest.mark.parametrize("size", [(1, 1), (1, 40), (40, 1), (16, 16), (17, 33)])
-def test_images_smaller_than_a_tile(size):
-    values = {name: value.float() for name, value in scene(4).items()}
-    arguments = values | {"width": size[0], "height": size[1], "sh_degree": 1}
-    found, truth = cpu.rasterization(Arguments(**arguments)), reference.rasterization(Arguments(**arguments))
-    torch.testing.assert_close(found[0], truth[0], atol=1e-4, rtol=1e-4)
-
-
 @pytest.mark.parametrize("frozen", ["geometry", "all but means"])
 def test_inputs_without_gradient_get_none_and_change_nothing(frozen):
     values = {name: value.float() for name, value in scene(5).items()}
@@ -229,50 +221,8 @@ def extreme(**changes: object) -> dict[str, Tensor]:
     return {name: torch.tensor(value, dtype=torch.float64) for name, value in (values | changes).items()}
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"means": [[0.0, 0.0, 0.1000001]]},
-        {"means": [[0.0, 0.0, 0.0999]]},
-        {"means": [[0.0, 0.0, 0.0]]},
-        {"means": [[0.0, 0.0, -1.0]]},
-        {"means": [[0.0, 0.0, 1e6]], "scales": [[1e4, 1e4, 1e4]]},
-        {"means": [[50.0, 0.0, 2.0]], "scales": [[20.0, 0.1, 0.1]]},
-        {"scales": [[1e-8, 1e-8, 1e-8]]},
-        {"scales": [[0.0, 0.0, 0.0]]},
-        {"scales": [[1e4, 1e-8, 1e-8]], "quats": [[0.9, 0.1, 0.2, 0.3]]},
-        {"scales": [[1e4, 1e4, 1e-8]], "quats": [[0.9, 0.1, 0.2, 0.3]]},
-        {"opacities": [1.0]},
-        {"opacities": [1 / 255]},
-        {"opacities": [0.0]},
-        {"quats": [[1e-20, 1e-20, 0.0, 0.0]]},
-        {"quats": [[1e15, -1e15, 1e15, 0.0]]},
-    ],
-    ids=str,
-)
-@pytest.mark.parametrize("rasterize_mode", ["classic", "antialiased"])
-def test_extreme_gaussians_match_the_reference(changes, rasterize_mode):
-    values = extreme(**changes)
-    truth = differentiate(reference, values, torch.float64, rasterize_mode=rasterize_mode)
-    found = differentiate(cpu, values, torch.float32, rasterize_mode=rasterize_mode)
-    different = (found["image"] - truth["image"]).abs().amax(dim=-1) > 1e-4
-    # Rounding may move the edge of a Gaussian as long as the image by a pixel.
-    assert different.sum() <= 0.02 * different.numel()
-    for name in (name for name in truth if name.startswith("d ")):
-        assert found[name].isfinite().all(), name
-
-
 def test_without_gaussians_the_background_is_visible():
-    values = {name: value[:0] for name, value in extreme().items() if name not in ("viewmats", "Ks")}
-    cameras = {name: value.float() for name, value in extreme().items() if name in ("viewmats", "Ks")}
-    background = torch.tensor([[0.1, 0.2, 0.3]])
-    image, alpha, _ = cpu.rasterization(
-        Arguments(
-            **{name: value.float() for name, value in values.items()},
-            **cameras,
-            backgrounds=background,
-            width=5,
-            height=4,
-        )
-    )
-    assert torch.equal(image, background.expand(1, 4, 5, 3)) and (alpha == 0).all()
+    rest = ("viewmats", "Ks", "backgrounds")
+    values = {name: (value if name in rest else value[:0]).float() for name, value in scene(0).items()}
+    image, alpha, _ = cpu.rasterization(Arguments(**values, width=5, height=4, sh_degree=0))
+    assert torch.equal(image, values["backgrounds"][:, None, None].expand(1, 4, 5, 8)) and (alpha == 0).all()

@@ -146,10 +146,6 @@ def test_those_with_most_outliers_come_last_and_not_twice():
     assert choose_instances(move(some, 8, 7))[-2:] == [7, 9]
 
 
-def test_without_views_no_instance_is_chosen():
-    assert choose_instances(table([0, 0], {})) == []
-
-
 @pytest.mark.parametrize("by, share", [(0, 1.0), (5, 0.0), (1, 20 / 30)])
 def test_overlap_of_boxes(by, share):
     assert overlap(move(table([4, 4], {}), 1, 0, by), 0, 1) == pytest.approx(share)

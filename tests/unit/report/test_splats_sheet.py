@@ -41,15 +41,6 @@ def scene(folder, held_out: int, records: int, validation: bool):
     return put_scene(folder, ["frames", "splats"], arrays, facts, origin="real")
 
 
-def test_a_page_of_portrait_pictures_is_readable(monkeypatch, tmp_path, drawn, unreadable):
-    """Titles lay over one another, and the heading was cut on both sides."""
-    monkeypatch.setitem(globals(), "HEIGHT", 32)
-    monkeypatch.setitem(globals(), "WIDTH", 18)
-    run(*scene(tmp_path, 4, 30, True), tmp_path / "page.png", title="own/portrait")
-    (figure,) = drawn
-    assert unreadable(figure) == []
-
-
 @pytest.mark.parametrize(
     "held_out, records, validation",
     [(8, 300, True), (1, 1, False), (0, 3, False)],

@@ -90,25 +90,6 @@ def test_invalid_pixels_have_no_region_and_no_influence():
     assert (segment(image, np.zeros_like(valid), OPTIONS) == -1).all()
 
 
-def test_one_valid_pixel_of_a_large_picture_is_a_region():
-    valid = np.zeros((1000, 1000), dtype=bool)
-    valid[501, 333] = True
-    levels = segment(np.zeros((1000, 1000, 3), dtype=np.uint8), valid, OPTIONS)
-    assert (levels[:, valid] == 0).all() and (levels[:, ~valid] == -1).all()
-
-
-def test_the_same_picture_gives_the_same_regions():
-    image = textured()
-    first, second = (segment(image.copy(), everywhere(image), OPTIONS) for _ in range(2))
-    assert (first == second).all()
-
-
-@pytest.mark.parametrize("colour", [0, 255, (200, 30, 90)])
-def test_one_colour_is_one_region(colour):
-    image = np.full((90, 120, 3), colour, dtype=np.uint8)
-    assert (segment(image, everywhere(image), OPTIONS) == 0).all()
-
-
 def test_noise_gives_few_large_regions():
     image = np.random.default_rng(3).integers(0, 256, (128, 128, 3), dtype=np.uint8)
     subpart, _, whole = segment(image, everywhere(image), OPTIONS)

@@ -70,15 +70,6 @@ def test_the_better_of_two_overlapping_masks_is_kept():
     assert mask_nms(masks, torch.tensor([0.7, 0.71, 0.7]), **LIMITS).tolist() == [False, True, False]
 
 
-def test_suppressed_masks_still_suppress_others():
-    # A chain of overlapping masks: the first drops the second, and the second still drops the third.
-    masks = squares((0, 0, 20, 20), (0, 0, 20, 22), (0, 0, 20, 24))
-    assert mask_iou(masks, masks)[0, 2] > 0.8
-    chain = squares((0, 0, 30, 20), (3, 0, 33, 20), (6, 0, 36, 20))
-    assert mask_iou(chain, chain)[0, 2] < 0.8 < mask_iou(chain, chain)[0, 1]
-    assert mask_nms(chain, torch.tensor([0.9, 0.85, 0.8]), **LIMITS).tolist() == [True, False, False]
-
-
 def test_box_nms_ranks_by_score():
     masks = squares((0, 0, 20, 20), (1, 0, 20, 20), (30, 30, 40, 40))
     assert box_nms(masks, torch.tensor([0.5, 0.9, 0.1]), 0.7).tolist() == [1, 2]

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from egosplat.synthetic.objects.catalogue import CORE, GROUPS, REST
-from egosplat.synthetic.objects.textures import make_texture
-from training.small_models.attributes import COLOURS, colour_of, colour_shares
+from training.small_models.attributes import COLOURS, colour_of
 from training.small_models.captions import MATERIALS, PATTERNS
 
 KINDS = {kind.prototype: kind for kind in (*CORE, *REST, *(one for group in GROUPS for one in group))}
@@ -28,15 +27,6 @@ KINDS = {kind.prototype: kind for kind in (*CORE, *REST, *(one for group in GROU
 )
 def test_colours_have_their_names(rgb: tuple[int, int, int], name: str) -> None:
     assert COLOURS[colour_of(np.array([rgb], dtype=np.uint8))[0]] == name
-
-
-def test_shares_of_a_striped_texture() -> None:
-    picture = np.zeros((64, 64, 3))
-    picture[:48] = (0.8, 0.1, 0.1)
-    picture[48:] = (0.95, 0.95, 0.95)
-    shares = colour_shares(make_texture(picture, 0.1))
-    assert shares[COLOURS.index("red")] == pytest.approx(0.75, abs=0.01)
-    assert shares[COLOURS.index("white")] == pytest.approx(0.25, abs=0.01)
 
 
 @pytest.mark.parametrize("kind", KINDS.values(), ids=list(KINDS))

@@ -6,13 +6,11 @@ import pytest
 from egosplat.synthetic.objects.catalogue import COFFEE_TABLE, CORE, GROUPS, REST
 from training.small_models.attributes import COLOURS
 from training.small_models.captions import (
-    bank,
     describe,
     facts,
     held_out,
     main_colour,
     make_claims,
-    phrased,
     unseen_combination,
 )
 from training.small_models.concepts import KINDS, PARTS, WHOLES, Concept
@@ -108,15 +106,6 @@ def test_a_caption_with_a_false_word_is_false(crops: Crops) -> None:
     assert told.truth(known)[1, 0] == 0
 
 
-def test_the_bank_has_every_statement_once(crops: Crops) -> None:
-    claims = make_claims(sorted(set(crops.names.tolist())))
-    said = bank(claims, np.random.default_rng(0))
-    groups = ("whole", "kind", "part", "colour", "pattern", "material")
-    assert sorted(said.columns[:, 0]) == sorted(
-        column for group in groups for column in claims.columns(group)
-    )
-
-
 def test_every_kind_of_the_catalogue_has_words() -> None:
     kinds = {*CORE, *REST, COFFEE_TABLE, *(one for group in GROUPS for one in group)}
     assert {kind.category for kind in kinds} <= set(WHOLES)
@@ -138,11 +127,6 @@ def test_one_combination_in_eight_is_held_out(crops: Crops) -> None:
     unseen = make_crops([(name, 5, {shown: 1.0}, "", 1.0), (f"{name}/x", 5, {RED: 1.0}, "", 0.3)])
     assert unseen_combination(unseen).tolist() == [True, True]
     assert main_colour(unseen).tolist() == [shown, RED]
-
-
-def test_captions_use_the_right_article() -> None:
-    assert phrased("{a} {}", "armchair") == "an armchair"
-    assert phrased("a photo of {a} {}", "red mug") == "a photo of a red mug"
 
 
 def test_a_part_that_is_nearly_the_whole_counts_as_the_whole() -> None:

@@ -1,11 +1,9 @@
 """Views of crops show the mask's bounding square, black outside the mask, and never fully covered."""
 
-import math
-
 import numpy as np
 import torch
 
-from training.small_models.clip_views import DEFAULT, IMAGE_PX, framed, half_planes, plain_views, turned_hues
+from training.small_models.clip_views import DEFAULT, IMAGE_PX, framed, half_planes, plain_views
 from training.small_models.crops import PATCH_PX
 
 
@@ -23,17 +21,6 @@ def test_a_mask_fills_the_view_in_its_longer_direction() -> None:
     assert inside.any(dim=1).sum() == IMAGE_PX
     assert abs(int(inside.any(dim=0).sum()) - IMAGE_PX // 2) <= 2
     assert inside[:, IMAGE_PX // 2].all()
-
-
-def test_views_are_mirrored_only_on_request() -> None:
-    mask = rectangle(4, 68, 4, 68)
-    picture = torch.zeros(1, 3, PATCH_PX, PATCH_PX)
-    picture[..., :36] = 1
-    straight = framed(picture, mask, torch.zeros(1))
-    mirrored = framed(picture, mask, torch.zeros(1), torch.tensor([-1.0]))
-    assert straight[0, 0, 32, 5] > 0.9
-    assert straight[0, 0, 32, 58] < 0.1
-    torch.testing.assert_close(mirrored, straight.flip(3), atol=1e-4, rtol=0)
 
 
 def test_plain_views_are_black_outside_the_mask() -> None:
@@ -65,13 +52,3 @@ def test_training_views_differ_and_keep_some_of_every_crop() -> None:
     plain = (plain_views(patches)[:, 0] > 0.2).sum(dim=(1, 2))
     assert (seen > 0.35 * plain).all()
     assert 0 <= float(first.min()) <= float(first.max()) <= 1
-
-
-def test_hues_turn_and_greys_stay():
-    red = torch.tensor([1.0, 0.0, 0.0]).view(1, 3, 1, 1)
-    green = turned_hues(red, torch.tensor([2 * math.pi / 3]))
-    torch.testing.assert_close(green.flatten(), torch.tensor([0.0, 1.0, 0.0]), atol=1e-6, rtol=0)
-    grey = torch.full((1, 3, 2, 2), 0.4)
-    torch.testing.assert_close(turned_hues(grey, torch.tensor([1.0])), grey)
-    pictures = torch.rand(4, 3, 5, 5)
-    torch.testing.assert_close(turned_hues(pictures, torch.zeros(4)), pictures)

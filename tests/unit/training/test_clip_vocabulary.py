@@ -1,11 +1,9 @@
 """OpenCLIP's tokenizer reads the small vocabulary: known words are one token, others several."""
 
-from pathlib import Path
-
 import pytest
 from open_clip import SimpleTokenizer
 
-from training.small_models.clip_vocabulary import SINGLE_TOKENS, known_words, learn_merges, write_vocabulary
+from training.small_models.clip_vocabulary import known_words, learn_merges, write_vocabulary
 
 
 @pytest.fixture(scope="module")
@@ -29,11 +27,3 @@ def test_unknown_words_are_spelled(tokenizer: SimpleTokenizer) -> None:
 def test_the_most_frequent_pair_is_merged_first() -> None:
     assert learn_merges(["aab", "aac", "xy"], 1) == [("a", "a")]
     assert learn_merges(["ab"], 10) == [("a", "b</w>")]
-
-
-def test_the_vocabulary_is_small_and_reproducible(tmp_path: Path) -> None:
-    merges = learn_merges(known_words(), 50)
-    for name in ("a", "b"):
-        write_vocabulary(tmp_path / name, merges)
-    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
-    assert SimpleTokenizer(bpe_path=str(tmp_path / "a")).vocab_size == SINGLE_TOKENS + 50

@@ -50,22 +50,6 @@ def test_a_patch_shows_the_mask_in_its_middle() -> None:
     assert patch[..., 3].sum() == 255 * mask.sum()
 
 
-def test_patches_beyond_the_picture_are_black() -> None:
-    rgb, mask = np.full((50, 50, 3), 200, dtype=np.uint8), np.zeros((50, 50), dtype=bool)
-    mask[:, :5] = True
-    patch, side = cut_patch(rgb, mask)
-    assert side == 50
-    assert not patch[:, :20].any()
-    assert patch[PATCH_PX // 2, PATCH_PX // 2, 3] > 0
-
-
-@pytest.mark.parametrize(
-    ("part", "name"), [("left hand", "hand"), ("wall 2", "wall"), ("fruit 0", "fruit"), ("seat", "seat")]
-)
-def test_plain_names(part: str, name: str) -> None:
-    assert plain_name(part) == name
-
-
 def test_crops_have_names_of_the_world_s_objects(folder: Path, crops: Crops) -> None:
     world = read_world(folder)
     whole = crops.level == LEVELS.index("whole")
@@ -86,10 +70,3 @@ def test_areas_and_shares_equal_those_of_the_image(folder: Path, crops: Crops) -
     assert (crops.share[parts] <= 1).all()
     assert (crops.share[parts] > 0).all()
     np.testing.assert_allclose(crops.colours.sum(axis=1), 1, atol=1e-4)
-
-
-def test_cutting_again_gives_the_same(folder: Path, crops: Crops, tmp_path: Path) -> None:
-    cut_world(folder, tmp_path / "again.npz")
-    again = read_crops([tmp_path / "again.npz"])
-    np.testing.assert_array_equal(again.patches, crops.patches)
-    np.testing.assert_array_equal(again.names, crops.names)

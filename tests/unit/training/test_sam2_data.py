@@ -13,7 +13,6 @@ from training.small_models.sam2_data import (
     sample_prompts,
     sample_tracks,
     share_covered,
-    to_input,
     vocabulary,
 )
 from training.small_models.worlds import NOTHING, RenderedWorld
@@ -58,11 +57,6 @@ def test_the_cut_is_the_same_in_all_frames_images_and_labels(world):
             assert np.ptp(colours, axis=0).max() < 6 if len(colours) > 1 else True
 
 
-def test_a_clip_has_the_requested_side(world):
-    clip = sample_clip([world], vocabulary([world]), np.random.default_rng(0), 2, side=96)
-    assert clip.pictures.shape == (2, 96, 96, 3) and clip.labels.shape == (3, 2, 96, 96)
-
-
 def test_targets_of_a_prompt_are_the_masks_under_the_point(world):
     rng = np.random.default_rng(1)
     labels = world.labels(np.repeat(np.repeat(world.subpart[0, 0], 2, 0), 2, 1))
@@ -79,14 +73,6 @@ def test_targets_of_a_prompt_are_the_masks_under_the_point(world):
             share = expected.reshape(side, COARSE, side, COARSE).mean((1, 3))
             assert np.abs(prompts.coarse[number, level].numpy() - share).max() < 0.005
     assert 0 < (~prompts.present).sum() < 30
-
-
-def test_small_pieces_are_prompted_too():
-    labels = np.zeros((3, SIDE, SIDE), np.int32)
-    labels[:, 100:105, 100:105] = 1
-    prompts = sample_prompts(labels, np.random.default_rng(0), 600)
-    small = (prompts.fine.sum((1, 2, 3)) < 100).sum()
-    assert small > 3, "one in 2,600 with uniform sampling"
 
 
 def test_targets_of_tracks_are_the_masks_of_later_frames(world):
@@ -110,17 +96,3 @@ def test_targets_of_tracks_are_the_masks_of_later_frames(world):
         untouched = ~covered.any(axis=0)
         assert np.array_equal(clip.pictures[untouched], before.pictures[untouched])
     assert 2 < hidden < 20
-
-
-def test_shares_are_means_of_cells():
-    masks = np.random.default_rng(0).random((2, 5, SIDE, SIDE)) < 0.5
-    expected = masks.reshape(2, 5, SIDE // COARSE, COARSE, SIDE // COARSE, COARSE).mean((3, 5))
-    assert np.abs(share_covered(masks, COARSE) - expected).max() < 1 / 254
-
-
-def test_input_is_normalised():
-    grey = np.full((1, SIDE, SIDE, 3), 124, np.uint8)
-    values = to_input(grey)
-    assert values.shape == (1, 3, SIDE, SIDE) and values.dtype == torch.float32
-    expected = (124 / 255 - np.array([0.485, 0.456, 0.406])) / [0.229, 0.224, 0.225]
-    torch.testing.assert_close(values[0, :, 0, 0], torch.tensor(expected, dtype=torch.float32))

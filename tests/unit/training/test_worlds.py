@@ -94,13 +94,6 @@ def test_the_same_seed_gives_the_same_world(folder, tmp_path):
     assert json.loads((folder / "world.json").read_text())["seed"] == 77
 
 
-def test_an_interrupted_world_leaves_no_files(tmp_path, monkeypatch):
-    monkeypatch.setattr(worlds.json, "dumps", lambda *_: 1 / 0)
-    with pytest.raises(ZeroDivisionError):
-        render_world(77, ClipSettings(size=32, clips=1, frames=1), tmp_path / "77")
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_seeds_are_far_from_those_of_recordings():
     rows = pd.read_csv(SCENES, sep="\t", comment="#")
     seeds = [

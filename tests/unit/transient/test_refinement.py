@@ -24,14 +24,6 @@ def test_pixels_are_pooled_over_the_frames():
     assert [one.tolist() for one in chosen] == [[True], [False]]
 
 
-def test_probability_is_soft_and_non_finite_values_count_as_zero():
-    scores = InstanceScores(1)
-    probability = np.full((1, 40), 0.4, np.float16)
-    probability[0, 0], probability[0, 1] = np.nan, np.inf
-    scores.add(frame(4), probability)
-    assert scores.scores == pytest.approx([0.2], abs=1e-3)
-
-
 def test_levels_are_scored_separately():
     labels = np.full((2, 1, 4), -1, np.int32)
     labels[0, 0, :2], labels[1, 0] = 0, 1
@@ -52,10 +44,3 @@ def test_the_mask_is_the_union_over_levels():
     assert refined_mask(labels, np.array([True, False, False])).tolist() == [[True, True, False, False]]
     assert refined_mask(labels, np.array([True, True, False])).tolist() == [[True, True, True, False]]
     assert not refined_mask(labels, np.zeros(3, bool)).any()
-
-
-def test_no_instances_give_an_empty_mask():
-    scores = InstanceScores(0)
-    labels = np.full((3, 2, 2), -1, np.int32)
-    scores.add(labels, np.ones((2, 2)))
-    assert scores.scores.shape == (0,) and not refined_mask(labels, np.zeros(0, bool)).any()

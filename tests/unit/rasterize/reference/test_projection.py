@@ -8,7 +8,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from egosplat.geometry import Camera, invert, make_pose, transform
-from egosplat.rasterize.reference.projection import Projected, project, rotation_matrices
+from egosplat.rasterize.reference.projection import Projected, project
 
 CAMERA = Camera(64, 48, 60.0, 55.0, 30.5, 25.0)
 EPS2D = 0.3
@@ -35,12 +35,6 @@ def random_scene(count: int, seed: int = 0) -> tuple[np.ndarray, ...]:
     means = transform(pose, rng.uniform([-0.8, -0.6, 1.5], [0.8, 0.6, 4.0], (count, 3)))
     quats, scales = rng.normal(size=(count, 4)), rng.uniform(0.02, 0.2, (count, 3))
     return means, quats, scales, rng.uniform(0.1, 0.9, count), pose
-
-
-def test_rotation_matrices_equal_scipy_s():
-    quats = np.random.default_rng(0).normal(size=(20, 4)) * 3.0
-    expected = Rotation.from_quat(quats, scalar_first=True).as_matrix()
-    np.testing.assert_allclose(rotation_matrices(torch.from_numpy(quats)).numpy(), expected, atol=1e-12)
 
 
 def test_centers_and_depths_equal_those_of_the_camera():

@@ -102,22 +102,6 @@ def test_profile_of_one_gaussian():
     assert (meta["width"], meta["height"], meta["n_cameras"]) == (WIDTH, HEIGHT, 1)
 
 
-def test_antialiased_lowers_the_opacity():
-    narrow = [[0.02, 0.02, 0.02]]
-    variance = (15.0 * 0.02 / 2.0) ** 2
-    alpha = one(scales=narrow, rasterize_mode="antialiased")[1][0, 8, 9, 0]
-    assert alpha.item() == pytest.approx(0.8 * variance / (variance + 0.3), rel=1e-12)
-    assert one(scales=narrow)[1][0, 8, 9, 0].item() == pytest.approx(0.8)
-
-
-def test_background_shows_through():
-    image = one(features=[[7.0]], backgrounds=[[1.0, 0.0, 2.0, 3.0]])[0]
-    expected = double([0.8 * 0.25 + 0.2, 0.8 * 0.5, 0.8 + 0.2 * 2, 0.8 * 7 + 0.2 * 3])
-    torch.testing.assert_close(image[0, 8, 9], expected)
-    away = one(means=[[0.0, 0.0, -2.0]], backgrounds=[[1.0, 0.0, 2.0]])[0]
-    assert (away == double([1.0, 0.0, 2.0])).all()
-
-
 def test_depth_modes():
     background = [[1.0, 1.0, 1.0]]
     accumulated, alpha, _ = one(render_mode="D", backgrounds=background)
