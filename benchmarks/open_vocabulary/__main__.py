@@ -25,7 +25,6 @@ from egosplat.doctor.inputs import read_configuration
 from egosplat.evaluation.intervals import (
     RESAMPLING,
     Clusters,
-    bounds_of,
     cluster,
     clustered_interval,
     mean_of_scenes,
@@ -68,7 +67,7 @@ def score(scenes: Scenes, name: str) -> Cell:
     clusters = values(scenes, name)
     return Cell(
         percent=100 * mean_of_scenes(clusters),
-        interval=scaled(bounds_of(clustered_interval(clusters, RESAMPLING)), 100),
+        interval=scaled(clustered_interval(clusters, RESAMPLING), 100),
         categories=sum(len(one.counts) for one in clusters),
     )
 

@@ -3,9 +3,11 @@
 Opening checks schema, version, seal and completeness. Reading checks the CRC32C of each chunk. ``verify`` checks every byte.
 """
 
-from collections.abc import Mapping
+import hashlib
+import json
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import zarr
@@ -15,15 +17,26 @@ from egosplat.artifacts.integrity import ArtifactError, absent, damaged, digest_
 from egosplat.artifacts.schema import Field, Schema, check_shape
 from egosplat.errors import reraise_as
 
+Blame = Callable[[Path, str], ArtifactError]
+"""Makes the error for an artifact, from its path and what is wrong."""
+
 
 class Artifact:
-    """A checked, read-only artifact; made by ``open_artifact``."""
+    """A checked, read-only artifact; made by ``open_artifact``, ``open_any`` or ``open_foreign``."""
 
-    def __init__(self, path: Path, schema: Schema, group: zarr.Group, attributes: dict[str, Any]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        schema: Schema,
+        group: zarr.Group,
+        attributes: dict[str, Any],
+        blame: Blame = damaged,
+    ) -> None:
         self.path = path
         self.schema = schema
         self._group = group
         self._attributes = attributes
+        self._blame = blame
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -72,7 +85,7 @@ class Artifact:
         def tell(error: Exception) -> ArtifactError:
             first = selection.start if isinstance(selection, slice) else selection
             where = "" if array.nchunks == 1 else f", chunk {first // array.chunks[0]}"
-            return damaged(self.path, f"array {name!r}{where} cannot be read ({_reason(error)})")
+            return self._blame(self.path, f"array {name!r}{where} cannot be read ({_reason(error)})")
 
         with reraise_as(tell, (ValueError, RuntimeError, OSError, KeyError)):
             return np.asarray(array[selection])
@@ -105,10 +118,40 @@ def _checked_artifact(path: Path, schema: Schema, group: zarr.Group, attributes:
         raise ArtifactError(
             f"{path}: has format version {version}, this is version {schema.version}. {hint}."
         )
-    sizes: dict[str, int] = {}
-    for name, declared in schema.fields.items():
-        _check_array(path, group, name, declared, sizes)
+    _check_arrays(path, schema, group)
     return Artifact(path, schema, group, attributes)
+
+
+def open_foreign(path: Path, schema: Schema, attributes: Mapping[str, Any], page: str) -> Artifact:
+    """Open a Zarr group that another program wrote. Its facts are the group's attributes, its origin is ``real``.
+
+    Args:
+        path: the group.
+        schema: its arrays; narrower element types are accepted.
+        attributes: JSON schema of its attributes.
+        page: the page that describes the layout, for errors.
+
+    Raises:
+        ArtifactError: the group is absent or damaged, or has another layout.
+    """
+    from egosplat.pipeline.validation import StrictValidator, explained
+
+    def blame(path: Path, what: str) -> ArtifactError:
+        return ArtifactError(f"{path}: {what}; see {page}")
+
+    if not path.exists():
+        raise blame(path, "does not exist")
+    with reraise_as(lambda error: blame(path, f"is no readable Zarr group ({type(error).__name__})")):
+        group = zarr.open_group(path, mode="r")
+        facts = group.attrs.asdict()
+    for error in StrictValidator(attributes).iter_errors(facts):
+        raise blame(path, f"attribute {explained(error)}")
+    _check_arrays(path, schema, group, "safe", blame)
+    content = f"{digest_of(path)}\n{json.dumps(facts, sort_keys=True)}"
+    digest = hashlib.sha256(content.encode()).hexdigest()
+    return Artifact(
+        path, schema, group, {"facts": facts, "digest": digest, "provenance": {"origin": "real"}}, blame
+    )
 
 
 def open_any(path: Path, schemas: Mapping[str, Schema]) -> Artifact:
@@ -168,18 +211,37 @@ def _open(path: Path) -> tuple[zarr.Group, dict[str, Any]]:
     return group, attributes
 
 
-def _check_array(path: Path, group: zarr.Group, name: str, declared: Field, sizes: dict[str, int]) -> None:
+def _check_arrays(
+    path: Path,
+    schema: Schema,
+    group: zarr.Group,
+    casting: Literal["no", "safe"] = "no",
+    blame: Blame = damaged,
+) -> None:
+    sizes: dict[str, int] = {}
+    for name, declared in schema.fields.items():
+        _check_array(group, name, declared, sizes, casting, lambda what: blame(path, f"array {what}"))
+
+
+def _check_array(
+    group: zarr.Group,
+    name: str,
+    declared: Field,
+    sizes: dict[str, int],
+    casting: Literal["no", "safe"],
+    blame: Callable[[str], ArtifactError],
+) -> None:
     def tell(error: Exception) -> ArtifactError:
         unreadable = f"unreadable ({type(error).__name__})"
-        return damaged(path, f"array {name!r} is {'missing' if isinstance(error, KeyError) else unreadable}")
+        return blame(f"{name!r} is {'missing' if isinstance(error, KeyError) else unreadable}")
 
     with reraise_as(tell):
         array = group[name]
-    if array.dtype != np.dtype(declared.dtype):
-        raise damaged(path, f"array {name!r} is {array.dtype}, not {declared.dtype}")
+    if not np.can_cast(array.dtype, declared.dtype, casting):
+        raise blame(f"{name!r} is {array.dtype}, not {declared.dtype}")
     try:
         check_shape(declared, array.shape, sizes, name)
     except ValueError as error:
-        raise damaged(path, f"array {error}") from None
+        raise blame(str(error)) from None
     if array.size and (lost := array.nchunks - array.nchunks_initialized):
-        raise damaged(path, f"array {name!r} lacks {lost} of {array.nchunks} chunks")
+        raise blame(f"{name!r} lacks {lost} of {array.nchunks} chunks")

@@ -7,10 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from egosplat.evaluation.evaluation_frames import Frame
-from egosplat.evaluation.intervals import bounds_of
 from egosplat.evaluation.rendering import RegionScore
 from egosplat.evaluation.run_queries import AnsweredQuery
-from egosplat.evaluation.scores import GroupScore
 from egosplat.frames.recording import Instance
 from egosplat.output_files import FileKind, stage_json_kind, write_json
 from egosplat.pipeline.validation import Draft202012Validator, schema
@@ -43,14 +41,6 @@ def finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def score_entry(score: GroupScore) -> dict[str, Any]:
-    """The entry of a group; its intervals are pairs, or null with fewer than two categories."""
-    return asdict(score) | {
-        "accuracy_interval": bounds_of(score.accuracy_interval),
-        "mean_iou_interval": bounds_of(score.mean_iou_interval),
-    }
-
-
 def query_entry(
     answered: AnsweredQuery, instances: Sequence[Instance], levels: Sequence[str]
 ) -> dict[str, Any]:
@@ -72,13 +62,18 @@ def query_entry(
     }
 
 
-def frame_entry(frame: Frame, queries: int, rendering: Mapping[str, RegionScore]) -> dict[str, Any]:
-    """The entry of an evaluation frame: its number of queries, and its rendering scores by group."""
-    return {
-        "frame": frame.index,
-        "annotated": frame.annotated,
-        "registered": frame.registered,
-        "trained_on": frame.trained_on,
-        "queries": queries,
-        "rendering": {name: asdict(score) for name, score in rendering.items()},
-    }
+def frame_entries(
+    frames: Sequence[Frame], answered: Sequence[AnsweredQuery], rendering: Sequence[Mapping[str, RegionScore]]
+) -> list[dict[str, Any]]:
+    """The entries of the evaluation frames, with their numbers of queries and rendering scores by group."""
+    return [
+        {
+            "frame": frame.index,
+            "annotated": frame.annotated,
+            "registered": frame.registered,
+            "trained_on": frame.trained_on,
+            "queries": sum(one.query.frame == frame.index for one in answered),
+            "rendering": {name: asdict(score) for name, score in scores.items()},
+        }
+        for frame, scores in zip(frames, rendering, strict=True)
+    ]

@@ -6,7 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.evaluation.queries import InstanceMap, Mask, instances_of, read_map
+from egosplat.evaluation.queries import (
+    BenchmarkQueries,
+    InstanceMap,
+    Mask,
+    Query,
+    find_queries,
+    instances_of,
+    read_map,
+)
 from egosplat.evaluation.rendering import RegionScore, region_scores, regions
 from egosplat.frames.recording import Instance
 from egosplat.geometry import Array, Camera
@@ -109,6 +117,14 @@ def find_frames(
         Frame(row, int(frame), *flags_of_frame, rendered.get(int(frame)))
         for row, (frame, flags_of_frame) in enumerate(zip(index, flags, strict=True))
     ]
+
+
+def find_asked_queries(
+    annotations: Artifact, valid: Mask, options: BenchmarkQueries, frames: Sequence[Frame]
+) -> list[Query]:
+    """The queries of the frames with a pose, see ``find_queries``."""
+    asked = {frame.row for frame in frames if frame.asked}
+    return [query for query in find_queries(annotations, valid, options) if query.row in asked]
 
 
 def count_frames(

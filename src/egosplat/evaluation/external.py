@@ -8,7 +8,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import groupby
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -18,19 +17,17 @@ from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.lineage import lineage
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.relevancy import Relevancy, open_relevancy
 from egosplat.errors import UserError
 from egosplat.evaluation.document import (
     FORMAT_VERSION,
     METHOD_METRICS,
-    frame_entry,
+    frame_entries,
     query_entry,
-    score_entry,
     write_metrics,
 )
-from egosplat.evaluation.evaluation_frames import Frame, count_frames, find_frames
+from egosplat.evaluation.evaluation_frames import count_frames, find_asked_queries, find_frames
 from egosplat.evaluation.intervals import IntervalOptions
 from egosplat.evaluation.provenance_summary import artifact_entries
 from egosplat.evaluation.queries import (
@@ -38,7 +35,6 @@ from egosplat.evaluation.queries import (
     InstanceMap,
     Mask,
     Query,
-    find_queries,
     instances_of,
     read_map,
 )
@@ -99,11 +95,13 @@ def run(
     frames_artifact, poses_artifact = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
     annotations_artifact, maps = open_artifact(annotations, ANNOTATIONS), open_relevancy(relevancy)
     made_from = lineage([frames_artifact, poses_artifact, annotations_artifact])
-    record = _begin(asdict(options), made_from.found.values(), maps)
+    record = provenance.begin_from(
+        "method_metrics", asdict(options), [*made_from.found.values(), maps.artifact]
+    )
     valid = frames_artifact.read("valid")
     _check_size(maps, valid)
     evaluated = find_frames(frames_artifact, poses_artifact, annotations_artifact, rendered={})
-    queries = _queries(annotations_artifact, valid, options, evaluated)
+    queries = find_asked_queries(annotations_artifact, valid, options, evaluated)
     _check_complete(maps, queries)
     answered = list(_answer(queries, annotations_artifact, maps, valid, options.query, options.hit_region))
     scores = summarise([one.score for one in answered], options)
@@ -116,9 +114,9 @@ def run(
         "notice": None,
         "alarms": [asdict(alarm) for alarm in alarms_of_all(made_from.found.values())],
         "counts": count_frames(frames_artifact, evaluated, instances),
-        "scores": {name: score_entry(score) for name, score in scores.items()},
+        "scores": {name: asdict(score) for name, score in scores.items()},
         "queries": [query_entry(one, instances, maps.levels) for one in answered],
-        "frames": [frame_entry(frame, _queries_in(frame, answered), {}) for frame in evaluated],
+        "frames": frame_entries(evaluated, answered, [{} for _ in evaluated]),
         "rendering": {name: asdict(score) for name, score in summarise_rendering([]).items()},
         "models": {},
         "artifacts": artifact_entries(made_from),
@@ -129,12 +127,6 @@ def run(
     log(f"{maps.method}: {len(answered)} queries; {len(maps.rows) - len(answered)} maps belong to no query")
 
 
-def _begin(keys: dict[str, Any], artifacts: Sequence[Artifact], maps: Relevancy) -> Provenance:
-    inputs = {artifact.path.name: artifact.digest for artifact in artifacts} | {maps.path.name: maps.digest}
-    origin = provenance.joint_origin(*(artifact.origin for artifact in artifacts))
-    return provenance.begin("method_metrics", keys, origin, inputs)
-
-
 def _check_size(maps: Relevancy, valid: Mask) -> None:
     (height, width), (rows, columns) = valid.shape, maps.size
     # The aspect ratio is that of the frames, up to rounding of the resized width and height.
@@ -143,14 +135,6 @@ def _check_size(maps: Relevancy, valid: Mask) -> None:
             f"{maps.path}: maps of {columns}x{rows} pixels have another aspect ratio than the frames, "
             f"{width}x{height}; give maps of whole frames, at any size"
         )
-
-
-def _queries(
-    annotations: Artifact, valid: Mask, options: BenchmarkQueries, frames: Sequence[Frame]
-) -> list[Query]:
-    """The queries of frames with a pose."""
-    asked = {frame.row for frame in frames if frame.asked}
-    return [query for query in find_queries(annotations, valid, options) if query.row in asked]
 
 
 def _check_complete(maps: Relevancy, queries: Sequence[Query]) -> None:
@@ -201,7 +185,3 @@ def _answered(
         mask_level=None if found is None else found.segmentation.level,
         mask_pixels=int(mask.sum()),
     )
-
-
-def _queries_in(frame: Frame, answered: Sequence[AnsweredQuery]) -> int:
-    return sum(one.query.frame == frame.index for one in answered)

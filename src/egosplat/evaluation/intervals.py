@@ -7,6 +7,7 @@ therefore resamples categories, never queries.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +35,7 @@ class IntervalOptions:
 RESAMPLING = IntervalOptions(confidence=0.95, resamples=10_000, seed=0)
 
 
-@dataclass(frozen=True)
-class Interval:
+class Interval(NamedTuple):
     """Lower and upper bound."""
 
     low: float
@@ -105,11 +105,6 @@ def clustered_interval(
         return _interval_without_spread(float(means[0]), len(means), options.confidence, least, most)
     low, high = _bounds(scenes, len(means), options)
     return Interval(max(low, least), min(high, most))
-
-
-def bounds_of(interval: Interval | None) -> tuple[float, float] | None:
-    """The bounds as a pair, as in ``metrics.json``."""
-    return None if interval is None else (interval.low, interval.high)
 
 
 def scaled(bounds: Sequence[float] | None, factor: float) -> tuple[float, float] | None:

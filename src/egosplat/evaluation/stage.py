@@ -24,16 +24,21 @@ from egosplat.artifacts.splats import SPLATS
 from egosplat.evaluation.document import (
     FORMAT_VERSION,
     METRICS,
-    frame_entry,
+    frame_entries,
     query_entry,
-    score_entry,
     write_metrics,
 )
-from egosplat.evaluation.evaluation_frames import Evaluation, Frame, count_frames, read_evaluation
+from egosplat.evaluation.evaluation_frames import (
+    Evaluation,
+    Frame,
+    count_frames,
+    find_asked_queries,
+    read_evaluation,
+)
 from egosplat.evaluation.intervals import IntervalOptions
 from egosplat.evaluation.presence import ask_presence, presence_entry, presence_phrases
 from egosplat.evaluation.provenance_summary import artifact_entries, models_used, total_cost
-from egosplat.evaluation.queries import GROUPS, BenchmarkQueries, Query, find_queries
+from egosplat.evaluation.queries import GROUPS, BenchmarkQueries
 from egosplat.evaluation.rendering import summarise_rendering
 from egosplat.evaluation.run_queries import AnsweredQuery, run_queries
 from egosplat.evaluation.scores import GroupScore, summarise
@@ -77,25 +82,19 @@ def run(
         UserError: the inputs do not match, the model did not make the features, or the backend cannot run.
     """
     check_output(output, METRICS)
-    frames_artifact, poses_artifact = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
-    annotations_artifact = open_artifact(annotations, ANNOTATIONS)
-    features_artifact, splats_artifact = open_artifact(features, FEATURES), open_artifact(splats, SPLATS)
-    language_artifact = open_artifact(language, LANGUAGE)
-    made_from = lineage(
-        [
-            frames_artifact,
-            poses_artifact,
-            annotations_artifact,
-            features_artifact,
-            splats_artifact,
-            language_artifact,
-        ]
-    )
-    record = _begin(asdict(options), made_from)
+    paths = (frames, poses, annotations, features, splats, language)
+    schemas = (FRAMES, POSES, ANNOTATIONS, FEATURES, SPLATS, LANGUAGE)
+    artifacts = list(map(open_artifact, paths, schemas))
+    frames_artifact, poses_artifact, annotations_artifact, *rest = artifacts
+    features_artifact, splats_artifact, language_artifact = rest
+    made_from = lineage(artifacts)
+    keys = asdict(options)
+    models = {key: used["hash"] for key, used in models_used(made_from).items() if key in keys}
+    record = provenance.begin_from("metrics", keys, made_from.found.values(), models)
     model = (options.clip_model, options.clip_checkpoint, options.device, options.precision)
     clip = load_clip_of(features_artifact, *model)
     evaluation = read_evaluation(frames_artifact, poses_artifact, annotations_artifact, splats_artifact)
-    queries = _queries(evaluation, options)
+    queries = find_asked_queries(annotations_artifact, evaluation.valid, options, evaluation.frames)
     texts = encode_texts(clip, sorted({query.category for query in queries}), options.canonical)
     scene = read_scene(splats_artifact, language_artifact, features_artifact, options.backend)
     answered = list(run_queries(queries, evaluation, scene, texts, options, options.hit_region))
@@ -110,7 +109,7 @@ def run(
         "notice": notice,
         "alarms": [asdict(alarm) for alarm in alarms],
         "counts": _counts(evaluation, features_artifact, language_artifact, made_from),
-        "scores": {name: score_entry(score) for name, score in scores.items()},
+        "scores": {name: asdict(score) for name, score in scores.items()},
         "presence": presence,
         "length_unit": length_unit(poses_artifact),
         "queries": [query_entry(one, evaluation.instances, levels) for one in answered],
@@ -122,21 +121,6 @@ def run(
     _log_presence(presence)
     for line in warning_lines(notice, alarms):
         log(line)
-
-
-def _begin(keys: dict[str, Any], made_from: Lineage) -> Provenance:
-    found = made_from.found
-    origin = provenance.joint_origin(*(artifact.origin for artifact in found.values()))
-    inputs = {name: artifact.digest for name, artifact in found.items()}
-    models = {key: used["hash"] for key, used in models_used(made_from).items() if key in keys}
-    return provenance.begin("metrics", keys, origin, inputs, models)
-
-
-def _queries(evaluation: Evaluation, options: BenchmarkQueries) -> list[Query]:
-    """The queries of frames with a pose."""
-    asked = {frame.row for frame in evaluation.frames if frame.asked}
-    found = find_queries(evaluation.annotations, evaluation.valid, options)
-    return [query for query in found if query.row in asked]
 
 
 def _counts(
@@ -161,10 +145,8 @@ def _counts(
 
 def _rendering_entries(evaluation: Evaluation, answered: Sequence[AnsweredQuery]) -> dict[str, Any]:
     rendering = [evaluation.rendering_of(frame) for frame in evaluation.frames]
-    counts = [sum(one.query.frame == frame.index for one in answered) for frame in evaluation.frames]
-    entries = zip(evaluation.frames, counts, rendering, strict=True)
     return {
-        "frames": [frame_entry(*entry) for entry in entries],
+        "frames": frame_entries(evaluation.frames, answered, rendering),
         "rendering": {name: asdict(score) for name, score in summarise_rendering(rendering).items()},
     }
 

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from string import ascii_lowercase
 
-from egosplat.evaluation.intervals import RESAMPLING, bounds_of, clustered_interval, mean_of_scenes, scaled
+from egosplat.evaluation.intervals import RESAMPLING, clustered_interval, mean_of_scenes, scaled
 from egosplat.tables.paper_layouts import LAYOUTS, Layout, Line
 from egosplat.tables.paper_numbers import AVERAGE, PAPER_NOTES, printed
 from egosplat.tables.scored_scenes import CHANCE, FULL, UNTOUCHED, ScoredScene
@@ -199,7 +199,7 @@ def average(scenes: Mapping[str, ScoredScene], metric: str, group: str) -> Cell:
     values = list(scored.values())
     return Cell(
         percent=100 * mean_of_scenes(values),
-        interval=scaled(bounds_of(clustered_interval(values, options)), 100),
+        interval=scaled(clustered_interval(values, options), 100),
         queries=int(sum(scene.counts.sum() for scene in values)),
         categories=sum(len(scene.counts) for scene in values),
         scenes=tuple(scored),

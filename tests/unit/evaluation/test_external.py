@@ -207,15 +207,15 @@ def test_numbers_outside_their_range_are_an_error(tmp_path, scored, perfect, val
 @pytest.mark.parametrize(
     "attributes, message",
     [
-        ({"schema": "other"}, "attributes schema and format_version are 'other' and 1"),
-        ({"format_version": 2}, "are 'relevancy' and 2"),
-        ({"method": ""}, "attribute method is no name"),
-        ({"method": "a\nb"}, "attribute method is no name"),
-        ({"method": 61 * "a"}, "attribute method is no name"),
-        ({"method": None}, "attribute method is no name"),
+        ({"schema": "other"}, "attribute schema = 'other'"),
+        ({"format_version": 2}, "attribute format_version = 2"),
+        ({"method": ""}, "attribute method"),
+        ({"method": "a\nb"}, "attribute method"),
+        ({"method": 61 * "a"}, "attribute method"),
+        ({"method": None}, "attribute method"),
         ({"levels": ["a", "b"]}, "attribute levels has 2 texts, the arrays have 1"),
-        ({"levels": "a"}, "attribute levels is no list of texts"),
-        ({"category": ["book", 1]}, "attribute category is no list of texts"),
+        ({"levels": "a"}, "attribute levels = 'a'"),
+        ({"category": ["book", 1]}, "attribute category.1 = 1"),
         ({"category": ["book", "book"]}, "holds a category twice in one frame"),
     ],
 )
@@ -228,7 +228,7 @@ def test_attributes_that_are_wrong_are_named(tmp_path, perfect, attributes, mess
 def test_arrays_that_are_wrong_are_named(tmp_path, perfect, scored):
     path = tmp_path / "mine.zarr"
     for maps, message in (
-        (perfect.astype(np.float64), "'relevancy' is float64, not float16 or float32"),
+        (perfect.astype(np.float64), "'relevancy' is float64, not float32"),
         (perfect[:, 0], "has 3 axes, not 4"),
         (perfect[:1], "'frame' has size 2 along axis 'query', not 1"),
     ):
@@ -260,7 +260,7 @@ def test_damage_is_named_when_it_is_read(tmp_path, perfect):
     chunk.write_bytes(b"nonsense")
     maps = open_relevancy(path)
     assert maps.maps(1, "dining chair").shape == (1, HEIGHT, WIDTH)
-    with pytest.raises(UserError, match=r"relevancy\[1\], 'book' in frame 1"):
+    with pytest.raises(UserError, match="'relevancy', chunk 1 "):
         maps.maps(1, "book")
     frames = path / "frame" / "c" / "0"
     frames.write_bytes(frames.read_bytes()[:5])
