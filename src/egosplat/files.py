@@ -69,7 +69,6 @@ def read_json(path: Path, parse_constant: Callable[[str], Any] | None = None) ->
     """The content of a JSON file in UTF-8.
 
     Args:
-        path: the file.
         parse_constant: see ``json.loads``.
 
     Raises:

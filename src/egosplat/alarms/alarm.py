@@ -10,9 +10,6 @@ class Alarm:
 
     Attributes:
         key: stable code of stage and statistic, such as ``masks.pixels``.
-        normal: the normal range.
-        found: the value found.
-        advice: what the user can do.
     """
 
     key: str

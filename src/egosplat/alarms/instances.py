@@ -98,7 +98,6 @@ def features_alarms(
 
     Args:
         outliers: number of views that disagree with their instance.
-        views: number of all views.
         agreement: mean cosine between a view and its instance's consistent feature.
         spread: mean cosine between the consistent features of different instances.
         reconstruction: mean cosine between a feature and its decoded code.

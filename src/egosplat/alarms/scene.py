@@ -48,8 +48,6 @@ def masks_alarms(transient: int, instances: int, masked_pixels: float | None) ->
     """Alarms of the masks artifact.
 
     Args:
-        transient: number of masked instances.
-        instances: number of all instances.
         masked_pixels: share of all pixels of all frames.
     """
     if instances and exceeds(transient / instances, MAX_MASKED_INSTANCES):

@@ -30,7 +30,6 @@ class Checkpoint:
         """Describe the checkpoint.
 
         Args:
-            output: path of the artifact.
             key: hash of all that decides the result, see ``provenance.key_of``.
             every_s: least wall time between two checkpoints [s].
         """

@@ -30,7 +30,6 @@ def check_inputs(path: Path, inputs: Mapping[str, str], sources: Sequence[Artifa
     """Check that a JSON result was made from ``sources``.
 
     Args:
-        path: the result.
         inputs: the digest of each of its inputs, from its provenance.
         sources: what it is used with.
 

@@ -14,7 +14,6 @@ def kept_frames(frames: Artifact, survey: Path | None) -> tuple[NDArray[np.bool_
     """Select the frames that add views, and the entry about it for the provenance of a stage.
 
     Args:
-        frames: the frames artifact.
         survey: path of their survey; None to keep all.
 
     Returns:

@@ -21,7 +21,6 @@ class Provenance:
     """How an artifact is made.
 
     Attributes:
-        stage: name of the stage.
         options: its configuration keys with their values.
         origin: ``synthetic`` if any input is synthetic, else ``real``.
         inputs: digest of each input artifact, by file name.

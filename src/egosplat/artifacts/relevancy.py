@@ -52,7 +52,6 @@ class Relevancy:
 
     Attributes:
         artifact: the group.
-        method: name of the method.
         levels: names of the levels, at least one.
         rows: row of each pair (frame, category).
     """

@@ -12,7 +12,6 @@ class Field:
         dims: name of each axis, or its fixed size. Axes with the same name have the same size within an artifact.
         dtype: NumPy name of the element type.
         unit: physical unit, or what the numbers count.
-        about: description, with the axis convention.
         by_row: number of rows (indices of the first axis) in a chunk: ``True`` (one) for arrays that are read frame by
             frame, a number that gives chunks of a few MB for many short rows, ``False`` for all rows.
     """

@@ -94,7 +94,6 @@ def create(path: Path, schema: Schema, provenance: Provenance) -> Iterator[Write
 
     Args:
         path: the folder to write. An artifact of the same kind is replaced at that moment.
-        schema: schema of the artifact.
         provenance: its provenance; time and memory are recorded at the end of the block.
 
     Raises:

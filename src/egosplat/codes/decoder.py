@@ -51,7 +51,6 @@ def decode(codes: Tensor, decoder: Decoder) -> Tensor:
 
     Args:
         codes: (..., C) floats. Divide rendered codes by alpha first: layers have biases.
-        decoder: decoder of these codes.
 
     Returns:
         (..., D), same dtype and device; a feature that vanishes is zero.

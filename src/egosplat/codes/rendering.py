@@ -41,9 +41,7 @@ def render_values(
     Args:
         gaussians: their geometry is used.
         values: (N, X) float32 on the same device.
-        camera: pinhole camera.
         camera_to_world: (4, 4) float64, OpenCV axes, meters.
-        settings: render settings.
 
     Returns:
         (H, W, X) float32 on background 0, and (H, W) accumulated opacity.
@@ -103,7 +101,6 @@ def render_codes(
         gaussians: the scene, on any device.
         code, share: (N, L, C) and (N, L) of language.zarr, on the same device.
         camera, camera_to_world: see ``render_values``.
-        settings: render settings.
     """
     count, levels, channels = code.shape
     # A Gaussian counts by compositing weight times share: without labeled pixels it has no influence.

@@ -31,7 +31,6 @@ class CodeTargets:
     code, unless views are supervised by their own features only.
 
     Attributes:
-        levels: names of the levels with instances.
         channels: C.
     """
 

@@ -40,7 +40,6 @@ def law_of(stage: str, config: Config, *, colmap: bool = False) -> str:
 
     Args:
         stage: one of ``STAGES``.
-        config: the scene's whole configuration.
         colmap: whether poses come from COLMAP; else they are read from the device's trajectory.
     """
     models = config["models"]

@@ -33,7 +33,6 @@ def memory_mb(stage: str, config: Config, inputs: Iterable[str], attempt: int) -
 
     Args:
         stage: one of ``STAGES``.
-        config: the scene's whole configuration.
         inputs: paths of the job's inputs.
         attempt: from 1; attempt n requests n times as much.
 

@@ -45,7 +45,6 @@ class Sizes(Mapping[str, float]):
     A header is a JSON file of 1 kB; it is read only when a size in it is requested.
 
     Args:
-        config: the scene's whole configuration.
         inputs: paths of a job's inputs; files that are no artifacts are ignored.
         given: sizes from elsewhere, which take precedence.
         at_most: whether an unknown number of instances is the limit of the configuration

@@ -111,7 +111,6 @@ def estimate(
     """Expected seconds of each part of a scene's main job, on two cores.
 
     Args:
-        config: the scene's whole configuration.
         synthetic: whether its recording is synthetic. The length of a real one is unknown before it is read.
         rasterizer: the variant of the C++ kernels that renders; for other backends no times were measured.
         models_on: the type of the device that runs SAM2 and OpenCLIP.

@@ -23,8 +23,6 @@ class Finding:
 
     Attributes:
         mark: ``missing`` if the configuration needs something that is absent.
-        what: the subject of the finding.
-        value: what was found.
         advice: what to do; empty if nothing.
     """
 

@@ -27,7 +27,6 @@ class Frame:
     Attributes:
         row: index in annotations.zarr.
         index: index in frames.zarr.
-        annotated, registered: whether it has an annotation, and a pose.
         trained_on: whether it is also a training frame.
         held_out: row of its render in splats.zarr; None for a training frame or a frame without a pose.
     """
@@ -51,10 +50,8 @@ class Evaluation:
 
     Attributes:
         frames_artifact, annotations, splats: artifacts that belong together.
-        frames: the evaluation frames, in order.
         instances: instances by their index in the instance maps.
         valid: (H, W) bool pixels that show the scene.
-        camera: camera of all frames.
         camera_to_world: (F, 4, 4) float64, NaN without a pose.
     """
 

@@ -85,7 +85,6 @@ def run(
     Args:
         frames, poses, annotations: the scene's artifacts; frames without a pose are not queried, as in ``metrics``.
         relevancy: maps in the layout of ``egosplat.artifacts.relevancy``; maps of other queries are ignored.
-        output: the file to write.
         title: ``DATASET/SCENE``.
 
     Raises:

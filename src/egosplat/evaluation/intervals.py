@@ -19,13 +19,7 @@ _SAME = 1e-12
 
 @dataclass(frozen=True)
 class IntervalOptions:
-    """Options of the bootstrap.
-
-    Attributes:
-        confidence: confidence level, such as 0.95.
-        resamples: number of bootstrap samples.
-        seed: random seed of the bootstrap.
-    """
+    """Options of the bootstrap."""
 
     confidence: float
     resamples: int
@@ -89,8 +83,6 @@ def clustered_interval(
     benchmarks/intervals/README.md measures by how much.
 
     Args:
-        scenes: values of each scene.
-        options: options of the bootstrap.
         least, most: bounds of a value, such as -1 and 1 for a difference of hits.
 
     Returns:

@@ -16,7 +16,6 @@ def target_area(instance_map: InstanceMap, instances: Sequence[int], hit_region:
 
     Args:
         instance_map: (H, W) int32.
-        instances: indices in it.
         hit_region: one of ``TARGETS``.
 
     Raises:

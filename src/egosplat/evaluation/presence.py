@@ -37,7 +37,6 @@ class PresenceQuery:
     """One query of the whole scene.
 
     Attributes:
-        phrase: text of the query.
         present: whether the recording shows such a thing.
         score: score of the best thing, 0..1.
         answered: whether the query was not refused.
@@ -60,8 +59,6 @@ def presence_phrases(
     """The phrases of present and of absent things.
 
     Args:
-        queries: queries of the evaluation frames.
-        instances: instances of the whole recording.
         negatives: candidate phrases of absent things; categories of the recording are dropped.
 
     Returns:
@@ -84,11 +81,6 @@ def ask_presence(
 
     Args:
         present, absent: phrases, see ``presence_phrases``.
-        evaluation: the evaluation frames with their annotations.
-        poses: the poses artifact.
-        scene: the Gaussians and their codes.
-        clip: the model that made the scene's features.
-        options: how to compute and read relevancy.
     """
     phrases = [*present, *absent]
     if not phrases:
@@ -114,12 +106,7 @@ def ask_presence(
 
 
 def presence_entry(queries: Sequence[PresenceQuery], min_score: float) -> dict[str, Any]:
-    """The entry ``presence`` of ``metrics.json``.
-
-    Args:
-        queries: all queries of the scene.
-        min_score: minimum score of an answer.
-    """
+    """The entry ``presence`` of ``metrics.json``."""
     present, absent = ([one for one in queries if one.present is value] for value in (True, False))
     # Untaught words are refused at any score, so their scores say nothing about the limit.
     taught = [one.score for one in absent if not one.untaught]
@@ -147,9 +134,7 @@ def annotated_shares(
     """Measure how many pixels of each thing lie on each annotated category, over the evaluation frames.
 
     Args:
-        scene: the scene of the things.
         things: T things.
-        evaluation: the evaluation frames with their annotations.
 
     Returns:
         (T, C + 1) float64 pixels, the last column without annotation; names of the C categories.
@@ -176,8 +161,6 @@ def is_right(shares: NDArray[np.float64], names: Sequence[str], category: str) -
 
     Args:
         shares: (C + 1,) row of ``annotated_shares``.
-        names: names of the C categories.
-        category: the expected category.
     """
     if shares.sum() < LEAST_PIXELS or category not in names:
         return None

@@ -19,12 +19,7 @@ def artifact_entries(made_from: Lineage) -> dict[str, dict[str, Any] | None]:
 
 
 def total_cost(made_from: Lineage, own: dict[str, Any]) -> dict[str, float | None]:
-    """Sum of the wall times of all stages [s] and the largest peak memory [MiB]; None if an artifact is lost.
-
-    Args:
-        made_from: all artifacts.
-        own: the provenance of the running stage.
-    """
+    """Sum of the wall times of all stages [s] and the largest peak memory [MiB]; None if an artifact is lost."""
     if made_from.lost:
         return {"wall_s": None, "peak_memory_mb": None}
     records = [own, *(artifact.provenance for artifact in made_from.found.values())]

@@ -23,7 +23,6 @@ class BenchmarkQueries:
     Attributes:
         min_area: minimum share of the image that a group of a category must cover to count in a frame.
         excluded: categories without queries, such as ADT's ``shelter`` (walls, floor, ceiling).
-        people: whether to query people.
     """
 
     min_area: float
@@ -55,9 +54,7 @@ def find_queries(annotations: Artifact, valid: Mask, options: BenchmarkQueries) 
     """Find all queries of an annotations artifact, ordered by frame, then category.
 
     Args:
-        annotations: the artifact.
         valid: (H, W) bool pixels that show the scene, from frames.zarr.
-        options: which queries to make.
     """
     instances = instances_of(annotations)
     annotated, frames = annotations.read("annotated"), annotations.read("frame")
@@ -85,8 +82,6 @@ def categories(
 
     Args:
         instance_map: (H, W) int32 index into the instances, -1 for none.
-        instances: all instances of the recording.
-        options: which categories to query.
     """
     area = np.bincount(instance_map[instance_map >= 0], minlength=len(instances))
     least = options.min_area * instance_map.size

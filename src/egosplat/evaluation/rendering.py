@@ -20,7 +20,6 @@ class RegionScore:
     """Scores of one region of an image; NaN if the region is empty.
 
     Attributes:
-        pixels: size of the region.
         psnr: [dB]; infinite if render and photograph are equal.
         ssim: mean of the SSIM map over the region's pixels with a value; NaN without any.
     """

@@ -19,11 +19,9 @@ class AnsweredQuery:
     """A query with its score and its answer, without the answer's maps.
 
     Attributes:
-        query: the query.
         score: score against the annotation.
         relevancy: largest smoothed relevancy, 0..1.
         level, mask_level, pixel, position: see ``egosplat.query.answer.Answer``.
-        mask_pixels: size of the mask.
     """
 
     query: Query
@@ -48,10 +46,6 @@ def run_queries(
 
     Args:
         queries: queries in frames with a pose.
-        evaluation: the evaluation frames.
-        scene: the Gaussians and their codes.
-        texts: features of all categories.
-        options: how to compute and read relevancy.
         hit_region: see ``egosplat.evaluation.localization.target_area``.
     """
     queried = {query.frame for query in queries}

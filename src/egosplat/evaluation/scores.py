@@ -47,7 +47,6 @@ class GroupScore:
 
     Attributes:
         count: number of queries, pairs of a frame and a category.
-        categories: number of different categories.
         accuracy: share of queries that hit, 0..1.
         accuracy_interval: see ``clustered_interval``; None with fewer than two categories.
         mean_iou: plain mean over queries, as in LangSplat (docs/method.md#mean-iou), 0..1.
@@ -76,7 +75,6 @@ def score_query(
     """Score one answer against the instances of each group.
 
     Args:
-        query: the query.
         candidates, mask: (K, 2) int64 and (H, W) bool, see ``egosplat.query.answer.Answer``.
         instance_map: (H, W) int32 of the query's frame, see ``read_map``.
         valid: (H, W) bool pixels that show the scene, or None for all.

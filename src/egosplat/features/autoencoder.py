@@ -63,7 +63,6 @@ def fit_autoencoder(
         features: (R, D) float32; zero rows are allowed.
         dims: C.
         epochs: passes over the rows.
-        seed: for weights and order.
 
     Returns:
         The encoder as a function of (R, D) float32 rows, and the decoder.

@@ -65,7 +65,6 @@ def cut_crop(rgb: Pixels, labels: Labels, instance: int, box: NDArray[np.int32])
     Args:
         rgb: (H, W, 3) uint8.
         labels: (H, W) at the instance's level.
-        instance: index of the instance.
         box: (4,) x0, y0, x1, y1 [px].
 
     Returns:
@@ -99,7 +98,6 @@ def encode(clip: OpenClip, crops: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Encode a batch of crops.
 
     Args:
-        clip: the model.
         crops: (B, H, W, 3) uint8 at the model's size, B >= 1.
 
     Returns:

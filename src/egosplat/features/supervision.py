@@ -122,7 +122,6 @@ def summary(cosines: NDArray[np.float64], level: NDArray[np.integer], names: Seq
     Args:
         cosines: (R,).
         level: (R,) index into ``names``.
-        names: level names.
     """
     by_level = {name: _figures(cosines[level == number]) for number, name in enumerate(names)}
     return {**_figures(cosines), "by_level": by_level}

@@ -159,7 +159,6 @@ def rectification(device: DeviceCalibration, camera: Camera, upright: bool, path
         device: see ``device_calibration``.
         camera: from ``rectify.pinhole``.
         upright: whether to turn the result upright, according to the device's calibration.
-        path: the recording's file, named in errors.
 
     Raises:
         UserError: ``upright`` is set, but the calibration does not give the orientation.

@@ -113,7 +113,6 @@ def instances_of(category: str, folder: Path) -> list[Instance]:
 
     Args:
         category: ``C1`` … ``C20``.
-        folder: the sequence, named in errors.
 
     Raises:
         UserError: HOI4D has no such category.

@@ -31,7 +31,6 @@ class ImageFolder:
     """The png, jpg and jpeg images of a folder, in natural order (2 before 10); EXIF orientation is applied.
 
     Attributes:
-        path: the folder.
         paths: the images.
         width, height: size of every image after EXIF orientation [px].
         timestamp_ns: (N,) int64: image number times ``INTERVAL_NS``.

@@ -27,7 +27,6 @@ def open_recording(
     Args:
         format: ``adt`` (a sequence folder), ``hoi4d`` (a sequence folder or name) or ``plain`` (a video
             file or image folder).
-        path: the recording.
         resolution: size of the frames [px]: side (adt), width (hoi4d), longer side (plain).
         focal: adt only: focal length [px] of rectified frames of 1408 px.
         upright: adt only: whether frames are turned upright.

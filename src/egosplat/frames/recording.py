@@ -22,7 +22,6 @@ class Capture:
     Attributes:
         timestamp_ns: (F,) int64, strictly increasing: capture time of each frame (video: since its start).
         exposure_middle_ns: (F,) int64: middle of each exposure; poses are of this time.
-        camera: the pinhole camera of all frames.
         camera_known: True for a calibration, False for a guessed field of view.
         device_from_camera: (4, 4) float64, or None if the recording has no device frame.
         valid: (H, W) bool: pixels that show the scene (inside the lens circle).

@@ -21,7 +21,6 @@ def select_frames(
         timestamp_ns: (N,) int64, strictly increasing capture times of all frames.
         stride: 1 takes every frame; the first frame of the range is always taken.
         start_s, end_s: the range start <= t < end in seconds after the first frame; None: to the end.
-        source: the recording, named in errors.
 
     Returns:
         (F,) int64 indices into ``timestamp_ns``, F >= 1.

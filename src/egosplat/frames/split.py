@@ -18,7 +18,6 @@ def evaluation_count(wanted: int | str, count: int, annotated: bool) -> int:
 
     Args:
         wanted: the configured number, or ``auto``.
-        count: number of frames.
         annotated: whether the recording has annotations.
     """
     if wanted != AUTO:
@@ -33,7 +32,6 @@ def split_frames(count: int, evaluation: int, holdout: bool) -> tuple[NDArray[np
     """Choose the middle frame of each of ``evaluation`` equal parts of the recording for evaluation.
 
     Args:
-        count: number of frames.
         evaluation: number of evaluation frames, 0 or more.
         holdout: whether evaluation frames are excluded from training; the paper does not say
             (docs/method.md#holdout).

@@ -16,7 +16,6 @@ class Video:
     """Frames and presentation times of a video; a rotation in its metadata is applied.
 
     Attributes:
-        path: the file.
         width, height: size of the frames after rotation [px].
         timestamp_ns: (N,) int64: presentation time of each frame since the first, from the container; valid for
             variable frame rates too.

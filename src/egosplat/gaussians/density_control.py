@@ -188,7 +188,6 @@ def too_large(
     """(N,) bool: Gaussians that are too large in the world or on screen.
 
     Args:
-        gaussians: N Gaussians.
         radius: (N,) largest screen radius [px].
         largest_scale: limit of the longest axis [m]; 10 times the median is the limit if that is larger.
         largest_radius: limit of ``radius``; None for no limit.

@@ -53,7 +53,6 @@ def evaluate(
     Args:
         gaussians: on the device of the views.
         views: photographs to compare with; may be empty.
-        settings: render settings.
         sh_degree: active SH degree.
         show: called with the index and the rendered (H, W, 3) uint8 image of each view.
     """

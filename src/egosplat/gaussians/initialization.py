@@ -72,7 +72,6 @@ def from_points(
         sh_degree: degree of the allocated SH coefficients.
         feature_channels: F.
         max_points: at least 1.
-        seed: for the random subset.
 
     Returns:
         Gaussians on the CPU that do not require gradients.
@@ -126,7 +125,6 @@ def seen(points: Points, camera: Camera, camera_to_world: Points, *, near_plane:
 
     Args:
         points: (P, 3) float64 world points [m].
-        camera: shared by all images.
         camera_to_world: (F, 4, 4) float64, registered frames only.
         near_plane: smallest camera z [m].
 
@@ -159,11 +157,8 @@ def random_points(
     visible, and regions seen by more cameras get more points.
 
     Args:
-        count: number of points.
-        camera: shared by all images.
         camera_to_world: (F, 4, 4) float64, registered frames only, F >= 1.
         near_plane: smallest camera z [m].
-        seed: for all random draws.
 
     Returns:
         (count, 3) float64 world points [m] and (count, 3) uint8 colors, for ``from_points``.

@@ -31,7 +31,6 @@ class McmcOptions:
     """Parameters of 3DGS-MCMC; the defaults are the paper's.
 
     Attributes:
-        max_gaussians: cap of the number.
         min_opacity: a Gaussian with at most this opacity is dead.
         growth: fraction of Gaussians added per step, up to the cap.
         noise_lr: noise factor, on top of the learning rate of the means.
@@ -173,7 +172,6 @@ def draw_hosts(
     Args:
         opacities: (N,) float32.
         live: (N,) bool.
-        count: number of draws.
         min_opacity: lower bound of the opacity that a host shares with its copies.
 
     Returns:

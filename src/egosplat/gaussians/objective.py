@@ -24,8 +24,6 @@ class Objective(Protocol):
 
         Args:
             image: (H, W, 3 + F) float32 render, colors and features, on the device of the views.
-            views: the photographs.
-            index: the rendered view.
 
         Returns:
             () tensor, differentiable by ``image``.

@@ -14,8 +14,6 @@ class TrainingOptions:
     """Options of one training run. ``config.schema.yaml`` describes each key and its trade-off.
 
     Attributes:
-        render: render settings.
-        iterations: length of the run.
         strategy: ``default`` (3DGS) or ``mcmc`` (3DGS-MCMC).
         max_gaussians: largest number of Gaussians.
         position_lr: initial learning rate of the means, per unit of scene extent; it decays to 1/100.
@@ -28,7 +26,6 @@ class TrainingOptions:
         evaluate_every: iterations between two evaluations.
         patience: evaluations without improvement that end the run; 0 disables early stopping.
         min_improvement: smallest rise of the validation PSNR that counts [dB]; also the tolerance of the SH search.
-        seed: for all random draws.
         search_sh_degree: reduce the SH degree to the least that renders held-out photographs equally well.
     """
 

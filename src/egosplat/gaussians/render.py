@@ -49,8 +49,6 @@ def render(
     """Render colors, then features, then depth (in modes that have it), in one pass.
 
     Args:
-        gaussians: the scene.
-        camera: pinhole camera.
         camera_to_world: (4, 4) float64, OpenCV axes, meters.
         settings: render settings; the argument ``background`` overrides ``settings.background``.
         sh_degree: active SH degree, at most ``gaussians.sh_degree``.

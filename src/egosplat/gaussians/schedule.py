@@ -13,7 +13,6 @@ class Schedule:
     """Milestones in iterations, counted from 1; the defaults are those of 3DGS (Kerbl et al. 2023).
 
     Attributes:
-        iterations: length of the run.
         densify_from, densify_until: density control runs strictly between these two.
         densify_every: iterations between two steps of density control.
         reset_every: iterations between two opacity resets; None for no resets.

@@ -53,7 +53,6 @@ def densify(
     Args:
         xyz: (P, 3) float64 world points [m], finite.
         rgb: (P, 3) uint8.
-        camera: shared by all photographs.
         camera_to_world: (V, 4, 4) float64.
         images: V images (H, W, 3) uint8, read one at a time.
         valid: (H, W) bool; cells with an invalid middle get no point.
@@ -128,13 +127,10 @@ def starting_gaussians(
     """Initialize Gaussians at the points visible from training cameras, or at random points if there are none.
 
     Args:
-        poses: poses artifact with the points.
-        views: training views.
         max_points: size of the random subset of the points, or number of random points.
         densify_init: add points where a view shows none; see ``egosplat.gaussians.starting_points``.
         sh_degree: degree of the allocated SH coefficients.
         near_plane: smallest camera z of a visible point [m].
-        seed: for all random draws.
 
     Returns:
         Gaussians on the views' device, without features, that do not require gradients.

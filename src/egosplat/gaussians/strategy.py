@@ -39,7 +39,6 @@ class Strategy(Protocol):
             iteration: the iteration just done, from 1.
             gaussians: leaves, attached to ``optimizer``.
             optimizer: optimizer of these Gaussians.
-            generator: for all random draws; on any device.
 
         Returns:
             Gaussians attached to ``optimizer``; the same object if no row was added or removed.

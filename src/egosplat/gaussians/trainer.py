@@ -39,7 +39,6 @@ class ViewSets:
     """The views by role; see ``egosplat.gaussians.training_views.Split``.
 
     Attributes:
-        training, validation, held_out: see there.
         degree_validation: views that decide the SH degree, if it is searched: the validation views, or some of the training
             views, which are not trained on until the degree is decided. Otherwise empty.
     """

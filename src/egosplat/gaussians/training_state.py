@@ -92,12 +92,7 @@ class TrainingState:
 
     Attributes:
         gaussians: leaves, attached to ``optimizer``.
-        optimizer, strategy, objective: see there.
-        generator: for all random draws in training, on the CPU.
         order: remaining views of this epoch, the next one last.
-        early_stop, degree_search: see there.
-        curves: see there.
-        iteration: last iteration done.
         seconds: training time so far.
         loss_sum: sum over the iterations since the last record, on the Gaussians' device.
         bad_records: consecutive records with a loss that is not finite.

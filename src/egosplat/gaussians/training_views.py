@@ -28,7 +28,6 @@ class Views:
         camera_to_world: (V, 4, 4) float64, OpenCV axes, meters.
         valid: (H, W) float32, 0 outside the lens circle and 1 inside; None if all pixels are valid.
         transient: (V, H, W) bool, or float16 in [0, 1], in CPU memory: the paper's M; None if nothing is masked.
-        camera: shared by all photographs.
         device: device of ``picture``, ``valid`` and ``weight``.
     """
 

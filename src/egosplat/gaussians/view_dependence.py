@@ -62,7 +62,6 @@ def reduce_degree(
         degree: highest active degree.
         training: views whose cameras define the viewing directions.
         held_out: photographs that decide.
-        settings: render settings.
         tolerance_db: largest acceptable loss of mean PSNR against ``degree`` [dB].
     """
     means = mean_basis(gaussians.means, training.camera, training.camera_to_world, settings.near_plane)
@@ -106,7 +105,6 @@ def mean_basis(
 
     Args:
         means: (N, 3) centers in the world [m].
-        camera: shared by all views.
         camera_to_world: (V, 4, 4) float64.
         near_plane: smallest camera z [m].
     """

@@ -35,7 +35,6 @@ def lift(gaussians: Gaussians, views: CodeViews, settings: RenderSettings) -> Li
     Args:
         gaussians: the scene, not requiring gradients.
         views: at least one view.
-        settings: render settings.
     """
     sums = seen = None
     for index in track(range(len(views)), "lifting", unit="view"):

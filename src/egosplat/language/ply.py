@@ -25,7 +25,6 @@ def export(scene: Path, output: Path, codes: bool) -> None:
 
     Args:
         scene: folder with splats.zarr, and with language.zarr if ``codes``.
-        output: the file to write.
         codes: also write codes and shares.
 
     Raises:
@@ -71,7 +70,6 @@ def write_ply(path: Path, columns: Columns, origin: str) -> None:
     """Write float32 vertex properties, little-endian binary; the file is complete or absent.
 
     Args:
-        path: the file to write.
         columns: (N,) values of each property, in order.
         origin: ``real`` or ``synthetic`` data, for the header.
 

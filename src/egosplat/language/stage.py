@@ -66,7 +66,6 @@ def run(
     splats, which needs the same artifact.
 
     Args:
-        frames, poses, segments, features, splats, output: paths.
         survey: excludes frames from training.
         transient: required if the splats' masking is ``initial``.
         masks: required if the splats' masking is ``refined``.

@@ -50,8 +50,6 @@ class CodeTraining:
 
     Attributes:
         code: (N, L, C) leaf.
-        curve: loss curve.
-        iteration: last iteration done.
     """
 
     def __init__(self, gaussians: Gaussians, levels: int, channels: int, options: CodeOptions) -> None:

@@ -22,7 +22,6 @@ class CodeViews:
     Attributes:
         frame: (V,) int64 index of each in frames.zarr.
         camera_to_world: (V, 4, 4) float64, OpenCV axes, meters.
-        camera: shared by all views.
         targets: returns the targets of a frame.
         valid: see ``egosplat.gaussians.training_views.Views``.
         masking: transient pixels of each frame.

@@ -20,7 +20,6 @@ class ModelSpec:
     """A pretrained model that egosplat uses.
 
     Attributes:
-        name: for messages.
         config_key, checkpoint_key: keys of the configuration's section ``models``.
         small: path of the packaged small checkpoint.
         published: name of the paper's checkpoint.
@@ -94,7 +93,6 @@ def model_hash(model: ModelSpec, models: Mapping[str, str]) -> str:
 
     Args:
         model: SAM2 or CLIP.
-        models: the configuration's section ``models``.
 
     Raises:
         UserError: one of the files is missing.
@@ -109,9 +107,6 @@ def model_hashes(config: Mapping[str, Any]) -> dict[str, str]:
     """The hash of each model by the key of its checkpoint; ``missing`` for a model that is missing.
 
     The rules that use a model have its hash as a parameter: another content makes their results stale.
-
-    Args:
-        config: the whole configuration.
     """
     return {model.checkpoint_key: _hash_or_missing(model, config["models"]) for model in (SAM2, CLIP)}
 

@@ -76,7 +76,6 @@ def set_image_size(model: "SAM2Base", side: int) -> None:
     """Set the side of the square to which a model resizes images. Larger images show smaller objects.
 
     Args:
-        model: changed in place.
         side: a multiple of 32 [px].
     """
     # SAM2's weights fit any side: its positional encodings are relative to it, or computed from the features' size.

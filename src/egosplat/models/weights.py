@@ -64,9 +64,7 @@ def load_weights(module: nn.Module, tensors: Mapping[str, Tensor], path: Path, m
 
     Args:
         module: changed in place; every tensor of it is set.
-        tensors: of the checkpoint, see ``read_tensors``.
         path: of the checkpoint, for messages.
-        model: for messages.
 
     Raises:
         UserError: tensors are missing, unexpected or of another shape, as in a checkpoint of another architecture.

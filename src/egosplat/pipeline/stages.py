@@ -307,7 +307,6 @@ def run_stage(name: str, keys: Mapping[str, Any], **given: Any) -> None:
     """Run a stage.
 
     Args:
-        name: name of the stage.
         keys: values of its configuration keys, by name.
         given: its paths and its values from the table of scenes, by name.
     """

@@ -34,9 +34,6 @@ def owner(stage: str, base: Config, name: str, where: str) -> str | None:
 
     Args:
         stage: stage of the artifact.
-        base: the scene's configuration.
-        name: name of the variant.
-        where: name of the scene, for messages.
 
     Raises:
         UserError: see ``variant_config``.
@@ -52,11 +49,6 @@ def owner(stage: str, base: Config, name: str, where: str) -> str | None:
 
 def variant_config(base: Config, name: str, where: str) -> Config:
     """Merge a variant's keys over a scene's configuration.
-
-    Args:
-        base: the scene's configuration.
-        name: name of the variant.
-        where: name of the scene, for messages.
 
     Raises:
         UserError: there is no such variant, or one of its keys is not allowed.

@@ -55,7 +55,6 @@ def adt_poses(
     apart, are not registered.
 
     Args:
-        folder: the recording.
         exposure_middle_ns: (F,) int64 middle of each exposure, in the device's clock.
         device_from_camera: (4, 4) float64; camera axes are those of the (upright) frames.
         camera: of the frames.

@@ -33,7 +33,6 @@ class Trajectory:
     """Poses of the device over time.
 
     Attributes:
-        path: the file.
         timestamp_ns: (N,) int64, strictly increasing, N >= 2, in the device's clock.
         world_from_device: (N, 4, 4) float64.
         up: (3,) float64 unit vector against gravity in the world.

@@ -51,7 +51,6 @@ class Answer:
     A view without any code at any level has score 0, no candidates, an empty mask, and None for the rest.
 
     Attributes:
-        phrase: text of the query.
         score: largest smoothed relevancy, 0..1; above 0.5 the query fits better than every canonical phrase.
         level: index of the level with the score.
         candidates: (K, 2) int64 column and row of all pixels with the score.
@@ -84,11 +83,8 @@ def ask(
     """Answer queries in one view of a scene.
 
     Args:
-        scene: the Gaussians and their codes.
         texts: the queries, encoded by the model that made the scene's features.
-        camera, camera_to_world: the view to query.
         valid: (H, W) bool pixels that show the scene, or None for all.
-        options: how to compute and read relevancy.
 
     Returns:
         The answers in the order of the queries.
@@ -127,7 +123,6 @@ def answer_from_codes(view: View, decoder: Decoder, texts: Texts, options: Query
 
     Args:
         view: rendered codes and depth.
-        decoder: decoder of the codes.
         texts: the queries with the canonical phrases.
         options: how to compute and read relevancy; ``canonical`` and ``resolution`` are not used.
 
@@ -187,7 +182,6 @@ def pixel_position(
     """The world position shown at a pixel's centre.
 
     Args:
-        camera, camera_to_world: the view.
         pixel: column and row.
         depth: (h, w) float32 expected camera z [m] of the same view at any resolution.
 
@@ -207,7 +201,6 @@ def unproject(camera: Camera, camera_to_world: Array, points: Array, depth: Arra
     """Unproject image points to the world.
 
     Args:
-        camera: pinhole camera.
         camera_to_world: (4, 4) float64.
         points: (..., 2) float64 image points [px].
         depth: (...,) float64 camera z [m].

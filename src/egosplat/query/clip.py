@@ -10,7 +10,6 @@ def load_clip_of(features: Artifact, model: str, checkpoint: str, device: str, p
     """Load OpenCLIP and check that it is the model that made the features.
 
     Args:
-        features: the features artifact.
         model, checkpoint, device, precision: see ``load_open_clip``.
 
     Raises:

@@ -77,7 +77,6 @@ def relevancy_maps(codes: Tensor, seen: Tensor, decoder: Decoder, texts: Texts, 
     Args:
         codes: (L, H, W, C) float32, divided by their coverage.
         seen: (L, H, W) bool, on the same device; other pixels are not decoded.
-        decoder: decoder of the codes.
         texts: Q queries with the canonical phrases.
         temperature: see ``relevancy``.
 

@@ -22,7 +22,6 @@ class TrainedScene:
 
     Attributes:
         gaussians: on any device.
-        settings: how to render them.
         camera: camera of the training views.
         sh_degree: degree of the spherical harmonics in use.
     """
@@ -64,7 +63,6 @@ def read_trained_scene(splats: Artifact, backend: str) -> TrainedScene:
     """Read the Gaussians onto the device of the backend.
 
     Args:
-        splats: the splats artifact.
         backend: see ``egosplat.rasterize.api.rasterization``.
 
     Raises:

@@ -38,7 +38,6 @@ class SceneIndex:
     """Data shared by all queries of a scene.
 
     Attributes:
-        scene: the Gaussians and their codes.
         surface: the Gaussians with their neighbours and visible shares.
         frame: (V,) int64 frames of the rendered views.
     """
@@ -57,7 +56,6 @@ class SceneAnswer:
     """The answer to one query of a scene.
 
     Attributes:
-        phrase: text of the query.
         things: by decreasing score; empty if no Gaussian has a code.
     """
 
@@ -74,9 +72,7 @@ def index_scene(scene: QueryScene, poses: Artifact, camera: Camera, valid: Mask 
     """Measure which Gaussians the frames of a recording show.
 
     Args:
-        scene: the Gaussians and their codes.
         poses: the poses artifact; at least one frame has a pose.
-        camera: camera of the frames.
         valid: (H, W) bool pixels that show the scene, or None for all.
     """
     registered = np.flatnonzero(poses.read("registered"))
@@ -126,11 +122,9 @@ def visible_shares(
     Pixels count less towards the border, where things are cut off.
 
     Args:
-        gaussians: N Gaussians.
         camera: camera of all views, at the resolution to measure in.
         poses: V (4, 4) float64 camera_to_world.
         valid: (height, width) bool pixels of the camera that show the scene, or None for all.
-        settings: how to render.
 
     Returns:
         (V, N) float32 on the device of the Gaussians; each row sums to at most about 1.

@@ -24,7 +24,6 @@ class Texts:
     """Features of Q queries and of K canonical phrases.
 
     Attributes:
-        phrases: texts of the queries.
         queries: (Q, D) float32 of unit norm.
         canonical: (K, D) float32 of unit norm, K at least 1.
     """
@@ -49,7 +48,6 @@ def encode_texts(clip: OpenClip, phrases: Sequence[str], canonical: Sequence[str
     """Encode queries and canonical phrases as they are, without a prompt template (docs/method.md#query-text).
 
     Args:
-        clip: the model that made the scene's features.
         phrases: Q queries; may be empty.
         canonical: K phrases, at least one.
 

@@ -48,10 +48,6 @@ def view_thing(
     """Render a thing's mask and the relevancy of the whole view.
 
     Args:
-        scene: the scene of the thing.
-        thing: the thing to render.
-        texts: the one query that found it.
-        camera, camera_to_world: the view.
         valid: (H, W) bool pixels that show the scene, or None for all.
         options: ``resolution``, ``min_coverage`` and ``temperature`` are used.
     """

@@ -149,7 +149,6 @@ def find_things(
     components.
 
     Args:
-        surface: the Gaussians.
         relevancy: (L, N) float32 in 0..1.
         threshold: threshold of the normalized relevancy, 0..1.
         box_side: side of the box filter, as a share of the image's side.

@@ -9,7 +9,6 @@ def refusal(score: float, untaught: Sequence[str], min_score: float) -> str | No
     Args:
         score: score of the best match, 0..1.
         untaught: words of the query that the model was not trained on.
-        min_score: minimum score of an answer.
     """
     if untaught:
         words = ", ".join(f'"{word}"' for word in dict.fromkeys(untaught))

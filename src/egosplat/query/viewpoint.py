@@ -17,7 +17,6 @@ class Viewpoint:
     """A pose of the recording's camera.
 
     Attributes:
-        name: name to show to the user.
         camera_to_world: (4, 4) float64, OpenCV axes, metres.
         valid: (H, W) bool pixels that show the scene, or None for all.
     """

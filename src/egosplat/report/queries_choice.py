@@ -11,7 +11,6 @@ class ScoredQuery:
 
     Attributes:
         frame: index in frames.zarr.
-        category: text of the query.
         relevancy: largest smoothed relevancy, 0..1.
         hit: whether the answer hits.
         iou: IoU of the mask, 0..1.

@@ -45,8 +45,6 @@ class Question:
     Attributes:
         texts: the queries, each once.
         untaught: words of each query that the model was not trained on.
-        options: how to compute and read relevancy.
-        scene: the Gaussians and their codes.
     """
 
     texts: Texts

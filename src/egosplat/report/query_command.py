@@ -60,7 +60,6 @@ def run(
         folder: folder with the artifacts of a scene.
         phrases: the queries, at least one; the OpenCLIP model that made the features encodes them.
         asking: the view to query, and the output.
-        options: how to compute and read relevancy.
         backend: renderer, as the key ``backend``.
         device, precision: of OpenCLIP, as the keys of the section ``models``.
 

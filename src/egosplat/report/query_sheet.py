@@ -23,7 +23,6 @@ class DrawnAnswer:
     """An answer with its images; a query without an answer has only its phrase.
 
     Attributes:
-        phrase: text of the query.
         score: 0..1.
         refusal: reason why there is no answer, or None.
         where: name of the view, such as "frame 12".
@@ -52,7 +51,6 @@ def draw_answers(answers: Sequence[DrawnAnswer], title: str, output: Path) -> No
     Args:
         answers: one per row, at least one.
         title: title of the page; long lines are wrapped.
-        output: the file.
     """
     shapes = [one.picture.shape for one in answers if one.picture is not None]
     height, width = shapes[0][:2] if shapes else (1, 1)

@@ -123,7 +123,6 @@ class Overlaps:
         """Pairs of instances whose IoU over their common frames is above the threshold.
 
         Args:
-            iou_thresh: the threshold.
             frames: length of the video, which limits ``MIN_COMMON_FRAMES``.
         """
         union = self._area + self._area.T - self._shared

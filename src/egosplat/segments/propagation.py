@@ -46,7 +46,6 @@ class Propagator:
         """Set up for a video.
 
         Args:
-            sam2: the model.
             frames: number of frames of the video.
             lost_track_stride: search for an object that was not seen for this many frames only in every frame whose
                 index is a multiple of it. In the other frames it counts as absent and its memory stays as it was.

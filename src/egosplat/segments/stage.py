@@ -33,8 +33,6 @@ def run(frames: Path, output: Path, options: SegmentsOptions, *, survey: Path | 
     A run with SAM2 that was killed resumes from its last checkpoint, with the same result.
 
     Args:
-        frames, output: paths.
-        options: of the stage.
         survey: path of the survey. Frames that it drops are skipped; all their labels are -1.
 
     Raises:

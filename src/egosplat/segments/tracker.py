@@ -34,11 +34,8 @@ class Tracker:
         """Set up for a video.
 
         Args:
-            sam2: the model.
             images: returns the (H, W, 3) uint8 RGB image of a frame index.
-            frames: number of frames.
             valid: (H, W) bool, pixels that show the scene.
-            options: of the stage.
         """
         self._sam2, self._images, self._frames, self._valid = sam2, images, frames, valid
         self._options = options

@@ -117,7 +117,6 @@ def run(
     A killed run resumes from its last checkpoint and gives identical Gaussians.
 
     Args:
-        frames, poses, output: paths.
         survey: excludes frames from training, unless nothing moves and nothing is masked.
         transient: required if ``masking`` is ``initial``.
         masks: required if ``masking`` is ``refined``.

@@ -53,7 +53,6 @@ def make_sequence(
     """Make a recording of a furnished apartment.
 
     Args:
-        name: name of the sequence.
         seed: determines apartment and walk; the same seed gives the same recording, bit by bit.
         size: side of the square image [px]; fps: frames per second; seconds: length.
         objects: number of labelled objects, 16 to 40.

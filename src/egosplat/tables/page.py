@@ -22,7 +22,6 @@ class Picture:
     """An image of a scene.
 
     Attributes:
-        name: caption.
         address: content of the image, as a data URI.
     """
 
@@ -60,9 +59,6 @@ def to_html(
     """Write the page.
 
     Args:
-        tables: the tables, in order.
-        series: the series of all measured rows.
-        pictures: images of scenes.
         confidence: confidence of the intervals, such as 0.95; None without intervals.
     """
     return render(

@@ -32,10 +32,8 @@ class Layout:
 
     Attributes:
         name: stem of the files.
-        caption: caption.
         numbers: name of the table in the paper's numbers.
         dataset: dataset of the scenes.
-        scenes: scenes of the table.
         columns, lines: in the paper's order.
         components: column headings of an ablation's components.
     """

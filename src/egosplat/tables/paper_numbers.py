@@ -26,7 +26,6 @@ class PaperNote:
     """A note on printed numbers.
 
     Attributes:
-        text: the note.
         cells: scene, method, metric and group of the printed numbers; empty for the whole table.
     """
 

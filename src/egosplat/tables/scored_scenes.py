@@ -50,12 +50,10 @@ class ScoredScene:
     """A scene's scores.
 
     Attributes:
-        path: path of the file.
         dataset, scene, variant: names of the scene; scores of another method have the variant ``FULL``.
         method: name of another method, or None for egosplat.
         origin: ``real`` or ``synthetic``.
         models: models, sorted by key.
-        document: content of the file.
     """
 
     path: Path

@@ -25,9 +25,7 @@ class Series:
     Attributes:
         dataset, variant, origin: common to all scenes.
         untouched: whether the scenes are ``UNTOUCHED`` apartments.
-        method: name of the method in a table.
         own: whether the method is egosplat.
-        checkpoints: description of the checkpoints.
         scenes: scores by name of the scene.
     """
 

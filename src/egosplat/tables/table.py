@@ -83,8 +83,6 @@ class Block:
 
     Attributes:
         kind: ``PRINTED``, ``REAL`` or ``SYNTHETIC``.
-        title: title of the block.
-        rows: rows in order.
     """
 
     kind: str
@@ -106,11 +104,7 @@ class Table:
 
     Attributes:
         name: stem of the files.
-        caption: caption.
         components: headings of the first columns of an ablation, one per component.
-        columns: columns in the paper's order.
-        blocks: blocks with rows, in the order printed, real, synthetic.
-        notes: footnotes.
         scenes: scenes of a complete average.
     """
 

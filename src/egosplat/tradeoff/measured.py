@@ -17,13 +17,9 @@ class Measure:
     """A cost or a gain.
 
     Attributes:
-        name: name in files.
-        heading: name on the page.
-        unit: unit on the page.
         scale: factor from the unit in files to the unit on the page.
         decimals: number of decimals on the page.
         more_is_better: whether it is a gain; else it is a cost.
-        about: definition.
     """
 
     name: str
@@ -65,7 +61,6 @@ class Run:
     """A run of a point with one seed.
 
     Attributes:
-        scored: the scores.
         stages: costs by stage.
     """
 

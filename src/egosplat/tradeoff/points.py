@@ -76,7 +76,6 @@ def with_points(config: Config, presets: Path, format: str) -> Config:
     """Add the variants of a scene's points to its configuration.
 
     Args:
-        config: configuration of the scene.
         presets: folder of the preset files.
         format: format of the recording.
 
@@ -108,7 +107,6 @@ def points_of(config: Config, where: str) -> list[Point]:
 
     Args:
         config: configuration of the scene, from ``with_points``.
-        where: name of the scene, for messages.
 
     Raises:
         UserError: a value is not allowed, or a seed is the scene's own.

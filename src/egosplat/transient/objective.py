@@ -22,7 +22,6 @@ class InitialOptions:
     """Training options of H.
 
     Attributes:
-        iterations: length of the run.
         warmup: initial iterations that train only the Gaussians.
         transient_penalty: cost of M = 1; H predicts transient pixels where the residual is larger.
         residual: ``mean`` or ``sum`` of the squared differences over the channels.

@@ -111,7 +111,6 @@ def run(
     A killed run resumes from its last checkpoint and gives an identical result.
 
     Args:
-        frames, poses, output: paths.
         survey: excludes frames from training.
 
     Raises:

@@ -25,9 +25,7 @@ def build_models(project: Project, camera_known: bool, seed: int) -> list[pycolm
     """Reconstruct by incremental mapping with bundle adjustment.
 
     Args:
-        project: with verified matches.
         camera_known: whether the focal lengths are kept fixed.
-        seed: of RANSAC and of the choice of images.
 
     Returns:
         The models with enough points. Images without common views end in different models, or in none.
@@ -82,7 +80,6 @@ def largest_model(
     """The model that registers the most images.
 
     Args:
-        models: all models.
         matches: explain why there is no model.
         project: with the names of all images.
         min_registered: required fraction of registered images.
@@ -114,7 +111,6 @@ def too_few_message(
     Args:
         registered: frames of the largest model.
         others: frames of each other model.
-        frames: number of all frames.
         min_registered: required fraction.
         strategy: of matching, ``exhaustive`` or ``sequential``.
     """

@@ -33,7 +33,6 @@ def sequential_pairs(project: Project, overlap: int, seed: int) -> list[Pair]:
     """Pairs near in time, and pairs of similar images further apart, which close loops.
 
     Args:
-        project: with features.
         overlap: each image is paired with this many next ones, and with those 2, 4, ..., 2^(overlap - 1) later.
         seed: of the choice of descriptors; clustering takes COLMAP's.
     """
@@ -144,11 +143,9 @@ def match_images(
     """Match features between images and verify the matches geometrically.
 
     Args:
-        project: with features.
         matching: ``exhaustive``: every pair. ``sequential``: each image with the ``overlap`` next ones, with those
             2, 4, 8, ... later, and with similar images, which closes loops. ``auto``: exhaustive for up to
             ``EXHAUSTIVE_UP_TO`` images.
-        overlap: number of next images.
         seed: of RANSAC and of the vocabulary.
         threads: number of threads; the result does not depend on it.
     """

@@ -51,7 +51,6 @@ def colmap_poses(
     Args:
         images: F images, (H, W, 3) uint8 RGB; read once.
         valid: (H, W) bool: pixels that show the scene; features are extracted there only.
-        camera: of all images, without distortion.
         camera_known: True: ``camera`` is a calibration and kept. False: it is a guess, and its focal lengths are
             refined.
         matching, overlap: see ``matching.match_images``.

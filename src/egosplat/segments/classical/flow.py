@@ -45,7 +45,6 @@ def find_origins(
     Args:
         previous, current: (H, W, 3) uint8 RGB.
         valid: (H, W) bool, of both images; pixels outside have no influence and are no origins.
-        options: see ``ClassicalOptions``.
     """
     height, width = valid.shape
     small = [resize_to_side(one, valid, options.flow_side) for one in (previous, current)]

@@ -33,7 +33,6 @@ def propagate_masks(
         masks: (K, H, W) bool of the first image.
         images: (H, W, 3) uint8 RGB each.
         valid: (H, W) bool, of all images.
-        options: see ``ClassicalOptions``.
 
     Yields:
         (K, H, W) bool for each image; for the first, ``masks`` within ``valid``.
@@ -107,7 +106,6 @@ def segment(
     Args:
         image: (H, W, 3) uint8 RGB.
         valid: (H, W) bool; pixels outside have no influence.
-        options: see ``ClassicalOptions``.
 
     Returns:
         (3, H, W) int32 regions of the levels subpart, part and whole, numbered from 0 at each level, -1 outside
@@ -126,7 +124,6 @@ def segment_video(
 
     Args:
         images: returns the (H, W, 3) uint8 RGB image of a frame index.
-        frames: number of frames.
         valid: (H, W) bool, pixels that show the scene.
     """
     labels = LabelMaps((len(LEVELS), *valid.shape))

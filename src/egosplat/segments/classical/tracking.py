@@ -30,7 +30,6 @@ def propagate(
         labels: (H, W) int32 of the previous frame, -1 for none.
         previous, current: (H, W, 3) uint8 RGB.
         regions: (H, W) int32 fine regions of the current frame, -1 outside of the valid pixels (of both frames).
-        options: see ``ClassicalOptions``.
 
     Returns:
         (H, W) int32 labels of the current frame, -1 for none.
@@ -80,7 +79,6 @@ def track(
         images: (H, W, 3) uint8 RGB each.
         valid: (H, W) bool, of all images.
         level: one of ``LEVELS``.
-        options: see ``ClassicalOptions``.
 
     Yields:
         (H, W) int32 track number of each pixel, -1 for none. The first frame's numbers are those of its regions;

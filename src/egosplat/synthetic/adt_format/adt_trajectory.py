@@ -28,7 +28,6 @@ def write_trajectories(folder: Path, sequence: Sequence, truth_ns: Times, middle
 
     Args:
         folder: the sequence folder.
-        sequence: the recording.
         truth_ns: (F,) ground-truth times; middle_ns: (F,) middles of the exposures.
 
     Raises:

@@ -81,9 +81,7 @@ class Sequence:
     """A whole recording; ``frames`` is lazy, so memory does not grow with the length.
 
     Attributes:
-        name: sequence name.
         size: side of the square RGB image in pixels.
-        fps: frames per second.
         instances: everything visible, including the room itself (category ``shelter``).
         world_from_static: (4, 4) float64 pose of every static object, by instance id.
         device_pose: (N,) int64 nanoseconds -> (N, 4, 4) float64 ``world_from_device``.
@@ -91,7 +89,6 @@ class Sequence:
         points: (P, 3) float64 semi-dense points in the world [m].
         inv_dist_std: (P,) float64 [1/m]; dist_std: (P,) float64 [m]: their uncertainty.
         frames: yields the frames in order of time.
-        frame_count: number of frames.
         wearer: instance id of the person who wears the device, or None.
     """
 

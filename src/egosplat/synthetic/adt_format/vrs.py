@@ -78,13 +78,7 @@ class ImageStream:
 
 @contextlib.contextmanager
 def create_vrs(path: Path, tags: Mapping[str, str], streams: Sequence[ImageStream]) -> Iterator["VrsWriter"]:
-    """Write a VRS file; it appears at ``path`` only if the block ends without error.
-
-    Args:
-        path: the file to make; an existing one is replaced at the end.
-        tags: the file's tags.
-        streams: all streams of the file.
-    """
+    """Write a VRS file; it appears at ``path`` only if the block ends without error."""
     with atomic_file(path) as scratch, scratch.open("wb") as file:
         writer = VrsWriter(file, tags, streams)
         yield writer

@@ -82,7 +82,6 @@ class Renderer:
 
         Args:
             geometry: the surfaces; lights: the light sources; lens: the camera's rays.
-            rng: for the directions of the light rays.
         """
         self.geometry = geometry
         self.lens = lens

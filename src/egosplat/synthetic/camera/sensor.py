@@ -16,7 +16,6 @@ def develop(radiance: Floats, radius: Floats, gain: float, rng: np.random.Genera
     Args:
         radius: (N,) distance from the centre of the lens circle as a fraction of its radius.
         gain: factor on all light.
-        rng: for the noise.
     """
     squared = radius * radius
     fourth = squared * squared

@@ -42,7 +42,6 @@ def make_apartment(rng: Rng, objects: int) -> Apartment:
     """Furnish an apartment.
 
     Args:
-        rng: source of all randomness.
         objects: number of labelled objects, without the shell; 16 to 40.
 
     Raises:
