@@ -13,90 +13,50 @@ EPSILON = 1e-6
 FINE = np.array([30.0])
 
 
-def valid_pixels(share):
-    return recording.frames_alarms(share, 0.0)
-
-
-def blurred(share):
-    return recording.frames_alarms(1.0, share)
-
-
-def registered(share):
-    return recording.poses_alarms(share, None, [])
-
-
-def reprojection(pixels):
-    return recording.poses_alarms(1.0, pixels, [10])
-
-
-def empty_pixels(share):
-    return instances.segments_alarms(share, 30.0, 30.0)
-
-
-def instances_per_frame(mean):
-    return instances.segments_alarms(0.0, mean, 30.0)
-
-
-def frames_per_instance(mean):
-    return instances.segments_alarms(0.0, 30.0, mean)
-
-
-def agreement(cosine):
-    """With a mean cosine of 0 between instances."""
-    return instances.features_alarms(0, 10, cosine, 0.0, 1.0)
-
-
-def reconstruction(cosine):
-    return instances.features_alarms(0, 10, 1.0, 0.0, cosine)
-
-
-def probability(mean):
-    return scene.transient_alarms(mean)
-
-
-def masked_pixels(share):
-    return scene.masks_alarms(0, 10, share)
-
-
-def psnr(decibels):
-    return scene.splats_alarms(np.array([decibels]))
-
-
-def without_code(share):
-    return scene.language_alarms(share)
-
-
 BELOW = {
-    "frames.valid_pixels": (valid_pixels, recording.MIN_VALID_PIXELS),
-    "poses.registered": (registered, recording.MIN_REGISTERED),
-    "segments.instances_per_frame": (instances_per_frame, instances.MIN_INSTANCES_PER_FRAME),
-    "segments.frames_per_instance": (frames_per_instance, instances.MIN_FRAMES_PER_INSTANCE),
-    "features.agreement": (agreement, instances.MIN_AGREEMENT),
-    "features.reconstruction": (reconstruction, instances.MIN_RECONSTRUCTION),
-    "splats.psnr": (psnr, scene.MIN_PSNR_DB),
+    "frames.valid_pixels": (lambda share: recording.frames_alarms(share, 0.0), recording.MIN_VALID_PIXELS),
+    "poses.registered": (lambda share: recording.poses_alarms(share, None, []), recording.MIN_REGISTERED),
+    "segments.instances_per_frame": (
+        lambda mean: instances.segments_alarms(0.0, mean, 30.0),
+        instances.MIN_INSTANCES_PER_FRAME,
+    ),
+    "segments.frames_per_instance": (
+        lambda mean: instances.segments_alarms(0.0, 30.0, mean),
+        instances.MIN_FRAMES_PER_INSTANCE,
+    ),
+    # With a mean cosine of 0 between instances.
+    "features.agreement": (
+        lambda cosine: instances.features_alarms(0, 10, cosine, 0.0, 1.0),
+        instances.MIN_AGREEMENT,
+    ),
+    "features.reconstruction": (
+        lambda cosine: instances.features_alarms(0, 10, 1.0, 0.0, cosine),
+        instances.MIN_RECONSTRUCTION,
+    ),
+    "splats.psnr": (lambda decibels: scene.splats_alarms(np.array([decibels])), scene.MIN_PSNR_DB),
 }
 ABOVE = {
-    "frames.blurred": (blurred, recording.MAX_BLURRED),
-    "poses.reprojection": (reprojection, recording.MAX_REPROJECTION_PX),
-    "segments.empty_pixels": (empty_pixels, instances.MAX_EMPTY_PIXELS),
-    "transient.probability": (probability, scene.MAX_PROBABILITY),
-    "masks.pixels": (masked_pixels, scene.MAX_MASKED_PIXELS),
-    "language.without_code": (without_code, scene.MAX_WITHOUT_CODE),
+    "frames.blurred": (lambda share: recording.frames_alarms(1.0, share), recording.MAX_BLURRED),
+    "poses.reprojection": (
+        lambda pixels: recording.poses_alarms(1.0, pixels, [10]),
+        recording.MAX_REPROJECTION_PX,
+    ),
+    "segments.empty_pixels": (
+        lambda share: instances.segments_alarms(share, 30.0, 30.0),
+        instances.MAX_EMPTY_PIXELS,
+    ),
+    "transient.probability": (scene.transient_alarms, scene.MAX_PROBABILITY),
+    "masks.pixels": (lambda share: scene.masks_alarms(0, 10, share), scene.MAX_MASKED_PIXELS),
+    "language.without_code": (scene.language_alarms, scene.MAX_WITHOUT_CODE),
 }
+"""By key: the alarms of one figure, and its limit."""
 
 
-@pytest.mark.parametrize("key", BELOW)
-def test_an_alarm_is_raised_just_below_its_limit_and_not_at_it(key):
-    alarms, limit = BELOW[key]
+@pytest.mark.parametrize("key", BELOW | ABOVE)
+def test_an_alarm_is_raised_just_beyond_its_limit_and_not_at_it(key):
+    alarms, limit = (BELOW | ABOVE)[key]
     assert list(alarms(limit)) == []
-    assert [alarm.key for alarm in alarms(limit - EPSILON)] == [key]
-
-
-@pytest.mark.parametrize("key", ABOVE)
-def test_an_alarm_is_raised_just_above_its_limit_and_not_at_it(key):
-    alarms, limit = ABOVE[key]
-    assert list(alarms(limit)) == []
-    assert [alarm.key for alarm in alarms(limit + EPSILON)] == [key]
+    assert [alarm.key for alarm in alarms(limit + (EPSILON if key in ABOVE else -EPSILON))] == [key]
 
 
 @pytest.mark.parametrize(
@@ -147,8 +107,8 @@ def test_an_accuracy_whose_interval_reaches_chance_raises_an_alarm():
 
 
 def test_infinite_psnr_raises_no_alarm_and_nan_does():
-    assert list(psnr(math.inf)) == []
-    assert [alarm.key for alarm in psnr(math.nan)] == ["splats.psnr"]
+    assert list(scene.splats_alarms(np.array([math.inf]))) == []
+    assert [alarm.key for alarm in scene.splats_alarms(np.array([math.nan]))] == ["splats.psnr"]
 
 
 @pytest.mark.parametrize("key", BELOW | ABOVE)

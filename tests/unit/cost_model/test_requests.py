@@ -1,6 +1,5 @@
 """Requests to a scheduler suffice, grow with the attempt, and include a GPU only for stages that use one."""
 
-import copy
 from pathlib import Path
 
 import pytest
@@ -9,16 +8,14 @@ import zarr
 from egosplat.cost_model.laws import law_of, memory_mib
 from egosplat.cost_model.requests import gpus, memory_mb, runtime_min
 from egosplat.cost_model.sizes import Sizes
-from egosplat.pipeline.config import defaults, resolve
+from egosplat.pipeline.config import defaults, merge, resolve
 
 ROOT = Path(__file__).resolve().parents[3]
 STAGES = ("segments", "view_features", "features", "transient", "splats", "language", "metrics")
 
 
 def with_keys(section: str, **keys: object) -> dict:
-    config = copy.deepcopy(defaults())
-    config[section] |= keys
-    return config
+    return merge(defaults(), {section: keys})
 
 
 def scene(

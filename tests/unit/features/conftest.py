@@ -1,42 +1,23 @@
 """A tiny OpenCLIP with random weights, and a small scene with instances, as artifacts."""
 
-import gzip
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import torch
-from safetensors.torch import save_file
 
-from egosplat.models.open_clip_loader import build_model
 from tests.support.scenes import LEVELS, put
+from tests.support.tiny_clip import CHECKPOINT, write_tiny_clip
 
 SIZE = 40
 FRAME_COUNT = 5
-DESCRIPTION = {
-    "model_cfg": {
-        "embed_dim": 8,
-        "vision_cfg": {"image_size": 32, "layers": 1, "width": 64, "head_width": 32, "patch_size": 16},
-        "text_cfg": {"context_length": 6, "vocab_size": 518, "width": 16, "heads": 2, "layers": 1},
-    },
-    "preprocess_cfg": {"interpolation": "bicubic", "resize_mode": "squash"},
-}
 
 
 @pytest.fixture(scope="session")
 def tiny_clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with an OpenCLIP model whose features have 8 channels."""
-    folder = tmp_path_factory.mktemp("clip")
-    (folder / "open_clip_config.json").write_text(json.dumps(DESCRIPTION))
-    with gzip.open(folder / "bpe.txt.gz", "wt", encoding="utf-8") as file:
-        file.write("#version: 0.2\nc h\nch a\ni r</w>\ncha ir</w>")
-    torch.manual_seed(0)
-    weights = build_model("tiny", DESCRIPTION["model_cfg"]).state_dict()
-    save_file({name: value.contiguous() for name, value in weights.items()}, folder / "model.safetensors")
-    return folder
+    return write_tiny_clip(tmp_path_factory.mktemp("clip"))
 
 
 @pytest.fixture
@@ -44,7 +25,7 @@ def clip_keys(tiny_clip: Path) -> dict[str, str]:
     """The keys of the section ``models`` for it."""
     return {
         "clip_model": str(tiny_clip),
-        "clip_checkpoint": str(tiny_clip / "model.safetensors"),
+        "clip_checkpoint": str(tiny_clip / CHECKPOINT),
         "device": "cpu",
         "precision": "float32",
     }

@@ -60,9 +60,8 @@ def test_features_are_open_clip_s_own(scene, run, clip_keys):
     found = run(folder).read("feature")
     names = ("clip_model", "clip_checkpoint", "device", "precision")
     clip = load_open_clip(*(clip_keys[name] for name in names))
-    prepare = image_transform_v2(
-        PreprocessCfg(size=(32, 32), interpolation="bicubic", resize_mode="squash"), False
-    )
+    looks = {"mean": (0.5, 0.4, 0.3), "interpolation": "bilinear", "resize_mode": "squash"}
+    prepare = image_transform_v2(PreprocessCfg(size=(32, 32), **looks), False)
     rgb = open_artifact(folder / "frames.zarr", SCHEMAS["frames"]).row("rgb", 2)
     square = np.zeros((11, 11, 3), np.uint8)
     square[2:9] = rgb[2:9, 6:17]

@@ -8,7 +8,6 @@ from egosplat.gaussians.initialization import (
     SH_C0,
     from_points,
     random_points,
-    scene_extent,
     seen,
 )
 from egosplat.gaussians.model import Gaussians
@@ -71,20 +70,6 @@ def test_budget_keeps_a_seeded_subset() -> None:
 def test_mismatched_colours_are_rejected(rgb: np.ndarray) -> None:
     with pytest.raises(ValueError, match="uint8"):
         start(np.zeros((4, 3)), rgb)
-
-
-def test_scene_extent_is_the_way_from_the_mean_camera_with_a_floor() -> None:
-    assert scene_extent(poses((0, 0, 0), (10, 0, 0), (5, 0, 0))) == pytest.approx(5.5)
-    assert scene_extent(poses((3, 3, 3))) == 1.0
-    assert scene_extent(poses((0, 0, 0), (0.1, 0, 0))) == 1.0
-
-
-def test_scene_extent_refuses_unregistered_frames() -> None:
-    broken = poses((0, 0, 0), (1, 0, 0))
-    broken[1] = np.nan
-    for bad in (broken, broken[:0]):
-        with pytest.raises(ValueError, match="pose"):
-            scene_extent(bad)
 
 
 def test_visibility_is_checked_in_all_cameras() -> None:

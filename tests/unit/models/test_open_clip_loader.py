@@ -114,22 +114,16 @@ def test_a_damaged_vocabulary_is_reported(folder, content):
 @pytest.mark.parametrize(
     "text, message",
     [
-        ("{", "open_clip_config.json: cannot be read as JSON"),
-        ("[]", "lacks model_cfg with embed_dim"),
-        ('{"model_cfg": {"embed_dim": 3}}', "lacks model_cfg with embed_dim"),
-        (
-            '{"model_cfg": {"embed_dim": 3, "vision_cfg": {"x": 1}, "text_cfg": {}}}',
-            "describes no OpenCLIP model",
-        ),
-        ("[" * 5000, "open_clip_config.json: cannot be read as JSON .nested too deeply"),
+        ("{", "open_clip_config.json: .* JSON"),
+        ("[" * 5000, "open_clip_config.json: .* JSON .*nested"),
+        ("[]", "model_cfg with embed_dim"),
+        ('{"model_cfg": {"embed_dim": 3}}', "model_cfg with embed_dim"),
         (
             '{"model_cfg": {"embed_dim": 3, "vision_cfg": "large", "text_cfg": {}}}',
-            "lacks model_cfg with embed",
+            "model_cfg with embed_dim",
         ),
-        (
-            '{"model_cfg": {"embed_dim": 3, "vision_cfg": {}, "text_cfg": []}}',
-            "lacks model_cfg with embed_dim",
-        ),
+        ('{"model_cfg": {"embed_dim": 3, "vision_cfg": {}, "text_cfg": []}}', "model_cfg with embed_dim"),
+        ('{"model_cfg": {"embed_dim": 3, "vision_cfg": {"x": 1}, "text_cfg": {}}}', "no OpenCLIP model"),
     ],
 )
 def test_a_damaged_description_is_reported(folder, text, message):

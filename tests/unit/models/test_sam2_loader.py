@@ -38,17 +38,6 @@ def test_masks_are_of_the_image_size(tiny_sam2, image, precision):
     assert np.isfinite(scores).all() and np.isfinite(logits).all()
 
 
-def test_bfloat16_gives_nearly_the_scores_of_float32(tiny_sam2, image):
-    scores = []
-    for precision in ("float32", "bfloat16"):
-        sam2 = load_sam2(str(tiny_sam2 / "sam2.yaml"), str(tiny_sam2 / "model.safetensors"), "cpu", precision)
-        predictor = image_predictor(sam2)
-        with sam2.compute.inference():
-            predictor.set_image(image)
-            scores.append(predictor.predict(np.array([[30.0, 40.0]]), np.array([1]))[1])
-    np.testing.assert_allclose(scores[1], scores[0], atol=0.02)
-
-
 def test_set_image_size_equals_a_model_built_for_that_size(tiny_sam2, image, tmp_path):
     weights = str(tiny_sam2 / "model.safetensors")
     tree = yaml.safe_load((tiny_sam2 / "sam2.yaml").read_text())
@@ -128,44 +117,33 @@ def test_a_checkpoint_of_another_architecture_is_reported(tiny_sam2, model_tree,
         load_sam2(str(tmp_path / "other.yaml"), str(tiny_sam2 / "model.safetensors"), "cpu", "float32")
 
 
-def test_a_missing_checkpoint_is_reported_before_anything_is_built(tiny_sam2):
-    with pytest.raises(UserError, match="models.sam2_checkpoint: .*/nowhere.pt"):
-        load_sam2(str(tiny_sam2 / "sam2.yaml"), "/nowhere.pt", "cpu", "float32")
+BASE = "sam2.modeling.sam2_base.SAM2Base"
 
 
 @pytest.mark.parametrize(
     "text, message",
     [
         ("model: [", "describes no SAM2"),
-        ("model: {}", "has no key 'model' with a _target_"),
-        ("- 1", "has no key 'model' with a _target_"),
-        ("other: {_target_: sam2.modeling.sam2_base.SAM2Base}", "has no key 'model' with a _target_"),
-        (
-            "model: {_target_: os.system, command: 'touch ran'}",
-            "_target_ 'os.system' is no network of the package sam2",
-        ),
+        ("model: {}", "'model' with a _target_"),
+        ("- 1", "'model' with a _target_"),
+        ("other: {_target_: sam2.modeling.sam2_base.SAM2Base}", "'model' with a _target_"),
+        ("model: {_target_: os.system, command: 'touch ran'}", "'os.system' is no network"),
         (
             "model: {_target_: sam2.build_sam.os.system, command: 'touch ran'}",
-            "_target_ 'sam2.build_sam.os.system' is no network",
+            "'sam2.build_sam.os.system' is no",
         ),
         (
-            "model: {_target_: sam2.modeling.sam2_base.SAM2Base, x: [{_target_: sam2.build_sam.os.system}]}",
-            "'sam2.build_sam.os.system' is no network",
+            f"model: {{_target_: {BASE}, x: [{{_target_: sam2.build_sam.os.system}}]}}",
+            "os.system' is no network",
         ),
-        (
-            "model: {_target_: sam2.build_sam.build_sam2_hf, model_id: a/b}",
-            "'sam2.build_sam.build_sam2_hf' is no network",
-        ),
+        ("model: {_target_: sam2.build_sam.build_sam2_hf, model_id: a/b}", "build_sam2_hf' is no network"),
         ("model: {_target_: sam2.nothing.Here}", "'sam2.nothing.Here' is no network"),
         ("model: {_target_: 3}", "'3' is no network"),
         ("3", "describes no SAM2"),
-        ("model: 3", "has no key 'model' with a _target_"),
+        ("model: 3", "'model' with a _target_"),
         ("[" * 5000, "describes no SAM2"),
-        ("model: {_target_: sam2.modeling.sam2_base.SAM2Base}", "describes no SAM2"),
-        (
-            "model: {_target_: sam2.modeling.sam2_base.SAM2Base, image_size: '${nothing}'}",
-            "describes no SAM2",
-        ),
+        (f"model: {{_target_: {BASE}}}", "describes no SAM2"),
+        (f"model: {{_target_: {BASE}, image_size: '${{nothing}}'}}", "describes no SAM2"),
     ],
 )
 def test_an_invalid_sam2_description_is_reported(tmp_path, monkeypatch, text, message):

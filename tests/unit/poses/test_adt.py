@@ -90,13 +90,6 @@ def test_a_bad_row_is_named(
         poses_at(recording(table), [1_000_000])
 
 
-@pytest.mark.parametrize("scale", [0.0, 0.5, 1.5])
-def test_a_quaternion_without_unit_norm_is_named(table: pd.DataFrame, recording: Recording, scale: float):
-    table.loc[[1, 3], [f"q{axis}_world_device" for axis in "xyzw"]] *= scale
-    with pytest.raises(UserError, match=r"line 3 \(and 1 more\): .*quaternion"):
-        poses_at(recording(table), [1_000_000])
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -9,8 +9,7 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.kept_frames import kept_frames
 from egosplat.artifacts.reader import open_artifact, recorded_digest
 from egosplat.errors import UserError
-from egosplat.pipeline.config import defaults, merge, stage_keys
-from egosplat.pipeline.dag import decided
+from egosplat.pipeline.config import stage_keys
 from egosplat.pipeline.survey_file import read_survey
 from egosplat.survey import stage
 
@@ -120,14 +119,6 @@ def test_a_damaged_survey_is_named(scene, trajectory, still, content, message):
         path.write_text(content if isinstance(content, str) else json.dumps(document | content))
     with pytest.raises(UserError, match=message):
         read_survey(path)
-
-
-@pytest.mark.parametrize(
-    "masking, expected", [("auto", "none"), ("refined", "refined"), ("initial", "initial")]
-)
-def test_an_explicit_value_overrides_the_survey(masking, expected):
-    config = merge(defaults(), {"splats": {"masking": masking}})
-    assert decided(config, {"motion": {"masking": "none"}})["splats"]["masking"] == expected
 
 
 def test_motion_is_measured_at_low_resolution(scene, trajectory, still, room):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from egosplat.frames.rectify import Rectification, pinhole
-from egosplat.geometry import ARIA_PIXEL_OFFSET, invert, make_pose, to_aria_pixels, transform
+from egosplat.geometry import ARIA_PIXEL_OFFSET, invert, make_pose, transform
 from egosplat.synthetic.adt_format.aria import camera_calibration
 from egosplat.synthetic.adt_format.sequence import ROLLING_SHUTTER_MIDDLE_NS
 from egosplat.synthetic.camera.lens import make_lens, pinhole_lens
@@ -279,10 +279,3 @@ def test_untone_inverts_tone():
     values = np.linspace(0, 30, 500, dtype=np.float32)
     assert np.allclose(untone(tone(values)), values, rtol=2e-3, atol=1e-4)
     assert (np.diff(tone(values)) > 0).all()
-
-
-def test_pixel_centres_follow_the_package(rays):
-    """The ray of column 100, row 80 is that of the image point (100.5, 80.5)."""
-    calibration = camera_calibration(SIZE)
-    ray = calibration.unproject(to_aria_pixels(np.array([100.5, 80.5])))
-    assert np.allclose(ray / ray[2], rays[80, 100])

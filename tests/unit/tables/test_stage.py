@@ -12,19 +12,13 @@ from egosplat.models.suitability import BRIEF, notice
 from egosplat.pipeline import config as configuration
 from egosplat.tables.scored_scenes import one_line, read_scored_scene
 from egosplat.tables.stage import run
+from tests.support.scores import OPTIONS
 
 NAN = float("nan")
 NAMES = ("adt_accuracy", "adt_iou", "adt_ablation", "hoi4d", "adt_transient")
 PIXEL = base64.b64decode(
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="
 )
-OPTIONS = {
-    "confidence": 0.95,
-    "hit_region": "box",
-    "min_area": 0.001,
-    "excluded": ["shelter"],
-    "people": False,
-}
 
 
 def least(part: dict, whole: dict):

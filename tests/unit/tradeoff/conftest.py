@@ -7,14 +7,9 @@ from typing import Any
 
 import pytest
 
+from tests.support.scores import OPTIONS
+
 SCENE = "results/adt/scene1"
-OPTIONS = {
-    "confidence": 0.95,
-    "hit_region": "box",
-    "min_area": 0.001,
-    "excluded": ["shelter"],
-    "people": False,
-}
 QUERIES = 80
 
 
@@ -27,21 +22,14 @@ def record(stage: str, wall_s: float, **more: Any) -> dict[str, Any]:
 
 def document(scene: str, accuracy: float, psnr: float | None, stages: Mapping[str, dict]) -> dict[str, Any]:
     """Of a scene whose artifacts cost what ``stages`` says."""
-    counts = dict.fromkeys(
-        (
-            "frames",
-            "training_frames",
-            "evaluation_frames",
-            "evaluation_frames_annotated",
-            "evaluation_frames_asked",
-            "evaluation_frames_trained_on",
-            "evaluation_frames_without_pose",
-            "annotated_instances",
-            "transient_instances",
-            "views",
-        ),
-        3,
-    )
+    per_frame = ("annotated", "asked", "trained_on", "without_pose")
+    names = [
+        "frames",
+        "training_frames",
+        "evaluation_frames",
+        *(f"evaluation_frames_{one}" for one in per_frame),
+    ]
+    counts = dict.fromkeys((*names, "annotated_instances", "transient_instances", "views"), 3)
     counts |= {"instances": {}, "gaussians": 1000, "gaussians_with_code": {}, "code_channels": 4}
     score = {"count": QUERIES, "categories": 20, "accuracy": accuracy, "accuracy_interval": [0.0, 1.0]}
     score |= {"mean_iou": accuracy / 2, "mean_iou_interval": [0.0, 1.0]}

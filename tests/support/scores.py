@@ -1,0 +1,10 @@
+"""Scores as they stand in metrics.json."""
+
+OPTIONS = {
+    "confidence": 0.95,
+    "hit_region": "box",
+    "min_area": 0.001,
+    "excluded": ["shelter"],
+    "people": False,
+}
+"""Keys of the section metrics that scores in one table must share."""
