@@ -71,10 +71,10 @@ class MethodMetricsOptions(BenchmarkQueries, IntervalOptions):
 
 
 def run(
-    frames: Path,
-    poses: Path,
-    annotations: Path,
-    relevancy: Path,
+    frames_path: Path,
+    poses_path: Path,
+    annotations_path: Path,
+    relevancy_path: Path,
     output: Path,
     options: MethodMetricsOptions,
     *,
@@ -83,28 +83,28 @@ def run(
     """Write another method's scores of a scene as JSON, see ``metrics.schema.yaml``.
 
     Args:
-        frames, poses, annotations: the scene's artifacts; frames without a pose are not queried, as in ``metrics``.
-        relevancy: maps in the layout of ``egosplat.artifacts.relevancy``; maps of other queries are ignored.
+        frames_path, poses_path, annotations_path: of the scene. Frames without a pose are not queried, as in ``metrics``.
+        relevancy_path: maps in the layout of ``egosplat.artifacts.relevancy``; maps of other queries are ignored.
         title: ``DATASET/SCENE``.
 
     Raises:
         UserError: the inputs do not match, a query has no map, or a map does not follow the layout.
     """
     check_output(output, METHOD_METRICS)
-    frames_artifact, poses_artifact = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
-    annotations_artifact, maps = open_artifact(annotations, ANNOTATIONS), open_relevancy(relevancy)
-    made_from = lineage([frames_artifact, poses_artifact, annotations_artifact])
+    frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
+    annotations, maps = open_artifact(annotations_path, ANNOTATIONS), open_relevancy(relevancy_path)
+    made_from = lineage([frames, poses, annotations])
     record = provenance.begin_from(
         "method_metrics", asdict(options), [*made_from.found.values(), maps.artifact]
     )
-    valid = frames_artifact.read("valid")
+    valid = frames.read("valid")
     _check_size(maps, valid)
-    evaluated = find_frames(frames_artifact, poses_artifact, annotations_artifact, rendered={})
-    queries = find_asked_queries(annotations_artifact, valid, options, evaluated)
+    evaluated = find_frames(frames, poses, annotations, rendered={})
+    queries = find_asked_queries(annotations, valid, options, evaluated)
     _check_complete(maps, queries)
-    answered = list(_answer(queries, annotations_artifact, maps, valid, options.query, options.hit_region))
+    answered = list(_answer(queries, annotations, maps, valid, options.query, options.hit_region))
     scores = summarise([one.score for one in answered], options)
-    instances = instances_of(annotations_artifact)
+    instances = instances_of(annotations)
     document = {
         "format_version": FORMAT_VERSION,
         "method": maps.method,
@@ -112,7 +112,7 @@ def run(
         "origin": record.origin,
         "notice": None,
         "alarms": [asdict(alarm) for alarm in alarms_of_all(made_from.found.values())],
-        "counts": count_frames(frames_artifact, evaluated, instances),
+        "counts": count_frames(frames, evaluated, instances),
         "scores": {name: asdict(score) for name, score in scores.items()},
         "queries": [query_entry(one, instances, maps.levels) for one in answered],
         "frames": frame_entries(evaluated, answered, [{} for _ in evaluated]),

@@ -65,12 +65,12 @@ class MetricsOptions(QueryOptions, BenchmarkQueries, IntervalOptions):
 
 
 def run(
-    frames: Path,
-    poses: Path,
-    annotations: Path,
-    features: Path,
-    splats: Path,
-    language: Path,
+    frames_path: Path,
+    poses_path: Path,
+    annotations_path: Path,
+    features_path: Path,
+    splats_path: Path,
+    language_path: Path,
     output: Path,
     options: MetricsOptions,
     *,
@@ -82,36 +82,36 @@ def run(
         UserError: the inputs do not match, the model did not make the features, or the backend cannot run.
     """
     check_output(output, METRICS)
-    paths = (frames, poses, annotations, features, splats, language)
+    paths = (frames_path, poses_path, annotations_path, features_path, splats_path, language_path)
     schemas = (FRAMES, POSES, ANNOTATIONS, FEATURES, SPLATS, LANGUAGE)
     artifacts = list(map(open_artifact, paths, schemas))
-    frames_artifact, poses_artifact, annotations_artifact, *rest = artifacts
-    features_artifact, splats_artifact, language_artifact = rest
+    frames, poses, annotations, *rest = artifacts
+    features, splats, language = rest
     made_from = lineage(artifacts)
     keys = asdict(options)
     models = {key: used["hash"] for key, used in models_used(made_from).items() if key in keys}
     record = provenance.begin_from("metrics", keys, made_from.found.values(), models)
     model = (options.clip_model, options.clip_checkpoint, options.device, options.precision)
-    clip = load_clip_of(features_artifact, *model)
-    evaluation = read_evaluation(frames_artifact, poses_artifact, annotations_artifact, splats_artifact)
-    queries = find_asked_queries(annotations_artifact, evaluation.valid, options, evaluation.frames)
+    clip = load_clip_of(features, *model)
+    evaluation = read_evaluation(frames, poses, annotations, splats)
+    queries = find_asked_queries(annotations, evaluation.valid, options, evaluation.frames)
     texts = encode_texts(clip, sorted({query.category for query in queries}), options.canonical)
-    scene = read_scene(splats_artifact, language_artifact, features_artifact, options.backend)
+    scene = read_scene(splats, language, features, options.backend)
     answered = list(run_queries(queries, evaluation, scene, texts, options, options.hit_region))
     phrases = presence_phrases(queries, evaluation.instances, options.negatives)
-    presence_queries = ask_presence(*phrases, evaluation, poses_artifact, scene, clip, options)
+    presence_queries = ask_presence(*phrases, evaluation, poses, scene, clip, options)
     presence = presence_entry(presence_queries, options.min_score)
     scores = summarise([one.score for one in answered], options)
-    used, levels = list(made_from.found.values()), language_artifact.facts["levels"]
+    used, levels = list(made_from.found.values()), language.facts["levels"]
     notice, alarms = notice_of_artifacts(used), [*alarms_of_all(used), *_alarms(scores["all"])]
     document = {
         "scene": title,
         "notice": notice,
         "alarms": [asdict(alarm) for alarm in alarms],
-        "counts": _counts(evaluation, features_artifact, language_artifact, made_from),
+        "counts": _counts(evaluation, features, language, made_from),
         "scores": {name: asdict(score) for name, score in scores.items()},
         "presence": presence,
-        "length_unit": length_unit(poses_artifact),
+        "length_unit": length_unit(poses),
         "queries": [query_entry(one, evaluation.instances, levels) for one in answered],
         **_rendering_entries(evaluation, answered),
         **_provenance_entries(record, made_from),

@@ -74,15 +74,15 @@ class FeaturesOptions:
     seed: int
 
 
-def run(view_features: Path, output: Path, options: FeaturesOptions) -> None:
+def run(view_features_path: Path, output: Path, options: FeaturesOptions) -> None:
     """Write the features of ``view_features``.
 
     Raises:
         UserError: ``dims`` exceeds the features' channels, or training diverges.
     """
-    view_features_artifact = open_artifact(view_features, VIEW_FEATURES)
-    record = provenance.begin_from("features", asdict(options), [view_features_artifact])
-    views, level = _read(view_features_artifact), view_features_artifact.read("instances/level")
+    view_features = open_artifact(view_features_path, VIEW_FEATURES)
+    record = provenance.begin_from("features", asdict(options), [view_features])
+    views, level = _read(view_features), view_features.read("instances/level")
     known = views.good.nonzero()[0]
     found = aggregate(
         views.feature[known], views.instance[known], len(level), options.mad_norm, options.mad_k
@@ -101,7 +101,7 @@ def run(view_features: Path, output: Path, options: FeaturesOptions) -> None:
     # An encoder maps the zero feature to an arbitrary code.
     codes[~seen[views.instance]] = 0.0
     consistent_codes[~seen] = 0.0
-    facts = _facts(view_features_artifact, views, result, codes, consistent_codes, compressed, level)
+    facts = _facts(view_features, views, result, codes, consistent_codes, compressed, level)
     arrays = {
         "consistent": result.consistent,
         "views": result.views,

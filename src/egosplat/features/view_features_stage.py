@@ -59,7 +59,7 @@ class ViewFeaturesOptions:
     precision: str
 
 
-def run(frames: Path, segments: Path, output: Path, options: ViewFeaturesOptions) -> None:
+def run(frames_path: Path, segments_path: Path, output: Path, options: ViewFeaturesOptions) -> None:
     """Write the view features of ``segments``.
 
     A killed run resumes from its last checkpoint and gives identical features.
@@ -67,34 +67,30 @@ def run(frames: Path, segments: Path, output: Path, options: ViewFeaturesOptions
     Raises:
         UserError: the inputs do not belong together, the model cannot be loaded, or it gives no finite feature.
     """
-    frames_artifact, segments_artifact = open_artifact(frames, FRAMES), open_artifact(segments, SEGMENTS)
-    check_made_from(segments_artifact, frames_artifact, axes=("frame", "height", "width"))
+    frames, segments = open_artifact(frames_path, FRAMES), open_artifact(segments_path, SEGMENTS)
+    check_made_from(segments, frames, axes=("frame", "height", "width"))
     used = (options.clip_model, options.clip_checkpoint)
-    inputs = _Inputs(
-        frames_artifact, segments_artifact, load_open_clip(*used, options.device, options.precision)
-    )
+    inputs = _Inputs(frames, segments, load_open_clip(*used, options.device, options.precision))
     model = _model_facts(inputs.clip, *used)
     record = provenance.begin_from(
         "view_features",
         asdict(options),
-        (frames_artifact, segments_artifact),
+        (frames, segments),
         {CLIP.checkpoint_key: model["hash"]},
     )
-    views = find_views(frames_artifact, segments_artifact, options.min_area, options.max_views)
+    views = find_views(frames, segments, options.min_area, options.max_views)
     checkpoint = Checkpoint(output, provenance.key_of(record, model), CHECKPOINT_S)
     features = _encoded(inputs, views, options.batch, checkpoint)
     good = _checked(features, options.clip_checkpoint)
     facts = {
-        "levels": segments_artifact.facts["levels"],
+        "levels": segments.facts["levels"],
         "clip": model,
         "without_feature": int((~good).sum()),
-        "turned": lies_on_its_side(frames_artifact),
+        "turned": lies_on_its_side(frames),
     }
-    _write(
-        output, record, views.chosen(good), features[good], segments_artifact.read("instances/level"), facts
-    )
+    _write(output, record, views.chosen(good), features[good], segments.read("instances/level"), facts)
     checkpoint.remove()
-    seen, count = len(np.unique(views.instance[good])), segments_artifact.shape("instances/level")[0]
+    seen, count = len(np.unique(views.instance[good])), segments.shape("instances/level")[0]
     log(f"{int(good.sum())} views of {seen} of {count} instances")
 
 

@@ -28,7 +28,7 @@ class AnnotationsOptions:
     max_age_ms: float
 
 
-def run(recording: Path, frames: Path, output: Path, options: AnnotationsOptions) -> None:
+def run(recording_path: Path, frames_path: Path, output: Path, options: AnnotationsOptions) -> None:
     """Write the annotations artifact of the evaluation frames of ``frames``.
 
     A recording without annotations gives an artifact with no instances and no annotated frame.
@@ -37,19 +37,19 @@ def run(recording: Path, frames: Path, output: Path, options: AnnotationsOptions
         UserError: an annotation is damaged or does not fit its frame, or no evaluation frame of an annotated
             recording has one.
     """
-    frames_artifact = open_artifact(frames, FRAMES)
-    facts = frames_artifact.facts
-    indices = np.flatnonzero(frames_artifact.read("evaluation")).astype(np.int64)
-    times = frames_artifact.read("timestamp_ns")[indices]
+    frames = open_artifact(frames_path, FRAMES)
+    facts = frames.facts
+    indices = np.flatnonzero(frames.read("evaluation")).astype(np.int64)
+    times = frames.read("timestamp_ns")[indices]
     camera = Camera(**facts["camera"])
     reader = open_annotations(
         facts["format"],
-        recording,
+        recording_path,
         camera=camera,
         upright=facts["upright"],
         max_age_ns=round(options.max_age_ms * 1e6),
     )
-    made = provenance.begin_from("annotations", asdict(options), [frames_artifact])
+    made = provenance.begin_from("annotations", asdict(options), [frames])
     annotated = np.zeros(len(indices), bool)
     with create(output, ANNOTATIONS, made) as artifact:
         artifact.allocate("instance_map", (len(indices), camera.height, camera.width))
@@ -61,7 +61,7 @@ def run(recording: Path, frames: Path, output: Path, options: AnnotationsOptions
             artifact.put_row("instance_map", row, instance_map)
         if reader and not annotated.any():
             raise UserError(
-                f"{recording}: none of the {len(indices)} evaluation frames is annotated. Are the annotations of "
+                f"{recording_path}: none of the {len(indices)} evaluation frames is annotated. Are the annotations of "
                 "this recording? If so, raise frames.evaluation_frames."
             )
         artifact.put("frame", indices)

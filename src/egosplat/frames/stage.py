@@ -29,7 +29,7 @@ class FramesOptions:
     holdout: bool
 
 
-def run(recording: Path, output: Path, options: FramesOptions, *, format: str) -> None:
+def run(recording_path: Path, output: Path, options: FramesOptions, *, format: str) -> None:
     """Read a recording of a given format and write its frames artifact.
 
     Raises:
@@ -37,7 +37,7 @@ def run(recording: Path, output: Path, options: FramesOptions, *, format: str) -
     """
     reader = open_recording(
         format,
-        recording,
+        recording_path,
         resolution=options.resolution,
         focal=options.focal,
         upright=options.upright,
@@ -47,7 +47,7 @@ def run(recording: Path, output: Path, options: FramesOptions, *, format: str) -
     )
     capture = reader.capture
     count = len(capture.timestamp_ns)
-    annotated = is_annotated(format, recording)
+    annotated = is_annotated(format, recording_path)
     held_out = evaluation_count(options.evaluation_frames, count, annotated)
     train, evaluation = split_frames(count, held_out, options.holdout)
     made = provenance.begin("frames", asdict(options) | {"format": format}, capture.origin)
@@ -59,12 +59,12 @@ def run(recording: Path, output: Path, options: FramesOptions, *, format: str) -
         artifact.put("evaluation", evaluation)
         artifact.allocate("rgb", (count, *capture.valid.shape, 3))
         images, sharpnesses = reader.read_frames(np.arange(count)), []
-        for index, image in enumerate(track(images, f"reading {recording.name}", total=count)):
+        for index, image in enumerate(track(images, f"reading {recording_path.name}", total=count)):
             artifact.put_row("rgb", index, image)
             sharpnesses.append(sharpness(image, capture.valid))
         device = capture.device_from_camera
         artifact.facts = {
-            "recording": recording.name,
+            "recording": recording_path.name,
             "format": format,
             "upright": capture.upright,
             "camera": asdict(capture.camera),

@@ -48,17 +48,17 @@ class LanguageOptions:
 
 
 def run(
-    frames: Path,
-    poses: Path,
-    segments: Path,
-    features: Path,
-    splats: Path,
+    frames_path: Path,
+    poses_path: Path,
+    segments_path: Path,
+    features_path: Path,
+    splats_path: Path,
     output: Path,
     options: LanguageOptions,
     *,
-    survey: Path | None = None,
-    transient: Path | None = None,
-    masks: Path | None = None,
+    survey_path: Path | None = None,
+    transient_path: Path | None = None,
+    masks_path: Path | None = None,
 ) -> None:
     """Write the language artifact of ``splats``.
 
@@ -66,40 +66,40 @@ def run(
     splats, which needs the same artifact.
 
     Args:
-        survey: excludes frames from training.
-        transient: required if the splats' masking is ``initial``.
-        masks: required if the splats' masking is ``refined``.
+        survey_path: excludes frames from training.
+        transient_path: required if the splats' masking is ``initial``.
+        masks_path: required if the splats' masking is ``refined``.
 
     Raises:
         UserError: an input is missing or does not belong to the others, the backend cannot run, or training
             diverges.
     """
-    frames_artifact, poses_artifact = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
-    segments_artifact, features_artifact = (
-        open_artifact(segments, SEGMENTS),
-        open_artifact(features, FEATURES),
+    frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
+    segments, features = (
+        open_artifact(segments_path, SEGMENTS),
+        open_artifact(features_path, FEATURES),
     )
-    splats_artifact = open_artifact(splats, SPLATS)
-    check_made_from(poses_artifact, frames_artifact, axes=("frame",))
+    splats = open_artifact(splats_path, SPLATS)
+    check_made_from(poses, frames, axes=("frame",))
     masking = open_masking(
-        splats_artifact.provenance["options"]["masking"], frames_artifact, transient=transient, masks=masks
+        splats.provenance["options"]["masking"], frames, transient=transient_path, masks=masks_path
     )
-    kept, by_survey = kept_frames(frames_artifact, survey)
+    kept, by_survey = kept_frames(frames, survey_path)
     record = _begin(
         asdict(options) | by_survey,
-        [frames_artifact, poses_artifact, segments_artifact, features_artifact, splats_artifact],
+        [frames, poses, segments, features, splats],
         masking,
     )
     device = training_device(options.backend)
-    targets = CodeTargets(segments_artifact, features_artifact, device)
-    views = select_code_views(frames_artifact, poses_artifact, targets.of, masking, device, kept)
-    gaussians = read_gaussians(splats_artifact).to(device)
-    settings = read_render_settings(splats_artifact, options.backend)
+    targets = CodeTargets(segments, features, device)
+    views = select_code_views(frames, poses, targets.of, masking, device, kept)
+    gaussians = read_gaussians(splats).to(device)
+    settings = read_render_settings(splats, options.backend)
     lifted = lift(gaussians, views, settings)
     checkpoint = Checkpoint(output, provenance.key_of(record), options.checkpoint_s)
     method, code, curve = options.method, lifted.code, Curve()
-    if _is_joint(splats_artifact):
-        method, code = "joint", _joint_codes(splats_artifact, features_artifact, lifted)
+    if _is_joint(splats):
+        method, code = "joint", _joint_codes(splats, features, lifted)
     elif method == "trained":
         code, curve = _trained(gaussians, views, settings, lifted, _training(options), checkpoint)
     facts = {"levels": targets.levels, "method": method, "views": len(views)}

@@ -310,8 +310,11 @@ def run_stage(name: str, keys: Mapping[str, Any], **given: Any) -> None:
         keys: values of its configuration keys, by name.
         given: its paths and its values from the table of scenes, by name.
     """
-    options = options_of(name)
-    stage_function(name)(**given, **({"options": options(**keys)} if options else {}))
+    options, stage = options_of(name), STAGES[name]
+    # ``run`` takes the path of an input as ``frames_path``; inside it, ``frames`` is the opened artifact.
+    inputs = {*stage.inputs, *stage.optional}
+    arguments = {f"{key}_path" if key in inputs else key: value for key, value in given.items()}
+    stage_function(name)(**arguments, **({"options": options(**keys)} if options else {}))
 
 
 def code_of(name: str) -> str:

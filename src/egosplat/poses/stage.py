@@ -33,23 +33,23 @@ class PosesOptions:
     seed: int
 
 
-def run(recording: Path, frames: Path, output: Path, options: PosesOptions) -> None:
+def run(recording_path: Path, frames_path: Path, output: Path, options: PosesOptions) -> None:
     """Write the poses artifact of ``frames``.
 
     Raises:
         UserError: the trajectory is missing or damaged, or COLMAP fails.
     """
-    frames_artifact = open_artifact(frames, FRAMES)
-    has_device = frames_artifact.facts["device_from_camera"] is not None
+    frames = open_artifact(frames_path, FRAMES)
+    has_device = frames.facts["device_from_camera"] is not None
     if options.method == "device" and not has_device:
         raise UserError(
-            f"poses.method = device: {recording.name} has no device trajectory; use colmap or auto"
+            f"poses.method = device: {recording_path.name} has no device trajectory; use colmap or auto"
         )
-    record = provenance.begin_from("poses", asdict(options), [frames_artifact])
+    record = provenance.begin_from("poses", asdict(options), [frames])
     if has_device and options.method != "colmap":
-        poses = _from_device(recording, frames_artifact, options)
+        poses = _from_device(recording_path, frames, options)
     else:
-        poses = _from_colmap(frames_artifact, options)
+        poses = _from_colmap(frames, options)
     log(f"{poses.registered.sum()} of {len(poses.registered)} frames have a pose; {len(poses.points)} points")
     with create(output, POSES, record) as artifact:
         artifact.put("camera_to_world", poses.camera_to_world)

@@ -41,26 +41,26 @@ LEAST_SHARE = 0.002
 """Minimum share of the image of a named instance."""
 
 
-def run(frames: Path, annotations: Path, poses: Path, output: Path, *, title: str) -> None:
+def run(frames_path: Path, annotations_path: Path, poses_path: Path, output: Path, *, title: str) -> None:
     """Draw the contact sheet of a scene as PNG, atomically."""
     check_output(output, PAGE)
-    frames_artifact, poses_artifact = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
-    annotations_artifact = open_artifact(annotations, ANNOTATIONS)
-    shown = evenly_spaced(frames_artifact.shape("rgb")[0], PICTURES)
-    rows = evenly_spaced(annotations_artifact.shape("frame")[0], PICTURES)
+    frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
+    annotations = open_artifact(annotations_path, ANNOTATIONS)
+    shown = evenly_spaced(frames.shape("rgb")[0], PICTURES)
+    rows = evenly_spaced(annotations.shape("frame")[0], PICTURES)
     columns = min(COLUMNS, max(len(shown), len(rows)))
     above, below = (math.ceil(len(part) / columns) for part in (shown, rows))
-    widths = (HEIGHT * 0.72, _grid_width(frames_artifact, columns, above + below))
+    widths = (HEIGHT * 0.72, _grid_width(frames, columns, above + below))
     figure = plt.figure(figsize=(sum(widths), HEIGHT), layout="constrained")
-    summary = _summary(frames_artifact, annotations_artifact, poses_artifact)
-    draw_heading(figure, f"{title}: {summary}", warnings_of(frames_artifact, poses_artifact), 14)
+    summary = _summary(frames, annotations, poses)
+    draw_heading(figure, f"{title}: {summary}", warnings_of(frames, poses), 14)
     left, right = figure.subfigures(1, 2, width_ratios=widths)
-    draw_from_above(left.subplots(), poses_artifact)
+    draw_from_above(left.subplots(), poses)
     grid = right.subplots(above + below, columns, squeeze=False)
     for cell in grid.flat:
         cell.set_axis_off()
-    _draw_frames(grid[:above], frames_artifact, shown)
-    _draw_evaluation_frames(grid[above:], frames_artifact, annotations_artifact, rows)
+    _draw_frames(grid[:above], frames, shown)
+    _draw_evaluation_frames(grid[above:], frames, annotations, rows)
     save_figure(figure, output, PAGE)
 
 

@@ -85,7 +85,13 @@ class Table:
 
 
 def run(
-    frames: Path, segments: Path, view_features: Path, features: Path, output: Path, *, title: str
+    frames_path: Path,
+    segments_path: Path,
+    view_features_path: Path,
+    features_path: Path,
+    output: Path,
+    *,
+    title: str,
 ) -> None:
     """Draw the page as PNG, atomically.
 
@@ -94,10 +100,10 @@ def run(
     """
     check_output(output, PAGE)
     sources = _Sources(
-        open_artifact(frames, FRAMES),
-        open_artifact(segments, SEGMENTS),
-        open_artifact(view_features, VIEW_FEATURES),
-        open_artifact(features, FEATURES),
+        open_artifact(frames_path, FRAMES),
+        open_artifact(segments_path, SEGMENTS),
+        open_artifact(view_features_path, VIEW_FEATURES),
+        open_artifact(features_path, FEATURES),
     )
     table = _read(sources.views, sources.features)
     chosen = choose_instances(table)

@@ -61,24 +61,24 @@ class CodeColours:
         return share * colours + (1 - share) * UNKNOWN
 
 
-def run(poses: Path, splats: Path, language: Path, output: Path, *, title: str) -> None:
+def run(poses_path: Path, splats_path: Path, language_path: Path, output: Path, *, title: str) -> None:
     """Draw the page as PNG, atomically.
 
     Raises:
         UserError: the inputs do not belong together.
     """
     check_output(output, PAGE)
-    poses_artifact, splats_artifact = open_artifact(poses, POSES), open_artifact(splats, SPLATS)
-    language_artifact = open_artifact(language, LANGUAGE)
-    check_made_from(splats_artifact, poses_artifact)
-    check_made_from(language_artifact, poses_artifact, splats_artifact)
-    scene = read_trained_scene(splats_artifact, "auto")
-    levels = language_artifact.facts["levels"]
+    poses, splats = open_artifact(poses_path, POSES), open_artifact(splats_path, SPLATS)
+    language = open_artifact(language_path, LANGUAGE)
+    check_made_from(splats, poses)
+    check_made_from(language, poses, splats)
+    scene = read_trained_scene(splats, "auto")
+    levels = language.facts["levels"]
     camera = _reduced(scene.camera)
     size = (CELL * TURNS, (CELL * camera.height / camera.width + 0.25) * (1 + len(levels)) + 0.9)
     figure, grid = plt.subplots(1 + len(levels), TURNS, squeeze=False, figsize=size, layout="constrained")
-    draw_heading(figure, f"{title}: {_summary(language_artifact)}", warnings_of(language_artifact))
-    _draw_views(grid, scene, poses_artifact, language_artifact, camera)
+    draw_heading(figure, f"{title}: {_summary(language)}", warnings_of(language))
+    _draw_views(grid, scene, poses, language, camera)
     save_figure(figure, output, PAGE)
 
 

@@ -35,13 +35,13 @@ WORST = "worst: misses with the lowest IoU, then the highest relevancy, one per 
 
 
 def run(
-    frames: Path,
-    poses: Path,
-    annotations: Path,
-    features: Path,
-    splats: Path,
-    language: Path,
-    metrics: Path,
+    frames_path: Path,
+    poses_path: Path,
+    annotations_path: Path,
+    features_path: Path,
+    splats_path: Path,
+    language_path: Path,
+    metrics_path: Path,
     output: Path,
     *,
     title: str,
@@ -54,8 +54,10 @@ def run(
         UserError: the inputs do not belong together, or the features' OpenCLIP is missing.
     """
     check_output(output, PAGE)
-    scored = read_scored_scene(metrics)
-    sources = open_sources((frames, poses, annotations, features, splats, language), scored)
+    scored = read_scored_scene(metrics_path)
+    sources = open_sources(
+        (frames_path, poses_path, annotations_path, features_path, splats_path, language_path), scored
+    )
     best, worst = best_and_worst(scored_queries(scored.document), ROWS)
     options = scored.document["provenance"]["options"]
     shown = {one.scored: one for one in ask_again([*best, *worst], sources, options)}

@@ -27,26 +27,26 @@ TINT = 0.55
 """Opacity of an instance's colour."""
 
 
-def run(frames: Path, segments: Path, output: Path, *, title: str) -> None:
+def run(frames_path: Path, segments_path: Path, output: Path, *, title: str) -> None:
     """Draw the page as PNG, atomically.
 
     Raises:
         UserError: the segments were made from other frames.
     """
     check_output(output, PAGE)
-    frames_artifact, segments_artifact = open_artifact(frames, FRAMES), open_artifact(segments, SEGMENTS)
-    check_made_from(segments_artifact, frames_artifact, axes=("frame",))
-    count, height, width, _ = frames_artifact.shape("rgb")
+    frames, segments = open_artifact(frames_path, FRAMES), open_artifact(segments_path, SEGMENTS)
+    check_made_from(segments, frames, axes=("frame",))
+    count, height, width, _ = frames.shape("rgb")
     shown = evenly_spaced(count, PICTURES)
-    levels, repeats = segments_artifact.facts["levels"], segments_artifact.facts.get("repeats", {})
+    levels, repeats = segments.facts["levels"], segments.facts.get("repeats", {})
     size = (CELL * len(shown), (CELL * height / width + 0.25) * (1 + len(levels)) + 0.9)
     figure, grid = plt.subplots(
         1 + len(levels), len(shown), squeeze=False, figsize=size, layout="constrained"
     )
-    draw_heading(figure, f"{title}: {_summary(segments_artifact)}", warnings_of(segments_artifact))
-    colours = palette(segments_artifact.shape("instances/level")[0])
+    draw_heading(figure, f"{title}: {_summary(segments)}", warnings_of(segments))
+    colours = palette(segments.shape("instances/level")[0])
     for column, frame in enumerate(shown):
-        image, labels = frames_artifact.row("rgb", frame), segments_artifact.row("labels", frame)
+        image, labels = frames.row("rgb", frame), segments.row("labels", frame)
         _show(grid[0, column], image, f"frame {frame}")
         for level, name in enumerate(levels):
             visible = len(np.unique(labels[level][labels[level] >= 0]))

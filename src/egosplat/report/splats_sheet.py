@@ -25,24 +25,24 @@ ERROR_LIMIT = 0.3
 """Mean absolute error over the channels, 0..1, with the brightest colour of the error map."""
 
 
-def run(frames: Path, splats: Path, output: Path, *, title: str) -> None:
+def run(frames_path: Path, splats_path: Path, output: Path, *, title: str) -> None:
     """Draw the page as PNG, atomically."""
     check_output(output, PAGE)
-    frames_artifact, splats_artifact = open_artifact(frames, FRAMES), open_artifact(splats, SPLATS)
-    shown = middles_of_parts(splats_artifact.shape("held_out/frame")[0], PICTURES)
+    frames, splats = open_artifact(frames_path, FRAMES), open_artifact(splats_path, SPLATS)
+    shown = middles_of_parts(splats.shape("held_out/frame")[0], PICTURES)
     columns = max(len(shown), 2)
-    _, height, width, _ = frames_artifact.shape("rgb")
+    _, height, width, _ = frames.shape("rgb")
     cell = CELL * float(np.clip(width / height, 0.6, 1.8))
     figure = plt.figure(figsize=(4.6 + columns * cell, 3 * CELL + 1.2), layout="constrained")
-    summary = _summary(frames_artifact, splats_artifact)
-    draw_heading(figure, f"{title}: {summary}", warnings_of(splats_artifact), 13)
+    summary = _summary(frames, splats)
+    draw_heading(figure, f"{title}: {summary}", warnings_of(splats), 13)
     left, right = figure.subfigures(1, 2, width_ratios=(4.6, columns * cell))
-    _draw_curves(left.subplots(3, 1, sharex=True), splats_artifact)
+    _draw_curves(left.subplots(3, 1, sharex=True), splats)
     grid = right.subplots(3, columns, squeeze=False)
     for axes in grid.flat:
         axes.set_axis_off()
     for column, row in enumerate(shown):
-        _draw_frame(grid[:, column], frames_artifact, splats_artifact, row)
+        _draw_frame(grid[:, column], frames, splats, row)
     if not shown:
         grid[0, 0].set_title("no frame was held out", loc="left")
     save_figure(figure, output, PAGE)

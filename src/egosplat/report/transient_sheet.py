@@ -65,12 +65,12 @@ class _Sources:
 
 
 def run(
-    frames: Path,
-    poses: Path,
-    transient: Path,
-    segments: Path,
-    masks: Path,
-    splats: Path,
+    frames_path: Path,
+    poses_path: Path,
+    transient_path: Path,
+    segments_path: Path,
+    masks_path: Path,
+    splats_path: Path,
     output: Path,
     *,
     title: str,
@@ -81,7 +81,7 @@ def run(
         UserError: the inputs do not belong together.
     """
     check_output(output, PAGE)
-    sources = _open(frames, poses, transient, segments, masks, splats)
+    sources = _open(frames_path, poses_path, transient_path, segments_path, masks_path, splats_path)
     shown = choose_frames(_masked_shares(sources.masks), sources.poses.read("registered"))
     _, height, width, _ = sources.frames.shape("rgb")
     columns = max(len(shown), 3)
@@ -94,14 +94,21 @@ def run(
     save_figure(figure, output, PAGE)
 
 
-def _open(frames: Path, poses: Path, transient: Path, segments: Path, masks: Path, splats: Path) -> _Sources:
+def _open(
+    frames_path: Path,
+    poses_path: Path,
+    transient_path: Path,
+    segments_path: Path,
+    masks_path: Path,
+    splats_path: Path,
+) -> _Sources:
     sources = _Sources(
-        frames=open_artifact(frames, FRAMES),
-        poses=open_artifact(poses, POSES),
-        transient=open_artifact(transient, TRANSIENT),
-        segments=open_artifact(segments, SEGMENTS),
-        masks=open_artifact(masks, MASKS),
-        splats=open_artifact(splats, SPLATS),
+        frames=open_artifact(frames_path, FRAMES),
+        poses=open_artifact(poses_path, POSES),
+        transient=open_artifact(transient_path, TRANSIENT),
+        segments=open_artifact(segments_path, SEGMENTS),
+        masks=open_artifact(masks_path, MASKS),
+        splats=open_artifact(splats_path, SPLATS),
     )
     check_made_from(sources.splats, sources.poses)
     for artifact in (sources.poses, sources.segments, sources.transient, sources.splats):

@@ -27,27 +27,29 @@ CHECKPOINT_S = 60.0
 """Time between two checkpoints [s]."""
 
 
-def run(frames: Path, output: Path, options: SegmentsOptions, *, survey: Path | None = None) -> None:
+def run(
+    frames_path: Path, output: Path, options: SegmentsOptions, *, survey_path: Path | None = None
+) -> None:
     """Write the segments artifact of ``frames``.
 
     A run with SAM2 that was killed resumes from its last checkpoint, with the same result.
 
     Args:
-        survey: path of the survey. Frames that it drops are skipped; all their labels are -1.
+        survey_path: frames that the survey drops are skipped; all their labels are -1.
 
     Raises:
         UserError: the model cannot be loaded, the survey is of other frames, or no instance is found.
     """
-    frames_artifact = open_artifact(frames, FRAMES)
-    kept, by_survey = kept_frames(frames_artifact, survey)
+    frames = open_artifact(frames_path, FRAMES)
+    kept, by_survey = kept_frames(frames, survey_path)
     used = {"sam2_config": options.sam2_config, "sam2_checkpoint": options.sam2_checkpoint}
     models = {"sam2_checkpoint": model_hash(SAM2, used)} if options.segmenter == "sam2" else {}
-    made = provenance.begin_from("segments", asdict(options) | by_survey, [frames_artifact], models)
-    video = _Video(frames_artifact, np.flatnonzero(kept))
+    made = provenance.begin_from("segments", asdict(options) | by_survey, [frames], models)
+    video = _Video(frames, np.flatnonzero(kept))
     # The key makes the checkpoint of other inputs or options invalid.
     checkpoint = Checkpoint(output, provenance.key_of(made), CHECKPOINT_S)
     if options.segmenter == "classical":
-        segmented = segment_video(video.image, len(video.frame), frames_artifact.read("valid"))
+        segmented = segment_video(video.image, len(video.frame), frames.read("valid"))
     else:
         segmented = _track_with_sam2(video, options, checkpoint)
     try:

@@ -101,39 +101,41 @@ class SplatsOptions:
 
 
 def run(
-    frames: Path,
-    poses: Path,
+    frames_path: Path,
+    poses_path: Path,
     output: Path,
     options: SplatsOptions,
     *,
-    survey: Path | None = None,
-    transient: Path | None = None,
-    masks: Path | None = None,
-    segments: Path | None = None,
-    features: Path | None = None,
+    survey_path: Path | None = None,
+    transient_path: Path | None = None,
+    masks_path: Path | None = None,
+    segments_path: Path | None = None,
+    features_path: Path | None = None,
 ) -> None:
     """Write the splats artifact of ``frames`` with ``poses``.
 
     A killed run resumes from its last checkpoint and gives identical Gaussians.
 
     Args:
-        survey: excludes frames from training, unless nothing moves and nothing is masked.
-        transient: required if ``masking`` is ``initial``.
-        masks: required if ``masking`` is ``refined``.
-        segments, features: required if ``language`` is ``joint``.
+        survey_path: excludes frames from training, unless nothing moves and nothing is masked.
+        transient_path: required if ``masking`` is ``initial``.
+        masks_path: required if ``masking`` is ``refined``.
+        segments_path, features_path: required if ``language`` is ``joint``.
 
     Raises:
         UserError: no training frame has a pose, an input is missing or does not belong to the others, the backend
             cannot run, or training diverges.
     """
-    frames_artifact, poses_artifact = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
-    kept, by_survey = frames_for_gaussians(frames_artifact, survey, options.masking)
-    masking = open_masking(options.masking, frames_artifact, transient=transient, masks=masks)
-    language_inputs = _open_language_inputs(segments, features) if options.language == "joint" else ()
-    record = _begin(asdict(options) | by_survey, frames_artifact, poses_artifact, masking, language_inputs)
-    view_sets = _view_sets(frames_artifact, poses_artifact, kept, masking, options.training)
+    frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
+    kept, by_survey = frames_for_gaussians(frames, survey_path, options.masking)
+    masking = open_masking(options.masking, frames, transient=transient_path, masks=masks_path)
+    language_inputs = (
+        _open_language_inputs(segments_path, features_path) if options.language == "joint" else ()
+    )
+    record = _begin(asdict(options) | by_survey, frames, poses, masking, language_inputs)
+    view_sets = _view_sets(frames, poses, kept, masking, options.training)
     start = starting_gaussians(
-        poses_artifact,
+        poses,
         view_sets.training,
         max_points=min(options.max_points, options.max_gaussians),
         densify_init=options.densify_init,
@@ -152,12 +154,14 @@ def run(
     checkpoint.remove()
 
 
-def _open_language_inputs(segments: Path | None, features: Path | None) -> tuple[Artifact, Artifact]:
-    if segments is None or features is None:
+def _open_language_inputs(
+    segments_path: Path | None, features_path: Path | None
+) -> tuple[Artifact, Artifact]:
+    if segments_path is None or features_path is None:
         raise UserError(
             "splats.language = joint needs the artifacts of the codes: give --segments and --features"
         )
-    return open_artifact(segments, SEGMENTS), open_artifact(features, FEATURES)
+    return open_artifact(segments_path, SEGMENTS), open_artifact(features_path, FEATURES)
 
 
 def _begin(

@@ -28,23 +28,23 @@ class SurveyOptions:
     min_view_change_deg: float
 
 
-def run(frames: Path, poses: Path, output: Path, options: SurveyOptions) -> None:
+def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOptions) -> None:
     """Write the survey of ``frames`` with ``poses``.
 
     Raises:
         UserError: the poses are not of these frames.
     """
     check_output(output, SURVEY)
-    frames_artifact, poses_artifact = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
-    check_made_from(poses_artifact, frames_artifact, axes=("frame",))
-    record = provenance.begin_from("survey", asdict(options), (frames_artifact, poses_artifact))
-    motion = measure_motion(frames_artifact, poses_artifact)
+    frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
+    check_made_from(poses, frames, axes=("frame",))
+    record = provenance.begin_from("survey", asdict(options), (frames, poses))
+    motion = measure_motion(frames, poses)
     document = {
         "format_version": FORMAT_VERSION,
         "origin": record.origin,
         "motion": _motion(motion, options.max_moving_share),
-        "views": _views(frames_artifact, poses_artifact, options.min_view_change_deg),
-        "poses": _poses(frames_artifact, poses_artifact),
+        "views": _views(frames, poses, options.min_view_change_deg),
+        "poses": _poses(frames, poses),
         "provenance": record.record(),
     }
     write_survey(output, document)

@@ -74,40 +74,38 @@ class MasksOptions:
     level: str
 
 
-def run(frames: Path, transient: Path, segments: Path, output: Path, options: MasksOptions) -> None:
+def run(
+    frames_path: Path, transient_path: Path, segments_path: Path, output: Path, options: MasksOptions
+) -> None:
     """Write the refined masks of all frames.
 
     Raises:
         UserError: the inputs do not belong together.
     """
     threshold, level = options.threshold, options.level
-    frames_artifact = open_artifact(frames, FRAMES)
-    transient_artifact, segments_artifact = (
-        open_artifact(transient, TRANSIENT),
-        open_artifact(segments, SEGMENTS),
+    frames = open_artifact(frames_path, FRAMES)
+    transient, segments = (
+        open_artifact(transient_path, TRANSIENT),
+        open_artifact(segments_path, SEGMENTS),
     )
-    for artifact in (transient_artifact, segments_artifact):
-        check_made_from(artifact, frames_artifact, axes=("frame", "height", "width"))
-    record = provenance.begin_from(
-        "masks", asdict(options), (frames_artifact, transient_artifact, segments_artifact)
-    )
-    names = segments_artifact.facts["levels"]
-    shown_by = segments_artifact.facts.get("repeats", {}).get(level, level)
+    for artifact in (transient, segments):
+        check_made_from(artifact, frames, axes=("frame", "height", "width"))
+    record = provenance.begin_from("masks", asdict(options), (frames, transient, segments))
+    names = segments.facts["levels"]
+    shown_by = segments.facts.get("repeats", {}).get(level, level)
     levels = set(range(len(names))) if level == "all" else {names.index(shown_by)}
     # Training frames alone decide: evaluation frames must not influence training.
-    found = _scores(transient_artifact, segments_artifact, np.flatnonzero(frames_artifact.read("train")))
+    found = _scores(transient, segments, np.flatnonzero(frames.read("train")))
     scores = found.scores
-    chosen = transient_instances(
-        scores, found.pixels, segments_artifact.read("instances/level"), threshold, levels
-    )
-    count, height, width = transient_artifact.shape("probability")
+    chosen = transient_instances(scores, found.pixels, segments.read("instances/level"), threshold, levels)
+    count, height, width = transient.shape("probability")
     masked = 0
     with create(output, MASKS, record) as artifact:
         artifact.put("instances/score", scores.astype(np.float32))
         artifact.put("instances/transient", chosen)
         artifact.allocate("refined", (count, height, width))
         for frame in track(range(count), "writing masks"):
-            mask = refined_mask(segments_artifact.row("labels", frame), chosen)
+            mask = refined_mask(segments.row("labels", frame), chosen)
             masked += int(mask.sum())
             artifact.put_row("refined", frame, mask)
         share = masked / max(count * height * width, 1)

@@ -104,31 +104,34 @@ class TransientOptions:
 
 
 def run(
-    frames: Path, poses: Path, output: Path, options: TransientOptions, *, survey: Path | None = None
+    frames_path: Path,
+    poses_path: Path,
+    output: Path,
+    options: TransientOptions,
+    *,
+    survey_path: Path | None = None,
 ) -> None:
     """Write the transient artifact of ``frames`` with ``poses``.
 
     A killed run resumes from its last checkpoint and gives an identical result.
 
     Args:
-        survey: excludes frames from training.
+        survey_path: excludes frames from training.
 
     Raises:
         UserError: no training frame has a pose, the inputs do not belong together, the weights cannot be read,
             the backend cannot run, or training diverges.
     """
-    frames_artifact, poses_artifact = open_artifact(frames, FRAMES), open_artifact(poses, POSES)
-    check_made_from(poses_artifact, frames_artifact, axes=("frame",))
-    kept, by_survey = kept_frames(frames_artifact, survey)
+    frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
+    check_made_from(poses, frames, axes=("frame",))
+    kept, by_survey = kept_frames(frames, survey_path)
     weights = None if options.encoder_weights is None else Path(options.encoder_weights).expanduser()
-    net = make_network(options.input_size, lies_on_its_side(frames_artifact), weights, options.seed)
-    record = _begin(asdict(options) | by_survey, frames_artifact, poses_artifact, weights)
-    view_sets = _view_sets(
-        frames_artifact, poses_artifact, kept, options.resolution, training_device(options.backend)
-    )
+    net = make_network(options.input_size, lies_on_its_side(frames), weights, options.seed)
+    record = _begin(asdict(options) | by_survey, frames, poses, weights)
+    view_sets = _view_sets(frames, poses, kept, options.resolution, training_device(options.backend))
     views = view_sets.training
     start = starting_gaussians(
-        poses_artifact,
+        poses,
         views,
         max_points=min(options.max_points, options.max_gaussians),
         densify_init=options.densify_init,
@@ -145,7 +148,7 @@ def run(
     with create(output, TRANSIENT, record) as artifact:
         _put_curves(artifact, state, objective)
         tensors = _put_weights(artifact, net)
-        mean = _put_probability(artifact, frames_artifact, net, options, views.device)
+        mean = _put_probability(artifact, frames, net, options, views.device)
         artifact.facts = {
             "rasterizer": rasterizer_used(options.backend, views.device),
             "working_size": [views.camera.height, views.camera.width],

@@ -74,7 +74,7 @@ def run() -> Callable[..., Artifact]:
     def call(folder: Path, **changes: object) -> Artifact:
         options, output = stage.SplatsOptions(**KEYS | changes), folder / "splats.zarr"
         paths = folder / "frames.zarr", folder / "poses.zarr", output
-        stage.run(*paths, options, transient=folder / "transient.zarr")
+        stage.run(*paths, options, transient_path=folder / "transient.zarr")
         made = verify(output, SCHEMAS)
         for name in ("means", "quats", "log_scales", "logit_opacities", "sh"):
             assert np.isfinite(made.read(name)).all(), name

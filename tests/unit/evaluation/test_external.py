@@ -102,11 +102,11 @@ def scored(tmp_path, scene):
 
     def run(relevancy: Path, **keys) -> dict:
         defaults = {name: key["default"] for name, key in stage_keys("method_metrics").items()}
-        paths = {name: scene / f"{name}.zarr" for name in ("frames", "poses", "annotations")}
+        paths = {f"{name}_path": scene / f"{name}.zarr" for name in ("frames", "poses", "annotations")}
         output = tmp_path / "metrics.json"
         keys = defaults | {"resamples": 50, "box_filter": 0.0, "majority_filter": 0.0} | keys
         options = external.MethodMetricsOptions(**keys)
-        external.run(**paths, relevancy=relevancy, output=output, options=options, title="adt/scene1")
+        external.run(**paths, relevancy_path=relevancy, output=output, options=options, title="adt/scene1")
         return json.loads(output.read_text())
 
     return run

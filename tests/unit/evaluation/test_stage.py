@@ -24,7 +24,7 @@ def scored(tmp_path):
     """``scored(folder, **keys)``: what the stage writes."""
 
     def run(folder, **keys):
-        paths = {name: folder / f"{name}.zarr" for name in NAMES}
+        paths = {f"{name}_path": folder / f"{name}.zarr" for name in NAMES}
         defaults = {name: key["default"] for name, key in stage_keys("metrics").items()}
         output = tmp_path / "metrics.json"
         options = stage.MetricsOptions(**defaults | {"resamples": 50} | keys)

@@ -24,7 +24,9 @@ SPLATS = defaults()["splats"] | {
 
 
 def train(folder: Path, **changes: object) -> None:
-    paths = {name: folder / f"{name}.zarr" for name in ("masks", "transient", "segments", "features")}
+    paths = {
+        f"{name}_path": folder / f"{name}.zarr" for name in ("masks", "transient", "segments", "features")
+    }
     splats_stage.run(
         folder / "frames.zarr",
         folder / "poses.zarr",
@@ -43,9 +45,9 @@ def run(
 ):
     """The verified artifact."""
     inputs = [folder / f"{kind}.zarr" for kind in ("frames", "poses", "segments", "features", "splats")]
-    moving = {kind: folder / f"{kind}.zarr" if masks else None for kind in ("masks", "transient")}
+    moving = {f"{kind}_path": folder / f"{kind}.zarr" if masks else None for kind in ("masks", "transient")}
     options = stage.LanguageOptions(**KEYS | changes)
-    stage.run(*inputs, folder / name, options, survey=survey, **moving)
+    stage.run(*inputs, folder / name, options, survey_path=survey, **moving)
     return verify(folder / name, SCHEMAS)
 
 

@@ -38,9 +38,11 @@ def test_schema_and_stage_function_name_the_same_keys(stage):
     """No drift between the table of stages, the schema, and the function and dataclass of a stage."""
     about, arguments = STAGES[stage], inspect.signature(stage_function(stage)).parameters
     keys, options = config.stage_keys(stage), options_of(stage)
-    assert set(arguments) == {*path_help(about), *about.scene, *(("options",) if keys else ())}
+    paths = {name if name == "output" else f"{name}_path" for name in path_help(about)}
+    assert set(arguments) == {*paths, *about.scene, *(("options",) if keys else ())}
     for name, argument in arguments.items():
-        assert argument.default is (None if name in about.optional else inspect.Parameter.empty), name
+        optional = name.removesuffix("_path") in about.optional
+        assert argument.default is (None if optional else inspect.Parameter.empty), name
     found = {field.name: field for field in fields(options)} if options else {}
     assert set(found) == set(keys)
     for name, field in found.items():

@@ -25,7 +25,7 @@ def score(folder: Path, **keys) -> Path:
     """metrics.json of a folder of artifacts; couch and cup are found in frames 1 and 2."""
     defaults = {name: key["default"] for name, key in stage_keys("metrics").items()} | {"resamples": 50}
     output = folder / "metrics.json"
-    paths = {name: folder / f"{name}.zarr" for name in NAMES}
+    paths = {f"{name}_path": folder / f"{name}.zarr" for name in NAMES}
     stage.run(**paths, output=output, options=stage.MetricsOptions(**defaults | keys), title="a/scene")
     return output
 

@@ -85,7 +85,9 @@ def test_frames_that_a_survey_drops_are_skipped(frames, tmp_path, keys, survey_t
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(stage, "segment_video", look)
-        stage.run(frames, output, survey=survey, options=SegmentsOptions(**keys | {"segmenter": "classical"}))
+        stage.run(
+            frames, output, survey_path=survey, options=SegmentsOptions(**keys | {"segmenter": "classical"})
+        )
     segments = open_artifact(output, SEGMENTS)
     assert seen == [4 + 3 * frame for frame in (1, 2, 5)]
     labels = segments.read("labels")

@@ -34,7 +34,7 @@ KEYS = defaults()["splats"] | {
 def run(folder: Path, name: str = "splats.zarr", survey: Path | None = None, **changes: object):
     """The verified artifact."""
     options = stage.SplatsOptions(**KEYS | changes)
-    stage.run(folder / "frames.zarr", folder / "poses.zarr", folder / name, options, survey=survey)
+    stage.run(folder / "frames.zarr", folder / "poses.zarr", folder / name, options, survey_path=survey)
     return verify(folder / name, SCHEMAS)
 
 

@@ -20,7 +20,7 @@ KEYS = defaults()["transient"] | {"iterations": 12, "input_size": 64, "resolutio
 def run(folder: Path, name: str = "transient.zarr", survey: Path | None = None, **changes: object):
     """The verified artifact."""
     options = stage.TransientOptions(**KEYS | changes)
-    stage.run(folder / "frames.zarr", folder / "poses.zarr", folder / name, options, survey=survey)
+    stage.run(folder / "frames.zarr", folder / "poses.zarr", folder / name, options, survey_path=survey)
     return verify(folder / name, SCHEMAS)
 
 
