@@ -1,6 +1,5 @@
 """The rules view_features and features run on existing frames and segments, with the user's own OpenCLIP model."""
 
-import json
 import shutil
 import subprocess
 import sys
@@ -9,14 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 import yaml
 from safetensors.torch import load_file, save_file
 
 from egosplat.artifacts.reader import verify
 from egosplat.artifacts.registry import SCHEMAS
-from egosplat.models.open_clip_loader import build_model
 from tests.support.scenes import put_scene
+from tests.support.tiny_clip import CHECKPOINT, write_tiny_clip
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = "results/mine/scene"
@@ -24,11 +22,6 @@ BOTH = {"view_features", "features"}
 FILES = ("common/start", "common/scenes", "common/dag", "common/resources", "rules/features")
 SNAKEFILE = "".join(f'include: "{name}.smk"\n' for name in FILES)
 SIZE, FRAME_COUNT = 32, 6
-DESCRIPTION = {
-    "embed_dim": 8,
-    "vision_cfg": {"image_size": 32, "layers": 1, "width": 64, "head_width": 32, "patch_size": 16},
-    "text_cfg": {"context_length": 6, "vocab_size": 49408, "width": 16, "heads": 2, "layers": 1},
-}
 
 
 @dataclass(frozen=True)
@@ -70,11 +63,7 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Work:
     (folder / "config" / "scenes.tsv").write_text(f"{header}mine\tscene\tplain\trecording\t\n")
     (folder / "recording").mkdir()
     (folder / "model").mkdir()
-    (folder / "model" / "open_clip_config.json").write_text(json.dumps({"model_cfg": DESCRIPTION}))
-    made = Work(folder, folder / "model" / "weights.safetensors")
-    torch.manual_seed(0)
-    weights = build_model("tiny", DESCRIPTION).state_dict()
-    save_file({name: value.contiguous() for name, value in weights.items()}, made.weights)
+    made = Work(folder, write_tiny_clip(folder / "model") / CHECKPOINT)
     write_inputs(folder / SCENE)
     made.snakemake(features={"dims": 3})
     return made

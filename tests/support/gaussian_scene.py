@@ -9,6 +9,7 @@ import torch
 
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.optimizer import Adam, LearningRates
 from egosplat.gaussians.render import RenderSettings, render
 from egosplat.geometry import Camera
 from tests.support.scenes import camera_facts, put_scene
@@ -69,3 +70,16 @@ def scene(tmp_path, points, camera_to_world, pictures) -> Callable[..., Path]:
         return tmp_path
 
     return make
+
+
+def with_moments(gaussians: Gaussians) -> Adam:
+    """An optimizer whose moments are nonzero everywhere, while the Gaussians are as before."""
+    before = {name: p.detach().clone() for name, p in gaussians.parameters().items()}
+    optimizer = Adam(gaussians, LearningRates(means=1e-4))
+    for parameter in gaussians.parameters().values():
+        parameter.grad = torch.ones_like(parameter)
+    optimizer.step(None)
+    optimizer.zero_grad()
+    for name, parameter in gaussians.parameters().items():
+        parameter.detach().copy_(before[name])
+    return optimizer

@@ -62,20 +62,6 @@ def test_links_open(page):
     assert not broken
 
 
-def test_a_broken_link_is_found(tmp_path):
-    """The search sees a file and a heading that are not there, and skips addresses and code."""
-    page = tmp_path / "page.md"
-    page.write_text(
-        "# A `b` c\n[1](none.md) [2](#a-b-c) [3](#d) [4](https://x.org) `[5](e)`\n```\n[6](f)\n```\n"
-    )
-    assert [(path.name, heading) for path, heading in _links(page)] == [
-        ("none.md", ""),
-        ("page.md", "a-b-c"),
-        ("page.md", "d"),
-    ]
-    assert _anchors(page) == {"a-b-c"}
-
-
 def test_anchors_that_sources_cite_exist():
     """Docstrings, comments and descriptions cite headings of docs/ by file and anchor; each of them opens."""
     cited = {

@@ -58,33 +58,3 @@ def test_the_table_names_every_room():
 def test_imports_point_down():
     """No circle, no import of a higher room, and no stage that imports a stage."""
     assert arrows_up(PACKAGE, layers((ROOT / "docs/architecture.md").read_text())) == []
-
-
-def test_an_arrow_up_is_found(tmp_path):
-    """The test sees an import of a higher room, also inside a function, and one within a row."""
-    package = tmp_path / "egosplat"
-    (package / "low").mkdir(parents=True)
-    (package / "low/a.py").write_text("def f():\n    from egosplat.high import g\n")
-    (package / "high.py").write_text("import egosplat.low.a\nfrom egosplat import beside\n")
-    (package / "beside.py").write_text("")
-    assert arrows_up(package, [("high", "beside"), ("low",)]) == [
-        "high.py: high imports beside",
-        "low/a.py: low imports high",
-    ]
-
-
-def test_the_pipeline_and_the_rules_need_neither_torch_nor_zarr():
-    """Snakemake starts quickly: the modules that it imports need no heavy library."""
-    for path in sorted((PACKAGE / "pipeline").rglob("*.py")):
-        names = {
-            name.partition(".")[0]
-            for node in ast.walk(ast.parse(path.read_bytes()))
-            for name in (
-                [alias.name for alias in node.names]
-                if isinstance(node, ast.Import)
-                else [node.module or ""]
-                if isinstance(node, ast.ImportFrom)
-                else []
-            )
-        }
-        assert not names & {"torch", "zarr", "open_clip", "sam2", "pycolmap"}, path.name

@@ -121,27 +121,6 @@ def test_ambiguous_yaml_is_named(tmp_path, content):
         config.parse_options(f"frames.stride={content.replace(' ', '')}\0", "line 2")
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 10**40, 3.0, True, "x", ".nan"])
-def test_a_number_is_finite_and_a_count_is_whole(value):
-    key = {"frames": {"stride": value}}
-    with pytest.raises(UserError, match=r"frames\.stride = "):
-        config.resolve(key, PRESETS)
-    if not isinstance(value, float) or not value.is_integer():
-        with pytest.raises(UserError, match=r"frames\.focal = "):
-            config.resolve({"frames": {"focal": value}}, PRESETS)
-
-
-@pytest.mark.parametrize("name", ["a\n", "a/b", "..", "", 1])
-def test_names_of_variants_are_names_of_folders(name):
-    with pytest.raises(UserError, match="variants = "):
-        config.resolve({"variants": {name: {}}}, PRESETS)
-
-
-def test_keys_of_several_kinds_are_named():
-    with pytest.raises(UserError, match="data_root = "):
-        config.resolve({"data_root": {1: "a", "b": "c"}}, PRESETS)
-
-
 def read(tmp_path, text):
     (tmp_path / "scenes.tsv").write_text(text, encoding="utf-8")
     return read_scenes(config.defaults() | {"scenes": str(tmp_path / "scenes.tsv")})

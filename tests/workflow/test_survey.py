@@ -84,14 +84,6 @@ def test_a_static_scene_has_neither_network_nor_masks(work):
     assert ("frames", "splats") in pairs
 
 
-def test_an_explicit_value_overrides_the_survey(work):
-    made(work, STATIC, SURVEY)
-    explicit = STATIC.replace("auto", "refined")
-    assert work.stale(METRICS, config=explicit) == set()
-    pairs = edges(work, explicit, METRICS)
-    assert ("masks", "splats") in pairs and "survey" not in {rule for pair in pairs for rule in pair}
-
-
 def test_a_survey_that_decides_the_same_again_reruns_nothing_else(work):
     again = AUTO + "survey: {min_view_change_deg: 0, max_moving_share: 0.0006}\n"
     assert "survey" in work.stale(METRICS, config=again)

@@ -88,18 +88,3 @@ def test_a_page_of_one_knob_is_made_and_then_up_to_date(workdir):
     }
     workdir.edit("tradeoff/estimates.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ")
     assert planned(workdir, narrow) == {"tradeoff": 1}
-
-
-@pytest.mark.parametrize(
-    "config, message",
-    [
-        (points(features__dim=[4]), "tradeoff.sweep: no key features.dim; did you mean features.dims"),
-        (points(features__dims=[0]), "variant features-dims-0: features.dims = 0 is not allowed"),
-        (json.dumps({"budget": {"minutes": 3}}), "key 'budget' was removed; set preset"),
-    ],
-)
-def test_incomparable_scores_are_an_error_without_traceback(workdir, config, message):
-    (workdir.folder / "more.yaml").write_text(config)
-    done = workdir.snakemake("more.yaml", "--dry-run", "--", PAGE)
-    said = done.stdout + done.stderr
-    assert done.returncode != 0 and message in said and "Traceback" not in said

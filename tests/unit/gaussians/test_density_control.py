@@ -16,10 +16,11 @@ from egosplat.gaussians.density_control import (
     too_large,
 )
 from egosplat.gaussians.model import PARAMETERS, Gaussians, rotation_matrices
-from egosplat.gaussians.optimizer import Adam, LearningRates
+from egosplat.gaussians.optimizer import Adam
 from egosplat.gaussians.render import RenderSettings, render
 from egosplat.gaussians.schedule import Schedule
 from egosplat.geometry import Camera
+from tests.support.gaussian_scene import with_moments
 
 EXTENT = 2.0
 NOW, LATER = 600, 3_100
@@ -36,19 +37,6 @@ def make(n: int, scale: float = 0.01, opacity: float = 0.5) -> Gaussians:
         sh=torch.randn(n, 4, 3, generator=generator),
         features=torch.randn(n, 2, generator=generator),
     ).requires_grad_()
-
-
-def with_moments(gaussians: Gaussians) -> Adam:
-    """An optimizer whose moments are nonzero everywhere, while the Gaussians are as before."""
-    before = {name: p.detach().clone() for name, p in gaussians.parameters().items()}
-    optimizer = Adam(gaussians, LearningRates(means=1e-4))
-    for parameter in gaussians.parameters().values():
-        parameter.grad = torch.ones_like(parameter)
-    optimizer.step(None)
-    optimizer.zero_grad()
-    for name, parameter in gaussians.parameters().items():
-        parameter.detach().copy_(before[name])
-    return optimizer
 
 
 def control(max_gaussians: int = 1000, **options: float) -> DensityControl:

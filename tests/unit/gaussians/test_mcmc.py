@@ -14,8 +14,8 @@ from egosplat.gaussians.mcmc import (
     relocate,
 )
 from egosplat.gaussians.model import PARAMETERS, Gaussians, rotation_matrices
-from egosplat.gaussians.optimizer import Adam, LearningRates
 from egosplat.gaussians.schedule import STOCK_MCMC
+from tests.support.gaussian_scene import with_moments
 
 DEAD = 0.005
 
@@ -38,19 +38,6 @@ def make(opacities: list[float]) -> Gaussians:
 
 def copy(gaussians: Gaussians) -> Gaussians:
     return Gaussians(**{name: p.detach().clone() for name, p in gaussians.parameters().items()})
-
-
-def with_moments(gaussians: Gaussians) -> Adam:
-    """An optimizer whose moments are nonzero everywhere, while the Gaussians are as before."""
-    before = copy(gaussians)
-    optimizer = Adam(gaussians, LearningRates(means=1e-4))
-    for parameter in gaussians.parameters().values():
-        parameter.grad = torch.ones_like(parameter)
-    optimizer.step(None)
-    optimizer.zero_grad()
-    for name, parameter in gaussians.parameters().items():
-        parameter.detach().copy_(getattr(before, name))
-    return optimizer
 
 
 def test_dead_gaussians_are_relocated_to_living_ones() -> None:

@@ -71,22 +71,21 @@ def test_a_model_that_needs_the_hub_is_rejected(model):
         read_description(model, None)
 
 
-def test_a_folder_that_needs_the_hub_is_rejected(folder, description):
-    description["model_cfg"]["text_cfg"]["hf_tokenizer_name"] = "bert-base-uncased"
-    (folder / "open_clip_config.json").write_text(json.dumps(description))
-    with pytest.raises(UserError, match="download"):
-        load(folder)
-
-
 def test_custom_text_towers_are_built(description):
     module = build_model("tiny", description["model_cfg"] | {"custom_text": True})
     assert hasattr(module, "text")
 
 
-def test_a_checkpoint_of_another_architecture_is_reported(folder, description):
-    description["model_cfg"]["text_cfg"]["layers"] = 2
+@pytest.mark.parametrize(
+    "key, value, message",
+    [("hf_tokenizer_name", "bert-base-uncased", "download"), ("layers", 2, "models.clip_model: 12 of")],
+)
+def test_a_text_tower_that_needs_the_hub_or_other_weights_is_rejected(
+    folder, description, key, value, message
+):
+    description["model_cfg"]["text_cfg"][key] = value
     (folder / "open_clip_config.json").write_text(json.dumps(description))
-    with pytest.raises(UserError, match="models.clip_model: 12 of"):
+    with pytest.raises(UserError, match=message):
         load(folder)
 
 

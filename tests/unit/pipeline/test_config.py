@@ -2,8 +2,6 @@
 
 import inspect
 import re
-import subprocess
-import sys
 import types
 import typing
 from dataclasses import MISSING, fields
@@ -302,12 +300,6 @@ def test_scenes_are_found_on_a_command_line():
     words += ["./results/hoi4d/scene2/metrics.json", "all"]
     found = [(target.dataset, target.scene, target.variant) for target in requested_targets(words)]
     assert found == [("adt", "scene1", None), ("hoi4d", "scene2", None)]
-
-
-def test_starting_builds_no_grammar_for_formats_that_no_schema_names():
-    told = "import sys, egosplat.pipeline.config; print('rfc3987_syntax' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True)
-    assert done.stdout == "False\n"
 
 
 def test_each_artifact_of_the_table_of_stages_has_a_schema():

@@ -1,8 +1,5 @@
 """Inputs of stages and decisions of a survey, without Snakemake."""
 
-import subprocess
-import sys
-
 import pytest
 
 from egosplat.pipeline.config import defaults, merge
@@ -106,12 +103,3 @@ def test_what_moves_is_drawn_where_instances_mask_it(masking):
     """Protects the files of a run without a target."""
     assert ("transient.png" in default_pages(masking)) == (masking == "refined")
     assert {"metrics.json", "queries.png"} <= set(default_pages(masking))
-
-
-def test_the_pipeline_imports_neither_torch_nor_zarr():
-    """Protects the start-up time of Snakemake, which imports all of these."""
-    names = ["config", "dag", "replacements", "results", "scenes", "snakemake_call", "stages", "variants"]
-    code = f"import sys, importlib; [importlib.import_module('egosplat.pipeline.' + n) for n in {names}];"
-    code += "print(*sorted({'torch', 'zarr', 'cv2', 'snakemake'} & set(sys.modules)))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == []

@@ -3,7 +3,6 @@
 import contextlib
 import json
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -215,12 +214,3 @@ def test_unanswerable_queries_are_reported(word_scene, query, change, words, sai
 def test_another_openclip_than_that_of_the_features_is_rejected(word_scene, query):
     status, _, err = query(word_scene(clip_hash="0123456789abcdef"), "cup")
     assert status == 2 and "was made with another OpenCLIP" in err and "0123456789abcdef" in err
-
-
-def test_starting_imports_nothing_heavy():
-    code = (
-        "import sys; from egosplat.cli import cli; cli.get_command(None, 'query');"
-        "print([name for name in ('torch', 'numpy', 'matplotlib', 'cv2', 'zarr') if name in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"

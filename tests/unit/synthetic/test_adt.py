@@ -33,26 +33,17 @@ RGB = StreamId("214-1")
 SIZE, COUNT = 64, 4
 START_NS = 87_551_170_813_262
 ROOM, SHELF, CUP, PERSON = 4_377_907_428_960_199, 1_002, 6_243_788_802_362_822, 6_810_803_442_292_599
+ADULT = np.array([[-1.0, 0, -1], [1, 2, 1]])
+BOXES = [
+    np.array([[-4.0, 0, -3], [4, 2.5, 3]]),
+    np.array([[-0.5, 0, -0.2], [0.5, 2, 0.2]]),
+    np.array([[-0.04, 0, -0.04], [0.05, 0.1, 0.06]]),
+]
 INSTANCES = [
-    Instance(
-        ROOM, "Room_1", "Room", "shelter", 1, "static", "object", np.array([[-4.0, 0, -3], [4, 2.5, 3]])
-    ),
-    Instance(
-        SHELF, "Shelf_1", "Shelf", "shelf", 2, "static", "object", np.array([[-0.5, 0, -0.2], [0.5, 2, 0.2]])
-    ),
-    Instance(
-        CUP, "Cup_1", "Cup", "cup", 3, "dynamic", "object", np.array([[-0.04, 0, -0.04], [0.05, 0.1, 0.06]])
-    ),
-    Instance(
-        PERSON,
-        "Skeleton_T",
-        "Skeleton",
-        "person",
-        4,
-        "dynamic",
-        "human",
-        np.array([[-1.0, 0, -1], [1, 2, 1]]),
-    ),
+    Instance(ROOM, "Room_1", "Room", "shelter", 1, "static", "object", BOXES[0]),
+    Instance(SHELF, "Shelf_1", "Shelf", "shelf", 2, "static", "object", BOXES[1]),
+    Instance(CUP, "Cup_1", "Cup", "cup", 3, "dynamic", "object", BOXES[2]),
+    Instance(PERSON, "Skeleton_T", "Skeleton", "person", 4, "dynamic", "human", ADULT),
 ]
 LOG_OF_ANY_SEQUENCE = re.compile(
     # The provider prints these also for real ADT recordings without the optional parts.
@@ -390,38 +381,25 @@ def dying_frames():
     raise RuntimeError("the renderer died")
 
 
-def short_frames():
-    yield make_frame(0)
-
-
-def shuffled_frames():
-    yield from map(make_frame, [1, 0, 2, 3])
-
-
 def undeclared_frames():
     frame = make_frame(0)
     frame.with_people.segmentation[20, 20] = 77
     yield frame
 
 
-def wrong_type_frames():
-    frame = make_frame(0)
-    yield replace(frame, rgb=frame.rgb.astype(np.float32))
-
-
-def poseless_frames():
-    yield replace(make_frame(0), world_from_object={})
+def first_with(**changes):
+    return lambda: iter([replace(make_frame(0), **changes)])
 
 
 @pytest.mark.parametrize(
     ("frames", "error"),
     [
         (dying_frames, "the renderer died"),
-        (short_frames, "1 frames, not 4"),
-        (shuffled_frames, "frame 1 was captured"),
+        (first_with(), "1 frames, not 4"),
+        (lambda: map(make_frame, [1, 0, 2, 3]), "frame 1 was captured"),
         (undeclared_frames, "id 77"),
-        (wrong_type_frames, "rgb: float32"),
-        (poseless_frames, f"world_from_object: missing \\[{CUP}\\]"),
+        (first_with(rgb=np.zeros((SIZE, SIZE, 3), np.float32)), "rgb: float32"),
+        (first_with(world_from_object={}), f"world_from_object: missing \\[{CUP}\\]"),
     ],
 )
 def test_a_failed_write_leaves_nothing(tmp_path, frames, error):

@@ -4,13 +4,11 @@ import json
 
 import numpy as np
 import pytest
-from projectaria_tools.core.stream_id import StreamId
-from projectaria_tools.projects.adt import AriaDigitalTwinDataPathsProvider, AriaDigitalTwinDataProvider
 
 from egosplat.geometry import invert, transform
 from egosplat.synthetic.adt_format.adt import write_sequence
 from egosplat.synthetic.adt_format.aria import DEVICE_SERIAL
-from egosplat.synthetic.stage import make_sequence, record_world
+from egosplat.synthetic.stage import make_sequence
 from egosplat.synthetic.world.world import make_world
 
 TINY = {"name": "tiny", "seed": 8, "size": 64, "fps": 1.5, "seconds": 4.0, "objects": 16}
@@ -179,23 +177,6 @@ def test_points_lie_on_surfaces_and_most_are_good(recorded):
 def test_invalid_motion_is_rejected():
     with pytest.raises(ValueError, match="motion"):
         make_world(seed=1, seconds=5, objects=16, motion=1.5)
-
-
-def test_the_official_reader_reads_a_recording(recorded, tmp_path):
-    folder = tmp_path / "recording"
-    short = record_world(recorded.world, recorded.renderer, name="short", fps=2.5, seconds=1.6)
-    write_sequence(short, folder)
-    provider = AriaDigitalTwinDataProvider(AriaDigitalTwinDataPathsProvider(str(folder)).get_datapaths())
-    stream = StreamId("214-1")
-    times = provider.get_aria_device_capture_timestamps_ns(stream)
-    assert times == [frame.capture_ns for frame in recorded.frames[:4]]
-    frame = recorded.frames[2]
-    labels = provider.get_segmentation_image_by_timestamp_ns(times[2], stream)
-    assert labels.is_valid()
-    image = labels.data().to_numpy_array()
-    assert np.array_equal(image.astype(np.uint64), frame.without_people.segmentation)
-    assert set(provider.get_instance_ids()) == {one.instance_id for one in recorded.sequence.instances}
-    assert len(provider.get_skeleton_ids()) == 2
 
 
 def test_the_device_is_associated_with_the_wearer(tmp_path):

@@ -90,12 +90,6 @@ def test_record_chain_leads_from_the_header_to_the_end(tmp_path):
     assert len(chain) == 3 + 1 + 2
 
 
-def test_the_same_content_gives_the_same_file(tmp_path):
-    for name in ("a.vrs", "b.vrs"):
-        write(tmp_path / name, [raw_stream(1, True)], random_images(3))
-    assert (tmp_path / "a.vrs").read_bytes() == (tmp_path / "b.vrs").read_bytes()
-
-
 def test_records_out_of_order_are_rejected(tmp_path):
     stream = raw_stream(1, True)
     image = random_images(1)[0].tobytes()

@@ -1,0 +1,69 @@
+"""What has to start quickly imports nothing heavy, and frames are read without annotation code."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SOURCES = Path(__file__).resolve().parents[2] / "src"
+PIPELINE = sorted(path.stem for path in (SOURCES / "egosplat/pipeline").glob("[!_]*.py"))
+MODELS = {
+    "sam2_config": "sam2.1_hiera_b+",
+    "clip_model": "ViT-B-16",
+    "sam2_checkpoint": "x",
+    "clip_checkpoint": "x",
+}
+
+
+def imported_by(code: str) -> set[str]:
+    """The modules that a program imports."""
+    words = [sys.executable, "-c", f"import sys\n{code}\nprint(*sys.modules)"]
+    environment = os.environ | {"PYTHONPATH": str(SOURCES)}
+    done = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
+    return set(done.stdout.split())
+
+
+@pytest.mark.parametrize(
+    "code, heavy",
+    [
+        (
+            "".join(f"import egosplat.pipeline.{one};" for one in PIPELINE),
+            {"torch", "zarr", "cv2", "sam2", "open_clip", "pycolmap"},
+        ),
+        ("import egosplat.pipeline.config", {"rfc3987_syntax"}),
+        (
+            "from egosplat.cli import cli; cli.get_command(None, 'query')",
+            {"torch", "numpy", "matplotlib", "cv2", "zarr"},
+        ),
+        (
+            f"from egosplat.models.checkpoints import model_hashes; model_hashes({{'models': {MODELS}}})",
+            {"torch", "sam2", "open_clip", "hydra"},
+        ),
+    ],
+    ids=["rules", "schemas", "help of query", "hashes of models"],
+)
+def test_a_quick_start_imports_nothing_heavy(code, heavy):
+    """Snakemake imports the pipeline for every job, and help is shown at once."""
+    assert not heavy & imported_by(code)
+
+
+def test_reading_frames_never_imports_annotation_code():
+    """A change of annotation code makes no frames stale."""
+    modules = imported_by("import egosplat.frames.readers")
+    assert "egosplat.frames.adt" in modules
+    assert not [one for one in modules if one.startswith("egosplat.") and "annotation" in one]
+
+
+def test_hashing_imports_nothing_that_a_stage_needs():
+    """The code hash is computed before every job."""
+    modules = imported_by(
+        "from egosplat.pipeline.stages import STAGES, code_of; [code_of(name) for name in STAGES]"
+    )
+    own = {one for one in modules if one.startswith("egosplat.")}
+    assert own == {
+        "egosplat.pipeline",
+        *(f"egosplat.pipeline.{one}" for one in ("source_hash", "code_hash", "stages")),
+    }
+    assert not modules & {"numpy", "cv2"}
