@@ -12,8 +12,8 @@ import click
 
 from egosplat.errors import UserError
 
+# The repository.
 ROOT = Path(__file__).resolve().parents[1]
-"""The repository."""
 
 MIB = 2**20
 
@@ -35,10 +35,10 @@ def command(about: str | None) -> Callable[[Callable[..., None]], click.Command]
     return click.command(cls=_Command, help=about)
 
 
+# Decorator: one or more folders of scenes, as ``folders``.
 scene_folders = click.argument(
     "folders", nargs=-1, required=True, type=click.Path(exists=True, file_okay=False, path_type=Path)
 )
-"""Decorator: one or more folders of scenes, as ``folders``."""
 
 
 def scene_name(folder: Path) -> str:

@@ -17,14 +17,14 @@ from egosplat.tables.paper_tables import average_chance
 from egosplat.tables.scored_scenes import CHANCE, ScoredScene
 from egosplat.tables.table import Cell
 
+# Name and query group of the scores in a table.
 SCORES = (("accuracy", "all"), ("accuracy", "static"), ("accuracy", "dynamic"), ("mean_iou", "all"))
-"""Name and query group of the scores in a table."""
 
+# How intervals and p values are computed, for the first lines of a page.
 METHOD = (
     "95 % intervals over categories (bootstrap; with several scenes, over scenes and categories), because the queries of a "
     "category show one thing in several frames. p is from McNemar's exact test, which assumes independent queries."
 )
-"""How intervals and p values are computed, for the first lines of a page."""
 
 
 def told(cell: Cell) -> str:

@@ -28,21 +28,21 @@ from egosplat.tables.paper_tables import average, average_chance
 from egosplat.tables.scored_scenes import CHANCE, ScoredScene, check_protocol, read_scored_scene
 from egosplat.tables.table import Cell, number
 
+# Folder of each variant inside the scene's folder.
 VARIANTS = {
     "baseline": "variants/baseline/",
     "no_masks": "variants/no_masks/",
     "network_masks": "variants/network_masks/",
     "full": "",
 }
-"""Folder of each variant inside the scene's folder."""
 
+# Pairs of variants whose answers to the same queries are compared.
 COMPARED = (
     ("no_masks", "baseline"),
     ("network_masks", "no_masks"),
     ("full", "no_masks"),
     ("full", "baseline"),
 )
-"""Pairs of variants whose answers to the same queries are compared."""
 
 HEADINGS = (
     "scene",
@@ -58,8 +58,8 @@ HEADINGS = (
     "PSNR, static",
 )
 
+# Scored scenes by scene name, then variant.
 Scenes = Mapping[str, Mapping[str, ScoredScene]]
-"""Scored scenes by scene name, then variant."""
 
 
 def _row(

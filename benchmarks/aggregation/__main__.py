@@ -31,10 +31,10 @@ SHARES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
 METHODS = {"view": "each view alone", "none": "mean of all views"} | {
     norm: f"MAD, {norm}, k = 3" for norm in NORMS if norm != "none"
 }
+# By kind of compression; an autoencoder takes a hundred times as long to fit.
 DIMS = {"linear": (1, 2, 3, 4, 6, 8, 12, 16, 24, 32), "autoencoder": (3, 4, 8, 16)}
-"""By kind of compression; an autoencoder takes a hundred times as long to fit."""
+# The true name must be among this many nearest ones.
 TOPS = (1, 5)
-"""The true name must be among this many nearest ones."""
 
 TRIALS = 5
 K = 3.0

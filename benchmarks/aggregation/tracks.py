@@ -11,11 +11,11 @@ from egosplat.models.open_clip_loader import OpenClip
 from egosplat.progress import track
 from training.small_models.worlds import RenderedWorld
 
+# Least share of the frame that a view covers.
 LEAST_SHARE = 0.0004
-"""Least share of the frame that a view covers."""
 
+# Least number of views of an object.
 LEAST_VIEWS = 6
-"""Least number of views of an object."""
 
 _BATCH = 64
 _WHOLE = 2

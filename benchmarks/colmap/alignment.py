@@ -6,8 +6,8 @@ from scipy.spatial.transform import Rotation
 
 from egosplat.geometry import invert, is_rigid, make_pose, rotation_angle
 
+# Of the camera positions across their main direction, relative to the spread along it.
 _LEAST_SPREAD = 1e-6
-"""Of the camera positions across their main direction, relative to the spread along it."""
 
 
 def similarity(

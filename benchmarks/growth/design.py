@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+# All stages take a minute or two. Nothing is masked, so that Gaussians need no instances.
 CENTRE: Mapping[str, Mapping[str, Any]] = {
     "synthetic": {"size": 512, "fps": 3.0, "seconds": 16.0},
     "frames": {"resolution": 192, "end_s": 7.9, "evaluation_frames": 4},
@@ -19,14 +20,13 @@ CENTRE: Mapping[str, Mapping[str, Any]] = {
     },
     "splats": {"masking": "none", "iterations": 150, "max_points": 10_000, "max_gaussians": 10_000},
 }
-"""All stages take a minute or two. Nothing is masked, so that Gaussians need no instances."""
 
 PICTURES = ("frames", "annotations", "poses", "survey")
 INSTANCES = ("segments", "view_features", "features")
 MOVING = ("transient", "masks")
 GAUSSIANS = ("splats", "language", "metrics")
+# The measured stages: those of a recorded sequence.
 STAGES = PICTURES + INSTANCES + MOVING + GAUSSIANS
-"""The measured stages: those of a recorded sequence."""
 
 
 @dataclass(frozen=True)
@@ -62,13 +62,13 @@ def _autoencoder(epochs: int) -> dict[str, dict[str, Any]]:
     return {"features": {"compression": "autoencoder", "epochs": epochs}}
 
 
+# All factors large: it separates terms that are products.
 CORNER = {
     "frames": {"resolution": 512, "end_s": None, "evaluation_frames": 12},
     "segments": {"max_instances": 30},
     "transient": {"resolution": 512, "max_points": 35_000, "max_gaussians": 35_000},
     "splats": {"max_points": 35_000, "max_gaussians": 35_000},
 }
-"""All factors large: it separates terms that are products."""
 
 WITHOUT_SCORES = tuple(stage for stage in STAGES if stage != "metrics")
 MEANT = (*INSTANCES, "masks", "language")
@@ -101,8 +101,8 @@ POINTS = (
     Point("corner", "all of them", "at their most, 512 px", CORNER, STAGES),
 )  # fmt: skip
 
+# The options of each scene in the table of scenes.
 SCENES = {
     "apartment": "synthetic.seed=1",
     "small": "synthetic.seed=1 synthetic.size=256",
 }
-"""The options of each scene in the table of scenes."""

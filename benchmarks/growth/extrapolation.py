@@ -18,6 +18,7 @@ from egosplat.pipeline.config import Config
 from egosplat.pipeline.dag import leaves_frames_out, masks_by_survey
 
 NETWORK, RASTERIZER = "network_speedup", "rasterizer_speedup"
+# The stages that use a GPU, and the assumption that holds its speed-up.
 ON_GPU = {
     "segments": NETWORK,
     "view_features": NETWORK,
@@ -26,7 +27,6 @@ ON_GPU = {
     "language": RASTERIZER,
     "metrics": RASTERIZER,
 }
-"""The stages that use a GPU, and the assumption that holds its speed-up."""
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from egosplat.cost_model.laws import CPU, DISK, MEMORY, Term
 
 ONCE: Term = ()
 
+# By stage and measure. A term stands for a loop in the stage's code.
 LAWS: Mapping[str, Mapping[str, tuple[Term, ...]]] = {
     "frames": {
         CPU: (("frames", "recorded_pixels"), ("frames", "pixels")),
@@ -82,11 +83,11 @@ LAWS: Mapping[str, Mapping[str, tuple[Term, ...]]] = {
         DISK: (ONCE, ("queries",)),
     },
 }  # fmt: skip
-"""By stage and measure. A term stands for a loop in the stage's code."""
 
+# One byte a pixel [MiB].
 BYTE = 1 / 2**20
-"""One byte a pixel [MiB]."""
 
+# By stage and measure: coefficients that follow from the code and are not fitted.
 KNOWN: Mapping[tuple[str, str], Mapping[Term, float]] = {
     # Training frames are held as three bytes a pixel, features as four copies of float32. The small sizes that are
     # measured hardly show either; a view's share of batches in work would pass for its features.
@@ -94,7 +95,6 @@ KNOWN: Mapping[tuple[str, str], Mapping[Term, float]] = {
     ("splats", MEMORY): {("training", "pixels"): 3 * BYTE},
     ("view_features", MEMORY): {("views", "channels"): 16 * BYTE},
 }
-"""By stage and measure: coefficients that follow from the code and are not fitted."""
 
 
 def fit_all(runs: list[Run]) -> dict[str, dict[str, Fit]]:

@@ -12,8 +12,8 @@ Fits = Mapping[str, Mapping[str, Fit]]
 
 UNITS = {CPU: "s", MEMORY: "MiB", DISK: "MiB"}
 
+# Sizes whose coefficients are printed per thousand.
 _THOUSANDS = ("pixels", "gaussians", "points")
-"""Sizes whose coefficients are printed per thousand."""
 
 
 def table(columns: Sequence[str], rows: Sequence[Sequence[str]], words: int = 1) -> str:

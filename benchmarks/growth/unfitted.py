@@ -8,23 +8,26 @@ from benchmarks.growth.fitting import Fit
 from benchmarks.growth.laws import ONCE
 from egosplat.cost_model.laws import CPU, MEMORY, Term
 
+# Peak memory with the paper's models, without tracked instances (benchmarks/published_models/README.md)
+# [MiB].
 SAM2_MB, CLIP_MB = 1861.0, 1922.0
-"""Peak memory with the paper's models, without tracked instances (benchmarks/published_models/README.md) [MiB]."""
 
+# Of an instance that SAM2 tracks at 1024 px: 1.9 at 320 px (benchmarks/segments_growth/README.md), by area
+# [MiB].
 TRACKED_MB = 19.2
-"""Of an instance that SAM2 tracks at 1024 px: 1.9 at 320 px (benchmarks/segments_growth/README.md), by area [MiB]."""
 
+# ``segments.lost_track_stride``: an instance that is not seen is searched for in every third frame.
 ABSENT_STRIDE = 3
-"""``segments.lost_track_stride``: an instance that is not seen is searched for in every third frame."""
 
+# Processor time / time on the clock of the stages of adt/scene1 on two cores; other stages keep one core
+# busy.
 BUSY_CORES = {"segments": 1.3, "segments_published": 1.3, "splats": 1.6, "poses_colmap": 1.8}
-"""Processor time / time on the clock of the stages of adt/scene1 on two cores; other stages keep one core busy."""
 
+# Time of a training step with each variant of the kernels against AVX-512 (benchmarks/rasterizer/README.md).
 RASTERIZER = {"avx512": 1.0, "avx2": 1.22, "generic": 3.2}
-"""Time of a training step with each variant of the kernels against AVX-512 (benchmarks/rasterizer/README.md)."""
 
+# 1,000 bytes and 1 byte [MiB].
 KB, PIXEL = 1e3 / 2**20, 1 / 2**20
-"""1,000 bytes and 1 byte [MiB]."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,7 @@ _RENDERED_SHEET = Law(
     "figures of rendered views", {ONCE: 100.0}, {ONCE: 1145.0, ("gaussians",): KB}, (CPU, MEMORY)
 )
 
+# Laws of what the growth benchmark does not run.
 LAWS: Mapping[str, Law] = {
     "synthetic": Law(
         "one run: 120 frames of 704 x 704, 117 CPU-s, 490 MiB",
@@ -67,7 +71,6 @@ LAWS: Mapping[str, Law] = {
     "transient_sheet": _RENDERED_SHEET,
     "language_sheet": _RENDERED_SHEET,
 }
-"""Laws of what the growth benchmark does not run."""
 
 
 def with_paper_models(

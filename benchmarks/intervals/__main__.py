@@ -17,14 +17,14 @@ from benchmarks.common import command, markdown
 from egosplat.evaluation.intervals import Clusters, IntervalOptions, clustered_interval, mean_of_scenes
 from egosplat.progress import track
 
+# Queries of a category, about as many as in the apartments.
 FRAMES = 4
-"""Queries of a category, about as many as in the apartments."""
 
+# Scenes, categories of each, share that is hit, standard deviation of the share between scenes.
 CASES = [
     *product((1,), (3, 6, 10, 22), (0.3, 0.55, 0.85), (0.0,)),
     *product((2, 5), (22,), (0.3, 0.55, 0.85), (0.0, 0.1, 0.2)),
 ]
-"""Scenes, categories of each, share that is hit, standard deviation of the share between scenes."""
 
 OPTIONS = IntervalOptions(confidence=0.95, resamples=1000, seed=0)
 

@@ -42,8 +42,8 @@ from egosplat.progress import log
 
 CPU = torch.device("cpu")
 LIFTED, TOGETHER, APART = "lifted", "trained, three levels at once", "trained, one level a model"
+# Levels of a model, and number of models.
 WAYS = {LIFTED: (3, 1), TOGETHER: (3, 1), APART: (1, 3)}
-"""Levels of a model, and number of models."""
 
 COLUMNS = (
     "scene",

@@ -16,8 +16,8 @@ from egosplat.synthetic.world.world import World, camera_pose, make_world
 from training.small_models.attributes import COLOURS, find_appearance
 from training.small_models.captions import MAIN_SHARE, TRACE_SHARE
 
+# Pictures from which it is counted how much is seen of each surface: their side [px], and how many there are.
 SIDE, MOMENTS = 128, 40
-"""Pictures from which it is counted how much is seen of each surface: their side [px], and how many there are."""
 
 Shares = NDArray[np.float64]
 

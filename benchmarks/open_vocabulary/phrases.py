@@ -3,6 +3,7 @@
 from training.small_models.captions import held_out
 from training.small_models.glossary import COLOUR_GLOSSARY, GLOSSARY
 
+# By category: synonyms of which no word is in any caption or in the glossary.
 UNTAUGHT: dict[str, tuple[str, ...]] = {
     "armchair": ("fauteuil",),
     "bed frame": ("berth",),
@@ -41,14 +42,13 @@ UNTAUGHT: dict[str, tuple[str, ...]] = {
     "wall clock": ("horologe",),
     "wall-mounted coat rack": ("hallstand",),
 }
-"""By category: synonyms of which no word is in any caption or in the glossary."""
 
 NAME, GLOSSED, NEW = "the name", "a synonym of the glossary", "a synonym of neither"
 TAUGHT_PAIR, LEFT_OUT_PAIR = "colour and name, taught together", "colour and name, never shown together"
 GLOSSED_PAIR = "colour and name, both of the glossary"
 
+# In the order of the table.
 KINDS = (NAME, GLOSSED, NEW, TAUGHT_PAIR, LEFT_OUT_PAIR, GLOSSED_PAIR)
-"""In the order of the table."""
 
 
 def synonym_phrases(category: str) -> dict[str, tuple[str, ...]]:

@@ -9,12 +9,12 @@ from benchmarks.open_vocabulary.colours import Shares, is_doubtful, main_colour
 from benchmarks.open_vocabulary.phrases import colour_phrases, synonym_phrases
 from egosplat.evaluation.queries import InstanceMap, Query
 
+# Sets of what is meant.
 TARGETS = WORDS, COLOURED, TOLD_APART = (
     "things of a category",
     "things of a colour",
     "things of a colour beside others of their category",
 )
-"""Sets of what is meant."""
 
 
 @dataclass(frozen=True)

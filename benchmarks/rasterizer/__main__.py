@@ -22,8 +22,8 @@ from egosplat.kernels import library
 
 HERE = Path(__file__).resolve().parent
 COMMITTED = HERE / "rasterizer.json"
+# Share of the committed ratio that a quick run must reach.
 LEAST = 2 / 3
-"""Share of the committed ratio that a quick run must reach."""
 
 
 def whole() -> None:

@@ -24,14 +24,15 @@ CHANNELS = (3, 12)
 SWEEP = (1, 3, 4, 8, 12, 16, 32)
 
 ROUNDS = {"kernels": 15, "torch": 2}
+# On two threads, without torch: its many small loops wait for each other for seconds where a core is busy
+# otherwise.
 WALL_ROUNDS = {"kernels": 20}
-"""On two threads, without torch: its many small loops wait for each other for seconds where a core is busy otherwise."""
 
+# Two for each of the eight cameras.
 ITERATION_ROUNDS = 16
-"""Two for each of the eight cameras."""
 
+# Relative difference (L2) of images or gradients above which two rasterizers do not do the same work.
 MAX_ERROR = 1e-3
-"""Relative difference (L2) of images or gradients above which two rasterizers do not do the same work."""
 
 Workers = dict[str, ProcessPoolExecutor]
 Rows = list[dict[str, Any]]

@@ -12,8 +12,8 @@ from egosplat.kernels import library
 from egosplat.kernels.raster import composite
 from egosplat.rasterize.reference.rasterizer import composite as composite_in_torch
 
+# Returns the image (H, W, X), then the gradients to means2d, conics, opacities and channels.
 Run = Callable[[], tuple[Tensor, ...]]
-"""Returns the image (H, W, X), then the gradients to means2d, conics, opacities and channels."""
 
 
 def prepare_kernels(problem: Problem) -> Run:

@@ -16,8 +16,8 @@ from egosplat.rasterize.reference.projection import project
 
 Array = NDArray[np.float64]
 
+# Number of Gaussians, width and height [px] of each scene.
 SCENES = {"A": (10_000, 320, 240), "B": (50_000, 320, 240), "C": (10_000, 640, 480), "D": (50_000, 640, 480)}
-"""Number of Gaussians, width and height [px] of each scene."""
 
 NEAR_PLANE, EPS2D = 0.1, 0.3
 

@@ -9,6 +9,7 @@ from egosplat.progress import log
 
 PRESETS = Path(__file__).resolve().parents[2] / "config" / "presets"
 
+# Keys of a scene of some ten pictures.
 SMALL = {
     "synthetic": {"size": 256, "fps": 2.0, "seconds": 6.0, "objects": 16},
     "frames": {"resolution": 128, "evaluation_frames": 3},
@@ -23,14 +24,13 @@ SMALL = {
     },
     "survey": {"min_view_change_deg": 0},
 }
-"""Keys of a scene of some ten pictures."""
 
 _MASKED = ("splats", "language")
+# What each stage takes of what the others make, where splats.masking is refined.
 INPUTS = {name: STAGES[name].inputs + (("masks",) if name in _MASKED else ()) for name in PIPELINE}
-"""What each stage takes of what the others make, where splats.masking is refined."""
 
+# What stages are told beside keys and artifacts.
 WORDS = {"frames": {"format": "adt"}, "metrics": {"title": "small"}}
-"""What stages are told beside keys and artifacts."""
 
 
 def file_of(stage: str) -> str:

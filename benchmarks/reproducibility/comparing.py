@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from egosplat.artifacts.reader import open_any
 from egosplat.artifacts.registry import SCHEMAS
 
+# Parts of documents that differ each time.
 VOLATILE = {"provenance", "artifacts", "costs", "created", "wall_s", "cpu_s", "peak_memory_mb", "digest"}
-"""Parts of documents that differ each time."""
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,8 @@ from egosplat.progress import log, track
 _TRIES = 8
 _FULL = re.compile(r"^egosplat: .*No space left on device", re.MULTILINE)
 
+# Cells of one attempt by column: truths, and seconds.
 Outcome = dict[str, object]
-"""Cells of one attempt by column: truths, and seconds."""
 
 
 def kill(finished: Scene, folder: Path, stage: str, victim: str, share: float) -> Outcome:

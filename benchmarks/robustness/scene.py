@@ -23,6 +23,7 @@ from egosplat.progress import log
 SCENE = Path("results/adt/scene1")
 TARGET = SCENE / "metrics.json"
 
+# A configuration with which all stages take minutes, and checkpoints are frequent enough to meet kills.
 SMALL = """
 synthetic: {size: 176, fps: 2.0, seconds: 6.0, objects: 16}
 frames: {resolution: 96, evaluation_frames: 3}
@@ -30,15 +31,14 @@ segments: {points_per_side: 8, key_frame_stride: 6}
 transient: {iterations: 60, resolution: 48, input_size: 64, checkpoint_s: 0.5}
 splats: {masking: refined, iterations: 120, max_points: 1000, max_gaussians: 2000, checkpoint_s: 0.5}
 """
-"""A configuration with which all stages take minutes, and checkpoints are frequent enough to meet kills."""
 
+# Output of each stage in the scene's folder, in an order in which each follows its inputs.
 ARTIFACTS = {name: STAGES[name].output for name in PIPELINE}
-"""Output of each stage in the scene's folder, in an order in which each follows its inputs."""
 
 _LONGEST_WAIT_S = 300.0
 
+# Parts of metrics.json without times.
 SCORED = ("origin", "counts", "scores", "queries", "rendering", "frames")
-"""Parts of metrics.json without times."""
 
 
 class Scene:

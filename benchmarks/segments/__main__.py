@@ -26,6 +26,7 @@ from egosplat.segments.options import SegmentsOptions
 from egosplat.segments.tracker import Tracker
 from training.small_models.worlds import NOTHING, RenderedWorld, read_world
 
+# The compared methods, by their keys over the defaults.
 METHODS: dict[str, dict[str, Any]] = {
     "SAM2, initial frame": {"prompting": "initial_frame"},
     "SAM2, key frames": {},
@@ -34,8 +35,8 @@ METHODS: dict[str, dict[str, Any]] = {
     "the same, every frame searched": {"lost_track_stride": 1},
     "classical": {},
 }
-"""The compared methods, by their keys over the defaults."""
 
+# Heading and format of each measured number; see ``VideoScores``.
 COLUMNS = {
     "instances": ("true instances", ".0f"),
     "found": ("found", ".0f"),
@@ -46,7 +47,6 @@ COLUMNS = {
     "held": ("held", ".3f"),
     "seconds": ("CPU-s a frame", ".2f"),
 }
-"""Heading and format of each measured number; see ``VideoScores``."""
 
 
 def options(method: str) -> SegmentsOptions:

@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 
 Labels = NDArray[np.int32]
 
+# Of the picture, that a true instance covers in a frame to count there.
 LEAST_SHARE = 0.001
-"""Of the picture, that a true instance covers in a frame to count there."""
 
+# In which a true instance counts to be judged at all.
 LEAST_FRAMES = 3
-"""In which a true instance counts to be judged at all."""
 
+# Share of a true instance's pixels that one found instance holds, to stand for it in a frame.
 _DOMINATES = 0.5
-"""Share of a true instance's pixels that one found instance holds, to stand for it in a frame."""
 
 
 @dataclass(frozen=True)

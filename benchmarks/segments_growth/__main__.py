@@ -23,9 +23,10 @@ from egosplat.progress import log
 from egosplat.segments.options import LEVELS, SegmentsOptions
 from egosplat.segments.tracker import Tracker
 
+# Frames, and instances of all levels together.
 POINTS = ((12, 60), (24, 60), (48, 60), (96, 60), (24, 15), (24, 120), (24, 240))
-"""Frames, and instances of all levels together."""
 
+# Keys with which every mask is tracked.
 KEEP_ALL = {
     "points_per_side": 24,
     "pred_iou_thresh": -1.0,
@@ -46,7 +47,6 @@ KEEP_ALL = {
     "lost_track_stride": 1,
     "batch": 32,
 }
-"""Keys with which every mask is tracked."""
 
 
 def keep_all(**keys: object) -> SegmentsOptions:

@@ -21,14 +21,14 @@ from benchmarks.small_sam2.worlds import LEVELS, SIZES, film, stills, world_fold
 from egosplat.progress import track
 from training.small_models.worlds import read_world
 
+# The compared segmenters, made from the checkpoint.
 SEGMENTERS: dict[str, Callable[[str], Segmenter]] = {
     "small SAM2": small_sam2,
     "classical": lambda _: ClassicalSegmenter(),
 }
-"""The compared segmenters, made from the checkpoint."""
 
+# Rows of the table and their classes of size.
 CLASSES = {"> 1 %": ("1-5 %", "> 5 %"), **{size: (size,) for size in SIZES}}
-"""Rows of the table and their classes of size."""
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 _POINTS_PER_BATCH = 32
 
+# Strides of the image encoder's three feature maps, finest first [px].
 _STRIDES = (4, 8, 16)
-"""Strides of the image encoder's three feature maps, finest first [px]."""
 
 
 class Segmenter(Protocol):

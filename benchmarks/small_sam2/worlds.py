@@ -11,8 +11,8 @@ from egosplat.errors import UserError
 from training.small_models.levels import LEVELS
 from training.small_models.worlds import NOTHING, RenderedWorld
 
+# Classes of masks by the least share of the frame that they cover.
 SIZES = {"< 0.1 %": 0.0, "0.1-1 %": 0.001, "1-5 %": 0.01, "> 5 %": 0.05}
-"""Classes of masks by the least share of the frame that they cover."""
 
 LEAST_PIXELS = 40
 _POINTS_PER_LEVEL = 12

@@ -24,14 +24,14 @@ from egosplat.progress import log
 from egosplat.transient.masks_stage import InstanceScores, refined_mask, transient_instances
 
 THRESHOLDS = tuple(round(0.05 * step, 2) for step in range(1, 20))
+# Least probability of a pixel that the network alone masks.
 ALONE = 0.5
-"""Least probability of a pixel that the network alone masks."""
 
 COLUMNS = ("scene", "masks", "T", "IoU", "precision", "recall", "missed", "static, masked")
 
 Labels = NDArray[np.int32]
+# Scores by threshold.
 Sweep = dict[float, MaskScores]
-"""Scores by threshold."""
 
 
 class Scene:

@@ -6,11 +6,11 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+# Least share of the frame that a moving instance covers to count as seen there.
 LEAST_SHARE = 0.001
-"""Least share of the frame that a moving instance covers to count as seen there."""
 
+# Share of a moving instance that a mask must cover not to miss it.
 _COVERED = 0.5
-"""Share of a moving instance that a mask must cover not to miss it."""
 
 Mask = NDArray[np.bool_]
 

@@ -13,8 +13,8 @@ from egosplat.frames.annotations_stage import open_annotations
 from egosplat.frames.recording import Annotations
 from egosplat.geometry import Camera
 
+# Range of an object's position up to which it is static, whatever its label (docs/method.md#static-dynamic).
 MOVED_M = 0.02
-"""Range of an object's position up to which it is static, whatever its label (docs/method.md#static-dynamic)."""
 
 MAX_AGE_NS = 3_000_000
 

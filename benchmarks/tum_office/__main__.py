@@ -23,11 +23,12 @@ from egosplat.errors import UserError
 from egosplat.files import atomic_directory, read_json
 
 HERE = Path(__file__).resolve().parent
+# Where tum_office/scenes.tsv looks for it.
 RECORDING = Path("data/tum_office")
-"""Where tum_office/scenes.tsv looks for it."""
 
+# TUM's freiburg3, without distortion. TUM counts from the middle of the top left pixel, egosplat from its
+# corner.
 CAMERA = {"width": 640, "height": 480, "fx": 535.4, "fy": 539.2, "cx": 320.1 + 0.5, "cy": 247.6 + 0.5}
-"""TUM's freiburg3, without distortion. TUM counts from the middle of the top left pixel, egosplat from its corner."""
 
 
 @dataclass(frozen=True)

@@ -20,11 +20,12 @@ from egosplat.pipeline.stages import STAGES, path_help, run_stage
 from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml
 from egosplat.pipeline.validation import LARGEST_INTEGER
 
+# Half of the longest message about a flag [characters].
 _LONGEST = 500
-"""Half of the longest message about a flag [characters]."""
 
 ARTIFACT = click.Path(path_type=Path)
 
+# Flags that come from the table of scenes.
 SCENE = {
     "title": click.Option(["--title"], default="scene", show_default=True, help="Title of the scene."),
     "format": click.Option(
@@ -34,7 +35,6 @@ SCENE = {
         help="How the recording is laid out on disk.",
     ),
 }
-"""Flags that come from the table of scenes."""
 
 
 class TextList(click.ParamType):

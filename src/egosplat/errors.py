@@ -6,11 +6,11 @@ import re
 import resource
 from collections.abc import Callable, Iterator
 
+# Error numbers of a full disk, an exhausted quota, and a file larger than the limit.
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-"""Error numbers of a full disk, an exhausted quota, and a file larger than the limit."""
 
+# The advice for ``NO_ROOM``.
 MAKE_ROOM = "Make room and start the same command again: complete results are kept"
-"""The advice for ``NO_ROOM``."""
 
 _NO_MEMORY = re.compile(
     r"out of memory|allocate memory|could not create a primitive$|failed to map segment|can't start new thread"

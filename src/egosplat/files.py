@@ -81,8 +81,8 @@ def read_json(path: Path, parse_constant: Callable[[str], Any] | None = None) ->
         raise ValueError("nested too deeply") from None
 
 
+# More than the logs and notes of a run need.
 _ROOM_BYTES = 2**20
-"""More than the logs and notes of a run need."""
 
 
 def check_writable(folders: Iterable[Path]) -> None:

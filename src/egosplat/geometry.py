@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 Array = NDArray[np.float64]
 
+# Added to projectaria-tools' image coordinates (pixel centre at the integer) to get this package's.
 ARIA_PIXEL_OFFSET = 0.5
-"""Added to projectaria-tools' image coordinates (pixel centre at the integer) to get this package's."""
 
 
 @dataclass(frozen=True)
@@ -77,10 +77,10 @@ class Camera:
         return (u >= 0) & (u < self.width) & (v >= 0) & (v < self.height)
 
 
+# ``sensor_from_upright``: maps camera axes of the clockwise-rotated image to those of the sensor image.
 CLOCKWISE = np.array(
     [[0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 )
-"""``sensor_from_upright``: maps camera axes of the clockwise-rotated image to those of the sensor image."""
 
 
 def to_aria_pixels(pixels: Array) -> Array:

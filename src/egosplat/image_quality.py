@@ -18,8 +18,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+# Radius of SSIM's 11 x 11 window [px].
 WINDOW_RADIUS = 5
-"""Radius of SSIM's 11 x 11 window [px]."""
 
 # Constants of Wang et al. (2004): Gaussian window, (K1 L)^2 and (K2 L)^2 with L = 1.
 _SIGMA = 1.5

@@ -17,11 +17,11 @@ from typing import Any
 from egosplat.errors import UserError
 from egosplat.files import atomic_file, check_writable, read_json
 
+# The keyword of PNG's text chunk that names the program.
 SOFTWARE = "Software"
-"""The keyword of PNG's text chunk that names the program."""
 
+# A mark is within this many bytes from the start of its file.
 _HEAD_BYTES = 4096
-"""A mark is within this many bytes from the start of its file."""
 
 _PNG = b"\x89PNG\r\n\x1a\n"
 

@@ -11,6 +11,7 @@ from egosplat.synthetic.objects.textures import Texture
 
 Floats = NDArray[np.float32]
 
+# Typical shades (red, green, blue) of each colour; other shades get the name of the nearest one in CIE Lab.
 _SHADES: dict[str, tuple[tuple[int, int, int], ...]] = {
     "black": ((15, 15, 15), (40, 40, 42)),
     "grey": ((85, 85, 88), (125, 125, 127), (165, 165, 168)),
@@ -34,12 +35,11 @@ _SHADES: dict[str, tuple[tuple[int, int, int], ...]] = {
     "purple": ((125, 55, 165), (85, 45, 115), (165, 120, 205)),
     "pink": ((225, 110, 165), (235, 165, 195), (190, 60, 130), (205, 130, 160)),
 }
-"""Typical shades (red, green, blue) of each colour; other shades get the name of the nearest one in CIE Lab."""
 
 COLOURS = tuple(_SHADES)
 
+# Textures are judged at a distance at which they have this many pixels.
 _SIDE = 24
-"""Textures are judged at a distance at which they have this many pixels."""
 
 
 def _lab(rgb: NDArray[np.uint8]) -> Floats:

@@ -19,8 +19,8 @@ from training.small_models.concepts import (
 from training.small_models.crops import OWN_ARMS, Crops
 from training.small_models.levels import LEVELS
 
+# 1: true, 0: false, -1: undecided.
 Truth = NDArray[np.int8]
-"""1: true, 0: false, -1: undecided."""
 
 PATTERNS: dict[str, tuple[str, ...]] = {
     "plain": ("plain",),
@@ -48,14 +48,14 @@ MATERIALS: dict[str, tuple[str, ...]] = {
     "plaster": ("plaster",),
     "stone": ("stone",),
 }
+# Nouns for captions that describe looks only.
 NOUNS = ("object", "thing", "item")
-"""Nouns for captions that describe looks only."""
 
 TEMPLATES = ("{}", "{}", "{}", "{}", "{a} {}", "the {}", "a photo of {a} {}", "a picture of the {}")
 _BARE = ("{} {noun}", "{} {noun}", "{}", "something {}")
 
+# A colour or material is true from the first fraction of a surface on, and false below the second.
 MAIN_SHARE, TRACE_SHARE = 0.4, 0.12
-"""A colour or material is true from the first fraction of a surface on, and false below the second."""
 
 _HELD_OUT_OF = 8
 
@@ -225,8 +225,8 @@ def bank(claims: Claims, rng: np.random.Generator) -> Captions:
 
 
 _NOUN_GROUPS = ("piece", "part", "whole", "kind")
+# Probability that a caption mentions each property that the crop has.
 _LOOKS = {"colour": 0.75, "pattern": 0.3, "material": 0.3}
-"""Probability that a caption mentions each property that the crop has."""
 
 
 def describe(claims: Claims, known: Truth, rng: np.random.Generator) -> Captions:

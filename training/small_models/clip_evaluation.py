@@ -22,8 +22,8 @@ from training.small_models.levels import LEVELS
 _BATCH = 512
 _TEMPERATURE = 10.0
 
+# Ranges of the side of crops' bounding squares [px], first and end.
 SIZES = ((0, 15), (15, 30), (30, 60), (60, 10_000))
-"""Ranges of the side of crops' bounding squares [px], first and end."""
 
 
 @dataclass(frozen=True)

@@ -73,11 +73,11 @@ class Schedule:
 
 
 _WEIGHTS = {"whole": 1.0, "kind": 0.3, "part": 0.6, "colour": 0.5, "pattern": 0.4, "material": 0.4}
+# Weight of captions in the contrastive loss.
 _DESCRIBED = 0.7
-"""Weight of captions in the contrastive loss."""
 
+# Words of the glossary per step: alone, and with a colour.
 _GLOSSED, _COLOURED = 32, 16
-"""Words of the glossary per step: alone, and with a colour."""
 
 
 class Trainer:

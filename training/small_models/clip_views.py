@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional as F
 
+# OpenCLIP's mean and standard deviation of red, green and blue.
 MEAN, STD = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
-"""OpenCLIP's mean and standard deviation of red, green and blue."""
 
 IMAGE_PX = 64
 
+# Smallest fraction of a mask that stays uncovered.
 _LEAST_LEFT = 0.4
-"""Smallest fraction of a mask that stays uncovered."""
 
 
 def split_patches(patches: NDArray[np.uint8], device: torch.device | str) -> tuple[Tensor, Tensor]:

@@ -14,8 +14,8 @@ from training.small_models.glossary import COLOUR_GLOSSARY, GLOSSARY
 
 Merge = tuple[str, str]
 
+# Bytes, bytes that end a word, and the two markers of start and end.
 SINGLE_TOKENS = 2 * 256 + 2
-"""Bytes, bytes that end a word, and the two markers of start and end."""
 
 
 def known_words() -> list[str]:

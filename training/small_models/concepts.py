@@ -5,6 +5,7 @@ These words are used in captions of images; those of ``glossary.py`` never are.
 
 from dataclasses import dataclass
 
+# Phrases for every whole; the first is the name that ADT gives it, if it does.
 WHOLES: dict[str, tuple[str, ...]] = {
     "armchair": ("armchair", "lounge chair"),
     "basketball": ("basketball", "ball"),
@@ -70,7 +71,6 @@ WHOLES: dict[str, tuple[str, ...]] = {
     "door": ("door", "doorway"),
     "window": ("window",),
 }
-"""Phrases for every whole; the first is the name that ADT gives it, if it does."""
 
 _FURNITURE = (
     "armchair,bed frame,bookcase,cabinet,coffee table,couch,desk,dining chair,dining table,shelf,side table,"
@@ -78,6 +78,7 @@ _FURNITURE = (
 )
 _BUILDING = "floor,ceiling,wall,skirting,corridor walls,corridor floor,corridor ceiling,door,window"
 
+# Words for several wholes.
 KINDS: dict[tuple[str, ...], str] = {
     ("furniture", "piece of furniture"): _FURNITURE,
     ("chair", "seat"): "armchair,dining chair",
@@ -94,8 +95,8 @@ KINDS: dict[tuple[str, ...], str] = {
     ("floor covering",): "rug,door mat",
     ("reading material",): "book,magazine",
 }
-"""Words for several wholes."""
 
+# Words for the builders' part names.
 PARTS: dict[tuple[str, ...], str] = {
     ("body", "main part"): "body,base,case,dish,chest",
     ("leg", "legs"): "legs",
@@ -177,8 +178,8 @@ PARTS: dict[tuple[str, ...], str] = {
     ("step", "steps", "treads"): "treads",
     ("speaker cone", "cones"): "cones",
 }
-"""Words for the builders' part names."""
 
+# For each whole, other wholes for which its words are neither true nor false.
 RELATED: dict[str, tuple[str, ...]] = {
     "picture": ("wall artwork",),
     "wall artwork": ("picture",),
@@ -195,10 +196,9 @@ RELATED: dict[str, tuple[str, ...]] = {
     "rug": ("door mat",),
     "lamp": ("corridor lamp",),
 }
-"""For each whole, other wholes for which its words are neither true nor false."""
 
+# Canonical phrases of relevancy: for any object less true than its name and truer than another name.
 CANONICAL = ("object", "things", "stuff", "texture")
-"""Canonical phrases of relevancy: for any object less true than its name and truer than another name."""
 
 
 @dataclass(frozen=True)

@@ -17,18 +17,18 @@ from training.small_models.attributes import Appearance, find_appearance
 from training.small_models.levels import LEVELS, Levels
 from training.small_models.worlds import RenderedWorld, read_world, rebuild_world
 
+# Side of a stored patch, and of the mask's bounding square in it.
 PATCH_PX, INNER_PX = 72, 64
-"""Side of a stored patch, and of the mask's bounding square in it."""
 
 _FRAME_STEP = 2
 _LEAST_PX = {"subpart": 60, "part": 45, "whole": 40}
+# Fraction of the crops to keep, by level; ``_LEAST_PX`` is the smallest mask.
 _KEPT = {"subpart": 0.15, "part": 0.5, "whole": 1.0}
-"""Fraction of the crops to keep, by level; ``_LEAST_PX`` is the smallest mask."""
+# Fraction of the building's wholes to keep, because they are in every image.
 _KEPT_OF_BUILDING = 0.4
-"""Fraction of the building's wholes to keep, because they are in every image."""
 
+# Name of the wearer, of whom only the arms are visible.
 OWN_ARMS = "own arms"
-"""Name of the wearer, of whom only the arms are visible."""
 
 
 @dataclass(frozen=True, eq=False)

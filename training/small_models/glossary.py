@@ -1,5 +1,6 @@
 """Synonyms that are in no caption: the text tower learns them from words alone."""
 
+# Synonyms by whole.
 GLOSSARY: dict[str, tuple[str, ...]] = {
     "armchair": ("easy chair", "recliner"),
     "basketball": ("hoop ball",),
@@ -54,8 +55,8 @@ GLOSSARY: dict[str, tuple[str, ...]] = {
     "wall": ("partition",),
     "door": ("entrance",),
 }
-"""Synonyms by whole."""
 
+# Synonyms by colour.
 COLOUR_GLOSSARY: dict[str, tuple[str, ...]] = {
     "red": ("crimson", "scarlet"),
     "blue": ("navy", "azure"),
@@ -71,4 +72,3 @@ COLOUR_GLOSSARY: dict[str, tuple[str, ...]] = {
     "black": ("ebony",),
     "white": ("ivory",),
 }
-"""Synonyms by colour."""

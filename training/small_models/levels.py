@@ -18,6 +18,7 @@ Ints = NDArray[np.int32]
 
 LEVELS = ("subpart", "part", "whole")
 
+# Parts of the building that form one whole together; every other part of the building is its own whole.
 _BUILDING = {
     "lamp base": "lamp",
     "window reveal": "window",
@@ -27,7 +28,6 @@ _BUILDING = {
     "door reveal": "door",
     "door frame": "door",
 }
-"""Parts of the building that form one whole together; every other part of the building is its own whole."""
 
 _WELD_M = 1e-5
 

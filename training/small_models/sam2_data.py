@@ -12,16 +12,16 @@ from torch import Tensor
 from training.small_models.levels import LEVELS
 from training.small_models.worlds import RenderedWorld
 
+# Default side of the model's input [px].
 SIDE = 256
-"""Default side of the model's input [px]."""
 
+# Pixels of the input per cell, for the model's masks and for the targets that define their IoU. The coarse
+# cells distinguish small masks too badly for the latter.
 COARSE, FINE = 4, 2
-"""Pixels of the input per cell, for the model's masks and for the targets that define their IoU. The coarse cells
-distinguish small masks too badly for the latter."""
 
 _LEAST_PIXELS = 12
+# Normalisation of the published SAM2.
 _MEAN, _STD = np.array([0.485, 0.456, 0.406], np.float32), np.array([0.229, 0.224, 0.225], np.float32)
-"""Normalisation of the published SAM2."""
 
 Rng = np.random.Generator
 Bytes = NDArray[np.uint8]

@@ -6,8 +6,8 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+# Weight of the focal loss relative to the dice loss, as in SAM (Kirillov et al. 2023).
 _FOCAL_WEIGHT = 20.0
-"""Weight of the focal loss relative to the dice loss, as in SAM (Kirillov et al. 2023)."""
 
 
 def mask_loss(logits: Tensor, share: Tensor, balance: float) -> Tensor:

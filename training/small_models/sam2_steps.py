@@ -11,13 +11,13 @@ from torch import Tensor
 from training.small_models.sam2_data import Clip, Prompts, Tracks, to_input
 from training.small_models.sam2_losses import Guides, mask_iou, mask_loss
 
+# Weights of subpart, part and whole; a screw is prompted less often than a table.
 _LEVEL_WEIGHTS = (0.6, 0.8, 1.2)
-"""Weights of subpart, part and whole; a screw is prompted less often than a table."""
 
 _SINGLE_WEIGHT, _PRESENCE_WEIGHT = 0.3, 0.2
 
+# Logits of a mask prompt are plus and minus half of this, as in SAM2.
 _GIVEN_SCALE = 20.0
-"""Logits of a mask prompt are plus and minus half of this, as in SAM2."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,14 +16,14 @@ from egosplat.synthetic.stage import make_renderer
 from egosplat.synthetic.world.world import World, camera_pose, make_world
 from training.small_models.levels import Levels, find_levels
 
+# The paper's focal length of rectified pictures, at a side of 1408 px.
 FOCAL = 460.0
-"""The paper's focal length of rectified pictures, at a side of 1408 px."""
 
+# The subpart of pixels outside the lens circle.
 NOTHING = np.uint16(2**16 - 1)
-"""The subpart of pixels outside the lens circle."""
 
+# First seeds of the worlds; recordings and tests use far smaller ones.
 TRAINING_SEEDS, HELD_OUT_SEEDS = 1_000_000, 2_000_000
-"""First seeds of the worlds; recordings and tests use far smaller ones."""
 
 
 @dataclass(frozen=True)

@@ -6,37 +6,37 @@ from egosplat.alarms.alarm import Alarm, exceeds, falls_below
 
 # In synthetic apartments it is 1 to 25 % at a level (25 % with prompts in the first frame only,
 # benchmarks/segments/README.md) and 10 % at all levels together; in two series of photographs 4 and 6 %.
+# Share of valid pixels without an instance at any level.
 MAX_EMPTY_PIXELS = 0.5
-"""Share of valid pixels without an instance at any level."""
 
 # A synthetic apartment has 38, two series of photographs 28 and 63.
+# Mean instances per frame: one per level.
 MIN_INSTANCES_PER_FRAME = 3.0
-"""Mean instances per frame: one per level."""
 
 # Outlier detection needs three views. The objects of benchmarks/aggregation/README.md have 6 to 48 views; a synthetic apartment of 48 frames has
 # a mean of 31.
+# Mean frames per instance.
 MIN_FRAMES_PER_INSTANCE = 5.0
-"""Mean frames per instance."""
 
 # In float32 it is 0.
+# Share of the views without a finite feature.
 MAX_LOST_VIEWS = 0.01
-"""Share of the views without a finite feature."""
 
 # The median absolute deviation detects outliers up to a share of 30 to 40 %
 # (benchmarks/aggregation/README.md). The limit is below that, and above the few per cent that are dropped
 # by chance.
+# Share of the views that disagree with their instance.
 MAX_OUTLIERS = 0.25
-"""Share of the views that disagree with their instance."""
 
 # The middle of the range. It is 0.68 and 0.76 in synthetic apartments, and 0.55 and 0.48 in two series of
 # photographs with the small checkpoints, which were not trained on photographs.
+# Agreement of views with their instance, see ``agreement_of``.
 MIN_AGREEMENT = 0.5
-"""Agreement of views with their instance, see ``agreement_of``."""
 
 # Codes of 16 numbers reach 0.98. At 0.88 one object in three gets another name than from its full features,
 # at 0.92 one in four (benchmarks/aggregation/README.md).
+# Mean cosine between features and their decoded codes.
 MIN_RECONSTRUCTION = 0.9
-"""Mean cosine between features and their decoded codes."""
 
 _MODEL = "set models.sam2_config and models.sam2_checkpoint to a SAM2 trained on such images"
 

@@ -5,23 +5,23 @@ from collections.abc import Iterator, Sequence
 from egosplat.alarms.alarm import Alarm, exceeds, falls_below
 
 # The lens circle leaves 0.70 to 0.80 of a rectified Aria image; other recordings have no border.
+# Share of an image that shows the scene.
 MIN_VALID_PIXELS = 0.5
-"""Share of an image that shows the scene."""
 
 # A synthetic apartment and two series of photographs have none. COLMAP does not register such frames; one
 # in ten leaves gaps in a trajectory.
+# Share of the frames that are far less sharp than the recording's median (egosplat.frames.sharpness).
 MAX_BLURRED = 0.1
-"""Share of the frames that are far less sharp than the recording's median (egosplat.frames.sharpness)."""
 
 # COLMAP finds all in five synthetic apartments (benchmarks/colmap/README.md) and in two series of
 # photographs; a device's trajectory has all.
+# Share of the frames with a pose.
 MIN_REGISTERED = 0.9
-"""Share of the frames with a pose."""
 
 # It is 0.25 to 0.30 in synthetic apartments and 0.35 to 0.81 in photographs. Features are located to a
 # fraction of a pixel: an error above 1 px means wrong matches.
+# Mean reprojection error over the observations of COLMAP's points [px].
 MAX_REPROJECTION_PX = 1.0
-"""Mean reprojection error over the observations of COLMAP's points [px]."""
 
 
 def frames_alarms(valid_pixels: float | None, blurred: float | None) -> Iterator[Alarm]:

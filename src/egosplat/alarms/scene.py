@@ -10,26 +10,26 @@ from egosplat.alarms.alarm import Alarm, exceeds
 
 # It is 0.05 to 0.1 in synthetic apartments, 0.02 to 0.11 in photographs of static scenes, and 0.47 in a
 # recording on which the network failed. The limit is the geometric mean of 0.1 and 0.47.
+# Mean probability of being transient, over all pixels of all frames.
 MAX_PROBABILITY = 0.2
-"""Mean probability of being transient, over all pixels of all frames."""
 
 # Most of a scene must be static for a reconstruction from a moving camera.
+# Share of the instances that are masked.
 MAX_MASKED_INSTANCES = 0.5
-"""Share of the instances that are masked."""
 
 # In synthetic apartments with people it is 1 to 4 %, and 8 % for the network's masks without refinement
 # (derived from precision and the masked share of static pixels in benchmarks/transient/README.md).
+# Share of all pixels of all frames that are masked.
 MAX_MASKED_PIXELS = 0.25
-"""Share of all pixels of all frames that are masked."""
 
 # 20 dB is an error of a tenth of the range in every pixel. Synthetic apartments have 26 to 30 dB (benchmarks/ablation/README.md), 17 photographs of a desk 22.7
 # (benchmarks/tradeoff/README.md).
+# Mean PSNR of the held-out frames [dB].
 MIN_PSNR_DB = 20.0
-"""Mean PSNR of the held-out frames [dB]."""
 
 # It is below 2 %: a Gaussian is seen in many frames, and in some of them has an instance.
+# Share of the Gaussians without a code at any level.
 MAX_WITHOUT_CODE = 0.25
-"""Share of the Gaussians without a code at any level."""
 
 
 def transient_alarms(mean_probability: float | None) -> Iterator[Alarm]:

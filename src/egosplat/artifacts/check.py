@@ -12,8 +12,8 @@ from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError, user_message
 from egosplat.pipeline import config as configuration
 
+# The schema of each JSON file of results.
 DOCUMENTS = {"metrics.json": "metrics", "survey.json": "survey", "tradeoff.json": "tradeoff"}
-"""The schema of each JSON file of results."""
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,8 @@ import torch
 from egosplat.files import atomic_file
 from egosplat.progress import log
 
+# Tensors, numbers, texts, and lists and dictionaries of them.
 State = dict[str, Any]
-"""Tensors, numbers, texts, and lists and dictionaries of them."""
 
 _DIGEST_BYTES = 32
 

@@ -10,11 +10,11 @@ from typing import Any
 from egosplat.artifacts.schema import Schema
 from egosplat.errors import UserError, is_system_error
 
+# An artifact's path, for messages.
 EXAMPLE = "results/adt/scene1/frames.zarr"
-"""An artifact's path, for messages."""
 
+# Where the workflow puts artifacts and JSON files.
 _RESULT = re.compile(r"(^|/)results/[a-z0-9_]+/[A-Za-z0-9_-]+/(variants/[A-Za-z0-9_-]+/)?\w+\.(zarr|json)$")
-"""Where the workflow puts artifacts and JSON files."""
 
 
 class ArtifactError(UserError):

@@ -17,8 +17,8 @@ from egosplat.artifacts.integrity import ArtifactError, absent, damaged, digest_
 from egosplat.artifacts.schema import Field, Schema, check_shape
 from egosplat.errors import reraise_as
 
+# Makes the error for an artifact, from its path and what is wrong.
 Blame = Callable[[Path, str], ArtifactError]
-"""Makes the error for an artifact, from its path and what is wrong."""
 
 
 class Artifact:

@@ -13,5 +13,5 @@ from egosplat.artifacts.transient import TRANSIENT
 from egosplat.artifacts.view_features import VIEW_FEATURES
 
 _ALL = (FRAMES, ANNOTATIONS, POSES, SEGMENTS, VIEW_FEATURES, FEATURES, TRANSIENT, MASKS, SPLATS, LANGUAGE)
+# Every kind of artifact, by name.
 SCHEMAS: dict[str, Schema] = {schema.name: schema for schema in _ALL}
-"""Every kind of artifact, by name."""

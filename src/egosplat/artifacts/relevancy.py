@@ -33,6 +33,8 @@ _TEXTS = {
     "items": {"type": "string", "pattern": r"(?s)\s*\S.*", "allowed": "a name"},
 }
 _NAME = {"type": "string", "pattern": r"\s*\S.*", "allowed": "a name on one line", "maxLength": 60}
+# JSON schema of the group's attributes: the method's name, the names of the levels, and the text of each
+# query.
 ATTRIBUTES = {
     "required": ["schema", "format_version", "method", "levels", "category"],
     "properties": {
@@ -43,7 +45,6 @@ ATTRIBUTES = {
         "category": _TEXTS,
     },
 }
-"""JSON schema of the group's attributes: the method's name, the names of the levels, and the text of each query."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,18 +21,18 @@ from typing import Any
 from egosplat.models.configs import SMALL
 from egosplat.pipeline.config import Config
 
+# The names of the sizes that a term multiplies; () is the constant.
 Term = tuple[str, ...]
-"""The names of the sizes that a term multiplies; () is the constant."""
 
 CPU, MEMORY, DISK = "cpu_s", "peak_memory_mb", "disk_mb"
 
 MEASURED_ON = "two cores with AVX-512"
 
+# Start of Python and its libraries, which ``cpu_s`` excludes: 2.7 to 4 s in the log of a whole run.
 START_S = 4.0
-"""Start of Python and its libraries, which ``cpu_s`` excludes: 2.7 to 4 s in the log of a whole run."""
 
+# Laws whose time depends on the rasterizer.
 _RENDERS = frozenset({"transient", "splats", "language", "language_trained", "metrics", "metrics_published"})
-"""Laws whose time depends on the rasterizer."""
 
 
 def law_of(stage: str, config: Config, *, colmap: bool = False) -> str:

@@ -7,23 +7,26 @@ from egosplat.cost_model.laws import gpu_seconds, law_of, memory_mib, seconds
 from egosplat.cost_model.sizes import UNKNOWN_FRAMES, Sizes
 from egosplat.pipeline.config import Config, stage_values
 
+# Factor of the expected memory. On the largest finished scene outside of the fit, stages took up to 1.1 times
+# that.
 MEMORY_MARGIN = 1.3
-"""Factor of the expected memory. On the largest finished scene outside of the fit, stages took up to 1.1 times that."""
 
+# Memory of the two Snakemake processes of a job: one submits it, one runs its command [MB].
 SNAKEMAKE_MB = 700.0
-"""Memory of the two Snakemake processes of a job: one submits it, one runs its command [MB]."""
 
+# CUDA's libraries and context in a process that uses a GPU [MB]. Assumed.
 CUDA_MB = 3000.0
-"""CUDA's libraries and context in a process that uses a GPU [MB]. Assumed."""
 
+# Factor of the expected time, for slower machines and busy file systems. A job that ends earlier costs
+# nothing.
 TIME_MARGIN = 3.0
-"""Factor of the expected time, for slower machines and busy file systems. A job that ends earlier costs nothing."""
 
+# Python starts slowly from a network file system. A stage that is stopped after a day resumes from its
+# checkpoint.
 LEAST_S, MOST_S = 600.0, 86_400.0
-"""Python starts slowly from a network file system. A stage that is stopped after a day resumes from its checkpoint."""
 
+# Factor of the time on a GPU, whose speed is assumed.
 GPU_MARGIN = 4.0
-"""Factor of the time on a GPU, whose speed is assumed."""
 
 _ON_GPU = {"auto", "cuda"}
 

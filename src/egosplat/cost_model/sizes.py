@@ -11,21 +11,22 @@ from egosplat.errors import UserError
 from egosplat.models.configs import SMALL, sam2_side
 from egosplat.pipeline.config import Config
 
+# Levels of instances.
 LEVELS = 3
-"""Levels of instances."""
 
+# Side of the square to which the published SAM2 resize frames [px].
 SAM2_SIDE = 1024
-"""Side of the square to which the published SAM2 resize frames [px]."""
 
+# Instances that SAM2 tracks in a furnished apartment, all levels together: 134 in adt/scene1.
 TYPICAL_TRACKED = 150
-"""Instances that SAM2 tracks in a furnished apartment, all levels together: 134 in adt/scene1."""
 
+# Assumed frames of a recording that is not read yet: two minutes at ADT's 30 frames per second.
 UNKNOWN_FRAMES = 3600
-"""Assumed frames of a recording that is not read yet: two minutes at ADT's 30 frames per second."""
 
+# Pixels of a recorded frame; ADT's. No artifact stores the recording's own size.
 RECORDED_PIXELS = 1408**2
-"""Pixels of a recorded frame; ADT's. No artifact stores the recording's own size."""
 
+# By size: the artifacts that have it, the array, and the axes whose product it is.
 _IN_ARTIFACTS: dict[str, tuple[tuple[str, str, slice], ...]] = {
     "frames": (("frames", "rgb", slice(0, 1)), ("segments", "labels", slice(0, 1))),
     "pixels": (("frames", "rgb", slice(1, 3)), ("segments", "labels", slice(2, 4))),
@@ -36,7 +37,6 @@ _IN_ARTIFACTS: dict[str, tuple[tuple[str, str, slice], ...]] = {
     "dims": (("features", "code", slice(1, 2)),),
     "gaussians": (("splats", "means", slice(0, 1)),),
 }
-"""By size: the artifacts that have it, the array, and the axes whose product it is."""
 
 
 class Sizes(Mapping[str, float]):
@@ -152,6 +152,7 @@ def _autoencoder(config: Config, _: Sizes) -> float:
     return float(config["features"]["compression"] == "autoencoder")
 
 
+# By size: its value if no input has it.
 _FROM_CONFIG: dict[str, Callable[[Config, Sizes], float]] = {
     # The recording. Frames that the survey drops, and those that are evaluated, count as kept and trained on.
     "recorded_pixels": lambda config, _: RECORDED_PIXELS,
@@ -188,4 +189,3 @@ _FROM_CONFIG: dict[str, Callable[[Config, Sizes], float]] = {
     "joint": lambda config, sizes: sizes["codes"] if config["splats"]["language"] == "joint" else 0,
     "language_iterations": lambda config, _: config["language"]["iterations"],
 }
-"""By size: its value if no input has it."""

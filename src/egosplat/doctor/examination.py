@@ -90,6 +90,7 @@ def _rasterizer(config: Config) -> str:
     return library.variant() if device == "cpu" and backend != "reference" and library.is_usable() else device
 
 
+# The parts of the main job, and the stages of each. Report pages and tables are not included.
 PARTS = {
     "filming": ("synthetic",),
     "reading": ("frames", "annotations", "poses", "survey"),
@@ -99,7 +100,6 @@ PARTS = {
     "training": ("splats",),
     "queries": ("language", "metrics"),
 }
-"""The parts of the main job, and the stages of each. Report pages and tables are not included."""
 
 _MODELS = frozenset({"segments", "view_features", "metrics"})
 _RENDERS = frozenset({"transient", "splats", "language", "metrics"})

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
+# Width of the page [characters]. Paths and addresses are not broken.
 WIDTH = 110
-"""Width of the page [characters]. Paths and addresses are not broken."""
 
 
 class Mark(StrEnum):

@@ -17,11 +17,11 @@ from egosplat.pipeline.variants import variant_config
 
 MIB = 1024**2
 
+# The number of missing recordings that are named.
 NAMED = 5
-"""The number of missing recordings that are named."""
 
+# The file that the workflow reads first, relative to the working directory.
 SHIPPED = Path("config/config.yaml")
-"""The file that the workflow reads first, relative to the working directory."""
 
 PRESETS = Path("config/presets")
 

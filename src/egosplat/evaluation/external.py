@@ -46,8 +46,8 @@ from egosplat.progress import log, track
 from egosplat.query.maps import Found, find_in_maps
 from egosplat.query.options import LANGSPLAT, QueryOptions
 
+# Share of an image; if more of it has the largest relevancy, a hit says little.
 UNDECIDED = 0.01
-"""Share of an image; if more of it has the largest relevancy, a hit says little."""
 
 
 @dataclass(frozen=True)

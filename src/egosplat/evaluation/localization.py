@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from egosplat.evaluation.queries import InstanceMap, Mask
 
+# Regions to hit: the bounding box of an instance, as in LangSplat, or its pixels.
 TARGETS = ("box", "mask")
-"""Regions to hit: the bounding box of an instance, as in LangSplat, or its pixels."""
 
 
 def target_area(instance_map: InstanceMap, instances: Sequence[int], hit_region: str) -> Mask:

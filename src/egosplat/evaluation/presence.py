@@ -25,11 +25,11 @@ from egosplat.query.text import encode_texts, untaught_words
 from egosplat.query.things import Thing
 from egosplat.query.verdict import refusal
 
+# Longer side of the views that compare things with annotations [px].
 LABEL_SIDE = 256
-"""Longer side of the views that compare things with annotations [px]."""
 
+# Minimum area of a thing in all evaluation frames together, at that size [px]; smaller ones are not compared.
 LEAST_PIXELS = 4.0
-"""Minimum area of a thing in all evaluation frames together, at that size [px]; smaller ones are not compared."""
 
 
 @dataclass(frozen=True)

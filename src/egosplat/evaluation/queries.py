@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from egosplat.artifacts.reader import Artifact
 from egosplat.frames.recording import Instance
 
+# Groups with separate scores, as in the paper's tables.
 GROUPS = ("static", "dynamic", "all")
-"""Groups with separate scores, as in the paper's tables."""
 
 InstanceMap = NDArray[np.int32]
 Mask = NDArray[np.bool_]

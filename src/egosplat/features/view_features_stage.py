@@ -35,8 +35,8 @@ from egosplat.progress import log, track
 
 Features = NDArray[np.float32]
 
+# Wall time between checkpoints [s].
 CHECKPOINT_S = 60.0
-"""Wall time between checkpoints [s]."""
 
 
 @dataclass(frozen=True)

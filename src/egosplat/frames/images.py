@@ -13,11 +13,11 @@ from PIL import Image, ImageOps
 from egosplat.errors import UserError
 from egosplat.progress import log
 
+# Time between images. A folder has no clock: one second per image makes seconds equal image numbers.
 INTERVAL_NS = 1_000_000_000
-"""Time between images. A folder has no clock: one second per image makes seconds equal image numbers."""
 
+# Mask of the pixels that show the scene; not one of the images.
 VALID_MASK = "valid.png"
-"""Mask of the pixels that show the scene; not one of the images."""
 
 _SUFFIXES = (".png", ".jpg", ".jpeg")
 # Not read: these formats may hold several images or more than 8 bits, or need further libraries.

@@ -18,8 +18,8 @@ from egosplat.frames.selection import select_frames
 from egosplat.frames.video import Video
 from egosplat.geometry import Camera
 
+# Guessed focal length in units of the longer side: COLMAP's default, a field of view of 45°.
 FOCAL_PRIOR = 1.2
-"""Guessed focal length in units of the longer side: COLMAP's default, a field of view of 45°."""
 
 _CAMERA_KEYS = ("width", "height", "fx", "fy", "cx", "cy")
 

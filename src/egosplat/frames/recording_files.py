@@ -9,8 +9,8 @@ from egosplat.files import read_json
 
 Origin = Literal["real", "synthetic"]
 
+# Folder with the annotations of a plain recording.
 ANNOTATIONS = "annotations"
-"""Folder with the annotations of a plain recording."""
 
 
 def companion_path(source: Path, name: str) -> Path:

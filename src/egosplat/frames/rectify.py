@@ -23,8 +23,8 @@ from projectaria_tools.core.calibration import (
 from egosplat.errors import UserError
 from egosplat.geometry import CLOCKWISE, Camera
 
+# Side of ADT's images [px]; ``frames.focal`` is given for this size.
 FOCAL_SIDE = 1408
-"""Side of ADT's images [px]; ``frames.focal`` is given for this size."""
 
 # Far enough outside the source that bilinear sampling gives 0.
 _OUTSIDE = -10.0

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 # Measured on photographs of 512 px: a Gaussian blur of 1 px leaves 0.10 to 0.14 of the median sharpness, of 0.5 px
 # it leaves 0.5. The least sharp frame of a synthetic apartment and of two photo series has 0.59.
+# A frame below this fraction of the recording's median sharpness counts as blurred.
 BLURRED = 0.25
-"""A frame below this fraction of the recording's median sharpness counts as blurred."""
 
 
 def sharpness(image: NDArray[np.uint8], valid: NDArray[np.bool_]) -> float:

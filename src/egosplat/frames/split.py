@@ -5,8 +5,8 @@ from numpy.typing import NDArray
 
 from egosplat.errors import UserError
 
+# Value of ``frames.evaluation_frames`` that derives the number from the recording.
 AUTO = "auto"
-"""Value of ``frames.evaluation_frames`` that derives the number from the recording."""
 
 _MIN_TRAINING_FRAMES = 2
 # docs/method.md#evaluation-frames: 12 frames, or a sixth of a recording with fewer than 72.

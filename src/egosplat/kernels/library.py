@@ -16,11 +16,11 @@ import torch  # noqa: F401
 from egosplat.errors import UserError, reraise_as
 from egosplat.kernels.targets import HERE, VARIANTS, Variant, source_hash
 
+# Version of the functions' signatures, which ``egosplat_abi`` of a library must return.
 ABI = 1
-"""Version of the functions' signatures, which ``egosplat_abi`` of a library must return."""
 
+# Environment variable that selects a variant, for tests and benchmarks.
 VARIABLE = "EGOSPLAT_KERNEL"
-"""Environment variable that selects a variant, for tests and benchmarks."""
 
 _REINSTALL = "run make install, or pip install --no-build-isolation --no-deps -e ."
 

@@ -6,11 +6,11 @@ from pathlib import Path
 
 from egosplat.pipeline.source_hash import cpp_hash
 
+# Folder of the libraries and of ``source``, their source code.
 HERE = Path(__file__).parent
-"""Folder of the libraries and of ``source``, their source code."""
 
+# Flags of every variant. Without ``-ffast-math``, so that sums keep their order.
 FLAGS = ("-O3", "-std=c++17", "-fopenmp", "-fPIC", "-fno-math-errno", "-fno-trapping-math")
-"""Flags of every variant. Without ``-ffast-math``, so that sums keep their order."""
 
 
 @dataclass(frozen=True)
@@ -36,12 +36,12 @@ class Variant:
 _V3 = frozenset({"avx2", "bmi1", "bmi2", "fma", "f16c", "movbe", "abm"})
 _V4 = _V3 | {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"}
 
+# Ordered from best to worst; the last one runs on any processor.
 VARIANTS = (
     Variant("avx512", ("-march=x86-64-v4", "-mprefer-vector-width=512"), _V4),
     Variant("avx2", ("-march=x86-64-v3",), _V3),
     Variant("generic", (), frozenset()),
 )
-"""Ordered from best to worst; the last one runs on any processor."""
 
 
 def source_hash(folder: Path = HERE) -> str:

@@ -11,8 +11,8 @@ from typing import Any
 from egosplat.errors import UserError
 from egosplat.models.configs import SMALL, SMALL_CLIP, SMALL_SAM2, clip_config_files, sam2_config_files
 
+# Replaces the hash of a missing model, so that only the stage that needs it reports the error.
 MISSING = "missing"
-"""Replaces the hash of a missing model, so that only the stage that needs it reports the error."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,8 @@ CLIP = ModelSpec(
     "https://huggingface.co/laion/CLIP-ViT-B-16-laion2B-s34B-b88K",
 )
 
+# By model: a function from the value of its configuration key to the files that describe the architecture.
 CONFIG_FILES = {SAM2: sam2_config_files, CLIP: clip_config_files}
-"""By model: a function from the value of its configuration key to the files that describe the architecture."""
 
 
 def find_checkpoint(model: ModelSpec, checkpoint: str) -> Path:

@@ -10,21 +10,23 @@ import yaml
 
 from egosplat.errors import UserError
 
+# The configuration's value for the packaged models.
 SMALL = "small"
-"""The configuration's value for the packaged models."""
 
 SMALL_SAM2 = Path(__file__).parent / "small_sam2" / "sam2.yaml"
 SMALL_CLIP = Path(__file__).parent / "small_open_clip"
 
 CLIP_CONFIG = "open_clip_config.json"
+# Files of a folder that describes an OpenCLIP model: the architecture and, optionally, a byte-pair
+# vocabulary.
 CLIP_VOCABULARY = "bpe.txt.gz"
-"""Files of a folder that describes an OpenCLIP model: the architecture and, optionally, a byte-pair vocabulary."""
 
+# Optional file of that folder: the words of the training captions, one per line. Queries with other words are
+# rejected.
 CLIP_WORDS = "words.txt"
-"""Optional file of that folder: the words of the training captions, one per line. Queries with other words are rejected."""
 
+# Prefixes of OpenCLIP's model names for a folder, and for a repository to download.
 LOCAL_FOLDER, HUB = "local-dir:", "hf-hub:"
-"""Prefixes of OpenCLIP's model names for a folder, and for a repository to download."""
 
 
 def sam2_config_file(config: str) -> Path:

@@ -5,8 +5,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+# Score of a filled pixel: just inside the mask, as in SAM2.
 FILLED = 0.1
-"""Score of a filled pixel: just inside the mask, as in SAM2."""
 
 
 def fill_holes(scores: Tensor, max_area: int) -> Tensor:

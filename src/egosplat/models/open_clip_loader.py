@@ -18,6 +18,7 @@ from egosplat.models.weights import load_weights, read_tensors
 if TYPE_CHECKING:
     from open_clip import SimpleTokenizer
 
+# Errors that OpenCLIP raises for invalid settings.
 _NO_MODEL = (
     ArithmeticError,
     AssertionError,
@@ -27,16 +28,15 @@ _NO_MODEL = (
     TypeError,
     ValueError,
 )
-"""Errors that OpenCLIP raises for invalid settings."""
 
+# Keys of a text model that would be downloaded from the Hugging Face hub.
 HUB_KEYS = ("hf_model_name", "hf_tokenizer_name")
-"""Keys of a text model that would be downloaded from the Hugging Face hub."""
 
+# Allowed values of settings.
 _PREPROCESSING = {
     "interpolation": ("bicubic", "bilinear"),
     "resize_mode": ("shortest", "longest", "squash"),
 }
-"""Allowed values of settings."""
 
 
 @dataclass(frozen=True)

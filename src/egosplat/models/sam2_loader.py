@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from egosplat.models.video_predictor import VideoPredictor
 
+# Overrides that ``sam2.build_sam`` applies to a configuration for prediction.
 AS_PREDICTOR = {
     "_target_": "egosplat.models.video_predictor.VideoPredictor",
     "sam_mask_decoder_extra_args": {
@@ -29,10 +30,9 @@ AS_PREDICTOR = {
     "binarize_mask_from_pts_for_mem_enc": True,
     "fill_hole_area": 8,
 }
-"""Overrides that ``sam2.build_sam`` applies to a configuration for prediction."""
 
+# Errors that the readers raise for valid YAML that is no SAM2 configuration, or is nested too deeply.
 _NO_DESCRIPTION = (AttributeError, KeyError, OSError, RecursionError, TypeError, ValueError)
-"""Errors that the readers raise for valid YAML that is no SAM2 configuration, or is nested too deeply."""
 
 
 @dataclass(frozen=True)

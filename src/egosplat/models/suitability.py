@@ -7,8 +7,8 @@ from egosplat.artifacts.provenance import joint_origin
 from egosplat.models.checkpoints import CLIP, SAM2
 from egosplat.models.configs import SMALL
 
+# The warning in the label of a table's row.
 BRIEF = "trained on synthetic apartments only"
-"""The warning in the label of a table's row."""
 
 
 class HasProvenance(Protocol):

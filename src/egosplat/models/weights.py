@@ -15,12 +15,13 @@ from egosplat.errors import UserError, is_out_of_memory
 from egosplat.models.checkpoints import ModelSpec
 
 PICKLED = (".pt", ".pth", ".bin")
+# Keys under which training scripts, SAM2's and OpenCLIP's among them, store the tensors.
 WRAPPERS = ("model", "state_dict")
-"""Keys under which training scripts, SAM2's and OpenCLIP's among them, store the tensors."""
 
+# Prefix that distributed training adds to every name.
 PARALLEL = "module."
-"""Prefix that distributed training adds to every name."""
 
+# Errors that the unpickler raises for arbitrary bytes.
 RUBBISH = (
     ArithmeticError,
     AssertionError,
@@ -34,10 +35,9 @@ RUBBISH = (
     ValueError,
     struct.error,
 )
-"""Errors that the unpickler raises for arbitrary bytes."""
 
+# Messages of the unpickler for a file that would call something other than a tensor constructor.
 CODE = ("Unsupported global", "Unsupported class", "unrecognized function")
-"""Messages of the unpickler for a file that would call something other than a tensor constructor."""
 
 
 def read_tensors(path: Path) -> dict[str, Tensor]:

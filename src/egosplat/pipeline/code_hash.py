@@ -17,6 +17,7 @@ from typing import Any
 
 from egosplat.pipeline.source_hash import cpp_hash
 
+# Modules that show or record, but cannot change an array: a better message makes nothing stale.
 NEUTRAL = {
     "egosplat",  # holds only the version
     "egosplat.files",
@@ -32,10 +33,9 @@ NEUTRAL = {
     "egosplat.artifacts.provenance",
     "egosplat.pipeline.stages",
 }
-"""Modules that show or record, but cannot change an array: a better message makes nothing stale."""
 
+# Syntax nodes that may have a docstring.
 DOCUMENTED = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
-"""Syntax nodes that may have a docstring."""
 
 
 def code_hash(module: str, libraries: tuple[str, ...] = ()) -> str:

@@ -15,8 +15,8 @@ from egosplat.pipeline.validation import Draft202012Validator, StrictValidator, 
 Config = dict[str, Any]
 
 
+# Sections whose values are named sets of keys.
 _NAMED = ("variants", "formats")
-"""Sections whose values are named sets of keys."""
 
 
 def coerced(config: Mapping[str, Any]) -> Config:
@@ -68,8 +68,8 @@ def _read(text: str, part: Mapping[str, Any]) -> Any:
         return text
 
 
+# Validators of files that people write. JSON artifacts use the standard validator.
 _VALIDATORS = {"config": StrictValidator, "scenes": StrictValidator}
-"""Validators of files that people write. JSON artifacts use the standard validator."""
 
 
 def section_keys(section: str) -> dict[str, dict[str, Any]]:

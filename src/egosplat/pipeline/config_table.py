@@ -8,6 +8,7 @@ import yaml
 
 from egosplat.pipeline.config import schema
 
+# Keys that people change first, at the top of the page.
 FIRST_KEYS = (
     "preset",
     "data_root",
@@ -20,10 +21,9 @@ FIRST_KEYS = (
     "splats.max_gaussians",
     "query.min_score",
 )
-"""Keys that people change first, at the top of the page."""
 
+# Heading of the keys that are in no section.
 _GENERAL = "general"
-"""Heading of the keys that are in no section."""
 
 _HEAD = """# All configuration keys
 
@@ -32,8 +32,8 @@ recipes and the order in which values are searched. A section with the name of a
 changed key reruns that stage and the stages after it. Every stage that loads a model reads `models`. The stage `metrics` and
 `egosplat query` read `query`."""
 
+# A page of the repository in a description, from the root.
 _PAGE = re.compile(r"\b(?:docs|benchmarks)(?:/\w+)+\.md(?:#[\w-]+)?")
-"""A page of the repository in a description, from the root."""
 
 _COLUMNS = "| key | default | what it is |\n| --- | --- | --- |"
 

@@ -12,6 +12,7 @@ AUTO = "auto"
 
 ALL_FRAMES = "all"
 
+# Artifacts with the masks, by splats.masking.
 _MASKS: dict[str, tuple[str, ...]] = {
     "none": (),
     "initial": ("transient",),
@@ -19,10 +20,9 @@ _MASKS: dict[str, tuple[str, ...]] = {
     # The survey may choose any of the three; "masks" is the longest chain of stages.
     AUTO: ("masks",),
 }
-"""Artifacts with the masks, by splats.masking."""
 
+# Artifacts needed to train codes with the geometry, by splats.language.
 _CODES: dict[str, tuple[str, ...]] = {"after": (), "joint": ("segments", "features")}
-"""Artifacts needed to train codes with the geometry, by splats.language."""
 
 
 def leaves_frames_out(config: Config) -> bool:

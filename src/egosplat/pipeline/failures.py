@@ -12,11 +12,11 @@ from snakemake.logging import DefaultFormatter
 from snakemake_interface_logger_plugins.common import LogEvent
 
 _MESSAGE = "egosplat: "
+# Text of Snakemake's second report of a failed shell command; the first is that of the job.
 _SHELL_FAILED = "CalledProcessError"
-"""Text of Snakemake's second report of a failed shell command; the first is that of the job."""
 
+# Largest number of messages that are repeated.
 MOST = 10
-"""Largest number of messages that are repeated."""
 
 
 class ShortErrors(logging.Formatter):

@@ -6,9 +6,10 @@ from pathlib import Path
 
 from egosplat.pipeline.config import Config, of_format, read_yaml, resolve
 
+# Preset file by name of the variant.
 FILES = {"fast": "fast", "balanced": "balanced", "paper_scaled": "paper"}
-"""Preset file by name of the variant."""
 
+# Sections and keys that define frames and queries. Scores with different values cannot be compared.
 QUESTIONS = {
     "synthetic",
     "annotations",
@@ -18,8 +19,8 @@ QUESTIONS = {
     "frames.evaluation_frames",
     "frames.holdout",
 }
-"""Sections and keys that define frames and queries. Scores with different values cannot be compared."""
 
+# The models, and keys that were tuned for certain models.
 MODELS = {
     "models",
     "segments.pred_iou_thresh",
@@ -29,13 +30,12 @@ MODELS = {
     "transient.encoder_weights",
     "transient.lr",
 }
-"""The models, and keys that were tuned for certain models."""
 
+# Sections and keys that keep the scene's value with every preset.
 _KEPT = QUESTIONS | MODELS | {"frames.focal"}
-"""Sections and keys that keep the scene's value with every preset."""
 
+# Further keys that keep the scene's value with ``paper_scaled``.
 _SCALED = {"frames.resolution"}
-"""Further keys that keep the scene's value with ``paper_scaled``."""
 
 
 @functools.cache

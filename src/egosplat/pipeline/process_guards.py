@@ -10,8 +10,8 @@ from pathlib import Path
 from egosplat.errors import UserError
 from egosplat.progress import log
 
+# Environment variable with the process id of the Snakemake that started a stage. The workflow sets it.
 STARTED_BY = "EGOSPLAT_STARTED_BY"
-"""Environment variable with the process id of the Snakemake that started a stage. The workflow sets it."""
 
 _POLL_S = 1.0
 

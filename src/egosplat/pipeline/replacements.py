@@ -21,11 +21,11 @@ from egosplat.pipeline.scenes import Scene, Target, find_scene
 from egosplat.pipeline.stages import PAGES, STAGES
 from egosplat.pipeline.variants import artifact_path, scene_config
 
+# Largest number of keys, and of scenes, in a message.
 NAMED = 4
-"""Largest number of keys, and of scenes, in a message."""
 
+# Recorded and current value by key, such as ``splats.iterations``.
 Changes = dict[str, tuple[Any, Any]]
-"""Recorded and current value by key, such as ``splats.iterations``."""
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from pathlib import Path
 from egosplat.pipeline.dag import default_pages
 from egosplat.pipeline.scenes import Scene
 
+# Variants that have rows in the tables, in addition to the scene itself.
 ABLATIONS = ("baseline", "no_masks", "network_masks")
-"""Variants that have rows in the tables, in addition to the scene itself."""
 
 
 def default_scenes(scenes: Iterable[Scene]) -> list[Scene]:

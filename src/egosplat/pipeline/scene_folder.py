@@ -7,8 +7,8 @@ from pathlib import Path
 from egosplat.errors import UserError
 from egosplat.pipeline.scenes import requested_targets
 
+# Example of a scene folder for messages.
 EXAMPLE = "results/adt/scene1"
-"""Example of a scene folder for messages."""
 
 
 def check_scene_folder(folder: Path, stages: Iterable[str]) -> None:

@@ -11,11 +11,11 @@ from typing import Any
 from egosplat.errors import UserError
 from egosplat.pipeline import config as configuration
 
+# Datasets with rows in the shipped table, whether their recordings exist or not.
 PAPER_DATASETS = ("adt", "hoi4d")
-"""Datasets with rows in the shipped table, whether their recordings exist or not."""
 
+# Value of the column recording for a scene without one.
 NO_RECORDING = "-"
-"""Value of the column recording for a scene without one."""
 
 
 @dataclass(frozen=True)
@@ -105,11 +105,11 @@ def is_own(scene: Scene) -> bool:
 
 _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
 
+# Longest file name on Linux [bytes].
 _LONGEST_NAME = 255
-"""Longest file name on Linux [bytes]."""
 
+# Longest header in a message [characters].
 _LONGEST_HEADER = 200
-"""Longest header in a message [characters]."""
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+# Options with which Snakemake makes no results, named as in its parser.
 _MAKES_NOTHING = {
     "d3dag",
     "dag",
@@ -21,7 +22,6 @@ _MAKES_NOTHING = {
     "rulegraph",
     "summary",
 }
-"""Options with which Snakemake makes no results, named as in its parser."""
 
 
 @dataclass(frozen=True)

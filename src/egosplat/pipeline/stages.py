@@ -47,11 +47,11 @@ class Stage:
         return self.keys.get("models", ())
 
 
+# Inputs that no stage writes under this name.
 PATHS = {
     "recording": "the recording's folder or video file",
     "relevancy": "the other method's relevancy maps in the layout of docs/external_methods.md",
 }
-"""Inputs that no stage writes under this name."""
 
 _TRAINING_FRAMES = {"survey": "to train only on frames that add views"}
 _MASKING = {
@@ -272,17 +272,17 @@ _STAGES = (
     ),
 )
 
+# Stages by name, in the order of the pipeline.
 STAGES = {stage.name: stage for stage in _STAGES}
-"""Stages by name, in the order of the pipeline."""
 
+# The stages that write an artifact, in the order of the pipeline.
 ARTIFACTS = tuple(name for name, stage in STAGES.items() if stage.output.endswith(".zarr"))
-"""The stages that write an artifact, in the order of the pipeline."""
 
+# The stages that draw a page.
 PAGES = tuple(name for name, stage in STAGES.items() if stage.output.endswith(".png"))
-"""The stages that draw a page."""
 
+# The stages from a scene's recording to its scores.
 PIPELINE = tuple(name for name in STAGES if name not in (*PAGES, "method_metrics"))
-"""The stages from a scene's recording to its scores."""
 
 
 def path_help(stage: Stage) -> dict[str, str]:

@@ -6,11 +6,11 @@ from typing import Any
 
 import yaml
 
+# Errors of PyYAML. It raises ValueError for impossible dates and for numbers with too many digits.
 NO_YAML = (yaml.YAMLError, ValueError, RecursionError)
-"""Errors of PyYAML. It raises ValueError for impossible dates and for numbers with too many digits."""
 
+# Numbers that YAML 1.1, and so PyYAML, reads as strings: no decimal point, or no sign of the exponent.
 _EXPONENT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+$")
-"""Numbers that YAML 1.1, and so PyYAML, reads as strings: no decimal point, or no sign of the exponent."""
 
 _MERGE = "tag:yaml.org,2002:merge"
 

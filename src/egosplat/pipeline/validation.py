@@ -49,8 +49,8 @@ def schema(name: str) -> dict[str, Any]:
     return yaml.safe_load((resources.files(__package__) / "schemas" / f"{name}.schema.yaml").read_text())
 
 
+# Largest integer that a key may have. Libraries accept no larger seeds.
 LARGEST_INTEGER = 2**31 - 1
-"""Largest integer that a key may have. Libraries accept no larger seeds."""
 
 
 def _is_integer(_: TypeChecker, value: object) -> bool:
@@ -71,6 +71,7 @@ def _matches(
         yield ValidationError(f"{value!r} does not match {pattern!r}")
 
 
+# Accepts only finite numbers and 32-bit integers, and matches patterns against the whole string.
 StrictValidator = extend(
     Draft202012Validator,
     validators={"pattern": _matches},
@@ -78,12 +79,12 @@ StrictValidator = extend(
         {"integer": _is_integer, "number": _is_number}
     ),
 )
-"""Accepts only finite numbers and 32-bit integers, and matches patterns against the whole string."""
 
 
+# Longest value in a message [characters].
 _LONGEST = 80
-"""Longest value in a message [characters]."""
 
+# Names of JSON schema types in messages.
 _KINDS = {
     "integer": "a whole number",
     "number": "a number",
@@ -93,8 +94,8 @@ _KINDS = {
     "object": "keys with values",
     "null": "null",
 }
-"""Names of JSON schema types in messages."""
 
+# Messages by keyword of JSON schema.
 _ALLOWED = {
     "minimum": "at least {}",
     "maximum": "at most {}",
@@ -107,12 +108,12 @@ _ALLOWED = {
     "maxLength": "at most {} letters",
     "const": "only {}",
 }
-"""Messages by keyword of JSON schema."""
 
 
+# Removed keys, with their replacement.
 _REMOVED = {"budget": "set preset to fast, balanced or paper (docs/speed.md)"}
-"""Removed keys, with their replacement."""
 
+# New names of renamed keys, by section and old name. Kept for one release.
 _RENAMED = {
     "tradeoff.knobs": "sweep",
     "segments.min_uncovered": "min_uncovered_fraction",
@@ -134,7 +135,6 @@ _RENAMED = {
     "query.majority": "majority_filter",
     "metrics.target": "hit_region",
 }
-"""New names of renamed keys, by section and old name. Kept for one release."""
 
 
 def renamed(section: str, key: str) -> str | None:

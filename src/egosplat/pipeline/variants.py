@@ -14,11 +14,11 @@ from egosplat.pipeline.dag import inputs_of
 from egosplat.pipeline.scenes import Scene, Target, check_recording, find_scene
 from egosplat.pipeline.stages import STAGES
 
+# Key of a variant that names one or more variants to inherit keys from. Later ones win.
 EXTENDS = "extends"
-"""Key of a variant that names one or more variants to inherit keys from. Later ones win."""
 
+# Largest number of variants listed in a message.
 NAMED = 8
-"""Largest number of variants listed in a message."""
 
 
 def reaches(stage: str, base: Config, variant: Config) -> bool:

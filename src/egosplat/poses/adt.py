@@ -162,8 +162,8 @@ def _no_pose_message(
     )
 
 
+# Current and older name of the file.
 FILE_NAMES = ("semidense_points.csv.gz", "global_points.csv.gz")
-"""Current and older name of the file."""
 
 # The cameras that observe the points are monochrome, so the file has no colours.
 GRAY = 128

@@ -24,8 +24,8 @@ _NUMBERS = [_TIME, *_TRANSLATION, *_QUATERNION, *_GRAVITY]
 
 _QUATERNION_NORM_TOLERANCE = 1e-2
 _GRAVITY_RANGE = (9.0, 10.5)
+# Positions beyond this are damaged data.
 MAX_POSITION_M = 1e6
-"""Positions beyond this are damaged data."""
 
 
 @dataclass(frozen=True)

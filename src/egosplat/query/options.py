@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
+# Phrases that fit any object; relevancy compares each query with them (paper, LERF, LangSplat).
 CANONICAL = ("object", "things", "stuff", "texture")
-"""Phrases that fit any object; relevancy compares each query with them (paper, LERF, LangSplat)."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +59,8 @@ class QueryOptions:
         return 2 * int(self.majority_filter * longer / 2) + 1
 
 
+# LangSplat's protocol, used by the paper: filters of 30 and 7 pixels at 1408. LangSplat itself has no
+# ``min_coverage``.
 LANGSPLAT = QueryOptions(
     canonical=CANONICAL,
     temperature=10.0,
@@ -69,4 +71,3 @@ LANGSPLAT = QueryOptions(
     majority_filter=0.005,
     min_score=0.5,
 )
-"""LangSplat's protocol, used by the paper: filters of 30 and 7 pixels at 1408. LangSplat itself has no ``min_coverage``."""

@@ -23,11 +23,11 @@ from egosplat.query.scene import QueryScene
 from egosplat.query.text import Texts
 from egosplat.query.things import Surface, Thing, find_things
 
+# Maximum number of rendered views, evenly spaced among the frames with a pose: they cover a whole recording.
 MOST_VIEWS = 64
-"""Maximum number of rendered views, evenly spaced among the frames with a pose: they cover a whole recording."""
 
+# Longer side of these views [px]: a thing of a thousandth of the image still has about 20 pixels.
 VIEW_SIDE = 192
-"""Longer side of these views [px]: a thing of a thousandth of the image still has about 20 pixels."""
 
 # Relevancies held at a time, 512 MiB in float32. More queries are answered in batches.
 _NUMBERS_AT_ONCE = 2**27

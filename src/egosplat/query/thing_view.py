@@ -16,8 +16,8 @@ from egosplat.query.scene import QueryScene
 from egosplat.query.text import Texts
 from egosplat.query.things import Thing
 
+# A pixel belongs to a thing if the thing's Gaussians make up more than this share of it.
 HALF = 0.5
-"""A pixel belongs to a thing if the thing's Gaussians make up more than this share of it."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,11 +10,11 @@ from scipy.spatial import cKDTree
 
 from egosplat.geometry import Array
 
+# Number of neighbours of a Gaussian, itself included: a patch of about four by four on a surface.
 NEAREST = 16
-"""Number of neighbours of a Gaussian, itself included: a patch of about four by four on a surface."""
 
+# Extent of a Gaussian in standard deviations: its weight there is about an eighth.
 REACH = 2.0
-"""Extent of a Gaussian in standard deviations: its weight there is about an eighth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,14 +73,14 @@ def find_neighbours(means: Array, radii: Array) -> Neighbours:
 
 Floats = NDArray[np.float32]
 
+# Minimum number of Gaussians of a thing: fewer are less than one neighbourhood, where relevancy is noise.
 LEAST_GAUSSIANS = 16
-"""Minimum number of Gaussians of a thing: fewer are less than one neighbourhood, where relevancy is noise."""
 
+# Quantiles of a thing's box, weighted by visible share: single Gaussians far away do not enlarge it.
 EXTENT = (0.02, 0.98)
-"""Quantiles of a thing's box, weighted by visible share: single Gaussians far away do not enlarge it."""
 
+# Two things are duplicates if they share more than this part of the smaller one's visible share.
 SAME = 0.25
-"""Two things are duplicates if they share more than this part of the smaller one's visible share."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,27 +10,27 @@ from typing import Any
 import torch
 from torch import Tensor
 
+# Lower alphas are skipped; 8-bit images cannot show them.
 ALPHA_THRESHOLD = 1.0 / 255.0
-"""Lower alphas are skipped; 8-bit images cannot show them."""
 
+# Upper bound of alpha: keeps ``1 - alpha`` away from zero.
 MAX_ALPHA = 0.999
-"""Upper bound of alpha: keeps ``1 - alpha`` away from zero."""
 
+# The first Gaussian that would lower the transmittance to this or less ends the pixel and is not composited.
 MIN_TRANSMITTANCE = 1e-4
-"""The first Gaussian that would lower the transmittance to this or less ends the pixel and is not composited."""
 
+# The projection is linearised at most this fraction of half the field of view outside the image.
 FRUSTUM_MARGIN = 0.3
-"""The projection is linearised at most this fraction of half the field of view outside the image."""
 
+# Lower bound of the divisor of the expected depth.
 MIN_DEPTH_ALPHA = 1e-10
-"""Lower bound of the divisor of the expected depth."""
 
 MAX_SH_DEGREE = 3
 RENDER_MODES = ("RGB", "D", "ED", "RGB+D", "RGB+ED")
 RASTERIZE_MODES = ("classic", "antialiased")
 
+# Images (C, H, W, X), alpha (C, H, W, 1) and meta, as ``api.rasterization`` documents them.
 Render = tuple[Tensor, Tensor, dict[str, Any]]
-"""Images (C, H, W, X), alpha (C, H, W, 1) and meta, as ``api.rasterization`` documents them."""
 
 
 @dataclass(frozen=True, eq=False)

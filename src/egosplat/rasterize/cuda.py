@@ -13,17 +13,17 @@ from egosplat.rasterize.channels import camera_centers, usable_gaussians
 from egosplat.rasterize.contract import Arguments, Render, shows_colors, shows_depth
 from egosplat.rasterize.reference import rasterizer as reference
 
+# gsplat 1.6 changed the arguments for spherical harmonics and limits alpha to 0.99 instead of 0.999.
 OLDEST_GSPLAT, TOO_NEW_GSPLAT = (1, 5, 3), (1, 6)
-"""gsplat 1.6 changed the arguments for spherical harmonics and limits alpha to 0.99 instead of 0.999."""
 
+# The two versions above as a requirement for pip.
 GSPLAT_REQUIREMENT = "gsplat>=1.5.3,<1.6"
-"""The two versions above as a requirement for pip."""
 
+# Most channels per pass. gsplat is slow beyond 32, except 33 (32 and a depth), which it compiles as one pass.
 LARGEST_PASS = 33
-"""Most channels per pass. gsplat is slow beyond 32, except 33 (32 and a depth), which it compiles as one pass."""
 
+# A Gaussian closer to the camera centre has no viewing direction [m]; the near plane culls it.
 SMALLEST_DISTANCE = 1e-6
-"""A Gaussian closer to the camera centre has no viewing direction [m]; the near plane culls it."""
 
 
 def rasterization(arguments: Arguments) -> Render:

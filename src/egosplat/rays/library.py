@@ -8,13 +8,13 @@ from pathlib import Path
 from egosplat.errors import UserError, reraise_as
 from egosplat.pipeline.source_hash import cpp_hash
 
+# The folder of the library and, in ``source``, of its sources.
 HERE = Path(__file__).parent
-"""The folder of the library and, in ``source``, of its sources."""
 
 LIBRARY = "libegosplat_rays.so"
 
+# No instruction set and no fused multiply-add: both would change the last bit.
 FLAGS = ("-O3", "-std=c++17", "-fPIC", "-ffp-contract=off")
-"""No instruction set and no fused multiply-add: both would change the last bit."""
 
 _REINSTALL = "run make install, or pip install --no-build-isolation --no-deps -e ."
 

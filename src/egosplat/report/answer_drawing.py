@@ -4,11 +4,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+# Brightness of pixels outside the mask.
 DIMMED = 0.35
-"""Brightness of pixels outside the mask."""
 
+# Opacity of the heat map.
 HEAT = 0.65
-"""Opacity of the heat map."""
 
 
 def draw_heat(axes: Axes, picture: NDArray[np.float32], relevancy: NDArray[np.float32]) -> None:

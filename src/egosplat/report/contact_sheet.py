@@ -20,25 +20,26 @@ from egosplat.report.page_text import add_name
 
 PAGE = picture_kind("egosplat contact-sheet")
 
+# Maximum number of frames, and of evaluation frames.
 PICTURES = 8
-"""Maximum number of frames, and of evaluation frames."""
 
 COLUMNS = 4
 
+# Height of the page [inches].
 HEIGHT = 11.0
-"""Height of the page [inches]."""
 
+# ADT's category of walls, floor and ceiling; it gets no tint and no name, so that the objects are easy to
+# see.
 ROOM = "shelter"
-"""ADT's category of walls, floor and ceiling; it gets no tint and no name, so that the objects are easy to see."""
 
+# Minimum extent of the view from above [m].
 LEAST_EXTENT = 1.0
-"""Minimum extent of the view from above [m]."""
 
+# Maximum number of named instances in an evaluation frame, the largest first.
 LABELS = 10
-"""Maximum number of named instances in an evaluation frame, the largest first."""
 
+# Minimum share of the image of a named instance.
 LEAST_SHARE = 0.002
-"""Minimum share of the image of a named instance."""
 
 
 def run(frames_path: Path, annotations_path: Path, poses_path: Path, output: Path, *, title: str) -> None:

@@ -22,34 +22,37 @@ from egosplat.report.figure import draw_heading, evenly_spaced, plt, save_figure
 
 PAGE = picture_kind("egosplat crops-sheet")
 
+# Maximum number of views of an instance.
 COLUMNS = 12
-"""Maximum number of views of an instance."""
 
+# Number of often seen instances with the most different features.
 DISTINCT = 6
-"""Number of often seen instances with the most different features."""
 
+# Share of all instances, those with the most views, that count as often seen: rows of one or two views say
+# little.
 OFTEN = 0.5
-"""Share of all instances, those with the most views, that count as often seen: rows of one or two views say little."""
 
+# Number of further instances, those with the most outliers.
 MOST_OUTLIERS = 2
-"""Number of further instances, those with the most outliers."""
 
+# Minimum IoU of two instances' boxes, averaged over the frames of either, at which they show one object at
+# two levels.
 SAME_THING = 0.5
-"""Minimum IoU of two instances' boxes, averaged over the frames of either, at which they show one object at two levels."""
 
+# Description of the number above each crop, by ``features.mad_norm``; the number decides which views are
+# outliers.
 NUMBERS = {
     "element": "the share of feature channels that disagree with the other views",
     "euclidean": "its distance to the median of all views",
     "cosine": "1 - its cosine to the median of all views",
     "none": "no number, because every view counts",
 }
-"""Description of the number above each crop, by ``features.mad_norm``; the number decides which views are outliers."""
 
+# Side of a crop on the page [inches].
 CELL = 1.25
-"""Side of a crop on the page [inches]."""
 
+# Grey level around objects, 0..1: it separates masked pixels from dark objects.
 BACKGROUND = 0.12
-"""Grey level around objects, 0..1: it separates masked pixels from dark objects."""
 
 
 @dataclass(frozen=True)

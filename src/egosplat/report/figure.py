@@ -21,8 +21,8 @@ __all__ = ["draw_heading", "evenly_spaced", "label_log_axis", "middles_of_parts"
 
 DPI = 90
 
+# Height of a line of 12 points [inches].
 _LINE = 0.2
-"""Height of a line of 12 points [inches]."""
 
 
 def draw_heading(figure: Figure, title: str, warnings: Sequence[str], fontsize: int = 12) -> None:

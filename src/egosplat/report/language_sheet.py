@@ -23,23 +23,23 @@ from egosplat.report.figure import draw_heading, plt, save_figure
 
 PAGE = picture_kind("egosplat language-sheet")
 
+# Number of views of a full turn.
 TURNS = 6
-"""Number of views of a full turn."""
 
+# Share of the frames, those nearest to the middle of the trajectory, to choose the place from.
 NEAREST = 0.1
-"""Share of the frames, those nearest to the middle of the trajectory, to choose the place from."""
 
+# Maximum side of a rendered image [px].
 LONGEST_SIDE = 512
-"""Maximum side of a rendered image [px]."""
 
+# Width of an image on the page [inches].
 CELL = 2.9
-"""Width of an image on the page [inches]."""
 
+# Grey level, 0..1, of pixels without a code.
 UNKNOWN = 0.25
-"""Grey level, 0..1, of pixels without a code."""
 
+# Range of the colours, in standard deviations on either side of the mean.
 SPREAD = 2.0
-"""Range of the colours, in standard deviations on either side of the mean."""
 
 
 @dataclass(frozen=True)

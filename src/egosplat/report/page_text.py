@@ -11,11 +11,11 @@ from matplotlib.figure import Figure, FigureBase
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
+# Group id of texts that name something in an image.
 NAME = "name"
-"""Group id of texts that name something in an image."""
 
+# Maximum width of a heading, as a share of the page's width.
 HEADING_WIDTH = 0.98
-"""Maximum width of a heading, as a share of the page's width."""
 
 # Distance of a name from the image border and from other names [points].
 _GAP = 2

@@ -20,18 +20,18 @@ from egosplat.tables.table import Cell
 
 PAGE = picture_kind("egosplat queries-sheet")
 
+# Maximum number of best queries, and of worst ones.
 ROWS = 4
-"""Maximum number of best queries, and of worst ones."""
 
+# Width of an image on the page [inches].
 CELL = 2.9
-"""Width of an image on the page [inches]."""
 
+# Word, marker and colour of a hit and of a miss.
 HIT, MISS = ("hit", "o", "forestgreen"), ("miss", "X", "red")
-"""Word, marker and colour of a hit and of a miss."""
 
 BEST = "best: hits with the highest IoU, one per category"
+# Titles of the two blocks.
 WORST = "worst: misses with the lowest IoU, then the highest relevancy, one per category"
-"""Titles of the two blocks."""
 
 
 def run(

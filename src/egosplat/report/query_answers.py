@@ -21,8 +21,8 @@ from egosplat.query.verdict import refusal
 from egosplat.query.viewpoint import Viewpoint
 from egosplat.report.query_sheet import DrawnAnswer
 
+# Maximum number of answers in the picture; the table has all of them.
 MOST_DRAWN = 8
-"""Maximum number of answers in the picture; the table has all of them."""
 
 _ABSENT = "-"
 

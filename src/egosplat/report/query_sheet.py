@@ -14,8 +14,8 @@ from egosplat.report.figure import plt, save_figure
 
 QUERY_PICTURE = picture_kind("egosplat query")
 
+# Height of an image [inches].
 CELL = 4.0
-"""Height of an image [inches]."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,14 +17,14 @@ from egosplat.report.figure import draw_heading, evenly_spaced, plt, save_figure
 
 PAGE = picture_kind("egosplat segments-sheet")
 
+# Maximum number of frames, evenly spaced.
 PICTURES = 6
-"""Maximum number of frames, evenly spaced."""
 
+# Width of an image on the page [inches].
 CELL = 2.9
-"""Width of an image on the page [inches]."""
 
+# Opacity of an instance's colour.
 TINT = 0.55
-"""Opacity of an instance's colour."""
 
 
 def run(frames_path: Path, segments_path: Path, output: Path, *, title: str) -> None:

@@ -15,14 +15,14 @@ from egosplat.report.figure import draw_heading, label_log_axis, middles_of_part
 
 PAGE = picture_kind("egosplat splats-sheet")
 
+# Maximum number of held-out frames.
 PICTURES = 4
-"""Maximum number of held-out frames."""
 
+# Height of an image [inches].
 CELL = 3.0
-"""Height of an image [inches]."""
 
+# Mean absolute error over the channels, 0..1, with the brightest colour of the error map.
 ERROR_LIMIT = 0.3
-"""Mean absolute error over the channels, 0..1, with the brightest colour of the error map."""
 
 
 def run(frames_path: Path, splats_path: Path, output: Path, *, title: str) -> None:

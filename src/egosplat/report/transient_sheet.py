@@ -26,32 +26,33 @@ from egosplat.report.page_text import add_name
 
 PAGE = picture_kind("egosplat transient-sheet")
 
+# Maximum number of frames.
 PICTURES = 5
-"""Maximum number of frames."""
 
+# Maximum number of frames with masked pixels.
 MOVING = 4
-"""Maximum number of frames with masked pixels."""
 
+# Maximum number of bars with a name: more names would overlap.
 NAMED_BARS = 80
-"""Maximum number of bars with a name: more names would overlap."""
 
+# Maximum number of named instances in a frame, the largest first.
 LABELS = 4
-"""Maximum number of named instances in a frame, the largest first."""
 
+# Width of an image on the page [inches].
 CELL = 2.9
-"""Width of an image on the page [inches]."""
 
+# Height of the chart [inches].
 CHART = 2.6
-"""Height of the chart [inches]."""
 
+# Colours of transient instances, of static ones, and of those above the threshold at a level that is not
+# used.
 MASKED, STATIC, OTHER_LEVEL = "crimson", "0.7", "lightpink"
-"""Colours of transient instances, of static ones, and of those above the threshold at a level that is not used."""
 
+# Opacity of the colour of masked pixels.
 TINT = 0.4
-"""Opacity of the colour of masked pixels."""
 
+# Opacity of the heat map.
 HEAT = 0.75
-"""Opacity of the heat map."""
 
 
 @dataclass(frozen=True)

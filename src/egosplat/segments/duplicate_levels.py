@@ -5,11 +5,11 @@ from numpy.typing import NDArray
 
 from egosplat.segments.label_maps import LabelMaps
 
+# Two instances of different levels are the same object if their IoU over all frames is larger.
 SAME_IOU = 0.8
-"""Two instances of different levels are the same object if their IoU over all frames is larger."""
 
+# A level repeats another if at least this share of its instances are the same objects as the other's.
 REPEATED = 0.95
-"""A level repeats another if at least this share of its instances are the same objects as the other's."""
 
 
 def find_duplicate_levels(

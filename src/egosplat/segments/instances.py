@@ -14,8 +14,8 @@ from egosplat.segments.nms import areas, intersections
 
 Ints = NDArray[np.int64]
 
+# Instances that share fewer frames are not merged: in a single frame, two objects can overlap by chance.
 MIN_COMMON_FRAMES = 2
-"""Instances that share fewer frames are not merged: in a single frame, two objects can overlap by chance."""
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from egosplat.segments.instances import Overlaps
 from egosplat.segments.memory import to_device
 from egosplat.segments.propagation import Group
 
+# Numbers of K instances of a level and their (K, M, M) float32 logits, or bool masks, in one frame.
 LevelMasks = tuple[list[int], Tensor]
-"""Numbers of K instances of a level and their (K, M, M) float32 logits, or bool masks, in one frame."""
 
 
 @dataclass

@@ -5,9 +5,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
+# ``maskmem_features`` (K, C, h, w) bfloat16, ``maskmem_pos_enc`` one (K, C, h, w), and ``obj_ptr`` (K, C), as
+# SAM2 names them. Memories of older frames hold ``obj_ptr`` only.
 Memory = dict[str, Any]
-"""``maskmem_features`` (K, C, h, w) bfloat16, ``maskmem_pos_enc`` one (K, C, h, w), and ``obj_ptr`` (K, C), as SAM2
-names them. Memories of older frames hold ``obj_ptr`` only."""
 
 
 def make_memory(stored: Tensor, position: list[Tensor], pointers: Tensor) -> Memory:

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
+# The levels in the order of SAM2's three masks for one point (docs/method.md#levels).
 LEVELS = ("subpart", "part", "whole")
-"""The levels in the order of SAM2's three masks for one point (docs/method.md#levels)."""
 
 
 @dataclass(frozen=True)

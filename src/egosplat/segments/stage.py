@@ -23,8 +23,8 @@ from egosplat.segments.instances import FinalInstances, Segmented, finalize_inst
 from egosplat.segments.occupancy import Occupancy
 from egosplat.segments.options import LEVELS, SegmentsOptions
 
+# Time between two checkpoints [s].
 CHECKPOINT_S = 60.0
-"""Time between two checkpoints [s]."""
 
 
 def run(

@@ -18,10 +18,10 @@ Bools = NDArray[np.bool_]
 Floats = NDArray[np.float32]
 Grey = NDArray[np.uint8]
 
+# Longest side of the images that flow is computed of [px].
 SIDE = 256
-"""Longest side of the images that flow is computed of [px]."""
+# Motion is undecided if flow is reliable in less than this fraction of the valid pixels.
 MIN_MEASURED = 0.2
-"""Motion is undecided if flow is reliable in less than this fraction of the valid pixels."""
 MIN_PAIRS = 2
 # Frames of a pair are this far apart, or as far as the next frame, up to a limit.
 _PAIR_INTERVAL_S, _MAX_PAIR_INTERVAL_S = 0.2, 1.1

@@ -11,18 +11,18 @@ from egosplat.output_files import text_kind
 from egosplat.tables.table import Block, Cell, Column, Row, Table, aside, number
 
 COMMAND = "egosplat tables"
+# First line of each file, a comment.
 MARKDOWN_MARK, LATEX_MARK = f"<!-- {COMMAND} -->", f"% {COMMAND}"
-"""First line of each file, a comment."""
 
 CSV = text_kind(COMMAND, ".csv", begin="table,kind,method,")
 MARKDOWN = text_kind(COMMAND, ".md", begin=MARKDOWN_MARK)
 LATEX = text_kind(COMMAND, ".tex", begin=LATEX_MARK)
 
+# A table with more columns shows no intervals in Markdown, and fills both columns of a page in LaTeX.
 MANY = 8
-"""A table with more columns shows no intervals in Markdown, and fills both columns of a page in LaTeX."""
 
+# Decimals of the numbers in CSV.
 DECIMALS = 3
-"""Decimals of the numbers in CSV."""
 
 _DELIMITERS = [
     f"{kind}_{side}_string" for kind in ("variable", "block", "comment") for side in ("start", "end")

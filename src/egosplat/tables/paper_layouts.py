@@ -79,6 +79,7 @@ def _by_metric(scene: str) -> tuple[Column, ...]:
 
 _METHOD_LINES = tuple(Line(method, FULL if method == OWN else None) for method in METHODS)
 
+# The five tables, in the paper's order.
 LAYOUTS = (
     Layout(
         "adt_accuracy",
@@ -136,7 +137,6 @@ LAYOUTS = (
         ("Initial stage", "Refinement stage"),
     ),
 )
-"""The five tables, in the paper's order."""
 
 
 def in_a_table(scene: ScoredScene) -> bool:

@@ -9,14 +9,14 @@ import pandas as pd
 
 METRICS = ("accuracy", "mean_iou")
 
+# Name of the average, instead of a scene.
 AVERAGE = "average"
-"""Name of the average, instead of a scene."""
 
+# Methods in the order of the paper's rows.
 METHODS = ("LERF", "LEGaussian", "SG", "GAGS", "LangSplat", "EgoSplat")
-"""Methods in the order of the paper's rows."""
 
+# The paper's five scenes of each dataset, as named in the table of scenes.
 SCENES = {dataset: tuple(f"scene{number}" for number in range(1, 6)) for dataset in ("adt", "hoi4d")}
-"""The paper's five scenes of each dataset, as named in the table of scenes."""
 
 _KEY = ["table", "scene", "method", "metric", "group"]
 
@@ -33,6 +33,7 @@ class PaperNote:
     cells: tuple[tuple[str, str, str, str], ...] = ()
 
 
+# Notes by the name of the table.
 PAPER_NOTES: dict[str, tuple[PaperNote, ...]] = {
     "adt_accuracy": (
         PaperNote(
@@ -99,7 +100,6 @@ PAPER_NOTES: dict[str, tuple[PaperNote, ...]] = {
         ),
     ),
 }
-"""Notes by the name of the table."""
 
 
 def printed(table: str, scene: str, method: str, metric: str, group: str) -> float:

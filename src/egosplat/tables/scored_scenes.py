@@ -13,17 +13,18 @@ from egosplat.files import read_json
 from egosplat.pipeline import config as configuration
 from egosplat.tables.table import Cell
 
+# Name of the variant in a scene's own folder.
 FULL = "full"
-"""Name of the variant in a scene's own folder."""
 
+# Keys of the section ``metrics`` that decide queries and scores; they must be equal within a table.
 PROTOCOL = ("min_area", "excluded", "people", "hit_region", "confidence")
-"""Keys of the section ``metrics`` that decide queries and scores; they must be equal within a table."""
 
+# Synthetic apartments in ADT format that are only for reporting: no default, threshold or design is chosen
+# with them.
 UNTOUCHED = tuple(f"scene{number}" for number in range(6, 11))
-"""Synthetic apartments in ADT format that are only for reporting: no default, threshold or design is chosen with them."""
 
+# Constant answers by their key in the scores: their accuracy is the chance level.
 CHANCE = {"random_pixel": "a random pixel", "middle_pixel": "the middle of the picture"}
-"""Constant answers by their key in the scores: their accuracy is the chance level."""
 
 # The value of a query that each score averages.
 _VALUES = {"accuracy": "hit", "mean_iou": "iou"}

@@ -8,14 +8,14 @@ from egosplat.errors import UserError
 from egosplat.models.suitability import BRIEF
 from egosplat.tables.scored_scenes import Model, ScoredScene
 
+# Names of the datasets in the paper.
 NAMES = {"adt": "ADT", "hoi4d": "HOI4D"}
-"""Names of the datasets in the paper."""
 
 APARTMENTS = "synthetic apartments"
 UNTOUCHED_APARTMENTS = "untouched synthetic apartments"
 
+# Name of egosplat's own rows.
 OWN = "EgoSplat"
-"""Name of egosplat's own rows."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 
+# Kinds of blocks: printed in the paper, measured on recordings, measured on synthetic apartments.
 PRINTED, REAL, SYNTHETIC = "printed", "real", "synthetic"
-"""Kinds of blocks: printed in the paper, measured on recordings, measured on synthetic apartments."""
 
 METRIC_NAMES = {"accuracy": "Acc", "mean_iou": "mIoU"}
 

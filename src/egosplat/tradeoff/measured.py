@@ -49,11 +49,11 @@ COSTS = (WALL, CPU, MEMORY, DISK)
 
 MEASURES = (*COSTS, ACCURACY, MEAN_IOU, PSNR)
 
+# Stages that only score a scene; they do not count in its costs.
 EVALUATION = ("annotations", "metrics")
-"""Stages that only score a scene; they do not count in its costs."""
 
+# Costs of a stage by the names of ``COSTS``; None if not measured.
 Costs = Mapping[str, float | None]
-"""Costs of a stage by the names of ``COSTS``; None if not measured."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,8 +22,8 @@ FORMAT_VERSION = 4
 
 _COLUMNS = ("scene", "point", "about", "front", "stage", "measure", "mean", "low", "high", "runs")
 
+# Generator named in the page's metadata.
 GENERATOR = "egosplat tradeoff"
-"""Generator named in the page's metadata."""
 
 TRADEOFF = json_kind("egosplat tradeoff", "format_version", "points", "seeds")
 TABLE = text_kind("egosplat tradeoff", ".csv", begin=",".join(_COLUMNS[:4]) + ",")

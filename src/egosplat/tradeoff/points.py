@@ -19,11 +19,11 @@ from egosplat.pipeline.presets import QUESTIONS, preset_keys
 from egosplat.pipeline.scenes import Scene, read_scenes
 from egosplat.pipeline.variants import EXTENDS, reaches, variant_config, variant_folder
 
+# The knob whose values are presets.
 PRESET = "preset"
-"""The knob whose values are presets."""
 
+# Sections whose seeds change together.
 SEEDED = ("features", "transient", "splats", "language")
-"""Sections whose seeds change together."""
 
 # Maximum length of a value in a variant's name [characters].
 _LONGEST = 60

@@ -15,8 +15,8 @@ from egosplat.tradeoff.measured import ACCURACY, MEAN_IOU, MEMORY, WALL, Measure
 from egosplat.tradeoff.page import PAGE, TABLE, TRADEOFF, to_csv, to_html, tradeoff_document, write_document
 from egosplat.tradeoff.points import PRESET
 
+# Stem of the files.
 NAME = "tradeoff"
-"""Stem of the files."""
 
 
 def run(points: Sequence[Mapping[str, Any]], output: Path) -> None:
@@ -52,8 +52,8 @@ def _is_point(point: object) -> bool:
 
 PICTURE = picture_kind("egosplat tradeoff")
 
+# Cost and gain of each panel.
 PANELS = ((WALL, ACCURACY), (WALL, MEAN_IOU), (MEMORY, ACCURACY))
-"""Cost and gain of each panel."""
 
 _BLUE = "tab:blue"
 

@@ -16,8 +16,8 @@ from egosplat.progress import track
 
 Item = TypeVar("Item")
 
+# An image with fewer features has too little texture to be registered.
 MIN_FEATURES = 50
-"""An image with fewer features has too little texture to be registered."""
 
 _IMAGES_PER_BATCH = 8
 # More than a batch writes: 8 images of 8,192 features of 152 bytes, or 100 pairs of 8,192 matches of 16 bytes, twice

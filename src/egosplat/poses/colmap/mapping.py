@@ -11,8 +11,8 @@ from egosplat.poses.colmap.matching import MatchingResult
 from egosplat.progress import log
 
 MIN_IMAGES = 3
+# A model with fewer points is noise, not a scene.
 MIN_POINTS = 50
-"""A model with fewer points is noise, not a scene."""
 
 # A smaller median shift between images means that the camera did not move [px].
 _MIN_SHIFT_PX = 1.0

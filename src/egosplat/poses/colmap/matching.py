@@ -10,8 +10,8 @@ import pycolmap
 from egosplat.poses.colmap.database import Project
 from egosplat.progress import log
 
+# Names of two images.
 Pair = tuple[str, str]
-"""Names of two images."""
 
 # For every 5th image COLMAP looks up the 5 most similar ones.
 _LOOP_PERIOD = 5
@@ -112,8 +112,8 @@ def _write_vocabulary(project: Project, database: pycolmap.Database, seed: int) 
 
 Matching = Literal["auto", "exhaustive", "sequential"]
 
+# ``auto`` compares every pair of up to this many images (3,160 pairs).
 EXHAUSTIVE_UP_TO = 80
-"""``auto`` compares every pair of up to this many images (3,160 pairs)."""
 
 _PAIRS_PER_BATCH = 100
 

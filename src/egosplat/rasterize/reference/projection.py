@@ -7,8 +7,8 @@ from torch import Tensor
 
 from egosplat.rasterize.contract import ALPHA_THRESHOLD, FRUSTUM_MARGIN
 
+# Upper bound of the radii [px]: exact in float32 and int32, larger than any image.
 MAX_RADIUS = 2**24
-"""Upper bound of the radii [px]: exact in float32 and int32, larger than any image."""
 
 
 @dataclass(frozen=True)

@@ -90,8 +90,8 @@ def _stack(projections: list[Projected]) -> dict[str, Any]:
     return {name: torch.stack([getattr(each, name) for each in projections]) for name in names}
 
 
+# Side of a tile [px].
 TILE = 16
-"""Side of a tile [px]."""
 
 
 def composite(

@@ -12,8 +12,8 @@ from egosplat.segments.classical.working_image import resize_to_side
 
 Floats = NDArray[np.float32]
 
+# Colours are compared after smoothing with a Gaussian of this sigma, at the nominal side [px].
 _SURROUNDINGS = 2.0
-"""Colours are compared after smoothing with a Gaussian of this sigma, at the nominal side [px]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,15 +91,15 @@ def _flow(source: NDArray[np.uint8], target: NDArray[np.uint8], motion: NDArray[
     return (move(start + find_flow(source, target), motion) - start)[:height, :width]
 
 
+# Smallest side of images in which features are detected [px]; ORB's pyramid fails in tiny images.
 _LEAST_SIDE = 64
-"""Smallest side of images in which features are detected [px]; ORB's pyramid fails in tiny images."""
 _FEATURES = 1500
 _FAST_THRESHOLD = 7
 _LEAST_MATCHES = 12
+# Share of the matches that must agree with the homography.
 _LEAST_INLIERS = 0.2
-"""Share of the matches that must agree with the homography."""
+# RANSAC's tolerance, as a share of the longer side. Loose, because near objects move more than walls.
 _TOLERANCE = 0.015
-"""RANSAC's tolerance, as a share of the longer side. Loose, because near objects move more than walls."""
 _SEED = 1
 
 

@@ -12,10 +12,11 @@ from egosplat.segments.classical.working_image import WorkingImage
 Floats = NDArray[np.float64]
 
 _BINS = 20
+# Ranges of the histograms: CIELAB, and the standard deviation of CIELAB in a neighbourhood.
 _LIGHTNESS, _COLOUR, _TEXTURE = (0.0, 100.0), (-60.0, 60.0), (0.0, 40.0)
-"""Ranges of the histograms: CIELAB, and the standard deviation of CIELAB in a neighbourhood."""
+# Texture is the difference to a Gaussian blur of the first sigma; its power is averaged by the second [px at
+# side].
 _DETAIL, _NEIGHBOURHOOD = 2.0, 3.0
-"""Texture is the difference to a Gaussian blur of the first sigma; its power is averaged by the second [px at side]."""
 
 
 @dataclass(frozen=True, eq=False)

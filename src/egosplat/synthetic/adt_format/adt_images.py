@@ -16,8 +16,8 @@ from egosplat.synthetic.adt_format.sequence import Frame, Sequence, View
 from egosplat.synthetic.adt_format.vrs import ImageStream, VrsWriter, create_vrs
 
 RGB_STREAM = "214-1"
+# Suffix of the files that show people; the files without it show the room without them.
 WITH_PEOPLE = "_with_skeleton"
-"""Suffix of the files that show people; the files without it show the room without them."""
 
 # VRS's pixel formats. ADT declares labels as 64-bit floats and reads them as 64-bit integers.
 _GREY16, _SCALAR64F = 11, 13

@@ -25,8 +25,8 @@ RGB_LABEL = "camera-rgb"
 
 _FULL_SIZE = 1408
 _ORIGIN_LABEL = "camera-slam-left"
+# The larger Aria frame, whose CAD places the eyes (central pupil frame) relative to the device frame.
 _BUILD = "DVT-L"
-"""The larger Aria frame, whose CAD places the eyes (central pupil frame) relative to the device frame."""
 
 # FISHEYE624: f, cx, cy [px], k0..k5 (radial), p0, p1 (tangential), s0..s3 (thin prism).
 _RGB_PARAMETERS = np.array(

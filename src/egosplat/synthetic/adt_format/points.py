@@ -14,8 +14,8 @@ _COUNT = 40_000
 _VIEWS = 60
 _GOOD_INV_STD, _BAD_INV_STD = 0.0004, 0.004
 _BAD_SHARE = 0.12
+# Scale at which texture is detected.
 _DETAIL_M = 0.012
-"""Scale at which texture is detected."""
 
 
 def semidense_points(

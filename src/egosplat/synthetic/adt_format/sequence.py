@@ -108,5 +108,6 @@ class Sequence:
     wearer: int | None = None
 
 
+# From a capture timestamp to the middle of the exposure: half the rolling shutter
+# (docs/method.md#exposure-time).
 ROLLING_SHUTTER_MIDDLE_NS = 2_500_000
-"""From a capture timestamp to the middle of the exposure: half the rolling shutter (docs/method.md#exposure-time)."""

@@ -32,8 +32,8 @@ _COUNT = struct.Struct("<I")
 
 _INDEX_TYPE, _DESCRIPTION_TYPE = 1, 2
 _CONFIGURATION, _DATA = 2, 3
+# Version of the description record, of an index record that follows the data, and of the layouts below.
 _STRUCTURE_VERSION = 2
-"""Version of the description record, of an index record that follows the data, and of the layouts below."""
 _NO_COMPRESSION, _ZSTD = 0, 2
 _ZSTD_LEVEL = 3
 _BEFORE_ALL = 5e-324

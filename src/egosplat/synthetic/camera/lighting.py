@@ -14,8 +14,8 @@ Array = NDArray[np.float64]
 
 _LAMP_POWER = np.array([7.5, 6.8, 5.8], dtype=np.float32)
 _SUN_POWER = np.array([5.5, 4.9, 4.0], dtype=np.float32)
+# Stands in for light that has bounced more than once.
 _AMBIENT = np.array([0.3, 0.29, 0.28], dtype=np.float32)
-"""Stands in for light that has bounced more than once."""
 _BAKE_RAYS = 40
 _CHUNK = 16_000
 _OFF_SURFACE_M = 0.004

@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float32]
 
 _EXPOSURE = 1.8
+# Standard deviation, as a fraction of the largest display value.
 _NOISE = 0.006
-"""Standard deviation, as a fraction of the largest display value."""
 
 
 def develop(radiance: Floats, radius: Floats, gain: float, rng: np.random.Generator) -> NDArray[np.uint8]:

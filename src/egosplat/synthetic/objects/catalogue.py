@@ -19,6 +19,7 @@ from egosplat.synthetic.objects.textures import Rng
 
 Motion = Literal["static", "dynamic"]
 
+# ADT's category names used here, with ADT's numbers where its sample has them.
 CATEGORY_UIDS = {
     "armchair": 38,
     "basketball": 282,
@@ -71,7 +72,6 @@ CATEGORY_UIDS = {
     "wall clock": 216,
     "wall-mounted coat rack": 493,
 }
-"""ADT's category names used here, with ADT's numbers where its sample has them."""
 
 
 @dataclass(frozen=True)
@@ -128,9 +128,10 @@ ARTWORK = Kind("WallDecor", "wall artwork", "static", wall_things.wall_artwork, 
 
 _CORE_FURNITURE = (COUCH, COFFEE_TABLE, TV_STAND, TELEVISION, ARTWORK, STEP_STOOL)
 _CORE_THINGS = (BOWL, BOX, COASTER, CUP)
+# Kinds in every apartment.
 CORE = (*_CORE_FURNITURE, *_CORE_THINGS)
-"""Kinds in every apartment."""
 
+# Furniture that is placed together; the order of the groups differs between apartments.
 GROUPS = (
     (DINING_TABLE, DINING_CHAIR, DINING_CHAIR),
     (BED_FRAME, MATTRESS),
@@ -139,7 +140,6 @@ GROUPS = (
     (Kind("WhiteCabinet", "cabinet", "static", furniture.cabinet, "back"),),
     (Kind("WritingDesk", "desk", "static", furniture.desk, "back"),),
 )
-"""Furniture that is placed together; the order of the groups differs between apartments."""
 
 REST = (
     Kind("ArmChair", "armchair", "static", seats.armchair, "floor"),
@@ -175,8 +175,8 @@ REST = (
     CUP,
 )
 
+# Kinds that fill up a large number of objects.
 MORE = (CUP, LYING_BOOK, BOOK, BOX, ARTWORK, COASTER)
-"""Kinds that fill up a large number of objects."""
 
 
 def wish_list(rng: Rng, objects: int) -> list[Kind]:

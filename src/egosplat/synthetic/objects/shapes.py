@@ -15,8 +15,8 @@ from egosplat.synthetic.objects.textures import Texture
 
 Array = NDArray[np.float64]
 
+# Flat faces are cut into cells of at most this size, because light is stored at vertices.
 _STEP_M = 0.16
-"""Flat faces are cut into cells of at most this size, because light is stored at vertices."""
 
 
 @dataclass(frozen=True)

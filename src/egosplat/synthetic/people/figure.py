@@ -20,6 +20,7 @@ _STRIDE_M = 1.3
 _UP = np.array([0.0, 1.0, 0.0])
 
 
+# Order of the joints in a skeleton.
 JOINTS = [
     "hips",
     "chest",
@@ -42,7 +43,6 @@ JOINTS = [
     "right_ankle",
     "right_toe",
 ]
-"""Order of the joints in a skeleton."""
 
 
 @dataclass(frozen=True)
@@ -132,6 +132,7 @@ def _bend(root: Array, end: Array, upper: float, lower: float, bulge: Array) -> 
     return middle, root + distance * way
 
 
+# Joints of each limb: the first is its origin, its y axis points to the second.
 LIMBS = {
     "pelvis": ("hips", "chest"),
     "torso": ("hips", "neck"),
@@ -149,7 +150,6 @@ LIMBS = {
         )
     },
 }
-"""Joints of each limb: the first is its origin, its y axis points to the second."""
 
 
 ARMS = tuple(limb for limb in LIMBS if limb.split()[-1] in ("arm", "forearm", "hand"))

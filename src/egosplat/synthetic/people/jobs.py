@@ -17,8 +17,8 @@ Array = NDArray[np.float64]
 
 _REACH_M = 0.78
 _TRIES = 400
+# Time from the start of a reach to the grip, and from the release until the arm hangs again.
 REACHING_S = 0.9
-"""Time from the start of a reach to the grip, and from the release until the arm hangs again."""
 LIFTING_S = 0.7
 
 

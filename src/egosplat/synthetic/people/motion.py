@@ -22,16 +22,16 @@ Array = NDArray[np.float64]
 _UPRIGHT_FROM_SENSOR = invert(CLOCKWISE)
 
 EYES_M = 1.62
+# Distance of the shoulders behind the camera.
 SHOULDERS_BEHIND_M = 0.15
-"""Distance of the shoulders behind the camera."""
 _SPEEDS_M_S = (0.3, 0.55)
 _CARRYING_M_S = 0.6
 _TOUR_M = 9.0
 _TURN_PER_S, _NOD_PER_S = 1.2, 0.8
 _PITCH_RANGE = (-0.95, 0.2)
 _STRIDE_M = 1.3
+# The motion is defined this long before and after the recording.
 _LEAD_S = 1.0
-"""The motion is defined this long before and after the recording."""
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,8 @@ _SPEED_M_S = 0.85
 _PAUSE_S, _LONGEST_PAUSE_S = 1.9, 4.5
 _KEEP_APART_M = 0.58
 _ATTEMPTS, _SHIFTS = 30, 10
+# Objects wider than twice this are held with both hands.
 _OPEN_HAND_M = 0.06
-"""Objects wider than twice this are held with both hands."""
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from scipy.interpolate import BSpline
 Array = NDArray[np.float64]
 
 _DEGREE = 5
+# Time between control points; also about the length over which the curve blurs them.
 STEP_S = 0.25
-"""Time between control points; also about the length over which the curve blurs them."""
 
 
 def control_times(start_s: float, end_s: float) -> Array:

@@ -15,8 +15,8 @@ from egosplat.synthetic.world.room import Room, corridor_bounds
 Array = NDArray[np.float64]
 
 _CELL_M = 0.06
+# Distance that the middle of a walking person keeps from every obstacle.
 _BODY_M = 0.27
-"""Distance that the middle of a walking person keeps from every obstacle."""
 _HEAD_ROOM_M = 1.95
 _MARGIN_M = 1.8
 

@@ -12,8 +12,8 @@ Array = NDArray[np.float64]
 CORRIDOR_DEPTH_M, CORRIDOR_WIDTH_M = 1.3, 3.0
 
 
+# Thickness of the walls, visible in openings.
 REVEAL_M = 0.12
-"""Thickness of the walls, visible in openings."""
 
 
 _DOOR_CLEAR_M = 1.0

@@ -17,11 +17,11 @@ from egosplat.synthetic.world.apartment import Apartment, make_apartment
 
 Array = NDArray[np.float64]
 
+# Named fractions of the time in which people are at work.
 MOTIONS = {"none": 0.0, "low": 0.25, "high": 1.0}
-"""Named fractions of the time in which people are at work."""
 
+# If people work for less time than this, only the wearer works.
 _OTHER_FROM_S = 7.0
-"""If people work for less time than this, only the wearer works."""
 _HOMES, _PLANS, _ERRANDS = 8, 6, 30
 
 
