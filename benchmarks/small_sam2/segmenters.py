@@ -13,7 +13,9 @@ from PIL import Image
 
 from benchmarks.small_sam2.worlds import Film, Masks, Still
 from egosplat.models.sam2_loader import Sam2, load_sam2
-from egosplat.segments.classical import segmenter as classical
+from egosplat.segments.classical.flow import find_origins
+from egosplat.segments.classical.options import ClassicalOptions
+from egosplat.segments.classical.partition import partition
 
 if TYPE_CHECKING:
     from sam2.sam2_image_predictor import SAM2ImagePredictor
@@ -85,17 +87,37 @@ class ClassicalSegmenter:
 
     def point(self, still: Still) -> Masks:
         """The regions of three levels at each point."""
-        labels = classical.segment(still.rgb, still.valid, classical.ClassicalOptions())
+        labels = partition(still.rgb, still.valid, ClassicalOptions())[1:]
         columns, rows = still.points.astype(int).T
         values = labels[:, rows, columns].T
         return (labels[None] == values[..., None, None]) & (values >= 0)[..., None, None]
 
     def track(self, film: Film) -> Masks:
         """By optical flow, snapped to regions."""
-        frames = classical.propagate_masks(
-            film.masks[:, 0], film.rgb, film.valid, classical.ClassicalOptions()
-        )
-        return np.stack(list(frames), axis=1)
+        options, previous, masks = ClassicalOptions(), None, film.masks[:, 0] & film.valid
+        tracked = []
+        for image in film.rgb:
+            regions = partition(image, film.valid, options)[0]
+            if previous is not None:
+                origins = find_origins(previous, image, film.valid, options)
+                brought = origins.look_up(masks) & origins.known
+                masks = np.array([_snap(one, origins.known, regions, options) for one in brought], bool)
+            previous = image
+            tracked.append(masks)
+        return np.stack(tracked, axis=1)
+
+
+def _snap(mask: Masks, known: Masks, regions: np.ndarray, options: ClassicalOptions) -> Masks:
+    """Fit a (H, W) mask to regions: one joins if most of its pixels are in the mask, and leaves if few are."""
+    count = int(regions.max(initial=-1)) + 1
+    size = np.bincount(regions[regions >= 0], minlength=count)
+    voters = np.bincount(regions[known & (regions >= 0)], minlength=count)
+    yes = np.bincount(regions[mask & known & (regions >= 0)], minlength=count)
+    decided = (voters > 0) & (voters >= options.least_support * size)
+    # Index -1, a pixel without a region, selects the last entry.
+    taken = np.append(decided & (yes >= options.purity * voters), False)
+    left = np.append(decided & (voters - yes >= options.purity * voters), True)
+    return taken[regions] | (mask & known & ~left[regions])
 
 
 @contextlib.contextmanager

@@ -10,7 +10,7 @@ from egosplat.artifacts.integrity import rebuild_command
 from egosplat.artifacts.reader import recorded_digest, verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError, user_message
-from egosplat.pipeline import config as configuration
+from egosplat.pipeline.validation import read_document
 
 # The schema of each JSON file of results.
 DOCUMENTS = {"metrics.json": "metrics", "survey.json": "survey", "tradeoff.json": "tradeoff"}
@@ -65,11 +65,7 @@ def _provenance(path: Path) -> dict[str, Any]:
         return verify(path, SCHEMAS).provenance
     if not path.is_file():
         raise UserError(f"{path}: is no regular file. Rebuild it: {rebuild_command(path)}")
-    try:
-        return configuration.read_document(path, DOCUMENTS[path.name]).get("provenance", {"inputs": {}})
-    except UserError as error:
-        end = "" if str(error).endswith((".", "?")) else "."
-        raise UserError(f"{error}{end} Rebuild it: {rebuild_command(path)}") from None
+    return read_document(path, DOCUMENTS[path.name]).get("provenance", {"inputs": {}})
 
 
 def _digest_of(path: Path) -> str | None:

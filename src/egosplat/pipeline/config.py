@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from egosplat.errors import UserError
-from egosplat.files import read_json
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml, problem
 from egosplat.pipeline.validation import Draft202012Validator, StrictValidator, explained, schema, shortened
@@ -215,22 +214,6 @@ def check_config_files(paths: Iterable[Path]) -> None:
     for path in paths:
         if path.suffix != ".json":
             read_yaml(path)
-
-
-def read_document(path: Path, against: str) -> Config:
-    """Read a JSON file and check it against the schema ``against``.
-
-    Raises:
-        UserError: the file is missing, is not JSON, or does not match the schema.
-    """
-    try:
-        content = read_json(path)
-    except FileNotFoundError:
-        raise UserError(f"{path}: does not exist") from None
-    except (OSError, ValueError) as error:
-        raise UserError(f"{path}: cannot be read as JSON ({str(error).splitlines()[0]})") from None
-    check(content, str(path), against)
-    return content
 
 
 def _filled(config: Mapping[str, Any], part: Mapping[str, Any]) -> Config:

@@ -6,10 +6,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from egosplat.errors import UserError
-from egosplat.files import read_json
 from egosplat.output_files import stage_json_kind, write_json
-from egosplat.pipeline.validation import Draft202012Validator, schema
+from egosplat.pipeline.validation import Draft202012Validator, read_document, schema
 
 FORMAT_VERSION = 1
 
@@ -30,23 +28,8 @@ def write_survey(output: Path, document: Survey) -> None:
 
 
 def read_survey(path: Path) -> Survey:
-    """Read a survey.
-
-    Raises:
-        UserError: the file is missing or does not match the schema.
-    """
-    try:
-        document = read_json(path)
-    except FileNotFoundError:
-        raise UserError(f"{path}: does not exist. Make it: snakemake --cores 2 {path}") from None
-    except (OSError, ValueError) as error:
-        raise UserError(f"{path}: cannot be read as JSON ({error}). {remake_hint(path)}") from None
-    for error in Draft202012Validator(schema("survey")).iter_errors(document):
-        key = ".".join(str(part) for part in error.absolute_path) or "it"
-        raise UserError(
-            f"{path}: is not a survey of this version: {key}: {error.message[:200]}. {remake_hint(path)}"
-        )
-    return document
+    """Read a survey; raises as ``read_document``."""
+    return read_document(path, "survey")
 
 
 def gaussians_use_all_frames(survey: Survey, masking: str) -> bool:
@@ -59,8 +42,3 @@ def gaussians_use_all_frames(survey: Survey, masking: str) -> bool:
 def digest_of_frames(kept: Iterable[int]) -> str:
     """SHA-256 of a list of frames."""
     return hashlib.sha256(json.dumps([int(frame) for frame in kept]).encode()).hexdigest()
-
-
-def remake_hint(path: Path) -> str:
-    """Advice for an unusable survey."""
-    return f"Remake it: rm {path}, then snakemake --cores 2 {path}"

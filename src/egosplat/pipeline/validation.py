@@ -4,13 +4,18 @@ import difflib
 import functools
 import math
 import re
+import shlex
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from importlib import resources
+from pathlib import Path
 from typing import Any
 
 import yaml
+
+from egosplat.errors import UserError
+from egosplat.files import read_json
 
 
 @contextmanager
@@ -38,6 +43,7 @@ __all__ = [
     "StrictValidator",
     "ValidationError",
     "explained",
+    "read_document",
     "schema",
     "shortened",
 ]
@@ -47,6 +53,36 @@ __all__ = [
 def schema(name: str) -> dict[str, Any]:
     """Load a schema: ``config``, ``scenes``, or that of a JSON file."""
     return yaml.safe_load((resources.files(__package__) / "schemas" / f"{name}.schema.yaml").read_text())
+
+
+def read_document(path: Path, name: str) -> dict[str, Any]:
+    """Read a JSON result and check it against the schema ``name``.
+
+    Raises:
+        UserError: the file is missing, is not JSON, or does not match the schema; says how to make it.
+    """
+    file = shlex.quote(str(path))
+    again = f"Rebuild it: snakemake --cores 2 --force {file}"
+    try:
+        document = read_json(path, parse_constant=_refuse)
+    except FileNotFoundError:
+        raise UserError(f"{path}: does not exist. Make it: snakemake --cores 2 {file}") from None
+    except (OSError, ValueError) as error:
+        reason = str(error).partition("\n")[0]
+        raise UserError(f"{path}: cannot be read as JSON ({reason}). {again}") from None
+    version = schema(name)["properties"]["format_version"]["const"]
+    found = document.get("format_version", version) if isinstance(document, dict) else version
+    if found != version:
+        raise UserError(
+            f"{path}: has format {found!r}; this version of egosplat reads format {version}.\n{again}"
+        )
+    for error in Draft202012Validator(schema(name)).iter_errors(document):
+        raise UserError(f"{path}: {explained(error)}.\n{again}")
+    return document
+
+
+def _refuse(constant: str) -> float:
+    raise ValueError(f"{constant} is no number of JSON")
 
 
 # Largest integer that a key may have. Libraries accept no larger seeds.

@@ -9,8 +9,7 @@ from typing import Any
 from egosplat.alarms.alarm import Alarm, warning_lines
 from egosplat.errors import UserError
 from egosplat.evaluation.intervals import Clusters, cluster, scaled
-from egosplat.files import read_json
-from egosplat.pipeline import config as configuration
+from egosplat.pipeline.validation import read_document
 from egosplat.tables.table import Cell
 
 # Name of the variant in a scene's own folder.
@@ -114,9 +113,7 @@ def read_scored_scene(path: Path) -> ScoredScene:
     Raises:
         UserError: the file cannot be read, is not a ``metrics.json``, or does not name its scene.
     """
-    document = _read(path)
-    _check_format(document, path)
-    configuration.check(document, str(path), against="metrics")
+    document = read_document(path, "metrics")
     dataset, scene, variant = _place(path, document["scene"])
     method = document.get("method")
     return ScoredScene(
@@ -155,30 +152,6 @@ def check_protocol(scenes: Sequence[ScoredScene]) -> None:
 def one_line(text: str) -> str:
     """Put a given name on one line, without control characters."""
     return " ".join("".join(one if one.isprintable() else " " for one in text).split())
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        return read_json(path, parse_constant=_refuse)
-    except FileNotFoundError:
-        raise UserError(f"{path}: does not exist. Make it: snakemake --cores 2 {path}") from None
-    except (OSError, ValueError) as error:
-        reason = str(error).partition("\n")[0]
-        raise UserError(f"{path}: cannot be read as JSON ({reason}). Rebuild it") from None
-
-
-def _check_format(document: Mapping[str, Any], path: Path) -> None:
-    expected = configuration.schema("metrics")["properties"]["format_version"]["const"]
-    found = document.get("format_version", expected) if isinstance(document, Mapping) else expected
-    if found != expected:
-        raise UserError(
-            f"{path}: has format {found!r}; this version of egosplat reads format {expected}.\n"
-            f"Rebuild it: snakemake --cores 2 --force {path}"
-        )
-
-
-def _refuse(constant: str) -> float:
-    raise ValueError(f"{constant} is no number of JSON")
 
 
 def _place(path: Path, title: str) -> tuple[str, str, str]:

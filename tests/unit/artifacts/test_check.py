@@ -61,7 +61,7 @@ def test_a_json_file_that_egosplat_did_not_write_is_not_sound(surveyed, name, da
     path.unlink(missing_ok=True)
     DAMAGE[damage](path)
     told = problems(surveyed)[name]
-    assert str(path) in told and "Rebuild it: rm -r " in told
+    assert str(path) in told and "Rebuild it: " in told
 
 
 def test_a_survey_of_other_frames_is_a_problem(surveyed):

@@ -4,9 +4,15 @@ import cv2
 import numpy as np
 import pytest
 
-from egosplat.segments.classical.segmenter import ClassicalOptions, segment
+from egosplat.segments.classical.options import ClassicalOptions
+from egosplat.segments.classical.partition import partition
 
 OPTIONS = ClassicalOptions()
+
+
+def segment(image: np.ndarray, valid: np.ndarray, options: ClassicalOptions) -> np.ndarray:
+    """The (3, H, W) regions of the levels subpart, part and whole."""
+    return partition(image, valid, options)[1:]
 
 
 def scene(side: int) -> tuple[np.ndarray, np.ndarray]:

@@ -105,9 +105,9 @@ def test_a_survey_of_other_frames_is_rejected(scene, trajectory, still, moving):
     [
         (None, "does not exist. Make it: snakemake"),
         ("{", "cannot be read as JSON"),
-        ("[]", "is not a survey of this version: it: "),
-        ({"format_version": 99}, "is not a survey of this version: format_version"),
-        ({"motion": {}}, "is not a survey of this version: motion"),
+        ("[]", "value = .. is not allowed"),
+        ({"format_version": 99}, "has format 99"),
+        ({"motion": {}}, "motion = "),
     ],
 )
 def test_a_damaged_survey_is_named(scene, trajectory, still, content, message):

@@ -13,9 +13,18 @@ from egosplat.segments.classical.working_image import check_image, enlarge, resi
 def partition(
     image: NDArray[np.uint8], valid: NDArray[np.bool_], options: ClassicalOptions
 ) -> NDArray[np.int32]:
-    """(4, H, W) int32 fine regions, subparts, parts and wholes of an image; -1 outside of ``valid``.
+    """Divide an image into nested regions.
 
-    Arguments and errors are those of ``segmenter.segment``.
+    Args:
+        image: (H, W, 3) uint8 RGB.
+        valid: (H, W) bool; pixels outside have no influence.
+
+    Returns:
+        (4, H, W) int32 fine regions, subparts, parts and wholes, numbered from 0 at each level, -1 outside of ``valid``.
+        A region is a union of regions of the next finer level.
+
+    Raises:
+        ValueError: wrong shape or element type.
     """
     check_image(image, valid)
     if not valid.any():

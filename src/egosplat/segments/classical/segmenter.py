@@ -9,112 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.progress import track as progress
-from egosplat.segments.classical.flow import find_origins
+from egosplat.segments.classical.flow import Origins, find_origins
 from egosplat.segments.classical.options import ClassicalOptions
 from egosplat.segments.classical.partition import partition
-from egosplat.segments.classical.tracking import propagate, track, track_levels
-from egosplat.segments.classical.working_image import check_map
 from egosplat.segments.instances import Segmented, Track
 from egosplat.segments.label_maps import LabelMaps
 from egosplat.segments.options import LEVELS
 
-Masks = NDArray[np.bool_]
-
-
-def propagate_masks(
-    masks: Masks, images: Iterable[NDArray[np.uint8]], valid: NDArray[np.bool_], options: ClassicalOptions
-) -> Iterator[Masks]:
-    """Propagate masks, which may overlap, by optical flow, and fit them to the fine regions of each frame.
-
-    A fine region joins a mask if most of its pixels come from the mask, and leaves it if few do; otherwise each
-    pixel decides for itself. Two frames are held in memory.
-
-    Args:
-        masks: (K, H, W) bool of the first image.
-        images: (H, W, 3) uint8 RGB each.
-        valid: (H, W) bool, of all images.
-
-    Yields:
-        (K, H, W) bool for each image; for the first, ``masks`` within ``valid``.
-
-    Raises:
-        ValueError: wrong shape or element type.
-    """
-    if masks.ndim != 3:
-        raise ValueError(f"masks are (K, H, W) bool, not {masks.shape} {masks.dtype}")
-    check_map(masks, np.dtype(bool), (len(masks), *valid.shape), "masks")
-    check_map(valid, np.dtype(bool), masks.shape[1:], "valid")
-    return _propagate(masks & valid, images, valid, options)
-
-
-def _propagate(
-    masks: Masks, images: Iterable[NDArray[np.uint8]], valid: NDArray[np.bool_], options: ClassicalOptions
-) -> Iterator[Masks]:
-    previous = None
-    for image in images:
-        regions = partition(image, valid, options)[0]
-        if previous is not None:
-            origins = find_origins(previous, image, valid, options)
-            brought = origins.look_up(masks) & origins.known
-            masks = np.zeros_like(masks)
-            for mask, one in zip(masks, brought, strict=True):
-                mask[:] = snap(one, origins.known, regions, options)
-        previous = image
-        yield masks
-
-
-def snap(mask: Masks, known: Masks, regions: NDArray[np.int32], options: ClassicalOptions) -> Masks:
-    """Fit a mask to regions.
-
-    Args:
-        mask: (H, W) bool.
-        known: (H, W) bool, where the mask is defined.
-        regions: (H, W) int32, -1 outside of the valid pixels.
-        options: ``least_support`` and ``purity`` are used.
-
-    Returns:
-        (H, W) bool.
-    """
-    count = int(regions.max(initial=-1)) + 1
-    size = np.bincount(regions[regions >= 0], minlength=count)
-    voters = np.bincount(regions[known & (regions >= 0)], minlength=count)
-    yes = np.bincount(regions[mask & known & (regions >= 0)], minlength=count)
-    decided = (voters > 0) & (voters >= options.least_support * size)
-    # Index -1, a pixel without a region, selects the last entry.
-    taken = np.append(decided & (yes >= options.purity * voters), False)
-    left = np.append(decided & (voters - yes >= options.purity * voters), True)
-    return taken[regions] | (mask & known & ~left[regions])
-
-
-__all__ = [
-    "LEVELS",
-    "ClassicalOptions",
-    "propagate",
-    "propagate_masks",
-    "segment",
-    "segment_video",
-    "track",
-    "track_levels",
-]
-
-
-def segment(
-    image: NDArray[np.uint8], valid: NDArray[np.bool_], options: ClassicalOptions
-) -> NDArray[np.int32]:
-    """Segment an image into nested regions.
-
-    Args:
-        image: (H, W, 3) uint8 RGB.
-        valid: (H, W) bool; pixels outside have no influence.
-
-    Returns:
-        (3, H, W) int32 regions of the levels subpart, part and whole, numbered from 0 at each level, -1 outside
-        of ``valid``. A region is a union of regions of the next finer level.
-
-    Raises:
-        ValueError: wrong shape or element type.
-    """
-    return partition(image, valid, options)[1:]
+Labels = NDArray[np.int32]
 
 
 def segment_video(
@@ -149,3 +51,91 @@ def _to_instance_numbers(regions: NDArray[np.int32], numbers: dict[int, int]) ->
         if track_number < len(table) - 1:
             table[track_number] = instance
     return table[regions]
+
+
+def track_levels(
+    images: Iterable[NDArray[np.uint8]], valid: NDArray[np.bool_], options: ClassicalOptions
+) -> Iterator[list[Labels]]:
+    """Track the regions of all ``LEVELS``; a region that comes into view starts a new track. Holds two frames in memory.
+
+    Args:
+        images: (H, W, 3) uint8 RGB each.
+        valid: (H, W) bool, of all images.
+
+    Yields:
+        For each level, (H, W) int32 track number of each pixel, -1 for none. The first frame's numbers are those of its
+        regions; no number is used twice.
+
+    Raises:
+        ValueError: wrong shape or element type.
+    """
+    previous = None
+    labels = [np.full(valid.shape, -1, dtype=np.int32) for _ in LEVELS]
+    tracks = [0] * len(LEVELS)
+    for image in images:
+        fine, *levels = partition(image, valid, options)
+        if previous is not None:
+            origins = find_origins(previous, image, valid, options)
+            labels = [propagate(one, origins, fine, options) for one in labels]
+        # In the first frame every region becomes a track, however small.
+        least = options.new_area * valid.sum() if previous is not None else 1
+        for number, regions in enumerate(levels):
+            labels[number] = open_tracks(labels[number], regions, tracks[number], least)
+            tracks[number] = max(tracks[number], int(labels[number].max(initial=-1)) + 1)
+        previous = image
+        yield list(labels)
+
+
+def propagate(labels: Labels, origins: Origins, regions: Labels, options: ClassicalOptions) -> Labels:
+    """Propagate labels to the next frame: a fine region takes the label of most of its pixels.
+
+    A pixel that was hidden, out of view or without a label has no vote.
+
+    Args:
+        labels: (H, W) int32 of the previous frame, -1 for none.
+        origins: of the current frame's pixels in the previous frame.
+        regions: (H, W) int32 fine regions of the current frame, -1 outside of the valid pixels (of both frames).
+
+    Returns:
+        (H, W) int32 labels of the current frame, -1 for none.
+    """
+    return _vote(np.where(origins.known, origins.look_up(labels), np.int32(-1)), regions, options)
+
+
+def _vote(brought: Labels, regions: Labels, options: ClassicalOptions) -> Labels:
+    """Give each region the label that wins the vote; without a winner its pixels keep their own labels."""
+    has_label = brought >= 0
+    if not has_label.any():
+        return np.full_like(brought, -1)
+    count, kinds = int(regions.max()) + 1, np.int64(brought.max()) + 1
+    cells, votes = np.unique(regions[has_label] * kinds + brought[has_label], return_counts=True)
+    region, label = np.divmod(cells, kinds)
+    # The last assignment wins: most votes, then the smallest label.
+    order = np.lexsort((-label, votes))
+    winner, most = np.full(count, -1, dtype=np.int32), np.zeros(count)
+    winner[region[order]], most[region[order]] = label[order], votes[order]
+    voters = np.bincount(region, votes, count)
+    size = np.bincount(regions[regions >= 0], minlength=count)
+    won = (voters >= options.least_support * size) & (most >= options.purity * voters) & (voters > 0)
+    inside = np.maximum(regions, 0)
+    return np.where(won[inside] & (regions >= 0), winner[inside], brought)
+
+
+def open_tracks(labels: Labels, regions: Labels, first: int, least_pixels: float) -> Labels:
+    """Start tracks for regions that no track covers.
+
+    Args:
+        labels: (H, W) int32, -1 where no track covers the pixel.
+        regions: (H, W) int32, -1 outside of the valid pixels.
+        first: number of the next new track.
+        least_pixels: number of uncovered pixels a region needs to become a track.
+
+    Returns:
+        (H, W) int32 labels.
+    """
+    uncovered = (labels < 0) & (regions >= 0)
+    count = int(regions.max(initial=-1)) + 1
+    large = np.flatnonzero(np.bincount(regions[uncovered], minlength=count) >= max(1, least_pixels))
+    numbers = np.full(count + 1, -1, dtype=np.int32)
+    numbers[large] = first + np.arange(len(large))
+    return np.where(uncovered, numbers[regions], labels)
