@@ -1,15 +1,12 @@
 """Consistent features: the mean of an instance's views without outliers (docs/method.md#aggregation).
 
-For views F_j with channel-wise median F~ and deviations d_j from it, a view is an inlier if ``d_j <= k * median(d)``;
-there is no factor 1.4826. The paper leaves the deviation open (docs/method.md#deviation):
+For views F_j with channel-wise median F~ and deviations d_j from it, a view is an inlier if ``d_j <= k * median(d)``.
+The paper leaves the deviation open (docs/method.md#deviation):
 
 - ``element``: |F_j - F~| in each channel separately, so each channel has its own inliers;
 - ``euclidean``: the norm of F_j - F~;
 - ``cosine``: 1 - cos(F_j, F~);
 - ``none``: every view is an inlier.
-
-One or two views are always kept. If more than half of the deviations are 0, all other views are outliers. With k >= 1
-at least one view is an inlier.
 """
 
 from collections.abc import Iterator
@@ -59,6 +56,7 @@ def aggregate(
     Raises:
         ValueError: k is below 1, or the norm is unknown.
     """
+    # With k >= 1, the view with the median deviation is an inlier: no mean is over nothing.
     if norm not in NORMS or not k >= 1:
         raise ValueError(f"norm {norm!r} must be one of {NORMS}, and k = {k} at least 1")
     found = Aggregate(
@@ -86,6 +84,7 @@ def robust_mean(views: NDArray[np.floating], norm: str, k: float) -> tuple[Float
         return values.mean(axis=1), np.ones(values.shape[:2], bool)
     if norm == "element":
         kept = _kept_channels(values, k)
+        # No single channel decides whether the view counts as an inlier; half of them do.
         return _mean(values, kept), 2 * kept.sum(axis=2) >= kept.shape[2]
     distance, limit = _distances(values, norm, k)
     kept = distance <= limit[:, None]
@@ -114,11 +113,14 @@ def disagreement(views: NDArray[np.floating], norm: str, k: float) -> tuple[Floa
 def _kept_channels(values: Floats, k: float) -> Bools:
     """(G, V, D) bool: inliers of each channel."""
     deviation = np.abs(values - median(values)[:, None])
+    # The paper's MAD has no factor 1.4826, which would scale it to the standard deviation of a normal distribution.
+    # <=, not <: one or two views have the deviations of their median, and identical views have 0. All of them stay.
     return deviation <= k * median(deviation)[:, None]
 
 
 def _distances(values: Floats, norm: str, k: float) -> tuple[Floats, Floats]:
     """Return (G, V) distances d_j of whole views, and the (G,) largest distance of an inlier."""
+    # The median of each channel, also here: the paper defines no other for vectors.
     centre = median(values)[:, None]
     apart = values - centre if norm == "euclidean" else unit(values) - unit(centre)
     distance = np.linalg.norm(apart, axis=2)
@@ -140,6 +142,7 @@ def median(values: Floats) -> Floats:
 def _mean(values: Floats, kept: Bools) -> Floats:
     """Average over axis 1 where ``kept``; at least one entry is kept."""
     number = np.maximum(kept.sum(axis=1), 1)
+    # Divided before the sum, which cannot overflow then.
     return (np.where(kept, values, 0.0) / number[:, None]).sum(axis=1)
 
 

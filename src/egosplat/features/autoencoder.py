@@ -16,9 +16,10 @@ from egosplat.compute import single_thread
 from egosplat.errors import UserError
 from egosplat.progress import log, track
 
-# Channels of the hidden layers.
+# Channels of the hidden layers: LangSplat's defaults.
 ENCODER, DECODER = (256, 128, 64, 32), (16, 32, 64, 128, 256, 256)
 
+# LangSplat's.
 BATCH, LEARNING_RATE, COSINE_WEIGHT = 64, 7e-4, 0.001
 
 # The best of this last fraction of the epochs is kept: 5 of LangSplat's 100.
@@ -36,6 +37,7 @@ class Autoencoder(nn.Module):
         super().__init__()
         sizes = [*ENCODER, dims]
         layers: list[nn.Module] = [nn.Linear(width, sizes[0])]
+        # Only the encoder has batch normalization. The decoder is stored as plain matrices, see ``_decoder_of``.
         for before, after in pairwise(sizes):
             layers += [nn.BatchNorm1d(before), nn.ReLU(), nn.Linear(before, after)]
         self.encoder = nn.Sequential(*layers)
@@ -100,6 +102,7 @@ def _trained(model: Autoencoder, rows: Tensor, epochs: int, seed: int) -> dict[s
             optimizer.zero_grad()
             loss(model(rows[batch]), rows[batch], COSINE_WEIGHT).backward()
             optimizer.step()
+        # NaN compares as False: a diverged model is never the best.
         if epoch >= judged and (now := _error(model, rows)) < least:
             least, best = now, deepcopy(model.state_dict())
     if best is None:
@@ -116,9 +119,10 @@ def loss(decoded: Tensor, features: Tensor, cosine_weight: float) -> Tensor:
 
 
 def batches(count: int, order: torch.Generator) -> list[Tensor]:
-    """Split all rows into random batches. Batch normalization needs two rows, so no batch has a single row."""
+    """Split all rows into random batches of at least two rows."""
     rows = torch.randperm(count, generator=order)
     parts = list(rows.split(BATCH))
+    # Batch normalization cannot train on a single row. It joins the batch before it, or is doubled.
     if len(parts[-1]) > 1:
         return parts
     alone = parts.pop()
@@ -128,6 +132,7 @@ def batches(count: int, order: torch.Generator) -> list[Tensor]:
 @torch.inference_mode()
 def _error(model: Autoencoder, rows: Tensor) -> float:
     model.eval()
+    # LangSplat judges with the full cosine, not with its training weight of 0.001.
     parts = [loss(model(part), part, 1.0) * len(part) for part in rows.split(_ROWS_AT_ONCE)]
     return float(torch.stack(parts).sum()) / len(rows)
 

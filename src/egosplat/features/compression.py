@@ -11,18 +11,13 @@ from egosplat.errors import UserError
 from egosplat.features.autoencoder import fit_autoencoder
 
 Features = NDArray[np.float32]
-
-
 Floats = NDArray[np.float64]
-
 
 # Fraction of rows that must be reconstructed. A few of thousands of views may be unusual.
 SHARE = 0.95
 
-
+# Rows per block in float64: 64 MiB at 512 channels. The cosines need several such arrays, so their blocks are smaller.
 _ROWS_AT_ONCE = 2**14
-
-
 _COSINES_AT_ONCE = 2**12
 
 
@@ -73,6 +68,7 @@ def fit(
     if kind == "none":
         return Compression(np.copy, Decoder((width,), np.zeros(0, np.float32)))
     if isinstance(dims, str):
+        # A linear basis decides for the autoencoder, too: otherwise each length would need a training.
         basis = fit_linear(features, None, least_cosine)
         if kind == "linear":
             return basis
@@ -94,11 +90,13 @@ def fit_linear(features: Features, dims: int | None, least_cosine: float = 1.0) 
     Without ``dims``, uses as many as ``needed_dims`` returns for ``least_cosine``.
     """
     width = features.shape[1]
+    # Two passes, because sums of squares minus the squared mean would cancel.
     mean, scatter = np.zeros(width), np.zeros((width, width))
     for rows in _blocks(features):
         mean += rows.sum(axis=0) / len(features)
     for rows in _blocks(features):
         scatter += (rows - mean).T @ (rows - mean)
+    # eigh sorts eigenvalues in ascending order; the largest variance comes first here.
     basis = np.linalg.eigh(scatter)[1][:, ::-1]
     need = needed_dims(features, mean, basis, least_cosine) if dims is None else None
     dims = need.dims if dims is None else dims

@@ -18,6 +18,7 @@ from egosplat.progress import track
 Pixels = NDArray[np.uint8]
 Labels = NDArray[np.int32]
 
+# OpenCLIP's preprocessing uses PIL's resampling, which smooths when it shrinks an image; OpenCV's does not.
 RESAMPLING = {"bicubic": Image.Resampling.BICUBIC, "bilinear": Image.Resampling.BILINEAR}
 
 
@@ -72,6 +73,7 @@ def cut_crop(rgb: Pixels, labels: Labels, instance: int, box: NDArray[np.int32])
         differ by an odd number.
     """
     x0, y0, x1, y1 = (int(value) for value in box)
+    # Black outside the mask, as in LangSplat: the crop is S_i ⊙ I of the paper.
     inside = rgb[y0:y1, x0:x1] * (labels[y0:y1, x0:x1, None] == instance)
     height, width = inside.shape[:2]
     side = max(height, width)
@@ -110,11 +112,13 @@ def encode(clip: OpenClip, crops: NDArray[np.uint8]) -> NDArray[np.float32]:
         pictures = torch.from_numpy(crops).to(device).permute(0, 3, 1, 2).float() / 255.0
         features = clip.model.encode_image((pictures - mean) / std).float().cpu().numpy()
     good = usable(features)
+    # NaN marks a view without a feature for the caller; zeros take its place while the others are normalized.
     return np.where(good[:, None], unit(np.where(good[:, None], features, 0.0)), np.nan).astype(np.float32)
 
 
 def channels(clip: OpenClip) -> int:
     """Return D, the number of channels of the model's features."""
+    # Encoding a black image works for every architecture of the image tower.
     return encode(clip, np.zeros((1, *clip.preprocessing.image_size, 3), np.uint8)).shape[1]
 
 
@@ -157,6 +161,7 @@ def find_views(frames: Artifact, segments: Artifact, min_area: float, max_views:
     """
     count = segments.shape("instances/level")[0]
     _, _, height, width = segments.shape("labels")
+    # An instance without a pixel has no crop, even if ``min_area`` is 0.
     least = max(1.0, min_area * height * width)
     # Training frames only: evaluation frames must not influence the result.
     chosen = np.flatnonzero(frames.read("train"))
@@ -200,9 +205,11 @@ def cut_crops(
     turned = lies_on_its_side(frames)
     at = -1
     for frame, instance, box in zip(views.frame, views.instance, views.box, strict=True):
+        # Each frame is decompressed once, because the views are in the order of the frames.
         if frame != at:
             rgb, labels, at = frames.row("rgb", frame), segments.row("labels", frame), frame
         crop = cut_crop(rgb, labels[level[instance]], instance, box)
+        # CLIP is not invariant to rotation, and Aria's first generation films sideways (docs/method.md#upright).
         yield resize(np.rot90(crop, -1) if turned else crop, wanted.image_size, wanted.interpolation)
 
 

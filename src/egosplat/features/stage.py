@@ -156,12 +156,14 @@ def _aggregated(views: _Views, found: Aggregate, options: FeaturesOptions) -> _A
     for begin in range(0, len(supervision), _ROWS_AT_ONCE):
         part = slice(begin, begin + _ROWS_AT_ONCE)
         common = consistent[views.instance[part]]
+        # A view without a feature is supervised with the consistent one.
         own = np.where(views.good[part, None], views.feature[part], common)
         mismatched[part] = views.good[part] & ((unit(own) * unit(common)).sum(axis=1) < limit)
         values = supervise(
             own, common, inlier[part], mismatched[part], options.supervision, options.outlier_target
         )
         if options.normalize:
+            # Opposite features cancel; the average then has no direction of its own.
             values = unit(np.where(vanishing(values)[:, None], common, values))
         supervision[part] = values
     return _Aggregated(consistent.astype(np.float32), supervision, found.views, inlier, mismatched)

@@ -35,6 +35,7 @@ def supervise(
         return own
     if target == "consistent":
         return consistent
+    # The paper's average. An outlier would keep half of its wrong feature, so the consistent one replaces it.
     mixed = (own + consistent) / 2
     averaged = mixed if outlier_target == "average" else np.where(inlier[:, None], mixed, consistent)
     return np.where(mismatched[:, None], own, averaged)
@@ -70,6 +71,7 @@ def consistent_directions(consistent: Floats, own: Floats, instance: NDArray[np.
 
 def vanishing(features: Floats) -> Bools:
     """(R,) bool: features whose norm is rounding error, as averages of unit vectors."""
+    # About ten times the rounding of float32, in which the views are stored.
     return np.linalg.norm(features, axis=-1) < 1e-6
 
 

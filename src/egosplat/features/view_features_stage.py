@@ -79,6 +79,7 @@ def run(frames_path: Path, segments_path: Path, output: Path, options: ViewFeatu
         {CLIP.checkpoint_key: model["hash"]},
     )
     views = find_views(frames, segments, options.min_area, options.max_views)
+    # The key holds the device and the precision, too: their features differ in the last bits.
     checkpoint = Checkpoint(output, provenance.key_of(record, model), CHECKPOINT_S)
     features = _encoded(inputs, views, options.batch, checkpoint)
     good = _checked(features, options.clip_checkpoint)

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from egosplat.models.sam2_loader import Sam2
 
-# ImageNet's, as SAM2 was trained with.
+# Mean and standard deviation of ImageNet, with which SAM2 was trained.
 _MEAN, _STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
 
@@ -42,6 +42,7 @@ def encode(sam2: Sam2, image: NDArray[np.uint8]) -> EncodedImage:
     """Run the image encoder on a (H, W, 3) uint8 RGB image, resized to the model's square."""
     model = sam2.video_predictor
     values = torch.tensor(image, device=sam2.compute.device).permute(2, 0, 1)[None].float() / 255
+    # SAM2 stretches images to a square, whatever their aspect.
     side = (model.image_size, model.image_size)
     values = F.interpolate(values, side, mode="bilinear", antialias=True, align_corners=False)
     mean, std = (torch.tensor(each, device=values.device)[:, None, None] for each in (_MEAN, _STD))

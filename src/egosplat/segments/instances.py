@@ -156,6 +156,7 @@ def merge_roots(count: int, pairs: list[tuple[int, int]]) -> Ints:
     if count == 0:
         return np.zeros(0, dtype=np.int64)
     rows, columns = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+    # Being the same object is transitive, although overlapping is not.
     links = coo_array((np.ones(len(rows)), (rows, columns)), shape=(count, count))
     _, component = connected_components(links, directed=False)
     _, first = np.unique(component, return_index=True)
@@ -174,6 +175,7 @@ def number_kept(roots: Ints, frames_seen: Ints, min_frames: int, frames: int) ->
     Returns:
         (count,) new number of each instance, -1 if it is dropped, and the (N,) roots that are kept.
     """
+    # A video shorter than ``min_frames`` still has instances.
     least = max(1, min(min_frames, frames))
     kept = np.flatnonzero((roots == np.arange(len(roots))) & (frames_seen >= least))
     new = np.full(len(roots), -1, dtype=np.int64)

@@ -11,6 +11,7 @@ from torch import Tensor
 
 Labels = NDArray[np.int32]
 
+# 128 MiB of float32 logits at the frames' size.
 _PIXELS_AT_ONCE = 2**25
 
 

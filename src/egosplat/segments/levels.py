@@ -57,6 +57,7 @@ def _group(saved: State, device: torch.device) -> Group:
 
 def add_shared(levels: list[Level], seen: list[list[LevelMasks]]) -> None:
     """Append to each level's masks, in place, those of instances that are tracked at another level."""
+    # By number over all levels: an instance may share the track of another level's.
     logits = {
         number: row for found in seen for ids, rows in found for number, row in zip(ids, rows, strict=True)
     }

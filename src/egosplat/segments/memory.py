@@ -31,6 +31,7 @@ def select_objects(output: Memory, chosen: list[int]) -> Memory:
 def update_memory(last: Memory, chosen: list[int], new: Memory) -> Memory:
     """The memory of all objects: ``new`` for the chosen ones, that of the ``last`` frame for the others."""
     merged = dict(last)
+    # Positional encodings are equal for all objects, and need no update.
     for name in {"maskmem_features", "obj_ptr"} & last.keys():
         merged[name] = last[name].clone()
         merged[name][chosen] = new[name].to(last[name].dtype)

@@ -47,6 +47,7 @@ def boxes(masks: Tensor) -> Tensor:
 
 def box_nms(masks: Tensor, scores: Tensor, thresh: float) -> Tensor:
     """Indices, best score first, of masks whose boxes overlap no better mask's box by more than ``thresh`` IoU."""
+    # On the CPU, where ``boxes`` finds the boxes.
     return torchvision.ops.nms(boxes(masks), scores.cpu(), thresh).to(masks.device)
 
 
@@ -79,5 +80,6 @@ def mask_nms(
     repeated = (better & (iou > iou_thresh)).any(0)
     # [i, j]: i is the outer mask, j the inner one.
     of_outer, of_inner = shared / sizes[:, None], shared / sizes[None]
+    # 0.5 and 0.85 are fixed in LangSplat's code (docs/method.md#nested-masks).
     nested = (of_outer < 0.5) & (of_inner >= 0.85) & (1 - of_outer * of_inner > 1 - inner_thresh)
     return (scores > score_thresh) & ~repeated & ~nested.any(0)

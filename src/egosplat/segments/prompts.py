@@ -10,6 +10,7 @@ from egosplat.segments.image_encoder import EncodedImage
 from egosplat.segments.nms import areas, box_nms, intersections, mask_iou, mask_nms, stability_score
 from egosplat.segments.options import LEVELS, SegmentsOptions
 
+# Points per call of the mask decoder, as in SAM2's automatic mask generator.
 _POINTS_A_BATCH = 64
 
 
@@ -91,6 +92,7 @@ def _decode(
     for level in range(len(LEVELS)):
         mask, iou = logits[:, level].float(), ious[:, level].float()
         stable = stability_score(mask, options.stability_score_offset)
+        # Areas are compared on the small masks, relative to their size.
         large = areas(mask > 0) >= max(1.0, options.min_area * mask[0].numel())
         good = (iou > options.pred_iou_thresh) & (stable >= options.stability_score_thresh) & large
         for values, each in zip(kept, (mask, iou, stable), strict=True):
@@ -102,6 +104,7 @@ def filter_masks(found: Candidates, options: SegmentsOptions) -> Candidates:
     """Drop redundant masks: NMS of boxes, then LangSplat's mask NMS (docs/method.md#mask-filters)."""
     if len(found) == 0:
         return found
+    # SAM's generator removes boxes first; LangSplat applies its mask NMS to what remains.
     found = found.take(box_nms(found.masks, found.predicted_iou, options.box_nms_thresh))
     kept = mask_nms(
         found.masks,
@@ -124,6 +127,7 @@ def drop_covered(found: Candidates, tracked: Tensor, cover_thresh: float, iou_th
     """
     if len(found) == 0 or len(tracked) == 0:
         return found
+    # Two criteria: parts of a tracked object are covered by it, and a larger version of it overlaps it.
     covered = intersections(found.masks, tracked.any(0)[None])[:, 0] / areas(found.masks).clamp(min=1.0)
     repeats = mask_iou(found.masks, tracked).amax(1) > iou_thresh
     return found.take((covered <= cover_thresh) & ~repeats)

@@ -84,6 +84,7 @@ class Propagator:
     def step(self, encoded: EncodedImage, frame: int, group: Group, reverse: bool) -> Tensor:
         """Propagate a group to the next frame: (K, M, M) float32 logits; all are below 0 if an object is absent."""
         count, side = len(group.ids), self._model.image_size // 4
+        # SAM2's logit of an absent object, for the objects that are not searched for in this frame.
         logits = encoded.features[0].new_full((count, side, side), NO_OBJ_SCORE, dtype=torch.float32)
         chosen = self._searched(group, frame)
         last = group.recent.get(frame + 1 if reverse else frame - 1, group.begun)
@@ -98,6 +99,7 @@ class Propagator:
             )
             group.recent[frame] = update_memory(last, chosen, new)
         else:
+            # A copy, because ``_forget`` removes parts of it later.
             group.recent[frame] = dict(last)
         seen = (logits > 0).flatten(1).any(1).tolist()
         group.unseen = [0 if one else before + 1 for one, before in zip(seen, group.unseen, strict=True)]
@@ -107,6 +109,7 @@ class Propagator:
     def _searched(self, group: Group, frame: int) -> list[int]:
         """Places in the batch of the objects to search for in a frame."""
         stride = self._lost_track_stride
+        # Frame indices, not the age of a track: lost tracks of all groups are then searched for in the same frames.
         return [place for place, unseen in enumerate(group.unseen) if unseen < stride or frame % stride == 0]
 
     def _track(
@@ -136,7 +139,7 @@ class Propagator:
         return fill_holes(output["pred_masks"][:, 0].float(), self._model.hole_area), new
 
     def _forget(self, group: Group, frame: int) -> None:
-        """Drop what the memory attention of the next frames cannot reach."""
+        """Drop memories that the memory attention of the next frames does not use."""
         for number, output in list(group.recent.items()):
             age = abs(frame - number) + 1
             # SAM2 attends to the mask memory of few frames, and to the object pointers of more.

@@ -47,6 +47,7 @@ class Tracker:
         self._ahead = self._back = 0
         side = sam2.video_predictor.image_size // 4  # of SAM2's low-resolution masks
         inside = torch.from_numpy(valid)[None, None].float()
+        # A pixel of the small masks is valid if more than half of its area is.
         self._inside = (F.interpolate(inside, (side, side), mode="area")[0, 0] > 0.5).to(sam2.compute.device)
 
     def run(self, checkpoint: Checkpoint | None = None) -> Segmented:
@@ -63,6 +64,7 @@ class Tracker:
             if not self._back:
                 for level in self._levels:
                     level.groups = [restart(group) for group in level.groups]
+            # No track begins after frame ``last``, so later frames have nothing to track backwards.
             last = max((group.first_frame for level in self._levels for group in level.groups), default=0)
             for frame in track(range(last - 1 - self._back, -1, -1), "tracking instances backwards"):
                 self._backwards(frame)
@@ -132,6 +134,7 @@ class Tracker:
         for number, (level, found) in enumerate(zip(self._levels, seen, strict=True)):
             back = stack_masks(found, self._inside)
             level.overlaps.add(*back)
+            # Tracks of the forward pass are compared by their labels, because their logits are not kept.
             level.overlaps.add_between(*back, *self._as_masks(labels[number]))
             # Labels of the forward pass take precedence.
             labels[number] = np.where(labels[number] >= 0, labels[number], self._paint(found))
@@ -141,11 +144,13 @@ class Tracker:
         """Prompt the pixels that a level does not cover, and start tracks of the new objects found there."""
         tracked = [stack_masks(found, self._inside)[1] for found in seen]
         free = [self._inside & ~union(masks) for masks in tracked]
+        # Slivers between masks are no reason to prompt.
         least = self._options.min_uncovered_fraction * float(self._inside.sum())
         searched = [number for number, place in enumerate(free) if float(place.sum()) > least]
         points = grid_points(self._options.points_per_side)
         side = self._inside.shape[0]
         columns, rows = (points * side).long().T.to(self._inside.device)
+        # SAM2 gives the masks of all levels for one prompt, so a point is prompted if any level needs it.
         wanted = torch.zeros(len(points), dtype=torch.bool, device=self._inside.device)
         for number in searched:
             wanted |= free[number][rows, columns]
@@ -160,6 +165,7 @@ class Tracker:
             new = drop_covered(
                 new, tracked[number], self._options.max_covered_new, self._options.nms_iou_thresh
             )
+            # ``max_instances`` keeps the best masks; the sort is stable, so that equal scores keep their order.
             new = new.take(new.scores.argsort(descending=True, stable=True)[: self._room(number)])
             alike = match_masks(new.masks, begun[1], self._options.cross_level_iou)
             self._begin_shared(
@@ -180,6 +186,7 @@ class Tracker:
     ) -> list[int]:
         """Start tracks; returns the numbers of the instances."""
         ids = self._add_instances(frame, level, new)
+        # Memory attention takes memory in proportion to the objects of a batch.
         for first in range(0, len(ids), self._options.batch):
             some = slice(first, first + self._options.batch)
             self._levels[level].groups.append(
@@ -209,6 +216,7 @@ class Tracker:
     def _as_masks(self, labels: NDArray[np.int32]) -> LevelMasks:
         """The instances of a label map as masks at the size of the model's masks."""
         side = self._inside.shape[0]
+        # Labels cannot be averaged: the pixel in the middle of each cell stands for it.
         rows, columns = ((np.arange(side) + 0.5) * length / side for length in labels.shape)
         small = torch.from_numpy(labels[np.ix_(rows.astype(int), columns.astype(int))]).to(
             self._inside.device

@@ -34,6 +34,7 @@ class InstanceScores:
             labels: (L, H, W) instance at each level, -1 for none; an instance belongs to one level.
             probability: (H, W) in [0, 1]; a value that is not finite counts as 0.
         """
+        # float64: sums over all frames of a video exceed the digits of float16 and float32.
         weight = np.nan_to_num(probability.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
         for level in labels:
             seen = level >= 0
@@ -57,6 +58,7 @@ def transient_instances(
     scores: Scores, pixels: NDArray[np.int64], level: NDArray[np.int8], threshold: float, levels: set[int]
 ) -> NDArray[np.bool_]:
     """(N,) the set D: instances of ``levels`` with at least one pixel and a score of at least ``threshold``."""
+    # An instance without pixels has the score 0, which reaches a threshold of 0.
     return (scores >= threshold) & (pixels > 0) & np.isin(level, sorted(levels))
 
 
@@ -92,6 +94,7 @@ def run(
         check_made_from(artifact, frames, axes=("frame", "height", "width"))
     record = provenance.begin_from("masks", asdict(options), (frames, transient, segments))
     names = segments.facts["levels"]
+    # A level that repeats another has no instances of its own; the other level stands for it.
     shown_by = segments.facts.get("repeats", {}).get(level, level)
     levels = set(range(len(names))) if level == "all" else {names.index(shown_by)}
     # Training frames alone decide: evaluation frames must not influence training.

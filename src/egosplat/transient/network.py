@@ -14,6 +14,7 @@ from torch.nn import functional
 from egosplat.errors import UserError
 from egosplat.models.weights import read_tensors
 
+# timm's name, and the default widths of segmentation_models_pytorch's U-Net.
 ENCODER = "mobilenetv3_small_050"
 DECODER_WIDTHS = (256, 128, 64, 32, 16)
 # Input pixels per pixel of the encoder's last features.
@@ -45,6 +46,7 @@ class TransientNet(nn.Module):
         self.encoder = timm.create_model(ENCODER, pretrained=False, features_only=True)
         self.decoder = Decoder(self.encoder.feature_info.channels(), DECODER_WIDTHS)
         self.head = nn.Conv2d(DECODER_WIDTHS[-1], 1, kernel_size=1)
+        # Buffers follow the network to its device; not persistent, because they are constants.
         for name, values in (("mean", _MEAN), ("std", _STD)):
             self.register_buffer(f"_{name}", torch.tensor(values)[:, None, None], persistent=False)
 
@@ -60,6 +62,7 @@ class TransientNet(nn.Module):
         """
         batch = picture.nan_to_num(0.0, 0.0, 0.0).clamp(0.0, 1.0).permute(2, 0, 1)[None]
         batch = _resized((batch - self._mean) / self._std, self._input_size, self._input_size)
+        # ImageNet's weights know upright images, and the scene stands on the floor (docs/method.md#upright).
         if self._sideways:
             batch = batch.rot90(-1, (2, 3))
         logits = self.head(self.decoder(self.encoder(batch)))
@@ -120,6 +123,7 @@ def _load_encoder(encoder: nn.Module, path: Path) -> None:
         raise UserError(
             f"transient.encoder_weights: no file {path}. Put timm's {ENCODER} there, or set the key to null"
         )
+    # Published weights are of the whole classifier.
     given = {name: t for name, t in read_tensors(path).items() if not name.startswith(_CLASSIFIER)}
     try:
         encoder.load_state_dict(given)

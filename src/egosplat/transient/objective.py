@@ -38,9 +38,6 @@ class InitialOptions:
 class InitialObjective:
     """L_init = mean over pixels of (1 - M) d_I + transient_penalty |M|, with d_I the squared difference.
 
-    For a constant residual e of a pixel, the optimum is M = 0 if e < transient_penalty, else 1
-    (docs/method.md#transient-loss). H only approaches it, depending on learning rate and iterations.
-
     Attributes:
         net: H.
         advice: keys that the user may change if training diverges.
@@ -68,6 +65,8 @@ class InitialObjective:
         # Not detached: L_init trains H through this weight.
         static = 1.0 - probability
         weight = static if views.valid is None else views.valid * static
+        # For a constant residual e of a pixel, the optimum is M = 0 if e < transient_penalty, else 1
+        # (docs/method.md#transient-loss). H only approaches it, depending on learning rate and iterations.
         return factor * l2(image, picture, weight) + self._options.transient_penalty * probability.mean()
 
     def step(self) -> None:
@@ -75,6 +74,7 @@ class InitialObjective:
         if self._warming_up:
             return
         grads = [p.grad for p in self.net.parameters() if p.grad is not None]
+        # One step with NaN would make all later predictions NaN.
         if bool(torch.nn.utils.get_total_norm(grads).isfinite()):
             self._adam.step()
         self._adam.zero_grad()

@@ -169,9 +169,10 @@ def _begin(keys: dict[str, Any], frames: Artifact, poses: Artifact, weights: Pat
 def _view_sets(
     frames: Artifact, poses: Artifact, kept: Mask, resolution: int, device: torch.device
 ) -> ViewSets:
-    """Read the training views. This stage needs no validation or evaluation views."""
+    """Read the training views."""
     flags = frames.read("train") & kept, frames.read("evaluation"), poses.read("registered")
     training = split_views(*flags, validate=False).training
+    # The trainer takes four sets; nothing is validated or held out, because the Gaussians are discarded.
     views, none = (
         read_reduced_views(frames, poses, chosen, resolution, device)
         for chosen in (training, np.zeros_like(training))
@@ -217,6 +218,7 @@ def _put_probability(
     total = 0.0
     for frame in track(range(count), "predicting"):
         picture = torch.from_numpy(reduced(frames.row("rgb", frame), *size)).to(device).float() / 255.0
+        # Predicted at the working size and enlarged to the frame: the network was trained at that size.
         probability = net(picture, height, width).cpu()
         total += float(probability.mean())
         artifact.put_row("probability", frame, probability.numpy().astype(np.float16))
