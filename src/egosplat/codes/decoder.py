@@ -61,6 +61,7 @@ def decode(codes: Tensor, decoder: Decoder) -> Tensor:
     if codes.shape[-1] != decoder.widths[0]:
         raise ValueError(f"codes have {codes.shape[-1]} channels, the decoder takes {decoder.widths[0]}")
     values = codes
+    # ReLU stands between layers only: neither the code nor the feature is clamped.
     for number, (weights, biases) in enumerate(decoder.layers(codes)):
         values = F.linear(values if number == 0 else values.relu(), weights, biases)
     return F.normalize(values, dim=-1)

@@ -19,11 +19,12 @@ def code_l1(rendered: Tensor, targets: Targets, weight: Tensor | None) -> Tensor
         weight: (H, W) in [0, 1], or None for ones.
 
     Returns:
-        () tensor. The denominator includes pixels of weight 0 (docs/method.md#loss-denominator).
+        () tensor.
     """
     counted = targets.known.to(rendered.dtype)
     if weight is not None:
         counted = counted * weight
+    # The mean is over all values, also those of weight 0 (docs/method.md#loss-denominator).
     return ((rendered - targets.codes).abs() * counted[:, None]).mean()
 
 
@@ -44,6 +45,7 @@ class JointLanguage:
     def loss(self, image: Tensor, views: Views, index: int) -> Tensor:
         """See ``egosplat.gaussians.objective.Objective``."""
         targets = self._targets.of(int(views.frame[index]))
+        # Channels 0 to 2 are colors; the codes of all levels follow.
         codes = image[..., 3:].permute(2, 0, 1).unflatten(0, targets.codes.shape[:2])
         colours = self._colours.loss(image, views, index)
         return colours + self._feature_weight * code_l1(codes, targets, views.weight(index))

@@ -81,6 +81,7 @@ def sum_over_pixels(
     Returns:
         (N, X) float32.
     """
+    # Rendering is linear in the values, so its gradient is the transposed map, at any values.
     values = torch.zeros(gaussians.count, image.shape[-1], device=gaussians.means.device, requires_grad=True)
     rendered, _ = render_values(gaussians, values, camera, camera_to_world, settings)
     (sums,) = torch.autograd.grad(rendered, values, image)
@@ -109,6 +110,7 @@ def render_codes(
     sums, coverage = image.split([levels * channels, levels], dim=-1)
     sums = sums.unflatten(-1, (levels, channels)).movedim(-2, 0)
     coverage = coverage.movedim(-1, 0)
+    # Decoders have biases, so the sum must be divided by its weight before it is decoded (docs/method.md#code-weight).
     covered = (coverage > _LEAST_COVERAGE)[..., None]
     codes = torch.where(covered, sums / coverage.clamp(min=_LEAST_COVERAGE)[..., None], 0.0)
     return RenderedCodes(codes, coverage)

@@ -66,6 +66,7 @@ class CodeTargets:
 
     def _table(self, frame: int) -> tuple[Tensor, Tensor]:
         """Return the (C, N + 1) code of each instance in the frame, and (N + 1,) whether it has one."""
+        # The consistent code first; the code of the frame's own view replaces it where there is one.
         codes, usable = self._common.copy(), self._usable.copy()
         rows: NDArray[np.intp] = np.flatnonzero(self._frame == frame)
         owners = self._instance[rows]

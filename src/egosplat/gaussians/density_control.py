@@ -1,13 +1,6 @@
 """Density control of 3DGS (Kerbl et al. 2023, section 5): clone, split, prune, reset opacities.
 
-Two deviations from 3DGS:
-
-- Opacities are reset to 0.05, not 0.01, and their Adam moments are zeroed. The rasterizer skips pixels with alpha below
-  1/255, so a Gaussian of opacity o has gradients within sqrt(2 ln(255 o)) standard deviations: the fraction
-  1 - 1 / (255 o) of its footprint. At 0.01 that is 61 %, and a Gaussian that is covered or dimmed by antialiasing may
-  have no such pixel: it would neither fade nor recover. At 0.05 it is 92 %.
-- Pruning by size spares Gaussians of at most 10 times the median size. 3DGS takes the spread of the cameras as the size
-  of the scene. Around a head that only turns, a tenth of that spread would prune every Gaussian of a far wall.
+It deviates from 3DGS in the opacity after a reset and in pruning by size (docs/method.md#density-control).
 """
 
 import math
@@ -28,7 +21,8 @@ _CHILDREN = 2
 _SHRINK = 0.8 * _CHILDREN
 
 
-# Pruning by size spares Gaussians up to this multiple of the median size.
+# Pruning by size spares Gaussians up to this multiple of the median size. 3DGS takes the spread of the cameras as the
+# size of the scene. If a head only turns, a tenth of that spread would prune every Gaussian of a far wall.
 _OUTLIER = 10.0
 
 
@@ -55,6 +49,10 @@ class DensityOptions:
     prune_opacity: float = 0.005
     prune_scale: float = 0.1
     prune_screen_px: float | None = None
+    # 3DGS: 0.01. The rasterizer skips pixels with alpha below 1/255, so a Gaussian of opacity o has gradients within
+    # sqrt(2 ln(255 o)) standard deviations: the fraction 1 - 1 / (255 o) of its footprint. At 0.01 that is 61 %, and a
+    # Gaussian that is covered or dimmed by antialiasing may have no such pixel: it would neither fade nor recover. At
+    # 0.05 it is 92 %.
     reset_opacity: float = 0.05
 
     def __post_init__(self) -> None:
@@ -94,6 +92,7 @@ class DensityControl:
         half_image = means2d_grad.new_tensor([width / 2, height / 2])
         # In units of half the image, as in 3DGS; times the number of cameras, because the loss is their mean.
         norms = torch.linalg.vector_norm(means2d_grad * half_image, dim=-1) * cameras
+        # A culled Gaussian has radius 0 and no gradient; counting that view would lower its mean.
         counted = (radii > 0).all(dim=-1) & norms.isfinite()
         statistics["grad"] += torch.where(counted, norms, 0.0).sum(dim=0)
         statistics["views"] += counted.sum(dim=0)
@@ -156,6 +155,7 @@ def highest(score: Tensor, candidates: Tensor, room: int) -> Tensor:
     """Return the (N,) bool ``candidates`` with the highest ``score`` (N,), at most ``room`` of them."""
     if int(candidates.sum()) <= room:
         return candidates
+    # Stable, so that equal scores give the same choice in every run.
     order = torch.where(candidates, score, -math.inf).argsort(descending=True, stable=True)
     result = torch.zeros_like(candidates)
     result[order[: max(room, 0)]] = True
@@ -174,6 +174,7 @@ def split_gaussians(parents: Gaussians, generator: torch.Generator) -> Gaussians
     Returns:
         2 M Gaussians: the first child of every parent, then the second ones.
     """
+    # Children keep the parent's opacity and colors, as in 3DGS.
     children = Gaussians.concatenate([parents] * _CHILDREN)
     local = random_normal(children.means, generator) * children.scales
     offsets = (rotation_matrices(children.quats) @ local[:, :, None])[:, :, 0]

@@ -85,5 +85,6 @@ def _scores(picture: Tensor, truth: Tensor, weight: Tensor | None) -> tuple[floa
 
     Pixels with a weight (H, W) below 0.5 are invalid.
     """
+    # A predicted M is a probability; scores take a pixel wholly or not at all.
     valid = torch.ones_like(truth[..., 0], dtype=torch.bool) if weight is None else weight >= 0.5
     return psnr(picture, truth, valid), mean_ssim(ssim_map(picture, truth, valid), valid)

@@ -45,6 +45,7 @@ def l1_ssim(render: Tensor, target: Tensor, weight: Tensor | None, ssim_lambda: 
 def torch_l1_ssim(render: Tensor, target: Tensor, weight: Tensor | None, ssim_lambda: float) -> Tensor:
     """Plain torch version of ``l1_ssim``, for any device and differentiable by all tensors."""
     difference, y, weight = _cleaned(render, target, weight)
+    # The weight moves the render towards the target before both terms: SSIM compares windows, not single pixels.
     x = y + weight * difference
     l1 = (x - y).abs().mean()
     return (1.0 - ssim_lambda) * l1 + ssim_lambda * (
@@ -72,6 +73,7 @@ def _check(render: Tensor, target: Tensor, weight: Tensor | None) -> None:
 
 
 def _can_fuse(render: Tensor, target: Tensor, weight: Tensor | None) -> bool:
+    # The kernel computes the gradient by the render only.
     constants = [target] if weight is None else [target, weight]
     suits = all(t.device.type == "cpu" and t.dtype == torch.float32 for t in (render, *constants))
     return suits and not any(t.requires_grad for t in constants) and library.is_usable()

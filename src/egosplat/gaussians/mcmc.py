@@ -2,11 +2,7 @@
 
 Replaces clone, split and prune thresholds. Dead Gaussians (opacity at most ``min_opacity``) move onto live ones,
 drawn by opacity. The number grows by 5 % per step up to a cap. Noise in every iteration lets Gaussians explore
-(stochastic gradient Langevin dynamics). The loss must contain ``opacity_reg`` times the mean opacity and
-``scale_reg`` times the mean scale, which let Gaussians die.
-
-Deviation from the paper: a live Gaussian takes on at most as many others as keep the shared opacity above
-``min_opacity``. Otherwise a few live ones that receive many dead ones would all die.
+(stochastic gradient Langevin dynamics).
 """
 
 import math
@@ -51,6 +47,7 @@ class Mcmc:
     def __init__(self, options: McmcOptions, schedule: Schedule) -> None:
         self.options = options
         self.schedule = schedule
+        # The trainer adds these to the loss. Without them no Gaussian would die, and none would be relocated.
         self.opacity_reg = options.opacity_reg
         self.scale_reg = options.scale_reg
 
@@ -137,6 +134,7 @@ def add_noise(gaussians: Gaussians, factor: float, min_opacity: float, generator
     gate = torch.sigmoid(-_GATE_STEEPNESS * (raw.opacities - min_opacity))
     drawn = random_normal(raw.means, generator) * (gate * factor)[:, None]
     rotation = rotation_matrices(raw.quats)
+    # Covariance R S² Rᵀ times the normal, without forming the matrix.
     local = (rotation.mT @ drawn[:, :, None]) * raw.scales.square()[:, :, None]
     noise = (rotation @ local)[:, :, 0]
     # A diverged scale must not move the mean to infinity.
@@ -192,6 +190,8 @@ def draw_hosts(
     drawn = torch.rand(count, generator=generator, device=generator.device, dtype=torch.float64)
     which = torch.searchsorted(edges, drawn.to(edges.device) * edges[-1], right=True)
     which = which.clamp(max=len(rows) - 1).sort().values
+    # The paper has no limit of copies per host. Without one, a few live Gaussians that receive many dead ones would all
+    # get opacities below ``min_opacity`` and die.
     # Draws are sorted: the position among equal draws counts the copies of a host so far.
     occurrence = torch.arange(count, device=which.device) - torch.searchsorted(which, which)
     return rows[which[occurrence + 2 <= most_copies(weights, min_opacity)[which]]]

@@ -101,6 +101,7 @@ class Gaussians:
 
     def finite(self) -> Tensor:
         """(N,) bool: every parameter is finite, and so is the exponential of the log scales."""
+        # A log scale above 88 is finite, but its exponential is not.
         tensors = [*self.parameters().values(), self.scales]
         return torch.stack([as_rows(tensor.detach()).isfinite().all(dim=1) for tensor in tensors]).all(dim=0)
 

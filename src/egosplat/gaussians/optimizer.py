@@ -189,6 +189,7 @@ class Adam:
             return self.means_lr
         if name != "sh":
             return getattr(self.learning_rates, name)
+        # 3DGS keeps the constant coefficient in a tensor of its own; here it is the first of ``sh``.
         rates = torch.full(self.gaussians.sh.shape[1:], self.learning_rates.sh_rest)
         rates[0] = self.learning_rates.sh_dc
         return rates.flatten().to(self.gaussians.sh.device)

@@ -79,6 +79,7 @@ def render(
         camera.height,
         near_plane=settings.near_plane,
         sh_degree=sh_degree,
+        # Colors and features are composited in one pass, by the same weights (docs/method.md#renderer).
         features=gaussians.features if gaussians.features.shape[1] else None,
         backgrounds=_backgrounds(background, gaussians) if shows_colors(render_mode) else None,
         render_mode=render_mode,

@@ -27,7 +27,7 @@ from egosplat.progress import log
 
 Colours = NDArray[np.uint8]
 
-# Number of cells along the longer side of a photograph.
+# Number of cells along the longer side of a photograph, about 11 px of 512.
 CELLS = 48
 
 # Smallest side of a cell [px].
@@ -69,6 +69,7 @@ def densify(
         empty = shows & np.isnan(depth)
         if not empty.any() or np.isnan(depth).all():
             continue
+        # In the image, not in space: neighboring cells mostly show the same surface.
         nearest = distance_transform_edt(np.isnan(depth), return_distances=False, return_indices=True)
         nearest_depth = depth[tuple(nearest)][empty]
         rays = (centers[empty] - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
@@ -148,6 +149,7 @@ def starting_gaussians(
         log(f"no initial points: starting from {max_points} random points")
         xyz, rgb = random_points(max_points, views.camera, cameras, near_plane=near_plane, seed=seed)
     elif densify_init:
+        # Points beyond the budget are dropped before, because each view projects all of them.
         xyz, rgb = _densify(*_subset(xyz, rgb, max_points, seed), views, max_points, near_plane, seed)
     start = from_points(xyz, rgb, sh_degree=sh_degree, feature_channels=0, max_points=max_points, seed=seed)
     return start.to(views.device)
@@ -182,6 +184,7 @@ def _subset(xyz: Points, rgb: Colours, most: int, seed: int) -> tuple[Points, Co
 
 def _check_origin(poses: Artifact, camera_to_world: NDArray[np.float64]) -> None:
     farthest = float(np.abs(camera_to_world[:, :3, 3]).max())
+    # Gaussians are float32: far from the origin, neighboring numbers are too far apart.
     step = float(np.spacing(np.float32(farthest)))
     if not step <= _COARSEST * scene_extent(camera_to_world):
         raise UserError(

@@ -1,8 +1,4 @@
-"""The training loop of 3DGS (Kerbl et al. 2023): one photograph per iteration.
-
-An iteration renders, computes the loss and its gradients, takes an optimizer step and then runs density control, as
-EgoLifter and gsplat do. (The first 3DGS code runs density control before the step, so new Gaussians skip it.)
-"""
+"""The training loop of 3DGS (Kerbl et al. 2023): one photograph per iteration."""
 
 import math
 import time
@@ -125,6 +121,7 @@ def iterate(
     )
     loss = state.objective.loss(image, views, index)
     regulariser = regularisation(state.gaussians, state.strategy.opacity_reg, state.strategy.scale_reg)
+    # Density control needs this gradient; autograd keeps only those of leaves.
     meta["means2d"].retain_grad()
     total = loss if regulariser is None else loss + regulariser
     total.backward()
@@ -133,6 +130,8 @@ def iterate(
     state.strategy.observe(meta["means2d"].grad, radii, views.camera.width, views.camera.height)
     # A regularizer reaches every Gaussian, the image loss only visible ones.
     state.optimizer.step((radii > 0).all(dim=-1).any(dim=0) if regulariser is None else None)
+    # After the optimizer's step, as in EgoLifter and gsplat. The first 3DGS code runs density control before the step,
+    # so that new Gaussians skip it.
     state.gaussians = state.strategy.step(iteration, state.gaussians, state.optimizer, state.generator)
     state.loss_sum += total.detach()
     state.iteration = iteration
@@ -153,6 +152,7 @@ def decide_degree(
     )
     if kept is not state.gaussians:
         state.replace_sh(kept)
+    # The next epoch begins at once, with the views that join.
     state.order.clear()
 
 
@@ -165,6 +165,7 @@ def draw_background(kind: str, generator: torch.Generator) -> Tensor | None:
 
 def regularisation(gaussians: Gaussians, opacity_reg: float, scale_reg: float) -> Tensor | None:
     """Return ``opacity_reg`` times the mean opacity plus ``scale_reg`` times the mean scale; None if both are 0."""
+    # None instead of 0, because a regularizer makes the optimizer step every Gaussian.
     if not (opacity_reg or scale_reg):
         return None
     return opacity_reg * gaussians.opacities.mean() + scale_reg * gaussians.scales.mean()
@@ -178,6 +179,7 @@ def record(state: TrainingState) -> None:
     """
     curves = state.curves
     before = curves.iteration[-1] if curves.iteration else 0
+    # Reading the sum waits for the GPU, which is why it is read only at records.
     loss = float(state.loss_sum) / (state.iteration - before)
     state.loss_sum.zero_()
     curves.iteration.append(state.iteration)

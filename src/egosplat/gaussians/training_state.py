@@ -38,6 +38,7 @@ class EarlyStop:
 
     def observe(self, iteration: int, psnr: float, gaussians: Gaussians) -> bool:
         """Record an evaluation and return whether training should end. A PSNR of NaN is no improvement."""
+        # Copied, because training changes the tensors in place.
         if psnr > self.best_psnr:
             self.best = Gaussians(**{name: p.detach().clone() for name, p in gaussians.parameters().items()})
             self.best_psnr, self.best_iteration = psnr, iteration
@@ -103,9 +104,11 @@ class TrainingState:
     ) -> None:
         """Create the state before the first iteration; ``start`` is not copied, ``extent`` is that of the scene [m]."""
         self.gaussians = start.requires_grad_()
+        # 3DGS scales only the learning rate of the means, because only means have the unit of the scene.
         self.optimizer = Adam(start, LearningRates(means=options.position_lr * extent))
         self.strategy: Strategy = options.make_strategy(extent)
         self.objective = objective
+        # On the CPU: a GPU's generator would draw other numbers from the same seed.
         self.generator = torch.Generator().manual_seed(options.seed)
         self.order: list[int] = []
         self.early_stop = EarlyStop(options.patience, options.min_improvement)

@@ -1,4 +1,4 @@
-"""ViewSets with poses, for training and evaluation."""
+"""Photographs with poses, for training and evaluation, and the role of each frame."""
 
 from dataclasses import dataclass
 
@@ -102,6 +102,7 @@ def split_views(train: Mask, evaluation: Mask, registered: Mask, *, validate: bo
         )
     if validate:
         validation = hold_out(training, "splats.patience", "0")
+    # With frames.holdout false, evaluation frames are trained on: scores on them would not be held out.
     return Split(training & ~validation, validation, evaluation & ~train & registered)
 
 
@@ -133,6 +134,7 @@ def read_views(
     """Read the frames ``chosen`` (F,) bool, all with a pose, into memory."""
     rows = np.flatnonzero(chosen)
     _, height, width, _ = frames.shape("rgb")
+    # uint8 takes a quarter of float32's memory; ``Views.picture`` converts one at a time.
     pictures = np.empty((len(rows), height, width, 3), np.uint8)
     for position, row in enumerate(rows):
         pictures[position] = frames.row("rgb", row)

@@ -1,9 +1,7 @@
 """Find the SH degree that a scene needs, on photographs outside the training.
 
-Training enables all degrees one by one. When density control ends, each lower degree is tested: every Gaussian replaces
-the terms of a dropped degree by their mean over the cameras that see it, which is the best constant. The lowest degree
-that renders the held-out photographs equally well is kept. Lower degrees were trained together with the higher ones,
-which favors the higher ones: a degree that goes was not needed.
+Training enables all degrees one by one. When density control ends, each lower degree is tested, and the lowest degree
+that renders the held-out photographs equally well is kept.
 """
 
 import math
@@ -70,6 +68,7 @@ def reduce_degree(
         # The candidate of each degree is the next higher one without its highest terms.
         candidates.insert(0, without_degree(candidates[0], dropped, means))
     psnr = [evaluate(some, held_out, settings, used).mean_psnr for used, some in enumerate(candidates)]
+    # Lower degrees were trained together with the higher ones, which favors these: a dropped degree was not needed.
     enough = next((used for used in range(degree) if psnr[used] >= psnr[degree] - tolerance_db), degree)
     search.open, search.psnr = False, [one if math.isfinite(one) else None for one in psnr]
     shown = ", ".join(f"{one:.2f}" for one in psnr)
@@ -87,6 +86,7 @@ def without_degree(gaussians: Gaussians, degree: int, means: Tensor) -> Gaussian
         gaussians: Gaussians with coefficients of ``degree``, at least 1.
         means: (N, 16) float32 from ``mean_basis``.
     """
+    # The mean over the cameras that see a Gaussian is the best constant for the dropped terms.
     below, upto = degree**2, (degree + 1) ** 2
     sh = gaussians.sh.detach()[:, :below].clone()
     added = (means[:, below:upto, None] * gaussians.sh.detach()[:, below:upto]).sum(dim=1)

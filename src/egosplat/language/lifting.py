@@ -1,8 +1,4 @@
-"""Closed-form lifting: each Gaussian gets the rendering-weighted mean code of its pixels (docs/method.md#lifting).
-
-An image is linear in the values of the Gaussians, with the compositing weights as coefficients. Backpropagation
-computes the transposed map, so one backward pass per view sums the pixels of each Gaussian, with any rasterizer.
-"""
+"""Closed-form lifting: each Gaussian gets the rendering-weighted mean code of its pixels (docs/method.md#lifting)."""
 
 from dataclasses import dataclass
 
@@ -45,6 +41,8 @@ def lift(gaussians: Gaussians, views: CodeViews, settings: RenderSettings) -> Li
         # Codes, their weights and the weights of all pixels share one backward pass.
         pixels = torch.cat([(targets.codes * counted[:, None]).flatten(0, 1), counted, shown[None]])
         pose = views.camera_to_world[index]
+        # An image is linear in the values of the Gaussians, with the compositing weights as coefficients. The backward
+        # pass is the transposed map: it sums the pixels of each Gaussian, with any rasterizer.
         part = sum_over_pixels(gaussians, pixels.permute(1, 2, 0), views.camera, pose, settings)
         sums = part if sums is None else sums + part
         seen = targets
@@ -58,5 +56,6 @@ def _means(code: Tensor, known: Tensor, seen: Tensor) -> Lifted:
     """Divide sums by sums of weights; 0 where the weight is negligible."""
     labeled = known > _LEAST_WEIGHT
     mean = torch.where(labeled[..., None], code / known.clamp(min=_LEAST_WEIGHT)[..., None], 0.0)
+    # Above 1 by rounding only.
     share = torch.where(labeled, known / seen.clamp(min=_LEAST_WEIGHT), 0.0).clamp(max=1.0)
     return Lifted(mean, share)

@@ -43,11 +43,13 @@ def export(scene: Path, output: Path, codes: bool) -> None:
 
 def geometry_columns(gaussians: Gaussians) -> Columns:
     """Return the properties of 3DGS (Kerbl et al. 2023) in its order: raw parameters, zero normals, SH by channel."""
+    # Viewers expect all coefficients of red, then of green, then of blue.
     sh = gaussians.sh.permute(0, 2, 1).numpy()
     rest = sh[:, :, 1:].reshape(len(sh), -1)
     nothing = np.zeros(len(sh), np.float32)
     return {
         **dict(zip("xyz", gaussians.means.numpy().T, strict=True)),
+        # Unused, but viewers of 3DGS read properties by position.
         **dict.fromkeys(("nx", "ny", "nz"), nothing),
         **{f"f_dc_{channel}": sh[:, channel, 0] for channel in range(3)},
         **{f"f_rest_{number}": rest[:, number] for number in range(rest.shape[1])},

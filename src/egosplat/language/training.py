@@ -97,6 +97,7 @@ class CodeTraining:
 
     def _record(self) -> None:
         before = self.curve.iteration[-1] if self.curve.iteration else 0
+        # Reading the sum waits for the GPU, so it is read at records only.
         loss = float(self._loss) / (self.iteration - before)
         self._loss.zero_()
         if not (math.isfinite(loss) and bool(self.code.isfinite().all())):
@@ -129,4 +130,5 @@ class CodeTraining:
 
 def codes_to_render(code: Tensor, normalize_codes: bool) -> Tensor:
     """(N, L, C) codes as rendered: normalized if ``normalize_codes``; zero codes stay 0."""
+    # Codes start at 0, where the norm has no gradient; eps keeps it finite.
     return torch.nn.functional.normalize(code, dim=-1, eps=1e-9) if normalize_codes else code

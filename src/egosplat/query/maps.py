@@ -29,6 +29,7 @@ class Location:
     @property
     def pixel(self) -> tuple[int, int]:
         """Column and row of the candidate nearest to the mean of all candidates."""
+        # The mean itself may be no candidate: the pixels with the largest value need not be connected.
         distance = np.linalg.norm(self.candidates - self.candidates.mean(axis=0), axis=1)
         column, row = self.candidates[distance.argmin()]
         return int(column), int(row)
@@ -114,6 +115,7 @@ def localize(filtered: Map, seen: Mask) -> Location | None:
     """
     if not seen.any():
         return None
+    # LangSplat's: the level with the most relevant pixel answers (docs/method.md#query-levels).
     peaks = filtered.max(axis=(1, 2), where=seen, initial=-np.inf)
     level = int(peaks.argmax())
     rows, columns = np.nonzero((filtered[level] == peaks[level]) & seen[level])
@@ -139,6 +141,7 @@ def segment(
     """
     if not seen.any():
         return None
+    # LangSplat segments the mean of both, not the smoothed map alone.
     combined = (raw + filtered) / 2
     peaks = combined.max(axis=(1, 2), where=seen, initial=-np.inf)
     level = int(peaks.argmax())
@@ -184,6 +187,7 @@ def majority(mask: Mask, size: int) -> Mask:
         )
         for values in (mask, np.ones_like(mask))
     )
+    # At the border the square has fewer pixels, which ``pixels`` counts.
     return 2 * inside > pixels
 
 

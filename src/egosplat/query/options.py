@@ -56,6 +56,7 @@ class QueryOptions:
 
     def majority_px(self, longer: int) -> int:
         """Side of the majority filter [px] for a longer side [px]: the nearest odd number."""
+        # An even square has no middle pixel.
         return 2 * int(self.majority_filter * longer / 2) + 1
 
 

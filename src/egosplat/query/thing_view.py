@@ -54,6 +54,7 @@ def view_thing(
     size = camera.width, camera.height
     small = rendering_camera(camera, options.resolution)
     inside = np.ones(size[::-1], bool) if valid is None else valid
+    # Rendered as a value of 1 among 0, so Gaussians in front of the thing hide it.
     members = torch.zeros(scene.gaussians.count, 1, device=scene.code.device)
     members[torch.from_numpy(thing.members).to(members.device)] = 1.0
     filled, _ = render_values(scene.gaussians, members, small, camera_to_world, scene.settings)

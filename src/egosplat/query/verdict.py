@@ -10,6 +10,7 @@ def refusal(score: float, untaught: Sequence[str], min_score: float) -> str | No
         score: score of the best match, 0..1.
         untaught: words of the query that the model was not trained on.
     """
+    # First, because the score of an untrained word is meaningless.
     if untaught:
         words = ", ".join(f'"{word}"' for word in dict.fromkeys(untaught))
         return f"not found: the OpenCLIP checkpoint was not trained on {words}"

@@ -139,6 +139,7 @@ def run(
         view_sets.training,
         max_points=min(options.max_points, options.max_gaussians),
         densify_init=options.densify_init,
+        # ``auto`` starts with all degrees and drops those that the scene does not need.
         sh_degree=MAX_SH_DEGREE if isinstance(options.sh_degree, str) else options.sh_degree,
         near_plane=options.near_plane,
         seed=options.seed,
@@ -147,6 +148,7 @@ def run(
     if language_inputs:
         targets = CodeTargets(*language_inputs, view_sets.training.device)
         objective = JointLanguage(options.ssim_lambda, options.feature_weight, targets)
+        # Codes of all levels are features of the Gaussians, so their gradients reach the geometry, too.
         start = replace(start, features=initial_codes(start.count, targets, start.means.device))
     checkpoint = Checkpoint(output, provenance.key_of(record), options.checkpoint_s)
     state = _trained(start, view_sets, options.training, objective, checkpoint)
@@ -181,13 +183,14 @@ def _begin(
 def _view_sets(
     frames: Artifact, poses: Artifact, kept: Mask, masking: Masking, options: TrainingOptions
 ) -> ViewSets:
-    """Read the views. Masks apply to training and validation; held-out frames are scored without them."""
+    """Read the views by role."""
     flags = frames.read("train") & kept, frames.read("evaluation"), poses.read("registered")
     split = split_views(*flags, validate=options.patience > 0)
     device = training_device(options.render.backend)
     view_sets = ViewSets(
         read_views(frames, poses, split.training, masking, device),
         read_views(frames, poses, split.validation, masking, device),
+        # Held-out frames are scored on all pixels: masks must not make a score better.
         read_views(frames, poses, split.held_out, Masking(None, ""), device),
         read_views(frames, poses, _degree_validation(split, options), masking, device),
     )
@@ -207,6 +210,7 @@ def _degree_validation(split: Split, options: TrainingOptions) -> Mask:
 
 
 def _check_left(views: Views) -> None:
+    # Without this, training would run to its end with a loss of 0.
     weights = (views.weight(index) for index in range(len(views)))
     if not any(weight is None or bool(weight.any()) for weight in weights):
         raise UserError(
