@@ -43,19 +43,8 @@ survey: {min_view_change_deg: 0}
 class Workdir:
     """A working directory with its own copy of configuration and code, in which the workflow runs."""
 
-    MAIN = tuple(
-        f"results/adt/scene1/{name}"
-        for name in (
-            "contact_sheet.png",
-            "segments.png",
-            "crops.png",
-            "transient.png",
-            "splats.png",
-            "language.png",
-            "metrics.json",
-            "queries.png",
-        )
-    )
+    PAGES = ("contact_sheet", "segments", "crops", "transient", "splats", "language", "queries")
+    MAIN = ("results/adt/scene1/metrics.json", *(f"results/adt/scene1/{page}.png" for page in PAGES))
     """The outputs in ``finished``: scores and every page."""
 
     snakefile = ROOT / "workflow/Snakefile"

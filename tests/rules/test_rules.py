@@ -10,32 +10,14 @@ from PIL import Image, ImageChops
 
 from egosplat.artifacts.reader import verify
 from egosplat.artifacts.registry import SCHEMAS
+from egosplat.pipeline.stages import PAGES, PIPELINE, STAGES
 
 SCENE = "results/adt/scene1"
 COSTS = {"created", "wall_s", "cpu_s", "peak_memory_mb", "peak_gpu_memory_mb", "training_s", "disk_mb"}
 """Keys of provenance that differ between equal runs."""
 
-OUTPUTS = {
-    "synthetic": "recording",
-    "frames": "frames.zarr",
-    "annotations": "annotations.zarr",
-    "poses": "poses.zarr",
-    "segments": "segments.zarr",
-    "view_features": "view_features.zarr",
-    "features": "features.zarr",
-    "transient": "transient.zarr",
-    "masks": "masks.zarr",
-    "splats": "splats.zarr",
-    "language": "language.zarr",
-    "metrics": "metrics.json",
-    "contact_sheet": "contact_sheet.png",
-    "segments_sheet": "segments.png",
-    "crops_sheet": "crops.png",
-    "transient_sheet": "transient.png",
-    "splats_sheet": "splats.png",
-    "language_sheet": "language.png",
-    "queries_sheet": "queries.png",
-}
+OUTPUTS = {name: STAGES[name].output for name in (*PIPELINE, *PAGES) if name != "survey"}
+"""By rule; a full run without ``auto`` makes no survey."""
 
 
 def same(left: Path, right: Path) -> bool:

@@ -42,18 +42,11 @@ def survey_that_keeps() -> Callable[..., Path]:
             "motion": {
                 "static": static,
                 "masking": "none" if static else "refined",
-                "share": 0.0 if static else 0.1,
-                "threshold": 0.0005,
-                "measured": 0.7,
-                "pairs": [],
-            },
-            "views": {
-                "kept": kept,
-                "left_out": [],
-                "min_view_change_deg": 3.0,
-                "median_depth_m": 2.0,
-                "digest": digest_of_frames(kept),
-            },
+                "share": 0.1 * (not static),
+            }
+            | {"threshold": 0.0005, "measured": 0.7, "pairs": []},
+            "views": {"kept": kept, "left_out": [], "digest": digest_of_frames(kept)}
+            | {"min_view_change_deg": 3.0, "median_depth_m": 2.0},
             "poses": {"source": "device", "registered": 1, "frames": 1, "points": 1},
             "provenance": begin("survey", {}, "synthetic", digests(folder, ["frames"])).record(),
         }

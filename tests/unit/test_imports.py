@@ -35,7 +35,7 @@ def imported_by(code: str) -> set[str]:
         ("import egosplat.pipeline.config", {"rfc3987_syntax"}),
         (
             "from egosplat.cli import cli; cli.get_command(None, 'query')",
-            {"torch", "numpy", "matplotlib", "cv2", "zarr"},
+            {"torch", "numpy", "matplotlib", "cv2", "zarr", "snakemake"},
         ),
         (
             f"from egosplat.models.checkpoints import model_hashes; model_hashes({{'models': {MODELS}}})",

@@ -19,28 +19,20 @@ SCENE = {
     "channels": 512,
     "gaussians": 100_000,
 }
-MEMORY_GROWS_WITH = {
-    "synthetic": (),
-    "frames": ("pixels",),
-    "annotations": ("pixels",),
-    "survey": ("pixels",),
-    "poses": ("frames",),
-    "segments": ("pixels",),
-    "view_features": ("pixels", "views", "channels"),
-    "features": ("views", "channels"),
-    "transient": ("frames", "pixels"),
-    "masks": ("pixels",),
-    "splats": ("frames", "pixels", "gaussians"),
-    "language": ("pixels", "gaussians"),
-    "metrics": ("pixels", "gaussians"),
-    "contact_sheet": ("pixels",),
-    "segments_sheet": ("pixels",),
-    "crops_sheet": ("pixels",),
-    "splats_sheet": ("pixels",),
-    "transient_sheet": ("gaussians",),
-    "language_sheet": ("gaussians",),
-    "queries_sheet": ("pixels", "gaussians"),
+GROWING = {
+    (): "synthetic",
+    ("frames",): "poses",
+    (
+        "pixels",
+    ): "frames annotations survey segments masks contact_sheet segments_sheet crops_sheet splats_sheet",
+    ("gaussians",): "transient_sheet language_sheet",
+    ("pixels", "gaussians"): "language metrics queries_sheet",
+    ("pixels", "views", "channels"): "view_features",
+    ("views", "channels"): "features",
+    ("frames", "pixels"): "transient",
+    ("frames", "pixels", "gaussians"): "splats",
 }
+MEMORY_GROWS_WITH = {stage: sizes for sizes, stages in GROWING.items() for stage in stages.split()}
 """The sizes that the memory of each stage grows with."""
 
 

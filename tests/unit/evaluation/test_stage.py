@@ -73,10 +73,6 @@ def test_the_whole_scene_is_asked_for_what_is_there_and_what_is_not(word_scene, 
     assert rows["couch"]["right"] and rows["basketball"]["right"] is None
 
 
-def test_positions_have_the_unit_of_the_poses(word_scene, scored):
-    assert scored(word_scene())["length_unit"] == "m"
-
-
 def test_small_checkpoints_on_real_data_are_noted_in_scores_and_log(word_scene, scored, capfd):
     found = scored(word_scene(origin="real"))
     assert found["notice"] == notice("real", {"clip_checkpoint": "small"})
@@ -117,20 +113,11 @@ def test_a_scene_without_evaluation_frames_has_no_scores(word_scene, scored):
 
 def test_counts_of_frames_instances_and_gaussians(word_scene, scored):
     found = scored(word_scene())["counts"]
-    expected = {
-        "frames": 4,
-        "training_frames": 2,
-        "evaluation_frames": 3,
-        "evaluation_frames_annotated": 3,
-        "evaluation_frames_asked": 2,
-        "evaluation_frames_trained_on": 1,
-        "evaluation_frames_without_pose": 1,
-        "annotated_instances": 2,
-        "instances": {"part": 0, "whole": 2},
-        "transient_instances": None,
-        "gaussians": 576,
-        "gaussians_with_code": {"part": 0, "whole": 576},
-    }
+    evaluation = {"": 3, "_annotated": 3, "_asked": 2, "_trained_on": 1, "_without_pose": 1}
+    expected = {f"evaluation_frames{name}": count for name, count in evaluation.items()}
+    expected |= {"frames": 4, "training_frames": 2, "annotated_instances": 2, "transient_instances": None}
+    expected |= {"instances": {"part": 0, "whole": 2}}
+    expected |= {"gaussians": 576, "gaussians_with_code": {"part": 0, "whole": 576}}
     assert found.items() >= expected.items()
 
 
@@ -163,15 +150,9 @@ def test_a_missing_artifact_is_reported(word_scene, scored):
 def test_no_queries_give_no_scores(word_scene, scored):
     found = scored(word_scene(), excluded=["couch", "cup"])
     assert found["queries"] == []
-    assert found["scores"]["all"] == {
+    assert {name: value for name, value in found["scores"]["all"].items() if value is not None} == {
         "count": 0,
         "categories": 0,
-        "accuracy": None,
-        "accuracy_interval": None,
-        "mean_iou": None,
-        "mean_iou_interval": None,
-        "random_pixel": None,
-        "middle_pixel": None,
     }
     assert found["rendering"]["all"]["frames"] == 1
 

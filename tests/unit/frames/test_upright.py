@@ -114,18 +114,9 @@ def test_a_gen2_recording_is_not_turned(sample, monkeypatch):
         lens = provider.get_device_calibration().get_camera_calib(RGB)
         mounted = device(*BUILDS[2][:3])
         pose = mounted.get_camera_calib(RGB).get_transform_device_camera()
-        width, height = map(int, lens.get_image_size())
-        camera = CameraCalibration(
-            RGB,
-            CameraModelType.FISHEYE624,
-            lens.get_projection_params(),
-            pose,
-            width,
-            height,
-            lens.get_valid_radius(),
-            lens.get_max_solid_angle(),
-            "test",
-        )
+        size, radius = map(int, lens.get_image_size()), lens.get_valid_radius()
+        about = lens.get_projection_params(), pose, *size, radius, lens.get_max_solid_angle(), "test"
+        camera = CameraCalibration(RGB, CameraModelType.FISHEYE624, *about)
         cad = DeviceCadExtrinsics(*BUILDS[2][:3])
         return DeviceCalibration(
             {RGB: camera}, {}, {}, {}, {}, cad, "DVT_LL", "slam-front-left", DeviceVersion.Gen2

@@ -30,23 +30,12 @@ def test_the_configuration_s_defaults_are_langsplat_s():
     assert replace(QueryOptions(**keys | {"canonical": tuple(keys["canonical"])}), min_score=0.5) == LANGSPLAT
 
 
-@pytest.mark.parametrize(
-    "name, value",
-    [
-        ("canonical", ()),
-        ("temperature", 0.0),
-        ("temperature", float("nan")),
-        ("temperature", float("inf")),
-        ("resolution", -1),
-        ("min_coverage", 0.0),
-        ("min_coverage", 1.0),
-        ("box_filter", -0.1),
-        ("segmentation_threshold", 1.0),
-        ("majority_filter", 1.1),
-        ("min_score", -0.1),
-        ("min_score", 1.1),
-    ],
-)
+OUT_OF_RANGE = {"canonical": [()], "temperature": [0.0, float("nan"), float("inf")], "resolution": [-1]}
+OUT_OF_RANGE |= {"min_coverage": [0.0, 1.0], "box_filter": [-0.1], "segmentation_threshold": [1.0]}
+OUT_OF_RANGE |= {"majority_filter": [1.1], "min_score": [-0.1, 1.1]}
+
+
+@pytest.mark.parametrize("name, value", [(name, one) for name, some in OUT_OF_RANGE.items() for one in some])
 def test_values_out_of_range_are_named(name, value):
     with pytest.raises(ValueError, match=name):
         replace(LANGSPLAT, **{name: value})

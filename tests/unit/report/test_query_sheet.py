@@ -9,16 +9,8 @@ from egosplat.report.query_sheet import DrawnAnswer, draw_answers
 def answer(phrase: str) -> DrawnAnswer:
     """One that is drawn in grey, without relevancy, all of it in the mask."""
     grey, nothing = np.full((40, 40, 3), 0.5, np.float32), np.zeros((40, 40), np.float32)
-    return DrawnAnswer(
-        phrase,
-        0.9,
-        picture=grey,
-        pixel=(20, 20),
-        relevancy=nothing,
-        level="whole",
-        mask=nothing == 0,
-        mask_level="whole",
-    )
+    pixels = {"picture": grey, "pixel": (20, 20), "relevancy": nothing, "mask": nothing == 0}
+    return DrawnAnswer(phrase, 0.9, level="whole", mask_level="whole", **pixels)
 
 
 def test_a_long_refusal_does_not_widen_a_column(tmp_path):

@@ -21,30 +21,22 @@ from egosplat.segments.prompts import drop_covered, filter_masks, grid_points, m
 from egosplat.segments.propagation import Propagator
 from egosplat.segments.tracker import Tracker
 
-OPTIONS = SegmentsOptions(
-    **stage_values("segments", defaults())
-    | {
-        "points_per_side": 4,
-        "pred_iou_thresh": 0.0,
-        "stability_score_thresh": 0.0,
-        "stability_score_offset": 0.1,
-        "box_nms_thresh": 0.7,
-        "nms_iou_thresh": 0.8,
-        "nms_score_thresh": 0.0,
-        "nms_inner_thresh": 0.0,
-        "min_area": 0.001,
-        "prompting": "key_frames",
-        "key_frame_stride": 2,
-        "min_uncovered_fraction": 0.05,
-        "max_covered_new": 0.5,
-        "merge_iou": 0.9,
-        "min_frames": 1,
-        "max_instances": 6,
-        "cross_level_iou": 0.8,
-        "lost_track_stride": 1,
-        "batch": 4,
-    }
-)
+ALL_MASKS = {
+    "pred_iou_thresh": 0.0,
+    "stability_score_thresh": 0.0,
+    "nms_score_thresh": 0.0,
+    "nms_inner_thresh": 0.0,
+}
+FEW = {"points_per_side": 4, "key_frame_stride": 2, "min_frames": 1, "max_instances": 6, "batch": 4}
+OVERLAPS = {"box_nms_thresh": 0.7, "nms_iou_thresh": 0.8, "merge_iou": 0.9, "cross_level_iou": 0.8}
+OTHERS = {
+    "stability_score_offset": 0.1,
+    "min_area": 0.001,
+    "min_uncovered_fraction": 0.05,
+    "max_covered_new": 0.5,
+}
+OTHERS |= {"prompting": "key_frames", "lost_track_stride": 1}
+OPTIONS = SegmentsOptions(**stage_values("segments", defaults()) | ALL_MASKS | FEW | OVERLAPS | OTHERS)
 FRAMES, HEIGHT, WIDTH = 4, 40, 56
 
 

@@ -17,7 +17,6 @@ from egosplat.artifacts.kept_frames import frames_for_gaussians
 from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError
-from egosplat.gaussians import trainer as training
 from egosplat.gaussians.io import STORED, read_gaussians
 from egosplat.pipeline.config import defaults
 from egosplat.splats import stage
@@ -96,13 +95,6 @@ def test_the_gaussians_are_restored_from_the_artifact(scene):
     assert bool(gaussians.finite().all())
 
 
-def test_equal_runs_are_equal_and_leave_no_other_files(scene):
-    folder = scene()
-    assert run(folder).digest == run(folder, "again.zarr").digest != run(folder, "other.zarr", seed=1).digest
-    names = {"frames.zarr", "poses.zarr", "splats.zarr", "again.zarr", "other.zarr"}
-    assert {path.name for path in folder.iterdir()} == names
-
-
 def test_a_killed_run_resumes_to_the_same_gaussians(scene, capsys):
     folder = scene()
     keys = {"iterations": 400, "evaluate_every": 100, "background": "random"}
@@ -115,16 +107,17 @@ def test_a_killed_run_resumes_to_the_same_gaussians(scene, capsys):
         if value is not None and not isinstance(value, bool)
     ]
     paths = [f"--{name}={folder / f'{name}.zarr'}" for name in ("frames", "poses")]
+    words = [
+        sys.executable,
+        "-m",
+        "egosplat.cli",
+        "splats",
+        *paths,
+        f"--output={folder / 'splats.zarr'}",
+        *flags,
+    ]
     process = subprocess.Popen(
-        [
-            sys.executable,
-            "-m",
-            "egosplat.cli",
-            "splats",
-            *paths,
-            f"--output={folder / 'splats.zarr'}",
-            *flags,
-        ],
+        words,
         env=os.environ | {"OMP_NUM_THREADS": str(torch.get_num_threads())},
         stderr=subprocess.DEVNULL,
     )
@@ -160,12 +153,6 @@ def test_the_best_are_stored_where_training_stops_early(scene):
     assert splats.read("history/psnr")[at] == pytest.approx(splats.read("held_out/psnr").mean())
 
 
-def test_a_scene_without_points_starts_from_random_ones(scene, capsys):
-    empty = {"points/xyz": np.zeros((0, 3)), "points/rgb": np.zeros((0, 3), np.uint8)}
-    splats = run(scene(**empty), max_points=50)
-    assert "50 random points" in capsys.readouterr().err and splats.read("curve/gaussians")[0] <= 60
-
-
 def test_points_that_no_camera_sees_are_left_out(scene, points):
     xyz, rgb = points
     behind = xyz * [1.0, 1.0, -1.0]
@@ -183,18 +170,6 @@ def test_training_without_poses_is_an_error(scene):
     folder = scene(registered=np.arange(9) == 4)
     with pytest.raises(UserError, match="8 training frames"):
         run(folder)
-    assert {path.name for path in folder.iterdir()} == {"frames.zarr", "poses.zarr"}
-
-
-def test_failed_training_leaves_no_files(scene, monkeypatch):
-    def fails(state, view_sets, options, checkpoint):
-        checkpoint.save_if_due(state.state_dict)
-        raise UserError("diverged")
-
-    monkeypatch.setattr(training, "train", fails)
-    folder = scene()
-    with pytest.raises(UserError, match="diverged"):
-        run(folder, checkpoint_s=1e-9)
     assert {path.name for path in folder.iterdir()} == {"frames.zarr", "poses.zarr"}
 
 

@@ -99,24 +99,17 @@ def test_needles_keep_their_thickness_in_float32():
 @pytest.mark.parametrize(
     "culled",
     [
-        {"mean": (0.0, 0.0, -2.0)},
-        {"mean": (0.0, 0.0, 0.0)},
-        {"mean": (0.0, 0.0, 0.0999)},
-        {"mean": (0.0, 0.0, 100.1)},
-        {"mean": (20.0, 0.0, 2.0)},
-        {"mean": (0.0, -20.0, 2.0)},
-        {"opacity": 1 / 255.1},
+        *(
+            {"mean": mean}
+            for mean in [(0, 0, -2), (0, 0, 0), (0, 0, 0.0999), (0, 0, 100.1), (20, 0, 2), (0, -20, 2)]
+        ),
+        *({"opacity": opacity} for opacity in (1 / 255.1, math.nan, math.inf)),
+        *({"quat": quat} for quat in [(0, 0, 0, 0), (math.nan, 0, 0, 0), (math.inf, 0, 0, 0)]),
+        *({"scale": scale} for scale in [(math.inf, 0.1, 0.1), (1e200, 1e200, 0.1)]),
         {"opacity": 0.02, "scale": (1e-4,) * 3, "antialiased": True},
         {"radius_clip": 13.0},
-        {"quat": (0.0, 0.0, 0.0, 0.0)},
         {"mean": (math.nan, 0.0, 2.0)},
         {"mean": (0.0, 0.0, math.inf), "far_plane": math.inf},
-        {"quat": (math.nan, 0.0, 0.0, 0.0)},
-        {"quat": (math.inf, 0.0, 0.0, 0.0)},
-        {"scale": (math.inf, 0.1, 0.1)},
-        {"scale": (1e200, 1e200, 0.1)},
-        {"opacity": math.nan},
-        {"opacity": math.inf},
     ],
     ids=str,
 )
@@ -130,15 +123,13 @@ def test_gaussians_outside_the_view_are_culled(culled):
 @pytest.mark.parametrize(
     "kept",
     [
-        {"mean": (0.0, 0.0, 0.1001)},
-        {"mean": (0.0, 0.0, 99.9)},
-        {"mean": (1.3, 0.0, 2.0)},
-        {"opacity": 1 / 254.9},
-        {"opacity": 0.02, "scale": (1e-4,) * 3},
-        {"radius_clip": 8.0},
-        {"radius_clip": 3.0, "scale": (0.1, 0.01, 0.01)},
-        {"quat": (1e-9, 0.0, 0.0, 0.0)},
-        {"scale": (0.0, 0.0, 0.0)},
+        *({"mean": mean} for mean in [(0.0, 0.0, 0.1001), (0.0, 0.0, 99.9), (1.3, 0.0, 2.0)]),
+        *({"opacity": 1 / 254.9}, {"opacity": 0.02, "scale": (1e-4,) * 3}, {"radius_clip": 8.0}),
+        *(
+            {"radius_clip": 3.0, "scale": (0.1, 0.01, 0.01)},
+            {"quat": (1e-9, 0.0, 0.0, 0.0)},
+            {"scale": (0.0,) * 3},
+        ),
     ],
     ids=str,
 )
