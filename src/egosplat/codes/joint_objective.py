@@ -1,12 +1,10 @@
 """The paper's joint loss: colors and codes of one model, rendered in one pass."""
 
-from typing import Any
-
 import torch
 from torch import Tensor
 
 from egosplat.codes.targets import CodeTargets, Targets
-from egosplat.gaussians.objective import L1Ssim
+from egosplat.gaussians.objective import L1Ssim, Objective
 from egosplat.gaussians.training_views import Views
 
 
@@ -28,12 +26,8 @@ def code_l1(rendered: Tensor, targets: Targets, weight: Tensor | None) -> Tensor
     return ((rendered - targets.codes).abs() * counted[:, None]).mean()
 
 
-class JointLanguage:
-    """L_RGB-w + feature_weight L_F-w; the Gaussians' features are the concatenated codes of all levels.
-
-    Attributes:
-        advice: keys that the user may change if training diverges.
-    """
+class JointLanguage(Objective):
+    """L_RGB-w + feature_weight L_F-w; the Gaussians' features are the concatenated codes of all levels."""
 
     advice = "lower splats.position_lr or splats.feature_weight, or raise splats.near_plane"
 
@@ -49,16 +43,6 @@ class JointLanguage:
         codes = image[..., 3:].permute(2, 0, 1).unflatten(0, targets.codes.shape[:2])
         colours = self._colours.loss(image, views, index)
         return colours + self._feature_weight * code_l1(codes, targets, views.weight(index))
-
-    def step(self) -> None:
-        """Do nothing: the objective has no parameters of its own."""
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return an empty state."""
-        return {}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Do nothing."""
 
 
 def initial_codes(count: int, targets: CodeTargets, device: torch.device) -> Tensor:

@@ -13,7 +13,7 @@ from torch import Tensor
 from egosplat.gaussians.model import Gaussians, rotation_matrices
 from egosplat.gaussians.optimizer import Adam
 from egosplat.gaussians.schedule import Schedule
-from egosplat.gaussians.strategy import random_normal, replace_rows
+from egosplat.gaussians.strategy import Strategy, random_normal, replace_rows
 from egosplat.rasterize.contract import ALPHA_THRESHOLD
 
 _CHILDREN = 2
@@ -63,11 +63,8 @@ class DensityOptions:
             )
 
 
-class DensityControl:
+class DensityControl(Strategy):
     """The ``Strategy`` of 3DGS: grows Gaussians with large image position gradients."""
-
-    opacity_reg = 0.0
-    scale_reg = 0.0
 
     def __init__(self, options: DensityOptions, schedule: Schedule, extent: float) -> None:
         """Take the options, the schedule and ``scene_extent`` [m]."""

@@ -7,7 +7,6 @@ drawn by opacity. The number grows by 5 % per step up to a cap. Noise in every i
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -16,7 +15,7 @@ from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians, rotation_matrices
 from egosplat.gaussians.optimizer import Adam
 from egosplat.gaussians.schedule import Schedule
-from egosplat.gaussians.strategy import random_normal, replace_rows
+from egosplat.gaussians.strategy import Strategy, random_normal, replace_rows
 
 # k of the paper: steepness of the noise gate at ``min_opacity``.
 _GATE_STEEPNESS = 100.0
@@ -41,8 +40,8 @@ class McmcOptions:
     scale_reg: float = 0.01
 
 
-class Mcmc:
-    """The ``Strategy`` of 3DGS-MCMC; use it with a schedule scaled from ``STOCK_MCMC``."""
+class Mcmc(Strategy):
+    """Relocation by opacity: 3DGS-MCMC. It collects no statistics. Use it with a schedule scaled from ``STOCK_MCMC``."""
 
     def __init__(self, options: McmcOptions, schedule: Schedule) -> None:
         self.options = options
@@ -50,9 +49,6 @@ class Mcmc:
         # The trainer adds these to the loss. Without them no Gaussian would die, and none would be relocated.
         self.opacity_reg = options.opacity_reg
         self.scale_reg = options.scale_reg
-
-    def observe(self, means2d_grad: Tensor | None, radii: Tensor, width: int, height: int) -> None:
-        """Do nothing: relocation depends on opacities only. See ``Strategy.observe``."""
 
     @torch.no_grad()
     def step(
@@ -66,13 +62,6 @@ class Mcmc:
             gaussians = grow(gaussians, optimizer, wanted, options.min_opacity, generator)
         add_noise(gaussians, options.noise_lr * optimizer.means_lr, options.min_opacity, generator)
         return gaussians
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return an empty state: MCMC collects no statistics."""
-        return {}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Do nothing."""
 
 
 def relocate(gaussians: Gaussians, optimizer: Adam, min_opacity: float, generator: torch.Generator) -> None:

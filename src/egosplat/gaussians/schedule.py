@@ -42,14 +42,11 @@ class Schedule:
                 f"not in order: densify_from {self.densify_from}, densify_until {self.densify_until}, "
                 f"iterations {self.iterations}"
             )
-        positive = ("densify_every", "sh_interval", "position_lr_init", "position_lr_final")
-        for name in (
-            *positive,
-            "position_lr_steps",
-            *(["reset_every"] if self.reset_every is not None else []),
-        ):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} is {getattr(self, name)}, not positive")
+        names = ("densify_every", "reset_every", "sh_interval")
+        for name in (*names, "position_lr_init", "position_lr_final", "position_lr_steps"):
+            value = getattr(self, name)
+            if value is not None and not value > 0:
+                raise ValueError(f"{name} is {value}, not positive")
 
     def position_lr(self, iteration: int, extent: float) -> float:
         """Return the learning rate of the means [m]: log-linear from ``position_lr_init`` to ``position_lr_final``."""

@@ -1,6 +1,7 @@
 """The interface of densification strategies, and the change of rows that they share."""
 
-from typing import Any, Protocol
+from abc import ABC, abstractmethod
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -10,17 +11,19 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.optimizer import Adam
 
 
-class Strategy(Protocol):
+class Strategy(ABC):
     """Decides after each iteration which Gaussians exist: ``DensityControl`` or ``Mcmc``.
 
     Attributes:
         opacity_reg, scale_reg: loss weights of the mean opacity and the mean scale; may be 0.
     """
 
-    opacity_reg: float
-    scale_reg: float
+    opacity_reg = 0.0
+    scale_reg = 0.0
 
-    def observe(self, means2d_grad: Tensor | None, radii: Tensor, width: int, height: int) -> None:
+    def observe(  # noqa: B027
+        self, means2d_grad: Tensor | None, radii: Tensor, width: int, height: int
+    ) -> None:
         """Collect statistics of one iteration; called after ``backward``, before ``step``.
 
         Args:
@@ -30,6 +33,7 @@ class Strategy(Protocol):
             width, height: image size [px].
         """
 
+    @abstractmethod
     def step(
         self, iteration: int, gaussians: Gaussians, optimizer: Adam, generator: torch.Generator
     ) -> Gaussians:
@@ -49,8 +53,9 @@ class Strategy(Protocol):
 
     def state_dict(self) -> dict[str, Any]:
         """Return copies of the statistics by name, for ``load_state_dict``."""
+        return {}
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
+    def load_state_dict(self, state: dict[str, Any]) -> None:  # noqa: B027
         """Restore a state from ``state_dict``; its tensors may be on any device."""
 
 

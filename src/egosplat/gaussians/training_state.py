@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import torch
@@ -51,19 +51,11 @@ class EarlyStop:
 
     def state_dict(self) -> dict[str, Any]:
         """Return the state for ``load_state_dict``."""
-        return {
-            "best": self.best and self.best.parameters(),
-            "best_psnr": self.best_psnr,
-            "best_iteration": self.best_iteration,
-            "waited": self.waited,
-            "mark": self._mark,
-        }
+        return vars(self) | {"best": self.best and self.best.parameters()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restore a state from ``state_dict``."""
-        self.best = state["best"] and Gaussians(**state["best"])
-        self.best_psnr, self.best_iteration = state["best_psnr"], state["best_iteration"]
-        self.waited, self._mark = state["waited"], state["mark"]
+        vars(self).update(state | {"best": state["best"] and Gaussians(**state["best"])})
 
 
 @dataclass
@@ -143,8 +135,8 @@ class TrainingState:
             "generator": self.generator.get_state(),
             "order": list(self.order),
             "early_stop": self.early_stop.state_dict(),
-            "degree_search": self.degree_search.state_dict(),
-            "curves": {one.name: list(getattr(self.curves, one.name)) for one in fields(Curves)},
+            "degree_search": asdict(self.degree_search),
+            "curves": asdict(self.curves),
             "loss_sum": self.loss_sum,
             **{name: getattr(self, name) for name in _NUMBERS},
         }

@@ -5,8 +5,7 @@ that renders the held-out photographs equally well is kept.
 """
 
 import math
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -35,10 +34,6 @@ class DegreeSearch:
 
     open: bool = False
     psnr: list[float | None] = field(default_factory=list)
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return the arguments of ``DegreeSearch(**state)``."""
-        return asdict(self)
 
 
 def reduce_degree(

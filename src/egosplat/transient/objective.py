@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.gaussians.loss import l2
+from egosplat.gaussians.objective import Objective
 from egosplat.gaussians.training_views import Views
 from egosplat.transient.network import TransientNet
 
@@ -35,12 +36,11 @@ class InitialOptions:
     lr: float
 
 
-class InitialObjective:
+class InitialObjective(Objective):
     """L_init = mean over pixels of (1 - M) d_I + transient_penalty |M|, with d_I the squared difference.
 
     Attributes:
         net: H.
-        advice: keys that the user may change if training diverges.
     """
 
     advice = "lower transient.lr, or raise transient.near_plane"
