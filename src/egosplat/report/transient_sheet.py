@@ -242,7 +242,7 @@ def _draw_scores(axes: Axes, masks: Artifact, segments: Artifact) -> None:
     else:
         axes.set_xlabel("instances, sorted by score")
     axes.set_title(
-        "score: mean transient probability over all pixels of an instance in all frames", fontsize=10
+        "score: mean transient probability over all pixels of an instance in the training frames", fontsize=10
     )
     axes.set(ylabel="score", ylim=(0, 1), xlim=(-0.8, max(len(order), 10) - 0.2))
     axes.legend(loc="upper right", fontsize=8)
