@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
+from benchmarks.common import markdown
 from benchmarks.growth.extrapolation import ON_GPU, Cost
 from benchmarks.growth.fitting import Fit, median_and_worst
 from benchmarks.growth.laws import LAWS
@@ -16,12 +17,6 @@ UNITS = {CPU: "s", MEMORY: "MiB", DISK: "MiB"}
 _THOUSANDS = ("pixels", "gaussians", "points")
 
 
-def table(columns: Sequence[str], rows: Sequence[Sequence[str]], words: int = 1) -> str:
-    """A table whose first ``words`` columns are text and whose other columns are numbers."""
-    marks = ["---"] * words + ["---:"] * (len(columns) - words)
-    return "\n".join(f"| {' | '.join(row)} |" for row in [columns, marks, *rows])
-
-
 def laws(fits: Fits, measure: str) -> str:
     """The law of each stage for one measure, and its errors."""
     columns = (
@@ -33,7 +28,7 @@ def laws(fits: Fits, measure: str) -> str:
         "held out: median",
         "held out: worst",
     )
-    return table(columns, [_law_row(stage, own[measure]) for stage, own in fits.items()], words=2)
+    return markdown(columns, [_law_row(stage, own[measure]) for stage, own in fits.items()], words=2)
 
 
 def _law_row(stage: str, law: Fit) -> list[str]:
@@ -81,7 +76,7 @@ def held_against(fits: Fits, runs: Sequence[Run]) -> str:
     last = ["together (memory: the most)"]
     for law, found in sums.values():
         last += [number(law), number(found), f"{law / found:.2f}"]
-    return table(columns, [*rows, last])
+    return markdown(columns, [*rows, last])
 
 
 def sequence(costs: Mapping[str, Cost]) -> str:
@@ -106,7 +101,7 @@ def sequence(costs: Mapping[str, Cost]) -> str:
         gib(sum(cost.disk_mb.value for cost in everything)),
         hours(sum(cost.gpu_s or 0.0 for cost in everything)),
     ]
-    return table(columns, [*rows, total])
+    return markdown(columns, [*rows, total])
 
 
 def _sequence_row(stage: str, cost: Cost) -> list[str]:
@@ -134,7 +129,7 @@ def reach(runs: Sequence[Run], checked: Mapping[str, Sizes], paper: Sizes) -> st
         for target in [*checked.values(), paper]:
             row += _reached(target.get(size), max(found))
         rows.append(row)
-    return table(columns, rows)
+    return markdown(columns, rows)
 
 
 def uses(stage: str, size: str) -> bool:
