@@ -1,8 +1,4 @@
-"""Bootstrap intervals of scores, over categories and scenes.
-
-Queries of one category in one scene show one thing from several frames, so they hit or miss together. The bootstrap
-therefore resamples categories, never queries.
-"""
+"""Bootstrap intervals of scores, over categories and scenes."""
 
 import math
 from collections.abc import Sequence
@@ -62,6 +58,8 @@ def cluster(values: Sequence[float], categories: Sequence[str]) -> Clusters:
         values: (P,) values of the queries.
         categories: (P,) categories of the queries.
     """
+    # Queries of one category in one scene show one thing from several frames, so they hit or miss together. The
+    # bootstrap resamples categories, never queries.
     _, number = np.unique(np.asarray(categories, np.str_), return_inverse=True)
     return Clusters(
         np.bincount(number, weights=np.asarray(values, np.float64)), np.bincount(number).astype(np.float64)
@@ -122,6 +120,7 @@ def _resampled(scenes: Sequence[Clusters], options: IntervalOptions) -> NDArray[
     """(R,) means of resampled scenes and categories: scenes first, then the categories of each drawn scene."""
     rng = np.random.default_rng(options.seed)
     shape = (options.resamples, len(scenes))
+    # A single scene is drawn always, so its interval covers other categories only.
     drawn = rng.integers(len(scenes), size=shape) if len(scenes) > 1 else np.zeros(shape, np.int64)
     means = np.empty(shape)
     for number, scene in enumerate(scenes):

@@ -27,6 +27,7 @@ def target_area(instance_map: InstanceMap, instances: Sequence[int], hit_region:
         case "box":
             area = np.zeros(instance_map.shape, np.bool_)
             for x0, y0, x1, y1 in bounding_boxes(instance_map, instances):
+                # The last column and row belong to the box.
                 area[y0 : y1 + 1, x0 : x1 + 1] = True
             return area
     raise ValueError(f"hit_region {hit_region!r} is not one of {TARGETS}")
@@ -35,6 +36,7 @@ def target_area(instance_map: InstanceMap, instances: Sequence[int], hit_region:
 def is_hit(candidates: NDArray[np.int64], area: Mask) -> bool:
     """Whether any of (K, 2) candidates, column and row, lies in the (H, W) area; False without candidates."""
     columns, rows = candidates.T
+    # If several pixels share the maximum, any of them may hit, as in LangSplat.
     return bool(area[rows, columns].any())
 
 

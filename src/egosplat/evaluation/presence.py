@@ -25,7 +25,7 @@ from egosplat.query.text import encode_texts, untaught_words
 from egosplat.query.things import Thing
 from egosplat.query.verdict import refusal
 
-# Longer side of the views that compare things with annotations [px].
+# Longer side of the views that compare things with annotations [px]: shares of a thing need no more detail.
 LABEL_SIDE = 256
 
 # Minimum area of a thing in all evaluation frames together, at that size [px]; smaller ones are not compared.
@@ -145,6 +145,7 @@ def annotated_shares(
         return total, names
     camera = rendering_camera(evaluation.camera, LABEL_SIDE)
     members = _indicators(things, scene)
+    # Frames without an annotation would count all their pixels as no category.
     for frame in (one for one in evaluation.frames if one.asked):
         category = _category_map(evaluation, frame, names, camera)
         pose = evaluation.camera_to_world[frame.index]

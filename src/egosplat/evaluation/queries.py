@@ -84,6 +84,7 @@ def categories(
         instance_map: (H, W) int32 index into the instances, -1 for none.
     """
     area = np.bincount(instance_map[instance_map >= 0], minlength=len(instances))
+    # A share of the whole image, not of its valid pixels.
     least = options.min_area * instance_map.size
     seen: dict[str, list[int]] = {}
     for index in np.flatnonzero(area):
@@ -94,6 +95,7 @@ def categories(
             motion: [index for index in members if instances[index].motion_type == motion]
             for motion in GROUPS[:2]
         }
+        # The limit holds for each group by itself: a category may count in "all" and in none of the others.
         groups = by_motion | {"all": members}
         large = {name: tuple(own) for name, own in groups.items() if own and area[own].sum() >= least}
         if large:

@@ -107,6 +107,7 @@ def iou(predicted: Mask, target: Mask, valid: Mask | None) -> float:
         raise ValueError(f"the shapes of two masks differ: {predicted.shape} and {target.shape}")
     if valid is not None:
         predicted, target = predicted & valid, target & valid
+    # Queries are made from visible instances; an empty target means that another frame's map was given.
     if not target.any():
         raise ValueError("a query without a visible instance has no IoU")
     return float((predicted & target).sum() / (predicted | target).sum())

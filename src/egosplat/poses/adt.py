@@ -1,8 +1,7 @@
 """Poses of an Aria Digital Twin (ADT) recording, from its MPS trajectory or its ground truth.
 
-Both trajectories and the semi-dense points are in ADT's scene frame, so they need no alignment: ADT publishes the MPS
-output already aligned with the ground truth ("ADT Data Format", Aligning Ground Truth and MPS Data). The points are a
-gzipped table with the columns ``uid``, ``graph_uid``, ``px_world``, ``py_world``, ``pz_world`` [m], ``inv_dist_std``
+ADT publishes the MPS output aligned with the ground truth ("ADT Data Format", Aligning Ground Truth and MPS Data). The
+semi-dense points are a gzipped table with the columns ``uid``, ``graph_uid``, ``px_world``, ``py_world``, ``pz_world`` [m], ``inv_dist_std``
 [1/m] and ``dist_std`` [m] (projectaria_tools, "MPS output - Semi-dense point cloud").
 """
 
@@ -77,11 +76,12 @@ def adt_poses(
     if not path.is_file():
         raise UserError(_missing_message(Path(folder), trajectory))
     rows = read_trajectory(path)
-    # EgoLifter takes the nearest row instead.
+    # EgoLifter takes the nearest row instead (docs/method.md#trajectory).
     device = interpolate_trajectory(rows, exposure_middle_ns, max_gap_ms)
     if not device.known.any():
         raise UserError(_no_pose_message(rows, exposure_middle_ns, device, max_gap_ms))
     camera_to_world = unregistered(len(device.known))
+    # Both trajectories are in ADT's scene frame, which ADT publishes already aligned: no alignment is needed here.
     camera_to_world[device.known] = device.poses[device.known] @ device_from_camera
     points, point_notes = _points(Path(folder), trajectory == "closed_loop", max_inv_dist_std, max_dist_std)
     tilt = _angle_deg(rows.up, mean_camera_up(camera_to_world[device.known]))

@@ -1,8 +1,4 @@
-"""Read and interpolate trajectories: MPS' ``closed_loop_trajectory.csv`` and ADT's ``aria_trajectory.csv``.
-
-``projectaria_tools.core.mps`` (2.3) is not used: it stops at a damaged row and returns the rows before without an
-error, and it returns NaN poses for a quaternion of zero norm.
-"""
+"""Read and interpolate trajectories: MPS' ``closed_loop_trajectory.csv`` and ADT's ``aria_trajectory.csv``."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +18,9 @@ _QUATERNION = [f"q{axis}_world_device" for axis in "xyzw"]
 _GRAVITY = [f"gravity_{axis}_world" for axis in "xyz"]
 _NUMBERS = [_TIME, *_TRANSLATION, *_QUATERNION, *_GRAVITY]
 
+# Rows are printed with few digits, so quaternions are not exactly of unit norm.
 _QUATERNION_NORM_TOLERANCE = 1e-2
+# Plausible length of the mean gravity vector [m/s²].
 _GRAVITY_RANGE = (9.0, 10.5)
 # Positions beyond this are damaged data.
 MAX_POSITION_M = 1e6
@@ -71,12 +69,15 @@ def read_trajectory(path: Path) -> Trajectory:
             names its line): a value that is not a finite number, a time not after the previous row's, a
             quaternion without unit norm, a position too far away, or another world frame than the first row.
     """
+    # ``projectaria_tools.core.mps`` (2.3) stops at a damaged row and returns the rows before without an error, and it
+    # returns NaN poses for a quaternion of zero norm.
     table = _read_table(path)
     numbers = table[_NUMBERS].apply(pd.to_numeric, errors="coerce")
     not_finite = ~np.isfinite(numbers).to_numpy().all(axis=1)
     _check_rows(path, not_finite, "has a value that is missing or not a finite number")
     frame = table[_FRAME].to_numpy()
     _check_rows(path, frame != frame[0], "belongs to another world frame (graph_uid) than the first row")
+    # Integers from here on: float64 holds microseconds since 1970, but not nanoseconds.
     time_us = numbers[_TIME].to_numpy().astype(np.int64)
     not_after = np.diff(time_us, prepend=time_us[0] - 1) <= 0
     _check_rows(path, not_after, f"has a {_TIME} not after that of the previous row")

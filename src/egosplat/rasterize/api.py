@@ -76,6 +76,7 @@ def rasterization(
         ValueError: an argument is not as described.
         UserError: the chosen backend cannot run here.
     """
+    # Nothing else is local yet: these are exactly the arguments.
     given = dict(locals())
     del given["backend"]
     arguments = Arguments(**given)
@@ -99,6 +100,7 @@ def _backend(name: str, means: Tensor) -> Callable[[Arguments], Render]:
 
 
 def _choose(means: Tensor) -> str:
+    # Only the reference computes in float64.
     if means.dtype != torch.float32:
         return "reference"
     if means.is_cuda:

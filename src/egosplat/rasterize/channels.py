@@ -25,6 +25,7 @@ def usable_gaussians(quats: Tensor, *values: Tensor) -> Tensor:
 
 def camera_centers(viewmats: Tensor) -> Tensor:
     """(C, 4, 4) world_to_camera -> (C, 3) centres in the world; differentiable. The last row is ignored."""
+    # A general inverse instead of the transpose: its gradients by the pose hold for any matrix.
     return torch.linalg.solve(viewmats[:, :3, :3], -viewmats[:, :3, 3])
 
 

@@ -22,7 +22,7 @@ MIN_TRANSMITTANCE = 1e-4
 # The projection is linearised at most this fraction of half the field of view outside the image.
 FRUSTUM_MARGIN = 0.3
 
-# Lower bound of the divisor of the expected depth.
+# Lower bound of the divisor of the expected depth, as in gsplat: depth 0 where nothing is visible.
 MIN_DEPTH_ALPHA = 1e-10
 
 MAX_SH_DEGREE = 3
@@ -141,6 +141,7 @@ def _color_channels(colors: Tensor, n: int, sh_degree: int | None) -> int:
         return colors.shape[1]
     if not 0 <= sh_degree <= MAX_SH_DEGREE:
         raise ValueError(f"sh_degree is {sh_degree}, not 0 to {MAX_SH_DEGREE}")
+    # More coefficients than ``sh_degree`` uses are allowed: training enables degrees one by one.
     counts = [(degree + 1) ** 2 for degree in range(MAX_SH_DEGREE + 1)]
     if colors.ndim != 3 or colors.shape[::2] != (n, 3) or colors.shape[1] not in counts[sh_degree:]:
         raise ValueError(

@@ -76,6 +76,7 @@ def _background(a: Arguments, index: int) -> Tensor | None:
     if a.backgrounds is None or not shows_colors(a.render_mode):
         return None
     background = a.backgrounds[index]
+    # A depth has no background.
     return torch.nn.functional.pad(background, (0, 1)) if shows_depth(a.render_mode) else background
 
 

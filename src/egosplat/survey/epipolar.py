@@ -1,9 +1,7 @@
-"""Where static points can appear after the camera has moved, and the distance of optical flow from there.
+"""Compute where static points can appear after the camera has moved, and how far optical flow is from there.
 
 The second image is first rotated to the orientation of the first camera, by the homography of their relative rotation.
-What remains is a translation: a static point moves along the line through the epipole, the further the nearer it is.
-Between infinite depth, where it does not move, and the minimum depth, its positions form a segment. Without translation
-the segment is a point, so a pure rotation needs no special case.
+Only the translation remains: a static point moves along the line through the epipole, by more if it is nearer.
 """
 
 import numpy as np
@@ -62,7 +60,9 @@ def epipolar_distance(pixels: Array, flow: Array, epipole: Array, min_depth: flo
         (...) float64 [px].
     """
     flow = np.asarray(flow, np.float64)
+    # Between infinite depth, where it does not move, and the minimum depth, the positions of a point form a segment.
     segment = max_static_flow(pixels, epipole, min_depth)
     length = (segment**2).sum(axis=-1)
+    # Without translation the segment is a point, so a pure rotation needs no special case.
     along = (flow * segment).sum(axis=-1) / np.where(length > 0, length, 1.0)
     return np.linalg.norm(flow - along.clip(0.0, 1.0)[..., None] * segment, axis=-1)

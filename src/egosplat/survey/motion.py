@@ -120,6 +120,7 @@ def choose_pairs(times_ns: NDArray[np.int64], registered: Bools) -> NDArray[np.i
     count = len(pairs)
     if count <= _MAX_PAIRS:
         return pairs
+    # The middle pair of each of ``_MAX_PAIRS`` equal parts.
     return pairs[[count * (2 * part + 1) // (2 * _MAX_PAIRS) for part in range(_MAX_PAIRS)]]
 
 
@@ -129,7 +130,7 @@ def detect_motion(
     """Find pixels of the first image that move until the second.
 
     A pixel moves if its flow leaves the epipolar segment of static points, and its patch matches the flow's target better
-    than every position on the segment. The second condition rejects wrong matches in repeating textures.
+    than every position on the segment.
 
     Args:
         first, second: (h, w) uint8.
@@ -146,9 +147,10 @@ def detect_motion(
     forward, backward = _flow(first, rotated), _flow(rotated, first)
     measured = is_consistent(forward, backward, _MAX_FLOW_ERROR) & _without_margin(common)
     pixels, epipole = pixel_grid(*first.shape) + 0.5, find_epipole(intrinsics, *poses)
+    # Errors of optical flow grow with its length.
     tolerance = _TOLERANCE + _RELATIVE * np.linalg.norm(forward, axis=2)
     moving = measured & (epipolar_distance(pixels, forward, epipole, min_depth) > tolerance)
-    # Matching patches is slow, so it is skipped where no region remains.
+    # The patches reject wrong matches in repeating textures. Matching is slow, so it is skipped if no region remains.
     if large_regions(moving).any():
         segment = max_static_flow(pixels, epipole, min_depth)
         moving &= _patch_difference(first, rotated, forward) + _MIN_GAIN < _min_static_difference(
@@ -174,6 +176,7 @@ def _working_view(frames: Artifact, poses: Artifact) -> tuple[Bools, Camera]:
     size = max(1, round(width * scale)), max(1, round(height * scale))
     camera = Camera.from_matrix(poses.read("intrinsics"), width, height).scaled_to(*size)
     valid = cv2.resize(frames.read("valid").astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    # A small pixel is valid if all the pixels averaged into it are; the tolerance is for float32.
     return valid > 1 - 1e-6, camera
 
 

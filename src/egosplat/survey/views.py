@@ -52,6 +52,7 @@ def view_change(first: Array, second: Array, depth: float) -> float:
         first, second: (4, 4) camera_to_world.
         depth: positive; inf counts the rotation only [m].
     """
+    # A sum is an upper bound: rotation and parallax may partly cancel.
     relative = invert(first) @ second
     parallax = np.arctan2(np.linalg.norm(relative[:3, 3]), depth)
     return float(np.degrees(rotation_angle(relative) + parallax))

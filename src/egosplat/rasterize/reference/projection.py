@@ -129,6 +129,7 @@ def _footprints(
     det = torch.linalg.cross(root_u, root_v).square().sum(-1)
     blurred_det = det + eps2d * (uu + vv) + eps2d * eps2d
     if antialiased:
+        # Mip-Splatting (Yu et al. 2024): the blur enlarges the footprint, so the opacity falls by the ratio of areas.
         opacities = opacities * (det / blurred_det).clamp(min=0.0).sqrt()
     return _Footprints(
         means2d=torch.stack([fx * x / z + cx, fy * y / z + cy], dim=-1),
@@ -163,6 +164,7 @@ def _inverse(covariances: Tensor, dets: Tensor) -> Tensor:
 
 def _radii(footprints: _Footprints) -> Tensor:
     """Half extents (N, 2) [px] of the region with alpha >= 1/255, rounded up; 0 if empty or not finite."""
+    # opacity exp(-r² / 2) = 1/255 solved for r, in standard deviations; NaN for opacities below 1/255.
     extents = (2.0 * (footprints.opacities / ALPHA_THRESHOLD).log()).sqrt()
     radii = (extents[:, None] * footprints.covariances[:, [0, 2]].sqrt()).ceil()
     usable = (footprints.dets > 0) & footprints.dets.isfinite() & radii.isfinite().all(dim=-1)

@@ -10,9 +10,6 @@ from torch import Tensor
 def spherical_harmonics(degree: int, dirs: Tensor, coeffs: Tensor) -> Tensor:
     """Evaluate spherical harmonics, without the constant 0.5 of 3DGS colours.
 
-    Coefficient l² + l + m belongs to the real harmonic Y_lm with the Condon-Shortley phase: degree 1
-    is (-y, z, -x), as in 3DGS (Kerbl et al. 2023) and gsplat.
-
     Args:
         degree: highest degree to evaluate, 0 to 3.
         dirs: (N, 3) of any length.
@@ -30,6 +27,8 @@ def sh_basis(degree: int, dirs: Tensor) -> Tensor:
     x, y, z = dirs.unbind(dim=-1)
     xx, yy, zz = x * x, y * y, z * z
     # The factors normalise each function: its square integrates to 1 over the sphere.
+    # Coefficient l² + l + m belongs to the real harmonic Y_lm with the Condon-Shortley phase: degree 1 is (-y, z, -x),
+    # as in 3DGS (Kerbl et al. 2023) and gsplat.
     functions = [torch.full_like(x, _norm(1 / 4))]
     if degree >= 1:
         functions += [-_norm(3 / 4) * y, _norm(3 / 4) * z, -_norm(3 / 4) * x]
