@@ -1,8 +1,4 @@
-"""Checkpoints of a long stage: a killed stage continues from the last one.
-
-A checkpoint is in a hidden folder next to the output, because the workflow deletes outputs before it makes them. A stage
-resumes only a checkpoint with its own options, inputs, code and library versions, and an intact hash.
-"""
+"""Checkpoints of a long stage: a killed stage continues from the last one."""
 
 import hashlib
 import io
@@ -33,6 +29,7 @@ class Checkpoint:
             key: hash of all that decides the result, see ``provenance.key_of``.
             every_s: least wall time between two checkpoints [s].
         """
+        # Next to the output and not in it, because the workflow deletes outputs before it makes them.
         self.file = output.parent / f".{output.name}.checkpoint" / "state"
         self._key = key
         self._every_s = every_s
@@ -48,21 +45,21 @@ class Checkpoint:
         if hashlib.sha256(body).digest() != digest:
             log(f"{self.file}: the checkpoint is damaged; the stage starts again")
             return None
+        # ``weights_only``: a checkpoint is data, and must not run code.
         saved = torch.load(io.BytesIO(body), map_location="cpu", weights_only=True)
+        # Other options, inputs, code or library versions would give another result than a run from the beginning.
         if saved["key"] != self._key:
             log("the checkpoint has other options, inputs or code; the stage starts again")
             return None
         return saved["state"]
 
     def save_if_due(self, state: Callable[[], State]) -> None:
-        """Write ``state()`` if the last checkpoint is ``every_s`` old.
-
-        If the write fails, for example on a full disk, the stage logs a warning and continues.
-        """
+        """Write ``state()`` if the last checkpoint is ``every_s`` old. A failed write is only logged."""
         if time.monotonic() - self._saved < self._every_s:
             return
         try:
             self._save(state())
+        # A full disk may have room again later; without a checkpoint, only a kill loses work.
         except OSError as error:
             log(f"warning: no checkpoint: {self.file}: {error.strerror}")
         # Counted from the end of the write, so that a slow disk does not take all the time.

@@ -69,6 +69,7 @@ class Made(Protocol):
 
 def key_of(made: Provenance, more: Mapping[str, Any] | None = None) -> str:
     """SHA-256 of all that decides the result: stage, options, inputs, models, code, versions, and ``more``."""
+    # Without times and the machine, which do not change the result.
     mappings = (made.options, made.inputs, made.models, made.versions, more or {})
     parts = [made.stage, made.code, *map(dict, mappings)]
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()

@@ -147,6 +147,7 @@ def open_foreign(path: Path, schema: Schema, attributes: Mapping[str, Any], page
     for error in StrictValidator(attributes).iter_errors(facts):
         raise blame(path, f"attribute {explained(error)}")
     _check_arrays(path, schema, group, "safe", blame)
+    # Facts of a foreign group are not sealed, so they belong to the digest.
     content = f"{digest_of(path)}\n{json.dumps(facts, sort_keys=True)}"
     digest = hashlib.sha256(content.encode()).hexdigest()
     return Artifact(
@@ -243,5 +244,6 @@ def _check_array(
         check_shape(declared, array.shape, sizes, name)
     except ValueError as error:
         raise blame(str(error)) from None
+    # Zarr reads a missing chunk as zeros, without an error.
     if array.size and (lost := array.nchunks - array.nchunks_initialized):
         raise blame(f"{name!r} lacks {lost} of {array.nchunks} chunks")

@@ -44,6 +44,7 @@ def machine() -> str:
 
 def _used_cuda() -> Any:
     """``torch.cuda`` if this process has used it, else None."""
+    # Importing PyTorch here would take seconds in a stage that does not use it.
     torch = sys.modules.get("torch")
     return torch.cuda if torch is not None and torch.cuda.is_initialized() else None
 

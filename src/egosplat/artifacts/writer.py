@@ -43,6 +43,7 @@ class Writer:
     def allocate(self, name: str, shape: tuple[int, ...]) -> None:
         """Create an array whose rows ``put_row`` writes."""
         self._create(name, shape)
+        # A row that is never written would read as zeros.
         self._rows_missing[name] = set(range(shape[0]))
 
     def put_row(self, name: str, index: int, values: NDArray[Any]) -> None:
@@ -78,6 +79,7 @@ class Writer:
             shape=shape,
             dtype=declared.dtype,
             chunks=tuple(max(1, size) for size in (rows, *shape[1:])),
+            # The checksum is over the compressed bytes, so damage is found before they are unpacked.
             compressors=[ZstdCodec(level=3), Crc32cCodec()],
             dimension_names=[dim if isinstance(dim, str) else None for dim in declared.dims],
             # All-zero chunks are stored too, so that a missing file always means damage.

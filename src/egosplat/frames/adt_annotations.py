@@ -37,8 +37,7 @@ class AdtAnnotations:
             folder: the sequence folder.
             camera: of the rectified frames (``Capture.camera``).
             upright: as for the frames.
-            max_age_ns: largest time between a frame and its segmentation, in either direction. The ground truth
-                follows the clock of the other cameras, about 0.1 ms off.
+            max_age_ns: largest time between a frame and its segmentation, in either direction.
 
         Raises:
             UserError: a file is missing or damaged.
@@ -67,7 +66,8 @@ class AdtAnnotations:
         try:
             with captured_log() as messages:
                 found = self._provider.get_segmentation_image_by_timestamp_ns(timestamp_ns, RGB_STREAM)
-                # The provider returns the nearest segmentation, however far away in time.
+                # The provider returns the nearest segmentation, however far away in time. The ground truth follows the
+                # clock of the other cameras, about 0.1 ms off (docs/method.md#annotation-age).
                 if not found.is_valid() or abs(found.dt_ns()) > self._max_age_ns:
                     return None
                 ids = found.data().to_numpy_array()
@@ -85,6 +85,7 @@ class AdtAnnotations:
 
     def _to_index(self, ids: NDArray[np.uint64]) -> NDArray[np.int32]:
         """(H, W) uint64 ids -> (H, W) int32 index into ``instances``."""
+        # ``instances`` is sorted by id; ids have up to 64 bits, so a lookup table would be too large.
         index = np.searchsorted(self._ids, ids).clip(max=len(self._ids) - 1)
         unknown = ids[(self._ids[index] != ids) & (ids != 0)]
         if len(unknown):
@@ -99,6 +100,7 @@ class AdtAnnotations:
 def find_segmentation(folder: Path) -> Path | None:
     """The segmentation of a sequence folder, preferably the one with people; None if there is none."""
     candidates = [folder / name for name in (WITH_PEOPLE, WITHOUT_PEOPLE)]
+    # A broken link is not a missing file: opening it reports the error.
     return next((path for path in candidates if os.path.lexists(path)), None)
 
 

@@ -45,6 +45,7 @@ class PlainRecording:
         calibrated = _read_camera(companion_path(path, "camera.json"), full)
         width, height = fit(full, resolution, path)
         camera = (calibrated or full).scaled_to(width, height)
+        # At full size, so that a reduced pixel is valid only if all its pixels are.
         valid = read_valid(companion_path(path, VALID_MASK), full.width, full.height)
         times = self._source.timestamp_ns
         self._frames = select_frames(times, stride=stride, start_s=start_s, end_s=end_s, source=path)

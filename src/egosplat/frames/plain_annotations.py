@@ -28,6 +28,7 @@ from egosplat.geometry import Camera
 
 TABLE = "instances.tsv"
 _COLUMNS = ("id", "name", "category", "motion_type")
+# PIL's modes of one channel; a palette image holds indices, which are the ids.
 _ONE_CHANNEL = ("1", "L", "P", "I;16", "I;16L", "I;16B", "I")
 _MAX_ID = 65535
 _NO_INSTANCE, _UNKNOWN_ID = -1, -2
@@ -84,6 +85,7 @@ def read_instances(path: Path) -> list[Instance]:
         UserError: the table is missing or unreadable, lacks a column, or has a bad line.
     """
     try:
+        # Spreadsheets write a byte order mark, which "utf-8-sig" skips.
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.DictReader(file, delimiter="\t")
             columns, lines = reader.fieldnames or [], list(reader)

@@ -1,9 +1,4 @@
-"""Rectify Aria's fisheye images, as EgoLifter's preprocessing of ADT does (docs/method.md#rectification).
-
-projectaria-tools computes once per recording where each pinhole pixel lies in the fisheye image, and OpenCV
-samples every image there. This is several times as fast as the library's ``distort_by_calibration``, and equal
-within one grey level: the library truncates, OpenCV rounds.
-"""
+"""Rectify Aria's fisheye images, as EgoLifter's preprocessing of ADT does (docs/method.md#rectification)."""
 
 import math
 
@@ -72,6 +67,7 @@ def turns_from_rotation(cpf_from_camera: NDArray[np.float64]) -> int:
     Args:
         cpf_from_camera: (3, 3) rotation. CPF: x to the wearer's left, y up, z ahead. Camera: OpenCV's axes.
     """
+    # The y axis of CPF in camera axes; the image turns so that it points up.
     right, down, _ = cpf_from_camera[1]
     return round(np.arctan2(-right, -down) / (np.pi / 2)) % 4
 
@@ -101,6 +97,8 @@ class Rectification:
             self.device_from_camera = self.device_from_camera @ CLOCKWISE
         self._turns = turns
         self._factor = supersampling(calibration, camera)
+        # projectaria-tools computes once where each pinhole pixel lies in the fisheye image, and OpenCV samples every
+        # image there: several times as fast as ``distort_by_calibration``, and equal within one grey level.
         self._map_u, self._map_v, inside = _source_coordinates(calibration, camera, self._factor)
         self.valid = self._turn(_shrink_mask(inside, self._factor))
         self._source_index = self._turn(_nearest_source(calibration, camera))
@@ -129,6 +127,7 @@ class Rectification:
             ValueError: the labels and the calibration differ in size.
         """
         self._check_shape(labels)
+        # Labels cannot be averaged, so each pixel takes the label at its centre.
         sampled = labels.reshape(-1)[self._source_index]
         sampled[~self.valid] = 0
         return sampled

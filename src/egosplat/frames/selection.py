@@ -38,6 +38,7 @@ def select_frames(
         raise UserError(
             f"{source}: frames are not in order of time. Is the recording damaged? Copy it again."
         )
+    # Relative to the first frame: devices count from their start or from 1970.
     elapsed_ns = timestamp_ns - timestamp_ns[0]
     in_range = elapsed_ns >= round(min(start_s, _MAX_S) * 1e9)
     if end_s is not None and end_s < _MAX_S:

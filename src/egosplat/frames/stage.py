@@ -58,6 +58,7 @@ def run(recording_path: Path, output: Path, options: FramesOptions, *, format: s
         artifact.put("train", train)
         artifact.put("evaluation", evaluation)
         artifact.allocate("rgb", (count, *capture.valid.shape, 3))
+        # One frame at a time: a recording does not fit into memory.
         images, sharpnesses = reader.read_frames(np.arange(count)), []
         for index, image in enumerate(track(images, f"reading {recording_path.name}", total=count)):
             artifact.put_row("rgb", index, image)

@@ -20,7 +20,6 @@ _CHILDREN = 2
 # A split replaces a Gaussian by two with scales divided by 1.6.
 _SHRINK = 0.8 * _CHILDREN
 
-
 # Pruning by size spares Gaussians up to this multiple of the median size. 3DGS takes the spread of the cameras as the
 # size of the scene. If a head only turns, a tenth of that spread would prune every Gaussian of a far wall.
 _OUTLIER = 10.0

@@ -13,7 +13,6 @@ from egosplat.pipeline.validation import Draft202012Validator, StrictValidator, 
 
 Config = dict[str, Any]
 
-
 # Sections whose values are named sets of keys.
 _NAMED = ("variants", "formats")
 

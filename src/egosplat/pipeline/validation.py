@@ -116,7 +116,6 @@ StrictValidator = extend(
     ),
 )
 
-
 # Longest value in a message [characters].
 _LONGEST = 80
 
@@ -144,7 +143,6 @@ _ALLOWED = {
     "maxLength": "at most {} letters",
     "const": "only {}",
 }
-
 
 # Removed keys, with their replacement.
 _REMOVED = {"budget": "set preset to fast, balanced or paper (docs/speed.md)"}

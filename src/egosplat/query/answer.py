@@ -112,6 +112,7 @@ def view_of(
 def rendering_camera(camera: Camera, resolution: int) -> Camera:
     """Scale a camera down to a longer side of ``resolution`` [px]; 0, or more than its own, changes nothing."""
     longer = max(camera.width, camera.height)
+    # Codes have no more detail than the frames that they were trained on.
     if not 0 < resolution < longer:
         return camera
     width, height = (max(1, round(side * resolution / longer)) for side in (camera.width, camera.height))
@@ -190,6 +191,7 @@ def pixel_position(
     """
     point = np.array(pixel) + 0.5
     height, width = depth.shape
+    # The pixel of the depth map that contains the point; depths across an edge must not be averaged.
     column, row = (point * [width / camera.width, height / camera.height]).astype(int)
     z = float(depth[row, column])
     if not (np.isfinite(z) and z > 0):

@@ -65,6 +65,7 @@ def find_neighbours(means: Array, radii: Array) -> Neighbours:
     size, count = len(means), min(NEAREST, len(means))
     if not count:
         return Neighbours(csr_array((0, 0), dtype=np.float32))
+    # A fixed number of neighbours adapts to the density; a radius would join everything in dense regions.
     distance, nearest = cKDTree(means).query(means, k=np.arange(1, count + 1), workers=-1)
     row, column = np.nonzero(distance <= REACH * (radii[:, None] + radii[nearest]))
     ones = np.ones(len(row), np.float32)

@@ -104,6 +104,7 @@ class Project:
         )
         if camera_known:
             return
+        # COLMAP trusts a given focal length; a guess must be refined.
         with pycolmap.Database.open(self.database) as database:
             (entered,) = database.read_all_cameras()
             entered.has_prior_focal_length = False

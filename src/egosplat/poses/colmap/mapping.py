@@ -32,10 +32,12 @@ def build_models(project: Project, camera_known: bool, seed: int) -> list[pycolm
     """
     project.check_free_space()
     options = pycolmap.IncrementalPipelineOptions(
+        # With more threads, the result depends on their order.
         num_threads=1,
         random_seed=seed,
         min_model_size=MIN_IMAGES,
         ba_refine_focal_length=not camera_known,
+        # Frames are rectified: there is no distortion, and a principal point is hardly observable.
         ba_refine_principal_point=False,
         ba_refine_extra_params=False,
     )
@@ -89,6 +91,7 @@ def largest_model(
     """
     if not models:
         raise UserError(_no_model_message(matches))
+    # Models have no common coordinates, so only one can be used.
     model = max(models, key=lambda model: (model.num_reg_images(), model.num_points3D()))
     frames = len(project.names)
     if model.num_reg_images() < min_registered * frames:

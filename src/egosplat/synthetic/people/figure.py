@@ -13,12 +13,9 @@ THIGH, SHIN, _ANKLE = 0.43, 0.42, 0.08
 UPPER_ARM, FOREARM, _HAND = 0.29, 0.26, 0.09
 _TORSO, _HIP_HEIGHT, _HIP_HALF, _SHOULDER_HALF = 0.5, 0.92, 0.09, 0.19
 
-
 _STRIDE_M = 1.3
 
-
 _UP = np.array([0.0, 1.0, 0.0])
-
 
 # Order of the joints in a skeleton.
 JOINTS = [
@@ -150,7 +147,6 @@ LIMBS = {
         )
     },
 }
-
 
 ARMS = tuple(limb for limb in LIMBS if limb.split()[-1] in ("arm", "forearm", "hand"))
 

@@ -15,12 +15,9 @@ from egosplat.synthetic.world.room import Room, opening_box
 
 Array = NDArray[np.float64]
 
-
 _TRIES = 60
 
-
 _GAP_M = 0.03
-
 
 _CHAIR_GAP_M = 0.05
 

@@ -11,10 +11,8 @@ Array = NDArray[np.float64]
 
 CORRIDOR_DEPTH_M, CORRIDOR_WIDTH_M = 1.3, 3.0
 
-
 # Thickness of the walls, visible in openings.
 REVEAL_M = 0.12
-
 
 _DOOR_CLEAR_M = 1.0
 _UP = np.array([0.0, 1.0, 0.0])
