@@ -19,7 +19,7 @@ settings.register_profile(
     deadline=None,
     derandomize=True,
     database=None,
-    # The fixtures that are used by swept tests make things anew, or only collect.
+    # Fixtures of swept tests build new objects, or only collect.
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 settings.load_profile("numerics")
@@ -109,7 +109,7 @@ class Table:
         row["errors"] += [value for name, value in report.user_properties if name == "error"]
 
     def pytest_sessionfinish(self, session: pytest.Session, exitstatus: int) -> None:
-        # Of a run that failed, or was of some tests alone, the table would say too much or too little.
+        # After a failed run the table would be wrong.
         if exitstatus == 0:
             self._path.write_text(self._text(), encoding="utf-8")
 

@@ -52,7 +52,7 @@ def same_folder(left: Path, right: Path) -> bool:
 
 
 @pytest.mark.parametrize("rule", OUTPUTS)
-def test_rule_alone(rule, finished, workdir):
+def test_a_rule_alone_makes_the_output_of_the_full_run(rule, finished, workdir):
     target = workdir.folder / SCENE / OUTPUTS[rule]
     shutil.rmtree(target) if target.is_dir() else target.unlink()
     done = workdir.snakemake("--allowed-rules", rule, "--", f"{SCENE}/{OUTPUTS[rule]}")

@@ -94,12 +94,12 @@ def test_program_errors_keep_their_traceback(error):
         torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2.00 GiB."),
     ],
 )
-def test_memory(error):
+def test_a_lack_of_memory_is_a_system_error(error):
     assert is_out_of_memory(error) and is_system_error(error)
 
 
 @pytest.mark.parametrize("number", [errno.EACCES, errno.EMFILE, errno.EIO, errno.ESTALE])
-def test_rights_open_files_and_file_systems(number):
+def test_missing_rights_and_faults_of_a_file_system_are_system_errors(number):
     error = OSError(number, "refused", "a")
     assert is_system_error(error) and not is_out_of_memory(error)
 

@@ -86,7 +86,7 @@ def stated(cell: str) -> dict[str, Any]:
 
 
 def value_of(text: str) -> Any:
-    """The value that a text stands for: a number, a truth value, null or a word."""
+    """The value that a text means: a number, a truth value, null or a word."""
     text = text.rstrip(".,;:)")
     return yaml.safe_load(text.replace(",", "") if text[0].isdigit() else text)
 

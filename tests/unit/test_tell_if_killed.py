@@ -21,7 +21,7 @@ SCRIPT = Path(__file__).parents[2] / "workflow/scripts/tell_if_killed.sh"
         (0, "unlimited", ""),
     ],
 )
-def test_message_for_each_exit_status(status, limit, told):
+def test_a_killed_or_crashed_stage_is_explained(status, limit, told):
     limited = f"ulimit -v {limit}; sh {shlex.quote(str(SCRIPT))} {status}"
     done = subprocess.run(["sh", "-c", limited], capture_output=True, text=True, check=True)
     assert told in done.stderr and bool(told) == bool(done.stderr) and done.stdout == ""

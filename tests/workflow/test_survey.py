@@ -106,11 +106,11 @@ def test_redundant_frames_are_left_out_of_training(work):
 
 def test_a_static_scene_trains_gaussians_on_all_frames(work):
     splats, left_out = f"{SCENE}/splats.zarr", []
-    for change_deg, made_anew in ((90, {"splats"}), (20, set())):
+    for change_deg, rules in ((90, {"splats"}), (20, set())):
         config = STATIC_LEAVING_OUT % change_deg
         assert made(work, config, SURVEY) == {"survey"}
         left_out.append(read_survey(work.folder / SURVEY)["views"]["left_out"])
-        assert made(work, config, splats) == made_anew
+        assert made(work, config, splats) == rules
     assert left_out[0] and left_out[0] != left_out[1]
     used = open_artifact(work.folder / splats, SPLATS).facts["views"]["training"]
     assert used == open_artifact(work.folder / SCENE / "frames.zarr", FRAMES).read("train").sum()

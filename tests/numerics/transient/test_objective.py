@@ -33,7 +33,7 @@ def objective(**changes: object) -> InitialObjective:
 
 
 def trained(one: InitialObjective, views: Views, offset: float, steps: int) -> list[float]:
-    """The losses of so many steps against renders that are ``offset`` off."""
+    """The losses of ``steps`` steps against renders that are ``offset`` off."""
     losses = []
     for number in range(steps):
         image = (views.picture(number % 2) + offset).requires_grad_()

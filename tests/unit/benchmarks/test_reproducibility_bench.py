@@ -1,4 +1,4 @@
-"""What the page of reproducibility calls equal is equal, and what differs is told with its size."""
+"""Equal artifacts and documents have no difference; others have one with its size."""
 
 import json
 

@@ -17,7 +17,7 @@ def test_true_labels_score_perfectly_under_any_numbering():
     assert (found.coverage, found.iou, found.switches, found.fragments, found.held) == (1, 1, 0, 1, 1)
 
 
-def test_switches_and_fragments():
+def test_switches_and_fragments_are_counted():
     true = video([0] * 5 + [1] * 5)
     found = [np.where(one == 0, 4 if frame % 2 else 5, 1).astype(np.int32) for frame, one in enumerate(true)]
     result = score_level(zip(true, found, strict=True))

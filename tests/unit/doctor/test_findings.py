@@ -26,5 +26,5 @@ def test_long_values_are_wrapped_and_paths_are_not():
 
 
 def test_the_last_line_says_that_nothing_is_missing():
-    """The verdict stands in the last line."""
+    """The last line says whether anything is missing."""
     assert page(FINDINGS[:1]).splitlines()[-1] == "Nothing is missing."

@@ -89,7 +89,7 @@ def test_a_category_weighs_as_much_as_it_has_queries():
 
 
 def test_two_categories_leave_the_doubt_of_two_numbers():
-    """All resamples lie between the two, and so do but half of such pairs around their truth: Student's is far wider."""
+    """All resamples lie between the two numbers, which the truth often does not: Student's interval is far wider."""
     found = clustered_interval([Clusters(np.array([0.48, 0.52]), np.ones(2))], OPTIONS)
     half = 12.706 * 0.04 / 2
     assert (found.low, found.high) == pytest.approx((0.5 - half, 0.5 + half), rel=0.03)

@@ -33,14 +33,14 @@ def test_boxes_hold_their_first_and_last_pixel(ring):
         ((10, 8), True, False),
     ],
 )
-def test_box_and_mask(ring, pixel, box, mask):
+def test_a_pixel_hits_the_box_or_the_mask_of_an_instance(ring, pixel, box, mask):
     candidates = np.array([pixel])
     assert is_hit(candidates, target_area(ring, (0,), "box")) is box
     assert is_hit(candidates, target_area(ring, (0,), "mask")) is mask
 
 
 @pytest.mark.parametrize("target", ["box", "mask"])
-def test_any_candidate_in_any_instance_hits(ring, target):
+def test_one_candidate_in_one_instance_is_a_hit(ring, target):
     assert is_hit(np.array([[19, 0], [0, 19]]), target_area(ring, (0, 2), target))
     assert not is_hit(np.array([[19, 0], [0, 19]]), target_area(ring, (0, 1), target))
     assert not is_hit(NOWHERE, target_area(ring, (0, 1, 2), target))

@@ -1,4 +1,4 @@
-"""How things that are there are told from things that are not, and how that is summed up."""
+"""Queries for present and absent things are separated by their scores, and the entry counts both."""
 
 import math
 

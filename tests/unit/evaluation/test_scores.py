@@ -27,7 +27,7 @@ def answer(instance_map: np.ndarray, query: Query) -> tuple[np.ndarray, np.ndarr
 
 
 @pytest.mark.parametrize("target", ["box", "mask"])
-def test_perfect_answers(instance_map, queries, target):
+def test_perfect_answers_have_perfect_scores(instance_map, queries, target):
     scores = [score_query(one, *answer(instance_map, one), instance_map, None, target) for one in queries]
     found = summarise(scores, OPTIONS)
     assert [found[name].count for name in ("static", "dynamic", "all")] == [2, 2, 3]
@@ -40,7 +40,7 @@ def test_perfect_answers(instance_map, queries, target):
     assert found["dynamic"].mean_iou == pytest.approx((60 / 84 + 1) / 2)
 
 
-def test_no_answers(instance_map, queries):
+def test_no_answers_score_zero(instance_map, queries):
     nothing = np.zeros((0, 2), np.int64), np.zeros(instance_map.shape, bool)
     found = summarise([score_query(one, *nothing, instance_map, None, "box") for one in queries], OPTIONS)
     assert (found["all"].accuracy, found["all"].mean_iou, found["all"].count) == (0.0, 0.0, 3)

@@ -27,7 +27,7 @@ def scalars(*values: float) -> np.ndarray:
         ((7, 7, 7), (True, True, True), 7.0),
     ],
 )
-def test_reference_values(norm, values, kept, mean):
+def test_outliers_of_known_values_are_left_out(norm, values, kept, mean):
     found, inlier = robust_mean(scalars(*values), norm, 3.0)
     assert inlier[0].tolist() == list(kept)
     assert found[0, 0] == pytest.approx(mean, rel=1e-15)
@@ -53,7 +53,7 @@ def test_a_few_outliers_are_dropped(norm):
 
 @pytest.mark.parametrize("norm", NORMS)
 @pytest.mark.parametrize("scale", [1e-38, 1e-20, 1.0, 1e20, 1e38])
-def test_any_scale_of_float32(norm, scale):
+def test_the_scale_of_features_does_not_matter(norm, scale):
     values = np.random.default_rng(3).normal(size=(2, 9, 16))
     usual, kept = robust_mean(values.astype(np.float32).astype(np.float64), norm, 3.0)
     scaled, kept_scaled = robust_mean(values.astype(np.float32).astype(np.float64) * scale, norm, 3.0)

@@ -54,7 +54,7 @@ def test_every_row_is_in_a_batch_of_at_least_two(count):
 
 
 @pytest.mark.parametrize("kind, dims", [("none", 1), ("linear", 4), ("linear", 12), ("autoencoder", 3)])
-def test_shapes_of_codes_and_reconstructions(kind, dims):
+def test_codes_and_reconstructions_have_their_shapes(kind, dims):
     features = rows(150, 12, 4)
     fitted = fit(features, kind, dims, 3, 0)
     codes = fitted.encode(features)

@@ -6,7 +6,7 @@ import pytest
 from egosplat.features.crops import cut_crop, find_regions, resize
 
 
-def test_area_and_box_of_each_instance_at_any_level():
+def test_each_instance_has_its_area_and_box_at_any_level():
     labels = np.full((2, 6, 8), -1, np.int32)
     labels[0, 1:3, 2:5] = 3
     labels[0, 5, 7] = 0

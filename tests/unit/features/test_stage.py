@@ -104,7 +104,7 @@ def test_the_paper_s_reference_value(run):
 
 
 @pytest.mark.parametrize("target", ["view", "consistent"])
-def test_supervision_without_an_average(run, feature, target):
+def test_supervision_may_be_the_view_or_the_consistent_feature(run, feature, target):
     features = run(supervision=target)
     expected = feature if target == "view" else features.read("consistent")[INSTANCE]
     np.testing.assert_allclose(features.read("supervision"), expected, atol=1e-6)
@@ -135,7 +135,7 @@ def test_agreement_is_the_mean_cosine_of_views_with_their_instance():
     assert agreement(views[:0], consistent, np.zeros(0, int)) is None
 
 
-def test_spread_before_and_after(run):
+def test_spread_is_told_before_and_after_compression(run):
     features = run(compression="none")
     seen = features.read("consistent")[[0, 2, 3]]
     expected = (seen @ seen.T)[np.triu_indices(3, 1)].mean()

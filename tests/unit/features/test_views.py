@@ -46,7 +46,7 @@ def test_views_are_spread_evenly(most):
         assert not len(gaps) or gaps.max() - gaps.min() <= 1
 
 
-def test_no_training_frame(scene):
+def test_without_training_frames_there_are_no_views(scene):
     views = find_views(*artifacts(scene(train=np.zeros(5, bool))), 0.0, None)
     assert len(views) == 0 and views.box.shape == (0, 4)
 

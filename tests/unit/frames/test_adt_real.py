@@ -27,7 +27,7 @@ def open_and_read(folder, **options):
     return list(recording.read_frames(np.arange(len(recording.capture.timestamp_ns))))
 
 
-def test_three_colour_frames_in_the_lens_circle(full_size):
+def test_the_sample_has_three_colour_frames_in_the_lens_circle(full_size):
     capture = full_size.capture
     assert capture.timestamp_ns.tolist() == CAPTURE_NS
     assert (capture.exposure_middle_ns - capture.timestamp_ns == EXPOSURE_MIDDLE_AFTER_CAPTURE_NS).all()
@@ -60,7 +60,7 @@ def test_a_small_frame_is_the_large_one_averaged(sample, full_size):
     assert np.abs(averaged - image)[both].mean() < 1.5
 
 
-def test_stride_and_range(sample):
+def test_stride_and_range_select_frames(sample):
     assert AdtRecording(sample, **(OPTIONS | {"stride": 2})).capture.timestamp_ns.tolist() == CAPTURE_NS[::2]
     late = AdtRecording(sample, **(OPTIONS | {"start_s": 0.02}))
     assert late.capture.timestamp_ns.tolist() == CAPTURE_NS[1:]

@@ -195,7 +195,7 @@ def test_area_averaging_does_not_alias(tmp_path):
     assert np.abs(image.astype(int) - 127).max() <= 1
 
 
-def test_video_frames_and_times(video):
+def test_video_frames_have_the_times_of_their_container(video):
     recording = PlainRecording(video(), **(OPTIONS | {"stride": 5}))
     assert np.abs(recording.capture.timestamp_ns - np.array([0, 5, 10]) * 1e9 / 15).max() < 1000
     greens = [int(image[12, 28, 1]) for image in recording.read_frames(np.array([1, 2]))]

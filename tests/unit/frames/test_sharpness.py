@@ -14,7 +14,7 @@ def image(sigma: float = 0.0) -> np.ndarray:
     return cv2.GaussianBlur(noise, (0, 0), sigma) if sigma else noise
 
 
-def test_sharpness_of_blurred_and_blank_frames():
+def test_blurred_and_blank_frames_are_less_sharp():
     sharp, soft = (sharpness(image(sigma), EVERYWHERE) for sigma in (0.0, 1.5))
     assert 0 < soft < BLURRED * sharp
     assert sharpness(np.full((64, 64, 3), 90, np.uint8), EVERYWHERE) == 0.0

@@ -52,7 +52,7 @@ def test_the_true_gaussians_render_the_pictures(truth, views):
 
 
 @pytest.mark.parametrize("background, value", [("black", 0.0), ("random", 0.0), ("white", 1.0)])
-def test_the_background_of_evaluation(truth, views, background, value):
+def test_evaluation_renders_on_the_background_of_training(truth, views, background, value):
     behind = truth.select(torch.arange(1))
     behind.means[:, 2] = -5.0
     options = RenderSettings(near_plane=0.1, background=background, antialiased=False, backend="auto")

@@ -100,7 +100,7 @@ def test_render_orders_channels_colour_feature_depth() -> None:
     torch.testing.assert_close(image[0, 0, :4], torch.tensor([0.0, 0.5, 1.0, 0.0]))
 
 
-def test_render_of_depth_alone() -> None:
+def test_a_render_can_be_of_depth_alone() -> None:
     image, _, _ = picture(one_in_front(0.9, 4.0), np.eye(4), "ED", torch.ones(3))
     torch.testing.assert_close(image[12, 16], torch.tensor([2.0]), rtol=1e-4, atol=1e-4)
 

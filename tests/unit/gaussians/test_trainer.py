@@ -195,7 +195,7 @@ def test_a_scene_outside_all_cameras_trains_without_error(trained, start):
     assert same(trained(iterations=15).gaussians, start)
 
 
-def test_backgrounds():
+def test_the_background_is_black_white_or_random():
     generator = torch.Generator().manual_seed(0)
     assert draw_background("black", generator) is None
     assert torch.equal(draw_background("white", generator), torch.ones(3))

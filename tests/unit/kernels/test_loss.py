@@ -57,7 +57,7 @@ def test_value_and_gradient_equal_the_definition(size: tuple[int, int], weighted
 
 
 @pytest.mark.parametrize("level", [0.0, 0.5, 1.0])
-def test_constant_images(level: float) -> None:
+def test_constant_images_have_an_exact_loss(level: float) -> None:
     # In constant images, variances are differences of nearly equal numbers.
     render, target, _ = pictures(40, 40)
     target = torch.full_like(target, level)

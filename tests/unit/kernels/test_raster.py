@@ -88,7 +88,7 @@ def test_the_backward_pass_can_run_twice():
     assert torch.equal(first, second)
 
 
-def test_gradient_of_alpha_only():
+def test_a_gradient_of_alpha_only_is_propagated():
     values = projected(300, 3)
     values["opacities"].requires_grad_()
     _, alpha = composite(**values, width=WIDTH, height=HEIGHT)

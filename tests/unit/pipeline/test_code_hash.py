@@ -82,7 +82,7 @@ CPP = "// Twice.\nfloat twice(float x) { return 2.0f * x; }\n"
 
 
 def with_sources(package, folder, text: str, **changes: str) -> str:
-    """The stage's hash where ``text`` stands among the sources of the package's kernels."""
+    """The stage's hash when ``text`` is one of the sources of the package's kernels."""
     (folder / "pkg/kernels/source").mkdir(parents=True, exist_ok=True)
     (folder / "pkg/kernels/source/part.h").write_text(text)
     return package(**(KERNELS | changes))

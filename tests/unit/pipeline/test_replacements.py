@@ -49,7 +49,7 @@ def path(folder, stage):
 
 
 def record(folder, stage, attributes):
-    """What an artifact tells of itself, without any array."""
+    """Write an artifact's attributes, without any array."""
     file = path(folder, stage)
     if file.suffix == ".zarr":
         file.mkdir()

@@ -62,7 +62,7 @@ def test_code_changes_change_the_hash(old, new):
         ("a // joined \\\nstill a comment\nb", ["a", "b"]),
     ],
 )
-def test_tokens(text, tokens):
+def test_sources_are_split_into_the_tokens_of_cpp(text, tokens):
     assert list(cpp_tokens(text)) == tokens
 
 

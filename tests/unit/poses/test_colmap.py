@@ -273,7 +273,9 @@ def frames_of(pairs: list[tuple[str, str]]) -> set[tuple[int, int]]:
     return {(int(first[:6]), int(second[:6])) for first, second in pairs}
 
 
-def test_pairs_of_frames_to_match(room: Any, walk_images: Images, tmp_path: Path):
+def test_frames_are_matched_with_neighbours_and_places_seen_again(
+    room: Any, walk_images: Images, tmp_path: Path
+):
     back = room.walk(10)[::-1].copy()
     back[:, 2, 3] -= 0.05
     project = features_of([*walk_images, *room.images(back)], EVERYWHERE, tmp_path)

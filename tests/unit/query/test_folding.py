@@ -18,7 +18,7 @@ def decoder(*widths: int, scale: float = 1.0) -> Decoder:
 
 @pytest.mark.parametrize("widths, folded", [((3, 40), (3, 4)), ((3, 8, 16, 64), (3, 8, 16, 17))])
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
-def test_cosines_stay(widths, folded, scale):
+def test_folding_changes_no_cosine(widths, folded, scale):
     generator = torch.Generator().manual_seed(1)
     codes = torch.randn(50, widths[0], generator=generator)
     directions = torch.nn.functional.normalize(torch.randn(6, widths[-1], generator=generator), dim=-1)

@@ -14,7 +14,7 @@ def maps() -> np.ndarray:
     return maps
 
 
-def test_the_level_with_the_largest_value(maps):
+def test_the_level_with_the_largest_value_is_taken(maps):
     found = localize(maps, np.ones(maps.shape, bool))
     assert (found.level, found.pixel, found.candidates.tolist()) == (1, (3, 2), [[3, 2]])
     assert found.score == pytest.approx(0.7)

@@ -18,7 +18,7 @@ def test_position_inverts_the_projection():
     np.testing.assert_allclose(found, places, atol=1e-12)
 
 
-def test_depth_of_another_resolution():
+def test_depth_may_have_another_resolution():
     depth = np.arange(1, 13, dtype=np.float32).reshape(3, 4)
     found = pixel_position(CAMERA, np.eye(4), (63, 47), depth)
     assert found[2] == 12.0

@@ -24,7 +24,7 @@ def texts() -> Texts:
 
 
 @pytest.mark.parametrize("temperature, expected", [(10.0, 0.62246), (1.0, 0.51250)])
-def test_reference_values(temperature, expected):
+def test_relevancy_has_its_known_values(temperature, expected):
     feature = torch.tensor([1.0, 0.0])
     query = torch.tensor([[0.30, 0.0]])
     canonical = torch.tensor([[0.25, 0.0], [0.20, 0.0], [0.22, 0.0], [0.18, 0.0]])

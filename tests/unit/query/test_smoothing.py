@@ -1,4 +1,4 @@
-"""Box filter, majority, and what stands where nothing is seen."""
+"""Box filter, majority filter, and the values of pixels that show nothing."""
 
 import cv2
 import numpy as np

@@ -29,7 +29,7 @@ def test_words_are_taken_as_they_are(clip):
     torch.testing.assert_close(encode_phrases(clip, ["tea kettle"]), expected, rtol=1e-5, atol=1e-6)
 
 
-def test_queries_with_their_canonical_phrases(clip):
+def test_queries_are_encoded_with_their_canonical_phrases(clip):
     texts = encode_texts(clip, ["couch", "cup"], CANONICAL)
     assert texts.phrases == ("couch", "cup") and texts.queries.shape[0] == 2 and texts.canonical.shape[0] == 4
     assert encode_texts(clip, [], CANONICAL).phrases == ()

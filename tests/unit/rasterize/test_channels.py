@@ -26,7 +26,7 @@ def test_a_quaternion_of_length_zero_makes_a_gaussian_unusable():
     assert usable_gaussians(quats).tolist() == [False, False, True]
 
 
-def test_camera_centers():
+def test_camera_centers_invert_the_view_matrices():
     poses = make_pose(
         Rotation.random(6, rng=np.random.default_rng(0)).as_matrix(), np.arange(18.0).reshape(6, 3)
     )
@@ -38,7 +38,7 @@ def test_camera_centers():
     ("mode", "expected"),
     [("RGB", [1, 2, 3]), ("D", [4]), ("ED", [4]), ("RGB+D", [1, 2, 3, 4]), ("RGB+ED", [1, 2, 3, 4])],
 )
-def test_order_of_channels(mode, expected):
+def test_channels_are_colors_features_depth(mode, expected):
     colors, features, depths = torch.tensor([[1.0, 2.0]]), torch.tensor([[3.0]]), torch.tensor([4.0])
     assert stack_channels(colors, features, depths, mode).tolist() == [expected]
     per_camera = stack_channels(colors.expand(5, 1, 2), features, depths.expand(5, 1), mode)

@@ -94,7 +94,7 @@ def test_invalid_shapes_are_rejected(refused, words):
         check(Arguments(**arguments(**refused)))
 
 
-def test_modes():
+def test_each_render_mode_has_its_channels():
     modes = ("RGB", "D", "ED", "RGB+D", "RGB+ED")
     assert [shows_colors(mode) for mode in modes] == [True, False, False, True, True]
     assert [shows_depth(mode) for mode in modes] == [False, True, True, True, True]

@@ -115,7 +115,7 @@ def test_cpu_kernels_agree_with_float64(seed, options):
 
 
 @pytest.mark.parametrize("render_mode", ["RGB", "D", "ED", "RGB+D"])
-def test_two_cameras_in_every_mode(render_mode):
+def test_two_cameras_agree_with_float64_in_every_mode(render_mode):
     values = scene(11, cameras=2) | {"colors": scene(12)["features"][:, :4]}
     values["backgrounds"] = torch.rand(2, 9, dtype=torch.float64)
     options = {"render_mode": render_mode}
@@ -130,7 +130,7 @@ def test_two_cameras_in_every_mode(render_mode):
 
 
 @pytest.mark.parametrize("features", [0, 1, 10, 13, 14, 30, 61])
-def test_any_number_of_channels(features):
+def test_any_number_of_channels_agrees_with_float64(features):
     values = scene(3, count=150, features=features)
     if features == 0:
         del values["features"]

@@ -131,7 +131,7 @@ def test_options_pass_through_and_gsplat_s_traps_are_avoided():
 
 
 @pytest.mark.parametrize(("features", "mode", "chunk"), [(29, "RGB+D", 33), (29, "RGB", 32), (60, "RGB", 33)])
-def test_channels_in_one_pass(features, mode, chunk):
+def test_all_channels_are_rendered_in_one_pass(features, mode, chunk):
     double, inputs = GsplatDouble(), scene(False, torch.float32)
     inputs |= {"features": torch.rand(12, features), "backgrounds": None}
     cuda.render(double, Arguments(**inputs, **SIZE, render_mode=mode))

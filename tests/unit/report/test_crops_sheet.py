@@ -22,7 +22,7 @@ SIZE, CHANNELS = 24, 12
 
 
 def scene(folder, frames: int, instances: int, every_outlier: int, norm: str = "element"):
-    """Each instance is in every frame; every so manieth view shows something else, the more the later it is."""
+    """Each instance is in every frame; one view in ``every_outlier`` shows something else, later ones more so."""
     rng = np.random.default_rng(0)
     views = frames * instances
     labels = np.full((frames, 2, SIZE, SIZE), -1, np.int32)
@@ -107,7 +107,7 @@ def test_features_of_other_views_are_rejected(tmp_path):
 
 
 def table(counts: list[int], outliers: dict[int, list[int]], meaning: list[int] | None = None) -> Table:
-    """Of each instance so many views, which of them are outliers, and which of the axes it means."""
+    """``counts`` views of each instance; outliers by instance; and the axis that each instance means."""
     count = len(counts)
     instance = np.repeat(np.arange(count, dtype=np.int32), counts)
     place = np.concatenate([np.arange(number, dtype=np.int32) for number in counts])
@@ -118,7 +118,7 @@ def table(counts: list[int], outliers: dict[int, list[int]], meaning: list[int] 
 
 
 def move(some: Table, instance: int, to: int, by: int = 0) -> Table:
-    """Lay the boxes of an instance on those of another one, moved by so many pixels of five."""
+    """Lay the boxes of an instance on those of another one, moved by ``by`` of their 5 pixels."""
     some.box[some.rows(instance)] = some.box[some.rows(to)][: len(some.rows(instance))] + [by, 0, by, 0]
     return some
 
@@ -147,7 +147,7 @@ def test_those_with_most_outliers_come_last_and_not_twice():
 
 
 @pytest.mark.parametrize("by, share", [(0, 1.0), (5, 0.0), (1, 20 / 30)])
-def test_overlap_of_boxes(by, share):
+def test_overlap_is_the_iou_of_the_boxes(by, share):
     assert overlap(move(table([4, 4], {}), 1, 0, by), 0, 1) == pytest.approx(share)
 
 

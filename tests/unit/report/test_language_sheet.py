@@ -67,7 +67,7 @@ def test_mismatched_artifacts_are_rejected(tmp_path):
 
 
 def codes(count: int, *scales: float) -> np.ndarray:
-    """(count, 1, C) float32, of such standard deviations along the axes."""
+    """(count, 1, C) float32 with standard deviations ``scales`` along the axes."""
     rng = np.random.default_rng(0)
     return (rng.normal(size=(count, 1, len(scales))) * scales + 7.0).astype(np.float32)
 

@@ -128,7 +128,7 @@ def test_small_and_thin_regions_are_merged_into_similar_neighbours():
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (2, 3), (8, 8), (37, 61), (200, 5)])
-def test_odd_and_tiny_pictures(shape):
+def test_odd_and_tiny_pictures_are_segmented(shape):
     image = np.random.default_rng(6).integers(0, 256, (*shape, 3), dtype=np.uint8)
     levels = segment(image, everywhere(image), OPTIONS)
     assert levels.shape == (3, *shape) and levels.min() == 0

@@ -76,7 +76,7 @@ def test_box_nms_ranks_by_score():
 
 
 @pytest.mark.parametrize("count", [0, 1])
-def test_nms_of_no_mask_and_one_mask(count):
+def test_nms_keeps_no_mask_and_one_mask(count):
     masks, scores = squares(*[(0, 0, 5, 5)] * count), torch.full((count,), 0.9)
     assert mask_nms(masks, scores, **LIMITS).tolist() == [True] * count
     assert len(box_nms(masks, scores, 0.7)) == count

@@ -15,7 +15,7 @@ from tests.support.scenes import camera_facts, put_scene
 SIZE = 160
 CAMERA = Camera(SIZE, SIZE, 120.0, 120.0, SIZE / 2, SIZE / 2)
 WALL, BOARD, OBJECT = 4.0, 2.0, 1.5
-"""Depths [m]. The board is 0.8 m wide and stands on the left, the object is 0.5 m wide."""
+"""Depths [m]. The board is 0.8 m wide and on the left, the object is 0.5 m wide."""
 
 
 def texture(side: int, seed: int) -> np.ndarray:

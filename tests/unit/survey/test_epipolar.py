@@ -43,7 +43,7 @@ def test_static_points_stay_on_their_segment(seed):
     assert visible.sum() > 300 and missed[visible].max() < 1e-9
 
 
-def test_distance_of_flow_across_and_against_the_segment():
+def test_flow_is_compared_with_its_nearest_point_on_the_segment():
     first, second = np.eye(4), make_pose(np.eye(3), np.array([0.1, 0.0, 0.0]))
     towards = find_epipole(CAMERA.matrix, first, second)
     pixel = np.array([100.0, 80.0])

@@ -153,7 +153,7 @@ def test_the_threshold_decides_whether_a_scene_is_static():
 
 
 @pytest.mark.parametrize("step, moves", [(0.0, False), (0.05, True)])
-def test_motion_of_a_recording(room, scene, step, moves):
+def test_a_recording_moves_where_an_object_does(room, scene, step, moves):
     trajectory = [room.pose(x=0.08 * frame, yaw=3.0 * frame) for frame in range(5)]
     folder = scene(
         trajectory, [room.image(pose, (0.2, -0.4 + step * k)) for k, pose in enumerate(trajectory)]

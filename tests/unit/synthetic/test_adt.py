@@ -162,7 +162,7 @@ def test_the_folder_is_complete(provider):
     assert [name for name in has if not getattr(provider, name)()] == ["has_synthetic_images"]
 
 
-def test_metadata(folder):
+def test_metadata_names_a_synthetic_origin_and_one_skeleton(folder):
     paths = AriaDigitalTwinDataPathsProvider(str(folder))
     assert paths.get_num_skeletons() == 1
     assert not paths.is_multi_person()
@@ -170,7 +170,7 @@ def test_metadata(folder):
     assert json.loads((folder / "metadata.json").read_text())["origin"] == "synthetic"
 
 
-def test_pictures(provider):
+def test_pictures_exposures_and_gains_are_read_back(provider):
     captures = provider.get_aria_device_capture_timestamps_ns(RGB)
     assert captures == [make_frame(number).capture_ns for number in range(COUNT)]
     for number, capture_ns in enumerate(captures):
@@ -183,7 +183,7 @@ def test_pictures(provider):
         assert (record.exposure_duration, record.gain) == (frame.exposure_s, frame.gain)
 
 
-def test_calibration(provider):
+def test_the_calibration_is_read_back(provider):
     found, expected = provider.get_aria_camera_calibration(RGB), camera_calibration(SIZE)
     assert found.get_image_size().tolist() == [SIZE, SIZE]
     assert found.get_valid_radius() == expected.get_valid_radius()
@@ -227,7 +227,7 @@ def test_instances_are_read_with_their_categories(provider):
         assert found.rigidity_type == (RigidityType.DEFORMABLE if human else RigidityType.RIGID)
 
 
-def test_object_poses_and_boxes(provider):
+def test_object_poses_and_3d_boxes_are_read_back(provider):
     static = make_sequence().world_from_static
     for frame in map(make_frame, range(COUNT)):
         found = provider.get_object_3d_boundingboxes_by_timestamp_ns(frame.capture_ns)
@@ -240,7 +240,7 @@ def test_object_poses_and_boxes(provider):
             assert box.aabb.tolist() == bounds.T.ravel().tolist()  # xmin, xmax, ymin, ...
 
 
-def test_2d_boxes(provider, people):
+def test_2d_boxes_surround_the_pixels_of_their_object(provider, people):
     for frame in map(make_frame, range(COUNT)):
         view = frame.with_people if people else frame.without_people
         boxes = provider.get_object_2d_boundingboxes_by_timestamp_ns(frame.capture_ns, RGB).data()
@@ -252,7 +252,7 @@ def test_2d_boxes(provider, people):
             assert box.visibility_ratio == pytest.approx(view.visibility[uid], rel=1e-6)
 
 
-def test_skeletons(provider):
+def test_skeletons_are_read_back(provider):
     for frame in map(make_frame, range(COUNT)):
         found = provider.get_skeleton_by_timestamp_ns(frame.capture_ns, PERSON)
         assert found.dt_ns() == ground_truth_ns(frame.capture_ns) - frame.capture_ns
@@ -265,7 +265,7 @@ def test_eye_gaze_is_straight_ahead(provider):
     assert (found.data().yaw, found.data().pitch) == (0.0, 0.0)
 
 
-def test_trajectory_of_the_provider(provider):
+def test_the_ground_truth_trajectory_is_the_motion_of_the_device(provider):
     sequence = make_sequence()
     assert 0 <= provider.get_start_time_ns() - sequence.start_ns < 1000
     assert 0 <= sequence.end_ns - provider.get_end_time_ns() < 1000
@@ -293,7 +293,7 @@ def test_ground_truth_has_adts_rate_at_any_frame_rate(tmp_path):
     assert 0 < np.diff(times_s).min() and 0.033 < np.diff(times_s).max() < 0.0334
 
 
-def test_trajectory_of_mps(folder):
+def test_the_mps_trajectory_is_the_motion_of_the_device(folder):
     rows = mps.read_closed_loop_trajectory(str(folder / "mps/slam/closed_loop_trajectory.csv"))
     times_ns = np.array([round(row.tracking_timestamp.total_seconds() * 1e6) for row in rows]) * 1000
     assert 0 < np.diff(times_ns).min() and np.diff(times_ns).max() == 1_000_000
@@ -323,7 +323,7 @@ def test_velocities_are_in_the_device_frame():
     np.testing.assert_allclose(np.einsum("nij,nj->ni", rotation, linear), [forward] * len(linear), atol=2e-3)
 
 
-def test_points(folder):
+def test_points_and_their_uncertainties_are_read_back(folder):
     sequence = make_sequence()
     points = mps.read_global_point_cloud(str(folder / "mps/slam/semidense_points.csv.gz"))
     found = np.array([point.position_world for point in points])

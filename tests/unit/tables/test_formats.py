@@ -100,7 +100,7 @@ def test_html_rows_have_as_many_cells_as_columns(table):
         assert line.count("<td") == len(table.components) + len(table.columns)
 
 
-def test_markdown(table):
+def test_markdown_shows_ranks_notes_and_intervals(table):
     text = to_markdown(table)
     assert "| ✓ |  | LERF | **67.5**<sup>a</sup> | 0.0 |" in text
     assert "average of 2 of 3 scenes | 40.0 (30.0–52.0) | *12.3* (10.0–15.0) (of 1) |" in text
@@ -123,7 +123,7 @@ def test_markdown_escapes(special):
     assert escaped in (f"a\\{special}b", {"<": "a&lt;b", ">": "a&gt;b", "&": "a&amp;b"}.get(special))
 
 
-def test_latex(table):
+def test_latex_shows_ranks_and_notes(table):
     text = to_latex(table)
     assert r"\checkmark &  & LERF & \textcolor[rgb]{1,0,0}{\textbf{67.5}}\textsuperscript{a} & 0.0 \\" in text
     assert r"\textcolor[rgb]{0,.502,.502}{\textbf{12.3}} (of 1) \\" in text
@@ -145,7 +145,7 @@ def test_latex_names_characters_without_an_escape(special):
     assert re.fullmatch(r"a\\text[a-z]+\{\}b", latex(f"a{special}b"))
 
 
-def test_csv(table):
+def test_csv_holds_every_number_of_a_cell(table):
     found = pd.read_csv(io.StringIO(to_csv(table)))
     assert len(found) == 6 and list(found["kind"].unique()) == ["printed", "synthetic"]
     first = found[found.method == HOSTILE].iloc[0]

@@ -77,7 +77,9 @@ def truth_of(crops: Crops, phrase: str) -> list[int]:
         ("wooden", [0, 0, -1, 0, 0]),
     ],
 )
-def test_truth_of_statements(crops: Crops, phrase: str, truth: list[int]) -> None:
+def test_statements_are_true_false_or_undecided_of_a_crop(
+    crops: Crops, phrase: str, truth: list[int]
+) -> None:
     got = truth_of(crops, phrase)
     if phrase == "red":
         # Two colours with equal fractions: neither dominates, so both may be in a caption, and blue is not false.

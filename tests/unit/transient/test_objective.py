@@ -18,7 +18,7 @@ def make(**changes: object) -> InitialObjective:
 
 
 def steps(objective: InitialObjective, views, count: int, offset: float = 0.3) -> list[float]:
-    """The losses of so many steps against renders that are ``offset`` off."""
+    """The losses of ``count`` steps against renders that are ``offset`` off."""
     losses = []
     for number in range(count):
         image = (views.picture(number % len(views)) + offset).requires_grad_()

@@ -7,7 +7,7 @@ from egosplat.transient.masks_stage import InstanceScores, refined_mask, transie
 
 
 def frame(pixels: int) -> np.ndarray:
-    """(1, 1, 40) labels in which instance 0 has so many pixels."""
+    """(1, 1, 40) labels in which instance 0 has ``pixels`` pixels."""
     labels = np.full((1, 1, 40), -1, np.int32)
     labels[..., :pixels] = 0
     return labels

@@ -89,7 +89,7 @@ def double(values: object) -> Tensor:
     return torch.as_tensor(np.asarray(values, dtype=np.float64))
 
 
-def test_profile_of_one_gaussian():
+def test_one_gaussian_has_the_profile_of_its_projection():
     image, alpha, meta = one()
     variance = (15.0 * 0.3 / 2.0) ** 2 + 0.3
     rows, columns = torch.meshgrid(torch.arange(HEIGHT) - 8.0, torch.arange(WIDTH) - 9.0, indexing="ij")
@@ -102,7 +102,7 @@ def test_profile_of_one_gaussian():
     assert (meta["width"], meta["height"], meta["n_cameras"]) == (WIDTH, HEIGHT, 1)
 
 
-def test_depth_modes():
+def test_depth_is_accumulated_or_divided_by_alpha():
     background = [[1.0, 1.0, 1.0]]
     accumulated, alpha, _ = one(render_mode="D", backgrounds=background)
     torch.testing.assert_close(accumulated, 2.0 * alpha)
