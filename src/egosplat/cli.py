@@ -20,7 +20,7 @@ from egosplat.pipeline.stages import STAGES, path_help, run_stage
 from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml
 from egosplat.pipeline.validation import LARGEST_INTEGER
 
-# Half of the longest message about a flag [characters].
+# Half of the longest message about a flag [characters]; a value may be a whole file.
 _LONGEST = 500
 
 ARTIFACT = click.Path(path_type=Path)
@@ -90,13 +90,14 @@ class OrWord(click.ParamType):
 
 
 class Commands(click.Group):
-    """Sub-commands that are built only when they are called, so that ``--help`` imports no stage."""
+    """Sub-commands that are built only when they are called."""
 
     def list_commands(self, context: click.Context) -> list[str]:
         others = sorted([*super().list_commands(context), "query"])
         return [*(name.replace("_", "-") for name in STAGES), *others]
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
+        # Built on demand, so that ``--help`` imports neither PyTorch nor a stage.
         if name == "query":
             return query_command()
         stage = name.replace("-", "_")

@@ -1,8 +1,4 @@
-"""Atomic files and directories, and JSON files.
-
-A writer works under a hidden name next to the final path and renames into place when everything is written. A killed
-writer leaves only the hidden name, which the next writer of the same path removes.
-"""
+"""Atomic files and directories, and JSON files."""
 
 import contextlib
 import fcntl
@@ -118,6 +114,8 @@ def _begin(path: Path) -> Path:
 
 
 def _beside(path: Path) -> Path:
+    # Next to the final path, because a rename works within one file system only. A killed writer leaves this hidden
+    # name, which the next writer of the same path removes.
     return path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.tmp")
 
 
@@ -146,12 +144,14 @@ def _locked(scratch: Path) -> Iterator[None]:
 def _sweep(path: Path) -> None:
     """Remove the scratch files and directories of killed writers of ``path``."""
     for left in path.parent.glob(f".{path.name}.????????.tmp"):
+        # A lock that cannot be taken is held by a writer that still runs.
         with contextlib.suppress(OSError), _locked(left):
             shutil.rmtree(left) if left.is_dir() else left.unlink()
 
 
 def _sync(root: Path) -> None:
-    """Flush files, then directories, to the disk, so that a rename never reaches it before its bytes."""
+    """Flush files, then directories, to the disk."""
+    # Otherwise a rename may reach the disk before the bytes, and a power failure leaves an empty file.
     for folder, _, files in os.walk(root, topdown=False):
         for entry in [*(os.path.join(folder, name) for name in files), folder]:
             _sync_one(entry)
@@ -166,13 +166,11 @@ def _sync_one(path: str | Path) -> None:
 
 
 def _publish(scratch: Path, path: Path) -> None:
-    """Rename into place. An existing ``path`` is moved away first, so ``path`` is complete or absent at any moment.
-
-    A symbolic link is replaced itself; its target stays.
-    """
+    """Rename into place. A symbolic link is replaced itself; its target stays."""
     if not os.path.lexists(path):
         os.rename(scratch, path)
         return
+    # A directory cannot be replaced by a rename. It is moved away first, so ``path`` is complete or absent at any moment.
     aside = _beside(path)
     os.rename(path, aside)
     os.rename(scratch, path)

@@ -1,7 +1,4 @@
-"""Files that commands write under names that a user gives: which names are accepted, and what is never replaced.
-
-Every kind of file carries a mark that tells which command wrote it. A command replaces only files with its own mark.
-"""
+"""Files that commands write under names that a user gives. A command replaces only files with its own mark."""
 
 import contextlib
 import json
@@ -118,6 +115,7 @@ def _check_replaceable(path: Path, kind: FileKind) -> None:
         raise UserError(
             f"{path}: {kind.command} writes {kind.suffix} files; give --output a name that ends so"
         )
+    # ``lstat``: a link is not followed, because its target may be anyone's file.
     try:
         status = path.lstat()
     except FileNotFoundError:
@@ -126,6 +124,7 @@ def _check_replaceable(path: Path, kind: FileKind) -> None:
         raise UserError(f"{path}: a file is there where a folder is needed; give another --output") from None
     if not stat.S_ISREG(status.st_mode):
         raise UserError(f"{path}: is {_what(path, status.st_mode)}; give --output the name of a regular file")
+    # An empty file holds nothing that could be lost.
     if status.st_size and not kind.is_own(path):
         raise UserError(
             f"{path}: is there already and was not written by this version of {kind.command}; "

@@ -1,9 +1,7 @@
 """Content hash of the code that a stage executes.
 
 Snakemake cannot see code changes behind a command line, so each rule has this hash among its parameters. ``code_hash``
-follows the imports from a stage's module inside the package and hashes each module's syntax tree. Comments, docstrings
-and layout do not count; any change of executed code does. C++ sources in the folder ``source`` of a reached package and
-the versions of the stage's libraries count too.
+follows the imports from a stage's module inside the package and hashes each module's syntax tree.
 """
 
 import ast
@@ -46,19 +44,19 @@ def code_hash(module: str, libraries: tuple[str, ...] = ()) -> str:
     """
     digest = hashlib.sha256()
     for name, path in modules_of(module).items():
+        # The tree has neither comments nor layout; ``_canonical`` leaves out docstrings.
         digest.update(f"{name}\0{_tree_hash(path)}\0".encode())
+        # Compiled kernels are executed code, too.
         if path.name == "__init__.py" and (sources := path.parent / "source").is_dir():
             digest.update(f"{name}/source\0{_sources_hash(sources)}\0".encode())
+    # A library may change a result without any change of our code.
     for library in sorted(libraries):
         digest.update(f"{library}=={metadata.version(library)}\0".encode())
     return digest.hexdigest()[:16]
 
 
 def modules_of(module: str) -> dict[str, Path]:
-    """Name and path of every module of the package that ``module`` reaches by imports, sorted by name.
-
-    Imports inside functions count. Parent packages count, because importing a module runs them.
-    """
+    """Name and path of every module of the package that ``module`` reaches by imports, sorted by name."""
     root = module.partition(".")[0]
     found: dict[str, Path] = {}
     todo = [module]
@@ -70,6 +68,7 @@ def modules_of(module: str) -> dict[str, Path]:
             continue
         found[name] = path
         todo.extend(_imports(name, path))
+        # Importing a module runs its parent packages.
         todo.extend(name.rsplit(".", level)[0] for level in range(1, name.count(".") + 1))
     return dict(sorted(found.items()))
 
@@ -100,6 +99,7 @@ def _imports(name: str, path: Path) -> tuple[str, ...]:
 
 def _imported(name: str, path: Path) -> Iterator[str]:
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+    # Imports inside functions count, because the stage executes them.
     for node in _statements(_parse(path)):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -108,6 +108,7 @@ def _imported(name: str, path: Path) -> Iterator[str]:
             if node.level:
                 base = importlib.util.resolve_name("." * node.level + base, package)
             yield base
+            # ``from package import name``: the name may be a module or an object of the package.
             yield from (f"{base}.{alias.name}" for alias in node.names)
 
 

@@ -58,6 +58,7 @@ def _read(text: str, part: Mapping[str, Any]) -> Any:
     kinds = [kinds] if isinstance(kinds, str) else kinds
     if text == "null" and "null" in kinds:
         return None
+    # A key that may be a text keeps it: a file named 5 is not a number.
     if "string" in kinds and re.fullmatch(part.get("pattern", ".*"), text, re.DOTALL):
         return text
     try:
@@ -122,6 +123,7 @@ def resolve(user: Mapping[str, Any], presets: Path) -> Config:
     settings = merge(preset | {"formats": formats}, user)
     resolved = _filled(settings, schema("config"))
     check(resolved, f"preset {path.name}")
+    # Keys of a format are checked in the whole: a value may be valid by itself and not with the others.
     for name in resolved["formats"]:
         check(of_format(resolved, name), f"formats.{name}")
     return resolved

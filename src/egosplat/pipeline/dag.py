@@ -46,6 +46,7 @@ def inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     """Get the stages whose artifacts a stage reads, and the survey if it decides which."""
     always = tuple(name for name in STAGES[stage].inputs if name in STAGES)
     found = always + optional_inputs_of(stage, config)
+    # Snakemake must run the survey before it knows whether the stage needs masks.
     by_survey = "masks" in STAGES[stage].optional and masks_by_survey(config) and "survey" not in found
     return (*found, "survey") if by_survey else found
 
@@ -62,6 +63,7 @@ def training_frames(stage: str, config: Config, survey: Survey) -> str:
     if not leaves_frames_out(config):
         return ALL_FRAMES
     masking = decided(config, survey)["splats"]["masking"]
+    # In a static scene the Gaussians train on all frames: another list of frames changes nothing.
     if stage == "splats" and gaussians_use_all_frames(survey, masking):
         return ALL_FRAMES
     return survey["views"]["digest"]

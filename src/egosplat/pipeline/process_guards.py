@@ -28,11 +28,13 @@ def _watch(process: int) -> None:
     while _alive(process):
         time.sleep(_POLL_S)
     log("Snakemake ended, so this stage ends too; the same command continues from here")
+    # Not ``sys.exit``, which in a thread ends only the thread.
     os._exit(1)
 
 
 def _alive(process: int) -> bool:
     try:
+        # Signal 0 is not sent; only the process id is checked.
         os.kill(process, 0)
     except ProcessLookupError:
         return False
@@ -41,6 +43,7 @@ def _alive(process: int) -> bool:
     return True
 
 
+# File descriptors that stay open until the process ends, and with them their locks.
 _HELD: list[int] = []
 
 
@@ -64,6 +67,7 @@ def clear_stale_locks(folder: Path) -> bool:
     if stale:
         shutil.rmtree(locks)
         locks.mkdir()
+    # A shared lock: several runs may be alive, and each keeps the others from clearing the locks.
     _taken(handle, fcntl.LOCK_SH)
     return stale
 

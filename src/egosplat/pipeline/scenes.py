@@ -134,6 +134,7 @@ def requested_targets(words: Iterable[str]) -> list[Target]:
 def _rows(path: Path) -> list[tuple[int, dict[str, Any]]]:
     """Read each row with its line number. Blank lines and lines that begin with # are skipped."""
     try:
+        # Spreadsheets write a byte order mark, which "utf-8-sig" skips.
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file, delimiter="\t", strict=True)
             lines = [(reader.line_num, cells) for cells in reader if _is_row(cells)]
@@ -144,6 +145,7 @@ def _rows(path: Path) -> list[tuple[int, dict[str, Any]]]:
     expected = list(configuration.schema("scenes")["properties"])
     header = lines[0][1] if lines else []
     if header != expected:
+        # The header of a file that is no table may hold control characters.
         found = ", ".join(header)[:_LONGEST_HEADER].encode("unicode_escape").decode()
         raise UserError(f"{path}: has columns {found}; needs {', '.join(expected)}, tab-separated")
     for number, cells in lines[1:]:

@@ -1,8 +1,4 @@
-"""Variants of a scene: named sets of keys, and the artifacts that they change.
-
-A variant has its own artifact of a stage only if one of its keys changes that stage or an input of it. It shares all other
-artifacts with the scene, or with a variant that it extends.
-"""
+"""Variants of a scene: named sets of keys, and the artifacts that they change."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -26,6 +22,7 @@ def reaches(stage: str, base: Config, variant: Config) -> bool:
     if configuration.stage_values(stage, base) != configuration.stage_values(stage, variant):
         return True
     inputs = inputs_of(stage, variant)
+    # Other inputs, or an input that the variant changes. The graph has no cycles, so this ends.
     return inputs != inputs_of(stage, base) or any(reaches(name, base, variant) for name in inputs)
 
 
@@ -39,6 +36,7 @@ def owner(stage: str, base: Config, name: str, where: str) -> str | None:
         UserError: see ``variant_config``.
     """
     own = variant_config(base, name, where)
+    # A variant has its own artifact only if it differs from the scene's and from those of the variants it extends.
     if not reaches(stage, base, own):
         return None
     for below in _extended(base["variants"], name):

@@ -44,6 +44,7 @@ _LATEX = str.maketrans(
     | {one: f"\\{one}" for one in "{}$&#_%"}
 )
 _MARKDOWN_RANKS = ("%s", "**%s**", "*%s*")
+# The best number is bold red, the second best bold teal.
 _LATEX_RANKS = ("%s", r"\textcolor[rgb]{1,0,0}{\textbf{%s}}", r"\textcolor[rgb]{0,.502,.502}{\textbf{%s}}")
 
 

@@ -45,6 +45,7 @@ def read_picture(path: Path) -> Picture:
     """
     if path.suffix.lower() not in _KINDS:
         raise UserError(f"{path}: is not an image for the page; give {', '.join(_KINDS)}")
+    # Inside the page, so that it can be sent as one file.
     try:
         content = base64.b64encode(path.read_bytes()).decode("ascii")
     except FileNotFoundError:

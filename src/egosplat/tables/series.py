@@ -70,6 +70,7 @@ def find_series(scenes: Sequence[ScoredScene]) -> list[Series]:
         UserError: two files have scores of one scene in one series.
     """
     found: dict[tuple, dict[str, ScoredScene]] = {}
+    # Scores of different data, variants or models must not be averaged.
     for one in scenes:
         key = (one.dataset, one.variant, one.origin, one.untouched, one.method, one.models)
         other = found.setdefault(key, {}).setdefault(one.scene, one)

@@ -33,6 +33,7 @@ def run(metrics: Sequence[Path], output: Path, *, pictures: Sequence[Path]) -> N
             something else.
     """
     kinds = {output / f"{layout.name}{kind.suffix}": kind for layout in LAYOUTS for kind, _ in _FORMATS}
+    # All outputs are checked before the first is written.
     for path, kind in (*kinds.items(), (output / PAGE, HTML)):
         check_output(path, kind)
     scenes = _with_a_place([read_scored_scene(path) for path in metrics])

@@ -153,8 +153,10 @@ def ranked(rows: Sequence[Row]) -> tuple[Row, ...]:
 
 def _ranked(cells: Sequence[Cell]) -> list[Cell]:
     known = [cell for cell in cells if cell.percent is not None]
+    # Averages over different scenes cannot be compared.
     if len(known) < 2 or len({cell.scenes for cell in known}) > 1:
         return list(cells)
+    # Compared as they are printed: equal texts must not have different ranks.
     best = sorted({number(cell.percent) for cell in known}, key=float, reverse=True)[:2]
     ranks = {text: rank for rank, text in enumerate(best, start=1)}
     return [replace(cell, rank=ranks.get(number(cell.percent), 0)) for cell in cells]

@@ -12,12 +12,16 @@ from egosplat.synthetic.world.room import Room
 
 Array = NDArray[np.float64]
 
+# Warm light: more red than blue.
 _LAMP_POWER = np.array([7.5, 6.8, 5.8], dtype=np.float32)
 _SUN_POWER = np.array([5.5, 4.9, 4.0], dtype=np.float32)
 # Stands in for light that has bounced more than once.
 _AMBIENT = np.array([0.3, 0.29, 0.28], dtype=np.float32)
+# Rays of a vertex; ``_smoothed`` averages over its neighbours, too.
 _BAKE_RAYS = 40
+# Vertices at a time, which bounds the memory.
 _CHUNK = 16_000
+# Rays start this far from the surface, so that it does not shadow itself.
 _OFF_SURFACE_M = 0.004
 
 
@@ -36,7 +40,6 @@ class Lights:
 
     def direct(self, scenes: list[RayScene], points: Floats, normals: Floats) -> Floats:
         """(N, 3) irradiance from lamp and sun, with shadows, at (N, 3) points with (N, 3) unit normals."""
-        # Rays start a little above the surface, so that it does not shadow itself.
         origins = points + _OFF_SURFACE_M * normals
         way = self.lamp - origins
         distance = np.linalg.norm(way, axis=1)

@@ -14,10 +14,13 @@ from egosplat.synthetic.world.room import Room, corridor_bounds
 
 Array = NDArray[np.float64]
 
+# Side of a cell of the grid.
 _CELL_M = 0.06
 # Distance that the middle of a walking person keeps from every obstacle.
 _BODY_M = 0.27
+# Objects above this height do not block a walking person.
 _HEAD_ROOM_M = 1.95
+# The grid extends beyond the room, to hold the corridor.
 _MARGIN_M = 1.8
 
 
@@ -125,6 +128,7 @@ def floor_plan(layout: Layout) -> FloorPlan:
         if lower[1] < _HEAD_ROOM_M:
             free &= ~((grid > lower[[0, 2]]) & (grid < upper[[0, 2]])).all(axis=-1)
     clearance = ndimage.distance_transform_edt(free) * _CELL_M
+    # Clearance is measured from the body's axis.
     standing = clearance > _BODY_M
     inside = _largest(standing & in_room)
     labels, _ = ndimage.label(standing)

@@ -15,6 +15,7 @@ from egosplat.synthetic.world.room import Room, opening_box
 
 Array = NDArray[np.float64]
 
+# Random places tried for an object before it is left out.
 _TRIES = 60
 
 _GAP_M = 0.03
@@ -66,6 +67,7 @@ class Layout:
             or bounds[1, 1] > self.room.height - 0.05
         ):
             return False
+        # Boxes stand in for shapes.
         others = [thing.bounds for thing in self.placed if thing.number not in ignore]
         return not any(boxes_touch(bounds, other, 0.01) for other in others)
 

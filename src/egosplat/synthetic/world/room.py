@@ -11,9 +11,10 @@ Array = NDArray[np.float64]
 
 CORRIDOR_DEPTH_M, CORRIDOR_WIDTH_M = 1.3, 3.0
 
-# Thickness of the walls, visible in openings.
+# Thickness of the walls, visible in doors and windows.
 REVEAL_M = 0.12
 
+# Free depth before the door, so that people can walk in.
 _DOOR_CLEAR_M = 1.0
 _UP = np.array([0.0, 1.0, 0.0])
 

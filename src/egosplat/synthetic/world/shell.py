@@ -20,6 +20,7 @@ from egosplat.synthetic.objects.textures import (
 from egosplat.synthetic.world.openings import block, reveal, window_parts
 from egosplat.synthetic.world.room import REVEAL_M, Opening, Room, corridor_bounds
 
+# Height of the corridor.
 _HEIGHT_M = 2.3
 
 
@@ -140,7 +141,8 @@ def _rug(room: Room, rng: Rng) -> Part:
 
 
 def _ceiling(room: Room, rng: Rng) -> Part:
-    """Plaster with a faint painted pattern, so that its features can be matched between views."""
+    """Plaster with a faint painted pattern."""
+    # COLMAP needs features on the ceiling that can be matched between views.
     w, d = room.width, room.depth
     white = (0.9, 0.88, 0.84)
     tints = [(0.84, 0.81, 0.76), (0.86, 0.83, 0.8), (0.78, 0.76, 0.73)]
@@ -175,6 +177,7 @@ def _walls(room: Room, rng: Rng) -> list[Part]:
     for wall in range(4):
         paper = int(rng.random() < 0.5)
         length = room.length(wall)
+        # A new picture for each wall: repeated patterns would give wrong matches.
         picture = motifs(
             rng, grounds[paper], inks[paper], (512, 1024), 11_000 // sizes[paper][1], sizes[paper]
         )
