@@ -29,6 +29,7 @@ def examine(files: Sequence[Path], options: Sequence[str]) -> list[Finding]:
         UserError: the configuration itself is wrong.
     """
     config, sources = read_configuration(files, options)
+    # A wrong configuration ends here; every later problem is a finding, so that one call shows all of them.
     origin = ", ".join(sources) or "defaults; there is no config/config.yaml here"
     findings = [Finding(Mark.OK, "configuration", f"preset {config['preset']} ({origin})")]
     findings += [*machine_findings(config), *model_findings(config)]
@@ -124,6 +125,7 @@ def estimate(
 
     def of_stage(stage: str) -> float | None:
         law = law_of(stage, config, colmap=config["poses"]["method"] == "colmap")
+        # Nothing was measured on a GPU, nor with the published models: no time is better than a guess.
         if is_assumed(law, CPU) or (stage in _MODELS and models_on != "cpu"):
             return None
         if stage in _RENDERS and not measured:

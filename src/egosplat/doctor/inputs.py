@@ -49,6 +49,7 @@ def plan_notices(scenes: Mapping[tuple[str, str], Scene], targets: Sequence[Targ
         scenes: all of the table, by dataset and name.
         targets: below ``results``; empty for every scene.
     """
+    # One line per warning, not per scene: all scenes of a dataset usually share it.
     found: dict[str, list[str]] = {}
     for name, warning in _scene_warnings(scenes, targets):
         if warning is not None and name not in found.setdefault(warning, []):

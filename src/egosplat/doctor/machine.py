@@ -31,6 +31,7 @@ def machine_findings(config: Config) -> Iterator[Finding]:
     yield _compiler()
     yield _kernels(config)
     yield _ray_caster()
+    # The cores that this process may use: a container or a batch job may have fewer than the machine.
     yield Finding(Mark.OK, "cores", str(len(os.sched_getaffinity(0))))
     yield _memory()
     yield _disk()

@@ -120,6 +120,7 @@ def find_asked_queries(
     annotations: Artifact, valid: Mask, options: BenchmarkQueries, frames: Sequence[Frame]
 ) -> list[Query]:
     """The queries of the frames with a pose, see ``find_queries``."""
+    # Without a pose there is no view to render, which is no fault of the answer.
     asked = {frame.row for frame in frames if frame.asked}
     return [query for query in find_queries(annotations, valid, options) if query.row in asked]
 

@@ -62,6 +62,7 @@ class MethodMetricsOptions(BenchmarkQueries, IntervalOptions):
     @property
     def query(self) -> QueryOptions:
         """The options that read the maps."""
+        # The other options of LangSplat's protocol are not used: the relevancy is given.
         return replace(
             LANGSPLAT,
             box_filter=self.box_filter,

@@ -65,10 +65,8 @@ class Chance:
 
 
 def pooled(samples: Sequence[Sample]) -> Chance:
-    """Pool the variance within all points, as in analysis of variance.
-
-    A few runs per point give a usable variance only together; this assumes about the same variance in all points.
-    """
+    """Pool the variance within all points, as in analysis of variance."""
+    # A few runs per point give a usable variance only together. This assumes about the same variance in all points.
     shares = [one for one in samples if one.step]
     # Equal continuous samples, such as the PSNR of points that share their Gaussians, are the same runs: they count once.
     known = shares + list(dict.fromkeys(one for one in samples if not one.step))
@@ -98,6 +96,7 @@ def front(points: Sequence[tuple[float, float]]) -> list[int]:
 
     A point is on the front if every other point is more expensive, less good, or equal in both.
     """
+    # By increasing cost, a point is on the front if it gains more than all cheaper ones.
     order = sorted(range(len(points)), key=lambda index: (points[index][0], -points[index][1]))
     found: list[int] = []
     for index in order:

@@ -75,6 +75,7 @@ class Run:
         if measure in (ACCURACY, MEAN_IOU):
             return document["scores"]["all"][measure.name]
         values = [costs[measure.name] for stage, costs in self.stages.items() if stage not in EVALUATION]
+        # A sum without one of its parts would be too small, without a word.
         if None in values:
             return None
         return max(values) if measure.name.startswith("peak") else sum(values)
@@ -160,6 +161,7 @@ def read_points(points: Sequence[Mapping[str, Any]]) -> list[MeasuredPoint]:
 
 def chances(points: Sequence[MeasuredPoint]) -> dict[Measure, Chance]:
     """Pooled chance of all points, by measure; for costs it is that of their logarithms."""
+    # Costs vary in proportion to their size, so their logarithms have about the same variance.
     found = {}
     for measure in MEASURES:
         samples = [sample for point in points if (sample := point.sample(measure))]

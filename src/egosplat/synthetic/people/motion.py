@@ -24,11 +24,15 @@ _UPRIGHT_FROM_SENSOR = invert(CLOCKWISE)
 EYES_M = 1.62
 # Distance of the shoulders behind the camera.
 SHOULDERS_BEHIND_M = 0.15
+# Slowest and fastest walk, and the speed with an object in the hand.
 _SPEEDS_M_S = (0.3, 0.55)
 _CARRYING_M_S = 0.6
+# Length of a walk around the room, which decides the speed in between.
 _TOUR_M = 9.0
+# Fastest turn and nod of the head [rad/s], and the range of its pitch [rad]: a head looks down more than up.
 _TURN_PER_S, _NOD_PER_S = 1.2, 0.8
 _PITCH_RANGE = (-0.95, 0.2)
+# Length of a stride of two steps.
 _STRIDE_M = 1.3
 # The motion is defined this long before and after the recording.
 _LEAD_S = 1.0

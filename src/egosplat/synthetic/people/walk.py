@@ -13,8 +13,11 @@ from egosplat.synthetic.world.floorplan import FloorPlan
 
 Array = NDArray[np.float64]
 
+# Height of the shoulders and length of an arm.
 _SHOULDER_M, _ARM_M = 1.38, 0.5
+# Distance between two places of a route.
 _SPACING_M = 0.03
+# Fastest turn of the body [rad/s].
 _TURN_PER_S = 2.2
 
 
@@ -100,6 +103,7 @@ def make_walk(
     where = np.interp(grid, times, along)
     # The person stands still before the first and after the last of ``times``.
     places = route.at(where)
+    # The direction over half a metre: a single step of the route is too short to have a stable one.
     ahead = route.at(where + 0.25) - route.at(where - 0.25)
     heading = np.arctan2(ahead[:, 0], ahead[:, 1])
     crouch, lean = np.zeros(len(grid)), np.zeros(len(grid))
@@ -112,6 +116,7 @@ def make_walk(
             distance = float(np.linalg.norm(end[[0, 2]] - stand, axis=-1)) + behind_m
             down, forward = _bend_for(distance, float(end[1]))
             crouch, lean = np.maximum(crouch, share * down), np.maximum(lean, share * forward)
+            # The person faces the object while reaching for it.
             near = np.abs(grid - moment) < 0.9
             way = end[[0, 2]] - places[near]
             heading[near] = np.arctan2(way[:, 0], way[:, 1])
