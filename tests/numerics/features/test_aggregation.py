@@ -49,7 +49,7 @@ def test_aggregate_matches_exact_arithmetic(measured, norm, seed, count, width, 
     measured(np.abs(found[0] - exact(rows, norm, k)).max())
 
 
-@pytest.mark.numerics("2 to 1000 identical views: the view itself, none left out", within=2e-14)
+@pytest.mark.numerics("2 to 1000 identical views give that view; all are inliers", within=2e-14)
 @EACH_NORM
 @pytest.mark.parametrize("count", [2, 3, 1000])
 def test_identical_views(measured, norm, count):
@@ -59,7 +59,7 @@ def test_identical_views(measured, norm, count):
     measured(np.abs(found[0] - view[0]).max())
 
 
-@pytest.mark.numerics("one view: the view itself", within=0.0)
+@pytest.mark.numerics("one view gives that view", within=0.0)
 @EACH_NORM
 def test_one_view_is_its_own_aggregate(measured, norm):
     view = views(0, 1, 32)
@@ -71,7 +71,7 @@ def test_one_view_is_its_own_aggregate(measured, norm):
 @pytest.mark.numerics(
     "all views but one identical",
     within=1e-14,
-    outside="the median deviation is 0: what differs at all is left out",
+    outside="the median deviation is 0, so every differing view is an outlier",
 )
 @pytest.mark.parametrize("norm", ["element", "euclidean", "cosine"])
 def test_all_but_one_identical(measured, norm):
@@ -90,7 +90,7 @@ def test_an_instance_without_views_gets_zeros():
 
 
 @pytest.mark.numerics(
-    "features of no length among others", within=1e-14, outside="alone: the consistent feature is 0"
+    "zero features among others", within=1e-14, outside="without others: the consistent feature is 0"
 )
 @EACH_NORM
 def test_views_of_no_length(measured, norm):
@@ -104,7 +104,7 @@ def test_views_of_no_length(measured, norm):
 @pytest.mark.numerics(
     "features that are 0, NaN or infinite, and finite ones of 1e-45 to 3e38",
     within=1e-14,
-    outside="0 and what is not finite are left out before aggregation; all others have a direction",
+    outside="zero and non-finite features are excluded before aggregation; all others have a direction",
 )
 @given(exponent=st.floats(-37, 38))
 def test_which_features_are_usable(measured, exponent):
@@ -118,7 +118,7 @@ def test_which_features_are_usable(measured, exponent):
 
 
 @pytest.mark.numerics(
-    "half-precision views (float16), against the same numbers in extended precision",
+    "float16 views, against the same numbers in extended precision",
     within=1e-14,
     outside="everything is computed in float64",
 )
@@ -140,7 +140,7 @@ def test_the_largest_half_precision(measured, norm):
 
 
 @pytest.mark.numerics(
-    "1 and 1e5 instances of 1 to 3 views each, every 997th against the formula", within=1e-14
+    "1 and 1e5 instances with 1 to 3 views each; every 997th is compared with the formula", within=1e-14
 )
 @EACH_NORM
 @pytest.mark.parametrize("count", [1, 100_000])
@@ -163,9 +163,10 @@ def test_invalid_views_are_rejected(norm, k):
 
 
 @pytest.mark.numerics(
-    "views that cancel: opposite ones, whose mean is rounding",
+    "opposite views, whose mean is rounding error",
     within=1e-7,
-    outside="the instance has its first view's direction; an average with it, the consistent one",
+    outside="the instance takes the direction of its first view; an average that cancels "
+    "takes the consistent feature",
 )
 def test_views_that_cancel(measured):
     first = views(6, 1, 32)

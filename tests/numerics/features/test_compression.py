@@ -41,7 +41,8 @@ def write_view_features(folder: Path, rows: np.ndarray, instance: np.ndarray) ->
 
 
 @pytest.mark.numerics(
-    "linear: as many codes as channels bring every feature back, 20 to 100 of them of length 1e-6 to 1e6",
+    "linear codes with as many channels as the features: 20 to 100 features of length"
+    " 1e-6 to 1e6 are reconstructed",
     within=3e-6,
 )
 @given(seed=st.integers(0, 999), count=st.integers(20, 100), exponent=st.floats(-6, 6))
@@ -53,7 +54,8 @@ def test_a_full_basis_loses_nothing(measured, seed, count, exponent):
 
 
 @pytest.mark.numerics(
-    "linear: 3 codes against the best basis by float64 singular values, squared error", within=1e-6
+    "linear codes with 3 channels: squared error against the best basis by float64 singular values",
+    within=1e-6,
 )
 @given(seed=st.integers(0, 999), count=st.integers(10, 100))
 def test_the_basis_is_the_best(measured, seed, count):
@@ -67,9 +69,9 @@ def test_the_basis_is_the_best(measured, seed, count):
 
 
 @pytest.mark.numerics(
-    "70 identical features, one feature, 70 of no length, and none",
+    "70 identical features, one feature, 70 zero features, and no feature",
     within=2e-7,
-    outside="linear codes are 0 and their mean is decoded; nothing is NaN in any kind",
+    outside="linear codes are 0 and decode to the mean; no kind of code is NaN",
 )
 @KINDS
 @pytest.mark.parametrize(
@@ -96,9 +98,9 @@ def test_a_mean_of_zero(measured):
 
 
 @pytest.mark.numerics(
-    "half-precision features (float16): linear codes against those of the same numbers in float32",
+    "float16 features: linear codes against those of the same numbers in float32",
     within=0.0,
-    outside="the autoencoder takes float32 alone, and says so",
+    outside="the autoencoder accepts only float32, and says so",
 )
 def test_half_precision(measured):
     rows = features(4, 50).astype(np.float16)
@@ -111,7 +113,7 @@ def test_half_precision(measured):
 @pytest.mark.numerics(
     "decoding: codes of 0, of length 1e-30 to 1e15, and beyond float32",
     within=3e-7,
-    outside="a feature that vanishes is 0; codes of which float32 makes infinity are refused where queries are answered",
+    outside="a vanishing feature is 0; queries reject codes that are infinite in float32",
 )
 @given(exponent=st.floats(-30, 15))
 def test_codes_of_any_length(measured, exponent):
@@ -142,7 +144,7 @@ def test_an_autoencoder_that_diverges(monkeypatch):
         fit(features(0, 70), "autoencoder", 3, 2, 0)
 
 
-@pytest.mark.numerics("quality of one instance and of none", outside="no figure (None), rather than NaN")
+@pytest.mark.numerics("quality of one instance and of none", outside="None instead of NaN")
 def test_figures_of_too_few():
     assert spread(features(0, 1)) is None and spread(features(0, 0)) is None
     assert reconstruction(
@@ -151,8 +153,8 @@ def test_figures_of_too_few():
 
 
 @pytest.mark.numerics(
-    "the stage: views of which some are NaN, infinite or 0, identical ones, instances with one view and with none",
-    outside="those views are left out and told; no number of the artifact is NaN",
+    "the stage: some views NaN, infinite, 0 or identical; instances with one view and without views",
+    outside="those views are skipped and logged; the artifact has no NaN",
 )
 @pytest.mark.parametrize("kind", ["none", "linear", "autoencoder"])
 @pytest.mark.parametrize("target", ["average", "consistent", "view"])
@@ -173,7 +175,7 @@ def test_the_stage(tmp_path, capsys, kind, target):
 
 
 @pytest.mark.numerics(
-    "a number that is not finite on its way to the artifact", outside="ValueError, nothing is written"
+    "a non-finite number to be stored in the artifact", outside="ValueError, nothing is written"
 )
 def test_stage_writes_nothing_when_a_value_is_not_finite(tmp_path, monkeypatch):
     monkeypatch.setattr(stage, "usable", lambda rows: np.ones(len(rows), bool))

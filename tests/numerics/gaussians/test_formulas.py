@@ -53,7 +53,7 @@ def test_loss_of_noise(measured, exponent, seed):
 
 
 @pytest.mark.numerics(
-    "loss: a picture of one colour (0 to 1e3) against another, where variances cancel", within=1e-3
+    "loss: a picture of one colour (0 to 1e3) against another colour, where variances cancel", within=1e-3
 )
 @pytest.mark.parametrize("level", [0.0, 1e-3, 0.3, 1.0, 10.0, 1e3])
 def test_loss_of_one_colour(measured, level):
@@ -62,7 +62,9 @@ def test_loss_of_one_colour(measured, level):
 
 
 @pytest.mark.numerics(
-    "loss: a picture that is the photograph, of one colour or of noise", within=1e-6, outside="absolute"
+    "loss: a render equal to the photograph, of one colour or of noise",
+    within=1e-6,
+    outside="the error is absolute",
 )
 @pytest.mark.parametrize("noise", [0.0, 1.0])
 def test_loss_of_equal_pictures(measured, noise):
@@ -83,7 +85,7 @@ def test_loss_of_few_pixels(measured, shape):
 @pytest.mark.numerics(
     "loss: NaN, infinity and 1e9 in render, photograph or weight",
     within=1e-6,
-    outside="as if that pixel weighed 0",
+    outside="as if that pixel had weight 0",
 )
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 10 * LARGEST_VALUE])
 @pytest.mark.parametrize("which", ["render", "target", "weight"])
@@ -109,7 +111,7 @@ def test_loss_of_broken_numbers(measured, value, which):
 @pytest.mark.numerics(
     "Adam: 20 steps with gradients of 1e-18 to 1e17, against float64",
     within=1e-5,
-    outside="below 1e-23 squares vanish in float32",
+    outside="squares below 1e-23 vanish in float32",
 )
 @given(exponent=st.floats(-18, 17), seed=st.integers(0, 99))
 def test_adam(measured, exponent, seed):
@@ -129,7 +131,7 @@ def test_adam(measured, exponent, seed):
 
 @pytest.mark.numerics(
     "Adam: a gradient of NaN, infinity or beyond 1e18 in one of 5 Gaussians",
-    outside="that Gaussian is left out of the step and counted; the others move",
+    outside="the step skips and counts that Gaussian; the others move",
 )
 @pytest.mark.parametrize("value", [math.nan, math.inf, 2 * LARGEST_GRADIENT])
 def test_adam_skips_rows_with_non_finite_gradients(value):
@@ -193,7 +195,7 @@ def test_relocation_at_its_ends():
 
 
 @pytest.mark.numerics(
-    "noise on Gaussians whose scale has run away to 1e30 m or to infinity", outside="none is added to them"
+    "noise on Gaussians with a diverged scale of 1e30 m or infinity", outside="they get no noise"
 )
 def test_noise_leaves_far_away_means_finite():
     gaussians = some(
@@ -230,7 +232,7 @@ def test_resets(measured):
 @pytest.mark.numerics(
     "starting sizes: 2 to 60 points 1e-3 to 1e6 m apart, against extended precision",
     within=1e-6,
-    outside="0.3 mm at least, so also for points in one place; 0.1 m for one alone",
+    outside="at least 0.3 mm, also for coincident points; 0.1 m for a single point",
 )
 @given(seed=st.integers(0, 999), count=st.integers(2, 60), exponent=st.floats(-3, 6))
 def test_starting_sizes(measured, seed, count, exponent):
@@ -248,9 +250,9 @@ def test_starting_sizes(measured, seed, count, exponent):
 
 
 @pytest.mark.numerics(
-    "turns of split Gaussians: quaternions of length 1e-10 to 1e15, against float64",
+    "rotations of split Gaussians: quaternions of length 1e-10 to 1e15, against float64",
     within=1e-6,
-    outside="of length 0: the identity",
+    outside="length 0: the identity",
 )
 @given(exponent=st.floats(-10, 15), seed=st.integers(0, 99))
 def test_rotation_matrices_match_float64_at_any_length(measured, exponent, seed):
@@ -260,7 +262,7 @@ def test_rotation_matrices_match_float64_at_any_length(measured, exponent, seed)
 
 
 @pytest.mark.numerics(
-    "starting points with NaN, infinity, or 3.5e38 m", outside="left out; without any other: UserError"
+    "starting points with NaN, infinity, or 3.5e38 m", outside="dropped; UserError if no other point is left"
 )
 @pytest.mark.parametrize("value", [math.nan, math.inf, -3.5e38])
 def test_starting_points_beyond_float32(value):

@@ -31,7 +31,7 @@ def colours(count: int) -> np.ndarray:
 
 @pytest.mark.numerics(
     "points with NaN, infinity, or 1e39 m (beyond float32)",
-    outside="those points are left out; training goes on",
+    outside="those points are dropped; training continues",
 )
 def test_broken_points(scene, run, capsys):
     xyz = points()
@@ -41,7 +41,8 @@ def test_broken_points(scene, run, capsys):
 
 
 @pytest.mark.numerics(
-    "no point, and none that is finite or seen", outside="random points before the cameras, told"
+    "no point, and no finite or visible point",
+    outside="random points in front of the cameras; the log says so",
 )
 @pytest.mark.parametrize("xyz", [points(0), np.concatenate([points(3) * np.nan, points(5) - [0, 0, 9]])])
 def test_no_points(scene, run, capsys, xyz):
@@ -50,7 +51,7 @@ def test_no_points(scene, run, capsys, xyz):
 
 
 @pytest.mark.numerics(
-    "one point, and 40 points in one place", outside="Gaussians of 0.1 m and of 0.3 mm; training goes on"
+    "one point, and 40 points in one place", outside="Gaussians of 0.1 m and of 0.3 mm; training continues"
 )
 @pytest.mark.parametrize(("strategy", "count"), [("default", 1), ("mcmc", 40)])
 def test_points_in_one_place(scene, run, strategy, count):
@@ -68,7 +69,7 @@ def test_pictures_of_one_colour(scene, run, strategy, colour):
 
 
 @pytest.mark.numerics(
-    "masks with NaN and infinity in one frame", outside="those pixels weigh 0; training goes on"
+    "masks with NaN and infinity in one frame", outside="those pixels have weight 0; training continues"
 )
 def test_broken_masks(scene, run):
     probability = np.zeros((FRAMES, SIZE, SIZE), np.float16)
@@ -90,9 +91,9 @@ def test_one_frame_masked(scene, run, frame):
 
 
 @pytest.mark.numerics(
-    "validation frames of which some have no pixel left",
+    "validation frames, some of them without any pixel",
     within=1e-12,
-    outside="the mean PSNR is of the others",
+    outside="the mean PSNR is that of the others",
 )
 def test_mean_psnr(measured):
     measured(abs(Scores(np.array([30.0, np.nan, 20.0]), np.ones(3)).mean_psnr - 25.0))
@@ -100,7 +101,7 @@ def test_mean_psnr(measured):
 
 
 @pytest.mark.numerics(
-    "all pixels of all frames masked, or outside of the lens circle",
+    "all pixels of all frames masked, or outside the lens circle",
     outside="UserError that names splats.masking",
 )
 @pytest.mark.parametrize("lens", [False, True])
@@ -114,7 +115,7 @@ def test_all_masked(scene, run, left, lens):
 
 @pytest.mark.numerics(
     "renders that are NaN in every iteration",
-    outside="UserError after 30 iterations: diverged, what to change",
+    outside="UserError after 30 iterations: training diverged, and what to change",
 )
 def test_renders_that_stay_broken(scene, run, left, monkeypatch):
     monkeypatch.setattr(objective, "l1_ssim", lambda image, *_: image.mean() * float("nan"))
@@ -125,7 +126,7 @@ def test_renders_that_stay_broken(scene, run, left, monkeypatch):
 
 
 @pytest.mark.numerics(
-    "a render that is NaN in one iteration of 40", outside="that step is left out; training goes on"
+    "a render that is NaN in one iteration of 40", outside="that step is skipped; training continues"
 )
 def test_a_render_that_is_broken_once(scene, run, monkeypatch):
     real, calls = objective.l1_ssim, []
@@ -163,7 +164,7 @@ def test_broken_gaussians(scene, run, monkeypatch, strategy):
     assert run(scene(), strategy=strategy, iterations=2).shape("means")[0] <= 40 - 10
 
 
-@pytest.mark.numerics("Gaussians none of which is finite", outside="UserError; no artifact")
+@pytest.mark.numerics("no Gaussian is finite", outside="UserError; no artifact")
 @DENSITY
 def test_no_finite_gaussian(scene, run, left, monkeypatch, strategy):
     real = stage.starting_gaussians
@@ -207,9 +208,9 @@ def test_all_rates(scene, run, left, monkeypatch, strategy):
 
 
 @pytest.mark.numerics(
-    "scenes 100 and 5e3 m from the world's origin: loss beside that at the origin",
+    "scenes 100 and 5e3 m from the world's origin: loss compared with that at the origin",
     within=0.02,
-    outside="where float32 holds less than a thousandth of the scene's size (1 m: at 16 km, so at 1e6 m): UserError",
+    outside="UserError if float32 resolves less than a thousandth of the scene's size (1 m: beyond 16 km)",
 )
 def test_far_from_the_origin(scene, run, measured):
     losses = []
@@ -237,7 +238,7 @@ def test_too_far_from_the_origin(scene, run, left, far):
 
 
 @pytest.mark.numerics(
-    "pictures less than 11 px high", outside="trains; SSIM, whose window does not fit, is NaN"
+    "frames less than 11 px high", outside="trains; SSIM is NaN, because its window does not fit"
 )
 @pytest.mark.parametrize("height", [1, 5, 10])
 def test_small_pictures(scene, run, height):
@@ -261,9 +262,7 @@ def test_one_frame(scene, run):
     )
 
 
-@pytest.mark.numerics(
-    "codes' weights with NaN in the joint loss of colours and codes", outside="those pixels weigh 0"
-)
+@pytest.mark.numerics("NaN in the code weights of the joint loss", outside="those pixels have weight 0")
 def test_broken_weights_of_codes():
     transient = torch.zeros(4, 5, dtype=torch.float16)
     transient[1, 2] = float("nan")

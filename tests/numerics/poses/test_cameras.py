@@ -24,7 +24,7 @@ def turning(count: int, place: tuple[float, float, float] = (1.0, 2.0, 3.0)) -> 
 
 
 @pytest.mark.numerics(
-    "coincident cameras, and cameras that only turn: size of the scene", within=0.0, outside="1 m at least"
+    "size of a scene with coincident cameras, or cameras that only turn", within=0.0, outside="at least 1 m"
 )
 @pytest.mark.parametrize("count", [1, 2, 30])
 def test_size_of_a_scene_without_motion(measured, count):
@@ -41,7 +41,7 @@ def test_size_of_a_scene(measured, seed, count, exponent):
     measured(abs(scene_extent(make_pose(np.eye(3), places)) - truth) / truth)
 
 
-@pytest.mark.numerics("no camera, or one that is not finite", outside="ValueError")
+@pytest.mark.numerics("no camera, or a non-finite one", outside="ValueError")
 @pytest.mark.parametrize("poses", [np.zeros((0, 4, 4)), unregistered(2)])
 def test_scene_size_of_missing_poses_is_rejected(poses):
     with pytest.raises(ValueError, match="not finite"):
@@ -49,7 +49,7 @@ def test_scene_size_of_missing_poses_is_rejected(poses):
 
 
 @pytest.mark.numerics(
-    "random points before cameras that coincide or only turn: all are seen, in 5 m at most", within=0.0
+    "random points for cameras that coincide or only turn: all are visible and at most 5 m away", within=0.0
 )
 @pytest.mark.parametrize("count", [1, 2, 30])
 def test_random_points_without_motion(measured, count):
@@ -75,7 +75,7 @@ def test_alignment(measured, seed, count, exponent):
 
 
 @pytest.mark.numerics(
-    "aligning coincident cameras, ones on a line (also to 1e-7 of its length), one, two",
+    "aligning coincident cameras, collinear cameras (also up to 1e-7 of the length), one camera, two cameras",
     outside="ValueError: not determined",
 )
 @pytest.mark.parametrize("case", ["coincident", "line", "almost a line", "one", "two"])
@@ -96,7 +96,7 @@ def test_alignments_that_are_not_determined(case):
 
 
 @pytest.mark.numerics(
-    "upward direction of cameras that look every way", within=1e-12, outside="opposed ones: UserError"
+    "up direction of cameras that look in all directions", within=1e-12, outside="opposite cameras: UserError"
 )
 @given(seed=st.integers(0, 999), count=st.integers(1, 50))
 def test_up(measured, seed, count):
@@ -110,7 +110,7 @@ def test_up(measured, seed, count):
 
 @pytest.mark.numerics(
     "poses that are no rigid motion: scaled, mirrored, sheared by 1e-5, NaN",
-    outside="refused before they are written",
+    outside="rejected before they are written",
 )
 @pytest.mark.parametrize("broken", ["scaled", "mirrored", "sheared", "nan"])
 def test_invalid_poses_are_rejected(broken):
@@ -132,8 +132,8 @@ def test_invalid_poses_are_rejected(broken):
 
 
 @pytest.mark.numerics(
-    "two frames, one, and none with a pose",
-    outside="two train; one cannot validate, none cannot train: UserError",
+    "two frames, one frame, and no frame with a pose",
+    outside="two train; UserError if one has to validate, or if there is none",
 )
 def test_few_frames():
     two, none = np.ones(2, bool), np.zeros(2, bool)
@@ -148,7 +148,7 @@ def test_few_frames():
 @pytest.mark.numerics(
     "projection of points at z of 1e-300 to 1e300 m",
     within=1e-12,
-    outside="at z = 0 and behind: NaN, in no image",
+    outside="z = 0 and behind: NaN, outside every image",
 )
 @given(exponent=st.floats(-300, 300))
 def test_projection(measured, exponent):

@@ -45,7 +45,7 @@ def write(tmp_path: Path) -> Callable[..., Path]:
 
 
 @pytest.mark.numerics(
-    "positions between rows 1 ns to 1 hour apart, at times since 1970, against exact fractions; places to 1e6 m",
+    "positions up to 1e6 m between rows 1 ns to 1 hour apart, with times since 1970, against exact fractions",
     within=1e-14,
     outside="before the first and after the last row: no pose",
 )
@@ -62,9 +62,9 @@ def test_positions(measured, gap, share, exponent):
 
 
 @pytest.mark.numerics(
-    "turns of 1e-9 rad to a hair less than half a turn between two rows, at any time between",
+    "rotations of 1e-9 rad to just below 180° between two rows, at any time in between",
     within=1e-12,
-    outside="half a turn exactly: either way round, and rigid",
+    outside="exactly 180°: either direction, and rigid",
 )
 @given(
     angle=st.one_of(st.floats(1e-9, np.pi - 1e-3), st.floats(-9, 0).map(lambda e: 10.0**e)),
@@ -79,7 +79,7 @@ def test_turns(measured, angle, share):
 
 
 @pytest.mark.numerics(
-    "half a turn between two rows", outside="a rigid motion, half-way round one way or the other"
+    "a rotation of 180° between two rows", outside="a rigid motion, halfway in either direction"
 )
 def test_half_a_turn():
     found = interpolate_poses(np.array([0, 2]), poses([0.0, np.pi]), np.array([1]))
@@ -102,7 +102,7 @@ def test_signs_of_quaternions(write, measured, signs):
 @pytest.mark.numerics(
     "quaternions of length 0.99 to 1.01: normalised",
     within=1e-14,
-    outside="farther from 1, of 0, or with a NaN: UserError that names the line",
+    outside="other lengths, 0 or NaN: UserError that names the line",
 )
 @given(length=st.floats(0.991, 1.009))
 def test_lengths_of_quaternions(write, measured, length):
@@ -112,8 +112,8 @@ def test_lengths_of_quaternions(write, measured, length):
 
 
 @pytest.mark.numerics(
-    "rows that cannot be: quaternions of length 0, 0.98, 1.02, NaN; times that repeat, go back, or are NaN; places of "
-    "infinity",
+    "invalid rows: quaternions of length 0, 0.98, 1.02 or NaN; times that repeat, "
+    "decrease or are NaN; infinite positions",
     outside="UserError that names file and line",
 )
 @pytest.mark.parametrize(
@@ -136,7 +136,7 @@ def test_impossible_rows_are_rejected(write, time, length, place, words):
         read_trajectory(write([0, time, 2000], quaternions, places))
 
 
-@pytest.mark.numerics("frames in any order of time, each of which gets its own pose", within=0.0)
+@pytest.mark.numerics("frames in any order of time: each gets its own pose", within=0.0)
 @given(order=st.permutations(range(8)))
 def test_frames_out_of_order(write, measured, order):
     rows = Rotation.from_rotvec(np.outer(np.linspace(0, 1, 5), AXIS)).as_quat()
@@ -148,14 +148,14 @@ def test_frames_out_of_order(write, measured, order):
     measured(np.abs(shuffled - sorted_[list(order)]).max())
 
 
-@pytest.mark.numerics("times of poses out of order, twice the same, or one alone", outside="ValueError")
+@pytest.mark.numerics("pose times out of order, repeated, or only one", outside="ValueError")
 @pytest.mark.parametrize("times", [[0, 2, 1], [0, 1, 1], [0]])
 def test_times_out_of_order(times):
     with pytest.raises(ValueError, match="strictly increasing"):
         interpolate_poses(np.array(times), poses([0.0] * len(times)), np.array([0]))
 
 
-@pytest.mark.numerics("a trajectory of two rows", within=1e-14, outside="of one row or none: UserError")
+@pytest.mark.numerics("a trajectory of two rows", within=1e-14, outside="one row or none: UserError")
 def test_two_rows(write, measured):
     rows = Rotation.from_rotvec(np.outer([0.0, 0.5], AXIS)).as_quat()
     found = interpolate_trajectory(
@@ -169,7 +169,7 @@ def test_two_rows(write, measured):
 
 
 @pytest.mark.numerics(
-    "frames outside of a trajectory, or in a gap too long",
+    "frames outside a trajectory, or in too long a gap",
     outside="no pose (NaN), counted; never extrapolated",
 )
 def test_frames_without_a_pose(write):
@@ -181,7 +181,7 @@ def test_frames_without_a_pose(write):
     assert (found.outside, found.in_gaps) == (2, 1)
 
 
-@pytest.mark.numerics("inverse of poses 1 to 1e12 m from the origin: there and back again", within=1e-14)
+@pytest.mark.numerics("inverse of poses 1 to 1e12 m from the origin, and back", within=1e-14)
 @given(exponent=st.floats(0, 12), angle=st.floats(0, 3))
 def test_inverse(measured, exponent, angle):
     place = np.array([0.3, -0.9, 0.2]) * 10.0**exponent
@@ -191,7 +191,9 @@ def test_inverse(measured, exponent, angle):
 
 
 @pytest.mark.numerics(
-    "angles of 1e-12 rad to pi between rotations", within=1e-14, outside="absolute; float64 holds no less"
+    "angles of 1e-12 rad to pi between rotations",
+    within=1e-14,
+    outside="the error is absolute, limited by float64",
 )
 @given(exponent=st.floats(-12, np.log10(np.pi)))
 def test_angles(measured, exponent):

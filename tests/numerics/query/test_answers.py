@@ -28,7 +28,7 @@ def view(**changes: object) -> View:
 
 
 @pytest.mark.numerics(
-    "a picture of one relevancy", within=1e-6, outside="every pixel is a candidate; the mask is empty"
+    "a map of constant relevancy", within=1e-6, outside="every pixel is a candidate; the mask is empty"
 )
 def test_a_constant_map(measured):
     (answer,) = answer_from_codes(view(), IDENTITY, TEXTS, LANGSPLAT)
@@ -37,8 +37,8 @@ def test_a_constant_map(measured):
 
 
 @pytest.mark.numerics(
-    "a view in which nothing is covered, or nothing valid",
-    outside="score 0, no candidates, an empty mask, no place",
+    "a view without covered or valid pixels",
+    outside="score 0, no candidates, an empty mask, no position",
 )
 @pytest.mark.parametrize(
     "nothing",
@@ -72,7 +72,7 @@ def test_one_pixel(measured):
 
 
 @pytest.mark.numerics(
-    "depths of 0, NaN, infinity and below 0", outside="the answer has no place in the world (None)"
+    "depths of 0, NaN, infinity and below 0", outside="the answer has no position in the world (None)"
 )
 @pytest.mark.parametrize("depth", [0.0, -1.0, float("nan"), float("inf")])
 def test_no_depth(depth):
@@ -89,9 +89,9 @@ def test_any_depth(measured, exponent):
 
 
 @pytest.mark.numerics(
-    "smoothing relevancies of 1e-30 to 1, squares of 1 px to larger than the picture",
+    "box filter of relevancies of 1e-30 to 1, from 1 px to larger than the image",
     within=1e-6,
-    outside="sides beyond the picture mirror it several times",
+    outside="a larger filter mirrors the image several times",
 )
 @pytest.mark.parametrize("size", [1, 2, 7, 30, 64])
 @pytest.mark.parametrize("scale", [1e-30, 1.0])
@@ -103,7 +103,7 @@ def test_smoothing(measured, size, scale):
     measured(np.abs(box_filter(values, size) - windows.mean(axis=(2, 3))).max() / scale)
 
 
-@pytest.mark.numerics("maps of which one pixel is seen, or none", outside="that pixel; None")
+@pytest.mark.numerics("maps with one visible pixel, or none", outside="that pixel; None without any")
 def test_one_seen_pixel():
     values = np.full((1, 4, 5), 0.3, np.float32)
     seen = np.zeros((1, 4, 5), bool)

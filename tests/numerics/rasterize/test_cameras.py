@@ -46,7 +46,7 @@ def test_a_gaussian_exactly_at_the_near_plane(gaussian, compare, measured):
 
 
 @pytest.mark.numerics(
-    "depths below the near plane by one float32, of 1e-30 m, 0, and behind",
+    "depths one float32 below the near plane, of 1e-30 m, 0, and behind the camera",
     outside="culled: radius 0, gradient 0",
 )
 @pytest.mark.parametrize(
@@ -60,7 +60,7 @@ def test_gaussians_in_front_of_the_near_plane_are_culled(gaussian, compare, dept
 
 
 @pytest.mark.numerics(
-    "image and gradients: near planes of 1e-12 to 1e3 m with a Gaussian right at each",
+    "image and gradients: near planes of 1e-12 to 1e3 m, each with a Gaussian exactly on it",
     within=1e-5,
     outside="0 or less: ValueError",
 )
@@ -89,9 +89,9 @@ def test_any_focal_length(gaussian, compare, measured, exponent, wide):
 
 
 @pytest.mark.numerics(
-    "expected depth: focal lengths of 1 to 1e5 px, where alpha is 0.05 and more",
+    "expected depth: focal lengths of 1 to 1e5 px, pixels with alpha of at least 0.05",
     within=2e-5,
-    outside="divided by an alpha of 1e-10 at least: 0 where nothing is",
+    outside="the divisor is at least 1e-10: depth 0 without Gaussians",
 )
 @pytest.mark.parametrize("focal", [1.0, 10.0, 1e3, 1e5])
 def test_expected_depth_at_any_distance(gaussian, compare, measured, focal):
@@ -104,9 +104,9 @@ def test_expected_depth_at_any_distance(gaussian, compare, measured, focal):
 
 
 @pytest.mark.numerics(
-    "a Gaussian 1 to 1e8 times its distance beside the image, and as wide",
+    "a Gaussian beside the image, by 1 to 1e8 times its distance, and as wide",
     within=1e-5,
-    outside="linearised at 1.3 times the field of view",
+    outside="the projection is linearised at 1.3 times the field of view",
 )
 @given(exponent=st.floats(0, 8))
 def test_gaussians_next_to_the_image(gaussian, compare, measured, exponent):
@@ -139,7 +139,7 @@ def test_narrow_images(gaussian, compare, measured, width, height):
 @pytest.mark.numerics(
     "cameras and Gaussians 1 to 1e6 m from the origin, as they are in float32",
     within=1e-5,
-    outside="float32 itself holds no more than 6 cm at 1e6 m: see Training",
+    outside="float32 resolves only 6 cm at 1e6 m: see Training",
 )
 @given(exponent=st.floats(0, 6), turn=st.tuples(*[st.floats(-1, 1)] * 3))
 def test_a_camera_far_from_the_origin(gaussian, compare, measured, exponent, turn):
@@ -154,8 +154,8 @@ def test_a_camera_far_from_the_origin(gaussian, compare, measured, exponent, tur
 
 
 @pytest.mark.numerics(
-    "cameras that are none: focal lengths of 0, -1, NaN; poses with NaN or infinity; near planes of 0 or beyond the far "
-    "one; images of 0 px",
+    "invalid cameras: focal lengths of 0, -1, NaN; poses with NaN or infinity; near "
+    "planes of 0 or beyond the far plane; images of 0 px",
     outside="ValueError that names the argument",
 )
 @pytest.mark.parametrize(
@@ -183,7 +183,8 @@ def test_invalid_cameras_are_rejected(gaussian, changes, words):
 @pytest.mark.numerics(
     "the reference itself in float32: the scene of 40 Gaussians, image and alpha",
     within=1e-5,
-    outside="it has float32's range: culled beyond a variance of 1e19 px², quaternions below 1e-19 or above 1e19",
+    outside="culled because of float32's range: variances beyond 1e19 px², quaternions below "
+    "1e-19 or above 1e19",
 )
 @pytest.mark.parametrize("seed", range(3))
 def test_reference_in_float32(gaussian, cloud, decided_of, measured, seed):
@@ -198,7 +199,7 @@ def test_reference_in_float32(gaussian, cloud, decided_of, measured, seed):
     measured(float(((found_alpha - truth_alpha)[0].abs() * decided[..., None]).max()))
 
 
-@pytest.mark.numerics("float64 arguments", outside="the kernels refuse them; auto takes the reference")
+@pytest.mark.numerics("float64 arguments", outside="the kernels reject them; auto takes the reference")
 def test_float64_is_rendered_by_the_reference(gaussian):
     values = {name: value.double() for name, value in gaussian().items()}
     assert rasterization(**values, width=4, height=4)[0].dtype == torch.float64

@@ -42,9 +42,11 @@ OPACITIES = pytest.mark.parametrize(("low", "high"), [(0.01, 0.01), (0.0, 1.0), 
 
 
 @pytest.mark.numerics(
-    "10,000 Gaussians on one pixel, opacities all 0.01, all 1, and of 0 to 1: image and gradients by the Gaussians",
+    "10,000 Gaussians on one pixel, opacities all 0.01, all 1, or 0 to 1: image, and "
+    "gradients by the Gaussians",
     within=1e-4,
-    outside="the first that would leave a transmittance of 1e-4 or less ends the pixel; no gradient behind it",
+    outside="the first Gaussian that would reduce the transmittance to 1e-4 or less ends the "
+    "pixel; no gradient behind it",
 )
 @OPACITIES
 def test_ten_thousand_gaussians_on_one_pixel(gaussian, compare, measured, low, high):
@@ -57,7 +59,7 @@ def test_ten_thousand_gaussians_on_one_pixel(gaussian, compare, measured, low, h
 
 
 @pytest.mark.numerics(
-    "the same: gradient by the pose, to which the errors of 900 Gaussians add up in one direction",
+    "the same, gradient by the pose: the errors of 900 Gaussians add up in one direction",
     within=2e-2,
 )
 @OPACITIES
@@ -86,7 +88,7 @@ def test_gaussians_at_equal_depths_keep_their_order(gaussian, compare, measured)
     assert met[: int(met.sum())].all()
 
 
-@pytest.mark.numerics("no Gaussians", outside="the background alone; gradients of shape (0, ...)")
+@pytest.mark.numerics("no Gaussians", outside="only the background; gradients of shape (0, ...)")
 def test_no_gaussians_render_nothing(gaussian, compare):
     values = {name: value if name in ("viewmats", "Ks") else value[:0] for name, value in gaussian().items()}
     found = compare(values, backgrounds=None).found
@@ -96,7 +98,7 @@ def test_no_gaussians_render_nothing(gaussian, compare):
 @pytest.mark.numerics(
     "image and gradients: 4096x4096 px, 300 Gaussians, in four windows of 24x24 px",
     within=2e-4,
-    outside="float32 holds a place in such an image to 2e-4 px",
+    outside="float32 resolves positions in such an image to 2e-4 px",
 )
 def test_a_large_image(gaussian, decided_of, weights_of, measured):
     rng = np.random.default_rng(2)
@@ -160,7 +162,7 @@ STEP = 1e-6
     "gradients of the reference in float64 against central differences: all inputs, 4 Gaussians, colours, depth and "
     "spherical harmonics",
     within=1e-6,
-    outside="at a threshold the function jumps, and no difference is a gradient",
+    outside="at a threshold the function jumps, so differences are no gradients",
 )
 @pytest.mark.parametrize("mode", ["classic", "antialiased"])
 @pytest.mark.parametrize("render_mode", ["RGB", "RGB+ED"])

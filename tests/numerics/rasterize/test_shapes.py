@@ -18,7 +18,9 @@ def decades(low: float, high: float) -> st.SearchStrategy[float]:
 
 
 @pytest.mark.numerics(
-    "image: three scales of 1e-8 to 1e4 m each, any turn, classic", within=3e-6, outside="drawn up to 1e18 m"
+    "image: three scales of 1e-8 to 1e4 m each, any rotation, classic",
+    within=3e-6,
+    outside="drawn up to 1e18 m",
 )
 @given(scales=st.tuples(*[decades(-8, 4)] * 3), turn=TURNS)
 def test_image_of_any_scales(gaussian, compare, measured, scales, turn):
@@ -28,7 +30,7 @@ def test_image_of_any_scales(gaussian, compare, measured, scales, turn):
 @pytest.mark.numerics(
     "image: the same, antialiased",
     within=1e-5,
-    outside="what is dimmed below alpha 1/255 is culled: radius 0, gradient 0",
+    outside="Gaussians dimmed below alpha 1/255 are culled: radius 0, gradient 0",
 )
 @given(scales=st.tuples(*[decades(-8, 4)] * 3), turn=TURNS)
 def test_image_of_any_scales_antialiased(gaussian, compare, measured, scales, turn):
@@ -57,7 +59,7 @@ def test_elongated_gaussians(gaussian, compare, measured, length, turn):
     measured(compare(gaussian(scales=[[length, 1e-8, 1e-8]], quats=[turn])).gradient_error)
 
 
-@pytest.mark.numerics("gradients: pancakes 1e-8 m thin and 1e-4 to 1e4 m wide, any turn", within=1e-4)
+@pytest.mark.numerics("gradients: pancakes 1e-8 m thin and 1e-4 to 1e4 m wide, any rotation", within=1e-4)
 @MODES
 @given(width=decades(-4, 4), turn=TURNS)
 def test_flat_gaussians(gaussian, compare, measured, mode, width, turn):
@@ -65,7 +67,7 @@ def test_flat_gaussians(gaussian, compare, measured, mode, width, turn):
     measured(compare(values, rasterize_mode=mode).gradient_error)
 
 
-@pytest.mark.numerics("image and gradients: a pancake seen exactly from its edge", within=1e-5)
+@pytest.mark.numerics("image and gradients: a pancake viewed exactly edge-on", within=1e-5)
 @MODES
 def test_a_flat_gaussian_seen_from_its_edge(gaussian, compare, measured, mode):
     both = compare(gaussian(scales=[[1.0, 0.8, 1e-8]], quats=[[1, 0, 1, 0]]), rasterize_mode=mode)
@@ -107,7 +109,7 @@ def test_quaternions_of_any_length(gaussian, compare, measured, length, turn):
 @pytest.mark.numerics(
     "a subnormal quaternion, of length 1e-40",
     within=1e-5,
-    outside="the image holds; its gradient overflows float32, and the optimizer leaves that Gaussian out",
+    outside="the image is accurate; the gradient overflows float32, and the optimizer skips that Gaussian",
 )
 def test_a_subnormal_quaternion(gaussian, compare, measured):
     both = compare(gaussian(quats=[[9e-41, 1e-41, 2e-41, 3e-41]]))
@@ -176,9 +178,9 @@ def test_opacities_above_one(gaussian, compare, measured):
 
 
 @pytest.mark.numerics(
-    "places, turns, sizes, opacities and colours that are NaN or infinite, beside a sound Gaussian",
+    "NaN or infinite positions, rotations, scales, opacities and colours, next to a valid Gaussian",
     within=1e-5,
-    outside="culled: radius 0, gradient 0; the sound one is drawn as if alone",
+    outside="culled: radius 0, gradient 0; the valid Gaussian is drawn as if alone",
 )
 @pytest.mark.parametrize("name", ["means", "quats", "scales", "opacities", "colors"])
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])

@@ -51,7 +51,7 @@ def test_exact_probabilities(measured, value):
 
 @pytest.mark.numerics(
     "T = 0 and T = 1",
-    outside="T = 0: every instance with a pixel; T = 1: those whose every pixel is 1 exactly",
+    outside="T = 0: every instance with a pixel; T = 1: instances whose pixels are all exactly 1",
 )
 def test_thresholds_at_their_ends():
     probability = np.ones((SIZE, SIZE), np.float16)
@@ -77,7 +77,7 @@ def test_invalid_probabilities_count_as_zero(value):
 
 
 @pytest.mark.numerics(
-    "weights 1 - M for M of exactly 0 and 1, inside and outside of the lens circle",
+    "weights 1 - M for M of exactly 0 and 1, inside and outside the lens circle",
     within=0.0,
     outside="M beyond 0..1 is clamped",
 )
@@ -90,14 +90,14 @@ def test_weights(measured, transient, expected):
     measured(float((weight[1] - expected).abs().max()))
 
 
-@pytest.mark.numerics("no instance, no labels, labels of -1 alone", outside="an empty mask")
+@pytest.mark.numerics("no instance, no labels, only labels of -1", outside="an empty mask")
 def test_no_instances():
     assert not refined_mask(np.full((3, 4, 5), -1, np.int32), np.zeros(0, bool)).any()
     assert not refined_mask(np.full((3, 4, 5), -1, np.int32), np.ones(2, bool)).any()
 
 
 @pytest.mark.numerics(
-    "losses of a picture with all pixels masked, or none valid",
+    "losses of a picture with all pixels masked, or without valid pixels",
     within=1e-8,
     outside="loss 0, gradient exactly 0",
 )

@@ -91,7 +91,7 @@ def test_a_huge_transient_penalty(views):
 
 @pytest.mark.numerics(
     "transient_penalty = 1e30: gradients whose norm overflows float32",
-    outside="no step is taken: the network stays as it was",
+    outside="the step is skipped; the network does not change",
 )
 def test_transient_penalty_beyond_float32(views):
     one = objective(transient_penalty=1e30)
@@ -109,7 +109,7 @@ def test_a_hundredfold_learning_rate(views):
 
 
 @pytest.mark.numerics(
-    "renders with NaN, infinity and 1e30", outside="those pixels weigh 0; the network stays finite"
+    "renders with NaN, infinity and 1e30", outside="those pixels have weight 0; the network stays finite"
 )
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), 1e30])
 def test_broken_renders(views, value):
@@ -126,7 +126,7 @@ def test_broken_renders(views, value):
 @pytest.mark.numerics(
     "pictures with no valid pixel",
     within=1e-7,
-    outside="no residual: the Gaussians get no gradient, the network learns 0",
+    outside="no residual: the Gaussians get no gradient, and the network's prediction falls to 0",
 )
 def test_no_valid_pixel(views, measured):
     blind = replace(views, valid=torch.zeros(SIZE, SIZE))
