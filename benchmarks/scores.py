@@ -100,7 +100,7 @@ def queries_of(pairs: Sequence[Paired]) -> int:
 def mcnemar(gained: int, lost: int) -> float:
     """Exact two-sided p of as uneven a split of the queries that one of two answerers finds alone (McNemar 1947).
 
-    It takes queries for independent; see ``clustered_interval`` beside it for what categories change.
+    It assumes independent queries; ``clustered_interval`` gives the interval over categories.
     """
     return float(stats.binomtest(gained, gained + lost).pvalue) if gained + lost else 1.0
 

@@ -37,7 +37,7 @@ COLUMNS = (
 
 
 def row(folder: Path) -> list[str]:
-    """A scene's row; where COLMAP fails, its error stands in the column ``registered``."""
+    """A scene's row; if COLMAP fails, the column ``registered`` has its error."""
     frames, truth = (
         open_artifact(folder / "frames.zarr", FRAMES),
         open_artifact(folder / "poses.zarr", POSES),

@@ -1,4 +1,4 @@
-"""How far an estimated trajectory is from a true one whose frame and scale differ."""
+"""Distance of an estimated trajectory from a true one with another frame and scale."""
 
 import numpy as np
 from numpy.typing import NDArray

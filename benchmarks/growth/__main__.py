@@ -63,12 +63,12 @@ def _measured(place: Path, point: Point) -> list[Run]:
         point.name,
         scene.recorded_side(point),
     )
-    # Stages that a later one needs, and that do not depend on the factor, are no new points.
+    # Stages that do not depend on the factor are shared with the centre, and are not measured again.
     return [run for run in runs if run.stage in point.stages]
 
 
 def _published() -> dict[str, float]:
-    """In a process of its own, on one thread."""
+    """Measure the published models in a separate process, on one thread."""
     return json.loads(output_of("benchmarks.growth.published", OMP_NUM_THREADS="1"))
 
 
@@ -77,7 +77,7 @@ def _published() -> dict[str, float]:
 @click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.option("--recorded-side", required=True, type=int, help="Of the recording's pictures [px].")
 def check(results: Path, folder: Path, recorded_side: int) -> None:
-    """Add the finished scene in FOLDER to RESULTS, to hold the laws against."""
+    """Add the finished scene in FOLDER to RESULTS, as a check of the laws."""
     name = "/".join(folder.resolve().parts[-2:])
     measured = store.load(results)
     measured.checks[name] = read_runs(folder, folder, name, recorded_side)
@@ -85,7 +85,7 @@ def check(results: Path, folder: Path, recorded_side: int) -> None:
 
 
 def _assumptions(command: click.Command) -> click.Command:
-    """An option for each assumption."""
+    """Add an option for each assumption."""
     for one in reversed(fields(Assumptions)):
         option = click.option(
             f"--{one.name.replace('_', '-')}",
@@ -109,7 +109,7 @@ def report(results: Path, **assumed: float) -> None:
 @main.command("coefficients")
 @click.argument("results", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 def print_coefficients(results: Path) -> None:
-    """Print the table of the cost model that follows from RESULTS."""
+    """Print the table of the cost model from RESULTS."""
     click.echo(json.dumps(coefficients(store.load(results)), indent=1))
 
 

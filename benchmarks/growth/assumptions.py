@@ -10,7 +10,7 @@ def _assumed(default: float, about: str) -> Any:
 
 @dataclass(frozen=True)
 class Assumptions:
-    """Of a sequence and a cluster; ``about`` is the help text of the option."""
+    """Assumptions about a sequence and a cluster; ``about`` is the help text of the option."""
 
     frames: int = _assumed(3600, "Frames of a sequence; two minutes at ADT's 30 per second.")
     instances: int = _assumed(300, "Instances that SAM2 tracks in a sequence, all levels together.")

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-# All stages take a minute or two. Nothing is masked, so that Gaussians need no instances.
+# All stages together take a minute or two. Nothing is masked, so the Gaussians need no instances.
 CENTRE: Mapping[str, Mapping[str, Any]] = {
     "synthetic": {"size": 512, "fps": 3.0, "seconds": 16.0},
     "frames": {"resolution": 192, "end_s": 7.9, "evaluation_frames": 4},
@@ -35,7 +35,7 @@ class Point:
 
     Attributes:
         name: unique, usable as a file name.
-        factor: what differs from the centre; value: its value. Both are text.
+        factor, value: name and value of the changed factor, as text.
         keys: override those of the centre, by section.
         stages: that depend on the factor and run again.
         scene: of the recording.
@@ -62,7 +62,7 @@ def _autoencoder(epochs: int) -> dict[str, dict[str, Any]]:
     return {"features": {"compression": "autoencoder", "epochs": epochs}}
 
 
-# All factors large: it separates terms that are products.
+# All factors are large, which separates terms that are products.
 CORNER = {
     "frames": {"resolution": 512, "end_s": None, "evaluation_frames": 12},
     "segments": {"max_instances": 30},

@@ -18,7 +18,7 @@ from egosplat.pipeline.config import Config
 from egosplat.pipeline.dag import leaves_frames_out, masks_by_survey
 
 NETWORK, RASTERIZER = "network_speedup", "rasterizer_speedup"
-# The stages that use a GPU, and the assumption that holds its speed-up.
+# The assumption with the speed-up of each stage that uses a GPU.
 ON_GPU = {
     "segments": NETWORK,
     "view_features": NETWORK,
@@ -77,7 +77,7 @@ def paper_config() -> Config:
 
 
 def paper_sizes(assumed: Assumptions) -> Sizes:
-    """The sizes of a sequence at the paper's settings that are in a law, by name."""
+    """The sizes in the laws for a sequence at the paper's settings, by name."""
     config = paper_config()
     training = assumed.frames - assumed.evaluated
     given = {
@@ -88,7 +88,7 @@ def paper_sizes(assumed: Assumptions) -> Sizes:
         "points": assumed.points,
         "instances": assumed.instances,
         "tracked": assumed.instances,
-        "prompts": config["segments"]["points_per_side"] ** 2,  # the preset prompts the first frame alone
+        "prompts": config["segments"]["points_per_side"] ** 2,  # the preset prompts only the first frame
         "views": assumed.instances * assumed.visible * training,
         "initial_gaussians": min(assumed.gaussians, config["transient"]["max_gaussians"]),
         "gaussians": min(assumed.gaussians, config["splats"]["max_gaussians"]),
@@ -100,7 +100,7 @@ def paper_sizes(assumed: Assumptions) -> Sizes:
 
 
 def stages_of(config: Config) -> list[str]:
-    """The stages of ``laws.LAWS`` that a configuration needs; the survey only where it decides something."""
+    """The stages of ``laws.LAWS`` that a configuration needs; the survey only if it decides something."""
     surveyed = masks_by_survey(config) or leaves_frames_out(config)
     return [stage for stage in LAWS if stage != "survey" or surveyed]
 
@@ -123,12 +123,12 @@ def costs_of(
 def on_cluster(costs: Mapping[str, Cost], assumed: Assumptions) -> Cluster:
     """All sequences, with one core for each GPU that runs the stages without GPU."""
     gpu_s = sum(cost.gpu_s for cost in costs.values() if cost.gpu_s is not None)
-    beside = sum(cost.cpu_s.value for cost in costs.values() if cost.gpu_s is None)
+    without_gpu_s = sum(cost.cpu_s.value for cost in costs.values() if cost.gpu_s is None)
     rounds = math.ceil(assumed.sequences / assumed.gpus)
     return Cluster(
         cpu_s=assumed.sequences * sum(cost.cpu_s.value for cost in costs.values()),
         gpu_s=assumed.sequences * gpu_s,
         disk_mb=assumed.sequences * sum(cost.disk_mb.value for cost in costs.values()),
         rounds=rounds,
-        wall_s=rounds * (gpu_s + beside),
+        wall_s=rounds * (gpu_s + without_gpu_s),
     )

@@ -1,4 +1,4 @@
-"""Fit laws of few terms, no coefficient negative, by least squares of relative errors; and their errors."""
+"""Fit laws of few terms with non-negative coefficients, by least squares of relative errors, and report their errors."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -76,7 +76,7 @@ def _solve(design: Values, values: Values, fixed: Values) -> Values:
     relative = design / values[:, None]
     weights, free = np.nan_to_num(fixed), np.isnan(fixed)
     scale = relative[:, free].max(axis=0)
-    scale[scale == 0] = 1.0  # a term that no point has gets the coefficient 0
+    scale[scale == 0] = 1.0  # a term without points gets the coefficient 0
     weights[free] = nnls(relative[:, free] / scale, 1.0 - relative @ weights)[0] / scale
     return weights
 

@@ -89,8 +89,8 @@ BYTE = 1 / 2**20
 
 # By stage and measure: coefficients that follow from the code and are not fitted.
 KNOWN: Mapping[tuple[str, str], Mapping[Term, float]] = {
-    # Training frames are held as three bytes a pixel, features as four copies of float32. The small sizes that are
-    # measured hardly show either; a view's share of batches in work would pass for its features.
+    # Training frames take three bytes per pixel, features four copies of float32. Both are too small in the measured
+    # scenes to be fitted: the fit would confuse a view's features with its share of the batches.
     ("transient", MEMORY): {("training", "initial_pixels"): 3 * BYTE},
     ("splats", MEMORY): {("training", "pixels"): 3 * BYTE},
     ("view_features", MEMORY): {("views", "channels"): 16 * BYTE},

@@ -40,7 +40,7 @@ def _sam2(sam2: Sam2) -> dict[str, float]:
     options = keep_all(points_per_side=2)
     points = np.array([[0.25, 0.25], [0.25, 0.75], [0.75, 0.25], [0.75, 0.75]], np.float32)
     with sam2.compute.inference():
-        encode(sam2, picture)  # what the first call alone takes is not told
+        encode(sam2, picture)  # the first call is slower: it also sets up the libraries
         encoded, picture_s = timed(lambda: encode(sam2, picture))
         _, prompt_s = timed(lambda: prompt(sam2, encoded, torch.from_numpy(points[:PROMPTS]), options))
         tracked_s = _tracked(sam2, encoded)

@@ -1,4 +1,4 @@
-"""Read from finished artifacts how large the scene is and what each stage took."""
+"""Read the sizes of a scene and the cost of each stage from finished artifacts."""
 
 import json
 import math
@@ -40,8 +40,8 @@ def read_runs(scene: Path, own: Path, point: str, recorded_side: int) -> list[Ru
     """The runs of all artifacts in a point's own folder.
 
     Args:
-        scene: folder of the scene, which has what the point shares.
-        own: folder of what the point made anew; the scene's own for the centre.
+        scene: folder of the scene, with the artifacts that the point shares.
+        own: folder of the point's own artifacts; the scene's folder for the centre.
         recorded_side: of the recording's pictures [px], which no artifact tells.
     """
     artifacts = {path.stem: open_any(path, SCHEMAS) for path in sorted(scene.glob("*.zarr"))}
@@ -56,7 +56,7 @@ def read_runs(scene: Path, own: Path, point: str, recorded_side: int) -> list[Ru
 
 
 def sizes_of(artifacts: dict[str, Artifact], documents: dict[str, Path]) -> Sizes:
-    """Sizes of a scene, as far as it is made.
+    """Sizes of a scene, as far as its artifacts exist.
 
     Args:
         artifacts: by stage; documents: ``survey.json`` and ``metrics.json``, by stage.

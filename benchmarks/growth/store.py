@@ -1,4 +1,4 @@
-"""The file of what was measured: written after each point, so that a measurement that was stopped goes on."""
+"""The file of measurements. It is written after each point, so a stopped measurement can be resumed."""
 
 import json
 from dataclasses import asdict, dataclass, field

@@ -59,7 +59,7 @@ def named(name: str) -> str:
 
 
 def held_against(fits: Fits, runs: Sequence[Run]) -> str:
-    """The laws' predictions for a scene that none was fitted to, and the measured values."""
+    """Predictions and measurements for a scene that no law was fitted to."""
     measures = {CPU: "CPU [s]", MEMORY: "memory [MiB]", DISK: "disk [MiB]"}
     columns = ["stage"]
     for title in measures.values():
@@ -151,7 +151,7 @@ def number(value: float) -> str:
 
 
 def span(text_of: Callable[[float], str], low: float, high: float) -> str:
-    """Two values as ``a to b``; one where both read the same."""
+    """Two values as ``a to b``; one value if both are printed alike."""
     ends = dict.fromkeys((text_of(low), text_of(high)))
     return " to ".join(ends)
 

@@ -16,7 +16,7 @@ SAM2_MB, CLIP_MB = 1861.0, 1922.0
 # [MiB].
 TRACKED_MB = 19.2
 
-# ``segments.lost_track_stride``: an instance that is not seen is searched for in every third frame.
+# ``segments.lost_track_stride``: a lost instance is searched for in every third frame.
 ABSENT_STRIDE = 3
 
 # Processor time / time on the clock of the stages of adt/scene1 on two cores; other stages keep one core
@@ -76,7 +76,7 @@ LAWS: Mapping[str, Law] = {
 def with_paper_models(
     fits: Mapping[str, Mapping[str, Fit]], published: Mapping[str, float], assumed: Assumptions
 ) -> dict[str, dict[str, Fit]]:
-    """The laws with the paper's models in place of the small ones: measured unit costs replace fitted coefficients.
+    """The laws with the paper's models instead of the small ones: measured unit costs replace fitted coefficients.
 
     Instances of the first frame are tracked forwards alone: in each frame where they are seen, else in every third.
     """

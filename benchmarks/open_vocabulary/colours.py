@@ -23,7 +23,7 @@ Shares = NDArray[np.float64]
 
 
 def colour_shares(film: Config, instances: Sequence[Instance]) -> Shares:
-    """Share of what is seen of each instance's surface that each colour has, over the recording.
+    """Share of each colour in the visible surface of each instance, over the recording.
 
     Args:
         film: the keys of the section ``synthetic`` that the recording was made with.

@@ -3,7 +3,7 @@
 from training.small_models.captions import held_out
 from training.small_models.glossary import COLOUR_GLOSSARY, GLOSSARY
 
-# By category: synonyms of which no word is in any caption or in the glossary.
+# Synonyms by category; none of their words is in a caption or in the glossary.
 UNTAUGHT: dict[str, tuple[str, ...]] = {
     "armchair": ("fauteuil",),
     "bed frame": ("berth",),

@@ -1,4 +1,4 @@
-"""What is asked of a scene's evaluation frames, with the truth of each phrase."""
+"""The queries of a scene's evaluation frames, with the ground truth of each phrase."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from benchmarks.open_vocabulary.colours import Shares, is_doubtful, main_colour
 from benchmarks.open_vocabulary.phrases import colour_phrases, synonym_phrases
 from egosplat.evaluation.queries import InstanceMap, Query
 
-# Sets of what is meant.
+# Names of the sets of targets.
 TARGETS = WORDS, COLOURED, TOLD_APART = (
     "things of a category",
     "things of a colour",

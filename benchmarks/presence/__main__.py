@@ -71,7 +71,7 @@ def gather(scenes: Sequence[ScoredScene]) -> Asked:
     present, absent = ([row for row in rows if row["present"] is there] for there in (True, False))
     taught = [row for row in absent if not row["untaught"]]
     if not present:
-        raise UserError("no scene was asked for anything that is there")
+        raise UserError("no scene has queries for present things")
     return Asked(
         present=np.array([row["score"] for row in present]),
         right=np.array([row["right"] is True for row in present]),

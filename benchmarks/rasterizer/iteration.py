@@ -36,7 +36,7 @@ _OPTIONS = TrainingOptions(
 
 
 class Training:
-    """Training with learning rates of zero, so that the scene stays and every iteration costs the same."""
+    """Training with learning rates of zero: the scene does not change, so every iteration costs the same."""
 
     def __init__(self, scene: Scene, features: int) -> None:
         gaussians = _gaussians(scene, features)

@@ -64,7 +64,7 @@ def sample(run: Callable[[], Any], threads: int) -> Sample:
 
 
 def take_turns(turns: Mapping[str, Turn]) -> dict[str, list[Sample]]:
-    """Call all candidates in turn, each as often as it asks for, and collect their samples."""
+    """Call all candidates in turn, each the number of times that it states, and collect their samples."""
     collected: dict[str, list[Sample]] = {name: [] for name in turns}
     for round_ in range(1 + max(turn.rounds for turn in turns.values())):
         for name, turn in turns.items():

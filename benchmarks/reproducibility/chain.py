@@ -29,7 +29,7 @@ _MASKED = ("splats", "language")
 # What each stage takes of what the others make, where splats.masking is refined.
 INPUTS = {name: STAGES[name].inputs + (("masks",) if name in _MASKED else ()) for name in PIPELINE}
 
-# What stages are told beside keys and artifacts.
+# Arguments of stages other than keys and artifacts.
 WORDS = {"frames": {"format": "adt"}, "metrics": {"title": "small"}}
 
 

@@ -11,7 +11,7 @@ class Limit:
 
     Attributes:
         name: its heading.
-        variables: what is set in the environment.
+        variables: environment variables to set.
         chain: whether each stage takes what the stages before it have made under the limit, and not the
             reference's artifacts.
     """

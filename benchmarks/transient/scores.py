@@ -22,7 +22,7 @@ class MaskScores:
     Attributes:
         hit, predicted, true: pixels that are masked and moving, masked, and moving.
         pixels: valid pixels.
-        seen, missed: pairs of a moving instance and a frame that shows enough of it, and those of which the mask covers
+        seen, missed: pairs of a moving instance and a frame that shows enough of it, and pairs of which the mask covers
             less than half.
     """
 

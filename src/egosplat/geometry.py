@@ -49,7 +49,7 @@ class Camera:
         return cls(width, height, float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2]))
 
     def scaled_to(self, width: int, height: int) -> "Camera":
-        """The same camera with its image resized to ``width`` x ``height``."""
+        """Return this camera with its image resized to ``width`` x ``height``."""
         sx, sy = width / self.width, height / self.height
         return Camera(width, height, self.fx * sx, self.fy * sy, self.cx * sx, self.cy * sy)
 

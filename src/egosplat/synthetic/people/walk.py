@@ -73,7 +73,7 @@ class Walk:
     controls: Array
 
     def facing(self, times: Array, headings: Array) -> "Walk":
-        """The same walk with other headings, given at the (K,) ``control_times``."""
+        """Return this walk with other headings, given at the (K,) ``control_times``."""
         controls = self.controls.copy()
         controls[:, 2] = headings
         return Walk(SmoothTrack(times, controls), controls)
