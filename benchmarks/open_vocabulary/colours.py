@@ -1,4 +1,4 @@
-"""The true colours of a synthetic apartment's things, from its surfaces: by the rule that captions were made by."""
+"""The true colours of a synthetic apartment's things, from its surfaces, by the rule of the captions."""
 
 from collections.abc import Sequence
 
@@ -50,7 +50,7 @@ def colour_shares(film: Config, instances: Sequence[Instance]) -> Shares:
 
 
 def main_colour(shares: Shares) -> str | None:
-    """The colour that a thing is said to have; None where none prevails, or nothing is seen of it."""
+    """The colour of a thing in captions; None if none prevails, or if the thing is not visible."""
     if np.isnan(shares).any() or shares.max() < MAIN_SHARE:
         return None
     return COLOURS[int(shares.argmax())]

@@ -1,4 +1,4 @@
-"""Phrases by what the small OpenCLIP was taught of them."""
+"""Phrases, grouped by what the small OpenCLIP was trained on."""
 
 from training.small_models.captions import held_out
 from training.small_models.glossary import COLOUR_GLOSSARY, GLOSSARY

@@ -1,4 +1,4 @@
-"""The stages of a small scene, each run with the reference's artifacts or with those that were made before it."""
+"""The stages of a small scene, each run with the reference's artifacts or with those of the stages before it."""
 
 from pathlib import Path
 

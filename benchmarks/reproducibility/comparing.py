@@ -1,4 +1,4 @@
-"""What differs between two makings of an artifact."""
+"""The differences between two versions of an artifact."""
 
 import hashlib
 import json
@@ -32,7 +32,7 @@ class Difference:
 
 
 def differences(one: Path, other: Path) -> list[Difference]:
-    """How two artifacts, documents or recordings differ; nothing if all their values are equal."""
+    """The differences of two artifacts, documents or recordings; empty if all their values are equal."""
     if one.suffix == ".zarr":
         return _of_artifacts(one, other)
     if one.suffix == ".json":

@@ -1,4 +1,4 @@
-"""Environment variables by which libraries choose what they would on another processor."""
+"""Environment variables that make libraries choose the code for another processor."""
 
 import ctypes
 from dataclasses import dataclass, field
@@ -49,7 +49,7 @@ LIMITS = (
 
 
 def choices() -> dict[str, str]:
-    """What the libraries have chosen in this process, where they tell it."""
+    """The choices of the libraries in this process, if they report them."""
     import cv2
     import numpy as np
     import torch

@@ -1,4 +1,4 @@
-"""How right a segmented video is: coverage, IoU over time, identity switches, fragments."""
+"""Scores of a segmented video: coverage, IoU over time, identity switches, fragments."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""How well masks cover moving pixels, and only these."""
+"""Scores of masks: how well they cover moving pixels, and no others."""
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass

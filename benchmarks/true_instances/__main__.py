@@ -1,4 +1,4 @@
-"""The value of consistent features where tracks are right: scenes queried with true instances instead of SAM2's.
+"""The value of consistent features with true tracks: scenes queried with true instances instead of SAM2's.
 
     snakemake --cores 2 results/adt/scene{2,4,5}/metrics.json
     python -m benchmarks.true_instances results/adt/scene{2,4,5} > benchmarks/true_instances/README.md

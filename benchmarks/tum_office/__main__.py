@@ -46,7 +46,7 @@ class Outline:
 
 @dataclass(frozen=True)
 class Drawing:
-    """What was drawn.
+    """The drawn instances.
 
     Attributes:
         width, height: of the pictures [px].
@@ -121,7 +121,7 @@ def write_recording(pictures: Path, output: Path, drawing: Drawing) -> None:
 @click.argument("pictures", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.argument("out", default=RECORDING, type=click.Path(path_type=Path))
 def main(pictures: Path, out: Path) -> None:
-    """Make the recording, and tell what to run next."""
+    """Make the recording, and print the next command."""
     write_recording(pictures, out, parse_drawing(read_json(HERE / "polygons.json")))
     if out != RECORDING:
         click.echo(f"Write {out} into the column recording of benchmarks/tum_office/scenes.tsv, then run")

@@ -163,6 +163,7 @@ def is_right(shares: NDArray[np.float64], names: Sequence[str], category: str) -
     Args:
         shares: (C + 1,) row of ``annotated_shares``.
     """
+    # A few pixels at the border of a frame decide nothing.
     if shares.sum() < LEAST_PIXELS or category not in names:
         return None
     return bool(shares[list(names).index(category)] > 0.5 * shares.sum())

@@ -49,6 +49,7 @@ def summarise_rendering(scores: Sequence[Mapping[str, RegionScore]]) -> dict[str
 
 
 def _mean(scores: Sequence[RegionScore]) -> RenderingScore:
+    # An image without a dynamic pixel has no score for that group.
     seen = [score for score in scores if score.pixels]
     if not seen:
         return RenderingScore(0, float("nan"), float("nan"))

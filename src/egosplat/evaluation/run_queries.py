@@ -48,6 +48,7 @@ def run_queries(
         queries: queries in frames with a pose.
         hit_region: see ``egosplat.evaluation.localization.target_area``.
     """
+    # Frame by frame, because the codes of a frame are rendered once for all its queries.
     queried = {query.frame for query in queries}
     frames = [frame for frame in evaluation.frames if frame.index in queried]
     for frame in track(frames, "queries"):

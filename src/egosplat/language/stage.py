@@ -95,6 +95,7 @@ def run(
     views = select_code_views(frames, poses, targets.of, masking, device, kept)
     gaussians = read_gaussians(splats).to(device)
     settings = read_render_settings(splats, options.backend)
+    # Every method needs the shares, which only lifting computes.
     lifted = lift(gaussians, views, settings)
     checkpoint = Checkpoint(output, provenance.key_of(record), options.checkpoint_s)
     method, code, curve = options.method, lifted.code, Curve()
@@ -153,8 +154,10 @@ def _trained(
     try:
         training.run(gaussians, views, settings, checkpoint)
     except UserError:
+        # Resuming would diverge again.
         checkpoint.remove()
         raise
+    # Stored as they are rendered, so that queries need not know whether codes are normalized.
     return codes_to_render(training.code.detach(), options.normalize_codes), training.curve
 
 

@@ -248,6 +248,7 @@ def _write(
     options: TrainingOptions,
 ) -> None:
     """Evaluate and write the Gaussians: the best with early stopping, else the last."""
+    # With early stopping, the last Gaussians are some evaluations past the best.
     kept = state.early_stop.best
     gaussians, iteration = (
         (state.gaussians, state.iteration) if kept is None else (kept, state.early_stop.best_iteration)
