@@ -80,8 +80,8 @@ def read(folder: Path) -> Scene:
     masking = open_masking(
         splats.provenance["options"]["masking"],
         found["frames"],
-        transient=folder / "transient.zarr",
-        masks=folder / "masks.zarr",
+        transient_path=folder / "transient.zarr",
+        masks_path=folder / "masks.zarr",
     )
     targets = CodeTargets(found["segments"], found["features"], CPU)
     views = select_code_views(found["frames"], found["poses"], targets.of, masking, CPU)

@@ -10,11 +10,11 @@ from egosplat.artifacts.reader import Artifact
 from egosplat.pipeline.survey_file import Survey, gaussians_use_all_frames, read_survey
 
 
-def kept_frames(frames: Artifact, survey: Path | None) -> tuple[NDArray[np.bool_], dict[str, str]]:
+def kept_frames(frames: Artifact, survey_path: Path | None) -> tuple[NDArray[np.bool_], dict[str, str]]:
     """Select the frames that add views, and the entry about it for the provenance of a stage.
 
     Args:
-        survey: path of their survey; None to keep all.
+        survey_path: their survey; None to keep all.
 
     Returns:
         (F,) bool, and ``{"kept_frames": digest}``; an empty dictionary if every frame is kept without a survey.
@@ -22,17 +22,17 @@ def kept_frames(frames: Artifact, survey: Path | None) -> tuple[NDArray[np.bool_
     Raises:
         UserError: the survey cannot be read, or is of other frames.
     """
-    return _kept(frames, None if survey is None else _survey_of(frames, survey))
+    return _kept(frames, None if survey_path is None else _survey_of(frames, survey_path))
 
 
 def frames_for_gaussians(
-    frames: Artifact, survey: Path | None, masking: str
+    frames: Artifact, survey_path: Path | None, masking: str
 ) -> tuple[NDArray[np.bool_], dict[str, str]]:
     """``kept_frames`` for the training of Gaussians, with ``masking`` the value of ``splats.masking``.
 
     A static scene without masks keeps every frame.
     """
-    found = None if survey is None else _survey_of(frames, survey)
+    found = None if survey_path is None else _survey_of(frames, survey_path)
     if found is not None and gaussians_use_all_frames(found, masking):
         found = None
     return _kept(frames, found)

@@ -43,13 +43,15 @@ class Masking:
         return torch.from_numpy(found)
 
 
-def open_masking(kind: str, frames: Artifact, *, transient: Path | None, masks: Path | None) -> Masking:
+def open_masking(
+    kind: str, frames: Artifact, *, transient_path: Path | None, masks_path: Path | None
+) -> Masking:
     """Open the artifact that a kind of masking needs.
 
     Args:
         kind: ``none``, ``initial`` (M of the network) or ``refined`` (M of the instances).
         frames: the frames to mask.
-        transient, masks: paths of these artifacts; only the one that is needed is opened.
+        transient_path, masks_path: only the artifact that is needed is opened.
 
     Raises:
         UserError: the kind is ``auto``, which only the workflow resolves; or the artifact is missing, unreadable or
@@ -63,7 +65,7 @@ def open_masking(kind: str, frames: Artifact, *, transient: Path | None, masks: 
             "here give --masking none or refined"
         )
     name, schema, array = _SOURCES[kind]
-    path = {"transient": transient, "masks": masks}[name]
+    path = {"transient": transient_path, "masks": masks_path}[name]
     if path is None:
         raise UserError(f"splats.masking = {kind} needs the {name} artifact: give --{name}")
     artifact = open_artifact(path, schema)

@@ -82,7 +82,7 @@ def run(
     splats = open_artifact(splats_path, SPLATS)
     check_made_from(poses, frames, axes=("frame",))
     masking = open_masking(
-        splats.provenance["options"]["masking"], frames, transient=transient_path, masks=masks_path
+        splats.provenance["options"]["masking"], frames, transient_path=transient_path, masks_path=masks_path
     )
     kept, by_survey = kept_frames(frames, survey_path)
     record = _begin(

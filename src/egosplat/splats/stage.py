@@ -128,7 +128,7 @@ def run(
     """
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
     kept, by_survey = frames_for_gaussians(frames, survey_path, options.masking)
-    masking = open_masking(options.masking, frames, transient=transient_path, masks=masks_path)
+    masking = open_masking(options.masking, frames, transient_path=transient_path, masks_path=masks_path)
     language_inputs = (
         _open_language_inputs(segments_path, features_path) if options.language == "joint" else ()
     )

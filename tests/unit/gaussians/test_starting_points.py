@@ -19,7 +19,7 @@ def start(scene, points):
     left = points[0][:, 0] < 0
     folder = scene(**{"points/xyz": points[0][left], "points/rgb": points[1][left]})
     frames, poses = open_artifact(folder / "frames.zarr", FRAMES), open_artifact(folder / "poses.zarr", POSES)
-    nothing = open_masking("none", frames, transient=None, masks=None)
+    nothing = open_masking("none", frames, transient_path=None, masks_path=None)
     views = read_views(frames, poses, np.ones(9, bool), nothing, torch.device("cpu"))
 
     def make(densify_init: bool, max_points: int, seed: int = 0) -> Gaussians:

@@ -21,7 +21,7 @@ def views(scene, opened):
     def make(masked: bool = False, **changes: object) -> CodeViews:
         folder = scene(**changes)
         frames, poses, segments, features = opened(folder)
-        moving = open_masking("refined", frames, transient=None, masks=folder / "masks.zarr")
+        moving = open_masking("refined", frames, transient_path=None, masks_path=folder / "masks.zarr")
         masking = moving if masked else Masking(None, "")
         return select_code_views(frames, poses, CodeTargets(segments, features, CPU).of, masking, CPU)
 
