@@ -15,7 +15,7 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.output_files import check_output, picture_kind
-from egosplat.report.figure import draw_heading, evenly_spaced, plt, save_figure
+from egosplat.report.figure import draw_heading, evenly_spaced, inner_point, plt, save_figure, show
 from egosplat.report.page_text import add_name
 
 PAGE = picture_kind("egosplat contact-sheet")
@@ -162,8 +162,7 @@ def _scatter_points(
 def _draw_frames(cells: NDArray[np.object_], frames: Artifact, shown: list[int]) -> None:
     times = frames.read("timestamp_ns")
     for cell, index in zip(cells.flat, shown, strict=False):
-        cell.imshow(frames.row("rgb", index))
-        cell.set_title(f"frame {index}, {(times[index] - times[0]) * 1e-9:.1f} s", fontsize=9)
+        show(cell, frames.row("rgb", index), f"frame {index}, {(times[index] - times[0]) * 1e-9:.1f} s")
 
 
 def _draw_evaluation_frames(
@@ -177,8 +176,7 @@ def _draw_evaluation_frames(
             count = _draw_annotated(cell, image, annotations.row("instance_map", row), names)
             cell.set_title(f"{title}: {count} instances", fontsize=8)
         else:
-            cell.imshow(image)
-            cell.set_title(f"{title}: not annotated", fontsize=8)
+            show(cell, image, f"{title}: not annotated", 8)
 
 
 def _draw_annotated(
@@ -192,8 +190,7 @@ def _draw_annotated(
     for value in objects[:LABELS]:
         mask = instance_map == value
         if mask.mean() >= LEAST_SHARE:
-            v, u = _inner_point(mask)
-            add_name(cell, u, v, names[value])
+            add_name(cell, *inner_point(mask), names[value])
     return len(values)
 
 
@@ -212,11 +209,3 @@ def overlay(picture: NDArray[np.uint8], instance_map: NDArray[np.int32]) -> NDAr
     colours = hsv_to_rgb(np.stack([hue, np.full_like(hue, 0.75), np.ones_like(hue)], axis=-1)) * 255
     tinted = 0.6 * picture + 0.4 * colours[instance_map]
     return np.where((instance_map >= 0)[..., None], tinted, picture).astype(np.uint8)
-
-
-def _inner_point(mask: NDArray[np.bool_]) -> tuple[int, int]:
-    """Row and column of the mask's pixel nearest to its median."""
-    # The median itself may lie outside of the mask.
-    rows, columns = np.nonzero(mask)
-    middle = np.argmin((rows - np.median(rows)) ** 2 + (columns - np.median(columns)) ** 2)
-    return int(rows[middle]), int(columns[middle])

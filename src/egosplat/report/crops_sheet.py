@@ -102,12 +102,8 @@ def run(
         UserError: the features were not made from ``view_features``.
     """
     check_output(output, PAGE)
-    sources = _Sources(
-        open_artifact(frames_path, FRAMES),
-        open_artifact(segments_path, SEGMENTS),
-        open_artifact(view_features_path, VIEW_FEATURES),
-        open_artifact(features_path, FEATURES),
-    )
+    paths = (frames_path, segments_path, view_features_path, features_path)
+    sources = _Sources(*map(open_artifact, paths, (FRAMES, SEGMENTS, VIEW_FEATURES, FEATURES)))
     table = _read(sources.views, sources.features)
     chosen = choose_instances(table)
     height = max(len(chosen), 1)

@@ -2,22 +2,35 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
+from numpy.typing import NDArray
 
 matplotlib.use("Agg")
 matplotlib.rcParams["text.parse_math"] = False  # a name may hold dollars
 
 from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from egosplat.output_files import SOFTWARE, FileKind, output_file
 from egosplat.report.page_text import HEADING_WIDTH, arrange_texts, wrap_text
 
-__all__ = ["draw_heading", "evenly_spaced", "label_log_axis", "middles_of_parts", "plt", "save_figure"]
+__all__ = [
+    "draw_heading",
+    "evenly_spaced",
+    "label_log_axis",
+    "inner_point",
+    "middles_of_parts",
+    "plt",
+    "save_figure",
+    "show",
+]
 
 DPI = 90
 
@@ -50,6 +63,20 @@ def middles_of_parts(count: int, most: int) -> list[int]:
     """At most ``most`` indices below ``count``: the middle of each of as many equal parts."""
     parts = min(count, most)
     return [count * (2 * part + 1) // (2 * parts) for part in range(parts)]
+
+
+def inner_point(mask: NDArray[np.bool_]) -> tuple[int, int]:
+    """Column and row of the mask's pixel nearest to its median, which itself may lie outside of the mask."""
+    rows, columns = np.nonzero(mask)
+    nearest = np.argmin((rows - np.median(rows)) ** 2 + (columns - np.median(columns)) ** 2)
+    return int(columns[nearest]), int(rows[nearest])
+
+
+def show(cell: Axes, picture: NDArray, title: str, fontsize: int = 9, **style: Any) -> AxesImage:
+    """Draw an image below its title, without axes; ``style`` as for ``Axes.imshow``."""
+    cell.set_title(title, fontsize=fontsize)
+    cell.set_axis_off()
+    return cell.imshow(picture, **style)
 
 
 def label_log_axis(axis: Axis) -> None:

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from matplotlib.axes import Axes
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -19,7 +18,7 @@ from egosplat.codes.rendering import render_codes
 from egosplat.geometry import Camera, make_pose
 from egosplat.output_files import check_output, picture_kind
 from egosplat.query.scene import TrainedScene, read_trained_scene
-from egosplat.report.figure import draw_heading, plt, save_figure
+from egosplat.report.figure import draw_heading, plt, save_figure, show
 
 PAGE = picture_kind("egosplat language-sheet")
 
@@ -107,7 +106,7 @@ def _draw_views(
     for column, turn in enumerate(np.arange(TURNS) * 360.0 / TURNS):
         pose = turned_right(camera_to_world[frame], up, turn)
         heading = f"turned {turn:.0f}° to the right" if column else f"as in frame {frame}"
-        _show(grid[0, column], scene.picture(camera, pose), heading)
+        show(grid[0, column], scene.picture(camera, pose), heading)
         rendered = render_codes(
             scene.gaussians,
             torch.from_numpy(code).to(device),
@@ -119,7 +118,7 @@ def _draw_views(
         for row, name in enumerate(language.facts["levels"]):
             coverage = rendered.coverage[row].cpu().numpy()
             picture = colours.paint(rendered.codes[row].cpu().numpy(), coverage)
-            _show(grid[1 + row, column], picture, f"{name}: {coverage.mean():.0%} covered by codes")
+            show(grid[1 + row, column], picture, f"{name}: {coverage.mean():.0%} covered by codes")
 
 
 def principal_colours(code: NDArray[np.float32], share: NDArray[np.float32]) -> CodeColours:
@@ -174,9 +173,3 @@ def turned_right(pose: NDArray[np.float64], up: NDArray[np.float64], degrees: fl
     """A (4, 4) camera_to_world turned in place about ``up``, clockwise as seen from above."""
     rotation = Rotation.from_rotvec(-np.radians(degrees) * up).as_matrix()
     return make_pose(rotation @ pose[:3, :3], pose[:3, 3])
-
-
-def _show(cell: Axes, picture: NDArray, title: str) -> None:
-    cell.imshow(picture)
-    cell.set_title(title, fontsize=9)
-    cell.set_axis_off()

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.colors import hsv_to_rgb
 from numpy.typing import NDArray
 
@@ -13,7 +12,7 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.output_files import check_output, picture_kind
-from egosplat.report.figure import draw_heading, evenly_spaced, plt, save_figure
+from egosplat.report.figure import draw_heading, evenly_spaced, plt, save_figure, show
 
 PAGE = picture_kind("egosplat segments-sheet")
 
@@ -47,13 +46,13 @@ def run(frames_path: Path, segments_path: Path, output: Path, *, title: str) -> 
     colours = palette(segments.shape("instances/level")[0])
     for column, frame in enumerate(shown):
         image, labels = frames.row("rgb", frame), segments.row("labels", frame)
-        _show(grid[0, column], image, f"frame {frame}")
+        show(grid[0, column], image, f"frame {frame}")
         for level, name in enumerate(levels):
             visible = len(np.unique(labels[level][labels[level] >= 0]))
             heading = (
                 f"{name}: repeats {repeats[name]}" if name in repeats else f"{name}: {visible} instances"
             )
-            _show(grid[1 + level, column], tinted(image, labels[level], colours), heading)
+            show(grid[1 + level, column], tinted(image, labels[level], colours), heading)
     save_figure(figure, output, PAGE)
 
 
@@ -105,9 +104,3 @@ def _borders(labels: NDArray[np.int32]) -> NDArray[np.bool_]:
     borders[:, :-1] |= labels[:, :-1] != labels[:, 1:]
     borders[:-1] |= labels[:-1] != labels[1:]
     return borders
-
-
-def _show(cell: Axes, picture: NDArray, title: str) -> None:
-    cell.imshow(picture)
-    cell.set_title(title, fontsize=9)
-    cell.set_axis_off()

@@ -10,8 +10,9 @@ from egosplat.alarms.artifact_alarms import warnings_of
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
+from egosplat.gaussians.evaluation import Scores
 from egosplat.output_files import check_output, picture_kind
-from egosplat.report.figure import draw_heading, label_log_axis, middles_of_parts, plt, save_figure
+from egosplat.report.figure import draw_heading, label_log_axis, middles_of_parts, plt, save_figure, show
 
 PAGE = picture_kind("egosplat splats-sheet")
 
@@ -49,22 +50,16 @@ def run(frames_path: Path, splats_path: Path, output: Path, *, title: str) -> No
 
 
 def _summary(frames: Artifact, splats: Artifact) -> str:
-    facts, psnr, ssim = splats.facts, splats.read("held_out/psnr"), splats.read("held_out/ssim")
+    facts, scores = splats.facts, Scores(splats.read("held_out/psnr"), splats.read("held_out/ssim"))
     held_out = "no frame held out"
-    if len(psnr):
-        held_out = f"{len(psnr)} held out: PSNR {_mean(psnr):.2f} dB, SSIM {_mean(ssim):.3f}"
+    if count := len(scores.psnr):
+        held_out = f"{count} held out: PSNR {scores.mean_psnr:.2f} dB, SSIM {scores.mean_ssim:.3f}"
     return (
         f"{frames.facts['recording']}, origin {splats.origin}\n"
         f"{splats.shape('means')[0]} Gaussians of iteration {facts['iteration']}, "
         f"{facts['views']['training']} training views, {held_out}; "
         f"{facts['training_s']:.0f} s of training, {facts['rasterizer']}"
     )
-
-
-def _mean(values: NDArray[np.float64]) -> float:
-    """Mean of the values that are not NaN; NaN without any."""
-    known = values[~np.isnan(values)]
-    return float(known.mean()) if len(known) else float("nan")
 
 
 def _draw_curves(axes: NDArray[np.object_], splats: Artifact) -> None:
@@ -108,14 +103,10 @@ def _draw_frame(cells: NDArray[np.object_], frames: Artifact, splats: Artifact, 
     error = error_map(photograph, render, frames.read("valid"))
     psnr, ssim = splats.read("held_out/psnr")[row], splats.read("held_out/ssim")[row]
     above, middle, below = cells
-    above.imshow(photograph)
-    above.set_title(f"held out, frame {frame}", fontsize=10)
-    middle.imshow(render)
-    middle.set_title(f"rendered: {psnr:.2f} dB, SSIM {ssim:.3f}", fontsize=10)
-    below.imshow(error, cmap="inferno", vmin=0.0, vmax=ERROR_LIMIT)
-    below.set_title(
-        f"mean error {100 * np.nanmean(error) if np.isfinite(error).any() else 0:.1f} %", fontsize=10
-    )
+    show(above, photograph, f"held out, frame {frame}", 10)
+    show(middle, render, f"rendered: {psnr:.2f} dB, SSIM {ssim:.3f}", 10)
+    mean = 100 * np.nanmean(error) if np.isfinite(error).any() else 0
+    show(below, error, f"mean error {mean:.1f} %", 10, cmap="inferno", vmin=0.0, vmax=ERROR_LIMIT)
 
 
 def error_map(

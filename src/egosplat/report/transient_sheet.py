@@ -21,7 +21,7 @@ from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.output_files import check_output, picture_kind
 from egosplat.query.scene import read_trained_scene
-from egosplat.report.figure import draw_heading, middles_of_parts, plt, save_figure
+from egosplat.report.figure import draw_heading, inner_point, middles_of_parts, plt, save_figure, show
 from egosplat.report.page_text import add_name
 
 PAGE = picture_kind("egosplat transient-sheet")
@@ -82,7 +82,9 @@ def run(
         UserError: the inputs do not belong together.
     """
     check_output(output, PAGE)
-    sources = _open(frames_path, poses_path, transient_path, segments_path, masks_path, splats_path)
+    paths = (frames_path, poses_path, transient_path, segments_path, masks_path, splats_path)
+    sources = _Sources(*map(open_artifact, paths, (FRAMES, POSES, TRANSIENT, SEGMENTS, MASKS, SPLATS)))
+    _check(sources)
     shown = choose_frames(_masked_shares(sources.masks), sources.poses.read("registered"))
     _, height, width, _ = sources.frames.shape("rgb")
     columns = max(len(shown), 3)
@@ -95,28 +97,12 @@ def run(
     save_figure(figure, output, PAGE)
 
 
-def _open(
-    frames_path: Path,
-    poses_path: Path,
-    transient_path: Path,
-    segments_path: Path,
-    masks_path: Path,
-    splats_path: Path,
-) -> _Sources:
-    sources = _Sources(
-        frames=open_artifact(frames_path, FRAMES),
-        poses=open_artifact(poses_path, POSES),
-        transient=open_artifact(transient_path, TRANSIENT),
-        segments=open_artifact(segments_path, SEGMENTS),
-        masks=open_artifact(masks_path, MASKS),
-        splats=open_artifact(splats_path, SPLATS),
-    )
+def _check(sources: _Sources) -> None:
     check_made_from(sources.splats, sources.poses)
     for artifact in (sources.poses, sources.segments, sources.transient, sources.splats):
         check_made_from(artifact, sources.frames)
     check_made_from(sources.masks, sources.segments, sources.transient)
     check_made_from(sources.splats, sources.transient, sources.masks)
-    return sources
 
 
 def _masked_shares(masks: Artifact) -> NDArray[np.float64]:
@@ -165,10 +151,10 @@ def _draw_frames(page: SubFigure, sources: _Sources, shown: list[int], columns: 
     heat = None
     for column, frame in enumerate(shown):
         photograph = sources.frames.row("rgb", frame)
-        _show(grid[0, column], photograph, f"frame {frame}, {(times[frame] - times[0]) * 1e-9:.1f} s")
+        show(grid[0, column], photograph, f"frame {frame}, {(times[frame] - times[0]) * 1e-9:.1f} s")
         heat = _draw_probability(grid[1, column], photograph, sources.transient.row("probability", frame))
         _draw_mask(grid[2, column], photograph, sources, frame)
-        _show(grid[3, column], scene.picture(scene.camera, poses[frame]), "rendered from the Gaussians")
+        show(grid[3, column], scene.picture(scene.camera, poses[frame]), "rendered from the Gaussians")
     if heat is not None:
         bar = page.colorbar(heat, ax=grid[1].tolist(), pad=0.01, label="transient probability")
         bar.solids.set_alpha(1.0)
@@ -179,7 +165,7 @@ def _draw_probability(
 ) -> AxesImage:
     """Draw the probability over the photograph, shown in grey."""
     values = np.nan_to_num(probability.astype(np.float32))
-    _show(cell, photograph.mean(axis=2), f"transient probability: mean {values.mean():.1%}", cmap="gray")
+    show(cell, photograph.mean(axis=2), f"transient probability: mean {values.mean():.1%}", cmap="gray")
     return cell.imshow(values, cmap="inferno", vmin=0.0, vmax=1.0, alpha=HEAT)
 
 
@@ -189,7 +175,7 @@ def _draw_mask(cell: Axes, photograph: NDArray[np.uint8], sources: _Sources, fra
     tint = 255.0 * np.array(to_rgb(MASKED))
     shown = np.where(mask[..., None], (1 - TINT) * photograph + TINT * tint, photograph)
     heading = f"masked: {mask.mean():.1%}, instance: score" if mask.any() else "nothing masked"
-    _show(cell, shown.astype(np.uint8), heading)
+    show(cell, shown.astype(np.uint8), heading)
     if mask.any() and not mask.all():
         cell.contour(mask, levels=[0.5], colors="white", linewidths=1.2)
     scores, moves = sources.masks.read("instances/score"), sources.masks.read("instances/transient")
@@ -210,10 +196,7 @@ def label_places(labels: NDArray[np.int32], moves: NDArray[np.bool_]) -> list[tu
     for instance in np.argsort(-sizes, kind="stable"):
         if len(places) == LABELS or sizes[instance] == 0:
             break
-        _, rows, columns = np.nonzero(labels == instance)
-        # The pixel nearest to the middle: the middle itself may lie outside.
-        nearest = np.argmin((rows - np.median(rows)) ** 2 + (columns - np.median(columns)) ** 2)
-        u, v = int(columns[nearest]), int(rows[nearest])
+        u, v = inner_point((labels == instance).any(axis=0))
         # A part and its whole have about the same middle: only one of their names fits.
         if all(abs(u - x) > 0.25 * width or abs(v - y) > 0.08 * height for x, y, _ in places):
             places.append((u, v, int(instance)))
@@ -246,8 +229,3 @@ def _draw_scores(axes: Axes, masks: Artifact, segments: Artifact) -> None:
     )
     axes.set(ylabel="score", ylim=(0, 1), xlim=(-0.8, max(len(order), 10) - 0.2))
     axes.legend(loc="upper right", fontsize=8)
-
-
-def _show(cell: Axes, picture: NDArray, title: str, **options: str) -> None:
-    cell.imshow(picture, **options)
-    cell.set_title(title, fontsize=9)
