@@ -21,10 +21,9 @@ from egosplat.evaluation.scores import Result, score_query
 from egosplat.pipeline.config import Config, stage_values
 from egosplat.progress import track
 from egosplat.query.answer import ask
-from egosplat.query.clip import load_clip_of
 from egosplat.query.options import QueryOptions
 from egosplat.query.scene import read_scene
-from egosplat.query.text import Texts, encode_texts
+from egosplat.query.text import Texts, encode_texts, load_clip_of
 
 _SCHEMAS = {
     "frames": FRAMES,

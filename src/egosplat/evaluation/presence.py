@@ -23,7 +23,6 @@ from egosplat.query.scene import QueryScene
 from egosplat.query.scene_query import ask_scene, index_scene
 from egosplat.query.text import encode_texts, untaught_words
 from egosplat.query.things import Thing
-from egosplat.query.verdict import refusal
 
 # Longer side of the views that compare things with annotations [px]: shares of a thing need no more detail.
 LABEL_SIDE = 256
@@ -88,6 +87,7 @@ def ask_presence(
     index = index_scene(scene, poses, evaluation.camera, evaluation.valid)
     texts = encode_texts(clip, phrases, options.canonical)
     answers = list(ask_scene(index, texts, options, most=1))
+    untaught = [untaught_words(clip, answer.phrase) for answer in answers]
     best = {answer.phrase: answer.things[0] for answer in answers[: len(present)] if answer.things}
     shares, names = annotated_shares(scene, list(best.values()), evaluation)
     right = {phrase: is_right(row, names, phrase) for phrase, row in zip(best, shares, strict=True)}
@@ -96,12 +96,11 @@ def ask_presence(
             phrase=answer.phrase,
             present=number < len(present),
             score=answer.score,
-            answered=refusal(answer.score, untaught := untaught_words(clip, answer.phrase), options.min_score)
-            is None,
-            untaught=bool(untaught),
+            answered=options.refusal(answer.score, words) is None,
+            untaught=bool(words),
             right=right.get(answer.phrase) if number < len(present) else None,
         )
-        for number, answer in enumerate(answers)
+        for number, (answer, words) in enumerate(zip(answers, untaught, strict=True))
     ]
 
 

@@ -45,10 +45,9 @@ from egosplat.evaluation.scores import GroupScore, summarise
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.output_files import check_output
 from egosplat.progress import log
-from egosplat.query.clip import load_clip_of
 from egosplat.query.options import QueryOptions
 from egosplat.query.scene import read_scene
-from egosplat.query.text import encode_texts
+from egosplat.query.text import encode_texts, load_clip_of
 
 
 @dataclass(frozen=True)

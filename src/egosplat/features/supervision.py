@@ -14,8 +14,6 @@ from egosplat.codes.vectors import unit
 Floats = NDArray[np.floating]
 Bools = NDArray[np.bool_]
 
-TARGETS = ("average", "consistent", "view")
-
 
 def supervise(
     own: Floats, consistent: Floats, inlier: Bools, mismatched: Bools, target: str, outlier_target: str
@@ -27,7 +25,7 @@ def supervise(
         consistent: (R, D) consistent features of their instances.
         inlier: (R,) views that agree with their instance.
         mismatched: (R,) views that use their own feature instead of an average.
-        target: one of ``TARGETS``; ``average`` is the paper's.
+        target: ``average``, ``consistent`` or ``view``; ``average`` is the paper's.
         outlier_target: target of an outlier under ``average``: ``consistent`` or ``average``
             (docs/method.md#supervision-average).
     """

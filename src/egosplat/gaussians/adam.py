@@ -24,7 +24,11 @@ def adam_step(
         rates: learning rate, or one for each column, (columns,) float32.
         step: step count from 1, for the bias correction.
     """
-    (_fused_step if _can_fuse(param) else torch_step)(param, grad, exp_avg, exp_avg_sq, rates, step)
+    if not _can_fuse(param):
+        return torch_step(param, grad, exp_avg, exp_avg_sq, rates, step)
+    from egosplat.kernels.adam import adam_step as fused
+
+    fused(param, grad, exp_avg, exp_avg_sq, rates, beta1=BETA1, beta2=BETA2, eps=EPS, step=step)
 
 
 def torch_step(
@@ -56,14 +60,3 @@ def broken_rows(grads: list[Tensor]) -> Tensor:
 
 def _can_fuse(param: Tensor) -> bool:
     return param.device.type == "cpu" and library.is_usable()
-
-
-def _fused_step(
-    param: Tensor, grad: Tensor, exp_avg: Tensor, exp_avg_sq: Tensor, rates: float | Tensor, step: int
-) -> None:
-    from egosplat.kernels.adam import adam_step as fused
-
-    columns = rates if isinstance(rates, Tensor) else None
-    rate = 0.0 if isinstance(rates, Tensor) else rates
-    options = {"beta1": BETA1, "beta2": BETA2, "eps": EPS, "step": step, "learning_rates": columns}
-    fused(param, grad, exp_avg, exp_avg_sq, rate, **options)

@@ -1,6 +1,7 @@
 """Training options, and the schedule and strategy they select."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 from egosplat.gaussians.density_control import DensityControl, DensityOptions
 from egosplat.gaussians.mcmc import Mcmc, McmcOptions
@@ -9,8 +10,27 @@ from egosplat.gaussians.schedule import STOCK, STOCK_MCMC, Schedule, cut, scaled
 from egosplat.gaussians.strategy import Strategy
 
 
-@dataclass(frozen=True)
-class TrainingOptions:
+@dataclass(frozen=True, kw_only=True)
+class GrowthOptions:
+    """Keys that the stages ``splats`` and ``transient`` share."""
+
+    iterations: int
+    strategy: str
+    max_gaussians: int
+    grow_grad2d: float
+    reset_opacity: float
+    reset_at_start: bool
+    prune_screen_px: float | None
+    seed: int
+
+    def training_options(self, render: RenderSettings, **own: Any) -> "TrainingOptions":
+        """Return the options of a training run with these values and ``own`` ones."""
+        shared = {field.name: getattr(self, field.name) for field in fields(GrowthOptions)}
+        return TrainingOptions(render=render, **shared, **own)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingOptions(GrowthOptions):
     """Options of one training run. ``config.schema.yaml`` describes each key and its trade-off.
 
     Attributes:
@@ -30,19 +50,14 @@ class TrainingOptions:
     """
 
     render: RenderSettings
-    iterations: int
-    strategy: str
-    max_gaussians: int
     position_lr: float
-    grow_grad2d: float
     evaluate_every: int
     patience: int
     min_improvement: float
-    seed: int
-    search_sh_degree: bool = False
     reset_opacity: float = 0.05
     reset_at_start: bool = False
     prune_screen_px: float | None = None
+    search_sh_degree: bool = False
     cuts_schedule: bool = False
 
     @property

@@ -30,6 +30,11 @@ class Masking:
     artifact: Artifact | None
     array: str
 
+    @property
+    def artifacts(self) -> tuple[Artifact, ...]:
+        """The artifact, for the provenance of a stage; empty if nothing is masked."""
+        return () if self.artifact is None else (self.artifact,)
+
     def frames(self, rows: NDArray[np.integer]) -> Tensor | None:
         """Read M of the frames ``rows`` to the CPU: (V, H, W) bool, or float16 in [0, 1]; None if nothing is masked."""
         artifact = self.artifact

@@ -18,13 +18,12 @@ def adam_step(
     grad: Tensor,
     exp_avg: Tensor,
     exp_avg_sq: Tensor,
-    lr: float,
+    rates: float | Tensor,
     *,
     beta1: float,
     beta2: float,
     eps: float,
     step: int,
-    learning_rates: Tensor | None = None,
 ) -> int:
     """Update ``param`` and its moments in place, as ``torch.optim.Adam`` does (Kingma & Ba 2015, algorithm 1).
 
@@ -34,9 +33,8 @@ def adam_step(
 
     Args:
         param, grad, exp_avg, exp_avg_sq: (N, columns), contiguous.
-        lr: learning rate of all columns.
+        rates: learning rate of all columns, or (columns,) of each.
         step: number of this step, from 1, for the bias correction.
-        learning_rates: (columns,), replaces ``lr``.
 
     Returns:
         Number of skipped rows.
@@ -54,8 +52,8 @@ def adam_step(
     if step < 1 or eps <= 0:
         raise ValueError(f"step {step} and eps {eps} must be positive")
     rows, columns = param.shape
-    rates = torch.full((columns,), lr) if learning_rates is None else learning_rates
-    _check("learning_rates", rates, (columns,))
+    rates = rates if isinstance(rates, Tensor) else torch.full((columns,), rates)
+    _check("rates", rates, (columns,))
     # ``rates`` and the tensors stay referenced until the call returns: the kernel gets addresses only.
     addresses = (tensor.data_ptr() for tensor in (rates, *tensors.values()))
     return _function()(rows, columns, torch.get_num_threads(), beta1, beta2, eps, step, *addresses)

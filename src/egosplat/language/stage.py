@@ -26,7 +26,7 @@ from egosplat.errors import UserError
 from egosplat.gaussians.device import training_device
 from egosplat.gaussians.io import read_gaussians, read_render_settings
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.pixel_weights import Masking, open_masking
+from egosplat.gaussians.pixel_weights import open_masking
 from egosplat.gaussians.render import RenderSettings
 from egosplat.language.lifting import Lifted, lift
 from egosplat.language.training import CodeOptions, CodeTraining, Curve, codes_to_render
@@ -35,16 +35,12 @@ from egosplat.progress import log
 
 
 @dataclass(frozen=True)
-class LanguageOptions:
+class LanguageOptions(CodeOptions):
     """Configuration keys of the stage; ``config.schema.yaml`` describes each."""
 
     method: str
-    iterations: int
-    lr: float
-    normalize_codes: bool
     checkpoint_s: float
     backend: str
-    seed: int
 
 
 def run(
@@ -75,21 +71,15 @@ def run(
             diverges.
     """
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
-    segments, features = (
-        open_artifact(segments_path, SEGMENTS),
-        open_artifact(features_path, FEATURES),
-    )
+    segments, features = open_artifact(segments_path, SEGMENTS), open_artifact(features_path, FEATURES)
     splats = open_artifact(splats_path, SPLATS)
     check_made_from(poses, frames, axes=("frame",))
     masking = open_masking(
         splats.provenance["options"]["masking"], frames, transient_path=transient_path, masks_path=masks_path
     )
     kept, by_survey = kept_frames(frames, survey_path)
-    record = _begin(
-        asdict(options) | by_survey,
-        [frames, poses, segments, features, splats],
-        masking,
-    )
+    used = [frames, poses, segments, features, splats, *masking.artifacts]
+    record = provenance.begin_from("language", asdict(options) | by_survey, used)
     device = training_device(options.backend)
     targets = CodeTargets(segments, features, device)
     views = select_code_views(frames, poses, targets.of, masking, device, kept)
@@ -102,25 +92,10 @@ def run(
     if _is_joint(splats):
         method, code = "joint", _joint_codes(splats, features, lifted)
     elif method == "trained":
-        code, curve = _trained(gaussians, views, settings, lifted, _training(options), checkpoint)
+        code, curve = _trained(gaussians, views, settings, lifted, options, checkpoint)
     facts = {"levels": targets.levels, "method": method, "views": len(views)}
     _write(output, record, code, lifted.share, curve, facts)
     checkpoint.remove()
-
-
-def _begin(keys: dict[str, Any], used: list[Artifact], masking: Masking) -> Provenance:
-    if masking.artifact is not None:
-        used = [*used, masking.artifact]
-    return provenance.begin_from("language", keys, used)
-
-
-def _training(options: LanguageOptions) -> CodeOptions:
-    return CodeOptions(
-        iterations=options.iterations,
-        lr=options.lr,
-        normalize_codes=options.normalize_codes,
-        seed=options.seed,
-    )
 
 
 def _is_joint(splats: Artifact) -> bool:

@@ -1,5 +1,6 @@
 """Options of queries, with the values of LangSplat's protocol."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 # Phrases that fit any object; relevancy compares each query with them (paper, LERF, LangSplat).
@@ -49,6 +50,19 @@ class QueryOptions:
         for name, good in ranges.items():
             if not good:
                 raise ValueError(f"{name} = {getattr(self, name)!r} is out of range")
+
+    def refusal(self, score: float, untaught: Sequence[str]) -> str | None:
+        """The reason why a query has no answer; None if it has one.
+
+        Args:
+            score: score of the best match, 0..1.
+            untaught: words of the query that the model was not trained on.
+        """
+        # First, because the score of an untrained word is meaningless.
+        if untaught:
+            words = ", ".join(f'"{word}"' for word in dict.fromkeys(untaught))
+            return f"not found: the OpenCLIP checkpoint was not trained on {words}"
+        return f"not found: the best match is below {self.min_score:.2f}" if score < self.min_score else None
 
     def box_filter_px(self, longer: int) -> int:
         """Side of the box filter [px] for a longer side [px]; at least 1, which changes nothing."""

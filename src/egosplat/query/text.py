@@ -8,9 +8,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from egosplat.artifacts.reader import Artifact
 from egosplat.codes.vectors import unit, usable
 from egosplat.errors import UserError
-from egosplat.models.open_clip_loader import OpenClip
+from egosplat.models.checkpoints import CLIP, model_hash
+from egosplat.models.open_clip_loader import OpenClip, load_open_clip
 
 # Start and end of every text.
 _SPECIAL_TOKENS = 2
@@ -97,3 +99,24 @@ def _check(clip: OpenClip, phrase: str) -> None:
     tokens, limit = len(clip.tokenizer.encode(phrase)), clip.tokenizer.context_length - _SPECIAL_TOKENS
     if tokens > limit:
         raise UserError(f"query {phrase[:80]!r}: has {tokens} tokens, the model reads {limit}; shorten it")
+
+
+def load_clip_of(features: Artifact, model: str, checkpoint: str, device: str, precision: str) -> OpenClip:
+    """Load OpenCLIP and check that it is the model that made the features.
+
+    Args:
+        model, checkpoint, device, precision: see ``load_open_clip``.
+
+    Raises:
+        UserError: the files hold another model, or cannot be loaded.
+    """
+    # Text and image features of different models are not comparable.
+    made_with = features.facts["clip"]
+    found = model_hash(CLIP, {CLIP.config_key: model, CLIP.checkpoint_key: checkpoint})
+    if found != made_with["hash"]:
+        raise UserError(
+            f"{features.path}: was made with another OpenCLIP ({made_with['model']}, {made_with['checkpoint']}, "
+            f"hash {made_with['hash']}) than {model}, {checkpoint} (hash {found}).\n"
+            f"Restore that checkpoint, or rebuild the features: snakemake --cores 2 {features.path}"
+        )
+    return load_open_clip(model, checkpoint, device, precision)

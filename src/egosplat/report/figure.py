@@ -24,8 +24,8 @@ from egosplat.report.page_text import HEADING_WIDTH, arrange_texts, wrap_text
 __all__ = [
     "draw_heading",
     "evenly_spaced",
-    "label_log_axis",
     "inner_point",
+    "label_log_axis",
     "middles_of_parts",
     "plt",
     "save_figure",

@@ -22,10 +22,9 @@ from egosplat.evaluation.evaluation_frames import Evaluation, read_evaluation
 from egosplat.evaluation.localization import bounding_boxes
 from egosplat.evaluation.queries import BenchmarkQueries, Query, find_queries
 from egosplat.query.answer import Answer, ask
-from egosplat.query.clip import load_clip_of
 from egosplat.query.options import QueryOptions
 from egosplat.query.scene import read_scene
-from egosplat.query.text import encode_texts
+from egosplat.query.text import encode_texts, load_clip_of
 from egosplat.report.queries_choice import ScoredQuery
 from egosplat.tables.scored_scenes import ScoredScene
 

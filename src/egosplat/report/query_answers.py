@@ -17,7 +17,6 @@ from egosplat.query.scene_query import SceneAnswer, SceneIndex, ask_scene, index
 from egosplat.query.text import Texts
 from egosplat.query.thing_view import view_thing
 from egosplat.query.things import Thing
-from egosplat.query.verdict import refusal
 from egosplat.query.viewpoint import Viewpoint
 from egosplat.report.query_sheet import DrawnAnswer
 
@@ -54,7 +53,7 @@ class Question:
 
     def refusal(self, phrase: str, score: float) -> str | None:
         """The reason why a query has no answer; None if it has one."""
-        return refusal(score, self.untaught[phrase], self.options.min_score)
+        return self.options.refusal(score, self.untaught[phrase])
 
 
 @dataclass(frozen=True, eq=False)

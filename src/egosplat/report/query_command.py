@@ -15,10 +15,9 @@ from egosplat.artifacts.splats import SPLATS
 from egosplat.errors import UserError
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.output_files import check_output
-from egosplat.query.clip import load_clip_of
 from egosplat.query.options import QueryOptions
 from egosplat.query.scene import read_scene
-from egosplat.query.text import encode_texts, untaught_words
+from egosplat.query.text import encode_texts, load_clip_of, untaught_words
 from egosplat.query.viewpoint import Viewpoint, file_viewpoint, frame_viewpoint
 from egosplat.report.query_answers import Answered, QuerySources, Question, answer_in_scene, answer_in_view
 from egosplat.report.query_sheet import QUERY_PICTURE, draw_answers

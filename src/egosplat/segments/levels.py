@@ -7,8 +7,7 @@ from torch import Tensor
 
 from egosplat.artifacts.checkpoint import State
 from egosplat.segments.instances import Overlaps
-from egosplat.segments.memory import to_device
-from egosplat.segments.propagation import Group
+from egosplat.segments.propagation import Group, to_device
 
 # Numbers of K instances of a level and their (K, M, M) float32 logits, or bool masks, in one frame.
 LevelMasks = tuple[list[int], Tensor]

@@ -27,7 +27,7 @@ from egosplat.gaussians.initialization import scene_extent
 from egosplat.gaussians.io import put_curves, put_gaussians
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.objective import L1Ssim, Objective
-from egosplat.gaussians.options import TrainingOptions
+from egosplat.gaussians.options import GrowthOptions, TrainingOptions
 from egosplat.gaussians.pixel_weights import Masking, open_masking
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.starting_points import starting_gaussians
@@ -45,57 +45,32 @@ from egosplat.progress import log
 from egosplat.rasterize.contract import MAX_SH_DEGREE
 
 
-@dataclass(frozen=True)
-class SplatsOptions:
+@dataclass(frozen=True, kw_only=True)
+class SplatsOptions(GrowthOptions, RenderSettings):
     """Configuration keys of the stage; ``config.schema.yaml`` describes each."""
 
     masking: str
     language: str
     feature_weight: float
-    iterations: int
-    strategy: str
     max_points: int
     densify_init: bool
-    max_gaussians: int
     sh_degree: int | str
     ssim_lambda: float
     position_lr: float
-    grow_grad2d: float
-    reset_opacity: float
-    reset_at_start: bool
-    prune_screen_px: float | None
-    near_plane: float
-    background: str
-    antialiased: bool
     evaluate_every: int
     patience: int
     min_improvement: float
     checkpoint_s: float
-    backend: str
-    seed: int
 
     @property
     def training(self) -> TrainingOptions:
         """Return the training options of the Gaussians."""
-        return TrainingOptions(
-            render=RenderSettings(
-                near_plane=self.near_plane,
-                background=self.background,
-                antialiased=self.antialiased,
-                backend=self.backend,
-            ),
-            iterations=self.iterations,
-            strategy=self.strategy,
-            max_gaussians=self.max_gaussians,
+        return self.training_options(
+            render=self,
             position_lr=self.position_lr,
-            grow_grad2d=self.grow_grad2d,
-            reset_opacity=self.reset_opacity,
-            reset_at_start=self.reset_at_start,
-            prune_screen_px=self.prune_screen_px,
             evaluate_every=self.evaluate_every,
             patience=self.patience,
             min_improvement=self.min_improvement,
-            seed=self.seed,
             search_sh_degree=self.sh_degree == "auto",
         )
 
@@ -132,7 +107,9 @@ def run(
     language_inputs = (
         _open_language_inputs(segments_path, features_path) if options.language == "joint" else ()
     )
-    record = _begin(asdict(options) | by_survey, frames, poses, masking, language_inputs)
+    check_made_from(poses, frames, axes=("frame",))
+    used = [frames, poses, *language_inputs, *masking.artifacts]
+    record = provenance.begin_from("splats", asdict(options) | by_survey, used)
     view_sets = _view_sets(frames, poses, kept, masking, options.training)
     start = starting_gaussians(
         poses,
@@ -151,7 +128,9 @@ def run(
         # Codes of all levels are features of the Gaussians, so their gradients reach the geometry, too.
         start = replace(start, features=initial_codes(start.count, targets, start.means.device))
     checkpoint = Checkpoint(output, provenance.key_of(record), options.checkpoint_s)
-    state = _trained(start, view_sets, options.training, objective, checkpoint)
+    extent = scene_extent(view_sets.training.camera_to_world)
+    state = TrainingState(start, options.training, extent, objective)
+    resume_and_train(state, view_sets, options.training, checkpoint)
     _write(output, record, state, view_sets, options.training)
     checkpoint.remove()
 
@@ -164,20 +143,6 @@ def _open_language_inputs(
             "splats.language = joint needs the artifacts of the codes: give --segments and --features"
         )
     return open_artifact(segments_path, SEGMENTS), open_artifact(features_path, FEATURES)
-
-
-def _begin(
-    keys: dict[str, Any],
-    frames: Artifact,
-    poses: Artifact,
-    masking: Masking,
-    language_inputs: tuple[Artifact, ...],
-) -> Provenance:
-    check_made_from(poses, frames, axes=("frame",))
-    used = [frames, poses, *language_inputs]
-    if masking.artifact is not None:
-        used.append(masking.artifact)
-    return provenance.begin_from("splats", keys, used)
 
 
 def _view_sets(
@@ -224,20 +189,6 @@ def _named(view_sets: ViewSets) -> dict[str, Any]:
         "validation": view_sets.validation,
         "held out": view_sets.held_out,
     }
-
-
-def _trained(
-    start: Gaussians,
-    view_sets: ViewSets,
-    options: TrainingOptions,
-    objective: Objective,
-    checkpoint: Checkpoint,
-) -> TrainingState:
-    """Train the Gaussians and return the final state."""
-    extent = scene_extent(view_sets.training.camera_to_world)
-    state = TrainingState(start, options, extent, objective)
-    resume_and_train(state, view_sets, options, checkpoint)
-    return state
 
 
 def _write(

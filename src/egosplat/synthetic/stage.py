@@ -34,8 +34,6 @@ def run(output: Path, options: SyntheticOptions) -> None:
     write_sequence(sequence, output)
 
 
-Array = NDArray[np.float64]
-
 _MARGIN_NS = 200_000_000
 _EXPOSURE_S = 0.0045
 

@@ -20,7 +20,7 @@ from egosplat.artifacts.writer import Writer, create
 from egosplat.compute import single_thread
 from egosplat.gaussians.device import rasterizer_used, training_device
 from egosplat.gaussians.initialization import scene_extent
-from egosplat.gaussians.options import TrainingOptions
+from egosplat.gaussians.options import GrowthOptions, TrainingOptions
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.starting_points import starting_gaussians
 from egosplat.gaussians.trainer import ViewSets, resume_and_train
@@ -36,11 +36,10 @@ from egosplat.transient.reduced_views import read_reduced_views, reduced, workin
 POSITION_LR = 1.6e-4
 
 
-@dataclass(frozen=True)
-class TransientOptions:
+@dataclass(frozen=True, kw_only=True)
+class TransientOptions(GrowthOptions):
     """Configuration keys of the stage; ``config.schema.yaml`` describes each."""
 
-    iterations: int
     warmup: float
     resolution: int
     transient_penalty: float
@@ -49,46 +48,26 @@ class TransientOptions:
     input_size: int
     encoder_weights: str | None
     batch_norm: str
-    strategy: str
     schedule: str
     max_points: int
     densify_init: bool
-    max_gaussians: int
-    grow_grad2d: float
-    reset_opacity: float
-    reset_at_start: bool
-    prune_screen_px: float | None
     sh_degree: int
     near_plane: float
     background: str
     checkpoint_s: float
     backend: str
-    seed: int
 
     @property
     def gaussians(self) -> TrainingOptions:
         """Return the training options of the temporary Gaussians."""
-        return TrainingOptions(
-            render=RenderSettings(
-                near_plane=self.near_plane,
-                background=self.background,
-                antialiased=False,
-                backend=self.backend,
-            ),
-            iterations=self.iterations,
-            strategy=self.strategy,
-            max_gaussians=self.max_gaussians,
+        return self.training_options(
+            render=RenderSettings(self.near_plane, self.background, antialiased=False, backend=self.backend),
             position_lr=POSITION_LR,
-            grow_grad2d=self.grow_grad2d,
-            reset_opacity=self.reset_opacity,
-            reset_at_start=self.reset_at_start,
-            prune_screen_px=self.prune_screen_px,
             cuts_schedule=self.schedule == "cut",
             # Temporary Gaussians need neither intermediate evaluations nor early stopping.
             evaluate_every=self.iterations,
             patience=0,
             min_improvement=0.0,
-            seed=self.seed,
         )
 
     @property

@@ -33,7 +33,7 @@ def gradients(rows: int, columns: int, step: int) -> Tensor:
 def steps(state: Sequence[Tensor], count: int, lr: float = 0.01, rates: Tensor | None = None) -> None:
     for step in range(count):
         state[1].copy_(gradients(*state[0].shape, step))
-        assert adam_step(*state, lr, **OPTIONS, step=step + 1, learning_rates=rates) == 0
+        assert adam_step(*state, lr if rates is None else rates, **OPTIONS, step=step + 1) == 0
 
 
 @pytest.mark.parametrize("rows", [0, 1, 15, 16, 100])
@@ -113,8 +113,8 @@ def test_mismatched_shapes_are_rejected() -> None:
         adam_step(*(tensor[0] for tensor in state), 0.01, **OPTIONS, step=1)
     with pytest.raises(ValueError, match="step 0"):
         adam_step(*state, 0.01, **OPTIONS, step=0)
-    with pytest.raises(ValueError, match=r"learning_rates: .*\(2,\)"):
-        adam_step(*state, 0.01, **OPTIONS, step=1, learning_rates=torch.ones(2))
+    with pytest.raises(ValueError, match=r"rates: .*\(2,\)"):
+        adam_step(*state, torch.ones(2), **OPTIONS, step=1)
 
 
 def test_other_variants_agree(in_other_variant: Callable[[str, Path], None], tmp_path: Path) -> None:

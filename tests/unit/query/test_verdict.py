@@ -1,24 +1,26 @@
 """When a query is refused, and how that is said."""
 
+from dataclasses import replace
+
 import pytest
 
 from egosplat.models.open_clip_loader import load_open_clip
+from egosplat.query.options import LANGSPLAT
 from egosplat.query.text import untaught_words
-from egosplat.query.verdict import refusal
 
 
 @pytest.mark.parametrize("score, refused", [(0.549, True), (0.55, False), (1.0, False), (0.0, True)])
 def test_the_limit_itself_is_an_answer(score, refused):
-    assert (refusal(score, [], 0.55) is not None) is refused
+    assert (replace(LANGSPLAT, min_score=0.55).refusal(score, []) is not None) is refused
 
 
 def test_a_word_outside_the_vocabulary_is_rejected_at_any_score():
-    why = refusal(1.0, ["elephant", "elephant"], 0.55)
+    why = replace(LANGSPLAT, min_score=0.55).refusal(1.0, ["elephant", "elephant"])
     assert why.count('"elephant"') == 1 and "not trained on" in why
 
 
 def test_a_limit_of_0_refuses_no_score():
-    assert refusal(0.0, [], 0.0) is None
+    assert replace(LANGSPLAT, min_score=0.0).refusal(0.0, []) is None
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +43,4 @@ def test_the_small_model_knows_its_own_words(clip, phrase, words):
 
 
 def test_a_model_without_a_list_knows_all_words(clip):
-    from dataclasses import replace
-
     assert untaught_words(replace(clip, words=None), "zeppelin") == []

@@ -7,11 +7,10 @@ from egosplat.frames.rectify import Rectification, pinhole
 from egosplat.geometry import ARIA_PIXEL_OFFSET, invert, make_pose, transform
 from egosplat.synthetic.adt_format.aria import camera_calibration
 from egosplat.synthetic.adt_format.sequence import ROLLING_SHUTTER_MIDDLE_NS
-from egosplat.synthetic.camera.lens import make_lens, pinhole_lens
+from egosplat.synthetic.camera.lens import make_lens, pinhole_lens, tone, untone
 from egosplat.synthetic.camera.lighting import Lights
 from egosplat.synthetic.camera.raycasting import Body, body_scene, build_geometry
 from egosplat.synthetic.camera.render import Renderer
-from egosplat.synthetic.camera.sensor import tone, untone
 from egosplat.synthetic.objects.atlas import Atlas
 from egosplat.synthetic.objects.shapes import Part, box, sheet
 from egosplat.synthetic.objects.textures import make_texture

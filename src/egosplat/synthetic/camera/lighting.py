@@ -10,8 +10,6 @@ from egosplat.synthetic.camera.raycasting import Floats, Geometry, RayScene
 from egosplat.synthetic.objects.atlas import Atlas
 from egosplat.synthetic.world.room import Room
 
-Array = NDArray[np.float64]
-
 # Warm light: more red than blue.
 _LAMP_POWER = np.array([7.5, 6.8, 5.8], dtype=np.float32)
 _SUN_POWER = np.array([5.5, 4.9, 4.0], dtype=np.float32)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from egosplat.geometry import rotate
 from egosplat.synthetic.adt_format.sequence import View
-from egosplat.synthetic.camera.lens import Lens
+from egosplat.synthetic.camera.lens import Lens, develop, tone, untone
 from egosplat.synthetic.camera.lighting import Lights, bake, face_normals
 from egosplat.synthetic.camera.raycasting import (
     Floats,
@@ -19,7 +19,6 @@ from egosplat.synthetic.camera.raycasting import (
     posed_scene,
     static_scene,
 )
-from egosplat.synthetic.camera.sensor import develop, tone, untone
 from egosplat.synthetic.objects.atlas import Atlas
 
 Array = NDArray[np.float64]
