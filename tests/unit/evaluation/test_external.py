@@ -15,7 +15,6 @@ from jsonschema import Draft202012Validator
 from egosplat.artifacts.relevancy import open_relevancy
 from egosplat.errors import UserError
 from egosplat.evaluation import external
-from egosplat.frames.recording import Instance
 from egosplat.pipeline.config import stage_keys
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.validation import schema
@@ -33,27 +32,10 @@ OF_EGOSPLAT = {
     "gaussians_with_code",
     "code_channels",
 }
-INSTANCES = [
-    Instance(11, "Chair_1", "dining chair", "static", "object"),
-    Instance(12, "Book_1", "book", "static", "object"),
-    Instance(13, "Book_2", "book", "dynamic", "object"),
-    Instance(14, "Ana", "person", "dynamic", "human"),
-]
 
 
 @pytest.fixture
-def labels() -> np.ndarray:
-    """(30, 40) int32: a chair, a static book, a book that moves, a person."""
-    found = np.full((HEIGHT, WIDTH), -1, np.int32)
-    found[2:10, 5:15] = 0
-    found[12:20, 5:13] = 1
-    found[12:22, 20:30] = 2
-    found[22:30, 32:37] = 3
-    return found
-
-
-@pytest.fixture
-def scene(tmp_path, labels) -> Path:
+def scene(tmp_path, instance_map, instances) -> Path:
     """Frames 1 and 3 are annotated; frame 3 has no pose."""
     folder = tmp_path / "scene"
     frames = {
@@ -62,8 +44,8 @@ def scene(tmp_path, labels) -> Path:
     }
     put(folder, "frames", frames)
     put(folder, "poses", {"registered": np.array([True, True, True, False])})
-    annotations = {"frame": np.array([1, 3]), "instance_map": np.stack([labels, labels])}
-    put(folder, "annotations", annotations, {"instances": [asdict(one) for one in INSTANCES]})
+    annotations = {"frame": np.array([1, 3]), "instance_map": np.stack([instance_map] * 2)}
+    put(folder, "annotations", annotations, {"instances": [asdict(one) for one in instances]})
     return folder
 
 
@@ -90,9 +72,9 @@ QUERIES = [(1, "dining chair"), (1, "book")]
 
 
 @pytest.fixture
-def perfect(labels) -> np.ndarray:
+def perfect(instance_map) -> np.ndarray:
     """(2, 1, 30, 40) float16: 1 on the chair, then on both books, else 0.2."""
-    truth = np.stack([labels == 0, (labels == 1) | (labels == 2)])
+    truth = np.stack([instance_map == 0, np.isin(instance_map, (1, 2))])
     return np.where(truth, 1.0, 0.2).astype(np.float16)[:, None]
 
 
@@ -122,7 +104,7 @@ def test_perfect_maps_have_perfect_scores(tmp_path, scored, perfect):
     assert found["scores"]["all"]["mean_iou"] == 1.0
     book, chair = found["queries"]
     # Of both books one is static: of the groups' truth, the mask covers more.
-    assert book["groups"]["static"]["iou"] == pytest.approx(64 / 164)
+    assert book["groups"]["static"]["iou"] == pytest.approx(24 / 84)
     assert chair["level"] == chair["mask_level"] == "level 0" and chair["position"] is None
     assert chair["mask_pixels"] == 80 and set(chair["groups"]) == {"static", "all"}
 

@@ -35,11 +35,6 @@ def test_sh_degree_grows_up_to_the_highest() -> None:
     assert STOCK.sh_degree(30_000, 1) == 1
 
 
-def test_scaled_to_its_own_length_is_the_same() -> None:
-    assert scaled(STOCK, 30_000) == STOCK
-    assert scaled(STOCK_MCMC, 30_000) == STOCK_MCMC
-
-
 def test_scaled_to_7000_keeps_fractions_but_shortens_no_interval() -> None:
     short = scaled(STOCK, 7_000)
     assert (short.densify_from, short.densify_until, short.densify_every) == (500, 3_500, 100)
@@ -63,11 +58,6 @@ def test_density_control_ends_by_half_time_and_no_reset_comes_late(iterations: i
     assert schedule.position_lr(iterations, 1.0) == pytest.approx(1.6e-6)
 
 
-def test_a_longer_run_stretches_the_schedule() -> None:
-    assert scaled(STOCK, 60_000).densify_every == 200
-    assert resets(scaled(STOCK, 60_000)) == [6_000, 12_000, 18_000, 24_000]
-
-
 def test_white_background_reset_at_the_start() -> None:
     schedule = Schedule(reset_at_start=True)
     assert resets(schedule) == [500, 3_000, 6_000, 9_000, 12_000]
@@ -88,8 +78,9 @@ def test_white_background_reset_at_the_start() -> None:
 def test_an_inconsistent_schedule_is_rejected(wrong: dict[str, int]) -> None:
     with pytest.raises(ValueError, match=next(iter(wrong))):
         Schedule(**wrong)
-    with pytest.raises(ValueError, match="0 iterations"):
-        scaled(STOCK, 0)
+    for shorten in (scaled, cut):
+        with pytest.raises(ValueError, match="0 iterations"):
+            shorten(STOCK, 0)
 
 
 def test_a_cut_schedule_is_the_beginning_of_the_stock_schedule():
@@ -110,8 +101,3 @@ def test_a_cut_schedule_is_the_beginning_of_the_stock_schedule():
 @pytest.mark.parametrize("iterations", [1, 499, 500, 501])
 def test_a_run_shorter_than_the_warmup_has_no_density_control(iterations):
     assert not densifications(cut(STOCK, iterations))
-
-
-def test_a_cut_run_of_no_iteration_is_rejected():
-    with pytest.raises(ValueError, match="0 iterations"):
-        cut(STOCK, 0)

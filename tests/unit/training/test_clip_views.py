@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from training.small_models.clip_views import DEFAULT, IMAGE_PX, framed, half_planes, plain_views
+from training.small_models.clip_views import DEFAULT, IMAGE_PX, framed, plain_views
 from training.small_models.crops import PATCH_PX
 
 
@@ -30,14 +30,6 @@ def test_plain_views_are_black_outside_the_mask() -> None:
     view = plain_views(patch)[0]
     torch.testing.assert_close(view[:, 30, 32], torch.full((3,), 180 / 255), atol=1e-5, rtol=0)
     assert not view[:, :, :20].any()
-
-
-def test_half_of_a_mask_is_covered() -> None:
-    masks = torch.cat([rectangle(10, 50, 20, 40), rectangle(5, 15, 5, 65)])
-    left = (masks * half_planes(masks, torch.Generator().manual_seed(0), share=0.5)).sum(dim=(1, 2, 3))
-    share = left / masks.sum(dim=(1, 2, 3))
-    assert (share > 0.4).all()
-    assert (share < 0.6).all()
 
 
 def test_training_views_differ_and_keep_some_of_every_crop() -> None:
