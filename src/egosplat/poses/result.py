@@ -36,13 +36,12 @@ class Poses:
     notes: dict[str, Any] = field(default_factory=dict)
 
     def check(self) -> "Poses":
-        """Check the invariants of the class and return self.
+        """Check the values and return self. The writer of the artifact checks shapes and dtypes.
 
         Raises:
-            ValueError: a shape or dtype is wrong, no frame is registered, a registered pose is not a rigid motion,
-                an unregistered one is not NaN, a point is not finite, or ``up`` is not a unit vector.
+            ValueError: no frame is registered, a registered pose is not a rigid motion, an unregistered one is not NaN,
+                a point is not finite, or ``up`` is not a unit vector.
         """
-        self._check_arrays()
         if not self.registered.any():
             raise ValueError("no frame is registered")
         broken = np.flatnonzero(self.registered & ~is_rigid(self.camera_to_world))
@@ -55,20 +54,6 @@ class Poses:
         if not abs(np.linalg.norm(self.up) - 1.0) <= 1e-9:
             raise ValueError("up is not a unit vector")
         return self
-
-    def _check_arrays(self) -> None:
-        frames, points = len(self.registered), len(self.points)
-        expected = {
-            "camera_to_world": ((frames, 4, 4), np.float64),
-            "registered": ((frames,), np.bool_),
-            "points": ((points, 3), np.float64),
-            "point_rgb": ((points, 3), np.uint8),
-            "up": ((3,), np.float64),
-        }
-        for name, (shape, dtype) in expected.items():
-            array = getattr(self, name)
-            if array.shape != shape or array.dtype != dtype:
-                raise ValueError(f"{name} is {array.shape} {array.dtype}, not {shape} {np.dtype(dtype)}")
 
 
 def unregistered(frames: int) -> NDArray[np.float64]:
