@@ -71,6 +71,15 @@ def test_frames_left_out_by_the_survey_are_not_used(scene, survey_that_keeps):
     assert "kept_frames" in found.provenance["options"]
 
 
+@pytest.mark.parametrize("method", ["lifted", "trained"])
+def test_equal_runs_are_equal_and_leave_no_other_files(scene, method):
+    folder = scene()
+    train(folder)
+    before = {path.name for path in folder.iterdir()}
+    assert run(folder, method=method).digest == run(folder, "again.zarr", method=method).digest
+    assert {path.name for path in folder.iterdir()} - before == {"language.zarr", "again.zarr"}
+
+
 def test_codes_of_joint_training_are_copied(scene):
     folder = scene()
     train(folder, language="joint")
