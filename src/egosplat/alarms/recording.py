@@ -10,7 +10,7 @@ MIN_VALID_PIXELS = 0.5
 
 # A synthetic apartment and two series of photographs have none. COLMAP does not register such frames; one
 # in ten leaves gaps in a trajectory.
-# Share of the frames that are far less sharp than the recording's median (egosplat.frames.sharpness).
+# Share of the frames that are far less sharp than the recording's median (egosplat.frames.stage).
 MAX_BLURRED = 0.1
 
 # COLMAP finds all in five synthetic apartments (benchmarks/colmap/README.md) and in two series of

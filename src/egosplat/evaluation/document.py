@@ -1,4 +1,4 @@
-"""Build the entries of ``metrics.json``, check them against the schema, and write the file."""
+"""Build the entries of ``metrics.json``, with how the scene was made, check them against the schema, and write the file."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -6,10 +6,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from egosplat.artifacts.lineage import Lineage
+from egosplat.artifacts.reader import Artifact
 from egosplat.evaluation.evaluation_frames import Frame
 from egosplat.evaluation.rendering import RegionScore
 from egosplat.evaluation.run_queries import AnsweredQuery
 from egosplat.frames.recording import Instance
+from egosplat.models.configs import SMALL
 from egosplat.output_files import FileKind, stage_json_kind, write_json
 from egosplat.pipeline.validation import Draft202012Validator, schema
 
@@ -78,3 +81,47 @@ def frame_entries(
         }
         for frame, scores in zip(frames, rendering, strict=True)
     ]
+
+
+_MIB = 2**20
+
+
+def artifact_entries(made_from: Lineage) -> dict[str, dict[str, Any] | None]:
+    """Provenance, digest and size on disk [MiB] of each artifact, by file name; None for a lost artifact.
+
+    A trained artifact also has its total training time [s], without interruptions.
+    """
+    known = {name: artifact.provenance | _measured(artifact) for name, artifact in made_from.found.items()}
+    return known | dict.fromkeys(made_from.lost)
+
+
+def total_cost(made_from: Lineage, own: dict[str, Any]) -> dict[str, float | None]:
+    """Sum of the wall times of all stages [s] and the largest peak memory [MiB]; None if an artifact is lost."""
+    if made_from.lost:
+        return {"wall_s": None, "peak_memory_mb": None}
+    records = [own, *(artifact.provenance for artifact in made_from.found.values())]
+    return {
+        "wall_s": round(sum(record["wall_s"] for record in records), 3),
+        "peak_memory_mb": max(record["peak_memory_mb"] for record in records),
+    }
+
+
+def models_used(made_from: Lineage) -> dict[str, dict[str, Any]]:
+    """Checkpoint, content hash and whether it is the bundled small model, by the checkpoint's configuration key."""
+    return {
+        key: {
+            "checkpoint": artifact.provenance["options"][key],
+            "hash": content,
+            "small": artifact.provenance["options"][key] == SMALL,
+        }
+        for artifact in made_from.found.values()
+        for key, content in sorted(artifact.provenance["models"].items())
+    }
+
+
+def _measured(artifact: Artifact) -> dict[str, Any]:
+    size = sum(file.stat().st_size for file in artifact.path.rglob("*") if file.is_file())
+    measured = {"digest": artifact.digest, "disk_mb": round(size / _MIB, 3)}
+    if "training_s" in artifact.facts:
+        measured["training_s"] = artifact.facts["training_s"]
+    return measured

@@ -23,13 +23,13 @@ from egosplat.errors import UserError
 from egosplat.evaluation.document import (
     FORMAT_VERSION,
     METHOD_METRICS,
+    artifact_entries,
     frame_entries,
     query_entry,
     write_metrics,
 )
 from egosplat.evaluation.evaluation_frames import count_frames, find_asked_queries, find_frames
 from egosplat.evaluation.intervals import IntervalOptions
-from egosplat.evaluation.provenance_summary import artifact_entries
 from egosplat.evaluation.queries import (
     BenchmarkQueries,
     InstanceMap,

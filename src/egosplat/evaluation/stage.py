@@ -24,8 +24,11 @@ from egosplat.artifacts.splats import SPLATS
 from egosplat.evaluation.document import (
     FORMAT_VERSION,
     METRICS,
+    artifact_entries,
     frame_entries,
+    models_used,
     query_entry,
+    total_cost,
     write_metrics,
 )
 from egosplat.evaluation.evaluation_frames import (
@@ -37,7 +40,6 @@ from egosplat.evaluation.evaluation_frames import (
 )
 from egosplat.evaluation.intervals import IntervalOptions
 from egosplat.evaluation.presence import ask_presence, presence_entry, presence_phrases
-from egosplat.evaluation.provenance_summary import artifact_entries, models_used, total_cost
 from egosplat.evaluation.queries import GROUPS, BenchmarkQueries
 from egosplat.evaluation.rendering import summarise_rendering
 from egosplat.evaluation.run_queries import AnsweredQuery, run_queries

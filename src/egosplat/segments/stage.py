@@ -20,7 +20,6 @@ from egosplat.progress import log, track
 from egosplat.segments.classical.segmenter import segment_video
 from egosplat.segments.duplicate_levels import drop_levels, find_duplicate_levels
 from egosplat.segments.instances import FinalInstances, Segmented, finalize_instances
-from egosplat.segments.occupancy import Occupancy
 from egosplat.segments.options import LEVELS, SegmentsOptions
 
 # Time between two checkpoints [s].
@@ -141,3 +140,30 @@ def _to_frame_indices(notes: dict[str, Any], video: _Video) -> dict[str, Any]:
     if "key_frames" not in notes:
         return notes
     return notes | {"key_frames": [int(video.frame[place]) for place in notes["key_frames"]]}
+
+
+class Occupancy:
+    """Coverage statistics of N instances over the segmented frames."""
+
+    def __init__(self, instances: int, valid: NDArray[np.bool_]) -> None:
+        """Start with no frame; ``instances``: N, ``valid``: (H, W) bool, pixels that show the scene."""
+        self._frames_of = np.zeros(instances, np.int64)
+        self._valid = valid
+        self._frames = 0
+        self._empty_pixels = 0
+
+    def add(self, labels: NDArray[np.int32]) -> None:
+        """Count one frame; ``labels``: (L, H, W) instance at each level, -1 for none."""
+        found = np.unique(labels)
+        self._frames_of[found[found >= 0]] += 1
+        self._frames += 1
+        self._empty_pixels += int(((labels < 0).all(axis=0) & self._valid).sum())
+
+    def figures(self) -> dict[str, float]:
+        """Share of valid pixels without an instance at any level, mean instances per frame, mean frames per instance."""
+        views = int(self._frames_of.sum())
+        return {
+            "pixels_without_instance": self._empty_pixels / max(self._frames * int(self._valid.sum()), 1),
+            "instances_per_frame": views / max(self._frames, 1),
+            "frames_per_instance": views / max(len(self._frames_of), 1),
+        }

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from egosplat.frames.sharpness import BLURRED, count_blurred, sharpness
+from egosplat.frames.stage import BLURRED, count_blurred, sharpness
 
 EVERYWHERE = np.ones((64, 64), bool)
 

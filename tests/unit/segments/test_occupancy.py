@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from egosplat.segments.occupancy import Occupancy
+from egosplat.segments.stage import Occupancy
 
 
 def test_figures_count_valid_pixels_frames_and_instances():

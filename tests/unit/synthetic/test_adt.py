@@ -23,8 +23,7 @@ from scipy.spatial.transform import Rotation
 
 from egosplat.errors import UserError
 from egosplat.geometry import interpolate_poses, invert, make_pose, rotation_angle
-from egosplat.synthetic.adt_format.adt import ground_truth_ns, write_sequence
-from egosplat.synthetic.adt_format.adt_trajectory import trajectory_table
+from egosplat.synthetic.adt_format.adt import ground_truth_ns, trajectory_table, write_sequence
 from egosplat.synthetic.adt_format.adt_truth import bounding_boxes
 from egosplat.synthetic.adt_format.aria import camera_calibration
 from egosplat.synthetic.adt_format.sequence import ROLLING_SHUTTER_MIDDLE_NS, Frame, Instance, Sequence, View
