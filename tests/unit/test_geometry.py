@@ -13,6 +13,7 @@ from egosplat.geometry import (
     invert,
     is_rigid,
     make_pose,
+    rotation_angle,
     to_aria_pixels,
     transform,
 )
@@ -104,3 +105,21 @@ def test_rigid_motions_are_recognised():
 def test_interpolation_rejects_unsorted_times_and_extrapolation(times, at):
     with pytest.raises(ValueError):
         interpolate_poses(np.array(times), random_poses(len(times)), np.array(at))
+
+
+def test_interpolation_is_exact_on_rows_and_halves_the_arc():
+    rotations = Rotation.from_rotvec([[0, 0, 0], [0, 0, np.pi / 2]]).as_matrix()
+    poses = make_pose(rotations, np.array([[0.0, 0, 0], [2.0, 4, 0]]))
+    times = np.array([10, 20]) + 87_551_170_813_262_000  # nanoseconds too large for float64
+    found = interpolate_poses(times, poses, times[0] + np.array([0, 5, 10]))
+    np.testing.assert_allclose(found[[0, 2]], poses, atol=1e-15)
+    np.testing.assert_allclose(found[1, :3, 3], [1, 2, 0], atol=1e-15)
+    np.testing.assert_allclose(
+        Rotation.from_matrix(found[1, :3, :3]).as_rotvec(), [0, 0, np.pi / 4], atol=1e-12
+    )
+
+
+def test_small_rotation_angles_are_accurate():
+    for angle in (0.0, 1e-9, 1e-3, 3.0, np.pi):
+        pose = make_pose(Rotation.from_rotvec([0, angle, 0]).as_matrix(), np.zeros(3))
+        assert rotation_angle(pose) == pytest.approx(angle, abs=1e-12, rel=1e-6)

@@ -11,6 +11,8 @@ from egosplat.pipeline.process_guards import check_cores
     "cores, nodes, named", [(0, None, "--cores 0"), (-2, None, "--cores -2"), (None, 0, "--jobs 0")]
 )
 def test_no_cores_and_no_jobs_are_rejected(cores, nodes, named):
+    check_cores(1, None)
+    check_cores(None, 1)
     with pytest.raises(UserError, match=named):
         check_cores(cores, nodes)
 
