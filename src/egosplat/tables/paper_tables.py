@@ -1,7 +1,7 @@
 """Build the paper's five tables: printed numbers, and measured numbers below."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from string import ascii_lowercase
 
 from egosplat.evaluation.intervals import RESAMPLING, clustered_interval, mean_of_scenes, scaled
@@ -177,10 +177,9 @@ def _presence_notes(layout: Layout, series: Sequence[Series]) -> Iterator[Note]:
     if not any(column.metric == "accuracy" for column in layout.columns):
         return
     for one in series:
-        counts = presence_counts(_scenes_of(layout, one).values())
-        if counts.absent:
+        if summary := _presence_summary(_scenes_of(layout, one).values()):
             variant = "" if one.variant == FULL else f", {one.variant}"
-            yield Note("", f"{one.label}{variant}: {counts.summary}.")
+            yield Note("", f"{one.label}{variant}: {summary}.")
 
 
 def average(scenes: Mapping[str, ScoredScene], metric: str, group: str) -> Cell:
@@ -215,39 +214,17 @@ def average_chance(scenes: Mapping[str, ScoredScene], answerer: str, group: str)
     return Cell(percent=sum(cell.percent for cell in scored.values()) / len(scored), scenes=tuple(scored))
 
 
-@dataclass(frozen=True)
-class PresenceCounts:
-    """Counts of queries of whole scenes.
-
-    Attributes:
-        present, absent: number of queries of present and of absent things.
-        answered, answered_absent: number of each that were answered.
-        right: number of answered queries whose thing mostly belongs to the category.
-    """
-
-    present: int
-    answered: int
-    right: int
-    absent: int
-    answered_absent: int
-
-    @property
-    def summary(self) -> str:
-        """The counts in a sentence, without a full stop."""
-        return (
-            f"in queries of the whole scene, {self.answered} of {self.present} present things are answered, "
-            f"{self.right} of them correctly, and {self.answered_absent} of {self.absent} absent things"
-        )
-
-
-def presence_counts(scenes: Iterable[ScoredScene]) -> PresenceCounts:
-    """Sum the counts of scenes; scores of other methods have none."""
+def _presence_summary(scenes: Iterable[ScoredScene]) -> str | None:
+    """How often queries of whole scenes are answered; None without queries of absent things, as for other methods."""
     entries = [scene.document["presence"] for scene in scenes if "presence" in scene.document]
-    present, absent = ([entry[kind] for entry in entries] for kind in ("present", "absent"))
-    return PresenceCounts(
-        present=sum(one["asked"] for one in present),
-        answered=sum(one["answered"] for one in present),
-        right=sum(one["right"] for one in present),
-        absent=sum(one["asked"] for one in absent),
-        answered_absent=sum(one["answered"] for one in absent),
+
+    def total(kind: str, key: str) -> int:
+        return sum(entry[kind][key] for entry in entries)
+
+    if not total("absent", "asked"):
+        return None
+    return (
+        f"in queries of the whole scene, {total('present', 'answered')} of {total('present', 'asked')} present things "
+        f"are answered, {total('present', 'right')} of them correctly, and {total('absent', 'answered')} of "
+        f"{total('absent', 'asked')} absent things"
     )
