@@ -72,6 +72,7 @@ def sizes_of(artifacts: dict[str, Artifact], documents: dict[str, Path]) -> Size
         "frames": _pictures,
         "poses": lambda one: {"points": one.shape("points/xyz")[0]},
         "segments": _segments,
+        "instances": lambda one: {"instances": one.shape("instances/level")[0]},
         "view_features": lambda one: dict(zip(("views", "channels"), one.shape("feature"), strict=True)),
         "features": _codes,
         "transient": _transient,
@@ -107,7 +108,6 @@ def _segments(one: Artifact) -> Sizes:
     looks = len(one.facts.get("key_frames", ()))
     side = one.provenance["options"]["points_per_side"]
     return {
-        "instances": one.shape("instances/level")[0],
         "tracked": one.facts["found"],
         "sam2_area": 1,  # all points run the small SAM2 at its own size
         "prompts": looks * side**2,

@@ -22,9 +22,9 @@ from benchmarks.common import command, markdown, output_of, scene_folders, scene
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.usage import peak_memory_mb
 from egosplat.codes.decoder import Decoder, decode, read_decoder
@@ -66,7 +66,7 @@ class Scene:
     decoder: Decoder
     views: CodeViews
     targets: CodeTargets
-    segments: Artifact
+    instances: Artifact
     features: Artifact
     frames: Artifact
     poses: Artifact
@@ -74,7 +74,7 @@ class Scene:
 
 def read(folder: Path) -> Scene:
     """Open a scene's artifacts."""
-    kinds = {"frames": FRAMES, "poses": POSES, "segments": SEGMENTS, "features": FEATURES, "splats": SPLATS}
+    kinds = {"frames": FRAMES, "poses": POSES, "instances": INSTANCES, "features": FEATURES, "splats": SPLATS}
     found = {name: open_artifact(folder / f"{name}.zarr", schema) for name, schema in kinds.items()}
     splats = found.pop("splats")
     masking = open_masking(
@@ -83,7 +83,7 @@ def read(folder: Path) -> Scene:
         transient_path=folder / "transient.zarr",
         masks_path=folder / "masks.zarr",
     )
-    targets = CodeTargets(found["segments"], found["features"], CPU)
+    targets = CodeTargets(found["instances"], found["features"], CPU)
     views = select_code_views(found["frames"], found["poses"], targets.of, masking, CPU)
     decoder = read_decoder(found["features"])
     return Scene(
@@ -134,7 +134,7 @@ def cosines(scene: Scene, code: Tensor, share: Tensor) -> list[float]:
             rendered = render_codes(
                 scene.gaussians, code, share, scene.views.camera, poses[frame], scene.settings
             )
-        labels = torch.from_numpy(scene.segments.row("labels", int(frame))).long()
+        labels = torch.from_numpy(scene.instances.row("labels", int(frame))).long()
         for level, cosine in enumerate(found):
             known = (labels[level] >= 0) & seen[labels[level]]
             wanted = torch.nn.functional.normalize(features[labels[level][known]], dim=-1)

@@ -15,8 +15,8 @@ import click
 
 from benchmarks.common import command, markdown, scene_folders, scene_name
 from benchmarks.scores import METHOD, accuracy_difference, iou_difference, paired, psnr, seconds
+from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.segments import SEGMENTS
 from egosplat.pipeline.survey_file import read_survey
 from egosplat.tables.scored_scenes import read_scored_scene
 
@@ -25,7 +25,7 @@ def row(folder: Path) -> dict[str, object]:
     """A scene's cells by column."""
     own, anyway = (read_scored_scene(folder / below / "metrics.json") for below in ("", "variants/anyway"))
     survey = read_survey(folder / "survey.json")
-    facts = open_artifact(folder / "segments.zarr", SEGMENTS).facts
+    facts = open_artifact(folder / "instances.zarr", INSTANCES).facts
     pair = paired(own, anyway)
     took, would = seconds(own) + survey["provenance"]["cpu_s"], seconds(anyway)
     return {

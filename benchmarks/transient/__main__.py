@@ -3,7 +3,7 @@
     snakemake --cores 2 results/adt/scene{1,2,3,4,5}/masks.zarr
     python -m benchmarks.transient results/adt/scene{1,2,3,4,5} > benchmarks/transient/README.md
 
-Reads `transient.zarr` of each scene, and `segments.zarr` where it exists. The truth comes from the synthetic recording, whose
+Reads `transient.zarr` of each scene, and `instances.zarr` where it exists. The truth comes from the synthetic recording, whose
 frames are all annotated. True instances show what the network would give with perfect segmentation.
 """
 
@@ -17,8 +17,8 @@ from benchmarks.common import command, markdown, scene_folders, scene_name
 from benchmarks.transient.scores import MaskScores, total
 from benchmarks.transient.truth import read_truth
 from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.progress import log
 from egosplat.transient.masks_stage import InstanceScores, refined_mask, transient_instances
@@ -46,8 +46,8 @@ class Scene:
         self.labels = list(self.truth.all_labels())
         transient = open_artifact(folder / "transient.zarr", TRANSIENT)
         self.probability = [transient.row("probability", frame) for frame in range(len(self.labels))]
-        path = folder / "segments.zarr"
-        self.segments = open_artifact(path, SEGMENTS) if path.exists() else None
+        path = folder / "instances.zarr"
+        self.instances = open_artifact(path, INSTANCES) if path.exists() else None
 
     def alone(self) -> MaskScores:
         """Scores of the network alone."""
@@ -59,11 +59,11 @@ class Scene:
         return self._refined(labels, np.zeros(len(self.truth.moves), np.int8), {0})
 
     def refined_by_segments(self) -> Sweep:
-        """Scores refined by the instances of segments.zarr at all levels; none without that file."""
-        if self.segments is None:
+        """Scores refined by the instances of instances.zarr at all levels; none without that file."""
+        if self.instances is None:
             return {}
-        labels = [self.segments.row("labels", frame) for frame in range(len(self.labels))]
-        return self._refined(labels, self.segments.read("instances/level"), set(range(labels[0].shape[0])))
+        labels = [self.instances.row("labels", frame) for frame in range(len(self.labels))]
+        return self._refined(labels, self.instances.read("instances/level"), set(range(labels[0].shape[0])))
 
     def _refined(self, labels: list[Labels], level: NDArray[np.int8], levels: set[int]) -> Sweep:
         found = InstanceScores(len(level))
@@ -114,7 +114,7 @@ def main(folders: tuple[Path, ...]) -> None:
     names = [scene.name for scene in scenes]
     sweeps = {
         "true instances": [scene.refined_by_truth() for scene in scenes],
-        "segments.zarr": [scene.refined_by_segments() for scene in scenes],
+        "instances.zarr": [scene.refined_by_segments() for scene in scenes],
     }
     sweeps = {kind: own for kind, own in sweeps.items() if all(own)}
     rows = rows_of("network alone", names, ALONE, [scene.alone() for scene in scenes])

@@ -3,7 +3,7 @@
     snakemake --cores 2 results/adt/scene{2,4,5}/metrics.json
     python -m benchmarks.true_instances results/adt/scene{2,4,5} > benchmarks/true_instances/README.md
 
-Every frame of a synthetic recording is annotated. These instances become `segments.zarr` with one level. View features,
+Every frame of a synthetic recording is annotated. These instances become `instances.zarr` with one level. View features,
 features, language and scores follow from it as usual, on the scene's own Gaussians. `view` supervises with the feature of each
 view, `average` with the mean of that and the consistent feature, as in the paper.
 """
@@ -28,8 +28,8 @@ from benchmarks.scores import (
 from benchmarks.transient.truth import read_truth
 from egosplat.artifacts import provenance
 from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.writer import create
 from egosplat.pipeline import config as configuration
@@ -43,24 +43,25 @@ TARGETS = ("view", "average")
 COLUMNS = ("scene", "instances", "supervision", "queries", "accuracy", "static", "dynamic", "mIoU")
 
 
-def true_segments(folder: Path, output: Path) -> None:
-    """Write the annotated instances of a scene as ``segments.zarr``."""
+def write_true_instances(folder: Path, output: Path) -> None:
+    """Write the annotated instances of a scene as ``instances.zarr``."""
     frames = open_artifact(folder / "frames.zarr", FRAMES)
     truth = read_truth(folder / "recording", frames)
     valid, count = frames.read("valid"), len(truth.names)
-    with create(output, SEGMENTS, provenance.begin_from("segments", {}, [frames])) as artifact:
+    with create(output, INSTANCES, provenance.begin_from("instances", {}, [frames])) as artifact:
         artifact.allocate("labels", (len(frames.read("train")), 1, *valid.shape))
         for frame, labels in enumerate(track(list(truth.all_labels()), "writing true instances")):
             artifact.put_row("labels", frame, np.where(valid, labels, -1)[None].astype(np.int32))
         artifact.put("instances/level", np.zeros(count, np.int8))
-        artifact.put("instances/predicted_iou", np.ones(count, np.float32))
-        artifact.put("instances/stability", np.ones(count, np.float32))
-        artifact.put("instances/first_frame", np.zeros(count, np.int64))
+        artifact.put("instances/parent", np.full(count, -1, np.int32))
+        artifact.put("instances/masks", np.ones(count, np.int32))
+        artifact.put("gaussians/xyz", np.zeros((0, 3), np.float32))
+        artifact.put("gaussians/instance", np.zeros((0, 1), np.int32))
         artifact.facts = {"levels": ["whole"], "instances": {"whole": count}, "segmenter": "truth"}
 
 
 def score(folder: Path, work: Path, target: str) -> ScoredScene:
-    """Scores of a scene with the segments and view features in ``work`` and one of ``TARGETS``."""
+    """Scores of a scene with the instances and view features in ``work`` and one of ``TARGETS``."""
     config = configuration.resolve({"features": {"supervision": target}}, PRESETS)
     own = {name: folder / f"{name}.zarr" for name in ("frames", "poses", "annotations", "splats")}
     masking = open_artifact(own["splats"], SPLATS).provenance["options"]["masking"]
@@ -70,7 +71,7 @@ def score(folder: Path, work: Path, target: str) -> ScoredScene:
         "language",
         config,
         **{name: own[name] for name in ("frames", "poses", "splats")},
-        segments=work / "segments.zarr",
+        instances=work / "instances.zarr",
         features=made["features"],
         survey=folder / "survey.json",
         transient=None,
@@ -91,10 +92,10 @@ def by_truth(folder: Path) -> dict[str, ScoredScene]:
     """Scores of a scene with true instances, by target."""
     with TemporaryDirectory() as name:
         work = Path(name)
-        true_segments(folder, work / "segments.zarr")
+        write_true_instances(folder, work / "instances.zarr")
         config = configuration.resolve({}, PRESETS)
-        frames, segments = folder / "frames.zarr", work / "segments.zarr"
-        run("view_features", config, frames=frames, segments=segments, output=work / "view_features.zarr")
+        frames, instances = folder / "frames.zarr", work / "instances.zarr"
+        run("view_features", config, frames=frames, instances=instances, output=work / "view_features.zarr")
         return {target: score(folder, work, target) for target in TARGETS}
 
 

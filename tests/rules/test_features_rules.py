@@ -70,7 +70,7 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Work:
 
 
 def write_inputs(folder: Path) -> None:
-    """Write frames.zarr and segments.zarr."""
+    """Write frames.zarr and instances.zarr."""
     labels = np.full((FRAME_COUNT, 1, SIZE, SIZE), -1, np.int32)
     labels[:, 0, 4:14, 4:20] = 0
     labels[:, 0, 20:30, 4:20] = 1
@@ -81,7 +81,7 @@ def write_inputs(folder: Path) -> None:
         "instances/level": np.zeros(2, np.int8),
     }
     facts = {"format": "plain", "upright": True, "levels": ["whole"]}
-    put_scene(folder, ["frames", "segments"], arrays, facts, stage="frames", origin="real")
+    put_scene(folder, ["frames", "instances"], arrays, facts, stage="frames", origin="real")
 
 
 def test_both_artifacts_are_made_and_then_nothing_is_to_be_done(work):

@@ -1,7 +1,7 @@
 """
 OpenCLIP features of each instance: per view, aggregated over the views, and compressed to codes.
 
-REQUIRED INPUTS: frames.zarr, segments.zarr. Never annotations.zarr.
+REQUIRED INPUTS: frames.zarr, instances.zarr. Never annotations.zarr.
 OUTPUTS: view_features.zarr, features.zarr. While view_features runs, .view_features.zarr.checkpoint, from which a killed
 run resumes.
 TOOLS: OpenCLIP, PyTorch.
@@ -12,7 +12,7 @@ rule view_features:
     """Encode the crop of each instance in each training frame with OpenCLIP."""
     input:
         frames=artifact("frames"),
-        segments=artifact("segments"),
+        instances=artifact("instances"),
     output:
         directory("results/{dataset}/{scene}/{variant}view_features.zarr"),
     log:
@@ -31,7 +31,7 @@ rule view_features:
     shell:
         "egosplat view-features"
         " --frames {input.frames:q}"
-        " --segments {input.segments:q}"
+        " --instances {input.instances:q}"
         " --output {output:q}"
         " {params.flags}"
         " 2>&1 | tee {log:q}"

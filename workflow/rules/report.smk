@@ -72,7 +72,7 @@ rule crops_sheet:
     """Draw crops of instances in order of time, with outlier views crossed out."""
     input:
         frames=artifact("frames"),
-        segments=artifact("segments"),
+        instances=artifact("instances"),
         view_features=artifact("view_features"),
         features=artifact("features"),
     output:
@@ -93,7 +93,7 @@ rule crops_sheet:
     shell:
         "egosplat crops-sheet"
         " --frames {input.frames:q}"
-        " --segments {input.segments:q}"
+        " --instances {input.instances:q}"
         " --view-features {input.view_features:q}"
         " --features {input.features:q}"
         " --title {params.title:q}"
@@ -136,7 +136,7 @@ rule transient_sheet:
         frames=artifact("frames"),
         poses=artifact("poses"),
         transient=artifact("transient"),
-        segments=artifact("segments"),
+        instances=artifact("instances"),
         masks=artifact("masks"),
         splats=artifact("splats"),
     output:
@@ -159,7 +159,7 @@ rule transient_sheet:
         " --frames {input.frames:q}"
         " --poses {input.poses:q}"
         " --transient {input.transient:q}"
-        " --segments {input.segments:q}"
+        " --instances {input.instances:q}"
         " --masks {input.masks:q}"
         " --splats {input.splats:q}"
         " --title {params.title:q}"

@@ -1,9 +1,9 @@
 """
-Instances at three levels, tracked through the video.
+Masks at three levels, and the instances they show: tracked through the video, or merged in 3D.
 
-REQUIRED INPUTS: frames.zarr; survey.json, if it may leave frames out. Never annotations.zarr.
-OUTPUTS: segments.zarr.
-TOOLS: SAM2, or OpenCV's graph segmentation and optical flow.
+REQUIRED INPUTS: frames.zarr, poses.zarr; survey.json, if it may leave frames out. Never annotations.zarr.
+OUTPUTS: segments.zarr, instances.zarr. While a stage runs, .{name}.checkpoint, from which a killed run resumes.
+TOOLS: SAM2, or OpenCV's graph segmentation and optical flow; PyTorch, egosplat's kernels or gsplat.
 """
 
 
@@ -32,6 +32,40 @@ rule segments:
     shell:
         "egosplat segments"
         " --frames {input.frames:q}"
+        " {params.others}"
+        " --output {output:q}"
+        " {params.flags}"
+        " 2>&1 | tee {log:q}"
+
+
+rule instances:
+    """Merge masks on temporary Gaussians into instances that hold in 3D."""
+    input:
+        frames=artifact("frames"),
+        poses=artifact("poses"),
+        segments=artifact("segments"),
+        others=optional_artifacts("instances"),
+    output:
+        directory("results/{dataset}/{scene}/{variant}instances.zarr"),
+    log:
+        "logs/{dataset}/{scene}/{variant}instances.log",
+    benchmark:
+        "logs/{dataset}/{scene}/{variant}instances.tsv"
+    threads: 1  # the stage uses one, for reproducible results
+    resources:
+        mem_mb=memory("instances"),
+        runtime=runtime("instances"),
+        gpu=gpus("instances"),
+    params:
+        others=optional_flags("instances"),
+        kept=training_frames("instances"),
+        flags=flags("instances"),
+        code=code_of("instances"),
+    shell:
+        "egosplat instances"
+        " --frames {input.frames:q}"
+        " --poses {input.poses:q}"
+        " --segments {input.segments:q}"
         " {params.others}"
         " --output {output:q}"
         " {params.flags}"

@@ -1,7 +1,7 @@
 """
 3D Gaussians of the scene, and their language codes.
 
-REQUIRED INPUTS: frames.zarr, poses.zarr. By configuration and survey: masks.zarr or transient.zarr, segments.zarr and
+REQUIRED INPUTS: frames.zarr, poses.zarr. By configuration and survey: masks.zarr or transient.zarr, instances.zarr and
 features.zarr, survey.json. Never annotations.zarr.
 OUTPUTS: splats.zarr, language.zarr. While a stage runs, .{name}.checkpoint, from which a killed run resumes.
 TOOLS: PyTorch, egosplat's kernels or gsplat.
@@ -45,7 +45,7 @@ rule language:
     input:
         frames=artifact("frames"),
         poses=artifact("poses"),
-        segments=artifact("segments"),
+        instances=artifact("instances"),
         features=artifact("features"),
         splats=artifact("splats"),
         others=optional_artifacts("language"),
@@ -69,7 +69,7 @@ rule language:
         "egosplat language"
         " --frames {input.frames:q}"
         " --poses {input.poses:q}"
-        " --segments {input.segments:q}"
+        " --instances {input.instances:q}"
         " --features {input.features:q}"
         " --splats {input.splats:q}"
         " {params.others}"

@@ -1,7 +1,7 @@
 """
 Transient pixels, predicted by a network from what static Gaussians cannot fit, and the instances they belong to.
 
-REQUIRED INPUTS: frames.zarr, poses.zarr, segments.zarr; survey.json, if it may leave frames out. Never annotations.zarr.
+REQUIRED INPUTS: frames.zarr, poses.zarr, instances.zarr; survey.json, if it may leave frames out. Never annotations.zarr.
 OUTPUTS: transient.zarr, masks.zarr. While transient runs, .transient.zarr.checkpoint, from which a killed run resumes.
 TOOLS: PyTorch, timm, egosplat's kernels or gsplat.
 """
@@ -54,7 +54,7 @@ rule masks:
     input:
         frames=artifact("frames"),
         transient=artifact("transient"),
-        segments=artifact("segments"),
+        instances=artifact("instances"),
     output:
         directory("results/{dataset}/{scene}/{variant}masks.zarr"),
     log:
@@ -72,7 +72,7 @@ rule masks:
         "egosplat masks"
         " --frames {input.frames:q}"
         " --transient {input.transient:q}"
-        " --segments {input.segments:q}"
+        " --instances {input.instances:q}"
         " --output {output:q}"
         " {params.flags}"
         " 2>&1 | tee {log:q}"

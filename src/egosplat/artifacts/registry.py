@@ -3,6 +3,7 @@
 from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.poses import POSES
@@ -12,6 +13,18 @@ from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.artifacts.view_features import VIEW_FEATURES
 
-_ALL = (FRAMES, ANNOTATIONS, POSES, SEGMENTS, VIEW_FEATURES, FEATURES, TRANSIENT, MASKS, SPLATS, LANGUAGE)
+_ALL = (
+    FRAMES,
+    ANNOTATIONS,
+    POSES,
+    SEGMENTS,
+    INSTANCES,
+    VIEW_FEATURES,
+    FEATURES,
+    TRANSIENT,
+    MASKS,
+    SPLATS,
+    LANGUAGE,
+)
 # Every kind of artifact, by name.
 SCHEMAS: dict[str, Schema] = {schema.name: schema for schema in _ALL}

@@ -34,14 +34,14 @@ class CodeTargets:
         channels: C.
     """
 
-    def __init__(self, segments: Artifact, features: Artifact, device: torch.device) -> None:
+    def __init__(self, instances: Artifact, features: Artifact, device: torch.device) -> None:
         """Load the codes; ``device`` is the device of the targets.
 
         Raises:
-            UserError: the features were made from other segments.
+            UserError: the features were made from other instances.
         """
-        self._segments, self._device = segments, device
-        check_made_from(features, segments, axes=("instance",))
+        self._instances, self._device = instances, device
+        check_made_from(features, instances, axes=("instance",))
         self._instance, self._frame = features.read("instance"), features.read("frame")
         self._code = features.read("code")
         self._common = features.read("consistent_code")
@@ -50,15 +50,15 @@ class CodeTargets:
         # Instances whose consistent code serves frames without a view of theirs.
         self._usable = np.zeros_like(seen) if views_alone else seen
         self._named = seen
-        self._levels = np.unique(segments.read("instances/level"))
-        names = segments.facts["levels"]
+        self._levels = np.unique(instances.read("instances/level"))
+        names = instances.facts["levels"]
         self.levels = [names[level] for level in self._levels]
         self.channels = self._code.shape[1]
 
     def of(self, frame: int) -> Targets:
         """Return the targets of a frame, by its index in frames.zarr."""
         table, usable = self._table(frame)
-        labels = torch.from_numpy(self._segments.row("labels", frame)[self._levels]).to(self._device).long()
+        labels = torch.from_numpy(self._instances.row("labels", frame)[self._levels]).to(self._device).long()
         # Label -1 indexes the last entry of both, which is empty.
         known = usable[labels]
         codes = torch.stack([table[:, level] for level in labels])

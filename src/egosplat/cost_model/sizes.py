@@ -28,10 +28,10 @@ RECORDED_PIXELS = 1408**2
 
 # By size: the artifacts that have it, the array, and the axes whose product it is.
 _IN_ARTIFACTS: dict[str, tuple[tuple[str, str, slice], ...]] = {
-    "frames": (("frames", "rgb", slice(0, 1)), ("segments", "labels", slice(0, 1))),
-    "pixels": (("frames", "rgb", slice(1, 3)), ("segments", "labels", slice(2, 4))),
+    "frames": (("frames", "rgb", slice(0, 1)), ("instances", "labels", slice(0, 1))),
+    "pixels": (("frames", "rgb", slice(1, 3)), ("instances", "labels", slice(2, 4))),
     "points": (("poses", "points/xyz", slice(0, 1)),),
-    "instances": (("segments", "instances/level", slice(0, 1)),),
+    "instances": (("instances", "instances/level", slice(0, 1)),),
     "views": (("view_features", "feature", slice(0, 1)),),
     "channels": (("view_features", "feature", slice(1, 2)),),
     "dims": (("features", "code", slice(1, 2)),),

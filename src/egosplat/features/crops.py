@@ -152,22 +152,24 @@ class InstanceViews:
         return np.lexsort((self.instance, self.frame))
 
 
-def find_views(frames: Artifact, segments: Artifact, min_area: float, max_views: int | None) -> InstanceViews:
+def find_views(
+    frames: Artifact, instances: Artifact, min_area: float, max_views: int | None
+) -> InstanceViews:
     """Find the views to encode.
 
     Args:
         min_area: smallest mask as a fraction of the image; at least one pixel.
         max_views: largest number of views per instance, evenly spaced; None for all.
     """
-    count = segments.shape("instances/level")[0]
-    _, _, height, width = segments.shape("labels")
+    count = instances.shape("instances/level")[0]
+    _, _, height, width = instances.shape("labels")
     # An instance without a pixel has no crop, even if ``min_area`` is 0.
     least = max(1.0, min_area * height * width)
     # Training frames only: evaluation frames must not influence the result.
     chosen = np.flatnonzero(frames.read("train"))
     found: list[Regions] = []
     for frame in track(chosen, "finding instances"):
-        regions = find_regions(segments.row("labels", frame), count)
+        regions = find_regions(instances.row("labels", frame), count)
         found.append(regions.chosen(regions.area >= least))
     views = InstanceViews(
         _joined([one.instance for one in found]),
@@ -194,20 +196,20 @@ def spread(instance: Ints, most: int) -> NDArray[np.bool_]:
 
 
 def cut_crops(
-    frames: Artifact, segments: Artifact, views: InstanceViews, wanted: Preprocessing
+    frames: Artifact, instances: Artifact, views: InstanceViews, wanted: Preprocessing
 ) -> Iterator[NDArray[np.uint8]]:
     """Yield the upright (H, W, 3) uint8 crop of each view at the model's size; holds one frame at a time.
 
     Args:
         views: in the order ``by_frame``.
     """
-    level = segments.read("instances/level")
+    level = instances.read("instances/level")
     turned = lies_on_its_side(frames)
     at = -1
     for frame, instance, box in zip(views.frame, views.instance, views.box, strict=True):
         # Each frame is decompressed once, because the views are in the order of the frames.
         if frame != at:
-            rgb, labels, at = frames.row("rgb", frame), segments.row("labels", frame), frame
+            rgb, labels, at = frames.row("rgb", frame), instances.row("labels", frame), frame
         crop = cut_crop(rgb, labels[level[instance]], instance, box)
         # CLIP is not invariant to rotation, and Aria's first generation films sideways (docs/method.md#upright).
         yield resize(np.rot90(crop, -1) if turned else crop, wanted.image_size, wanted.interpolation)

@@ -14,9 +14,9 @@ from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.frames import FRAMES, lies_on_its_side
+from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.view_features import VIEW_FEATURES
 from egosplat.artifacts.writer import create
 from egosplat.codes.vectors import usable
@@ -42,7 +42,7 @@ CHECKPOINT_S = 60.0
 @dataclass(frozen=True)
 class _Inputs:
     frames: Artifact
-    segments: Artifact
+    instances: Artifact
     clip: OpenClip
 
 
@@ -59,39 +59,39 @@ class ViewFeaturesOptions:
     precision: str
 
 
-def run(frames_path: Path, segments_path: Path, output: Path, options: ViewFeaturesOptions) -> None:
-    """Write the view features of ``segments``.
+def run(frames_path: Path, instances_path: Path, output: Path, options: ViewFeaturesOptions) -> None:
+    """Write the view features of ``instances``.
 
     A killed run resumes from its last checkpoint and gives identical features.
 
     Raises:
         UserError: the inputs do not belong together, the model cannot be loaded, or it gives no finite feature.
     """
-    frames, segments = open_artifact(frames_path, FRAMES), open_artifact(segments_path, SEGMENTS)
-    check_made_from(segments, frames, axes=("frame", "height", "width"))
+    frames, instances = open_artifact(frames_path, FRAMES), open_artifact(instances_path, INSTANCES)
+    check_made_from(instances, frames, axes=("frame", "height", "width"))
     used = (options.clip_model, options.clip_checkpoint)
-    inputs = _Inputs(frames, segments, load_open_clip(*used, options.device, options.precision))
+    inputs = _Inputs(frames, instances, load_open_clip(*used, options.device, options.precision))
     model = _model_facts(inputs.clip, *used)
     record = provenance.begin_from(
         "view_features",
         asdict(options),
-        (frames, segments),
+        (frames, instances),
         {CLIP.checkpoint_key: model["hash"]},
     )
-    views = find_views(frames, segments, options.min_area, options.max_views)
+    views = find_views(frames, instances, options.min_area, options.max_views)
     # The key holds the device and the precision, too: their features differ in the last bits.
     checkpoint = Checkpoint(output, provenance.key_of(record, model), CHECKPOINT_S)
     features = _encoded(inputs, views, options.batch, checkpoint)
     good = _checked(features, options.clip_checkpoint)
     facts = {
-        "levels": segments.facts["levels"],
+        "levels": instances.facts["levels"],
         "clip": model,
         "without_feature": int((~good).sum()),
         "turned": lies_on_its_side(frames),
     }
-    _write(output, record, views.chosen(good), features[good], segments.read("instances/level"), facts)
+    _write(output, record, views.chosen(good), features[good], instances.read("instances/level"), facts)
     checkpoint.remove()
-    seen, count = len(np.unique(views.instance[good])), segments.shape("instances/level")[0]
+    seen, count = len(np.unique(views.instance[good])), instances.shape("instances/level")[0]
     log(f"{int(good.sum())} views of {seen} of {count} instances")
 
 
@@ -126,7 +126,7 @@ def _encoded(inputs: _Inputs, views: InstanceViews, batch: int, checkpoint: Chec
 
 def _batches(inputs: _Inputs, views: InstanceViews, size: int) -> Iterator[NDArray[np.uint8]]:
     """Yield (B, H, W, 3) crops in the order of the views, ``size`` at a time, across frames."""
-    crops = cut_crops(inputs.frames, inputs.segments, views, inputs.clip.preprocessing)
+    crops = cut_crops(inputs.frames, inputs.instances, views, inputs.clip.preprocessing)
     while few := list(islice(crops, size)):
         yield np.stack(few)
 

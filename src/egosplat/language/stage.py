@@ -13,12 +13,12 @@ from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.kept_frames import kept_frames
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.writer import create
 from egosplat.codes.targets import CodeTargets
@@ -46,7 +46,7 @@ class LanguageOptions(CodeOptions):
 def run(
     frames_path: Path,
     poses_path: Path,
-    segments_path: Path,
+    instances_path: Path,
     features_path: Path,
     splats_path: Path,
     output: Path,
@@ -71,17 +71,17 @@ def run(
             diverges.
     """
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
-    segments, features = open_artifact(segments_path, SEGMENTS), open_artifact(features_path, FEATURES)
+    instances, features = open_artifact(instances_path, INSTANCES), open_artifact(features_path, FEATURES)
     splats = open_artifact(splats_path, SPLATS)
     check_made_from(poses, frames, axes=("frame",))
     masking = open_masking(
         splats.provenance["options"]["masking"], frames, transient_path=transient_path, masks_path=masks_path
     )
     kept, by_survey = kept_frames(frames, survey_path)
-    used = [frames, poses, segments, features, splats, *masking.artifacts]
+    used = [frames, poses, instances, features, splats, *masking.artifacts]
     record = provenance.begin_from("language", asdict(options) | by_survey, used)
     device = training_device(options.backend)
-    targets = CodeTargets(segments, features, device)
+    targets = CodeTargets(instances, features, device)
     views = select_code_views(frames, poses, targets.of, masking, device, kept)
     gaussians = read_gaussians(splats).to(device)
     settings = read_render_settings(splats, options.backend)

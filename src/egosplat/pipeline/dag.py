@@ -22,7 +22,7 @@ _MASKS: dict[str, tuple[str, ...]] = {
 }
 
 # Artifacts needed to train codes with the geometry, by splats.language.
-_CODES: dict[str, tuple[str, ...]] = {"after": (), "joint": ("segments", "features")}
+_CODES: dict[str, tuple[str, ...]] = {"after": (), "joint": ("instances", "features")}
 
 
 def leaves_frames_out(config: Config) -> bool:

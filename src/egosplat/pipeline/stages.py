@@ -59,7 +59,7 @@ _MASKING = {
     "masks": "if splats.masking is refined",
 }
 _JOINT = {
-    "segments": "if splats.language is joint",
+    "instances": "if splats.language is joint",
     "features": "if splats.language is joint",
 }
 _CLIP = {"models": ("clip_checkpoint", "clip_model", "device", "precision")}
@@ -125,11 +125,21 @@ _STAGES = (
         keys=_SAM2,
     ),
     Stage(
+        "instances",
+        "egosplat.instances.stage",
+        "Merge masks into instances that hold in 3D.",
+        output="instances.zarr",
+        inputs=("frames", "poses", "segments"),
+        optional=_TRAINING_FRAMES,
+        libraries=("numpy", "opencv-contrib-python-headless", "scipy", "torch", "zarr"),
+        keys={"splats": ("near_plane",)},
+    ),
+    Stage(
         "view_features",
         "egosplat.features.view_features_stage",
         "Encode the crop of each instance in each training frame with OpenCLIP.",
         output="view_features.zarr",
-        inputs=("frames", "segments"),
+        inputs=("frames", "instances"),
         libraries=("numpy", "open_clip_torch", "pillow", "scipy", "torch", "zarr"),
         keys=_CLIP,
     ),
@@ -155,7 +165,7 @@ _STAGES = (
         "egosplat.transient.masks_stage",
         "Select the transient instances, and mask them in every frame.",
         output="masks.zarr",
-        inputs=("frames", "transient", "segments"),
+        inputs=("frames", "transient", "instances"),
         libraries=("numpy", "zarr"),
     ),
     Stage(
@@ -172,7 +182,7 @@ _STAGES = (
         "egosplat.language.stage",
         "Assign each Gaussian the code of its instance, at every level.",
         output="language.zarr",
-        inputs=("frames", "poses", "segments", "features", "splats"),
+        inputs=("frames", "poses", "instances", "features", "splats"),
         optional=_TRAINING_FRAMES | _MASKING,
         libraries=("numpy", "torch", "zarr"),
     ),
@@ -230,7 +240,7 @@ _STAGES = (
         "egosplat.report.transient_sheet",
         "Draw transient probability, masks, and the renders without the masked objects.",
         output="transient.png",
-        inputs=("frames", "poses", "transient", "segments", "masks", "splats"),
+        inputs=("frames", "poses", "transient", "instances", "masks", "splats"),
         libraries=("matplotlib", "torch"),
         scene=("title",),
     ),
@@ -239,7 +249,7 @@ _STAGES = (
         "egosplat.report.crops_sheet",
         "Draw the crops of instances in order of time, with outlier views crossed out.",
         output="crops.png",
-        inputs=("frames", "segments", "view_features", "features"),
+        inputs=("frames", "instances", "view_features", "features"),
         libraries=("matplotlib",),
         scene=("title",),
     ),

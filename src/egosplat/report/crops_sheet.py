@@ -11,8 +11,8 @@ from egosplat.alarms.artifact_alarms import warnings_of
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.view_features import VIEW_FEATURES
 from egosplat.codes.vectors import unit, usable
 from egosplat.features.aggregation import disagreement
@@ -58,7 +58,7 @@ BACKGROUND = 0.12
 @dataclass(frozen=True)
 class _Sources:
     frames: Artifact
-    segments: Artifact
+    instances: Artifact
     views: Artifact
     features: Artifact
 
@@ -89,7 +89,7 @@ class Table:
 
 def run(
     frames_path: Path,
-    segments_path: Path,
+    instances_path: Path,
     view_features_path: Path,
     features_path: Path,
     output: Path,
@@ -102,8 +102,8 @@ def run(
         UserError: the features were not made from ``view_features``.
     """
     check_output(output, PAGE)
-    paths = (frames_path, segments_path, view_features_path, features_path)
-    sources = _Sources(*map(open_artifact, paths, (FRAMES, SEGMENTS, VIEW_FEATURES, FEATURES)))
+    paths = (frames_path, instances_path, view_features_path, features_path)
+    sources = _Sources(*map(open_artifact, paths, (FRAMES, INSTANCES, VIEW_FEATURES, FEATURES)))
     table = _read(sources.views, sources.features)
     chosen = choose_instances(table)
     height = max(len(chosen), 1)
@@ -189,7 +189,7 @@ def _draw_views(
     turned = sources.views.facts["turned"]
     for cell, row, number in zip(cells, rows, numbers, strict=False):
         frame, instance = table.frame[row], table.instance[row]
-        labels = sources.segments.row("labels", frame)[table.level[instance]]
+        labels = sources.instances.row("labels", frame)[table.level[instance]]
         crop = cut_crop(sources.frames.row("rgb", frame), labels, instance, table.box[row])
         _draw_crop(cell, np.rot90(crop, -1) if turned else crop, bool(table.inlier[row]))
         colour = "black" if table.inlier[row] else "crimson"

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from egosplat.alarms.artifact_alarms import warnings_of
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.output_files import check_output, picture_kind
@@ -60,7 +60,7 @@ class _Sources:
     frames: Artifact
     poses: Artifact
     transient: Artifact
-    segments: Artifact
+    instances: Artifact
     masks: Artifact
     splats: Artifact
 
@@ -69,7 +69,7 @@ def run(
     frames_path: Path,
     poses_path: Path,
     transient_path: Path,
-    segments_path: Path,
+    instances_path: Path,
     masks_path: Path,
     splats_path: Path,
     output: Path,
@@ -82,8 +82,8 @@ def run(
         UserError: the inputs do not belong together.
     """
     check_output(output, PAGE)
-    paths = (frames_path, poses_path, transient_path, segments_path, masks_path, splats_path)
-    sources = _Sources(*map(open_artifact, paths, (FRAMES, POSES, TRANSIENT, SEGMENTS, MASKS, SPLATS)))
+    paths = (frames_path, poses_path, transient_path, instances_path, masks_path, splats_path)
+    sources = _Sources(*map(open_artifact, paths, (FRAMES, POSES, TRANSIENT, INSTANCES, MASKS, SPLATS)))
     _check(sources)
     shown = choose_frames(_masked_shares(sources.masks), sources.poses.read("registered"))
     _, height, width, _ = sources.frames.shape("rgb")
@@ -93,15 +93,15 @@ def run(
     draw_heading(figure, f"{title}: {_summary(sources)}", warnings_of(sources.transient, sources.masks))
     above, below = figure.subfigures(2, 1, height_ratios=(pictures, CHART))
     _draw_frames(above, sources, shown, columns)
-    _draw_scores(below.subplots(), sources.masks, sources.segments)
+    _draw_scores(below.subplots(), sources.masks, sources.instances)
     save_figure(figure, output, PAGE)
 
 
 def _check(sources: _Sources) -> None:
     check_made_from(sources.splats, sources.poses)
-    for artifact in (sources.poses, sources.segments, sources.transient, sources.splats):
+    for artifact in (sources.poses, sources.instances, sources.transient, sources.splats):
         check_made_from(artifact, sources.frames)
-    check_made_from(sources.masks, sources.segments, sources.transient)
+    check_made_from(sources.masks, sources.instances, sources.transient)
     check_made_from(sources.splats, sources.transient, sources.masks)
 
 
@@ -179,7 +179,7 @@ def _draw_mask(cell: Axes, photograph: NDArray[np.uint8], sources: _Sources, fra
     if mask.any() and not mask.all():
         cell.contour(mask, levels=[0.5], colors="white", linewidths=1.2)
     scores, moves = sources.masks.read("instances/score"), sources.masks.read("instances/transient")
-    for u, v, instance in label_places(sources.segments.row("labels", frame), moves):
+    for u, v, instance in label_places(sources.instances.row("labels", frame), moves):
         add_name(cell, u, v, f"{instance}: {scores[instance]:.2f}")
 
 
@@ -203,10 +203,10 @@ def label_places(labels: NDArray[np.int32], moves: NDArray[np.bool_]) -> list[tu
     return places
 
 
-def _draw_scores(axes: Axes, masks: Artifact, segments: Artifact) -> None:
+def _draw_scores(axes: Axes, masks: Artifact, instances: Artifact) -> None:
     """Draw the scores of all instances, sorted, and the threshold."""
     scores, moves = masks.read("instances/score"), masks.read("instances/transient")
-    level, names = segments.read("instances/level"), segments.facts["levels"]
+    level, names = instances.read("instances/level"), instances.facts["levels"]
     threshold = masks.facts["threshold"]
     order = np.argsort(-scores, kind="stable")
     named = len(order) <= NAMED_BARS

@@ -5,6 +5,9 @@ from dataclasses import dataclass
 # The levels in the order of SAM2's three masks for one point (docs/method.md#levels).
 LEVELS = ("subpart", "part", "whole")
 
+EACH_FRAME = "each_frame"
+"""Value of ``prompting`` without tracking: each mask of each prompted frame is an instance of its own."""
+
 
 @dataclass(frozen=True)
 class SegmentsOptions:

@@ -20,7 +20,7 @@ from egosplat.progress import log, track
 from egosplat.segments.classical.segmenter import segment_video
 from egosplat.segments.duplicate_levels import drop_levels, find_duplicate_levels
 from egosplat.segments.instances import FinalInstances, Segmented, finalize_instances
-from egosplat.segments.options import LEVELS, SegmentsOptions
+from egosplat.segments.options import EACH_FRAME, LEVELS, SegmentsOptions
 
 # Time between two checkpoints [s].
 CHECKPOINT_S = 60.0
@@ -76,10 +76,14 @@ class _Video:
 def _track_with_sam2(video: _Video, options: SegmentsOptions, checkpoint: Checkpoint) -> Segmented:
     # Imported here: sam2 takes seconds to import, and the classical segmenter does not need it.
     from egosplat.models.sam2_loader import load_sam2
+    from egosplat.segments.single_frames import SingleFrames
     from egosplat.segments.tracker import Tracker
 
     model = (options.sam2_config, options.sam2_checkpoint, options.device, options.precision)
     sam2, valid = load_sam2(*model, options.image_size), video.source.read("valid")
+    if options.prompting == EACH_FRAME:
+        train = np.flatnonzero(video.source.read("train")[video.frame])
+        return SingleFrames(sam2, video.image, train, len(video.frame), valid, options).run(checkpoint)
     return Tracker(sam2, video.image, len(video.frame), valid, options).run(checkpoint)
 
 
@@ -87,13 +91,16 @@ def _write(artifact: Writer, segmented: Segmented, video: _Video, options: Segme
     """Merge duplicates, drop short tracks and repeated levels, and write the remaining instances."""
     labels, count = segmented.labels, video.source.shape("rgb")[0]
     place_of = {int(frame): place for place, frame in enumerate(video.frame)}
-    final = finalize_instances(segmented, options.min_frames)
+    single = options.prompting == EACH_FRAME and options.segmenter == "sam2"
+    final = finalize_instances(segmented, 1 if single else options.min_frames)
     if len(final.kept) == 0:
         raise UserError(
             "segments: no instance was found in any frame. Lower segments.pred_iou_thresh and stability_score_thresh, "
             "or set segments.segmenter to classical"
         )
-    final, repeated = _drop_duplicate_levels(segmented, final) if options.levels == "auto" else (final, {})
+    final, repeated = (
+        _drop_duplicate_levels(segmented, final) if options.levels == "auto" and not single else (final, {})
+    )
     first = labels[0]
     artifact.allocate("labels", (count, *first.shape))
     occupancy = Occupancy(len(final.kept), video.source.read("valid"))

@@ -11,11 +11,11 @@ from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.kept_frames import frames_for_gaussians
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.writer import create
 from egosplat.codes.joint_objective import JointLanguage, initial_codes
@@ -84,7 +84,7 @@ def run(
     survey_path: Path | None = None,
     transient_path: Path | None = None,
     masks_path: Path | None = None,
-    segments_path: Path | None = None,
+    instances_path: Path | None = None,
     features_path: Path | None = None,
 ) -> None:
     """Write the splats artifact of ``frames`` with ``poses``.
@@ -95,7 +95,7 @@ def run(
         survey_path: excludes frames from training, unless nothing moves and nothing is masked.
         transient_path: required if ``masking`` is ``initial``.
         masks_path: required if ``masking`` is ``refined``.
-        segments_path, features_path: required if ``language`` is ``joint``.
+        instances_path, features_path: required if ``language`` is ``joint``.
 
     Raises:
         UserError: no training frame has a pose, an input is missing or does not belong to the others, the backend
@@ -105,7 +105,7 @@ def run(
     kept, by_survey = frames_for_gaussians(frames, survey_path, options.masking)
     masking = open_masking(options.masking, frames, transient_path=transient_path, masks_path=masks_path)
     language_inputs = (
-        _open_language_inputs(segments_path, features_path) if options.language == "joint" else ()
+        _open_language_inputs(instances_path, features_path) if options.language == "joint" else ()
     )
     check_made_from(poses, frames, axes=("frame",))
     used = [frames, poses, *language_inputs, *masking.artifacts]
@@ -136,13 +136,13 @@ def run(
 
 
 def _open_language_inputs(
-    segments_path: Path | None, features_path: Path | None
+    instances_path: Path | None, features_path: Path | None
 ) -> tuple[Artifact, Artifact]:
-    if segments_path is None or features_path is None:
+    if instances_path is None or features_path is None:
         raise UserError(
-            "splats.language = joint needs the artifacts of the codes: give --segments and --features"
+            "splats.language = joint needs the artifacts of the codes: give --instances and --features"
         )
-    return open_artifact(segments_path, SEGMENTS), open_artifact(features_path, FEATURES)
+    return open_artifact(instances_path, INSTANCES), open_artifact(features_path, FEATURES)
 
 
 def _view_sets(

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from egosplat.artifacts import provenance
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.artifacts.writer import create
 from egosplat.progress import log, track
@@ -77,7 +77,7 @@ class MasksOptions:
 
 
 def run(
-    frames_path: Path, transient_path: Path, segments_path: Path, output: Path, options: MasksOptions
+    frames_path: Path, transient_path: Path, instances_path: Path, output: Path, options: MasksOptions
 ) -> None:
     """Write the refined masks of all frames.
 
@@ -86,21 +86,21 @@ def run(
     """
     threshold, level = options.threshold, options.level
     frames = open_artifact(frames_path, FRAMES)
-    transient, segments = (
+    transient, instances = (
         open_artifact(transient_path, TRANSIENT),
-        open_artifact(segments_path, SEGMENTS),
+        open_artifact(instances_path, INSTANCES),
     )
-    for artifact in (transient, segments):
+    for artifact in (transient, instances):
         check_made_from(artifact, frames, axes=("frame", "height", "width"))
-    record = provenance.begin_from("masks", asdict(options), (frames, transient, segments))
-    names = segments.facts["levels"]
+    record = provenance.begin_from("masks", asdict(options), (frames, transient, instances))
+    names = instances.facts["levels"]
     # A level that repeats another has no instances of its own; the other level stands for it.
-    shown_by = segments.facts.get("repeats", {}).get(level, level)
+    shown_by = instances.facts.get("repeats", {}).get(level, level)
     levels = set(range(len(names))) if level == "all" else {names.index(shown_by)}
     # Training frames alone decide: evaluation frames must not influence training.
-    found = _scores(transient, segments, np.flatnonzero(frames.read("train")))
+    found = _scores(transient, instances, np.flatnonzero(frames.read("train")))
     scores = found.scores
-    chosen = transient_instances(scores, found.pixels, segments.read("instances/level"), threshold, levels)
+    chosen = transient_instances(scores, found.pixels, instances.read("instances/level"), threshold, levels)
     count, height, width = transient.shape("probability")
     masked = 0
     with create(output, MASKS, record) as artifact:
@@ -108,7 +108,7 @@ def run(
         artifact.put("instances/transient", chosen)
         artifact.allocate("refined", (count, height, width))
         for frame in track(range(count), "writing masks"):
-            mask = refined_mask(segments.row("labels", frame), chosen)
+            mask = refined_mask(instances.row("labels", frame), chosen)
             masked += int(mask.sum())
             artifact.put_row("refined", frame, mask)
         share = masked / max(count * height * width, 1)
@@ -124,9 +124,9 @@ def run(
     log(f"{int(chosen.sum())} of {len(chosen)} instances are transient: {share:.1%} of all pixels")
 
 
-def _scores(transient: Artifact, segments: Artifact, rows: NDArray[np.int64]) -> InstanceScores:
+def _scores(transient: Artifact, instances: Artifact, rows: NDArray[np.int64]) -> InstanceScores:
     """Score the instances on the frames ``rows``."""
-    scores = InstanceScores(segments.shape("instances/level")[0])
+    scores = InstanceScores(instances.shape("instances/level")[0])
     for frame in track(rows, "scoring instances", total=len(rows)):
-        scores.add(segments.row("labels", frame), transient.row("probability", frame))
+        scores.add(instances.row("labels", frame), transient.row("probability", frame))
     return scores

@@ -21,6 +21,7 @@ from egosplat.compute import single_thread
 from egosplat.gaussians.device import rasterizer_used, training_device
 from egosplat.gaussians.initialization import scene_extent
 from egosplat.gaussians.options import GrowthOptions, TrainingOptions
+from egosplat.gaussians.reduced_views import read_reduced_views, reduced, working_size
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.starting_points import starting_gaussians
 from egosplat.gaussians.trainer import ViewSets, resume_and_train
@@ -30,7 +31,6 @@ from egosplat.models.checkpoints import content_hash
 from egosplat.progress import log, track
 from egosplat.transient.network import TransientNet, make_network
 from egosplat.transient.objective import InitialObjective, InitialOptions
-from egosplat.transient.reduced_views import read_reduced_views, reduced, working_size
 
 # Learning rate of the means of the temporary Gaussians, as in 3DGS.
 POSITION_LR = 1.6e-4

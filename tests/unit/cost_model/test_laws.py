@@ -29,7 +29,7 @@ GROWING = {
     ("pixels", "gaussians"): "language metrics queries_sheet",
     ("pixels", "views", "channels"): "view_features",
     ("views", "channels"): "features",
-    ("frames", "pixels"): "transient",
+    ("frames", "pixels"): "instances transient",
     ("frames", "pixels", "gaussians"): "splats",
 }
 MEMORY_GROWS_WITH = {stage: sizes for sizes, stages in GROWING.items() for stage in stages.split()}

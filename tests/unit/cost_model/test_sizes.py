@@ -12,8 +12,8 @@ from egosplat.survey.motion import SIDE
 
 ARRAYS = {
     "frames.zarr/rgb": (7, 20, 30, 3),
-    "segments.zarr/labels": (7, 3, 20, 30),
-    "segments.zarr/instances/level": (11,),
+    "instances.zarr/labels": (7, 3, 20, 30),
+    "instances.zarr/instances/level": (11,),
     "view_features.zarr/feature": (40, 512),
     "features.zarr/code": (11, 5),
     "splats.zarr/means": (900, 3),
@@ -46,7 +46,7 @@ def test_sizes_are_those_of_the_arrays(artifacts):
 
 
 def test_labels_have_the_frames_size_as_well(artifacts):
-    """Jobs that read segments but no frames know the size too."""
+    """Jobs that read instances but no frames know the size too."""
     scene = Sizes(defaults(), artifacts[1:2])
     assert (scene["frames"], scene["pixels"]) == (7, 600)
 

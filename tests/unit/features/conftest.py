@@ -45,7 +45,7 @@ def labels() -> np.ndarray:
 
 @pytest.fixture
 def scene(tmp_path: Path, labels: np.ndarray) -> Callable[..., Path]:
-    """``scene(labels=, train=, level=, **facts)``: a folder with frames.zarr and segments.zarr."""
+    """``scene(labels=, train=, level=, **facts)``: a folder with frames.zarr and instances.zarr."""
 
     def make(
         labels: np.ndarray = labels,
@@ -59,8 +59,8 @@ def scene(tmp_path: Path, labels: np.ndarray) -> Callable[..., Path]:
         rgb = rng.integers(256, size=(frames, height, width, 3), dtype=np.uint8)
         about = {"recording": "a recording", "format": "adt", "upright": True} | facts
         put(tmp_path, "frames", {"rgb": rgb, "train": train}, about)
-        segments = {"labels": labels, "instances/level": np.array(level, np.int8)}
-        put(tmp_path, "segments", segments, {"levels": LEVELS}, made_from=["frames"], stage="frames")
+        instances = {"labels": labels, "instances/level": np.array(level, np.int8)}
+        put(tmp_path, "instances", instances, {"levels": LEVELS}, made_from=["frames"], stage="frames")
         return tmp_path
 
     return make

@@ -29,7 +29,7 @@ def run(clip_keys):
     def call(folder: Path, name: str = "view_features.zarr", **changes: object):
         stage.run(
             folder / "frames.zarr",
-            folder / "segments.zarr",
+            folder / "instances.zarr",
             folder / name,
             stage.ViewFeaturesOptions(**KEYS | clip_keys | changes),
         )
@@ -40,7 +40,10 @@ def run(clip_keys):
 
 def test_artifact_holds_the_expected_facts_and_inputs(scene, run, clip_keys):
     views = run(scene())
-    assert views.origin == "synthetic" and set(views.provenance["inputs"]) == {"frames.zarr", "segments.zarr"}
+    assert views.origin == "synthetic" and set(views.provenance["inputs"]) == {
+        "frames.zarr",
+        "instances.zarr",
+    }
     assert views.read("instance").tolist() == [0] * 4 + [1] * 4 + [2, 3]
     assert views.read("frame").tolist() == [0, 1, 2, 3, 0, 1, 2, 3, 2, 3]
     assert views.read("instances/level").tolist() == [0, 0, 1, 1, 0]
@@ -92,7 +95,7 @@ def mortal(clip, crops):
 
 stage.encode, stage.CHECKPOINT_S = mortal, 0.0
 folder = Path(sys.argv[1])
-paths = [folder / f"{name}.zarr" for name in ("frames", "segments", "view_features")]
+paths = [folder / f"{name}.zarr" for name in ("frames", "instances", "view_features")]
 stage.run(*paths, stage.ViewFeaturesOptions(**eval(sys.argv[2])))
 """
 
@@ -111,7 +114,7 @@ def test_a_killed_run_resumes_to_the_same_features(scene, run, clip_keys, capsys
     capsys.readouterr()
     assert run(folder, batch=2).digest == expected
     assert "encoding resumes after crop 6 of 10" in capsys.readouterr().err
-    names = {"frames.zarr", "segments.zarr", "view_features.zarr", "unbroken.zarr"}
+    names = {"frames.zarr", "instances.zarr", "view_features.zarr", "unbroken.zarr"}
     assert {path.name for path in folder.iterdir()} == names
 
 
@@ -161,10 +164,10 @@ def test_a_model_without_a_finite_feature_is_reported(scene, run, monkeypatch):
 
 def test_segments_of_other_frames_are_rejected(scene, run, labels):
     folder = scene()
-    segments = (folder / "segments.zarr").rename(folder / "kept.zarr")
+    instances = (folder / "instances.zarr").rename(folder / "kept.zarr")
     scene(labels=labels[:4], train=np.ones(4, bool))
-    shutil.rmtree(folder / "segments.zarr")
-    segments.rename(folder / "segments.zarr")
-    with pytest.raises(UserError, match="segments.zarr: was made from another frames.zarr"):
+    shutil.rmtree(folder / "instances.zarr")
+    instances.rename(folder / "instances.zarr")
+    with pytest.raises(UserError, match="instances.zarr: was made from another frames.zarr"):
         run(folder)
-    assert {path.name for path in folder.iterdir()} == {"frames.zarr", "segments.zarr"}
+    assert {path.name for path in folder.iterdir()} == {"frames.zarr", "instances.zarr"}

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.segments import SEGMENTS
 from egosplat.features.crops import cut_crops, find_views, spread
 from egosplat.models.open_clip_loader import Preprocessing
 
@@ -13,7 +13,7 @@ WANTED = Preprocessing((11, 11), (0.5, 0.5, 0.5), (0.2, 0.2, 0.2), "bicubic", "s
 
 
 def artifacts(folder):
-    return open_artifact(folder / "frames.zarr", FRAMES), open_artifact(folder / "segments.zarr", SEGMENTS)
+    return open_artifact(folder / "frames.zarr", FRAMES), open_artifact(folder / "instances.zarr", INSTANCES)
 
 
 def test_rows_go_by_instance_then_frame_and_leave_held_out_frames_out(scene):
@@ -60,10 +60,10 @@ def test_without_training_frames_there_are_no_views(scene):
     ],
 )
 def test_crops_are_upright(scene, facts, turned):
-    frames, segments = artifacts(scene(**facts))
-    views = find_views(frames, segments, 0.0, None)
+    frames, instances = artifacts(scene(**facts))
+    views = find_views(frames, instances, 0.0, None)
     views = views.chosen(views.by_frame)
-    crops = list(cut_crops(frames, segments, views, WANTED))
+    crops = list(cut_crops(frames, instances, views, WANTED))
     assert len(crops) == len(views)
     expected = np.zeros((11, 11, 3), np.uint8)
     expected[2:9] = frames.row("rgb", 0)[2:9, :11]
@@ -71,12 +71,12 @@ def test_crops_are_upright(scene, facts, turned):
 
 
 def test_each_frame_is_read_once(scene, monkeypatch):
-    frames, segments = artifacts(scene())
-    views = find_views(frames, segments, 0.0, None)
+    frames, instances = artifacts(scene())
+    views = find_views(frames, instances, 0.0, None)
     read = []
     row = type(frames).row
     monkeypatch.setattr(
         type(frames), "row", lambda self, name, at: read.append((name, int(at))) or row(self, name, at)
     )
-    list(cut_crops(frames, segments, views.chosen(views.by_frame), WANTED))
+    list(cut_crops(frames, instances, views.chosen(views.by_frame), WANTED))
     assert sorted(read) == sorted((name, frame) for name in ("rgb", "labels") for frame in range(4))

@@ -9,9 +9,9 @@ import torch
 
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.segments import SEGMENTS
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, render
@@ -105,12 +105,12 @@ def scene(tmp_path, wall, camera_to_world, labels) -> Callable[..., Path]:
         moving[:, :, :4] = True
         put(tmp_path, "frames", frames, facts)
         put(tmp_path, "poses", poses, facts, made_from=["frames"])
-        segments = {"labels": labels, "instances/level": level}
-        put(tmp_path, "segments", segments, {"levels": LEVELS}, made_from=["frames"])
+        instances = {"labels": labels, "instances/level": level}
+        put(tmp_path, "instances", instances, {"levels": LEVELS}, made_from=["frames"])
         decoder = {"levels": LEVELS, "decoder": {"widths": [3]}}
         put(tmp_path, "features", features, decoder, options={"supervision": target})
         masks = {"refined": moving, "instances/transient": np.zeros(3, bool)}
-        put(tmp_path, "masks", masks, made_from=["segments"])
+        put(tmp_path, "masks", masks, made_from=["instances"])
         put(tmp_path, "transient", {"probability": moving.astype(np.float16) / 2}, made_from=["frames"])
         return tmp_path
 
@@ -122,7 +122,7 @@ def opened() -> Callable[[Path], tuple[Artifact, Artifact, Artifact, Artifact]]:
     """``opened(folder)``: frames, poses, segments and features."""
 
     def open_all(folder: Path) -> tuple[Artifact, Artifact, Artifact, Artifact]:
-        kinds = {"frames": FRAMES, "poses": POSES, "segments": SEGMENTS, "features": FEATURES}
+        kinds = {"frames": FRAMES, "poses": POSES, "instances": INSTANCES, "features": FEATURES}
         found = [open_artifact(folder / f"{name}.zarr", schema) for name, schema in kinds.items()]
         return found[0], found[1], found[2], found[3]
 

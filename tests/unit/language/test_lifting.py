@@ -20,10 +20,10 @@ def views(scene, opened):
 
     def make(masked: bool = False, **changes: object) -> CodeViews:
         folder = scene(**changes)
-        frames, poses, segments, features = opened(folder)
+        frames, poses, instances, features = opened(folder)
         moving = open_masking("refined", frames, transient_path=None, masks_path=folder / "masks.zarr")
         masking = moving if masked else Masking(None, "")
-        return select_code_views(frames, poses, CodeTargets(segments, features, CPU).of, masking, CPU)
+        return select_code_views(frames, poses, CodeTargets(instances, features, CPU).of, masking, CPU)
 
     return make
 

@@ -25,7 +25,7 @@ SPLATS = defaults()["splats"] | {
 
 def train(folder: Path, **changes: object) -> None:
     paths = {
-        f"{name}_path": folder / f"{name}.zarr" for name in ("masks", "transient", "segments", "features")
+        f"{name}_path": folder / f"{name}.zarr" for name in ("masks", "transient", "instances", "features")
     }
     splats_stage.run(
         folder / "frames.zarr",
@@ -44,7 +44,7 @@ def run(
     **changes: object,
 ):
     """The verified artifact."""
-    inputs = [folder / f"{kind}.zarr" for kind in ("frames", "poses", "segments", "features", "splats")]
+    inputs = [folder / f"{kind}.zarr" for kind in ("frames", "poses", "instances", "features", "splats")]
     moving = {f"{kind}_path": folder / f"{kind}.zarr" if masks else None for kind in ("masks", "transient")}
     options = stage.LanguageOptions(**KEYS | changes)
     stage.run(*inputs, folder / name, options, survey_path=survey, **moving)
@@ -56,7 +56,7 @@ def test_artifact_holds_the_expected_facts_and_inputs(scene):
     train(folder, masking="refined")
     found = run(folder)
     assert found.origin == "synthetic" and set(found.provenance["inputs"]) == {
-        f"{name}.zarr" for name in ("frames", "poses", "segments", "features", "splats", "masks")
+        f"{name}.zarr" for name in ("frames", "poses", "instances", "features", "splats", "masks")
     }
     assert found.facts == {"levels": ["part", "whole"], "method": "lifted", "views": 4}
     assert found.shape("code")[1:] == (2, 3) and found.shape("curve/loss") == (0,)
@@ -130,7 +130,7 @@ def test_the_transient_network_alone_can_mask(scene):
 
 def test_joint_training_needs_segments_and_features(scene):
     folder = scene()
-    with pytest.raises(UserError, match="--segments.*--features"):
+    with pytest.raises(UserError, match="--instances.*--features"):
         splats_stage.run(
             folder / "frames.zarr",
             folder / "poses.zarr",

@@ -8,8 +8,8 @@ CPU = torch.device("cpu")
 
 
 def targets(opened, folder, frame: int):
-    _, _, segments, features = opened(folder)
-    return CodeTargets(segments, features, CPU).of(frame)
+    _, _, instances, features = opened(folder)
+    return CodeTargets(instances, features, CPU).of(frame)
 
 
 def test_pixels_have_the_code_of_their_instance(scene, opened, labels):
@@ -34,9 +34,9 @@ def test_without_aggregation_there_is_no_consistent_code(scene, opened, labels):
 
 def test_a_level_without_instances_is_no_target(scene, opened, labels):
     folder = scene(levels=(1, 1, 1))
-    _, _, segments, features = opened(folder)
-    every = CodeTargets(segments, features, CPU)
+    _, _, instances, features = opened(folder)
+    every = CodeTargets(instances, features, CPU)
     found = every.of(0)
-    assert every.levels == segments.facts["levels"][1:2]
+    assert every.levels == instances.facts["levels"][1:2]
     assert found.codes.shape == (1, 3, 24, 24)
     assert torch.equal(found.known, torch.from_numpy(labels[0, 1:2] >= 0))

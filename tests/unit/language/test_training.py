@@ -17,8 +17,8 @@ OPTIONS = CodeOptions(iterations=60, lr=0.05, normalize_codes=False, seed=0)
 
 @pytest.fixture
 def views(scene, opened):
-    frames, poses, segments, features = opened(scene())
-    return select_code_views(frames, poses, CodeTargets(segments, features, CPU).of, Masking(None, ""), CPU)
+    frames, poses, instances, features = opened(scene())
+    return select_code_views(frames, poses, CodeTargets(instances, features, CPU).of, Masking(None, ""), CPU)
 
 
 @pytest.fixture

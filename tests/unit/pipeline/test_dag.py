@@ -30,7 +30,7 @@ def survey(masking, static=False):
     [
         ("none", "after", ()),
         ("initial", "after", ("transient",)),
-        ("refined", "joint", ("masks", "segments", "features")),
+        ("refined", "joint", ("masks", "instances", "features")),
     ],
 )
 def test_the_inputs_of_splats_depend_on_their_keys(masking, language, expected):

@@ -59,7 +59,7 @@ def scene(folder, frames: int, instances: int, every_outlier: int, norm: str = "
         "outliers": 1,
     }
     options = {"mad_norm": norm, "mad_k": 3.0}
-    names = ["frames", "segments", "view_features", "features"]
+    names = ["frames", "instances", "view_features", "features"]
     return put_scene(folder, names, arrays, facts, stage="frames", options=options, origin="real")
 
 

@@ -14,7 +14,7 @@ from tests.support.scenes import put_scene
 
 HEIGHT, WIDTH = 20, 30
 CAMERA = Camera(WIDTH, HEIGHT, 20.0, 20.0, 15.0, 10.0)
-NAMES = ("frames", "poses", "transient", "segments", "masks", "splats")
+NAMES = ("frames", "poses", "transient", "instances", "masks", "splats")
 OPTIONS = {"near_plane": 0.1, "antialiased": False, "background": "black", "masking": "refined"}
 
 
@@ -91,7 +91,7 @@ def test_mismatched_artifacts_are_rejected(tmp_path):
     paths = scene(tmp_path / "one", 1, 2, 1, True)
     run(*paths, tmp_path / "transient.png", title="a scene")
     other = dict(zip(NAMES, scene(tmp_path / "two", 2, 2, 1, True), strict=True))
-    for name, told in (("segments", "frames"), ("masks", "segments"), ("splats", "poses")):
+    for name, told in (("instances", "frames"), ("masks", "instances"), ("splats", "poses")):
         mixed = [other[one] if one == name else path for one, path in zip(NAMES, paths, strict=True)]
         with pytest.raises(UserError, match=f"two/{name}.zarr.* {told}.zarr"):
             run(*mixed, tmp_path / "none.png", title="a scene")

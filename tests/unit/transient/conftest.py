@@ -35,7 +35,7 @@ def views(pictures) -> Views:
 
 @pytest.fixture
 def scene(tmp_path, pictures) -> Callable[..., Path]:
-    """``scene(**changes)``: a folder with frames.zarr, poses.zarr and segments.zarr; changes replace arrays.
+    """``scene(**changes)``: a folder with frames.zarr, poses.zarr and instances.zarr; changes replace arrays.
 
     Of the segments' three instances 0 is the square and 1 the lower half, both at level 2; 2 has no pixel.
     """
@@ -58,7 +58,7 @@ def scene(tmp_path, pictures) -> Callable[..., Path]:
             "instances/level": np.array([2, 2, 1], np.int8),
         }
         about = camera_facts(CAMERA, levels=["subpart", "part", "whole"]) | (facts or {})
-        put_scene(tmp_path, ["frames", "poses", "segments"], arrays | changes, about)
+        put_scene(tmp_path, ["frames", "poses", "instances"], arrays | changes, about)
         return tmp_path
 
     return make

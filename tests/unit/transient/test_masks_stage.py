@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.registry import SCHEMAS
-from egosplat.artifacts.segments import SEGMENTS
 from egosplat.errors import UserError
 from egosplat.transient import masks_stage
 from tests.support.scenes import put
@@ -29,7 +29,7 @@ def folder(scene) -> Path:
 
 def predicted(made: Path) -> Path:
     """The same, of a folder of the scene."""
-    labels = open_artifact(made / "segments.zarr", SEGMENTS).read("labels")
+    labels = open_artifact(made / "instances.zarr", INSTANCES).read("labels")
     probability = np.where(labels[:, 2] == 0, 0.5, 0.0)
     probability[0][labels[0, 2] == 1] = 0.06
     predict(made, probability)
@@ -39,7 +39,7 @@ def predicted(made: Path) -> Path:
 def run(folder: Path, **keys: object):
     """The verified artifact."""
     stage_keys = {"threshold": 0.25, "level": "all"} | keys
-    inputs = (folder / f"{name}.zarr" for name in ("frames", "transient", "segments"))
+    inputs = (folder / f"{name}.zarr" for name in ("frames", "transient", "instances"))
     masks_stage.run(*inputs, folder / "masks.zarr", masks_stage.MasksOptions(**stage_keys))
     return verify(folder / "masks.zarr", SCHEMAS)
 
@@ -56,7 +56,7 @@ def test_artifact_holds_the_expected_facts_and_inputs(folder, pictures):
     assert facts["masked_share"] == pytest.approx(square.mean())
     assert masks.origin == "synthetic" and set(masks.provenance["inputs"]) == {
         "frames.zarr",
-        "segments.zarr",
+        "instances.zarr",
         "transient.zarr",
     }
 
@@ -68,7 +68,7 @@ def test_a_lower_threshold_masks_more(folder):
 def test_evaluation_frames_decide_nothing_and_are_masked(scene):
     """Frame 3 is held out: its probabilities change no score, but its instances are masked."""
     folder = scene()
-    labels = open_artifact(folder / "segments.zarr", SEGMENTS).read("labels")
+    labels = open_artifact(folder / "instances.zarr", INSTANCES).read("labels")
     probability = np.where(labels[:, 2] == 0, 0.5, 0.0)
     predict(folder, probability)
     before = run(folder)
@@ -106,9 +106,6 @@ def test_no_instances_give_an_empty_mask(scene):
     empty = {
         "labels": np.full((FRAME_COUNT, 3, SIZE, SIZE), -1, np.int32),
         "instances/level": np.zeros(0, np.int8),
-        "instances/predicted_iou": np.zeros(0, np.float32),
-        "instances/stability": np.zeros(0, np.float32),
-        "instances/first_frame": np.zeros(0, np.int64),
     }
     folder = scene(**empty)
     predict(folder, np.ones((FRAME_COUNT, SIZE, SIZE)))

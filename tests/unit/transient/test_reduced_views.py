@@ -7,7 +7,7 @@ import torch
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
-from egosplat.transient.reduced_views import read_reduced_views, reduced, working_size
+from egosplat.gaussians.reduced_views import read_reduced_views, reduced, working_size
 
 
 @pytest.mark.parametrize(

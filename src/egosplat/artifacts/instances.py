@@ -1,0 +1,38 @@
+"""Schema of ``instances.zarr``: things that hold in 3D, or the tracks of segments.zarr unchanged."""
+
+from egosplat.artifacts.schema import Field, Schema
+
+INSTANCES = Schema(
+    "instances",
+    1,
+    {
+        "labels": Field(
+            ("frame", "level", "height", "width"),
+            "int32",
+            "index",
+            "instance that the pixel belongs to at the level, -1 for none; levels as the facts name them",
+            by_row=True,
+        ),
+        "instances/level": Field(
+            ("instance",), "int8", "index", "level of the instance; it is seen at no other"
+        ),
+        "instances/parent": Field(
+            ("instance",),
+            "int32",
+            "index",
+            "instance of the next coarser level that holds most of it in 3D, -1 for none",
+        ),
+        "instances/masks": Field(
+            ("instance",), "int32", "count", "masks of segments.zarr that are merged in it; 1 for a track"
+        ),
+        "gaussians/xyz": Field(
+            ("gaussian", 3), "float32", "m", "centers of the Gaussians that masks are merged on"
+        ),
+        "gaussians/instance": Field(
+            ("gaussian", "level"),
+            "int32",
+            "index",
+            "instance that the Gaussian belongs to at the level, -1 for none",
+        ),
+    },
+)

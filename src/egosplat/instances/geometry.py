@@ -1,0 +1,84 @@
+"""Temporary Gaussians that masks are merged on."""
+
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.artifacts.reader import Artifact
+from egosplat.compute import single_thread
+from egosplat.gaussians.initialization import scene_extent
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.objective import L1Ssim
+from egosplat.gaussians.options import TrainingOptions
+from egosplat.gaussians.reduced_views import read_reduced_views
+from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.starting_points import starting_gaussians
+from egosplat.gaussians.trainer import ViewSets, resume_and_train
+from egosplat.gaussians.training_state import TrainingState
+from egosplat.gaussians.training_views import Mask, Views
+from egosplat.instances.options import InstancesOptions
+
+# Comparing masks needs surfaces, not texture: fewer Gaussians than a render, of one color each.
+_MAX_POINTS = 40_000
+_MAX_GAUSSIANS = 60_000
+
+_CHECKPOINT_S = 60.0
+_POSITION_LR = 1.6e-4
+_GROW_GRAD2D = 2e-4
+
+
+def train_geometry(
+    frames: Artifact, poses: Artifact, training: Mask, keys: InstancesOptions, output: Path, key: str
+) -> tuple[Gaussians, Views]:
+    """Train Gaussians for a short time at the working size. A killed run resumes from its checkpoint.
+
+    Args:
+        frames, poses: artifacts.
+        training: (F,) bool, frames to train on; all have a pose.
+        keys: of the stage.
+        output: path of the stage's artifact, next to which the checkpoint is kept.
+        key: of the checkpoint.
+
+    Returns:
+        Gaussians that do not require gradients, and the training views.
+    """
+    device = torch.device("cpu")
+    views, none = (
+        read_reduced_views(frames, poses, chosen, keys.resolution, device)
+        for chosen in (training, np.zeros_like(training))
+    )
+    start = starting_gaussians(
+        poses,
+        views,
+        max_points=_MAX_POINTS,
+        densify_init=True,
+        sh_degree=0,
+        near_plane=keys.near_plane,
+        seed=keys.seed,
+    )
+    options = training_options(keys)
+    state = TrainingState(start, options, scene_extent(views.camera_to_world), L1Ssim(ssim_lambda=0.2))
+    view_sets = ViewSets(views, validation=none, held_out=none, degree_validation=none)
+    # Sums over several threads would differ from run to run.
+    with single_thread():
+        resume_and_train(state, view_sets, options, Checkpoint(output, key, _CHECKPOINT_S))
+    gaussians = state.gaussians.detach()
+    return gaussians.select(gaussians.finite()), views
+
+
+def training_options(keys: InstancesOptions) -> TrainingOptions:
+    """Return the training options of the temporary Gaussians."""
+    return TrainingOptions(
+        render=RenderSettings(keys.near_plane, background="black", antialiased=False, backend=keys.backend),
+        iterations=keys.iterations,
+        strategy="default",
+        max_gaussians=_MAX_GAUSSIANS,
+        position_lr=_POSITION_LR,
+        grow_grad2d=_GROW_GRAD2D,
+        evaluate_every=keys.iterations,
+        patience=0,
+        min_improvement=0.0,
+        seed=keys.seed,
+    )

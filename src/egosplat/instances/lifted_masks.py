@@ -1,0 +1,98 @@
+"""Lift masks onto Gaussians: what each mask of a frame holds of each Gaussian's compositing weight."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy import sparse
+
+from egosplat.codes.rendering import sum_over_pixels
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import RenderSettings
+from egosplat.geometry import Camera
+from egosplat.progress import track
+
+LEAST_SEEN = 0.25
+"""Compositing weight [px] from which a frame has seen a Gaussian."""
+
+
+@dataclass(frozen=True, eq=False)
+class LiftedMasks:
+    """V masks of T frames, lifted onto N Gaussians.
+
+    Attributes:
+        instance: (V,) int64 number of the mask's instance in segments.zarr.
+        frame: (V,) int64 place of the mask's frame among the T frames.
+        votes: (N, V) sparse float32, compositing weight of each Gaussian inside the mask [px].
+        seen: (T, N) float32, compositing weight of each Gaussian in all pixels that count [px].
+    """
+
+    instance: NDArray[np.int64]
+    frame: NDArray[np.int64]
+    votes: sparse.csc_array
+    seen: NDArray[np.float32]
+
+    def select(self, chosen: NDArray[np.bool_]) -> "LiftedMasks":
+        """Select masks by (V,) bool."""
+        return LiftedMasks(
+            self.instance[chosen], self.frame[chosen], self.votes[:, np.flatnonzero(chosen)], self.seen
+        )
+
+    def members(self, mask: int, inside: float) -> NDArray[np.int32]:
+        """Gaussians of whose weight in the frame the mask holds at least the share ``inside``."""
+        span = slice(self.votes.indptr[mask], self.votes.indptr[mask + 1])
+        gaussian, weight = self.votes.indices[span], self.votes.data[span]
+        total = self.seen[self.frame[mask], gaussian]
+        return gaussian[weight >= inside * np.maximum(total, LEAST_SEEN)]
+
+
+def lift_masks(
+    gaussians: Gaussians,
+    labels: Callable[[int], NDArray[np.int32]],
+    counted: NDArray[np.bool_],
+    frames: NDArray[np.int64],
+    camera_to_world: NDArray[np.float64],
+    camera: Camera,
+    settings: RenderSettings,
+) -> LiftedMasks:
+    """Lift the masks of frames.
+
+    Args:
+        gaussians: geometry of the scene.
+        labels: returns the (L, H, W) int32 labels of a frame at the size of ``camera``, -1 for none.
+        counted: (H, W) bool, pixels that vote.
+        frames: (T,) the frames.
+        camera_to_world: (T, 4, 4) float64, their poses.
+        camera: at the working size.
+        settings: render settings.
+    """
+    seen = np.zeros((len(frames), gaussians.count), np.float32)
+    instance, frame, votes = [], [], []
+    for place in track(range(len(frames)), "lifting masks", unit="frame"):
+        masks, ids = one_hot(np.where(counted, labels(int(frames[place])), -1))
+        image = torch.from_numpy(np.concatenate([masks, counted[None].astype(np.float32)])).permute(1, 2, 0)
+        sums = sum_over_pixels(
+            gaussians, image.contiguous(), camera, camera_to_world[place], settings
+        ).numpy()
+        seen[place] = sums[:, -1]
+        votes.append(sparse.csc_array(sums[:, :-1]))
+        instance.append(ids)
+        frame.append(np.full(len(ids), place))
+    return LiftedMasks(
+        np.concatenate(instance).astype(np.int64),
+        np.concatenate(frame).astype(np.int64),
+        sparse.csc_array(sparse.hstack(votes, format="csc")),
+        seen,
+    )
+
+
+def one_hot(labels: NDArray[np.int32]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """Split (L, H, W) labels into (K, H, W) masks; also returns their (K,) labels."""
+    masks, ids = [np.zeros((0, *labels.shape[1:]), np.float32)], [np.zeros(0, np.int64)]
+    for level in labels:
+        found = np.unique(level[level >= 0])
+        masks.append((level == found[:, None, None]).astype(np.float32))
+        ids.append(found.astype(np.int64))
+    return np.concatenate(masks), np.concatenate(ids)

@@ -1,0 +1,154 @@
+"""Merge masks that show one thing, by the Gaussians that their frames have both seen (docs/method.md#instances-3d)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from egosplat.instances.lifted_masks import LEAST_SEEN, LiftedMasks
+from egosplat.instances.options import InstancesOptions
+
+FRAMES_A_BLOCK = 8
+"""Frames whose runs are merged at once. Blocks are then merged in pairs: work grows linearly with the frames."""
+
+SAMPLE = 20_000
+"""Gaussians, drawn at random, by which runs are compared."""
+
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """R groups of masks on n Gaussians.
+
+    Attributes:
+        votes: (R, n) float32, summed weight inside the masks [px].
+        seen: (R, n) float32, summed weight in the frames of the masks [px].
+        inside: share of a Gaussian's weight from which it belongs to a run.
+    """
+
+    votes: Floats
+    seen: Floats
+    inside: float
+
+    def has_seen(self, run: int | slice = slice(None)) -> NDArray[np.bool_]:
+        """(R, n) bool, which Gaussians the frames of each run have seen."""
+        return self.seen[run] >= LEAST_SEEN
+
+    def holds(self, run: int | slice = slice(None)) -> NDArray[np.bool_]:
+        """(R, n) bool, which Gaussians belong to each run."""
+        votes, seen = self.votes[run], self.seen[run]
+        return (seen >= LEAST_SEEN) & (votes >= self.inside * seen)
+
+    def add(self, into: int, other: int) -> None:
+        """Add one run to another, in place."""
+        self.votes[into] += self.votes[other]
+        self.seen[into] += self.seen[other]
+
+
+def merge(masks: LiftedMasks, run: Ints, weight: Floats, keys: InstancesOptions) -> Ints:
+    """Merge runs of masks that show one thing.
+
+    Args:
+        masks: the masks of one level.
+        run: (V,) run of each mask, numbered 0 to R - 1 in the order of their first frames.
+        weight: (N,) weight of each Gaussian in an IoU.
+        keys: thresholds.
+
+    Returns:
+        (R,) thing of each run: the lowest number of the runs that are merged.
+    """
+    count = int(run.max(initial=-1)) + 1
+    some = np.random.default_rng(0).permutation(len(weight))[:SAMPLE]
+    votes, seen = sparse.csr_array(masks.votes.T)[:, some], masks.seen[:, some]
+    first = np.full(count, len(seen))
+    np.minimum.at(first, run, masks.frame)
+    thing, block = np.arange(count), first // FRAMES_A_BLOCK
+    while count:
+        for one in np.unique(block):
+            members = np.flatnonzero((block == one) & (thing == np.arange(count)))
+            runs = _sum_masks(votes, seen, masks.frame, thing[run], members, keys.inside)
+            thing[members] = members[agglomerate(runs, weight[some], keys)]
+            thing = thing[thing]
+        if not block.any():
+            break
+        block //= 2
+    return thing
+
+
+def _sum_masks(
+    votes: sparse.csr_array, seen: Floats, frame: Ints, group: Ints, members: Ints, inside: float
+) -> Runs:
+    """Sum the masks of the groups ``members``."""
+    chosen = np.flatnonzero(np.isin(group, members))
+    row = np.searchsorted(members, group[chosen])
+    ones = np.ones(len(chosen), np.float32)
+    which = sparse.csr_array((ones, (row, chosen)), (len(members), len(group)))
+    # A frame counts once for a group, even if several of its masks belong to it.
+    frames = sparse.csr_array((ones, (row, frame[chosen])), (len(members), len(seen)))
+    frames.sum_duplicates()
+    frames.data[:] = 1.0
+    return Runs((which @ votes).toarray(), frames @ seen, inside)
+
+
+def agglomerate(runs: Runs, weight: Floats, keys: InstancesOptions) -> Ints:
+    """Merge the two runs that are most alike, again and again, while they are one thing.
+
+    Args:
+        runs: R runs; changed in place.
+        weight: (n,) weight of each Gaussian in an IoU.
+        keys: thresholds.
+
+    Returns:
+        (R,) number of the run that each is merged into, at most its own.
+    """
+    count = len(runs.votes)
+    held, seen = runs.holds() * weight, runs.has_seen().astype(np.float32)
+    size = held.sum(1)
+    # [a, b]: weight of what a holds and b has seen.
+    visible = _sparse(held) @ seen.T
+    shared = _sparse(held) @ (held > 0).T.astype(np.float32)
+    iou = _iou(shared, visible, visible.T, size[:, None], size[None], keys.common)
+    np.fill_diagonal(iou, 0.0)
+    into = np.arange(count)
+    while count:
+        one, other = sorted(divmod(int(iou.argmax()), count))
+        if iou[one, other] < keys.merge_iou:
+            break
+        runs.add(one, other)
+        into[into == other] = one
+        held[one], seen[one] = runs.holds(one) * weight, runs.has_seen(one)
+        held[other] = seen[other] = size[other] = 0.0
+        size[one] = held[one].sum()
+        mine = np.flatnonzero(held[one])
+        row = _iou(
+            (held[:, mine] > 0) @ weight[mine],
+            seen[:, mine] @ weight[mine],
+            held @ seen[one],
+            size[one],
+            size,
+            keys.common,
+        )
+        row[one] = 0.0
+        iou[one] = iou[:, one] = row
+        iou[other] = iou[:, other] = 0.0
+    return into
+
+
+def _sparse(dense: Floats) -> sparse.csr_array:
+    return sparse.csr_array(dense)
+
+
+def _iou(shared: Floats, first: Floats, second: Floats, size: Floats, other: Floats, common: float) -> Floats:
+    """IoU of runs on what both have seen; 0 where that is too small a part of the smaller run.
+
+    Args:
+        shared: weight that both hold; first, second: weight that one holds and the other has seen.
+        size, other: weight that each holds.
+        common: least share.
+    """
+    union = first + second - shared
+    iou = np.divide(shared, union, out=np.zeros_like(shared), where=union > 0)
+    return np.where(np.maximum(first, second) < common * np.minimum(size, other), 0.0, iou)

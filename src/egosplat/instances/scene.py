@@ -1,0 +1,151 @@
+"""The things of all levels of a scene, on its Gaussians."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from egosplat.artifacts.reader import Artifact
+from egosplat.errors import UserError
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.training_views import Views
+from egosplat.geometry import Camera
+from egosplat.instances.geometry import training_options
+from egosplat.instances.lifted_masks import LEAST_SEEN, lift_masks
+from egosplat.instances.options import InstancesOptions
+from egosplat.instances.rendering import render_things
+from egosplat.instances.things import beliefs, cut_tracks, find_things, single_masks
+from egosplat.progress import log
+
+_MOSTLY = 0.5
+"""Share of a thing, by weight, from which a thing of the next coarser level holds it."""
+
+Labels = NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """K things on N Gaussians.
+
+    Attributes:
+        gaussians: temporary Gaussians.
+        weight: (N,) float32, mean compositing weight of each in the frames that see it [px].
+        beliefs: by level, (N, K_l) share of each Gaussian's weight in the masks of each thing of the level.
+        level: (K,) int8 level of each thing; the things of a level follow each other.
+        masks: (K,) int32 number of merged masks.
+        valid: (H, W) bool, pixels that show the scene.
+        camera: at the working size.
+        settings: render settings.
+        counts: numbers of masks, runs, ... by level, for the facts.
+    """
+
+    gaussians: Gaussians
+    weight: NDArray[np.float32]
+    beliefs: list[sparse.csr_array]
+    level: NDArray[np.int8]
+    masks: NDArray[np.int32]
+    valid: NDArray[np.bool_]
+    camera: Camera
+    settings: RenderSettings
+    counts: dict[str, dict[str, int]]
+
+    def first(self, level: int) -> int:
+        """Number of the first thing of a level."""
+        return int((self.level < level).sum())
+
+    def render(self, camera_to_world: NDArray[np.float64], size: tuple[int, int]) -> Labels:
+        """(L, H, W) int32 thing of each pixel at each level, -1 for none; ``size``: H and W."""
+        labels = np.full((len(self.beliefs), *size), -1, np.int32)
+        for level, held in enumerate(self.beliefs):
+            found = render_things(self.gaussians, held, self.camera, camera_to_world, self.settings, size)
+            labels[level] = np.where((found >= 0) & self.valid, found + self.first(level), -1)
+        return labels
+
+    def strongest(self) -> Labels:
+        """(N, L) int32 thing that each Gaussian belongs to most at each level, -1 for none."""
+        found = np.full((self.gaussians.count, len(self.beliefs)), -1, np.int32)
+        for level, held in enumerate(self.beliefs):
+            if held.shape[1]:
+                best = np.asarray(held.argmax(axis=1)).ravel()
+                known = np.asarray(held.max(axis=1).todense()).ravel() > 0
+                found[:, level] = np.where(known, best + self.first(level), -1)
+        return found
+
+    def parents(self) -> Labels:
+        """(K,) int32 thing of the next coarser level that holds most of each thing, -1 for none."""
+        found = np.full(len(self.level), -1, np.int32)
+        for level, (fine, coarse) in enumerate(zip(self.beliefs[:-1], self.beliefs[1:], strict=True)):
+            if not fine.shape[1] or not coarse.shape[1]:
+                continue
+            weighted = sparse.csr_array(fine.multiply(self.weight[:, None]))
+            shared = (weighted.T @ coarse).toarray()
+            size = np.maximum(np.asarray(weighted.sum(axis=0)).ravel(), np.finfo(np.float32).tiny)
+            holds = shared.max(axis=1) >= _MOSTLY * size
+            span = slice(self.first(level), self.first(level) + fine.shape[1])
+            found[span] = np.where(holds, shared.argmax(axis=1) + self.first(level + 1), -1)
+        return found
+
+
+def find_scene(
+    gaussians: Gaussians, views: Views, segments: Artifact, valid: NDArray[np.bool_], keys: InstancesOptions
+) -> Scene:
+    """Find the things of all levels.
+
+    Args:
+        gaussians: temporary Gaussians.
+        views: training views at the working size.
+        segments: segments artifact.
+        valid: (H, W) bool, pixels that show the scene.
+        keys: of the stage.
+
+    Raises:
+        UserError: no view has a mask.
+    """
+    camera, settings = views.camera, training_options(keys).render
+    rows, columns = (
+        ((np.arange(small) + 0.5) * large / small).astype(np.intp)
+        for small, large in ((camera.height, valid.shape[0]), (camera.width, valid.shape[1]))
+    )
+
+    def labels(frame: int) -> Labels:
+        return segments.row("labels", frame)[:, rows[:, None], columns]
+
+    has_masks = np.array([bool((labels(int(frame)) >= 0).any()) for frame in views.frame], bool)
+    if not has_masks.any():
+        raise UserError(
+            f"{segments.path}: holds no mask in a training frame with a pose. Lower segments.pred_iou_thresh and "
+            "segments.stability_score_thresh, or set instances.source to tracks"
+        )
+    lifted = lift_masks(
+        gaussians,
+        labels,
+        valid[rows[:, None], columns],
+        views.frame[has_masks],
+        views.camera_to_world[has_masks],
+        camera,
+        settings,
+    )
+    weight = lifted.seen.sum(0) / np.maximum((lifted.seen >= LEAST_SEEN).sum(0), 1)
+    levels = segments.read("instances/level")
+    held, level, masks, counts = [], [], [], {}
+    for number, name in enumerate(segments.facts["levels"]):
+        some = lifted.select(levels[lifted.instance] == number)
+        run = single_masks(some) if keys.source == "masks" else cut_tracks(some, keys)
+        thing, counts[name] = find_things(some, run, weight, keys)
+        log(f"{name}: {', '.join(f'{count} {what}' for what, count in counts[name].items())}")
+        held.append(beliefs(some, thing))
+        level.append(np.full(held[-1].shape[1], number, np.int8))
+        masks.append(np.bincount(thing[thing >= 0], minlength=held[-1].shape[1]))
+    return Scene(
+        gaussians,
+        weight,
+        held,
+        np.concatenate(level),
+        np.concatenate(masks).astype(np.int32),
+        valid,
+        camera,
+        settings,
+        counts,
+    )

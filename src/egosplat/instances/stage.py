@@ -1,0 +1,121 @@
+"""Stage ``instances``: merge the masks of segments.zarr into things that hold in 3D."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.artifacts import provenance
+from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.artifacts.consistency import check_made_from
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.instances import INSTANCES
+from egosplat.artifacts.kept_frames import kept_frames
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.provenance import Provenance
+from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.segments import SEGMENTS
+from egosplat.artifacts.writer import create
+from egosplat.gaussians.training_views import split_views
+from egosplat.instances.geometry import train_geometry
+from egosplat.instances.options import InstancesOptions
+from egosplat.instances.scene import Scene, find_scene
+from egosplat.progress import log, track
+
+TRACKS = "tracks"
+"""Value of ``source`` that passes the tracks of segments.zarr through unchanged, as in the paper."""
+
+
+def run(
+    frames_path: Path,
+    poses_path: Path,
+    segments_path: Path,
+    output: Path,
+    options: InstancesOptions,
+    *,
+    survey_path: Path | None = None,
+) -> None:
+    """Write the instances artifact.
+
+    A killed run resumes the training of the temporary Gaussians, and gives the same result.
+
+    Args:
+        frames_path, poses_path, segments_path, output: paths.
+        options: of the stage.
+        survey_path: path of the survey, which excludes frames.
+
+    Raises:
+        UserError: the inputs do not belong together, no training frame has a pose, or no mask is left.
+    """
+    frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
+    segments = open_artifact(segments_path, SEGMENTS)
+    check_made_from(poses, frames, axes=("frame",))
+    check_made_from(segments, frames, axes=("frame", "height", "width"))
+    kept, by_survey = kept_frames(frames, survey_path)
+    record = provenance.begin_from("instances", asdict(options) | by_survey, (frames, poses, segments))
+    if options.source == TRACKS:
+        _write_tracks(output, record, segments)
+        return
+    flags = frames.read("train") & kept, frames.read("evaluation"), poses.read("registered")
+    training = split_views(*flags, validate=False).training
+    key = provenance.key_of(record)
+    gaussians, views = train_geometry(frames, poses, training, options, output, key)
+    scene = find_scene(gaussians, views, segments, frames.read("valid"), options)
+    rows = np.flatnonzero(kept & poses.read("registered"))
+    _write_things(output, record, scene, options.source, segments, poses.read("camera_to_world"), rows)
+    Checkpoint(output, key, 0.0).remove()
+
+
+def _write_tracks(output: Path, record: Provenance, segments: Artifact) -> None:
+    level = segments.read("instances/level")
+    shape = segments.shape("labels")
+    with create(output, INSTANCES, record) as artifact:
+        artifact.allocate("labels", shape)
+        for frame in track(range(shape[0]), "copying labels"):
+            artifact.put_row("labels", frame, segments.row("labels", frame))
+        artifact.put("instances/level", level)
+        artifact.put("instances/parent", np.full(len(level), -1, np.int32))
+        artifact.put("instances/masks", np.ones(len(level), np.int32))
+        artifact.put("gaussians/xyz", np.zeros((0, 3), np.float32))
+        artifact.put("gaussians/instance", np.zeros((0, shape[1]), np.int32))
+        artifact.facts = _facts(segments, level, TRACKS)
+
+
+def _write_things(
+    output: Path,
+    record: Provenance,
+    scene: Scene,
+    source: str,
+    segments: Artifact,
+    camera_to_world: NDArray[np.float64],
+    rows: NDArray[np.intp],
+) -> None:
+    """Render the things into the frames ``rows``, and write them."""
+    shape = segments.shape("labels")
+    nothing = np.full(shape[1:], -1, np.int32)
+    with create(output, INSTANCES, record) as artifact:
+        artifact.allocate("labels", shape)
+        for frame in track(range(shape[0]), "writing labels"):
+            labels = scene.render(camera_to_world[frame], shape[2:]) if frame in rows else nothing
+            artifact.put_row("labels", frame, labels)
+        artifact.put("instances/level", scene.level)
+        artifact.put("instances/parent", scene.parents())
+        artifact.put("instances/masks", scene.masks)
+        artifact.put("gaussians/xyz", scene.gaussians.means.numpy())
+        artifact.put("gaussians/instance", scene.strongest())
+        artifact.facts = _facts(segments, scene.level, source) | {"merging": scene.counts}
+
+
+def _facts(segments: Artifact, level: NDArray[np.int8], source: str) -> dict[str, Any]:
+    """Facts that consumers read: names of the levels, and how many instances each has."""
+    names = segments.facts["levels"]
+    by_level = {name: int((level == number).sum()) for number, name in enumerate(names)}
+    log(f"{len(level)} instances ({', '.join(f'{count} {name}s' for name, count in by_level.items())})")
+    return {
+        "levels": names,
+        "instances": by_level,
+        "repeats": segments.facts.get("repeats", {}),
+        "source": source,
+    }

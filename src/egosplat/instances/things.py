@@ -1,0 +1,127 @@
+"""Things of one level: runs of masks, merged, without masks and things that contradict the others."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from egosplat.instances.lifted_masks import LEAST_SEEN, LiftedMasks
+from egosplat.instances.merging import merge
+from egosplat.instances.options import InstancesOptions
+
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float32]
+
+_FEW_MASKS = 3
+"""Things of fewer masks keep them all: two masks that disagree do not tell which of them is wrong."""
+
+
+def find_things(
+    masks: LiftedMasks, run: Ints, weight: Floats, keys: InstancesOptions
+) -> tuple[Ints, dict[str, int]]:
+    """Find which masks show one thing.
+
+    Args:
+        masks: the masks of one level.
+        run: (V,) masks that are one thing already, see ``single_masks`` and ``cut_tracks``.
+        weight: (N,) weight of each Gaussian in an IoU.
+        keys: thresholds.
+
+    Returns:
+        (V,) thing of each mask, numbered 0 to K - 1, -1 for a mask without a vote; and counts for the log.
+    """
+    merged = merge(masks, run, weight, keys)
+    thing = merged[run] if len(run) else run
+    dropped = _outlier_masks(masks, thing, keys)
+    thing = np.where(dropped, -1, thing)
+    claimed = _claimed_things(masks, thing, weight, keys)
+    thing = np.where(np.isin(thing, claimed), -1, thing)
+    names = np.unique(thing[thing >= 0])
+    counts = {
+        "masks": len(masks.instance),
+        "runs": len(merged),
+        "dropped": int(dropped.sum()),
+        "claimed": len(claimed),
+        "things": len(names),
+    }
+    return np.where(thing < 0, -1, np.searchsorted(names, thing)), counts
+
+
+def single_masks(masks: LiftedMasks) -> Ints:
+    """(V,) each mask as a run of its own."""
+    return np.argsort(np.argsort(masks.frame, kind="stable"), kind="stable")
+
+
+def cut_tracks(masks: LiftedMasks, keys: InstancesOptions) -> Ints:
+    """(V,) runs of consecutive masks of a track; a track is cut where two consecutive masks disagree."""
+    run = np.full(len(masks.instance), -1)
+    count = 0
+    for track in np.unique(masks.instance):
+        mine = np.flatnonzero(masks.instance == track)
+        mine = mine[np.argsort(masks.frame[mine], kind="stable")]
+        for place, mask in enumerate(mine):
+            count += place == 0 or not _agree(masks, int(mine[place - 1]), int(mask), keys)
+            run[mask] = count - 1
+    # Numbered by first frame, as merging expects.
+    first = np.full(count, len(masks.seen))
+    np.minimum.at(first, run, masks.frame)
+    return np.argsort(np.argsort(first, kind="stable"), kind="stable")[run]
+
+
+def _agree(masks: LiftedMasks, one: int, other: int, keys: InstancesOptions) -> bool:
+    """Whether two masks hold the same of what both frames have seen, and have seen enough in common."""
+    seen, also = masks.seen[masks.frame[one]], masks.seen[masks.frame[other]]
+    first, second = masks.members(one, keys.inside), masks.members(other, keys.inside)
+    both = np.where(np.minimum(seen, also) >= LEAST_SEEN, np.minimum(seen, also), 0.0)
+    shared = both[np.intersect1d(first, second, assume_unique=True)].sum()
+    mine, its = both[first].sum(), both[second].sum()
+    smaller = min(seen[first].sum(), also[second].sum())
+    union = mine + its - shared
+    return max(mine, its) >= keys.common * smaller and union > 0 and shared >= keys.cut_iou * union
+
+
+def _outlier_masks(masks: LiftedMasks, thing: Ints, keys: InstancesOptions) -> NDArray[np.bool_]:
+    """(V,) masks that overlap their thing too little on what their frame has seen."""
+    dropped = np.zeros(len(thing), bool)
+    for name in np.unique(thing):
+        mine = np.flatnonzero(thing == name)
+        if len(mine) < _FEW_MASKS:
+            continue
+        whole = _holds(masks, mine, keys.inside)
+        for mask in mine:
+            seen, members = masks.seen[masks.frame[mask]], masks.members(int(mask), keys.inside)
+            shared = seen[members][whole[members]].sum()
+            union = seen[members].sum() + seen[whole & (seen >= LEAST_SEEN)].sum() - shared
+            dropped[mask] = shared < keys.drop_iou * union
+    return dropped
+
+
+def _claimed_things(masks: LiftedMasks, thing: Ints, weight: Floats, keys: InstancesOptions) -> list[int]:
+    """Things whose Gaussians belong to things of more masks by more than the share ``claimed``: suppression in 3D."""
+    names, counts = np.unique(thing[thing >= 0], return_counts=True)
+    taken = np.zeros(len(weight), bool)
+    gone = []
+    for name in names[np.argsort(-counts, kind="stable")]:
+        own = _holds(masks, np.flatnonzero(thing == name), keys.inside)
+        size = weight[own].sum()
+        if size == 0 or weight[own & taken].sum() > keys.claimed * size:
+            gone.append(int(name))
+        else:
+            taken |= own
+    return gone
+
+
+def _holds(masks: LiftedMasks, chosen: Ints, inside: float) -> NDArray[np.bool_]:
+    """(N,) bool, Gaussians that belong to the union of masks."""
+    votes = np.asarray(masks.votes[:, chosen].sum(1)).ravel()
+    seen = masks.seen[np.unique(masks.frame[chosen])].sum(0)
+    return (seen >= LEAST_SEEN) & (votes >= inside * seen)
+
+
+def beliefs(masks: LiftedMasks, thing: Ints) -> sparse.csr_array:
+    """(N, K) share of each Gaussian's weight, over all frames, in the masks of each of the K things."""
+    voting = np.flatnonzero(thing >= 0)
+    count = int(thing.max(initial=-1)) + 1
+    ones = np.ones(len(voting), np.float32)
+    which = sparse.csr_array((ones, (voting, thing[voting])), (len(thing), count))
+    seen = masks.seen.sum(0)
+    return sparse.csr_array((masks.votes @ which).multiply(1.0 / np.maximum(seen, LEAST_SEEN)[:, None]))

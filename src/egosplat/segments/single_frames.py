@@ -1,0 +1,87 @@
+"""Segment single frames with SAM2, without tracking: each mask is an instance of its own."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.artifacts.checkpoint import Checkpoint, State
+from egosplat.models.sam2_loader import Sam2
+from egosplat.progress import log, track
+from egosplat.segments.image_encoder import encode
+from egosplat.segments.instances import Segmented, Track
+from egosplat.segments.label_maps import LabelMaps, paint
+from egosplat.segments.options import LEVELS, SegmentsOptions
+from egosplat.segments.prompts import filter_masks, grid_points, prompt
+
+
+class SingleFrames:
+    """Prompts every ``key_frame_stride``-th frame with the whole grid of points. Other frames get no label."""
+
+    def __init__(
+        self,
+        sam2: Sam2,
+        images: Callable[[int], NDArray[np.uint8]],
+        frames: NDArray[np.intp],
+        length: int,
+        valid: NDArray[np.bool_],
+        options: SegmentsOptions,
+    ) -> None:
+        """Set up for a video.
+
+        Args:
+            sam2: the model.
+            images: returns the (H, W, 3) uint8 RGB image of a frame index.
+            frames: indices of the frames that may be prompted.
+            length: number of frames of the video.
+            valid: (H, W) bool, pixels that show the scene.
+            options: of the stage.
+        """
+        self._sam2, self._images, self._valid, self._options = sam2, images, valid, options
+        self._frames, self._length = frames[:: options.key_frame_stride].tolist(), length
+        self._labels = LabelMaps((len(LEVELS), *valid.shape))
+        self._instances: list[Track] = []
+        self._done = 0
+
+    def run(self, checkpoint: Checkpoint | None = None) -> Segmented:
+        """Segment the frames, resuming from the checkpoint if it holds a state."""
+        if checkpoint is not None and (saved := checkpoint.load()) is not None:
+            self.load_state_dict(saved)
+            log(f"segmentation resumes after {self._done} frames")
+        with self._sam2.compute.inference():
+            for frame in track(self._frames[self._done :], "segmenting frames"):
+                self._segment(frame)
+                self._done += 1
+                if checkpoint is not None:
+                    checkpoint.save_if_due(self.state_dict)
+        empty = np.full((len(LEVELS), *self._valid.shape), -1, np.int32)
+        for frame in set(range(self._length)) - set(self._frames):
+            self._labels[frame] = empty
+        return Segmented(self._labels, self._instances, [], {"key_frames": self._frames})
+
+    def state_dict(self) -> State:
+        """The progress as tensors, numbers, lists and dictionaries."""
+        return {
+            "done": self._done,
+            "instances": [vars(instance) for instance in self._instances],
+            "labels": self._labels.state_dict(),
+        }
+
+    def load_state_dict(self, state: State) -> None:
+        """Resume from a ``state_dict``."""
+        self._done = state["done"]
+        self._instances = [Track(**values) for values in state["instances"]]
+        self._labels.load_state_dict(state["labels"])
+
+    def _segment(self, frame: int) -> None:
+        encoded = encode(self._sam2, self._images(frame))
+        found = prompt(self._sam2, encoded, grid_points(self._options.points_per_side), self._options)
+        labels = []
+        for level, candidates in enumerate(found):
+            masks = filter_masks(candidates, self._options)
+            first = len(self._instances)
+            scores = zip(masks.predicted_iou.tolist(), masks.stability.tolist(), strict=True)
+            self._instances += [Track(level, frame, iou, stability) for iou, stability in scores]
+            ids = list(range(first, len(self._instances)))
+            labels.append(paint([(ids, masks.logits)], self._valid, self._sam2.compute.device))
+        self._labels[frame] = np.stack(labels)

@@ -1,0 +1,117 @@
+"""Stage instances merges the masks of a small scene, renders them, resumes, and reports user errors."""
+
+import numpy as np
+import pytest
+
+from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.artifacts.reader import verify
+from egosplat.artifacts.registry import SCHEMAS
+from egosplat.errors import UserError
+from egosplat.instances import stage
+from tests.unit.instances.conftest import DISTANCE, FRAMES, SIZE, options
+
+
+def run(folder, name="instances.zarr", **changes):
+    """The verified artifact."""
+    paths = (folder / f"{kind}.zarr" for kind in ("frames", "poses", "segments"))
+    stage.run(*paths, folder / name, options(**changes))
+    return verify(folder / name, SCHEMAS)
+
+
+def test_each_square_is_one_instance_in_every_frame(scene, truth):
+    """Frames without masks, among them a held-out one, show the merged instances too."""
+    found = run(scene())
+    assert found.read("instances/level").tolist() == [1, 1]
+    assert found.read("instances/masks").tolist() == [5, 5]
+    labels = found.read("labels")
+    assert (labels[:, 0] == -1).all()
+    agree = (labels[:, 1] == truth) | (labels[:, 1] == 1 - truth)
+    assert agree.mean() > 0.95
+    right = max((labels[:, 1] == truth).mean(), (labels[:, 1] == 1 - truth).mean())
+    assert right > 0.95
+    assert set(found.provenance["inputs"]) == {"frames.zarr", "poses.zarr", "segments.zarr"}
+
+
+def test_the_gaussians_name_their_instance(scene):
+    """Gaussians of the left square belong to one instance, those of the right square to the other."""
+    found = run(scene())
+    xyz, instance = found.read("gaussians/xyz"), found.read("gaussians/instance")[:, 1]
+    on_wall = (np.abs(xyz[:, 2] - DISTANCE) < 0.2) & (np.abs(xyz[:, 0]) > 0.1) & (np.abs(xyz[:, 0]) < 1.0)
+    left, right = (instance[on_wall & side] for side in (xyz[:, 0] < 0, xyz[:, 0] > 0))
+    assert len(left) > 50 and len(right) > 50
+    assert np.bincount(left[left >= 0]).argmax() != np.bincount(right[right >= 0]).argmax()
+
+
+def test_a_part_has_its_whole_as_parent(scene, truth):
+    """The upper half of the left square, at the finer level, lies in the left square."""
+    labels = np.full((FRAMES, 2, SIZE, SIZE), -1, np.int32)
+    for frame in range(0, FRAMES, 2):
+        labels[frame, 1] = truth[frame] + 2 * frame
+        labels[frame, 0, : SIZE // 2][truth[frame, : SIZE // 2] == 0] = 2 * frame + 2
+    level = np.tile(np.array([1, 1, 0, 0], np.int8), FRAMES // 2)
+    found = run(scene(labels=labels, **{"instances/level": level}))
+    assert found.read("instances/level").tolist() == [0, 1, 1]
+    parent = found.read("instances/parent")
+    left = found.read("labels")[0, 1][truth[0] == 0]
+    assert parent.tolist() == [np.bincount(left[left >= 0]).argmax(), -1, -1]
+
+
+def test_the_source_tracks_passes_segments_through(scene):
+    """The paper's instances are its tracks: not one label changes."""
+    folder = scene()
+    found = run(folder, source="tracks")
+    segments = verify(folder / "segments.zarr", SCHEMAS)
+    assert np.array_equal(found.read("labels"), segments.read("labels"))
+    assert (found.read("instances/parent") == -1).all()
+    assert found.shape("gaussians/xyz") == (0, 3)
+
+
+def test_a_broken_track_is_repaired(scene, truth):
+    """Two tracks that swap their squares in the middle are cut there, and put together right."""
+    labels = np.full((FRAMES, 2, SIZE, SIZE), -1, np.int32)
+    for frame in range(FRAMES):
+        labels[frame, 1] = truth[frame] if frame < FRAMES // 2 else 1 - truth[frame]
+    folder = scene(labels=labels, **{"instances/level": np.ones(2, np.int8)})
+    found = run(folder, source="both")
+    assert found.shape("instances/level") == (2,)
+    shown = found.read("labels")[:, 1]
+    assert max((shown == truth).mean(), (shown == 1 - truth).mean()) > 0.95
+    assert min((labels[:, 1] == truth).mean(), (labels[:, 1] == 1 - truth).mean()) > 0.4
+
+
+def test_a_killed_run_resumes_to_the_same_result(scene, monkeypatch):
+    """Training of the temporary Gaussians goes on after the last checkpoint."""
+    folder = scene()
+    whole = run(folder)
+    monkeypatch.setattr("egosplat.instances.geometry._CHECKPOINT_S", 0.0)
+
+    def killed(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(stage, "find_scene", killed)
+    with pytest.raises(KeyboardInterrupt):
+        run(folder, "killed.zarr")
+    assert Checkpoint(folder / "killed.zarr", "", 0.0).file.exists()
+    monkeypatch.undo()
+    again = run(folder, "killed.zarr")
+    for name in again.schema.fields:
+        assert np.array_equal(again.read(name), whole.read(name)), name
+    assert not Checkpoint(folder / "killed.zarr", "", 0.0).file.exists()
+
+
+def test_frames_without_masks_are_reported(scene):
+    labels = np.full((FRAMES, 2, SIZE, SIZE), -1, np.int32)
+    folder = scene(labels=labels, **{"instances/level": np.zeros(0, np.int8)})
+    with pytest.raises(UserError, match=r"segments.zarr.*instances.source"):
+        run(folder)
+
+
+def test_segments_of_other_frames_are_rejected(scene, tmp_path_factory):
+    folder = scene()
+    (folder / "segments.zarr").rename(folder / "kept")
+    scene(rgb=np.zeros((FRAMES, SIZE, SIZE, 3), np.uint8))
+    (folder / "kept").rename(folder / "other.zarr")
+    with pytest.raises(UserError, match="was made from another"):
+        stage.run(
+            folder / "frames.zarr", folder / "poses.zarr", folder / "other.zarr", folder / "x.zarr", options()
+        )

@@ -1,0 +1,88 @@
+"""Masks become one instance if they hold the same of what their frames have both seen."""
+
+import numpy as np
+import pytest
+
+from egosplat.instances.things import beliefs, cut_tracks, find_things, single_masks
+from tests.unit.instances.conftest import lifted, options
+
+TABLE, CUP, WALL = [0, 1, 2, 3], [4, 5], [6, 7, 8, 9]
+ALL = [*TABLE, *CUP, *WALL]
+
+
+def things(masks, *, cut: bool = False, **changes: object) -> list[int]:
+    """The instance of each mask."""
+    keys = options(**changes)
+    run = cut_tracks(masks, keys) if cut else single_masks(masks)
+    return find_things(masks, run, np.ones(masks.seen.shape[1], np.float32), keys)[0].tolist()
+
+
+def test_masks_of_one_thing_merge_and_neighbours_stay_apart():
+    masks = lifted([TABLE, CUP, TABLE, CUP, CUP], [0, 0, 1, 1, 2], [ALL, ALL, ALL])
+    assert things(masks) == [0, 1, 0, 1, 1]
+
+
+def test_only_what_both_frames_have_seen_is_compared():
+    """A thing that leaves the picture is the same thing as its visible part."""
+    masks = lifted([TABLE, TABLE[:2], WALL], [0, 1, 1], [ALL, [*TABLE[:2], *WALL]])
+    assert things(masks) == [0, 0, 1]
+
+
+def test_too_small_a_common_part_is_no_evidence():
+    masks = lifted([TABLE, [0, 10, 11, 12, 13]], [0, 1], [TABLE, [0, 10, 11, 12, 13]])
+    assert things(masks, common=0.5) == [0, 1]
+    assert things(masks, common=0.1) == [0, 0]
+
+
+def test_merging_crosses_blocks_of_frames():
+    """A thing seen in many frames stays one, however the frames are cut into blocks."""
+    count = 37
+    masks = lifted([TABLE, CUP] * count, np.repeat(np.arange(count), 2).tolist(), [ALL] * count)
+    assert things(masks) == [0, 1] * count
+
+
+def test_the_order_of_frames_does_not_matter():
+    rng = np.random.default_rng(0)
+    held = [TABLE, CUP, WALL] * 9
+    for order in (np.arange(27), rng.permutation(27)):
+        frames = [int(place) // 3 for place in order]
+        found = things(lifted([held[place] for place in order], frames, [ALL] * 9))
+        names = {tuple(held[place]): thing for place, thing in zip(order, found, strict=True)}
+        assert len(set(found)) == 3 and [names[tuple(held[place])] for place in order] == found
+
+
+def test_a_mask_that_contradicts_its_track_has_no_vote():
+    """In one frame the table's track holds the wall: with the source masks it merges with neither."""
+    held, frames = [TABLE, TABLE, TABLE, WALL, TABLE], [0, 1, 2, 3, 4]
+    masks = lifted(held, frames, [ALL] * 5, instance=[0] * 5)
+    assert things(masks, cut=True) == [0, 0, 0, 1, 0]
+    whole = lifted(held, frames, [ALL] * 5, instance=[0] * 5)
+    assert things(whole, cut=True, cut_iou=0.0) == [0, 0, 0, -1, 0]
+
+
+def test_an_instance_that_others_hold_already_is_dropped():
+    """Non-maximum suppression in 3D: a mask over half of the table, seen once, is no instance beside it."""
+    masks = lifted([TABLE, TABLE, TABLE, TABLE[:2]], [0, 1, 2, 3], [ALL] * 4)
+    assert things(masks, merge_iou=0.6) == [0, 0, 0, -1]
+    assert things(masks, merge_iou=0.6, claimed=1.0) == [0, 0, 0, 1]
+
+
+@pytest.mark.parametrize("cut", [False, True])
+def test_no_mask_gives_no_instance(cut):
+    masks = lifted([TABLE], [0], [ALL]).select(np.zeros(1, bool))
+    assert things(masks, cut=cut) == []
+
+
+def test_beliefs_are_shares_of_the_seen_weight():
+    """A Gaussian in both of its two frames' masks belongs to the thing fully; in one of them, half."""
+    masks = lifted([TABLE, TABLE[:2], WALL], [0, 1, 1], [ALL, ALL])
+    found = beliefs(masks, np.array([0, 0, -1])).toarray()[:, 0]
+    assert found.tolist() == [1, 1, 0.5, 0.5, 0, 0, 0, 0, 0, 0]
+
+
+def test_gaussians_that_no_frame_has_seen_belong_to_nothing():
+    masks = lifted([TABLE], [0], [ALL])
+    masks.seen[:] = 0.0
+    masks.votes.data[:] = 1e-6
+    assert things(masks) == [-1]
+    assert np.isfinite(beliefs(masks, np.array([0])).toarray()).all()
