@@ -15,7 +15,7 @@ from egosplat.cost_model.laws import CPU, DISK, MEMORY
 from egosplat.cost_model.sizes import Sizes as SceneSizes
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.config import Config
-from egosplat.pipeline.dag import leaves_frames_out, masks_by_survey
+from egosplat.pipeline.dag import leaves_frames_out, survey_decides
 
 NETWORK, RASTERIZER = "network_speedup", "rasterizer_speedup"
 # The assumption with the speed-up of each stage that uses a GPU.
@@ -101,7 +101,7 @@ def paper_sizes(assumed: Assumptions) -> Sizes:
 
 def stages_of(config: Config) -> list[str]:
     """The stages of ``laws.LAWS`` that a configuration needs; the survey only if it decides something."""
-    surveyed = masks_by_survey(config) or leaves_frames_out(config)
+    surveyed = survey_decides(config) or leaves_frames_out(config)
     return [stage for stage in LAWS if stage != "survey" or surveyed]
 
 

@@ -56,8 +56,8 @@ def _tracked(sam2: Sam2, encoded: EncodedImage) -> float:
     logits[:, side // 4 : side // 2, side // 4 : side // 2] = 10.0
     group = propagator.begin(encoded, 0, list(range(OBJECTS)), logits)
     for frame in range(1, memories):
-        propagator.step(encoded, frame, group, reverse=False)
-    _, seconds = timed(lambda: propagator.step(encoded, memories, group, reverse=False))
+        propagator.step(lambda: encoded, frame, group, reverse=False)
+    _, seconds = timed(lambda: propagator.step(lambda: encoded, memories, group, reverse=False))
     return seconds / OBJECTS
 
 

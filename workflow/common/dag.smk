@@ -59,7 +59,7 @@ def survey_named(dataset, scene, variant):
 def decided_config(wildcards):
     """Get the configuration with the survey's decisions. It waits for the survey only if the survey decides something."""
     config = config_of(wildcards)
-    if not dag.masks_by_survey(config):
+    if not dag.survey_decides(config):
         return config
     return dag.decided(config, survey_named(*names_of(wildcards)))
 
@@ -103,7 +103,7 @@ def optional_flags(stage):
 
 def flags(stage):
     """Get a function of the wildcards: the keys of a stage as command line flags."""
-    get_config = decided_config if stage == "splats" else config_of
+    get_config = decided_config if stage in ("segments", "splats") else config_of
     return lambda wildcards: dag.stage_flags(stage, get_config(wildcards))
 
 

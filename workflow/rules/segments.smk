@@ -1,7 +1,8 @@
 """
 Masks at three levels, and the instances they show: tracked through the video, or merged in 3D.
 
-REQUIRED INPUTS: frames.zarr, poses.zarr; survey.json, if it may leave frames out. Never annotations.zarr.
+REQUIRED INPUTS: frames.zarr, poses.zarr. By configuration and survey: transient.zarr, if moving things are tracked;
+survey.json. Never annotations.zarr.
 OUTPUTS: segments.zarr, instances.zarr. While a stage runs, .{name}.checkpoint, from which a killed run resumes.
 TOOLS: SAM2, or OpenCV's graph segmentation and optical flow; PyTorch, egosplat's kernels or gsplat.
 """

@@ -23,7 +23,13 @@ INSTANCES = Schema(
             "instance of the next coarser level that holds most of it in 3D, -1 for none",
         ),
         "instances/masks": Field(
-            ("instance",), "int32", "count", "masks of segments.zarr that are merged in it; 1 for a track"
+            ("instance",),
+            "int32",
+            "count",
+            "masks of segments.zarr that are merged in it; of what moves, the frames that show it; else 1 for a track",
+        ),
+        "instances/moving": Field(
+            ("instance",), "bool", "-", "a track of segments.zarr of something that moves, not merged in 3D"
         ),
         "gaussians/xyz": Field(
             ("gaussian", 3), "float32", "m", "centers of the Gaussians that masks are merged on"

@@ -4,7 +4,7 @@ from egosplat.artifacts.schema import Field, Schema
 
 SEGMENTS = Schema(
     "segments",
-    1,
+    2,
     {
         "labels": Field(
             ("frame", "level", "height", "width"),
@@ -26,5 +26,8 @@ SEGMENTS = Schema(
             ("instance",), "float32", "0..1", "IoU of that mask cut a little higher and lower; 1 without SAM2"
         ),
         "instances/first_frame": Field(("instance",), "int64", "index", "frame whose prompts began it"),
+        "instances/moving": Field(
+            ("instance",), "bool", "-", "tracked, because the transient network says that it moves"
+        ),
     },
 )

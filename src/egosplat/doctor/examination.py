@@ -15,7 +15,7 @@ from egosplat.doctor.inputs import (
 from egosplat.doctor.machine import machine_findings
 from egosplat.errors import UserError
 from egosplat.pipeline.config import Config
-from egosplat.pipeline.dag import leaves_frames_out, masks_by_survey
+from egosplat.pipeline.dag import leaves_frames_out, survey_decides, tracks_what_moves
 from egosplat.pipeline.scenes import Scene, read_scenes
 
 
@@ -155,8 +155,8 @@ def _skipped(config: Config, synthetic: bool) -> set[str]:
     """Stages that the scene does not need."""
     skipped = set() if synthetic else {"synthetic"}
     if config["splats"]["masking"] == "none":
-        skipped |= {"transient", "masks"}
-    if not (masks_by_survey(config) or leaves_frames_out(config)):
+        skipped |= {"masks"} if tracks_what_moves(config) else {"transient", "masks"}
+    if not (survey_decides(config) or leaves_frames_out(config)):
         skipped.add("survey")
     return skipped
 

@@ -50,8 +50,7 @@ class LiftedMasks:
 
 def lift_masks(
     gaussians: Gaussians,
-    labels: Callable[[int], NDArray[np.int32]],
-    counted: NDArray[np.bool_],
+    look: Callable[[int], tuple[NDArray[np.int32], NDArray[np.bool_]]],
     frames: NDArray[np.int64],
     camera_to_world: NDArray[np.float64],
     camera: Camera,
@@ -61,8 +60,8 @@ def lift_masks(
 
     Args:
         gaussians: geometry of the scene.
-        labels: returns the (L, H, W) int32 labels of a frame at the size of ``camera``, -1 for none.
-        counted: (H, W) bool, pixels that vote.
+        look: returns the (L, H, W) int32 labels of a frame at the size of ``camera``, -1 for none, and (H, W) bool,
+            which pixels vote and count as seen.
         frames: (T,) the frames.
         camera_to_world: (T, 4, 4) float64, their poses.
         camera: at the working size.
@@ -71,7 +70,8 @@ def lift_masks(
     seen = np.zeros((len(frames), gaussians.count), np.float32)
     instance, frame, votes = [], [], []
     for place in track(range(len(frames)), "lifting masks", unit="frame"):
-        masks, ids = one_hot(np.where(counted, labels(int(frames[place])), -1))
+        labels, counted = look(int(frames[place]))
+        masks, ids = one_hot(np.where(counted, labels, -1))
         image = torch.from_numpy(np.concatenate([masks, counted[None].astype(np.float32)])).permute(1, 2, 0)
         sums = sum_over_pixels(
             gaussians, image.contiguous(), camera, camera_to_world[place], settings

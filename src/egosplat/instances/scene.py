@@ -14,6 +14,7 @@ from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
 from egosplat.instances.geometry import training_options
 from egosplat.instances.lifted_masks import LEAST_SEEN, lift_masks
+from egosplat.instances.moving import MovingTracks
 from egosplat.instances.options import InstancesOptions
 from egosplat.instances.rendering import render_things
 from egosplat.instances.things import beliefs, cut_tracks, find_things, single_masks
@@ -89,7 +90,12 @@ class Scene:
 
 
 def find_scene(
-    gaussians: Gaussians, views: Views, segments: Artifact, valid: NDArray[np.bool_], keys: InstancesOptions
+    gaussians: Gaussians,
+    views: Views,
+    segments: Artifact,
+    tracks: MovingTracks,
+    valid: NDArray[np.bool_],
+    keys: InstancesOptions,
 ) -> Scene:
     """Find the things of all levels.
 
@@ -97,6 +103,7 @@ def find_scene(
         gaussians: temporary Gaussians.
         views: training views at the working size.
         segments: segments artifact.
+        tracks: of what moves; their pixels neither vote nor count as seen.
         valid: (H, W) bool, pixels that show the scene.
         keys: of the stage.
 
@@ -109,10 +116,13 @@ def find_scene(
         for small, large in ((camera.height, valid.shape[0]), (camera.width, valid.shape[1]))
     )
 
-    def labels(frame: int) -> Labels:
-        return segments.row("labels", frame)[:, rows[:, None], columns]
+    small_valid = valid[rows[:, None], columns]
 
-    has_masks = np.array([bool((labels(int(frame)) >= 0).any()) for frame in views.frame], bool)
+    def look(frame: int) -> tuple[Labels, NDArray[np.bool_]]:
+        labels, moving = tracks.remove(segments.row("labels", frame)[:, rows[:, None], columns])
+        return labels, small_valid & ~moving
+
+    has_masks = np.array([bool((look(int(frame))[0] >= 0).any()) for frame in views.frame], bool)
     if not has_masks.any():
         raise UserError(
             f"{segments.path}: holds no mask in a training frame with a pose. Lower segments.pred_iou_thresh and "
@@ -120,8 +130,7 @@ def find_scene(
         )
     lifted = lift_masks(
         gaussians,
-        labels,
-        valid[rows[:, None], columns],
+        look,
         views.frame[has_masks],
         views.camera_to_world[has_masks],
         camera,

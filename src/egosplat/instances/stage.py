@@ -20,6 +20,7 @@ from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.writer import create
 from egosplat.gaussians.training_views import split_views
 from egosplat.instances.geometry import train_geometry
+from egosplat.instances.moving import MovingTracks
 from egosplat.instances.options import InstancesOptions
 from egosplat.instances.scene import Scene, find_scene
 from egosplat.progress import log, track
@@ -62,9 +63,10 @@ def run(
     training = split_views(*flags, validate=False).training
     key = provenance.key_of(record)
     gaussians, views = train_geometry(frames, poses, training, options, output, key)
-    scene = find_scene(gaussians, views, segments, frames.read("valid"), options)
-    rows = np.flatnonzero(kept & poses.read("registered"))
-    _write_things(output, record, scene, options.source, segments, poses.read("camera_to_world"), rows)
+    tracks = MovingTracks(segments)
+    scene = find_scene(gaussians, views, segments, tracks, frames.read("valid"), options)
+    rows, cameras = np.flatnonzero(kept & poses.read("registered")), poses.read("camera_to_world")
+    _write_things(output, record, scene, tracks, options.source, segments, cameras, rows)
     Checkpoint(output, key, 0.0).remove()
 
 
@@ -78,6 +80,7 @@ def _write_tracks(output: Path, record: Provenance, segments: Artifact) -> None:
         artifact.put("instances/level", level)
         artifact.put("instances/parent", np.full(len(level), -1, np.int32))
         artifact.put("instances/masks", np.ones(len(level), np.int32))
+        artifact.put("instances/moving", segments.read("instances/moving"))
         artifact.put("gaussians/xyz", np.zeros((0, 3), np.float32))
         artifact.put("gaussians/instance", np.zeros((0, shape[1]), np.int32))
         artifact.facts = _facts(segments, level, TRACKS)
@@ -87,25 +90,30 @@ def _write_things(
     output: Path,
     record: Provenance,
     scene: Scene,
+    tracks: MovingTracks,
     source: str,
     segments: Artifact,
     camera_to_world: NDArray[np.float64],
     rows: NDArray[np.intp],
 ) -> None:
-    """Render the things into the frames ``rows``, and write them."""
-    shape = segments.shape("labels")
+    """Render the things into the frames ``rows``, draw what moves over them in all frames, and write both."""
+    shape, count = segments.shape("labels"), len(scene.level)
     nothing = np.full(shape[1:], -1, np.int32)
     with create(output, INSTANCES, record) as artifact:
         artifact.allocate("labels", shape)
         for frame in track(range(shape[0]), "writing labels"):
-            labels = scene.render(camera_to_world[frame], shape[2:]) if frame in rows else nothing
+            things = scene.render(camera_to_world[frame], shape[2:]) if frame in rows else nothing
+            labels = tracks.draw(segments.row("labels", frame), things, count)
             artifact.put_row("labels", frame, labels)
-        artifact.put("instances/level", scene.level)
-        artifact.put("instances/parent", scene.parents())
-        artifact.put("instances/masks", scene.masks)
+        moving = np.arange(count + len(tracks.level)) >= count
+        level = np.concatenate([scene.level, tracks.level])
+        artifact.put("instances/level", level)
+        artifact.put("instances/parent", np.pad(scene.parents(), (0, len(tracks.level)), constant_values=-1))
+        artifact.put("instances/masks", np.concatenate([scene.masks, tracks.frames]))
+        artifact.put("instances/moving", moving)
         artifact.put("gaussians/xyz", scene.gaussians.means.numpy())
         artifact.put("gaussians/instance", scene.strongest())
-        artifact.facts = _facts(segments, scene.level, source) | {"merging": scene.counts}
+        artifact.facts = _facts(segments, level, source) | {"merging": scene.counts}
 
 
 def _facts(segments: Artifact, level: NDArray[np.int8], source: str) -> dict[str, Any]:

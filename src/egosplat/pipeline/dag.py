@@ -35,25 +35,48 @@ def masks_by_survey(config: Config) -> bool:
     return config["splats"]["masking"] == AUTO
 
 
+def tracks_what_moves(config: Config) -> bool:
+    """Whether SAM2 tracks what moves and nothing else. True also where the survey may still decide against it."""
+    keys = config["segments"]
+    single = keys["prompting"] == "each_frame" and keys["segmenter"] == "sam2"
+    return single and keys["track_moving"] != "never"
+
+
+def tracks_by_survey(config: Config) -> bool:
+    """Whether the survey chooses segments.track_moving."""
+    return tracks_what_moves(config) and config["segments"]["track_moving"] == AUTO
+
+
+def survey_decides(config: Config) -> bool:
+    """Whether a key of the configuration is ``auto`` and the survey chooses its value."""
+    return masks_by_survey(config) or tracks_by_survey(config)
+
+
 def decided(config: Config, survey: Survey) -> Config:
     """Replace ``auto`` in a configuration by the survey's decisions."""
-    if not masks_by_survey(config):
-        return config
-    return merge(config, {"splats": {"masking": survey["motion"]["masking"]}})
+    masking, chosen = survey["motion"]["masking"], {}
+    if masks_by_survey(config):
+        chosen["splats"] = {"masking": masking}
+    if tracks_by_survey(config):
+        chosen["segments"] = {"track_moving": "always" if masking == "refined" else "never"}
+    return merge(config, chosen)
 
 
 def inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     """Get the stages whose artifacts a stage reads, and the survey if it decides which."""
     always = tuple(name for name in STAGES[stage].inputs if name in STAGES)
     found = always + optional_inputs_of(stage, config)
-    # Snakemake must run the survey before it knows whether the stage needs masks.
-    by_survey = "masks" in STAGES[stage].optional and masks_by_survey(config) and "survey" not in found
-    return (*found, "survey") if by_survey else found
+    # Snakemake must run the survey before it knows whether the stage needs masks, or what moves.
+    masked = "masks" in STAGES[stage].optional and masks_by_survey(config)
+    by_survey = masked or (stage == "segments" and tracks_by_survey(config))
+    return (*found, "survey") if by_survey and "survey" not in found else found
 
 
 def optional_inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     """Get the optional inputs of a stage that a configuration needs."""
     views = ("survey",) if leaves_frames_out(config) else ()
+    if stage == "segments":  # the same for every splats.masking, so that variants share the segments
+        return (*views, "transient") if tracks_what_moves(config) else views
     wanted = views + _MASKS[config["splats"]["masking"]] + _CODES[config["splats"]["language"]]
     return tuple(name for name in wanted if name in STAGES[stage].optional)
 

@@ -58,6 +58,7 @@ _MASKING = {
     "transient": "if splats.masking is initial",
     "masks": "if splats.masking is refined",
 }
+_MOVING = {"transient": "to track what moves: if segments.prompting is each_frame"}
 _JOINT = {
     "instances": "if splats.language is joint",
     "features": "if splats.language is joint",
@@ -107,12 +108,21 @@ _STAGES = (
         libraries=("jsonschema", "numpy", "opencv-contrib-python-headless", "scipy", "zarr"),
     ),
     Stage(
+        "transient",
+        "egosplat.transient.stage",
+        "Train a network that predicts moving pixels, together with temporary Gaussians.",
+        output="transient.zarr",
+        inputs=("frames", "poses"),
+        optional=_TRAINING_FRAMES,
+        libraries=("numpy", "opencv-contrib-python-headless", "scipy", "timm", "torch", "zarr"),
+    ),
+    Stage(
         "segments",
         "egosplat.segments.stage",
         "Find instances at three levels, and track them through the video.",
         output="segments.zarr",
         inputs=("frames",),
-        optional=_TRAINING_FRAMES,
+        optional=_TRAINING_FRAMES | _MOVING,
         libraries=(
             "numpy",
             "scipy",
@@ -122,7 +132,7 @@ _STAGES = (
             "sam2",
             "zarr",
         ),
-        keys=_SAM2,
+        keys=_SAM2 | {"masks": ("threshold",)},
     ),
     Stage(
         "instances",
@@ -150,15 +160,6 @@ _STAGES = (
         output="features.zarr",
         inputs=("view_features",),
         libraries=("numpy", "torch", "zarr"),
-    ),
-    Stage(
-        "transient",
-        "egosplat.transient.stage",
-        "Train a network that predicts moving pixels, together with temporary Gaussians.",
-        output="transient.zarr",
-        inputs=("frames", "poses"),
-        optional=_TRAINING_FRAMES,
-        libraries=("numpy", "opencv-contrib-python-headless", "scipy", "timm", "torch", "zarr"),
     ),
     Stage(
         "masks",

@@ -26,12 +26,14 @@ class Track:
         level: index into ``options.LEVELS``.
         first_frame: the frame whose prompts found it.
         predicted_iou, stability: scores of its first mask.
+        moving: tracked because the transient network says that it moves.
     """
 
     level: int
     first_frame: int
     predicted_iou: float
     stability: float
+    moving: bool = False
 
 
 @dataclass(frozen=True)

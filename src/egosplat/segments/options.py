@@ -30,6 +30,7 @@ class SegmentsOptions:
     # Which instances are tracked (docs/method.md#prompting), and which of them are kept.
     prompting: str
     key_frame_stride: int
+    track_moving: str
     min_uncovered_fraction: float
     max_covered_new: float
     merge_iou: float
@@ -39,8 +40,15 @@ class SegmentsOptions:
     lost_track_stride: int
     levels: str
     batch: int
+    # masks.threshold: mean probability from which a mask is of something that moves.
+    threshold: float
 
     sam2_config: str
     sam2_checkpoint: str
     device: str
     precision: str
+
+    @property
+    def single_frames(self) -> bool:
+        """Whether masks of single frames are instances of their own, and at most what moves is tracked."""
+        return self.segmenter == "sam2" and self.prompting == EACH_FRAME

@@ -2,7 +2,9 @@
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.models.sam2_loader import Sam2
@@ -43,6 +45,11 @@ class Candidates:
     def take(self, chosen: Tensor) -> "Candidates":
         """Select candidates by (K,) indices or a (N,) bool mask."""
         return Candidates(self.logits[chosen], self.predicted_iou[chosen], self.stability[chosen])
+
+
+def prompted_frames(frames: NDArray[np.intp], options: SegmentsOptions) -> list[int]:
+    """Every ``key_frame_stride``-th of the frames that may be prompted."""
+    return frames[:: options.key_frame_stride].tolist()
 
 
 def grid_points(points_per_side: int) -> Tensor:

@@ -4,6 +4,7 @@ SAM2's own predictor keeps the output of every frame for every object. The memor
 first frame and the last few frames. Only those are kept here, and objects with the same first frame form a batch.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -67,6 +68,10 @@ def drop_features(output: Memory) -> None:
 def _expand(position: list[Tensor], count: int) -> list[Tensor]:
     # Positional encodings are equal for all objects: a view of one costs no memory.
     return [each[:1].expand(count, -1, -1, -1) for each in position]
+
+
+Accepts = Callable[[Tensor], Tensor]
+"""Decides from the (K, M, M) logits of K objects which masks are of their object: (K,) bool."""
 
 
 @dataclass
@@ -133,26 +138,38 @@ class Propagator:
         )
         return Group(ids, frame, make_memory(stored, position, output["obj_ptr"]))
 
-    def step(self, encoded: EncodedImage, frame: int, group: Group, reverse: bool) -> Tensor:
-        """Propagate a group to the next frame: (K, M, M) float32 logits; all are below 0 if an object is absent."""
+    def step(
+        self,
+        encoded: Callable[[], EncodedImage],
+        frame: int,
+        group: Group,
+        reverse: bool,
+        accepts: Accepts | None = None,
+    ) -> Tensor:
+        """Propagate a group to the next frame: (K, M, M) float32 logits; all are below 0 if an object is absent.
+
+        Args:
+            encoded: returns the frame's features. It is called only if the frame is searched for an object.
+            accepts: decides which masks are of their object; the others count as absent and are not remembered.
+        """
         count, side = len(group.ids), self._model.image_size // 4
         # SAM2's logit of an absent object, for the objects that are not searched for in this frame.
-        logits = encoded.features[0].new_full((count, side, side), NO_OBJ_SCORE, dtype=torch.float32)
+        logits = group.begun["obj_ptr"].new_full((count, side, side), NO_OBJ_SCORE, dtype=torch.float32)
         chosen = self._searched(group, frame)
         last = group.recent.get(frame + 1 if reverse else frame - 1, group.begun)
-        if len(chosen) == count:
-            logits, group.recent[frame] = self._track(
-                encoded, frame, group.first_frame, group.begun, group.recent, reverse
+        memory = dict(last)  # a copy, because ``_forget`` removes parts of it later
+        if chosen:  # only these objects pass through the model
+            found, new = self._track(
+                encoded(), frame, group.first_frame, *_of_objects(group, chosen), reverse
             )
-        elif chosen:  # only these objects pass through the model
-            recent = {number: select_objects(output, chosen) for number, output in group.recent.items()}
-            logits[chosen], new = self._track(
-                encoded, frame, group.first_frame, select_objects(group.begun, chosen), recent, reverse
-            )
-            group.recent[frame] = update_memory(last, chosen, new)
-        else:
-            # A copy, because ``_forget`` removes parts of it later.
-            group.recent[frame] = dict(last)
+            places = range(len(chosen)) if accepts is None else accepts(found).nonzero()[:, 0].tolist()
+            kept = [chosen[place] for place in places]
+            logits[kept] = found[list(places)]
+            if len(kept) == count:
+                memory = new
+            elif kept:
+                memory = update_memory(last, kept, select_objects(new, list(places)))
+        group.recent[frame] = memory
         seen = (logits > 0).flatten(1).any(1).tolist()
         group.unseen = [0 if one else before + 1 for one, before in zip(seen, group.unseen, strict=True)]
         self._forget(group, frame)
@@ -199,6 +216,14 @@ class Propagator:
                 drop_features(output)
             if age > self._model.max_obj_ptrs_in_encoder:
                 del group.recent[number]
+
+
+def _of_objects(group: Group, chosen: list[int]) -> tuple[Memory, dict[int, Memory]]:
+    """The memories of the chosen objects, by their places in the batch."""
+    if len(chosen) == len(group.ids):
+        return group.begun, group.recent
+    recent = {number: select_objects(output, chosen) for number, output in group.recent.items()}
+    return select_objects(group.begun, chosen), recent
 
 
 def restart(group: Group) -> Group:

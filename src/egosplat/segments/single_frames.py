@@ -1,4 +1,4 @@
-"""Segment single frames with SAM2, without tracking: each mask is an instance of its own."""
+"""Segment single frames with SAM2: each mask is an instance of its own; only what moves is tracked."""
 
 from collections.abc import Callable
 
@@ -11,12 +11,13 @@ from egosplat.progress import log, track
 from egosplat.segments.image_encoder import encode
 from egosplat.segments.instances import Segmented, Track
 from egosplat.segments.label_maps import LabelMaps, paint
+from egosplat.segments.moving import MovingTracker, add_tracks
 from egosplat.segments.options import LEVELS, SegmentsOptions
-from egosplat.segments.prompts import filter_masks, grid_points, prompt
+from egosplat.segments.prompts import filter_masks, grid_points, prompt, prompted_frames
 
 
 class SingleFrames:
-    """Prompts every ``key_frame_stride``-th frame with the whole grid of points. Other frames get no label."""
+    """Prompts every ``key_frame_stride``-th frame with the whole grid of points. Other frames show only what moves."""
 
     def __init__(
         self,
@@ -26,6 +27,7 @@ class SingleFrames:
         length: int,
         valid: NDArray[np.bool_],
         options: SegmentsOptions,
+        movers: MovingTracker | None = None,
     ) -> None:
         """Set up for a video.
 
@@ -36,28 +38,37 @@ class SingleFrames:
             length: number of frames of the video.
             valid: (H, W) bool, pixels that show the scene.
             options: of the stage.
+            movers: tracks what moves through all frames, after the masks are found; None to track nothing.
         """
         self._sam2, self._images, self._valid, self._options = sam2, images, valid, options
-        self._frames, self._length = frames[:: options.key_frame_stride].tolist(), length
+        self._frames, self._length = prompted_frames(frames, options), length
+        self._movers = movers
         self._labels = LabelMaps((len(LEVELS), *valid.shape))
         self._instances: list[Track] = []
         self._done = 0
 
     def run(self, checkpoint: Checkpoint | None = None) -> Segmented:
         """Segment the frames, resuming from the checkpoint if it holds a state."""
-        if checkpoint is not None and (saved := checkpoint.load()) is not None:
+        if checkpoint is None:
+            return self._segment_video(lambda: None)
+        if (saved := checkpoint.load()) is not None:
             self.load_state_dict(saved)
             log(f"segmentation resumes after {self._done} frames")
+        return self._segment_video(lambda: checkpoint.save_if_due(self.state_dict))
+
+    def _segment_video(self, save: Callable[[], None]) -> Segmented:
         with self._sam2.compute.inference():
             for frame in track(self._frames[self._done :], "segmenting frames"):
                 self._segment(frame)
                 self._done += 1
-                if checkpoint is not None:
-                    checkpoint.save_if_due(self.state_dict)
+                save()
         empty = np.full((len(LEVELS), *self._valid.shape), -1, np.int32)
         for frame in set(range(self._length)) - set(self._frames):
             self._labels[frame] = empty
-        return Segmented(self._labels, self._instances, [], {"key_frames": self._frames})
+        found = Segmented(self._labels, self._instances, [], {"key_frames": self._frames})
+        if self._movers is None:
+            return found
+        return add_tracks(found, self._movers.moving_tracks(save))
 
     def state_dict(self) -> State:
         """The progress as tensors, numbers, lists and dictionaries."""
@@ -65,6 +76,7 @@ class SingleFrames:
             "done": self._done,
             "instances": [vars(instance) for instance in self._instances],
             "labels": self._labels.state_dict(),
+            "movers": self._movers.state_dict() if self._movers else None,
         }
 
     def load_state_dict(self, state: State) -> None:
@@ -72,6 +84,8 @@ class SingleFrames:
         self._done = state["done"]
         self._instances = [Track(**values) for values in state["instances"]]
         self._labels.load_state_dict(state["labels"])
+        if self._movers:
+            self._movers.load_state_dict(state["movers"])
 
     def _segment(self, frame: int) -> None:
         encoded = encode(self._sam2, self._images(frame))

@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.kept_frames import kept_frames
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
+from egosplat.artifacts.transient import TRANSIENT
 from egosplat.artifacts.writer import Writer, create
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import SAM2, model_hash
@@ -20,14 +22,19 @@ from egosplat.progress import log, track
 from egosplat.segments.classical.segmenter import segment_video
 from egosplat.segments.duplicate_levels import drop_levels, find_duplicate_levels
 from egosplat.segments.instances import FinalInstances, Segmented, finalize_instances
-from egosplat.segments.options import EACH_FRAME, LEVELS, SegmentsOptions
+from egosplat.segments.options import LEVELS, SegmentsOptions
 
 # Time between two checkpoints [s].
 CHECKPOINT_S = 60.0
 
 
 def run(
-    frames_path: Path, output: Path, options: SegmentsOptions, *, survey_path: Path | None = None
+    frames_path: Path,
+    output: Path,
+    options: SegmentsOptions,
+    *,
+    survey_path: Path | None = None,
+    transient_path: Path | None = None,
 ) -> None:
     """Write the segments artifact of ``frames``.
 
@@ -35,16 +42,20 @@ def run(
 
     Args:
         survey_path: frames that the survey drops are skipped; all their labels are -1.
+        transient_path: where things move, if the prompting is ``each_frame``; None to track nothing.
 
     Raises:
-        UserError: the model cannot be loaded, the survey is of other frames, or no instance is found.
+        UserError: the model cannot be loaded, the survey or transient.zarr is missing or of other frames, or no
+            instance is found.
     """
     frames = open_artifact(frames_path, FRAMES)
     kept, by_survey = kept_frames(frames, survey_path)
     used = {"sam2_config": options.sam2_config, "sam2_checkpoint": options.sam2_checkpoint}
     models = {"sam2_checkpoint": model_hash(SAM2, used)} if options.segmenter == "sam2" else {}
-    made = provenance.begin_from("segments", asdict(options) | by_survey, [frames], models)
-    video = _Video(frames, np.flatnonzero(kept))
+    transient = _open_transient(transient_path, frames, options)
+    inputs = [frames] if transient is None else [frames, transient]
+    made = provenance.begin_from("segments", asdict(options) | by_survey, inputs, models)
+    video = _Video(frames, np.flatnonzero(kept), transient)
     # The key makes the checkpoint of other inputs or options invalid.
     checkpoint = Checkpoint(output, provenance.key_of(made), CHECKPOINT_S)
     if options.segmenter == "classical":
@@ -63,35 +74,57 @@ def run(
 
 @dataclass(frozen=True)
 class _Video:
-    """The frames to segment; ``frame``: (N,) index of each in frames.zarr."""
+    """The frames to segment; ``frame``: (N,) index of each in frames.zarr, ``transient``: where things move."""
 
     source: Artifact
     frame: NDArray[np.intp]
+    transient: Artifact | None
 
     def image(self, place: int) -> NDArray[np.uint8]:
         """(H, W, 3) uint8 RGB image of the frame at a place in the video."""
         return self.source.row("rgb", self.frame[place])
 
+    def probability(self, place: int) -> NDArray[np.float16]:
+        """(H, W) float16 probability in 0..1 that a pixel moves."""
+        assert self.transient is not None
+        return self.transient.row("probability", self.frame[place])
+
+
+def _open_transient(path: Path | None, frames: Artifact, options: SegmentsOptions) -> Artifact | None:
+    """Open the transient artifact if what moves is tracked."""
+    if not options.single_frames or options.track_moving == "never":
+        return None
+    if path is None:
+        if options.track_moving == "always":
+            raise UserError("segments.track_moving = always needs the transient artifact: give --transient")
+        return None
+    transient = open_artifact(path, TRANSIENT)
+    check_made_from(transient, frames, axes=("frame", "height", "width"))
+    return transient
+
 
 def _track_with_sam2(video: _Video, options: SegmentsOptions, checkpoint: Checkpoint) -> Segmented:
     # Imported here: sam2 takes seconds to import, and the classical segmenter does not need it.
     from egosplat.models.sam2_loader import load_sam2
+    from egosplat.segments.moving import MovingTracker
     from egosplat.segments.single_frames import SingleFrames
     from egosplat.segments.tracker import Tracker
 
     model = (options.sam2_config, options.sam2_checkpoint, options.device, options.precision)
     sam2, valid = load_sam2(*model, options.image_size), video.source.read("valid")
-    if options.prompting == EACH_FRAME:
-        train = np.flatnonzero(video.source.read("train")[video.frame])
-        return SingleFrames(sam2, video.image, train, len(video.frame), valid, options).run(checkpoint)
-    return Tracker(sam2, video.image, len(video.frame), valid, options).run(checkpoint)
+    if not options.single_frames:
+        return Tracker(sam2, video.image, len(video.frame), valid, options).run(checkpoint)
+    train = np.flatnonzero(video.source.read("train")[video.frame])
+    about = (train, len(video.frame), valid, options)
+    movers = MovingTracker(sam2, video.image, video.probability, *about) if video.transient else None
+    return SingleFrames(sam2, video.image, *about, movers).run(checkpoint)
 
 
 def _write(artifact: Writer, segmented: Segmented, video: _Video, options: SegmentsOptions) -> None:
     """Merge duplicates, drop short tracks and repeated levels, and write the remaining instances."""
     labels, count = segmented.labels, video.source.shape("rgb")[0]
     place_of = {int(frame): place for place, frame in enumerate(video.frame)}
-    single = options.prompting == EACH_FRAME and options.segmenter == "sam2"
+    single = options.single_frames
     final = finalize_instances(segmented, 1 if single else options.min_frames)
     if len(final.kept) == 0:
         raise UserError(
@@ -104,28 +137,34 @@ def _write(artifact: Writer, segmented: Segmented, video: _Video, options: Segme
     first = labels[0]
     artifact.allocate("labels", (count, *first.shape))
     occupancy = Occupancy(len(final.kept), video.source.read("valid"))
+    counted = segmented.notes["key_frames"] if single else range(len(video.frame))
     for frame in track(range(count), "writing labels"):
         place = place_of.get(frame)
         row = np.full_like(first, -1) if place is None else final.table[labels[place]]
-        if place is not None:
+        if place in counted:
             occupancy.add(row)
         artifact.put_row("labels", frame, row)
     chosen = [segmented.instances[number] for number in final.kept]
     artifact.put("instances/level", np.array([one.level for one in chosen], dtype=np.int8))
     artifact.put("instances/predicted_iou", np.array([one.predicted_iou for one in chosen], dtype=np.float32))
     artifact.put("instances/stability", np.array([one.stability for one in chosen], dtype=np.float32))
+    moving = np.array([one.moving for one in chosen], dtype=bool)
+    artifact.put("instances/moving", moving)
     begun = video.frame[[one.first_frame for one in chosen]]
     artifact.put("instances/first_frame", begun.astype(np.int64))
     by_level = {name: sum(one.level == number for one in chosen) for number, name in enumerate(LEVELS)}
     dropped = len(segmented.instances) - len(final.kept)
     log(f"{len(final.kept)} instances ({by_level}); {dropped} merged, repeated or seen in too few frames")
+    if single:
+        log(f"{int(moving.sum())} of them move and are tracked; all others are masks of one frame")
     artifact.facts = {
         "levels": list(LEVELS),
         "instances": by_level,
         "found": len(segmented.instances),
+        "moving": int(moving.sum()),
         "merged": final.merged,
         "repeats": {LEVELS[one]: LEVELS[other] for one, other in repeated.items()},
-        **occupancy.figures(),
+        **occupancy.figures(tracked=not single),
         **_to_frame_indices(segmented.notes, video),
     }
 
@@ -166,11 +205,15 @@ class Occupancy:
         self._frames += 1
         self._empty_pixels += int(((labels < 0).all(axis=0) & self._valid).sum())
 
-    def figures(self) -> dict[str, float]:
-        """Share of valid pixels without an instance at any level, mean instances per frame, mean frames per instance."""
+    def figures(self, *, tracked: bool = True) -> dict[str, float]:
+        """Share of valid pixels without an instance at any level, mean instances per frame, mean frames per instance.
+
+        Without ``tracked``, an instance is a mask of one frame, and the last figure is left out.
+        """
         views = int(self._frames_of.sum())
+        lengths = {"frames_per_instance": views / max(len(self._frames_of), 1)} if tracked else {}
         return {
             "pixels_without_instance": self._empty_pixels / max(self._frames * int(self._valid.sum()), 1),
             "instances_per_frame": views / max(self._frames, 1),
-            "frames_per_instance": views / max(len(self._frames_of), 1),
+            **lengths,
         }

@@ -1,11 +1,13 @@
 """Track a video with SAM2: forwards, with new prompts where no instance is tracked, then backwards."""
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import torch
 import torch.nn.functional as F
 from numpy.typing import NDArray
+from torch import Tensor
 
 from egosplat.artifacts.checkpoint import Checkpoint, State
 from egosplat.models.sam2_loader import Sam2
@@ -17,7 +19,7 @@ from egosplat.segments.levels import Level, LevelMasks, add_shared, stack_masks
 from egosplat.segments.nms import union
 from egosplat.segments.options import LEVELS, SegmentsOptions
 from egosplat.segments.prompts import Candidates, drop_covered, filter_masks, grid_points, match_masks, prompt
-from egosplat.segments.propagation import Propagator, restart
+from egosplat.segments.propagation import Accepts, Propagator, restart
 
 
 class Tracker:
@@ -52,14 +54,20 @@ class Tracker:
 
     def run(self, checkpoint: Checkpoint | None = None) -> Segmented:
         """Track the video in both directions, resuming from the checkpoint if it holds a state."""
-        if checkpoint is not None and (saved := checkpoint.load()) is not None:
+        if checkpoint is None:
+            return self.track_video(lambda: None)
+        if (saved := checkpoint.load()) is not None:
             self.load_state_dict(saved)
             log(f"tracking resumes after {self._ahead} frames forwards and {self._back} backwards")
+        return self.track_video(lambda: checkpoint.save_if_due(self.state_dict))
+
+    def track_video(self, save: Callable[[], None]) -> Segmented:
+        """Track what is left of the video in both directions; ``save`` is called after each frame."""
         with self._sam2.compute.inference():
             for frame in track(range(self._ahead, self._frames), "tracking instances forwards"):
                 self._forwards(frame)
                 self._ahead += 1
-                self._save(checkpoint)
+                save()
             # The backward pass starts from each track's first frame; a resumed one has started already.
             if not self._back:
                 for level in self._levels:
@@ -69,7 +77,7 @@ class Tracker:
             for frame in track(range(last - 1 - self._back, -1, -1), "tracking instances backwards"):
                 self._backwards(frame)
                 self._back += 1
-                self._save(checkpoint)
+                save()
         same = [
             pair
             for level in self._levels
@@ -97,34 +105,50 @@ class Tracker:
         for level, saved in zip(self._levels, state["levels"], strict=True):
             level.load_state_dict(saved, self._sam2.compute.device)
 
-    def _save(self, checkpoint: Checkpoint | None) -> None:
-        if checkpoint is not None:
-            checkpoint.save_if_due(self.state_dict)
+    def _encoded(self, frame: int) -> Callable[[], EncodedImage]:
+        """A function that reads and encodes a frame when it is first called."""
+        return cache(lambda: encode(self._sam2, self._images(frame)))
+
+    def _prompts(self, frame: int) -> bool:
+        """Whether new objects are searched for in a frame."""
+        keys = self._options
+        return frame == 0 or (keys.prompting == "key_frames" and frame % keys.key_frame_stride == 0)
+
+    def _search_area(self, frame: int) -> tuple[Tensor, float]:
+        """(M, M) bool pixels where new objects are searched for, and the number of untracked ones that is too few."""
+        # Slivers between masks are no reason to prompt.
+        return self._inside, self._options.min_uncovered_fraction * float(self._inside.sum())
+
+    def _may_start(self, frame: int, found: Candidates) -> Candidates:
+        """The masks that may start a track."""
+        return found
+
+    def _accepts(self, frame: int) -> Accepts | None:
+        """Decides which masks continue their track in a frame; None for all."""
+        return None
 
     def _forwards(self, frame: int) -> None:
-        encoded = encode(self._sam2, self._images(frame))
+        encoded, accepts = self._encoded(frame), self._accepts(frame)
         seen = [
             [
-                (group.ids, self._propagator.step(encoded, frame, group, reverse=False))
+                (group.ids, self._propagator.step(encoded, frame, group, False, accepts))
                 for group in level.groups
             ]
             for level in self._levels
         ]
         add_shared(self._levels, seen)
-        if frame == 0 or (
-            self._options.prompting == "key_frames" and frame % self._options.key_frame_stride == 0
-        ):
+        if self._prompts(frame):
             self._add_new_tracks(encoded, frame, seen)
         for level, found in zip(self._levels, seen, strict=True):
             level.overlaps.add(*stack_masks(found, self._inside))
         self._labels[frame] = np.stack([self._paint(found) for found in seen])
 
     def _backwards(self, frame: int) -> None:
-        encoded = encode(self._sam2, self._images(frame))
+        encoded, accepts = self._encoded(frame), self._accepts(frame)
         labels = self._labels[frame]
         seen = [
             [
-                (group.ids, self._propagator.step(encoded, frame, group, reverse=True))
+                (group.ids, self._propagator.step(encoded, frame, group, True, accepts))
                 for group in level.groups
                 if group.first_frame > frame
             ]
@@ -140,12 +164,13 @@ class Tracker:
             labels[number] = np.where(labels[number] >= 0, labels[number], self._paint(found))
         self._labels[frame] = labels
 
-    def _add_new_tracks(self, encoded: EncodedImage, frame: int, seen: list[list[LevelMasks]]) -> None:
+    def _add_new_tracks(
+        self, encoded: Callable[[], EncodedImage], frame: int, seen: list[list[LevelMasks]]
+    ) -> None:
         """Prompt the pixels that a level does not cover, and start tracks of the new objects found there."""
         tracked = [stack_masks(found, self._inside)[1] for found in seen]
-        free = [self._inside & ~union(masks) for masks in tracked]
-        # Slivers between masks are no reason to prompt.
-        least = self._options.min_uncovered_fraction * float(self._inside.sum())
+        area, least = self._search_area(frame)
+        free = [area & ~union(masks) for masks in tracked]
         searched = [number for number, place in enumerate(free) if float(place.sum()) > least]
         points = grid_points(self._options.points_per_side)
         side = self._inside.shape[0]
@@ -157,11 +182,11 @@ class Tracker:
         if not wanted.any():
             return
         self._key_frames.append(frame)
-        found = prompt(self._sam2, encoded, points[wanted.cpu()], self._options)
+        found = prompt(self._sam2, encoded(), points[wanted.cpu()], self._options)
         begun: LevelMasks = [], self._inside.new_zeros(0, *self._inside.shape)
         # Coarse levels first: a finer mask equal to a coarser one shares its track.
         for number in reversed(searched):
-            new = filter_masks(found[number], self._options)
+            new = filter_masks(self._may_start(frame, found[number]), self._options)
             new = drop_covered(
                 new, tracked[number], self._options.max_covered_new, self._options.nms_iou_thresh
             )
@@ -175,7 +200,7 @@ class Tracker:
                 [begun[0][place] for place in alike[alike >= 0].tolist()],
                 seen[number],
             )
-            ids = self._begin(encoded, frame, number, new.take(alike < 0), seen[number])
+            ids = self._begin(encoded(), frame, number, new.take(alike < 0), seen[number])
             begun = begun[0] + ids, torch.cat([begun[1], new.take(alike < 0).masks])
 
     def _room(self, level: int) -> int:

@@ -48,7 +48,10 @@ def test_what_was_not_measured_is_not_known():
 def test_a_scene_that_masks_nothing_needs_no_transient_network():
     """A part that is skipped takes no time."""
     assert estimate(defaults(), True, "avx512")["transient"] > 0
-    assert estimate(with_keys("splats", masking="none"), True, "avx512")["transient"] == 0
+    unmasked = with_keys("splats", masking="none")
+    for keys, needed in (({"prompting": "each_frame"}, True), ({"track_moving": "never"}, False)):
+        config = merge(unmasked, {"segments": keys})
+        assert (estimate(config, True, "avx512")["transient"] > 0) == needed
 
 
 @pytest.mark.parametrize(

@@ -13,11 +13,15 @@ from egosplat.pipeline.dag import (
     masks_by_survey,
     optional_inputs_of,
     stage_flags,
+    survey_decides,
+    tracks_by_survey,
     training_frames,
 )
 
 BASE = defaults()
 EVERY_FRAME = merge(BASE, {"survey": {"min_view_change_deg": 0}})
+SINGLE_FRAMES = merge(EVERY_FRAME, {"segments": {"prompting": "each_frame", "track_moving": "auto"}})
+TRACKS = merge(EVERY_FRAME, {"segments": {"prompting": "key_frames"}})
 
 
 def survey(masking, static=False):
@@ -51,9 +55,42 @@ def test_training_stages_read_the_survey_where_it_leaves_frames_out(stage):
 
 def test_a_survey_that_decides_masking_is_an_input_of_splats_alone():
     """Protects the DAG of masking auto with every frame kept."""
-    assert masks_by_survey(EVERY_FRAME)
-    assert inputs_of("splats", EVERY_FRAME)[-1] == "survey"
-    assert "survey" not in inputs_of("segments", EVERY_FRAME)
+    assert masks_by_survey(TRACKS)
+    assert inputs_of("splats", TRACKS)[-1] == "survey"
+    assert "survey" not in inputs_of("segments", TRACKS)
+
+
+@pytest.mark.parametrize(
+    "keys, expected",
+    [
+        ({}, ("transient", "survey")),
+        ({"track_moving": "always"}, ("transient",)),
+        ({"track_moving": "never"}, ()),
+        ({"prompting": "key_frames"}, ()),
+        ({"prompting": "initial_frame", "track_moving": "always"}, ()),
+        ({"segmenter": "classical"}, ()),
+    ],
+)
+@pytest.mark.parametrize("masking", ["none", "initial", "refined", "auto"])
+def test_segments_need_to_know_what_moves_where_only_that_is_tracked(keys, expected, masking):
+    """Protects the DAG of segments, which is the same for every splats.masking: variants share the segments."""
+    config = merge(SINGLE_FRAMES, {"segments": keys, "splats": {"masking": masking}})
+    assert inputs_of("segments", config) == ("frames", *expected)
+    assert tracks_by_survey(config) == ("survey" in expected)
+    assert "survey" in optional_inputs_of("segments", merge(config, {"survey": {"min_view_change_deg": 3}}))
+
+
+@pytest.mark.parametrize("masking, expected", [("refined", "always"), ("none", "never")])
+def test_the_survey_decides_whether_what_moves_is_tracked(masking, expected):
+    """Protects the decision, also where splats.masking is set, and a value that is set."""
+    config = merge(SINGLE_FRAMES, {"splats": {"masking": "none"}})
+    found = decided(config, survey(masking))
+    assert found["segments"]["track_moving"] == expected and found["splats"]["masking"] == "none"
+    assert ("transient" in optional_inputs_of("segments", found)) == (expected == "always")
+    assert f"--track-moving {expected}" in stage_flags("segments", found)
+    for value in ("always", "never"):
+        own = merge(config, {"segments": {"track_moving": value}})
+        assert decided(own, survey(masking)) == own and not survey_decides(own)
 
 
 @pytest.mark.parametrize("masking", ["none", "refined"])
@@ -67,7 +104,7 @@ def test_the_survey_decides_masking_where_it_is_auto(masking):
 
 def test_an_explicit_masking_wins_over_the_survey():
     """Protects the order of precedence."""
-    config = merge(BASE, {"splats": {"masking": "initial"}})
+    config = merge(TRACKS, {"splats": {"masking": "initial"}})
     assert decided(config, survey("refined")) == config
 
 

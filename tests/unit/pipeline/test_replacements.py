@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from egosplat.pipeline import config
+from egosplat.pipeline.dag import tracks_by_survey
 from egosplat.pipeline.replacements import Asked, find_replaced, replacement_notices, stages_behind
 from egosplat.pipeline.stages import PIPELINE, STAGES
 from egosplat.tradeoff.points import with_points
@@ -19,6 +20,10 @@ def resolved(**user):
     return with_points(config.resolve(user, PRESETS), PRESETS, "adt")
 
 
+TRACKS = {"segments": {"prompting": "key_frames"}}
+SINGLE_FRAMES = {"segments": {"prompting": "each_frame"}}
+
+
 @pytest.fixture
 def scene(tmp_path):
     """``scene(now, goals=, variant=, **made)``: what is asked for, where all was made with the keys ``made``."""
@@ -29,8 +34,9 @@ def scene(tmp_path):
         before = resolved(**made)
         for stage in MADE:
             options = config.stage_values(stage, before)
-            if "masking" in options:
-                options["masking"] = "refined"  # by the survey
+            # By the survey.
+            options |= {"masking": "refined"} if "masking" in options else {}
+            options |= {"track_moving": "always"} if stage == "segments" and tracks_by_survey(before) else {}
             record(folder, stage, {"provenance": {"stage": stage, "options": options}})
         return Asked(
             folder,
@@ -62,7 +68,8 @@ def record(folder, stage, attributes):
     [
         ({}, {"preset": "fast"}, ALL, {"frames", "transient", "splats"}),
         ({"preset": "fast"}, {}, ALL, {"frames", "transient", "splats"}),
-        ({}, {"preset": "fast"}, ("segments.png",), {"frames"}),
+        (TRACKS, {"preset": "fast"} | TRACKS, ("segments.png",), {"frames"}),
+        (SINGLE_FRAMES, {"preset": "fast"} | SINGLE_FRAMES, ("segments.png",), {"frames", "transient"}),
         ({}, {"preset": "fast"}, ("contact_sheet.png",), {"frames"}),
         ({}, {"splats": {"iterations": 9}}, ALL, {"splats"}),
         ({}, {"splats": {"iterations": 9}}, ("features.zarr",), set()),

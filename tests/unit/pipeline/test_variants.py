@@ -64,9 +64,19 @@ def test_a_survey_reaches_the_splats_where_it_decides_their_masking():
     careful = {"survey": {"max_moving_share": 0.1}}
     assert reaches("splats", ALL_FRAMES, merge(ALL_FRAMES, careful))
     assert reaches("language", ALL_FRAMES, merge(ALL_FRAMES, careful))
-    assert not reaches("segments", ALL_FRAMES, merge(ALL_FRAMES, careful))
-    explicit = merge(ALL_FRAMES, {"splats": {"masking": "refined"}})
+    tracked = merge(ALL_FRAMES, {"segments": {"prompting": "key_frames"}})
+    assert not reaches("segments", tracked, merge(tracked, careful))
+    explicit = merge(tracked, {"splats": {"masking": "refined"}})
     assert not reaches("splats", explicit, merge(explicit, careful))
+
+
+def test_variants_without_masks_share_the_segments_of_a_scene_in_which_something_moves():
+    scene = merge(BASE, {"segments": {"prompting": "each_frame", "track_moving": "auto"}})
+    for masking in ("none", "initial", "refined"):
+        without = merge(scene, {"splats": {"masking": masking}})
+        assert not reaches("segments", scene, without) and not reaches("features", scene, without)
+    assert reaches("segments", scene, merge(scene, {"transient": {"transient_penalty": 0.1}}))
+    assert reaches("segments", scene, merge(scene, {"segments": {"track_moving": "never"}}))
 
 
 def test_transient_keys_reach_splats_if_the_survey_decides():

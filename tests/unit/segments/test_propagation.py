@@ -1,5 +1,7 @@
 """Propagation equals SAM2's own predictor, in bounded memory."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 import torch
@@ -8,7 +10,7 @@ from PIL import Image
 from egosplat.compute import choose_compute
 from egosplat.models.configs import SMALL_SAM2
 from egosplat.models.sam2_loader import Sam2, build_predictor, set_image_size
-from egosplat.segments.image_encoder import encode
+from egosplat.segments.image_encoder import EncodedImage, encode
 from egosplat.segments.propagation import Propagator, restart
 
 FRAMES = 5
@@ -37,6 +39,11 @@ def video():
     return frames
 
 
+def as_read(encoded: EncodedImage) -> Callable[[], EncodedImage]:
+    """The features as ``step`` takes them: a function that returns them."""
+    return lambda: encoded
+
+
 def logits(video) -> torch.Tensor:
     masks = torch.full((2, 64, 64), -10.0)
     masks[0, 15:30, 10:25] = 10.0
@@ -58,7 +65,7 @@ def test_propagation_equals_sam2s_predictor(sam2, video, tmp_path):
         propagator = Propagator(sam2, FRAMES)
         group = propagator.begin(encode(sam2, images[0]), 0, [0, 1], logits(video))
         for frame in range(1, FRAMES):
-            found = propagator.step(encode(sam2, images[frame]), frame, group, reverse=False)
+            found = propagator.step(as_read(encode(sam2, images[frame])), frame, group, reverse=False)
             outputs = [expected[frame][number]["non_cond_frame_outputs"][frame] for number in (0, 1)]
             truth = torch.cat([output["pred_masks"][:, 0] for output in outputs])
             torch.testing.assert_close(found, truth, rtol=1e-3, atol=1e-3)
@@ -71,8 +78,8 @@ def test_backward_propagation_equals_forward_on_the_reversed_video(sam2, video):
         ahead = propagator.begin(encoded[-1], 0, [0, 1], logits(video))
         back = restart(propagator.begin(encoded[-1], FRAMES - 1, [0, 1], logits(video)))
         for step in range(1, FRAMES):
-            one = propagator.step(encoded[-1 - step], step, ahead, reverse=False)
-            other = propagator.step(encoded[-1 - step], FRAMES - 1 - step, back, reverse=True)
+            one = propagator.step(as_read(encoded[-1 - step]), step, ahead, reverse=False)
+            other = propagator.step(as_read(encoded[-1 - step]), FRAMES - 1 - step, back, reverse=True)
             torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-4)
 
 
@@ -83,8 +90,8 @@ def test_objects_do_not_influence_each_other(sam2, video):
         both = propagator.begin(encoded[0], 0, [0, 1], logits(video))
         alone = propagator.begin(encoded[0], 0, [1], logits(video)[1:])
         for frame in (1, 2):
-            together = propagator.step(encoded[frame], frame, both, reverse=False)
-            single = propagator.step(encoded[frame], frame, alone, reverse=False)
+            together = propagator.step(as_read(encoded[frame]), frame, both, reverse=False)
+            single = propagator.step(as_read(encoded[frame]), frame, alone, reverse=False)
             torch.testing.assert_close(together[1:], single, rtol=1e-4, atol=1e-4)
 
 
@@ -95,7 +102,7 @@ def test_memory_does_not_grow(sam2, video):
         propagator = Propagator(sam2, 20)
         group = propagator.begin(encoded, 0, [0, 1], logits(video))
         for frame in range(1, 13):
-            propagator.step(encoded, frame, group, reverse=False)
+            propagator.step(as_read(encoded), frame, group, reverse=False)
     held = [output for output in group.recent.values() if "maskmem_features" in output]
     assert len(held) == model.num_maskmem - 1 and len(group.recent) == model.max_obj_ptrs_in_encoder
 
@@ -123,7 +130,7 @@ def test_lost_objects_are_searched_only_every_stride_frames(sam2, video, monkeyp
         group.begun["obj_ptr"] = torch.arange(2.0)[:, None].expand(2, 128).clone()
         seen = {}
         for frame in range(1, 8):
-            found = propagator.step(encoded, frame, group, reverse=False)
+            found = propagator.step(as_read(encoded), frame, group, reverse=False)
             seen[frame] = [bool((each > 0).any()) for each in found]
     assert searched[3] == [0, 1] and searched[4] == [0, 1], "it is searched for two frames after it is lost"
     assert searched[5] == [0] and searched[6] == [0, 1], "then every second frame"
@@ -141,8 +148,8 @@ def test_absent_objects_do_not_change_the_tracked_ones(sam2, video):
         # The second object counts as lost: the first must be propagated as if alone.
         both.unseen = [0, 10]
         for frame in range(1, FRAMES):
-            together = propagator.step(encoded[frame], frame, both, reverse=False)
-            single = propagator.step(encoded[frame], frame, alone, reverse=False)
+            together = propagator.step(as_read(encoded[frame]), frame, both, reverse=False)
+            single = propagator.step(as_read(encoded[frame]), frame, alone, reverse=False)
             torch.testing.assert_close(together[:1], single, rtol=1e-4, atol=1e-4)
             assert (together[1] < 0).all()
     assert both.unseen[1] == 10 + FRAMES - 1
@@ -153,11 +160,11 @@ def test_all_objects_may_be_out_of_view(sam2, video):
         encoded = encode(sam2, video[0])
         propagator = Propagator(sam2, 20, lost_track_stride=100)
         group = propagator.begin(encoded, 0, [0, 1], logits(video))
-        propagator.step(encoded, 1, group, reverse=False)
+        propagator.step(as_read(encoded), 1, group, reverse=False)
         group.unseen = [100, 100]
         for frame in range(2, 15):
-            assert (propagator.step(encoded, frame, group, reverse=False) < 0).all()
+            assert (propagator.step(as_read(encoded), frame, group, reverse=False) < 0).all()
         group.unseen = [0, 0]
-        assert propagator.step(encoded, 15, group, reverse=False).isfinite().all(), (
+        assert propagator.step(as_read(encoded), 15, group, reverse=False).isfinite().all(), (
             "the memory is still valid"
         )

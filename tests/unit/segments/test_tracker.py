@@ -9,8 +9,7 @@ import torch
 
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.compute import choose_compute
-from egosplat.models.configs import SMALL_SAM2
-from egosplat.models.sam2_loader import Sam2, build_predictor, set_image_size
+from egosplat.models.sam2_loader import Sam2
 from egosplat.pipeline.config import defaults, stage_values
 from egosplat.segments import instances as instances_module
 from egosplat.segments import tracker as tracking
@@ -38,15 +37,6 @@ OTHERS = {
 OTHERS |= {"prompting": "key_frames", "lost_track_stride": 1}
 OPTIONS = SegmentsOptions(**stage_values("segments", defaults()) | ALL_MASKS | FEW | OVERLAPS | OTHERS)
 FRAMES, HEIGHT, WIDTH = 4, 40, 56
-
-
-@pytest.fixture(scope="module")
-def sam2():
-    torch.manual_seed(1)
-    predictor = build_predictor(SMALL_SAM2).eval().requires_grad_(False)
-    set_image_size(predictor, 256)
-    torch.nn.init.constant_(predictor.sam_mask_decoder.pred_obj_score_head.layers[-1].bias, 5.0)
-    return Sam2(predictor, choose_compute("cpu", "float32"))
 
 
 @pytest.fixture(scope="module")

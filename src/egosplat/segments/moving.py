@@ -1,0 +1,142 @@
+"""Track what moves, where the transient network says that something does, and add the tracks to single masks."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from numpy.typing import NDArray
+from torch import Tensor
+
+from egosplat.models.sam2_loader import Sam2
+from egosplat.segments.instances import FinalInstances, Segmented, finalize_instances
+from egosplat.segments.label_maps import LabelMaps, Labels
+from egosplat.segments.nms import areas
+from egosplat.segments.options import SegmentsOptions
+from egosplat.segments.prompts import Candidates, prompted_frames
+from egosplat.segments.propagation import Accepts
+from egosplat.segments.tracker import Tracker
+
+# A track is lost in frames in which its mean probability is below this share of the threshold: SAM2 follows something
+# else there, or the thing rests.
+_LOST = 0.5
+
+# A single mask shows a moving thing if tracks of moving things cover a larger share of it.
+_MOSTLY = 0.5
+
+
+class MovingTracker(Tracker):
+    """Prompts only pixels that move, and tracks only masks whose mean probability reaches the threshold.
+
+    The transient network also calls some static pixels moving, and SAM2's tracks slip to what is behind. So a track
+    ends in frames in which its mean probability is low, and tracks that do not reach the threshold are dropped.
+    """
+
+    def __init__(
+        self,
+        sam2: Sam2,
+        images: Callable[[int], NDArray[np.uint8]],
+        probability: Callable[[int], NDArray[np.floating]],
+        frames: NDArray[np.intp],
+        length: int,
+        valid: NDArray[np.bool_],
+        options: SegmentsOptions,
+    ) -> None:
+        """Set up for a video.
+
+        Args:
+            probability: returns the (H, W) probability in 0..1 that a frame's pixels move; not finite counts as 0.
+            frames: indices of the frames that may be prompted.
+            length: number of frames of the video; all are tracked through.
+            sam2, images, valid, options: see ``Tracker``.
+        """
+        super().__init__(sam2, images, length, valid, options)
+        self._probability = probability
+        self._training, self._prompted = frames, frozenset(prompted_frames(frames, options))
+
+    def moving_tracks(self, save: Callable[[], None]) -> Segmented:
+        """Track what is left of the video, merge duplicates, and drop tracks that are short or do not move after all.
+
+        A track moves if its mean probability over all its pixels in the frames that may be prompted reaches the
+        threshold. ``save`` is called after each frame.
+        """
+        found = self.track_video(save)
+        final = finalize_instances(found, self._options.min_frames)
+        moves = self._means(found.labels, final) >= self._options.threshold
+        table = np.append(np.where(moves, np.cumsum(moves) - 1, -1), -1).astype(np.int32)[final.table]
+        labels = LabelMaps(found.labels[0].shape)
+        for frame in range(len(found.labels)):
+            labels[frame] = table[found.labels[frame]]
+        tracks = [replace(found.instances[number], moving=True) for number in final.kept[moves]]
+        return Segmented(labels, tracks, [], found.notes)
+
+    def _means(self, labels: LabelMaps, final: FinalInstances) -> NDArray[np.float64]:
+        """(N,) mean probability of each track that is left."""
+        sums, pixels = np.zeros(len(final.kept)), np.zeros(len(final.kept))
+        for frame in self._training.tolist():
+            probability = self._values(frame)
+            for level in final.table[labels[frame]]:
+                seen = level >= 0
+                pixels += np.bincount(level[seen], minlength=len(pixels))
+                sums += np.bincount(level[seen], probability[seen], minlength=len(sums))
+        return sums / np.maximum(pixels, 1)
+
+    def _prompts(self, frame: int) -> bool:
+        return frame in self._prompted
+
+    def _search_area(self, frame: int) -> tuple[Tensor, float]:
+        # Hands are small: as few pixels as a mask may have are searched.
+        moving = self._inside & (self._moving(frame) >= self._options.threshold)
+        return moving, self._options.min_area * moving.numel()
+
+    def _may_start(self, frame: int, found: Candidates) -> Candidates:
+        return found.take(_mean_reaches(self._options.threshold, found.masks, self._moving(frame)))
+
+    def _accepts(self, frame: int) -> Accepts:
+        moving = cache(lambda: self._moving(frame))
+        least = _LOST * self._options.threshold
+        return lambda logits: _mean_reaches(least, logits > 0, moving())
+
+    def _moving(self, frame: int) -> Tensor:
+        """(M, M) float32 probability at the size of the model's masks."""
+        large = torch.from_numpy(self._values(frame))[None, None].to(self._inside.device)
+        return F.interpolate(large, self._inside.shape, mode="area")[0, 0]
+
+    def _values(self, frame: int) -> NDArray[np.float32]:
+        """(H, W) probability; 0 where it is not finite or the pixel is not valid."""
+        values = self._probability(frame).astype(np.float32)
+        return np.where(self._valid & np.isfinite(values), values, np.float32(0))
+
+
+def _mean_reaches(least: float, masks: Tensor, probability: Tensor) -> Tensor:
+    """(K,) bool, whether the mean probability inside each (K, M, M) bool mask is ``least`` or more."""
+    # Summed instead of multiplied as matrices, which bfloat16 would round.
+    return (masks * probability).flatten(1).sum(1) >= least * areas(masks)
+
+
+def add_tracks(single: Segmented, tracked: Segmented) -> Segmented:
+    """Add the tracks of what moves to the masks of single frames.
+
+    Args:
+        single, tracked: of the same frames.
+
+    Returns:
+        The masks, then the tracks. A mask that tracks cover for the most part is without pixels.
+    """
+    first, labels = len(single.instances), LabelMaps(single.labels[0].shape)
+    for frame in range(len(single.labels)):
+        tracks = tracked.labels[frame]
+        labels[frame] = _overlay(single.labels[frame], np.where(tracks < 0, -1, tracks + first))
+    return Segmented(labels, single.instances + tracked.instances, single.same, single.notes)
+
+
+def _overlay(single: Labels, tracks: Labels) -> Labels:
+    """(L, H, W) labels of a frame: tracks over single masks. Where a track of any level is, no single mask stays."""
+    moving, found = (tracks >= 0).any(axis=0), single >= 0
+    count = int(single.max(initial=-1)) + 1
+    area = np.bincount(single[found], minlength=count)
+    covered = np.bincount(single[found & moving], minlength=count)
+    dropped = np.append(covered > _MOSTLY * area, False)
+    return np.where(tracks >= 0, tracks, np.where(moving | dropped[single], -1, single))

@@ -1,0 +1,268 @@
+"""Tracks of what moves beside masks of single frames: where they start, which labels win, resuming, the artifact."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.segments import SEGMENTS
+from egosplat.compute import choose_compute
+from egosplat.errors import UserError
+from egosplat.models.sam2_loader import Sam2
+from egosplat.pipeline.config import defaults, stage_values
+from egosplat.segments import stage
+from egosplat.segments.instances import Segmented, Track
+from egosplat.segments.label_maps import LabelMaps
+from egosplat.segments.moving import MovingTracker, add_tracks
+from egosplat.segments.options import SegmentsOptions
+from egosplat.segments.prompts import Candidates
+from egosplat.segments.single_frames import SingleFrames
+from tests.support.scenes import put
+
+DEFAULT = stage_values("segments", defaults()) | {"prompting": "each_frame", "segmenter": "sam2"}
+OPTIONS = SegmentsOptions(
+    **DEFAULT
+    | {
+        "points_per_side": 4,
+        "pred_iou_thresh": 0.0,
+        "stability_score_thresh": 0.0,
+        "nms_score_thresh": 0.0,
+        "nms_inner_thresh": 0.0,
+        "min_area": 0.001,
+        "key_frame_stride": 2,
+        "merge_iou": 0.9,
+        "min_frames": 1,
+        "max_instances": 3,
+        "lost_track_stride": 2,
+        "threshold": 0.5,
+    }
+)
+FRAMES, HEIGHT, WIDTH = 5, 40, 56
+VALID = np.ones((HEIGHT, WIDTH), bool)
+TRAINING = np.array([0, 1, 3, 4])
+PROMPTED = [0, 3]
+
+
+@pytest.fixture(scope="module")
+def images():
+    coarse = np.random.default_rng(0).integers(0, 255, (FRAMES, 5, 7, 3), dtype=np.uint8)
+    return np.repeat(np.repeat(coarse, 8, 1), 8, 2)
+
+
+def probability(*frames: int) -> np.ndarray:
+    """(F, H, W): everything moves in these frames, and nothing in the others."""
+    found = np.zeros((FRAMES, HEIGHT, WIDTH), np.float16)
+    found[list(frames)] = 1
+    return found
+
+
+def tracker(sam2, images, moves, options=OPTIONS, asked=None) -> MovingTracker:
+    def read(frame: int) -> np.ndarray:
+        if asked is not None:
+            asked.append(frame)
+        return images[frame]
+
+    return MovingTracker(sam2, read, lambda frame: moves[frame], TRAINING, FRAMES, VALID, options)
+
+
+def test_what_does_not_move_is_not_tracked_and_no_frame_is_encoded(sam2, images):
+    """Moving pixels of frames that are not prompted count as little as no moving pixel."""
+    for moves in (probability(), probability(1, 2, 4)):
+        asked: list[int] = []
+        found = tracker(sam2, images, moves, asked=asked).moving_tracks(lambda: None)
+        assert found.instances == [] and asked == []
+        assert all((found.labels[frame] == -1).all() for frame in range(FRAMES))
+
+
+def test_tracks_start_where_something_moves_and_go_both_ways(sam2, images):
+    asked: list[int] = []
+    found = tracker(sam2, images, probability(2, 3, 4), asked=asked).moving_tracks(lambda: None)
+    assert found.instances and {one.first_frame for one in found.instances} == {3}
+    assert all(one.moving for one in found.instances)
+    assert [bool((found.labels[frame] >= 0).any()) for frame in range(FRAMES)] == [
+        False,
+        False,
+        True,
+        True,
+        True,
+    ]
+    assert asked[:2] == [3, 4], "frames before the first track are read backwards only"
+    assert set(asked[2:]) <= {0, 1, 2}
+
+
+def test_a_track_is_lost_where_nothing_moves_and_found_again(sam2, images):
+    """The mask of a frame in which it rests is neither labelled nor remembered."""
+    found = tracker(sam2, images, probability(0, 1, 3, 4), replace(OPTIONS, lost_track_stride=1)).run()
+    shown = [bool((found.labels[frame] >= 0).any()) for frame in range(FRAMES)]
+    assert shown == [True, True, False, True, True]
+
+
+def test_tracks_that_do_not_move_after_all_are_dropped(sam2, images):
+    """The mean of all training frames decides; frame 2 is none of them."""
+    moves = probability(0)
+    moves[0] = 0.5
+    for elsewhere, kept in ((0.5, True), (0.3, False)):
+        moves[[1, 3, 4]] = elsewhere
+        moves[2] = 1 - elsewhere
+        found = tracker(sam2, images, moves).moving_tracks(lambda: None)
+        assert bool(found.instances) == kept
+        numbers = {number for frame in range(FRAMES) for number in np.unique(found.labels[frame])}
+        assert numbers - {-1} == set(range(len(found.instances)))
+
+
+def test_a_mask_starts_a_track_by_the_mean_probability_inside_it(sam2, images):
+    """Also in bfloat16, whose products would round the sums."""
+    moves = probability()
+    moves[0, :, : WIDTH // 2] = 0.75  # of the mask's size, 32 of 64 columns
+    masks = torch.full((3, 64, 64), -1.0)
+    masks[0, :, :32], masks[1, :, 32:], masks[2, :, :48] = 1, 1, 1
+    scores = torch.ones(3)
+    for precision in ("float32", "bfloat16"):
+        of_precision = Sam2(sam2.video_predictor, choose_compute("cpu", precision))
+        for threshold, expected in ((0.75, [0]), (0.5, [0, 2]), (0.51, [0]), (0.0, [0, 1, 2])):
+            movers = tracker(of_precision, images, moves, replace(OPTIONS, threshold=threshold))
+            with of_precision.compute.inference():
+                chosen = movers._may_start(0, Candidates(masks, scores, torch.arange(3.0)))
+            assert chosen.stability.tolist() == expected, (precision, threshold)
+
+
+def test_few_moving_pixels_are_searched(sam2, images):
+    """A hand is far smaller than what min_uncovered_fraction leaves out; a single pixel is noise."""
+    moves = probability()
+    moves[0, 10:15, 14:21] = 1
+    options = replace(OPTIONS, min_uncovered_fraction=0.9, points_per_side=16)
+    area, least = tracker(sam2, images, moves, options)._search_area(0)
+    assert least < area.sum() < 0.02 * area.numel()
+    assert tracker(sam2, images, moves, options).run().notes["key_frames"] == [0]
+    assert tracker(sam2, images, moves, replace(options, min_area=0.02)).run().notes["key_frames"] == []
+
+
+def test_values_that_are_no_probability_and_invalid_pixels_do_not_move(sam2, images):
+    moves = probability(0)
+    moves[0, :20] = np.nan
+    valid = VALID.copy()
+    valid[20:] = False
+    movers = MovingTracker(
+        sam2, lambda frame: images[frame], lambda frame: moves[frame], TRAINING, FRAMES, valid, OPTIONS
+    )
+    assert not movers._search_area(0)[0].any()
+
+
+def both(sam2, images, moves, asked=None, reads=None) -> SingleFrames:
+    """Masks of single frames, and tracks of what moves; killed after a number of ``reads``."""
+
+    def read(frame: int) -> np.ndarray:
+        if reads is not None and len(asked) == reads:
+            raise KeyboardInterrupt
+        if asked is not None:
+            asked.append(frame)
+        return images[frame]
+
+    movers = MovingTracker(sam2, read, lambda frame: moves[frame], TRAINING, FRAMES, VALID, OPTIONS)
+    return SingleFrames(sam2, read, TRAINING, FRAMES, VALID, OPTIONS, movers)
+
+
+@pytest.mark.parametrize("reads", [1, 2, 3, 5])
+def test_a_killed_run_resumes_to_the_same_result(sam2, images, tmp_path, reads):
+    """The run is killed among the single frames, between both parts, or in either direction of tracking."""
+    moves, asked = probability(*range(FRAMES)), []
+    expected = both(sam2, images, moves, asked).run()
+    assert asked[:4] == [*PROMPTED, 0, 1] and len(asked) > reads, "the kill comes before the end"
+    assert any(one.moving for one in expected.instances) and not expected.instances[0].moving
+
+    def checkpoint() -> Checkpoint:
+        return Checkpoint(tmp_path / "segments.zarr", "key", 0.0)
+
+    with pytest.raises(KeyboardInterrupt):
+        both(sam2, images, moves, [], reads).run(checkpoint())
+    again: list[int] = []
+    found = both(sam2, images, moves, again).run(checkpoint())
+    assert again == asked[reads:], "finished frames are not read again"
+    assert found.instances == expected.instances and found.notes == expected.notes
+    for frame in range(FRAMES):
+        assert np.array_equal(found.labels[frame], expected.labels[frame])
+
+
+def maps(*frames: list[list[int]]) -> LabelMaps:
+    """Labels of two levels in one row of pixels, the same for the third level of none."""
+    found = LabelMaps((2, 1, len(frames[0][0])))
+    for frame, rows in enumerate(frames):
+        found[frame] = np.array(rows, np.int32)[:, None]
+    return found
+
+
+def test_tracks_win_over_masks_and_masks_of_the_same_thing_go():
+    """Three masks of frame 0; a track at level 1."""
+    single = Segmented(
+        maps([[0, 0, 0, 1, 1, 1], [2, 2, 2, 2, 2, 2]], [[-1] * 6, [-1] * 6]),
+        [Track(0, 0, 1, 1), Track(0, 0, 1, 1), Track(1, 0, 1, 1)],
+        [],
+        {"key_frames": [0]},
+    )
+    tracked = Segmented(
+        maps([[-1] * 6, [-1, 0, 0, 0, -1, -1]], [[-1] * 6, [-1, -1, -1, -1, 0, 0]]),
+        [Track(1, 0, 0.5, 0.5, moving=True)],
+        [],
+        {"key_frames": [0]},
+    )
+    found = add_tracks(single, tracked)
+    # Most of mask 0 is of the track and goes; a third of mask 1 and half of mask 2 are, and the rest stays.
+    assert found.labels[0][:, 0].tolist() == [[-1, -1, -1, -1, 1, 1], [2, 3, 3, 3, 2, 2]]
+    assert found.labels[1][:, 0].tolist() == [[-1] * 6, [-1, -1, -1, -1, 3, 3]]
+    assert [one.moving for one in found.instances] == [False, False, False, True]
+    assert found.instances[3].level == 1 and found.notes == {"key_frames": [0]}
+
+
+SIDE = 96
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """Frames in which a red square moves and a yellow one rests on a rough wall, and the probability that it does."""
+    rgb = np.tile(np.random.default_rng(0).integers(90, 150, (SIDE, SIDE, 3), np.uint8), (4, 1, 1, 1))
+    moves = np.zeros((4, SIDE, SIDE), np.float16)
+    rgb[:, 60:90, 60:90] = (200, 200, 40)
+    for frame in range(4):
+        square = np.s_[frame, 10:40, 8 + 8 * frame : 38 + 8 * frame]
+        rgb[square], moves[square] = (220, 30, 30), 0.9
+    frames = put(tmp_path, "frames", {"rgb": rgb}, {"upright": True})
+    transient = put(tmp_path, "transient", {"probability": moves}, made_from=["frames"])
+    return frames, transient
+
+
+def test_the_square_that_moves_is_tracked_and_the_still_one_is_not(scene, tmp_path):
+    """Protects the artifact: the small SAM2 prompts frame 0 alone, and follows the red square through all frames."""
+    output = tmp_path / "segments.zarr"
+    keys = DEFAULT | {"key_frame_stride": 4, "threshold": 0.6, "min_frames": 2, "points_per_side": 8}
+    stage.run(scene[0], output, SegmentsOptions(**keys), transient_path=scene[1])
+    segments = open_artifact(output, SEGMENTS)
+    labels, moving = segments.read("labels"), segments.read("instances/moving")
+    tracks = np.append(moving, False)[labels].any(axis=1)
+    for frame in range(4):
+        assert tracks[frame, 25, 23 + 8 * frame], "the red square"
+        assert not tracks[frame, 75, 75], "the yellow square"
+    assert (labels[0, :, 75, 75] >= 0).any() and (labels[1:, :, 75, 75] == -1).all()
+    assert 0 < moving.sum() < len(moving) and segments.facts["moving"] == moving.sum()
+    assert {"frames.zarr", "transient.zarr"} == set(segments.provenance["inputs"])
+    assert segments.facts["key_frames"] == [0] and "frames_per_instance" not in segments.facts
+
+
+def test_without_the_transient_network_nothing_is_tracked(scene, tmp_path):
+    """Protects the values of track_moving by hand."""
+    always = SegmentsOptions(**DEFAULT | {"track_moving": "always"})
+    with pytest.raises(UserError, match=r"segments\.track_moving = always .* --transient"):
+        stage.run(scene[0], tmp_path / "none.zarr", always)
+    opened = [
+        stage._open_transient(path, open_artifact(scene[0], stage.FRAMES), SegmentsOptions(**DEFAULT | keys))
+        for path, keys in (
+            (None, {}),
+            (scene[1], {"track_moving": "never"}),
+            (scene[1], {"prompting": "key_frames"}),
+            (scene[1], {"segmenter": "classical"}),
+            (scene[1], {}),
+        )
+    ]
+    assert [one is not None for one in opened] == [False, False, False, False, True]
