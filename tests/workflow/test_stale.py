@@ -35,7 +35,8 @@ def test_a_finished_run_has_nothing_to_do(workdir):
         ("view_features: {min_area: 0.001}", AFTER_VIEWS),
         ("features: {mad_k: 2.5}", AFTER_FEATURES),
         ("transient: {transient_penalty: 0.005}", AFTER_TRANSIENT),
-        ("masks: {threshold: 0.5}", AFTER_MASKS),
+        ("masks: {threshold: 0.5}", AFTER_SEGMENTS),  # the threshold of tracks, too
+        ("masks: {level: whole}", AFTER_MASKS),
         ("splats: {iterations: 41}", AFTER_SPLATS),
         ("splats: {masking: none}", AFTER_SPLATS),
         ("language: {method: trained, iterations: 10}", AFTER_LANGUAGE),

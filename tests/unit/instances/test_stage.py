@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from egosplat.artifacts.checkpoint import Checkpoint
-from egosplat.artifacts.reader import verify
+from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.instances import stage
+from egosplat.instances.moving import MovingTracks
 from tests.unit.instances.conftest import DISTANCE, FRAMES, SIZE, options
 
 
@@ -64,6 +65,9 @@ def test_the_source_tracks_passes_segments_through(scene):
     assert np.array_equal(found.read("labels"), segments.read("labels"))
     assert (found.read("instances/parent") == -1).all()
     assert found.shape("gaussians/xyz") == (0, 3)
+    moving = np.arange(FRAMES) == 2
+    found = run(scene(**{"instances/moving": moving}), "moving.zarr", source="tracks")
+    assert np.array_equal(found.read("instances/moving"), moving)
 
 
 def test_a_broken_track_is_repaired(scene, truth):
@@ -77,6 +81,44 @@ def test_a_broken_track_is_repaired(scene, truth):
     shown = found.read("labels")[:, 1]
     assert max((shown == truth).mean(), (shown == 1 - truth).mean()) > 0.95
     assert min((labels[:, 1] == truth).mean(), (labels[:, 1] == 1 - truth).mean()) > 0.4
+
+
+def test_what_moves_is_drawn_over_the_instances_and_takes_no_part_in_merging(scene, truth):
+    """A thing that hides the right square of every frame with masks, in its own place in each, is one track."""
+    labels = np.full((FRAMES, 2, SIZE, SIZE), -1, np.int32)
+    for frame in range(0, FRAMES, 2):
+        labels[frame, 1] = truth[frame] + frame
+    hidden = np.zeros((FRAMES, SIZE, SIZE), bool)
+    for frame in range(FRAMES - 1):
+        hidden[frame, 4 * frame : 4 * frame + 8, 10:30] = True
+    labels[:, 1][hidden] = -1
+    labels[:, 0][hidden] = FRAMES
+    level, moving = np.ones(FRAMES + 1, np.int8), np.arange(FRAMES + 1) == FRAMES
+    level[FRAMES] = 0
+    found = run(scene(labels=labels, **{"instances/level": level, "instances/moving": moving}))
+    assert found.read("instances/level").tolist() == [1, 1, 0]
+    assert found.read("instances/moving").tolist() == [False, False, True]
+    assert found.read("instances/parent").tolist() == [-1, -1, -1]
+    assert found.read("instances/masks").tolist() == [5, 5, FRAMES - 1]
+    shown = found.read("labels")
+    assert np.array_equal(shown[:, 0] == 2, hidden) and (shown[:, 0][~hidden] == -1).all()
+    assert (shown[:, 1][hidden] == -1).all()
+    rest, square = shown[:, 1][~hidden], truth[~hidden]
+    assert max((rest == square).mean(), (rest == 1 - square).mean()) > 0.95
+    assert found.read("gaussians/instance").max() == 1
+
+
+def test_pixels_of_what_moves_do_not_count_as_seen(scene, truth):
+    """A thing that hides the left square in one frame leaves it whole; labelled -1 alone, it would hold less."""
+    segments = {"instances/level": np.ones(3, np.int8), "instances/moving": np.array([False, False, True])}
+    labels = np.full((FRAMES, 2, SIZE, SIZE), -1, np.int32)
+    labels[0, 1], labels[2, 1] = truth[0], np.where(truth[2] == 0, 2, 1)
+    tracks = MovingTracks(
+        open_artifact(scene(labels=labels, **segments) / "segments.zarr", SCHEMAS["segments"])
+    )
+    left, moving = tracks.remove(labels[2])
+    assert np.array_equal(moving, truth[2] == 0) and np.array_equal(left[1], np.where(moving, -1, 1))
+    assert not tracks.remove(labels[0])[1].any()
 
 
 def test_a_killed_run_resumes_to_the_same_result(scene, monkeypatch):
