@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from egosplat.artifacts.checkpoint import Checkpoint
-from egosplat.artifacts.reader import open_artifact, verify
+from egosplat.artifacts.reader import verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.instances import stage
-from egosplat.instances.moving import MovingTracks
+from egosplat.instances.lifted_masks import lift_masks
 from tests.unit.instances.conftest import DISTANCE, FRAMES, SIZE, options
 
 
@@ -83,8 +83,15 @@ def test_a_broken_track_is_repaired(scene, truth):
     assert min((labels[:, 1] == truth).mean(), (labels[:, 1] == 1 - truth).mean()) > 0.4
 
 
-def test_what_moves_is_drawn_over_the_instances_and_takes_no_part_in_merging(scene, truth):
-    """A thing that hides the right square of every frame with masks, in its own place in each, is one track."""
+def test_what_moves_is_drawn_over_the_instances_and_takes_no_part_in_merging(scene, truth, monkeypatch):
+    """A thing that hides another place of the wall in each frame but the last is one track."""
+    looked = {}
+
+    def watched(gaussians, look, frames, *others):
+        looked.update({int(frame): look(int(frame)) for frame in frames})
+        return lift_masks(gaussians, look, frames, *others)
+
+    monkeypatch.setattr("egosplat.instances.scene.lift_masks", watched)
     labels = np.full((FRAMES, 2, SIZE, SIZE), -1, np.int32)
     for frame in range(0, FRAMES, 2):
         labels[frame, 1] = truth[frame] + frame
@@ -96,6 +103,9 @@ def test_what_moves_is_drawn_over_the_instances_and_takes_no_part_in_merging(sce
     level, moving = np.ones(FRAMES + 1, np.int8), np.arange(FRAMES + 1) == FRAMES
     level[FRAMES] = 0
     found = run(scene(labels=labels, **{"instances/level": level, "instances/moving": moving}))
+    assert list(looked) == [0, 2, 4, 6, 8], "frames that show nothing but what moves have no vote"
+    for frame, (voting, counted) in looked.items():
+        assert np.array_equal(counted, ~hidden[frame]) and (voting[:, ~counted] == -1).all()
     assert found.read("instances/level").tolist() == [1, 1, 0]
     assert found.read("instances/moving").tolist() == [False, False, True]
     assert found.read("instances/parent").tolist() == [-1, -1, -1]
@@ -106,19 +116,6 @@ def test_what_moves_is_drawn_over_the_instances_and_takes_no_part_in_merging(sce
     rest, square = shown[:, 1][~hidden], truth[~hidden]
     assert max((rest == square).mean(), (rest == 1 - square).mean()) > 0.95
     assert found.read("gaussians/instance").max() == 1
-
-
-def test_pixels_of_what_moves_do_not_count_as_seen(scene, truth):
-    """A thing that hides the left square in one frame leaves it whole; labelled -1 alone, it would hold less."""
-    segments = {"instances/level": np.ones(3, np.int8), "instances/moving": np.array([False, False, True])}
-    labels = np.full((FRAMES, 2, SIZE, SIZE), -1, np.int32)
-    labels[0, 1], labels[2, 1] = truth[0], np.where(truth[2] == 0, 2, 1)
-    tracks = MovingTracks(
-        open_artifact(scene(labels=labels, **segments) / "segments.zarr", SCHEMAS["segments"])
-    )
-    left, moving = tracks.remove(labels[2])
-    assert np.array_equal(moving, truth[2] == 0) and np.array_equal(left[1], np.where(moving, -1, 1))
-    assert not tracks.remove(labels[0])[1].any()
 
 
 def test_a_killed_run_resumes_to_the_same_result(scene, monkeypatch):

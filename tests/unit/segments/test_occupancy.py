@@ -14,6 +14,9 @@ def test_figures_count_valid_pixels_frames_and_instances():
     figures = occupancy.figures()
     assert figures["pixels_without_instance"] == 2 / 6
     assert figures["instances_per_frame"] == 1.5 and figures["frames_per_instance"] == 1.0
+    assert occupancy.figures(tracked=False) == {
+        name: value for name, value in figures.items() if name != "frames_per_instance"
+    }
 
 
 def test_occupancy_without_instances_is_defined():
