@@ -26,6 +26,7 @@ SUSPICIOUS = {
         {"notes": {"reprojection_error_px": 1.5, "models": [8, 2]}},
         ["poses.registered", "poses.reprojection", "poses.models"],
     ),
+    "transient": ({}, {"mean_probability": 0.47}, ["transient.probability"]),
     "segments": ({}, FIGURES, [f"segments.{name}" for name in ("empty_pixels", *list(FIGURES)[1:])]),
     "view_features": ({"instance": np.zeros(9, np.int32)}, {"without_feature": 1}, ["view_features.lost"]),
     "features": (
@@ -33,7 +34,6 @@ SUSPICIOUS = {
         {"outliers": 3, "agreement": 0.6, "spread": {"features": 0.5}, "reconstruction": {"mean": 0.7}},
         ["features.outliers", "features.agreement", "features.reconstruction"],
     ),
-    "transient": ({}, {"mean_probability": 0.47}, ["transient.probability"]),
     "masks": (
         {"instances/transient": np.arange(68) < 36},
         {"masked_share": 0.3},
@@ -82,6 +82,13 @@ def test_small_checkpoints_on_a_real_recording_are_reported_before_the_alarms(tm
     assert len(others) == 3 and all(line.startswith("alarm: segments.") for line in others)
 
 
+def test_masks_of_single_frames_raise_no_alarm_about_the_length_of_tracks(tmp_path):
+    """Their facts hold no length."""
+    single = {name: value for name, value in FIGURES.items() if name != "frames_per_instance"}
+    found = [alarm.key for alarm in alarms_of(written(tmp_path, "segments", {}, single))]
+    assert found == ["segments.empty_pixels", "segments.instances_per_frame"]
+
+
 def test_annotations_have_no_alarms(tmp_path):
     assert alarms_of(written(tmp_path, "annotations", {}, {})) == []
 
@@ -92,13 +99,13 @@ def test_a_command_logs_the_alarms_of_what_it_made(tmp_path, monkeypatch, capfd,
     labels = np.repeat(np.arange(4, dtype=np.int32), 2)[None, None, None, :]
     arrays = {"labels": labels, "instances/level": np.zeros(4, np.int8)}
     written(tmp_path, "frames", {"train": np.ones(1, bool), "valid": np.ones((1, 8), bool)}, {})
-    written(tmp_path, "segments", arrays, {"levels": ["whole"]}, made_from=["frames"])
+    written(tmp_path, "instances", arrays, {"levels": ["whole"]}, made_from=["frames"])
     probability = (np.arange(8) < moving).astype(np.float16)[None, None, :]
     written(tmp_path, "transient", {"probability": probability}, {}, made_from=["frames"])
     paths = {
         "frames": "frames.zarr",
         "transient": "transient.zarr",
-        "segments": "segments.zarr",
+        "instances": "instances.zarr",
         "output": "masks.zarr",
     }
     flags = [word for flag, name in paths.items() for word in (f"--{flag}", str(tmp_path / name))]
