@@ -1,6 +1,6 @@
 """Stage ``instances``: merge the masks of segments.zarr into things that hold in 3D."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +25,8 @@ from egosplat.instances.options import InstancesOptions
 from egosplat.instances.scene import Scene, find_scene
 from egosplat.progress import log, track
 
-TRACKS = "tracks"
-"""Value of ``source`` that passes the tracks of segments.zarr through unchanged, as in the paper."""
+# Values of ``source``: the tracks of segments.zarr unchanged, as in the paper; and what follows its prompting.
+TRACKS, AUTO = "tracks", "auto"
 
 
 def run(
@@ -56,6 +56,9 @@ def run(
     check_made_from(segments, frames, axes=("frame", "height", "width"))
     kept, by_survey = kept_frames(frames, survey_path)
     record = provenance.begin_from("instances", asdict(options) | by_survey, (frames, poses, segments))
+    if options.source == AUTO:
+        # Masks of single frames are no tracks.
+        options = replace(options, source="masks" if segments.facts.get("single_frames") else TRACKS)
     if options.source == TRACKS:
         _write_tracks(output, record, segments)
         return

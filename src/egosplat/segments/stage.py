@@ -65,7 +65,7 @@ def run(
     try:
         with create(output, SEGMENTS, made) as artifact:
             _write(artifact, segmented, video, options)
-            artifact.facts |= {"segmenter": options.segmenter}
+            artifact.facts |= {"segmenter": options.segmenter, "single_frames": options.single_frames}
     except UserError:
         checkpoint.remove()  # resuming would give the same error
         raise
