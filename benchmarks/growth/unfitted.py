@@ -71,7 +71,7 @@ LAWS: Mapping[str, Law] = {
         (MEMORY,),
     ),
     "contact_sheet": _SHEET,
-    "segments_sheet": _SHEET,
+    "instances_sheet": _SHEET,
     "crops_sheet": _SHEET,
     "splats_sheet": _SHEET,
     "transient_sheet": _RENDERED_SHEET,

@@ -14,10 +14,11 @@ AFTER_LANGUAGE = {"language", "language_sheet", *AFTER_QUERIES}
 AFTER_SPLATS = {"splats", "splats_sheet", "transient_sheet", *AFTER_LANGUAGE}
 AFTER_MASKS = {"masks", *AFTER_SPLATS}
 AFTER_TRANSIENT = {"transient", *AFTER_MASKS}
-AFTER_POSES = {"poses", "contact_sheet", *AFTER_TRANSIENT}
 AFTER_FEATURES = {"features", "crops_sheet", *AFTER_LANGUAGE}
 AFTER_VIEWS = {"view_features", *AFTER_FEATURES}
-AFTER_SEGMENTS = {"segments", "segments_sheet", *AFTER_MASKS, *AFTER_VIEWS}
+AFTER_INSTANCES = {"instances", "instances_sheet", *AFTER_MASKS, *AFTER_VIEWS}
+AFTER_SEGMENTS = {"segments", *AFTER_INSTANCES}
+AFTER_POSES = {"poses", "contact_sheet", *AFTER_TRANSIENT, *AFTER_INSTANCES}
 AFTER_FRAMES = {"frames", "annotations", *AFTER_POSES, *AFTER_SEGMENTS}
 
 
@@ -32,6 +33,7 @@ def test_a_finished_run_has_nothing_to_do(workdir):
         ("poses: {max_gap_ms: 40.0}", AFTER_POSES),
         ("poses: {method: colmap}", AFTER_POSES),
         ("segments: {segmenter: classical, min_frames: 4}", AFTER_SEGMENTS),
+        ("instances: {source: both}", AFTER_INSTANCES),
         ("view_features: {min_area: 0.001}", AFTER_VIEWS),
         ("features: {mad_k: 2.5}", AFTER_FEATURES),
         ("transient: {transient_penalty: 0.005}", AFTER_TRANSIENT),

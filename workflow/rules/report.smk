@@ -3,7 +3,7 @@ Figures of a scene.
 
 REQUIRED INPUTS: frames.zarr, annotations.zarr, poses.zarr, segments.zarr, view_features.zarr, features.zarr,
 transient.zarr, masks.zarr, splats.zarr, language.zarr, metrics.json.
-OUTPUTS: contact_sheet.png, segments.png, crops.png, splats.png, transient.png, language.png, queries.png.
+OUTPUTS: contact_sheet.png, instances.png, crops.png, splats.png, transient.png, language.png, queries.png.
 TOOLS: matplotlib; egosplat's kernels or gsplat; OpenCLIP.
 """
 
@@ -39,30 +39,32 @@ rule contact_sheet:
         " 2>&1 | tee {log:q}"
 
 
-rule segments_sheet:
-    """Draw the instances of each level in frames through the video."""
+rule instances_sheet:
+    """Draw the instances of each level in frames through the video, and from above."""
     input:
         frames=artifact("frames"),
-        segments=artifact("segments"),
+        poses=artifact("poses"),
+        instances=artifact("instances"),
     output:
         report(
-            "results/{dataset}/{scene}/{variant}segments.png",
-            caption="../report/segments.rst",
+            "results/{dataset}/{scene}/{variant}instances.png",
+            caption="../report/instances.rst",
             category="Scenes",
             labels=labels("instances"),
         ),
     log:
-        "logs/{dataset}/{scene}/{variant}segments_sheet.log",
+        "logs/{dataset}/{scene}/{variant}instances_sheet.log",
     resources:
-        mem_mb=memory("segments_sheet"),
-        runtime=runtime("segments_sheet"),
+        mem_mb=memory("instances_sheet"),
+        runtime=runtime("instances_sheet"),
     params:
         title=get_title,
-        code=code_of("segments_sheet"),
+        code=code_of("instances_sheet"),
     shell:
-        "egosplat segments-sheet"
+        "egosplat instances-sheet"
         " --frames {input.frames:q}"
-        " --segments {input.segments:q}"
+        " --poses {input.poses:q}"
+        " --instances {input.instances:q}"
         " --title {params.title:q}"
         " --output {output:q}"
         " 2>&1 | tee {log:q}"

@@ -57,14 +57,14 @@ def segments_alarms(
             "segments.empty_pixels",
             f"up to {MAX_EMPTY_PIXELS:.0%}",
             f"{empty_pixels:.1%} of the pixels belong to no instance",
-            f"Queries find nothing there. Check segments.png, and {_MODEL}",
+            f"Queries find nothing there. Check instances.png, and {_MODEL}",
         )
     if falls_below(instances_per_frame, MIN_INSTANCES_PER_FRAME):
         yield Alarm(
             "segments.instances_per_frame",
             f"{MIN_INSTANCES_PER_FRAME:g} or more",
             f"frames have {instances_per_frame:.1f} instances on average",
-            f"Check segments.png, and {_MODEL}",
+            f"Check instances.png, and {_MODEL}",
         )
     if falls_below(frames_per_instance, MIN_FRAMES_PER_INSTANCE):
         yield Alarm(

@@ -85,7 +85,7 @@ def language_alarms(without_code: float | None) -> Iterator[Alarm]:
             "language.without_code",
             f"up to {MAX_WITHOUT_CODE:.0%}",
             f"{without_code:.1%} of the Gaussians have no code at any level",
-            "Queries find nothing there. Check segments.png for pixels without an instance",
+            "Queries find nothing there. Check instances.png for pixels without an instance",
         )
 
 

@@ -13,7 +13,7 @@ from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
 from egosplat.instances.geometry import training_options
-from egosplat.instances.lifted_masks import LEAST_SEEN, lift_masks
+from egosplat.instances.lifted_masks import LEAST_SEEN, LiftedMasks, lift_masks
 from egosplat.instances.moving import MovingTracks
 from egosplat.instances.options import InstancesOptions
 from egosplat.instances.rendering import render_things
@@ -110,32 +110,7 @@ def find_scene(
     Raises:
         UserError: no view has a mask.
     """
-    camera, settings = views.camera, training_options(keys).render
-    rows, columns = (
-        ((np.arange(small) + 0.5) * large / small).astype(np.intp)
-        for small, large in ((camera.height, valid.shape[0]), (camera.width, valid.shape[1]))
-    )
-
-    small_valid = valid[rows[:, None], columns]
-
-    def look(frame: int) -> tuple[Labels, NDArray[np.bool_]]:
-        labels, moving = tracks.remove(segments.row("labels", frame)[:, rows[:, None], columns])
-        return labels, small_valid & ~moving
-
-    has_masks = np.array([bool((look(int(frame))[0] >= 0).any()) for frame in views.frame], bool)
-    if not has_masks.any():
-        raise UserError(
-            f"{segments.path}: holds no mask in a training frame with a pose. Lower segments.pred_iou_thresh and "
-            "segments.stability_score_thresh, or set instances.source to tracks"
-        )
-    lifted = lift_masks(
-        gaussians,
-        look,
-        views.frame[has_masks],
-        views.camera_to_world[has_masks],
-        camera,
-        settings,
-    )
+    lifted = lift_views(gaussians, views, segments, tracks, valid, keys)
     weight = lifted.seen.sum(0) / np.maximum((lifted.seen >= LEAST_SEEN).sum(0), 1)
     levels = segments.read("instances/level")
     held, level, masks, counts = [], [], [], {}
@@ -154,7 +129,37 @@ def find_scene(
         np.concatenate(level),
         np.concatenate(masks).astype(np.int32),
         valid,
-        camera,
-        settings,
+        views.camera,
+        training_options(keys).render,
         counts,
     )
+
+
+def lift_views(
+    gaussians: Gaussians,
+    views: Views,
+    segments: Artifact,
+    tracks: MovingTracks,
+    valid: NDArray[np.bool_],
+    keys: InstancesOptions,
+) -> LiftedMasks:
+    """Lift the masks of all views; arguments and errors as for ``find_scene``."""
+    camera = views.camera
+    rows, columns = (
+        ((np.arange(small) + 0.5) * large / small).astype(np.intp)
+        for small, large in ((camera.height, valid.shape[0]), (camera.width, valid.shape[1]))
+    )
+    small_valid = valid[rows[:, None], columns]
+
+    def look(frame: int) -> tuple[Labels, NDArray[np.bool_]]:
+        labels, moving = tracks.remove(segments.row("labels", frame)[:, rows[:, None], columns])
+        return labels, small_valid & ~moving
+
+    has_masks = np.array([bool((look(int(frame))[0] >= 0).any()) for frame in views.frame], bool)
+    if not has_masks.any():
+        raise UserError(
+            f"{segments.path}: holds no mask in a training frame with a pose. Lower segments.pred_iou_thresh and "
+            "segments.stability_score_thresh, or set instances.source to tracks"
+        )
+    some = views.frame[has_masks], views.camera_to_world[has_masks]
+    return lift_masks(gaussians, look, *some, camera, training_options(keys).render)

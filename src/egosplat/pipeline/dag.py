@@ -106,7 +106,7 @@ def input_flags(paths: Mapping[str, str]) -> str:
 def default_pages(masking: str) -> list[str]:
     """Get the files of a scene that a run without a target makes, for a value of splats.masking."""
     moving = ["transient.png"] if masking == "refined" else []
-    pages = ["contact_sheet.png", "segments.png", "crops.png", *moving, "splats.png", "language.png"]
+    pages = ["contact_sheet.png", "instances.png", "crops.png", *moving, "splats.png", "language.png"]
     return [*pages, "metrics.json", "queries.png"]
 
 

@@ -24,7 +24,7 @@ GROWING = {
     ("frames",): "poses",
     (
         "pixels",
-    ): "frames annotations survey segments masks contact_sheet segments_sheet crops_sheet splats_sheet",
+    ): "frames annotations survey segments masks contact_sheet instances_sheet crops_sheet splats_sheet",
     ("gaussians",): "transient_sheet language_sheet",
     ("pixels", "gaussians"): "language metrics queries_sheet",
     ("pixels", "views", "channels"): "view_features",

@@ -68,8 +68,8 @@ def record(folder, stage, attributes):
     [
         ({}, {"preset": "fast"}, ALL, {"frames", "transient", "splats"}),
         ({"preset": "fast"}, {}, ALL, {"frames", "transient", "splats"}),
-        (TRACKS, {"preset": "fast"} | TRACKS, ("segments.png",), {"frames"}),
-        (SINGLE_FRAMES, {"preset": "fast"} | SINGLE_FRAMES, ("segments.png",), {"frames", "transient"}),
+        (TRACKS, {"preset": "fast"} | TRACKS, ("instances.png",), {"frames"}),
+        (SINGLE_FRAMES, {"preset": "fast"} | SINGLE_FRAMES, ("instances.png",), {"frames", "transient"}),
         ({}, {"preset": "fast"}, ("contact_sheet.png",), {"frames"}),
         ({}, {"splats": {"iterations": 9}}, ALL, {"splats"}),
         ({}, {"splats": {"iterations": 9}}, ("features.zarr",), set()),

@@ -176,7 +176,7 @@ def test_a_target_that_the_variant_shares_is_refused_with_its_path():
     """Protects the message before Snakemake looks for a rule."""
     scenes = {("adt", "scene1"): SCENE}
     check_target(scenes, Target("adt", "scene1", "narrow", "features.zarr"))
-    check_target(scenes, Target("adt", "scene1", "narrow", "segments.png"))
+    check_target(scenes, Target("adt", "scene1", "narrow", "instances.png"))
     with pytest.raises(UserError, match="narrow .*segments.zarr; use results/adt/scene1/segments.zarr"):
         check_target(scenes, Target("adt", "scene1", "narrow", "segments.zarr"))
     with pytest.raises(UserError, match="no variant 'wide'"):

@@ -56,8 +56,8 @@ def test_a_setting_equal_to_the_scene_is_the_scene():
 
 def test_a_parameter_that_changes_nothing_is_the_scene():
     base = merge(defaults(), {"splats": {"masking": "none"}})
-    (own,) = points_of(scene(base=base, masks__threshold=[0.2]), "adt/scene1")
-    assert Setting("masks.threshold", 0.2) in own.settings
+    (own,) = points_of(scene(base=base, masks__level=["part"]), "adt/scene1")
+    assert Setting("masks.level", "part") in own.settings
 
 
 def test_points_of_another_seed_share_what_they_have_in_common():
@@ -69,15 +69,16 @@ def test_points_of_another_seed_share_what_they_have_in_common():
         return {stage: owner(stage, config, name, "adt/scene1") for stage in stages}
 
     one, both = "seed-1", "features-dims-8-seed-1"
-    assert owners(both) == {"frames": None, "segments": None} | dict.fromkeys(
-        ("transient", "masks", "splats"), one
+    assert owners(both) == {"frames": None} | dict.fromkeys(
+        ("segments", "transient", "masks", "splats"), one
     ) | dict.fromkeys(("features", "language", "metrics"), both)
     point = "segments-points_per_side-8"
-    assert owners(f"{point}-seed-1") | {"frames": None, "segments": point, "transient": one} == {
+    assert owners(f"{point}-seed-1") | {"frames": None, "transient": one} == {
         "frames": None,
-        "segments": point,
         "transient": one,
-        **dict.fromkeys(("features", "masks", "splats", "language", "metrics"), f"{point}-seed-1"),
+        **dict.fromkeys(
+            ("segments", "features", "masks", "splats", "language", "metrics"), f"{point}-seed-1"
+        ),
     }
 
 

@@ -1,0 +1,139 @@
+"""Instances that are merged in 3D against the tracks or masks they come from, and against each threshold.
+
+    snakemake --cores 2 results/adt/scene{2,3}/segments.zarr
+    python -m benchmarks.instances results/adt/scene{2,3} > benchmarks/instances/README.md
+
+The truth is the annotation of every frame of a synthetic recording, at the level of wholes. Frames are scored at half their
+size, every third one. ``benchmarks/segments`` describes the columns.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.common import command, markdown, scene_folders, scene_name, timed
+from benchmarks.segments.video_scores import VideoScores, score_level
+from benchmarks.transient.truth import read_truth
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.kept_frames import kept_frames
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.segments import SEGMENTS
+from egosplat.gaussians.training_views import split_views
+from egosplat.instances.geometry import train_geometry, training_options
+from egosplat.instances.lifted_masks import LEAST_SEEN
+from egosplat.instances.moving import MovingTracks
+from egosplat.instances.options import InstancesOptions
+from egosplat.instances.rendering import render_things
+from egosplat.instances.scene import lift_views
+from egosplat.instances.things import beliefs, find_things, single_masks
+from egosplat.pipeline.config import defaults, stage_values
+from egosplat.progress import log
+
+# Every so many frames are scored, at every second pixel of both axes.
+FRAME_STEP, PIXEL_STEP = 3, 2
+
+# Half and twice the default of each threshold, as far as they are in its range; and the merging without a step.
+CHANGES: dict[str, dict[str, float]] = {
+    "defaults": {},
+    "inside 0.25": {"inside": 0.25},
+    "inside 0.9": {"inside": 0.9},
+    "merge_iou 0.2": {"merge_iou": 0.2},
+    "merge_iou 0.5": {"merge_iou": 0.5},
+    "merge_iou 0.8": {"merge_iou": 0.8},
+    "common 0.1": {"common": 0.1},
+    "common 0.4": {"common": 0.4},
+    "drop_iou 0.15": {"drop_iou": 0.15},
+    "drop_iou 0.6": {"drop_iou": 0.6},
+    "claimed 0.25": {"claimed": 0.25},
+    "no masks dropped": {"drop_iou": 0.0},
+    "no instances dropped": {"claimed": 1.0},
+    "no merging": {"merge_iou": 1.0, "claimed": 1.0},
+}
+COLUMNS = ("scene", "change", "instances", "IoU over time", "switches", "fragments", "held", "CPU-s")
+
+Labels = NDArray[np.int32]
+
+
+class Scene:
+    """A scene with masks of single frames, lifted onto temporary Gaussians."""
+
+    def __init__(self, folder: Path) -> None:
+        """Read the artifacts in ``folder``, and lift the masks."""
+        frames, poses = (
+            open_artifact(folder / "frames.zarr", FRAMES),
+            open_artifact(folder / "poses.zarr", POSES),
+        )
+        self.segments = open_artifact(folder / "segments.zarr", SEGMENTS)
+        self.keys = replace(InstancesOptions(**stage_values("instances", defaults())), source="masks")
+        kept, _ = kept_frames(frames, folder / "survey.json")
+        flags = frames.read("train") & kept, frames.read("evaluation"), poses.read("registered")
+        training = split_views(*flags, validate=False).training
+        self.valid, self.pose = frames.read("valid"), poses.read("camera_to_world")
+        self.rows = np.flatnonzero(kept & poses.read("registered"))[::FRAME_STEP]
+        with TemporaryDirectory() as work:
+            self.gaussians, views = train_geometry(
+                frames, poses, training, self.keys, Path(work) / "instances.zarr", "benchmark"
+            )
+        self.camera = views.camera
+        tracks = MovingTracks(self.segments)
+        lifted = lift_views(self.gaussians, views, self.segments, tracks, self.valid, self.keys)
+        self.weight = lifted.seen.sum(0) / np.maximum((lifted.seen >= LEAST_SEEN).sum(0), 1)
+        self.whole = len(self.segments.facts["levels"]) - 1
+        self.masks = lifted.select(self.segments.read("instances/level")[lifted.instance] == self.whole)
+        truth = list(read_truth(folder / "recording", frames).all_labels())
+        self.truth = {int(row): np.where(self.valid, truth[row], -1).astype(np.int32) for row in self.rows}
+
+    def score(self, found: Iterator[Labels]) -> VideoScores:
+        """Scores of the label maps of ``rows``."""
+        step = (slice(None, None, PIXEL_STEP),) * 2
+        return score_level(
+            (self.truth[int(row)][step], labels[step]) for row, labels in zip(self.rows, found, strict=True)
+        )
+
+    def score_merged(self, values: dict[str, float]) -> VideoScores:
+        """Scores of the masks merged with changed thresholds."""
+        return self.score(self.merged(replace(self.keys, **values)))
+
+    def as_segmented(self) -> Iterator[Labels]:
+        """Labels as segments.zarr has them."""
+        return (self.segments.row("labels", row)[self.whole] for row in self.rows)
+
+    def merged(self, keys: InstancesOptions) -> Iterator[Labels]:
+        """Labels of the masks merged with these thresholds."""
+        thing, _ = find_things(self.masks, single_masks(self.masks), self.weight, keys)
+        held, settings = beliefs(self.masks, thing), training_options(keys).render
+        for row in self.rows:
+            shown = render_things(
+                self.gaussians, held, self.camera, self.pose[row], settings, self.valid.shape
+            )
+            yield np.where(self.valid, shown, -1)
+
+
+def row_of(scene: str, change: str, scores: VideoScores, seconds: float | None) -> list[str]:
+    """A row of the table."""
+    numbers = (f"{scores.iou:.3f}", f"{scores.switches:.2f}", f"{scores.fragments:.2f}", f"{scores.held:.2f}")
+    return [scene, change, str(scores.found), *numbers, "" if seconds is None else f"{seconds:.0f}"]
+
+
+@command(__doc__)
+@scene_folders
+def main(folders: tuple[Path, ...]) -> None:
+    """Measure and print the table."""
+    rows = []
+    for folder in folders:
+        scene, name = Scene(folder), scene_name(folder)
+        rows.append(row_of(name, "segments.zarr", scene.score(scene.as_segmented()), None))
+        for change, values in CHANGES.items():
+            scores, seconds = timed(scene.score_merged, values)
+            rows.append(row_of(name, change, scores, seconds))
+            log(f"{name}, {change}: IoU {scores.iou:.3f}")
+    print(markdown(COLUMNS, rows, words=2))
+
+
+if __name__ == "__main__":
+    main()
