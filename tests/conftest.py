@@ -43,7 +43,7 @@ survey: {min_view_change_deg: 0}
 class Workdir:
     """A working directory with its own copy of configuration and code, in which the workflow runs."""
 
-    PAGES = ("contact_sheet", "segments", "crops", "transient", "splats", "language", "queries")
+    PAGES = ("contact_sheet", "instances", "crops", "transient", "splats", "language", "queries")
     MAIN = ("results/adt/scene1/metrics.json", *(f"results/adt/scene1/{page}.png" for page in PAGES))
     """The outputs in ``finished``: scores and every page."""
 

@@ -61,6 +61,7 @@ def test_a_changed_key_reruns_its_stage_and_what_follows(workdir, config, expect
     [
         ("poses/adt.py", "\ndef adt_poses", "\nCHANGED = 1\n\n\ndef adt_poses", AFTER_POSES),
         ("gaussians/trainer.py", "RECORD_EVERY = 10", "RECORD_EVERY = 20", AFTER_TRANSIENT),
+        ("instances/merging.py", "FRAMES_A_BLOCK = 8", "FRAMES_A_BLOCK = 4", AFTER_INSTANCES),
         ("segments/instances.py", "MIN_COMMON_FRAMES = 2", "MIN_COMMON_FRAMES = 3", AFTER_SEGMENTS),
         ("features/aggregation.py", "\nNORMS = (", "\nCHANGED = 1\nNORMS = (", AFTER_FEATURES),
         (

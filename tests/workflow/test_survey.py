@@ -96,7 +96,7 @@ def test_redundant_frames_are_left_out_of_training(work):
     views = read_survey(work.folder / SURVEY)["views"]
     assert views["left_out"]
     planned = work.stale(METRICS, config=LEAVING_OUT)
-    assert planned == {"segments", "view_features", "features", "transient", "masks", *SPLATS_ON}
+    assert planned == {"segments", "instances", "view_features", "features", "transient", "masks", *SPLATS_ON}
     assert made(work, LEAVING_OUT, f"{SCENE}/segments.zarr") == {"segments"}
     found = open_artifact(work.folder / SCENE / "segments.zarr", SEGMENTS)
     assert found.provenance["options"]["kept_frames"] == views["digest"]

@@ -4,7 +4,7 @@ Masks at three levels, and the instances they show: tracked through the video, o
 REQUIRED INPUTS: frames.zarr, poses.zarr. By configuration and survey: transient.zarr, if moving things are tracked;
 survey.json. Never annotations.zarr.
 OUTPUTS: segments.zarr, instances.zarr. While a stage runs, .{name}.checkpoint, from which a killed run resumes.
-TOOLS: SAM2, or OpenCV's graph segmentation and optical flow; PyTorch, egosplat's kernels or gsplat.
+TOOLS: SAM2, or OpenCV's graph segmentation and optical flow; egosplat's kernels.
 """
 
 
@@ -56,7 +56,6 @@ rule instances:
     resources:
         mem_mb=memory("instances"),
         runtime=runtime("instances"),
-        gpu=gpus("instances"),
     params:
         others=optional_flags("instances"),
         kept=training_frames("instances"),

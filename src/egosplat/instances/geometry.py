@@ -71,7 +71,7 @@ def train_geometry(
 def training_options(keys: InstancesOptions) -> TrainingOptions:
     """Return the training options of the temporary Gaussians."""
     return TrainingOptions(
-        render=RenderSettings(keys.near_plane, background="black", antialiased=False, backend=keys.backend),
+        render=RenderSettings(keys.near_plane, background="black", antialiased=False, backend="auto"),
         iterations=keys.iterations,
         strategy="default",
         max_gaussians=_MAX_GAUSSIANS,

@@ -16,6 +16,5 @@ class InstancesOptions:
     common: float
     drop_iou: float
     claimed: float
-    backend: str
     seed: int
     near_plane: float
