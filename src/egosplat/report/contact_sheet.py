@@ -15,7 +15,15 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.output_files import check_output, picture_kind
-from egosplat.report.figure import draw_heading, evenly_spaced, inner_point, plt, save_figure, show
+from egosplat.report.figure import (
+    draw_heading,
+    evenly_spaced,
+    ground_axes,
+    inner_point,
+    plt,
+    save_figure,
+    show,
+)
 from egosplat.report.page_text import add_name
 
 PAGE = picture_kind("egosplat contact-sheet")
@@ -81,22 +89,6 @@ def _summary(frames: Artifact, annotations: Artifact, poses: Artifact) -> str:
         f"{int(frames.read('train').sum())} for training, {int(frames.read('evaluation').sum())} for evaluation, "
         f"{int(poses.read('registered').sum())} with a pose; {len(annotations.facts['instances'])} instances"
     )
-
-
-def ground_axes(up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Two unit vectors that span the plane perpendicular to ``up``.
-
-    Args:
-        up: (3,) float64 unit vector.
-
-    Returns:
-        (2, 3) float64; seen from above, the first points to the right of the page and the second to its top.
-    """
-    # The world axis least parallel to up gives the best-conditioned cross product.
-    helper = np.eye(3)[np.argmin(np.abs(up))]
-    right = np.cross(helper, up)
-    right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(up, right)])
 
 
 def draw_from_above(axes: Axes, poses: Artifact) -> None:

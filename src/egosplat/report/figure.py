@@ -99,3 +99,19 @@ def save_figure(figure: Figure, output: Path, kind: FileKind) -> None:
     with output_file(output, kind) as scratch:
         figure.savefig(scratch, dpi=DPI, format="png", metadata={SOFTWARE: kind.command})
     plt.close(figure)
+
+
+def ground_axes(up: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Two unit vectors that span the plane perpendicular to ``up``.
+
+    Args:
+        up: (3,) float64 unit vector.
+
+    Returns:
+        (2, 3) float64; seen from above, the first points to the right of the page and the second to its top.
+    """
+    # The world axis least parallel to up gives the best-conditioned cross product.
+    helper = np.eye(3)[np.argmin(np.abs(up))]
+    right = np.cross(helper, up)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(up, right)])

@@ -13,8 +13,7 @@ from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.output_files import check_output, picture_kind
-from egosplat.report.contact_sheet import ground_axes
-from egosplat.report.figure import draw_heading, evenly_spaced, plt, save_figure, show
+from egosplat.report.figure import draw_heading, evenly_spaced, ground_axes, plt, save_figure, show
 
 PAGE = picture_kind("egosplat instances-sheet")
 
