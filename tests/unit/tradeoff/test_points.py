@@ -69,15 +69,16 @@ def test_points_of_another_seed_share_what_they_have_in_common():
         return {stage: owner(stage, config, name, "adt/scene1") for stage in stages}
 
     one, both = "seed-1", "features-dims-8-seed-1"
-    assert owners(both) == {"frames": None, "segments": None} | dict.fromkeys(
-        ("transient", "masks", "splats"), one
+    assert owners(both) == {"frames": None} | dict.fromkeys(
+        ("segments", "transient", "masks", "splats"), one
     ) | dict.fromkeys(("features", "language", "metrics"), both)
     point = "segments-points_per_side-8"
-    assert owners(f"{point}-seed-1") | {"frames": None, "segments": point, "transient": one} == {
+    assert owners(f"{point}-seed-1") | {"frames": None, "transient": one} == {
         "frames": None,
-        "segments": point,
         "transient": one,
-        **dict.fromkeys(("features", "masks", "splats", "language", "metrics"), f"{point}-seed-1"),
+        **dict.fromkeys(
+            ("segments", "features", "masks", "splats", "language", "metrics"), f"{point}-seed-1"
+        ),
     }
 
 
