@@ -19,6 +19,7 @@ AFTER_VIEWS = {"view_features", *AFTER_FEATURES}
 AFTER_INSTANCES = {"instances", "instances_sheet", *AFTER_MASKS, *AFTER_VIEWS}
 AFTER_SEGMENTS = {"segments", *AFTER_INSTANCES}
 AFTER_POSES = {"poses", "contact_sheet", *AFTER_TRANSIENT, *AFTER_INSTANCES}
+AFTER_GAUSSIANS = {*AFTER_TRANSIENT, *AFTER_INSTANCES}
 AFTER_FRAMES = {"frames", "annotations", *AFTER_POSES, *AFTER_SEGMENTS}
 
 
@@ -60,7 +61,7 @@ def test_a_changed_key_reruns_its_stage_and_what_follows(workdir, config, expect
     "module, old, new, expected",
     [
         ("poses/adt.py", "\ndef adt_poses", "\nCHANGED = 1\n\n\ndef adt_poses", AFTER_POSES),
-        ("gaussians/trainer.py", "RECORD_EVERY = 10", "RECORD_EVERY = 20", AFTER_TRANSIENT),
+        ("gaussians/trainer.py", "RECORD_EVERY = 10", "RECORD_EVERY = 20", AFTER_GAUSSIANS),
         ("instances/merging.py", "FRAMES_A_BLOCK = 8", "FRAMES_A_BLOCK = 4", AFTER_INSTANCES),
         ("segments/instances.py", "MIN_COMMON_FRAMES = 2", "MIN_COMMON_FRAMES = 3", AFTER_SEGMENTS),
         ("features/aggregation.py", "\nNORMS = (", "\nCHANGED = 1\nNORMS = (", AFTER_FEATURES),
@@ -68,7 +69,7 @@ def test_a_changed_key_reruns_its_stage_and_what_follows(workdir, config, expect
             "kernels/source/composite_backward.h",
             "int MOMENTS = 6;",
             "int MOMENTS = 7;",
-            AFTER_TRANSIENT,
+            AFTER_GAUSSIANS,
         ),
         ("kernels/source/composite.h", "// Compositing of", "// The compositing of", set()),
         ("splats/stage.py", "\ndef run", "\nCHANGED = 1\n\n\ndef run", AFTER_SPLATS),
