@@ -39,7 +39,15 @@ def planned(workdir, config: str) -> Counter[str]:
         # Of the seed: its features, transient, masks, splats, language; of each point with it, what both reach.
         (
             points(seeds=[1], features__dims=[4], segments__points_per_side=[4]),
-            {"segments": 1, "view_features": 1, "features": 5, "transient": 1, "masks": 3, "splats": 3}
+            {
+                "segments": 1,
+                "instances": 1,
+                "view_features": 1,
+                "features": 5,
+                "transient": 1,
+                "masks": 3,
+                "splats": 3,
+            }
             | {"language": 5, "metrics": 5, "tradeoff": 1},
         ),
     ],
