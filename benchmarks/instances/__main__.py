@@ -25,7 +25,6 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.gaussians.training_views import split_views
 from egosplat.instances.geometry import train_geometry, training_options
-from egosplat.instances.lifted_masks import LEAST_SEEN
 from egosplat.instances.moving import MovingTracks
 from egosplat.instances.options import InstancesOptions
 from egosplat.instances.rendering import render_things
@@ -82,7 +81,7 @@ class Scene:
         self.camera = views.camera
         tracks = MovingTracks(self.segments)
         lifted = lift_views(self.gaussians, views, self.segments, tracks, self.valid, self.keys)
-        self.weight = lifted.seen.sum(0) / np.maximum((lifted.seen >= LEAST_SEEN).sum(0), 1)
+        self.weight = lifted.weight
         self.whole = len(self.segments.facts["levels"]) - 1
         self.masks = lifted.select(self.segments.read("instances/level")[lifted.instance] == self.whole)
         truth = list(read_truth(folder / "recording", frames).all_labels())

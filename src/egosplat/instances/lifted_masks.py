@@ -34,6 +34,11 @@ class LiftedMasks:
     votes: sparse.csc_array
     seen: NDArray[np.float32]
 
+    @property
+    def weight(self) -> NDArray[np.float32]:
+        """(N,) mean compositing weight of each Gaussian in the frames that see it [px]."""
+        return self.seen.sum(0) / np.maximum((self.seen >= LEAST_SEEN).sum(0), 1)
+
     def select(self, chosen: NDArray[np.bool_]) -> "LiftedMasks":
         """Select masks by (V,) bool."""
         return LiftedMasks(
@@ -46,6 +51,11 @@ class LiftedMasks:
         gaussian, weight = self.votes.indices[span], self.votes.data[span]
         total = self.seen[self.frame[mask], gaussian]
         return gaussian[weight >= inside * np.maximum(total, LEAST_SEEN)]
+
+
+def holds(votes: NDArray[np.float32], seen: NDArray[np.float32], inside: float) -> NDArray[np.bool_]:
+    """Whether summed votes are at least the share ``inside`` of the summed seen weights, of Gaussians that are seen."""
+    return (seen >= LEAST_SEEN) & (votes >= inside * seen)
 
 
 def lift_masks(

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from egosplat.instances.lifted_masks import LEAST_SEEN, LiftedMasks
+from egosplat.instances.lifted_masks import LEAST_SEEN, LiftedMasks, holds
 from egosplat.instances.options import InstancesOptions
 
 FRAMES_A_BLOCK = 8
@@ -39,8 +39,7 @@ class Runs:
 
     def holds(self, run: int | slice = slice(None)) -> NDArray[np.bool_]:
         """(R, n) bool, which Gaussians belong to each run."""
-        votes, seen = self.votes[run], self.seen[run]
-        return (seen >= LEAST_SEEN) & (votes >= self.inside * seen)
+        return holds(self.votes[run], self.seen[run], self.inside)
 
     def add(self, into: int, other: int) -> None:
         """Add one run to another, in place."""
@@ -108,8 +107,9 @@ def agglomerate(runs: Runs, weight: Floats, keys: InstancesOptions) -> Ints:
     held, seen = runs.holds() * weight, runs.has_seen().astype(np.float32)
     size = held.sum(1)
     # [a, b]: weight of what a holds and b has seen.
-    visible = _sparse(held) @ seen.T
-    shared = _sparse(held) @ (held > 0).T.astype(np.float32)
+    few = sparse.csr_array(held)
+    visible = few @ seen.T
+    shared = few @ (held > 0).T.astype(np.float32)
     iou = _iou(shared, visible, visible.T, size[:, None], size[None], keys.common)
     np.fill_diagonal(iou, 0.0)
     into = np.arange(count)
@@ -135,10 +135,6 @@ def agglomerate(runs: Runs, weight: Floats, keys: InstancesOptions) -> Ints:
         iou[one] = iou[:, one] = row
         iou[other] = iou[:, other] = 0.0
     return into
-
-
-def _sparse(dense: Floats) -> sparse.csr_array:
-    return sparse.csr_array(dense)
 
 
 def _iou(shared: Floats, first: Floats, second: Floats, size: Floats, other: Floats, common: float) -> Floats:

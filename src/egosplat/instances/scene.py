@@ -13,7 +13,7 @@ from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
 from egosplat.instances.geometry import training_options
-from egosplat.instances.lifted_masks import LEAST_SEEN, LiftedMasks, lift_masks
+from egosplat.instances.lifted_masks import LiftedMasks, lift_masks
 from egosplat.instances.moving import MovingTracks
 from egosplat.instances.options import InstancesOptions
 from egosplat.instances.rendering import render_things
@@ -111,7 +111,7 @@ def find_scene(
         UserError: no view has a mask.
     """
     lifted = lift_views(gaussians, views, segments, tracks, valid, keys)
-    weight = lifted.seen.sum(0) / np.maximum((lifted.seen >= LEAST_SEEN).sum(0), 1)
+    weight = lifted.weight
     levels = segments.read("instances/level")
     held, level, masks, counts = [], [], [], {}
     for number, name in enumerate(segments.facts["levels"]):

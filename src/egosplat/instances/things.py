@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from egosplat.instances.lifted_masks import LEAST_SEEN, LiftedMasks
+from egosplat.instances.lifted_masks import LEAST_SEEN, LiftedMasks, holds
 from egosplat.instances.merging import merge
 from egosplat.instances.options import InstancesOptions
 
@@ -114,7 +114,7 @@ def _holds(masks: LiftedMasks, chosen: Ints, inside: float) -> NDArray[np.bool_]
     """(N,) bool, Gaussians that belong to the union of masks."""
     votes = np.asarray(masks.votes[:, chosen].sum(1)).ravel()
     seen = masks.seen[np.unique(masks.frame[chosen])].sum(0)
-    return (seen >= LEAST_SEEN) & (votes >= inside * seen)
+    return holds(votes, seen, inside)
 
 
 def beliefs(masks: LiftedMasks, thing: Ints) -> sparse.csr_array:
