@@ -1,4 +1,7 @@
-"""Schema of ``transient.zarr``: the probability that a pixel is transient, before refinement."""
+"""Schema of ``transient.zarr``: the probability that a pixel is transient, and its mean over instances."""
+
+import numpy as np
+from numpy.typing import NDArray
 
 from egosplat.artifacts.schema import Field, Schema
 
@@ -25,3 +28,38 @@ TRANSIENT = Schema(
         ),
     },
 )
+
+
+class InstanceScores:
+    """Mean probability of each of N instances over its pixels in all added frames, as in the paper's set D."""
+
+    def __init__(self, count: int) -> None:
+        """Start without frames; ``count`` is the number of instances N."""
+        self._sums = np.zeros(count)
+        self._pixels = np.zeros(count, np.int64)
+
+    def add(self, labels: NDArray[np.int32], probability: NDArray[np.floating]) -> None:
+        """Add one frame.
+
+        Args:
+            labels: (L, H, W) instance at each level, -1 for none; an instance belongs to one level.
+            probability: (H, W) in [0, 1]; a value that is not finite counts as 0.
+        """
+        # float64: sums over all frames of a video exceed the digits of float16 and float32.
+        weight = np.nan_to_num(probability.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
+        for level in labels:
+            seen = level >= 0
+            found = level[seen]
+            self._pixels += np.bincount(found, minlength=len(self._pixels))
+            self._sums += np.bincount(found, weights=weight[seen], minlength=len(self._sums))
+
+    @property
+    def pixels(self) -> NDArray[np.int64]:
+        """(N,) number of pixels of each instance in the added frames."""
+        return self._pixels.copy()
+
+    @property
+    def scores(self) -> NDArray[np.float64]:
+        """(N,) mean probability of each instance; 0 if it has no pixel."""
+        # Pooled over pixels, so a large view of an instance has more weight than a small one.
+        return np.divide(self._sums, self._pixels, out=np.zeros_like(self._sums), where=self._pixels > 0)

@@ -10,6 +10,7 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor
 
+from egosplat.artifacts.transient import InstanceScores
 from egosplat.models.sam2_loader import Sam2
 from egosplat.segments.instances import FinalInstances, Segmented, finalize_instances
 from egosplat.segments.label_maps import LabelMaps, Labels
@@ -74,14 +75,10 @@ class MovingTracker(Tracker):
 
     def _means(self, labels: LabelMaps, final: FinalInstances) -> NDArray[np.float64]:
         """(N,) mean probability of each track that is left."""
-        sums, pixels = np.zeros(len(final.kept)), np.zeros(len(final.kept))
+        scores = InstanceScores(len(final.kept))
         for frame in self._training.tolist():
-            probability = self._values(frame)
-            for level in final.table[labels[frame]]:
-                seen = level >= 0
-                pixels += np.bincount(level[seen], minlength=len(pixels))
-                sums += np.bincount(level[seen], probability[seen], minlength=len(sums))
-        return sums / np.maximum(pixels, 1)
+            scores.add(final.table[labels[frame]], self._values(frame))
+        return scores.scores
 
     def _prompts(self, frame: int) -> bool:
         return frame in self._prompted

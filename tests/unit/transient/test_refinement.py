@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from egosplat.transient.masks_stage import InstanceScores, refined_mask, transient_instances
+from egosplat.artifacts.transient import InstanceScores
+from egosplat.transient.masks_stage import refined_mask, transient_instances
 
 
 def frame(pixels: int) -> np.ndarray:
