@@ -20,6 +20,7 @@ REPORTS = {
     "config/scenes.tsv",
     "config/README.md",
     "benchmarks/ablation/README.md",
+    "benchmarks/instances/README.md",
     "benchmarks/open_vocabulary/README.md",
     "benchmarks/presence/README.md",
 }
