@@ -25,10 +25,10 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.gaussians.training_views import split_views
 from egosplat.instances.geometry import train_geometry, training_options
-from egosplat.instances.moving import MovingTracks
+from egosplat.instances.lifted_masks import MaskLifter
+from egosplat.instances.moving import MovingTracks, find_moving
 from egosplat.instances.options import InstancesOptions
 from egosplat.instances.rendering import render_things
-from egosplat.instances.scene import lift_views
 from egosplat.instances.things import beliefs, find_things, single_masks
 from egosplat.pipeline.config import defaults, stage_values
 from egosplat.progress import log
@@ -74,13 +74,20 @@ class Scene:
         training = split_views(*flags, validate=False).training
         self.valid, self.pose = frames.read("valid"), poses.read("camera_to_world")
         self.rows = np.flatnonzero(kept & poses.read("registered"))[::FRAME_STEP]
+        tracks = MovingTracks(self.segments, self.segments.read("instances/moving"))
         with TemporaryDirectory() as work:
             self.gaussians, views = train_geometry(
-                frames, poses, training, self.keys, Path(work) / "instances.zarr", "benchmark"
+                frames,
+                poses,
+                training,
+                lambda row: tracks.pixels(self.segments.row("labels", row)),
+                self.keys,
+                Path(work) / "instances.zarr",
+                "benchmark",
             )
         self.camera = views.camera
-        tracks = MovingTracks(self.segments)
-        lifted = lift_views(self.gaussians, views, self.segments, tracks, self.valid, self.keys)
+        lifter = MaskLifter(self.gaussians, views, self.segments, self.valid, self.keys)
+        lifted = lifter.lift(find_moving(lifter).remove)
         self.weight = lifted.weight
         self.whole = len(self.segments.facts["levels"]) - 1
         self.masks = lifted.select(self.segments.read("instances/level")[lifted.instance] == self.whole)

@@ -1,9 +1,12 @@
 """Temporary Gaussians that masks are merged on."""
 
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.reader import Artifact
@@ -18,6 +21,7 @@ from egosplat.gaussians.starting_points import starting_gaussians
 from egosplat.gaussians.trainer import ViewSets, resume_and_train
 from egosplat.gaussians.training_state import TrainingState
 from egosplat.gaussians.training_views import Mask, Views
+from egosplat.geometry import Camera
 from egosplat.instances.options import InstancesOptions
 
 # Comparing masks needs surfaces, not texture: fewer Gaussians than a render, of one color each.
@@ -30,13 +34,20 @@ _GROW_GRAD2D = 2e-4
 
 
 def train_geometry(
-    frames: Artifact, poses: Artifact, training: Mask, keys: InstancesOptions, output: Path, key: str
+    frames: Artifact,
+    poses: Artifact,
+    training: Mask,
+    moving: Callable[[int], NDArray[np.bool_]],
+    keys: InstancesOptions,
+    output: Path,
+    key: str,
 ) -> tuple[Gaussians, Views]:
     """Train Gaussians for a short time at the working size. A killed run resumes from its checkpoint.
 
     Args:
         frames, poses: artifacts.
         training: (F,) bool, frames to train on; all have a pose.
+        moving: returns (H, W) bool, pixels of a frame to leave out of training.
         keys: of the stage.
         output: path of the stage's artifact, next to which the checkpoint is kept.
         key: of the checkpoint.
@@ -49,6 +60,9 @@ def train_geometry(
         read_reduced_views(frames, poses, chosen, keys.resolution, device)
         for chosen in (training, np.zeros_like(training))
     )
+    pixels = nearest_pixels(frames.shape("rgb")[1:3], views.camera)
+    hidden = np.stack([moving(int(frame))[pixels] for frame in views.frame])
+    views = replace(views, transient=torch.from_numpy(hidden) if hidden.any() else None)
     start = starting_gaussians(
         poses,
         views,
@@ -66,6 +80,15 @@ def train_geometry(
         resume_and_train(state, view_sets, options, Checkpoint(output, key, _CHECKPOINT_S))
     gaussians = state.gaussians.detach()
     return gaussians.select(gaussians.finite()), views
+
+
+def nearest_pixels(size: tuple[int, int], camera: Camera) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Index that samples an array of ``size`` (H, W) at the pixels of ``camera``: (h, 1) rows and (w,) columns."""
+    rows, columns = (
+        ((np.arange(small) + 0.5) * large / small).astype(np.intp)
+        for small, large in zip((camera.height, camera.width), size, strict=True)
+    )
+    return rows[:, None], columns
 
 
 def training_options(keys: InstancesOptions) -> TrainingOptions:

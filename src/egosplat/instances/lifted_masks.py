@@ -8,11 +8,17 @@ import torch
 from numpy.typing import NDArray
 from scipy import sparse
 
+from egosplat.artifacts.reader import Artifact
 from egosplat.codes.rendering import sum_over_pixels
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
+from egosplat.instances.geometry import nearest_pixels, training_options
+from egosplat.instances.options import InstancesOptions
 from egosplat.progress import track
+
+Labels = NDArray[np.int32]
 
 LEAST_SEEN = 0.25
 """Compositing weight [px] from which a frame has seen a Gaussian."""
@@ -60,7 +66,7 @@ def holds(votes: NDArray[np.float32], seen: NDArray[np.float32], inside: float) 
 
 def lift_masks(
     gaussians: Gaussians,
-    look: Callable[[int], tuple[NDArray[np.int32], NDArray[np.bool_]]],
+    look: Callable[[int], tuple[Labels, NDArray[np.bool_]]],
     frames: NDArray[np.int64],
     camera_to_world: NDArray[np.float64],
     camera: Camera,
@@ -98,7 +104,58 @@ def lift_masks(
     )
 
 
-def one_hot(labels: NDArray[np.int32]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+class MaskLifter:
+    """Lifts masks of segments.zarr onto temporary Gaussians, from the training views at the working size."""
+
+    def __init__(
+        self,
+        gaussians: Gaussians,
+        views: Views,
+        segments: Artifact,
+        valid: NDArray[np.bool_],
+        keys: InstancesOptions,
+    ) -> None:
+        """Set up.
+
+        Args:
+            gaussians: temporary Gaussians.
+            views: training views at the working size.
+            segments: segments artifact.
+            valid: (H, W) bool, pixels that show the scene.
+            keys: of the stage.
+        """
+        self.gaussians, self.views, self.segments, self.valid, self.keys = (
+            gaussians,
+            views,
+            segments,
+            valid,
+            keys,
+        )
+        self.settings = training_options(keys).render
+        self._pixels = nearest_pixels(valid.shape, views.camera)
+
+    def lift(self, select: Callable[[Labels], tuple[Labels, NDArray[np.bool_]]]) -> LiftedMasks | None:
+        """Lift the masks of all views; None if no view has a mask.
+
+        Args:
+            select: returns which of a frame's labels (L, H, W) vote, -1 for none, and (H, W) bool, which pixels are
+                not counted as seen.
+        """
+        small_valid = self.valid[self._pixels]
+
+        def look(frame: int) -> tuple[Labels, NDArray[np.bool_]]:
+            labels, unseen = select(self.segments.row("labels", frame)[:, *self._pixels])
+            return labels, small_valid & ~unseen
+
+        views = self.views
+        has_masks = np.array([bool((look(int(frame))[0] >= 0).any()) for frame in views.frame], bool)
+        if not has_masks.any():
+            return None
+        some = views.frame[has_masks], views.camera_to_world[has_masks]
+        return lift_masks(self.gaussians, look, *some, views.camera, self.settings)
+
+
+def one_hot(labels: Labels) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
     """Split (L, H, W) labels into (K, H, W) masks; also returns their (K,) labels."""
     masks, ids = [np.zeros((0, *labels.shape[1:]), np.float32)], [np.zeros(0, np.int64)]
     for level in labels:

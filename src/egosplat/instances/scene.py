@@ -6,16 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from egosplat.artifacts.reader import Artifact
 from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
-from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
-from egosplat.instances.geometry import training_options
-from egosplat.instances.lifted_masks import LiftedMasks, lift_masks
+from egosplat.instances.lifted_masks import MaskLifter
 from egosplat.instances.moving import MovingTracks
-from egosplat.instances.options import InstancesOptions
 from egosplat.instances.rendering import render_things
 from egosplat.instances.things import beliefs, cut_tracks, find_things, single_masks
 from egosplat.progress import log
@@ -89,28 +85,23 @@ class Scene:
         return found
 
 
-def find_scene(
-    gaussians: Gaussians,
-    views: Views,
-    segments: Artifact,
-    tracks: MovingTracks,
-    valid: NDArray[np.bool_],
-    keys: InstancesOptions,
-) -> Scene:
+def find_scene(lifter: MaskLifter, tracks: MovingTracks) -> Scene:
     """Find the things of all levels.
 
     Args:
-        gaussians: temporary Gaussians.
-        views: training views at the working size.
-        segments: segments artifact.
+        lifter: of the scene's masks.
         tracks: of what moves; their pixels neither vote nor count as seen.
-        valid: (H, W) bool, pixels that show the scene.
-        keys: of the stage.
 
     Raises:
         UserError: no view has a mask.
     """
-    lifted = lift_views(gaussians, views, segments, tracks, valid, keys)
+    segments, keys = lifter.segments, lifter.keys
+    lifted = lifter.lift(tracks.remove)
+    if lifted is None:
+        raise UserError(
+            f"{segments.path}: holds no mask in a training frame with a pose. Lower segments.pred_iou_thresh and "
+            "segments.stability_score_thresh, or set instances.source to tracks"
+        )
     weight = lifted.weight
     levels = segments.read("instances/level")
     held, level, masks, counts = [], [], [], {}
@@ -123,43 +114,13 @@ def find_scene(
         level.append(np.full(held[-1].shape[1], number, np.int8))
         masks.append(np.bincount(thing[thing >= 0], minlength=held[-1].shape[1]))
     return Scene(
-        gaussians,
+        lifter.gaussians,
         weight,
         held,
         np.concatenate(level),
         np.concatenate(masks).astype(np.int32),
-        valid,
-        views.camera,
-        training_options(keys).render,
+        lifter.valid,
+        lifter.views.camera,
+        lifter.settings,
         counts,
     )
-
-
-def lift_views(
-    gaussians: Gaussians,
-    views: Views,
-    segments: Artifact,
-    tracks: MovingTracks,
-    valid: NDArray[np.bool_],
-    keys: InstancesOptions,
-) -> LiftedMasks:
-    """Lift the masks of all views; arguments and errors as for ``find_scene``."""
-    camera = views.camera
-    rows, columns = (
-        ((np.arange(small) + 0.5) * large / small).astype(np.intp)
-        for small, large in ((camera.height, valid.shape[0]), (camera.width, valid.shape[1]))
-    )
-    small_valid = valid[rows[:, None], columns]
-
-    def look(frame: int) -> tuple[Labels, NDArray[np.bool_]]:
-        labels, moving = tracks.remove(segments.row("labels", frame)[:, rows[:, None], columns])
-        return labels, small_valid & ~moving
-
-    has_masks = np.array([bool((look(int(frame))[0] >= 0).any()) for frame in views.frame], bool)
-    if not has_masks.any():
-        raise UserError(
-            f"{segments.path}: holds no mask in a training frame with a pose. Lower segments.pred_iou_thresh and "
-            "segments.stability_score_thresh, or set instances.source to tracks"
-        )
-    some = views.frame[has_masks], views.camera_to_world[has_masks]
-    return lift_masks(gaussians, look, *some, camera, training_options(keys).render)

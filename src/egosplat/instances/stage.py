@@ -20,7 +20,8 @@ from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.writer import create
 from egosplat.gaussians.training_views import split_views
 from egosplat.instances.geometry import train_geometry
-from egosplat.instances.moving import MovingTracks
+from egosplat.instances.lifted_masks import MaskLifter
+from egosplat.instances.moving import MovingTracks, find_moving
 from egosplat.instances.options import InstancesOptions
 from egosplat.instances.scene import Scene, find_scene
 from egosplat.progress import log, track
@@ -65,9 +66,13 @@ def run(
     flags = frames.read("train") & kept, frames.read("evaluation"), poses.read("registered")
     training = split_views(*flags, validate=False).training
     key = provenance.key_of(record)
-    gaussians, views = train_geometry(frames, poses, training, options, output, key)
-    tracks = MovingTracks(segments)
-    scene = find_scene(gaussians, views, segments, tracks, frames.read("valid"), options)
+    tracks = MovingTracks(segments, segments.read("instances/moving"))
+    gaussians, views = train_geometry(
+        frames, poses, training, lambda row: tracks.pixels(segments.row("labels", row)), options, output, key
+    )
+    lifter = MaskLifter(gaussians, views, segments, frames.read("valid"), options)
+    tracks = find_moving(lifter)
+    scene = find_scene(lifter, tracks)
     rows, cameras = np.flatnonzero(kept & poses.read("registered")), poses.read("camera_to_world")
     _write_things(output, record, scene, tracks, options.source, segments, cameras, rows)
     Checkpoint(output, key, 0.0).remove()

@@ -9,7 +9,7 @@ from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.instances import stage
 from egosplat.instances.lifted_masks import lift_masks
-from tests.unit.instances.conftest import DISTANCE, FRAMES, SIZE, options
+from tests.unit.instances.conftest import DISTANCE, FRAMES, LEFT, RIGHT, SIZE, options
 
 
 def run(folder, name="instances.zarr", **changes):
@@ -88,10 +88,11 @@ def test_what_moves_is_drawn_over_the_instances_and_takes_no_part_in_merging(sce
     looked = {}
 
     def watched(gaussians, look, frames, *others):
+        looked.clear()
         looked.update({int(frame): look(int(frame)) for frame in frames})
         return lift_masks(gaussians, look, frames, *others)
 
-    monkeypatch.setattr("egosplat.instances.scene.lift_masks", watched)
+    monkeypatch.setattr("egosplat.instances.lifted_masks.lift_masks", watched)
     labels = np.full((FRAMES, 2, SIZE, SIZE), -1, np.int32)
     for frame in range(0, FRAMES, 2):
         labels[frame, 1] = truth[frame] + frame
@@ -116,6 +117,21 @@ def test_what_moves_is_drawn_over_the_instances_and_takes_no_part_in_merging(sce
     rest, square = shown[:, 1][~hidden], truth[~hidden]
     assert max((rest == square).mean(), (rest == 1 - square).mean()) > 0.95
     assert found.read("gaussians/instance").max() == 1
+
+
+def test_a_track_on_a_static_surface_is_merged_as_masks_are(scene, truth):
+    """The network called the left square moving; its masks lie on the same Gaussians in all frames."""
+    labels = np.where(truth == LEFT, 0, -1).astype(np.int32)[:, None].repeat(2, axis=1)
+    labels[:, 0] = -1
+    for frame in range(0, FRAMES, 2):
+        labels[frame, 1][truth[frame] == RIGHT] = 1 + frame
+    moving = np.arange(FRAMES + 1) == 0
+    level = np.ones(FRAMES + 1, np.int8)
+    found = run(scene(labels=labels, **{"instances/level": level, "instances/moving": moving}))
+    assert not found.read("instances/moving").any()
+    assert sorted(found.read("instances/masks").tolist()) == [5, 9]
+    shown = found.read("labels")[:, 1]
+    assert max((shown == truth).mean(), (shown == 1 - truth).mean()) > 0.95
 
 
 def test_a_killed_run_resumes_to_the_same_result(scene, monkeypatch):
