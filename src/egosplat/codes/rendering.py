@@ -10,7 +10,7 @@ from torch import Tensor
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Camera, invert
-from egosplat.rasterize.api import rasterization
+from egosplat.rasterize import api as rasterize
 
 # Below this coverage a pixel has code 0.
 _LEAST_COVERAGE = 1e-6
@@ -47,7 +47,7 @@ def render_values(
         (H, W, X) float32 on background 0, and (H, W) accumulated opacity.
     """
     device = gaussians.means.device
-    images, alphas, _ = rasterization(
+    images, alphas, _ = rasterize.rasterization(
         gaussians.means,
         gaussians.quats,
         gaussians.scales,
@@ -81,11 +81,19 @@ def sum_over_pixels(
     Returns:
         (N, X) float32.
     """
-    # Rendering is linear in the values, so its gradient is the transposed map, at any values.
-    values = torch.zeros(gaussians.count, image.shape[-1], device=gaussians.means.device, requires_grad=True)
-    rendered, _ = render_values(gaussians, values, camera, camera_to_world, settings)
-    (sums,) = torch.autograd.grad(rendered, values, image)
-    return sums
+    device = gaussians.means.device
+    return rasterize.sum_over_pixels(
+        gaussians.means,
+        gaussians.quats,
+        gaussians.scales,
+        gaussians.opacities,
+        image,
+        torch.from_numpy(invert(camera_to_world)).to(device, torch.float32),
+        torch.from_numpy(camera.matrix).to(device, torch.float32),
+        near_plane=settings.near_plane,
+        rasterize_mode="antialiased" if settings.antialiased else "classic",
+        backend=settings.backend,
+    )
 
 
 def render_codes(

@@ -89,9 +89,7 @@ def lift_masks(
         labels, counted = look(int(frames[place]))
         masks, ids = one_hot(np.where(counted, labels, -1))
         image = torch.from_numpy(np.concatenate([masks, counted[None].astype(np.float32)])).permute(1, 2, 0)
-        sums = sum_over_pixels(
-            gaussians, image.contiguous(), camera, camera_to_world[place], settings
-        ).numpy()
+        sums = sum_over_pixels(gaussians, image, camera, camera_to_world[place], settings).numpy()
         seen[place] = sums[:, -1]
         votes.append(sparse.csc_array(sums[:, :-1]))
         instance.append(ids)

@@ -100,6 +100,35 @@ def composite(
     )
 
 
+def sum_pixels(
+    means2d: Tensor,
+    conics: Tensor,
+    depths: Tensor,
+    opacities: Tensor,
+    variances_y: Tensor,
+    radii: Tensor,
+    image: Tensor,
+) -> Tensor:
+    """Sum an image over the compositing weights of projected Gaussians, without rendering one.
+
+    Args:
+        means2d, conics, depths, opacities, variances_y, radii: as ``project`` returns them.
+        image: (X, H, W).
+
+    Returns:
+        (N, X): to the bit the gradient of ``composite`` by its channels, where ``image`` is that of its render.
+    """
+    channels, height, width = image.shape
+    sums = torch.zeros(len(means2d), channels)
+    inputs = (means2d, conics, variances_y, opacities, depths, radii, image)
+    # The list keeps copies alive during the call.
+    arrays = [*map(_plain, inputs), sums]
+    _functions().egosplat_raster_sum(
+        len(means2d), channels, width, height, torch.get_num_threads(), *map(_address, arrays)
+    )
+    return sums
+
+
 class _Project(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, *arguments: Any) -> tuple[Tensor, ...]:
@@ -226,8 +255,9 @@ def _functions() -> ctypes.CDLL:
     loaded.egosplat_project_backward.argtypes = [*[_INT] * 9, camera, *[_POINTER] * 19]
     loaded.egosplat_raster_forward.argtypes = [*[_INT] * 5, *[_POINTER] * 10]
     loaded.egosplat_raster_backward.argtypes = [_POINTER, _INT, *[_POINTER] * 9]
+    loaded.egosplat_raster_sum.argtypes = [*[_INT] * 5, *[_POINTER] * 8]
     loaded.egosplat_raster_free.argtypes = [_POINTER]
     loaded.egosplat_raster_forward.restype = _POINTER
-    for name in ("project_forward", "project_backward", "raster_backward", "raster_free"):
+    for name in ("project_forward", "project_backward", "raster_backward", "raster_sum", "raster_free"):
         getattr(loaded, f"egosplat_{name}").restype = None
     return loaded

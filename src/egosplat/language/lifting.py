@@ -38,11 +38,9 @@ def lift(gaussians: Gaussians, views: CodeViews, settings: RenderSettings) -> Li
         weight = views.weight(index)
         counted = targets.known.float() if weight is None else targets.known * weight
         shown = counted.new_ones(counted.shape[1:]) if weight is None else weight
-        # Codes, their weights and the weights of all pixels share one backward pass.
+        # Codes, their weights and the weights of all pixels share one pass.
         pixels = torch.cat([(targets.codes * counted[:, None]).flatten(0, 1), counted, shown[None]])
         pose = views.camera_to_world[index]
-        # An image is linear in the values of the Gaussians, with the compositing weights as coefficients. The backward
-        # pass is the transposed map: it sums the pixels of each Gaussian, with any rasterizer.
         part = sum_over_pixels(gaussians, pixels.permute(1, 2, 0), views.camera, pose, settings)
         sums = part if sums is None else sums + part
         seen = targets

@@ -1,6 +1,7 @@
-"""``rasterization``: render 3D Gaussians with the backend that suits the tensors."""
+"""Render 3D Gaussians, and sum images over them, with the backend that suits the tensors."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 import torch
@@ -84,12 +85,56 @@ def rasterization(
     return _backend(backend, means)(arguments)
 
 
+def sum_over_pixels(
+    means: Tensor,
+    quats: Tensor,
+    scales: Tensor,
+    opacities: Tensor,
+    image: Tensor,
+    viewmat: Tensor,
+    K: Tensor,
+    *,
+    near_plane: float = 0.1,
+    rasterize_mode: str = "classic",
+    backend: str = "auto",
+) -> Tensor:
+    """Sum an image over each Gaussian's compositing weights: the transposed map of ``rasterization``.
+
+    The backend cpu renders no image for it; the others take the gradient of one. Not differentiable.
+
+    Args:
+        means, quats, scales, opacities, near_plane, rasterize_mode, backend: as in ``rasterization``.
+        image: (H, W, X) of the same dtype and device.
+        viewmat: (4, 4) world_to_camera; K: (3, 3) intrinsics [px].
+
+    Returns:
+        (N, X).
+
+    Raises: as ``rasterization``.
+    """
+    if image.ndim != 3 or (image.dtype, image.device) != (means.dtype, means.device):
+        raise ValueError(
+            f"image is {tuple(image.shape)} {image.dtype} on {image.device}; (H, W, X) like means is needed"
+        )
+    height, width, channels = image.shape
+    nothing = means.new_zeros(1, channels).expand(len(means), -1)
+    geometry = means, quats, scales, opacities, nothing, viewmat[None], K[None], width, height
+    arguments = Arguments(*geometry, near_plane=near_plane, rasterize_mode=rasterize_mode)
+    check(arguments)
+    if _name(backend, means) == "cpu":
+        from egosplat.rasterize.cpu import sum_over_pixels as chosen
+
+        return chosen(arguments, image)
+    # Rendering is linear in the values, so its gradient is the transposed map, at any values.
+    values = nothing.clone().requires_grad_()
+    with torch.enable_grad():
+        images, _, _ = _backend(backend, means)(replace(arguments, colors=values))
+    return torch.autograd.grad(images, values, image[None])[0]
+
+
 def _backend(name: str, means: Tensor) -> Callable[[Arguments], Render]:
     """The function of a backend, imported on first use, because each has its own dependencies."""
-    if name not in BACKENDS:
-        raise ValueError(f"backend is {name!r}, not one of {', '.join(BACKENDS)}")
-    if name == "auto":
-        name = _choose(means)
+    name = _name(name, means)
     if name == "cuda":
         from egosplat.rasterize.cuda import rasterization as chosen
     elif name == "cpu":
@@ -97,6 +142,13 @@ def _backend(name: str, means: Tensor) -> Callable[[Arguments], Render]:
     else:
         from egosplat.rasterize.reference.rasterizer import rasterization as chosen
     return chosen
+
+
+def _name(name: str, means: Tensor) -> str:
+    """Name of a backend, that of ``auto`` resolved."""
+    if name not in BACKENDS:
+        raise ValueError(f"backend is {name!r}, not one of {', '.join(BACKENDS)}")
+    return _choose(means) if name == "auto" else name
 
 
 def _choose(means: Tensor) -> str:

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from egosplat.errors import UserError
 from egosplat.kernels import library
-from egosplat.kernels.raster import Projection, composite, project
+from egosplat.kernels.raster import Projection, composite, project, sum_pixels
 from egosplat.rasterize.contract import (
     MIN_DEPTH_ALPHA,
     Arguments,
@@ -24,13 +24,8 @@ def rasterization(arguments: Arguments) -> Render:
     Raises:
         UserError: the kernels are not compiled, or the tensors are not float32 on the CPU.
     """
-    if why_not := library.why_not():
-        raise UserError(why_not)
     a = arguments
-    if a.means.dtype != torch.float32 or a.means.device.type != "cpu":
-        raise UserError(
-            f"backend cpu renders float32 on the CPU, not {a.means.dtype} on {a.means.device}: use reference"
-        )
+    _check_usable(a)
     sh, extra = _sources(a)
     projected = [
         project(a.means, a.quats, a.scales, a.opacities, sh, extra, viewmat, _projection(a, K))
@@ -46,6 +41,26 @@ def rasterization(arguments: Arguments) -> Render:
     alphas = _batch([alpha[..., None] for _, alpha in images])
     meta = {"means2d": means2d, "radii": radii, "depths": depths, "conics": conics, "opacities": seen}
     return renders, alphas, meta | {"width": a.width, "height": a.height, "n_cameras": len(images)}
+
+
+@torch.no_grad()
+def sum_over_pixels(arguments: Arguments, image: Tensor) -> Tensor:
+    """``api.sum_over_pixels`` with the compiled kernels, for one camera; colours are not used. Errors are as above."""
+    a = arguments
+    _check_usable(a)
+    means2d, conics, depths, seen, _, variances_y, radii = project(
+        a.means, a.quats, a.scales, a.opacities, None, None, a.viewmats[0], _projection(a, a.Ks[0])
+    )
+    return sum_pixels(means2d, conics, depths, seen, variances_y, radii, image.permute(2, 0, 1))
+
+
+def _check_usable(a: Arguments) -> None:
+    if why_not := library.why_not():
+        raise UserError(why_not)
+    if a.means.dtype != torch.float32 or a.means.device.type != "cpu":
+        raise UserError(
+            f"backend cpu renders float32 on the CPU, not {a.means.dtype} on {a.means.device}: use reference"
+        )
 
 
 def _projection(a: Arguments, K: Tensor) -> Projection:

@@ -3,6 +3,7 @@
 import inspect
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
@@ -107,11 +108,63 @@ def test_argument_fields_equal_the_parameters_of_the_function():
     assert {name: each.default for name, each in inspect.signature(Arguments).parameters.items()} == defaults
 
 
+def crowd(count: int) -> dict[str, Any]:
+    """Gaussians in front of the camera, some behind it and some beside the image; the last one is not finite."""
+    rng = np.random.default_rng(0)
+    means = rng.uniform([-2, -2, -1], [2, 2, 4], (count, 3))
+    means[-1] = np.nan
+    geometry = means, rng.normal(size=(count, 4)), rng.uniform(0.01, 0.4, (count, 3)), rng.uniform(size=count)
+    return dict(
+        zip(
+            ("means", "quats", "scales", "opacities"),
+            (torch.from_numpy(a).float() for a in geometry),
+            strict=True,
+        )
+    )
+
+
+def gradient(geometry: dict[str, Any], image: torch.Tensor, backend: str) -> torch.Tensor:
+    """The gradient of a render by its colours, where ``image`` is that of the render."""
+    height, width, channels = image.shape
+    colors = image.new_zeros(len(geometry["means"]), channels).requires_grad_()
+    cameras = {name: gaussians()[name] for name in ("viewmats", "Ks")}
+    render, _, _ = api.rasterization(
+        **geometry, colors=colors, **cameras, width=width, height=height, backend=backend
+    )
+    return torch.autograd.grad(render, colors, image[None])[0]
+
+
+@pytest.mark.parametrize("channels", [1, 16, 33])
+@pytest.mark.parametrize("backend", ["cpu", "reference"])
+def test_sums_over_pixels_are_the_gradient_of_a_render_to_the_bit(channels, backend):
+    """The kernels sum without rendering; results must not depend on that."""
+    geometry = crowd(300)
+    planes = torch.randn(channels, 21, 37, generator=torch.Generator().manual_seed(1))
+    camera = gaussians()["viewmats"][0], gaussians()["Ks"][0]
+    for image in (planes.permute(1, 2, 0), planes.permute(1, 2, 0).contiguous()):
+        found = api.sum_over_pixels(**geometry, image=image, viewmat=camera[0], K=camera[1], backend=backend)
+        expected = gradient(geometry, image, backend)
+        assert found.shape == (300, channels) and torch.equal(found, expected)
+        assert found.any(dim=1).sum() > 50 and not found[-1].any()
+
+
+def test_sums_over_pixels_without_a_visible_gaussian_are_zero():
+    geometry = crowd(5) | {"means": torch.full((5, 3), -1.0)}
+    camera = gaussians()["viewmats"][0], gaussians()["Ks"][0]
+    assert not api.sum_over_pixels(
+        **geometry, image=torch.ones(6, 8, 2), viewmat=camera[0], K=camera[1]
+    ).any()
+
+
 def test_invalid_arguments_are_reported():
     with pytest.raises(ValueError, match="backend .*'gpu'.* auto"):
         api.rasterization(**gaussians(), backend="gpu")
     with pytest.raises(ValueError, match="opacities"):
         api.rasterization(**gaussians() | {"opacities": torch.zeros(3)})
+    camera = gaussians()["viewmats"][0], gaussians()["Ks"][0]
+    for image in (torch.ones(6, 8), torch.ones(6, 8, 1, dtype=torch.float64)):
+        with pytest.raises(ValueError, match="image"):
+            api.sum_over_pixels(**crowd(2), image=image, viewmat=camera[0], K=camera[1])
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device")

@@ -57,10 +57,9 @@ INLINE void alphas_of(const RowList& list, Floats* alphas) {
 // Composites one row of a tile. No flag marks where a pixel has ended: T never rises, so once a Gaussian would leave
 // it at or below MIN_TRANSMITTANCE, all later ones would too.
 template <int C>
-INLINE void forward_row(const Column& column, RowList& list, int row, Floats (&color)[C], Floats& left, int& last) {
+INLINE void forward_row(const Column& column, RowList& list, int row, Floats (&color)[C], Floats& left) {
     Floats alphas[BLOCK], T = left;
     for (int c = 0; c < C; c++) color[c] = Floats{};
-    last = 0;
     for (int begin = 0; begin < column.count; begin += BLOCK) {
         list.fill(column, begin, std::min(begin + BLOCK, padded(column.count)), row + 0.5f);
         alphas_of(list, alphas);
@@ -73,16 +72,15 @@ INLINE void forward_row(const Column& column, RowList& list, int row, Floats (&c
             const Floats w = where(kept, weight);
             left = where(kept, T, left);
             for (int c = 0; c < C; c++) color[c] = fma(w, broadcast(c_k[c]), color[c]);
-            last = k + 1;
             if (!any(kept)) return;
         }
     }
 }
 
-// render (C, H, W) and alpha (H, W) of one band; last_of[tile * ROWS + row]: number of Gaussians the row visited.
+// render (C, H, W) and alpha (H, W) of one band.
 template <int C>
 void forward_band(const Tiles& tiles, int band, const float* colors, int stride, const float* background, Image render,
-                  Image alpha, int32_t* last_of, Column& column) {
+                  Image alpha, Column& column) {
     RowList list;
     Floats color[ROWS][C], T[ROWS];
     for (int tile = 0; tile < tiles.columns; tile++) {
@@ -91,7 +89,7 @@ void forward_band(const Tiles& tiles, int band, const float* colors, int stride,
         for (int c = 0; c < C; c++) render.prefetch<1>(c, band, tile + 1);
         for (int r = 0; r < rows; r++) {
             T[r] = where(at_least(broadcast(n - 0.5f), ramp()), broadcast(1.0f));
-            forward_row<C>(column, list, r, color[r], T[r], last_of[tile * ROWS + r]);
+            forward_row<C>(column, list, r, color[r], T[r]);
         }
         // Plane by plane, because the planes of one pixel often share a cache set.
         for (int r = 0; r < rows; r++) Image::write(alpha.at(0, band * ROWS + r, x), n, 1.0f - T[r]);

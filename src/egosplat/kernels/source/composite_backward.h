@@ -34,19 +34,15 @@ template <int C>
 struct Pixels {
     Floats T[ROWS], rest[ROWS], gradient[ROWS][C];
     uint32_t rows;
-    int deepest;
 
     template <bool GEOMETRY>
-    void fill(const Tiles& tiles, int band, int tile, Image render, Image alpha, Image v_render, Image v_alpha,
-              const int32_t* last_of) {
+    void fill(const Tiles& tiles, int band, int tile, Image render, Image alpha, Image v_render, Image v_alpha) {
         const int x = tile * LANES, n = tiles.width - x;
         const Floats one = where(at_least(broadcast(n - 0.5f), ramp()), broadcast(1.0f));
         const int count = std::min(ROWS, tiles.height - band * ROWS);
-        rows = 0, deepest = 0;
+        rows = (1u << count) - 1;
         for (int r = 0; r < count; r++) {
             const int y = band * ROWS + r;
-            rows |= uint32_t(last_of[r] > 0) << r;
-            deepest = std::max(deepest, last_of[r]);
             T[r] = one, rest[r] = Floats{};
             if (GEOMETRY && v_alpha.data)
                 rest[r] = Image::read(v_alpha.at(0, y, x), n) * (Image::read(alpha.at(0, y, x), n) - 1.0f);
@@ -71,18 +67,16 @@ INLINE Floats dot(const Floats* g, const float* color) {
 // Adds the contribution of one tile to `slots`, padded(MOMENTS + C) floats for each member of the band: the moments
 // and dL/dcolor, or dL/dcolor alone if the geometry is frozen.
 template <int C, bool GEOMETRY>
-void backward_tile(const Tiles& tiles, const Column& column, Pixels<C>& pixels, const int32_t* last_of, int left,
-                   int top, float* slots, int slot_stride) {
+void backward_tile(const Tiles& tiles, const Column& column, Pixels<C>& pixels, int left, int top, float* slots,
+                   int slot_stride) {
     constexpr int M = GEOMETRY ? MOMENTS : 0;
     const Floats px = ramp() + 0.5f;
     Rows rows;
     Floats raw[ROWS], scale[ROWS], v_over_scale[ROWS];
     uint32_t alive = pixels.rows;
-    for (int k = 0; k < pixels.deepest; k++) {
+    for (int k = 0; k < column.count && alive; k++) {
         const Splat& splat = tiles.splats[tiles.members[column.member[k]]];
         Rows::fill(rows, column, k, top - splat.my);
-        for (uint32_t ended = alive; ended; ended &= ended - 1)
-            if (const int r = __builtin_ctz(ended); k >= last_of[r]) alive &= ~(1u << r);
         const uint32_t reached = rows.reached & alive;
         if (!reached) continue;
         const Floats l11 = broadcast(column.l11[k]);
@@ -102,6 +96,7 @@ void backward_tile(const Tiles& tiles, const Column& column, Pixels<C>& pixels, 
             const Mask kept = above(after, broadcast(MIN_TRANSMITTANCE));
             const Floats weight = where(kept, a * T);
             pixels.T[r] = after;
+            if (!any(kept)) alive &= ~(1u << r);
             const Floats* g = pixels.gradient[r];
             for (int c = 0; c < C; c++) sums[M + c] = fma(weight, g[c], sums[M + c]);
             if constexpr (GEOMETRY) {
@@ -130,21 +125,19 @@ void backward_tile(const Tiles& tiles, const Column& column, Pixels<C>& pixels, 
 
 template <int C, bool GEOMETRY>
 void backward_band(const Tiles& tiles, int band, const float* colors, int stride, Image render, Image alpha,
-                   Image v_render, Image v_alpha, const int32_t* last_of, float* slots, int slot_stride,
-                   Column& column) {
+                   Image v_render, Image v_alpha, float* slots, int slot_stride, Column& column) {
     Pixels<C> pixels;
     std::fill(slots + size_t(tiles.band_begin[band]) * slot_stride,
               slots + size_t(tiles.band_begin[band + 1]) * slot_stride, 0.0f);
     for (int tile = 0; tile < tiles.columns; tile++) {
         column.fill(tiles, band, tile, colors, stride);
         if (!column.count) continue;
-        pixels.template fill<GEOMETRY>(tiles, band, tile, render, alpha, v_render, v_alpha, last_of + tile * ROWS);
+        pixels.template fill<GEOMETRY>(tiles, band, tile, render, alpha, v_render, v_alpha);
         for (int c = 0; c < C; c++) {
             v_render.prefetch<0>(c, band, tile + 1);
             if (GEOMETRY) render.prefetch<0>(c, band, tile + 1);
         }
-        backward_tile<C, GEOMETRY>(tiles, column, pixels, last_of + tile * ROWS, tile * LANES, band * ROWS, slots,
-                                   slot_stride);
+        backward_tile<C, GEOMETRY>(tiles, column, pixels, tile * LANES, band * ROWS, slots, slot_stride);
     }
 }
 

@@ -73,6 +73,13 @@ void egosplat_raster_backward(void* raster, int threads, const float* conics, co
                     {v_means2d, v_conics, v_opacities, v_colors});
 }
 
+// sums (n, channels) must be zero on entry; image (channels, height, width).
+void egosplat_raster_sum(int n, int channels, int width, int height, int threads, const float* means2d,
+                         const float* conics, const float* spreads, const float* opacities, const float* depths,
+                         const int32_t* radii, const float* image, float* sums) {
+    raster_sum(n, channels, width, height, threads, means2d, conics, spreads, opacities, depths, radii, image, sums);
+}
+
 void egosplat_raster_free(void* raster) { POOL.give(static_cast<Raster*>(raster)); }
 
 // render and gradient (3, height, width), target (height, width, 3), weight (height, width).

@@ -16,7 +16,6 @@ struct Raster {
     int n, channels, stride;
     Tiles tiles;
     std::vector<float> colors;       // (visible, stride), nearest first
-    std::vector<int32_t> last_of;    // by band, tile and row: see composite.h
     std::vector<float> slots;        // backward pass only
 };
 
@@ -72,8 +71,6 @@ inline Raster* raster_forward(int n, int channels, int width, int height, int th
 #pragma omp parallel for schedule(static) num_threads(threads)
     for (int i = 0; i < visible; i++)
         memcpy(&raster->colors[size_t(i) * stride], colors + size_t(tiles.splats[i].id) * channels, 4 * channels);
-    const size_t rows = size_t(tiles.columns) * ROWS;
-    raster->last_of.resize(rows * tiles.bands);
     for_chunks(channels, [&](int first, auto c) {
         constexpr int C = decltype(c)::value;
         Image out = {render + size_t(first) * width * height, width, height};
@@ -83,8 +80,7 @@ inline Raster* raster_forward(int n, int channels, int width, int height, int th
 #pragma omp for schedule(dynamic)
             for (int b = 0; b < tiles.bands; b++)
                 forward_band<C>(tiles, b, raster->colors.data() + first, stride,
-                                background ? background + first : nullptr, out, {alpha, width, height},
-                                &raster->last_of[rows * b], column);
+                                background ? background + first : nullptr, out, {alpha, width, height}, column);
         }
     });
     return raster;
@@ -125,7 +121,7 @@ void backward_chunk(Raster& raster, int first, int threads, const float* conics,
     Tiles& tiles = raster.tiles;
     constexpr int STRIDE = padded((GEOMETRY ? MOMENTS : 0) + C);
     const int width = tiles.width, height = tiles.height;
-    const size_t rows = size_t(tiles.columns) * ROWS, plane = size_t(width) * height;
+    const size_t plane = size_t(width) * height;
     if (raster.slots.size() < tiles.members.size() * STRIDE) raster.slots.resize(tiles.members.size() * STRIDE);
     auto image = [&](const float* data, size_t channel) {
         return Image{data ? const_cast<float*>(data) + channel * plane : nullptr, width, height};
@@ -137,7 +133,7 @@ void backward_chunk(Raster& raster, int first, int threads, const float* conics,
         for (int b = 0; b < tiles.bands; b++)
             backward_band<C, GEOMETRY>(tiles, b, raster.colors.data() + first, raster.stride, image(render, first),
                                        image(alpha, 0), image(v_render, first), image(v_alpha, 0),
-                                       &raster.last_of[rows * b], raster.slots.data(), STRIDE, column);
+                                       raster.slots.data(), STRIDE, column);
 #pragma omp for schedule(static)
         for (int i = 0; i < int(tiles.splats.size()); i++)
             gather<C, GEOMETRY>(raster, i, first, conics, first > 0, out);
@@ -155,6 +151,17 @@ inline void raster_backward(Raster& raster, int threads, const float* conics, co
         else
             backward_chunk<C, false>(raster, first, threads, conics, render, alpha, v_render, v_alpha_once, out);
     });
+}
+
+// sums (n, channels), zero on entry: `image` (channels, height, width) summed over the compositing weights.
+inline void raster_sum(int n, int channels, int width, int height, int threads, const float* means,
+                       const float* conics, const float* spreads, const float* opacities, const float* depths,
+                       const int32_t* radii, const float* image, float* sums) {
+    Raster* raster = POOL.take();
+    raster->n = n, raster->channels = channels, raster->stride = 0;
+    fill_tiles(raster->tiles, n, width, height, means, conics, spreads, opacities, depths, radii, threads);
+    raster_backward(*raster, threads, conics, nullptr, nullptr, image, nullptr, {nullptr, nullptr, nullptr, sums});
+    POOL.give(raster);
 }
 
 }  // namespace egosplat
