@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from egosplat.alarms.alarm import Alarm, warning_lines
-from egosplat.alarms.instances import features_alarms, segments_alarms, view_features_alarms
+from egosplat.alarms.instances import features_alarms, instances_alarms, segments_alarms, view_features_alarms
 from egosplat.alarms.recording import frames_alarms, poses_alarms
 from egosplat.alarms.scene import language_alarms, masks_alarms, splats_alarms, transient_alarms
 from egosplat.artifacts.reader import Artifact, open_artifact
@@ -60,6 +60,15 @@ def _segments(segments: Artifact) -> Iterable[Alarm]:
     return segments_alarms(*(facts.get(name) for name in names))
 
 
+def _instances(instances: Artifact) -> Iterable[Alarm]:
+    counts = instances.facts.get("merging")
+    if counts is None:
+        return ()
+    merged = instances.read("instances/masks")[~instances.read("instances/moving")]
+    masks = sum(level["masks"] for level in counts.values())
+    return instances_alarms(int(merged.sum()), masks, instances.facts.get("pixels_without_instance"))
+
+
 def _view_features(views: Artifact) -> Iterable[Alarm]:
     return view_features_alarms(views.facts.get("without_feature", 0), views.shape("instance")[0])
 
@@ -97,6 +106,7 @@ _BY_KIND: dict[str, Callable[[Artifact], Iterable[Alarm]]] = {
     "frames": _frames,
     "poses": _poses,
     "segments": _segments,
+    "instances": _instances,
     "view_features": _view_features,
     "features": _features,
     "transient": _transient,

@@ -107,12 +107,14 @@ def _write_things(
     """Render the things into the frames ``rows``, draw what moves over them in all frames, and write both."""
     shape, count = segments.shape("labels"), len(scene.level)
     nothing = np.full(shape[1:], -1, np.int32)
+    shown, empty = set(rows.tolist()), 0
     with create(output, INSTANCES, record) as artifact:
         artifact.allocate("labels", shape)
         for frame in track(range(shape[0]), "writing labels"):
-            things = scene.render(camera_to_world[frame], shape[2:]) if frame in rows else nothing
+            things = scene.render(camera_to_world[frame], shape[2:]) if frame in shown else nothing
             labels = tracks.draw(segments.row("labels", frame), things, count)
             artifact.put_row("labels", frame, labels)
+            empty += int((labels[:, scene.valid] < 0).all(axis=0).sum()) if frame in shown else 0
         moving = np.arange(count + len(tracks.level)) >= count
         level = np.concatenate([scene.level, tracks.level])
         artifact.put("instances/level", level)
@@ -121,7 +123,9 @@ def _write_things(
         artifact.put("instances/moving", moving)
         artifact.put("gaussians/xyz", scene.gaussians.means.numpy())
         artifact.put("gaussians/instance", scene.strongest())
-        artifact.facts = _facts(segments, level, source) | {"merging": scene.counts}
+        pixels = max(len(shown) * int(scene.valid.sum()), 1)
+        figures = {"merging": scene.counts, "pixels_without_instance": empty / pixels}
+        artifact.facts = _facts(segments, level, source) | figures
 
 
 def _facts(segments: Artifact, level: NDArray[np.int8], source: str) -> dict[str, Any]:

@@ -28,6 +28,11 @@ SUSPICIOUS = {
     ),
     "transient": ({}, {"mean_probability": 0.47}, ["transient.probability"]),
     "segments": ({}, FIGURES, [f"segments.{name}" for name in ("empty_pixels", *list(FIGURES)[1:])]),
+    "instances": (
+        {"instances/masks": np.array([2, 1, 90], np.int32), "instances/moving": np.arange(3) == 2},
+        {"merging": {"part": {"masks": 4}, "whole": {"masks": 5}}, "pixels_without_instance": 0.2},
+        ["instances.masks_kept", "instances.empty_pixels"],
+    ),
     "view_features": ({"instance": np.zeros(9, np.int32)}, {"without_feature": 1}, ["view_features.lost"]),
     "features": (
         {"instance": np.zeros(9, np.int32)},
@@ -87,6 +92,12 @@ def test_masks_of_single_frames_raise_no_alarm_about_the_length_of_tracks(tmp_pa
     single = {name: value for name, value in FIGURES.items() if name != "frames_per_instance"}
     found = [alarm.key for alarm in alarms_of(written(tmp_path, "segments", {}, single))]
     assert found == ["segments.empty_pixels", "segments.instances_per_frame"]
+
+
+def test_instances_that_are_tracks_raise_no_alarm_about_merging(tmp_path):
+    """Their facts hold no counts."""
+    arrays = {"instances/masks": np.ones(3, np.int32), "instances/moving": np.zeros(3, bool)}
+    assert alarms_of(written(tmp_path, "instances", arrays, {"source": "tracks"})) == []
 
 
 def test_annotations_have_no_alarms(tmp_path):

@@ -24,6 +24,10 @@ BELOW = {
         lambda mean: instances.segments_alarms(0.0, 30.0, mean),
         instances.MIN_FRAMES_PER_INSTANCE,
     ),
+    "instances.masks_kept": (
+        lambda share: instances.instances_alarms(share * 1e6, 1e6, None),
+        instances.MIN_MASKS_KEPT,
+    ),
     # With a mean cosine of 0 between instances.
     "features.agreement": (
         lambda cosine: instances.features_alarms(0, 10, cosine, 0.0, 1.0),
@@ -44,6 +48,10 @@ ABOVE = {
     "segments.empty_pixels": (
         lambda share: instances.segments_alarms(share, 30.0, 30.0),
         instances.MAX_EMPTY_PIXELS,
+    ),
+    "instances.empty_pixels": (
+        lambda share: instances.instances_alarms(None, None, share),
+        instances.MAX_EMPTY_AFTER_MERGING,
     ),
     "transient.probability": (scene.transient_alarms, scene.MAX_PROBABILITY),
     "masks.pixels": (lambda share: scene.masks_alarms(0, 10, share), scene.MAX_MASKED_PIXELS),
@@ -91,6 +99,8 @@ def test_missing_figures_raise_no_alarm():
         *recording.frames_alarms(None, None),
         *recording.poses_alarms(None, None, []),
         *instances.segments_alarms(None, None, None),
+        *instances.instances_alarms(None, None, None),
+        *instances.instances_alarms(0, 0, None),
         *instances.view_features_alarms(0, 0),
         *instances.features_alarms(0, 0, None, None, None),
         *scene.transient_alarms(None),
