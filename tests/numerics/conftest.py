@@ -26,6 +26,7 @@ settings.load_profile("numerics")
 
 AREAS = {
     "rasterize": "Rasterizer",
+    "instances": "Instances merged in 3D",
     "features": "Consistent features and compression",
     "query": "Relevancy and answers",
     "transient": "Transient network and masks",

@@ -1,0 +1,140 @@
+"""Whole scenes at the extremes: of any size, with Gaussians that are not finite, and with cameras that see nothing."""
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat import files
+from egosplat.alarms.artifact_alarms import alarms_of
+from egosplat.artifacts import provenance
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reader import open_artifact, verify
+from egosplat.artifacts.registry import SCHEMAS
+from egosplat.gaussians.model import Gaussians
+from egosplat.instances import geometry, stage
+from egosplat.instances.lifted_masks import lift_masks
+from egosplat.instances.rendering import render_things
+from egosplat.instances.things import beliefs
+from tests.unit.instances.conftest import CAMERA, FRAMES, SIZE, camera_positions, options
+
+
+@pytest.fixture(autouse=True)
+def _quick(monkeypatch):
+    """Skip the code hash and waiting for the disk, which take longer than the tests."""
+    monkeypatch.setattr(provenance, "code_of", lambda stage: "0")
+    monkeypatch.setattr(files, "_sync_one", lambda path: None)
+
+
+def run(folder, **changes):
+    """The verified artifact, whose arrays are finite."""
+    paths = [folder / f"{kind}.zarr" for kind in ("frames", "poses", "segments")]
+    stage.run(*paths, folder / "instances.zarr", options(**changes))
+    found = verify(folder / "instances.zarr", SCHEMAS)
+    assert all(np.isfinite(found.read(name)).all() for name in found.schema.fields)
+    return found
+
+
+def wrong(found, truth):
+    """Share of pixels whose square is wrong or missing."""
+    shown = found.read("labels")[:, 1]
+    return 1.0 - max((shown == truth).mean(), (shown == 1 - truth).mean())
+
+
+@pytest.mark.numerics(
+    "scenes of 4 mm to 4 km: share of pixels with a wrong instance",
+    within=0.05,
+    outside="near plane in proportion",
+)
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_any_size(measured, scene, truth, scale):
+    poses = open_artifact(scene() / "poses.zarr", POSES)
+    camera_to_world, points = poses.read("camera_to_world"), poses.read("points/xyz") * scale
+    camera_to_world[:, :3, 3] *= scale
+    folder = scene(**{"camera_to_world": camera_to_world, "points/xyz": points})
+    measured(wrong(run(folder, near_plane=0.1 * scale), truth))
+
+
+@pytest.mark.numerics(
+    "a pose of a frame that looks away from the scene", outside="its pixels have no instance"
+)
+def test_a_camera_that_sees_nothing(scene):
+    poses = np.tile(np.eye(4), (FRAMES, 1, 1))
+    poses[:, 0, 3] = camera_positions()
+    poses[4] = np.diag([-1.0, 1.0, -1.0, 1.0])
+    # It is no training frame: training would place Gaussians before it.
+    labels = run(scene(camera_to_world=poses, train=np.arange(FRAMES) != 4)).read("labels")
+    assert (labels[4] == -1).all() and (labels[3, 1] >= 0).mean() > 0.95
+
+
+@pytest.mark.numerics(
+    "half of the temporary Gaussians NaN or infinite: share of pixels with a wrong instance",
+    within=0.05,
+    outside="they are left out, and never stored",
+)
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_trained_gaussians_that_are_not_finite(measured, scene, truth, monkeypatch, value):
+    diverge(monkeypatch, slice(None, None, 2), value)
+    measured(wrong(run(scene()), truth))
+
+
+@pytest.mark.numerics("all temporary Gaussians NaN", outside="no instance; an alarm says so")
+def test_no_finite_gaussian(scene, monkeypatch):
+    diverge(monkeypatch, slice(None), np.nan)
+    found = run(scene({"segmenter": "sam2"}))
+    assert found.shape("gaussians/xyz") == (0, 3) and found.shape("instances/level") == (0,)
+    assert (found.read("labels") == -1).all()
+    assert "instances.empty_pixels" in [alarm.key for alarm in alarms_of(found)]
+
+
+def diverge(monkeypatch, chosen, value):
+    """Let some of the trained Gaussians have centres that are not finite."""
+    finished = geometry.resume_and_train
+
+    def diverged(state, *others):
+        finished(state, *others)
+        with torch.no_grad():
+            state.gaussians.means[chosen] = value
+
+    monkeypatch.setattr(geometry, "resume_and_train", diverged)
+
+
+@pytest.mark.numerics(
+    "lifting on, and rendering of, Gaussians that are NaN or infinite",
+    within=0.0,
+    outside="as if they were not there",
+)
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *((name, np.nan) for name in ("means", "quats", "log_scales", "logit_opacities")),
+        # An infinite logit is the opacity 1.
+        *((name, np.inf) for name in ("means", "quats", "log_scales")),
+    ],
+)
+def test_gaussians_that_are_not_finite(measured, name, value):
+    count = 200
+    rng = np.random.default_rng(0)
+    means = rng.uniform([-1, -1, 1.9], [1, 1, 2.1], (2 * count, 3))
+    values = {
+        "means": torch.from_numpy(means).float(),
+        "quats": torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(2 * count, 1),
+        "log_scales": torch.full((2 * count, 3), -2.5),
+        "logit_opacities": torch.ones(2 * count),
+        "sh": torch.zeros(2 * count, 1, 3),
+        "features": torch.zeros(2 * count, 0),
+    }
+    values[name][::2] = value
+    some, labels = Gaussians(**values), np.zeros((1, SIZE, SIZE), np.int32)
+    labels[:, :, SIZE // 2 :] = 1
+    settings = geometry.training_options(options()).render
+    place = np.zeros(1, np.int64), np.eye(4)[None], CAMERA, settings
+    found = lift_masks(some, lambda frame: (labels, np.ones((SIZE, SIZE), bool)), *place)
+    fewer = some.select(torch.arange(2 * count) % 2 == 1)
+    expected = lift_masks(fewer, lambda frame: (labels, np.ones((SIZE, SIZE), bool)), *place)
+    assert not found.seen[:, ::2].any() and not found.votes[::2].nnz
+    measured(np.abs(found.seen[:, 1::2] - expected.seen).max())
+    shown, alone = (
+        render_things(geometry_, beliefs(masks, np.arange(2)), CAMERA, np.eye(4), settings, (SIZE, SIZE))
+        for geometry_, masks in ((some, found), (fewer, expected))
+    )
+    assert np.array_equal(shown, alone) and set(np.unique(shown)) >= {0, 1}
