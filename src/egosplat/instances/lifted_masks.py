@@ -131,6 +131,11 @@ class MaskLifter:
         )
         self.settings = training_options(keys).render
         self._pixels = nearest_pixels(valid.shape, views.camera)
+        self.valid_pixels = valid[self._pixels]
+
+    def labels(self, frame: int) -> Labels:
+        """(L, h, w) labels of a frame of segments.zarr at the working size."""
+        return self.segments.row("labels", frame)[:, *self._pixels]
 
     def lift(self, select: Callable[[Labels], tuple[Labels, NDArray[np.bool_]]]) -> LiftedMasks | None:
         """Lift the masks of all views; None if no view has a mask.
@@ -139,11 +144,10 @@ class MaskLifter:
             select: returns which of a frame's labels (L, H, W) vote, -1 for none, and (H, W) bool, which pixels are
                 not counted as seen.
         """
-        small_valid = self.valid[self._pixels]
 
         def look(frame: int) -> tuple[Labels, NDArray[np.bool_]]:
-            labels, unseen = select(self.segments.row("labels", frame)[:, *self._pixels])
-            return labels, small_valid & ~unseen
+            labels, unseen = select(self.labels(frame))
+            return labels, self.valid_pixels & ~unseen
 
         views = self.views
         has_masks = np.array([bool((look(int(frame))[0] >= 0).any()) for frame in views.frame], bool)

@@ -4,11 +4,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
+from egosplat.artifacts.transient import InstanceScores
+from egosplat.gaussians.render import render
 from egosplat.instances.lifted_masks import MaskLifter
-from egosplat.instances.things import agreement
 from egosplat.progress import log
 
 Labels = NDArray[np.int32]
+
+# Share of a frame's static pixels that do not stand out from the render.
+_ORDINARY = 0.9
+
+# Share of a track's pixels that stand out, above which it moves.
+_MOSTLY = 0.5
 
 
 class MovingTracks:
@@ -29,10 +36,6 @@ class MovingTracks:
     def pixels(self, labels: Labels) -> NDArray[np.bool_]:
         """(H, W) bool, pixels of any track in labels (L, H, W) of segments.zarr."""
         return (self._number[labels] >= 0).any(axis=0)
-
-    def keep(self, labels: Labels) -> tuple[Labels, NDArray[np.bool_]]:
-        """Labels (L, H, W) of segments.zarr of the tracks alone, and (H, W) bool, all False."""
-        return np.where(self._number[labels] >= 0, labels, np.int32(-1)), np.zeros(labels.shape[1:], bool)
 
     def remove(self, labels: Labels) -> tuple[Labels, NDArray[np.bool_]]:
         """Labels (L, H, W) of segments.zarr without pixels of any track, and (H, W) bool, which pixels these are."""
@@ -56,17 +59,36 @@ class MovingTracks:
 def find_moving(lifter: MaskLifter) -> MovingTracks:
     """Find the tracks that move among those that the transient network began.
 
-    The network also calls some static surfaces moving. The masks of such a track lie on the same Gaussians in all
-    frames, so most of them agree with their union as much as masks that are merged. The masks of what moves do not.
+    The network also calls some static surfaces moving. There a frame looks like the render of the temporary Gaussians,
+    as far as other frames show the surface. A track moves if most of its pixels stand out from the render, more than 90 %
+    of the static pixels of their frame do. Brightness and blur of a frame raise both.
     """
-    segments, keys = lifter.segments, lifter.keys
-    moving = segments.read("instances/moving")
-    lifted = lifter.lift(MovingTracks(segments, moving).keep)
-    if lifted is None:
-        return MovingTracks(segments, moving)
-    resting = np.zeros_like(moving)
-    for name in np.unique(lifted.instance):
-        mine = np.flatnonzero(lifted.instance == name)
-        resting[name] = len(mine) > 1 and np.median(agreement(lifted, mine, keys.inside)) >= keys.merge_iou
-    log(f"{resting.sum()} of {moving.sum()} tracks of what seems to move lie on static surfaces")
-    return MovingTracks(segments, moving & ~resting)
+    segments, views = lifter.segments, lifter.views
+    tracks = MovingTracks(segments, segments.read("instances/moving"))
+    scores = InstanceScores(segments.shape("instances/level")[0])
+    for place, frame in enumerate(views.frame.tolist()):
+        labels, moving = lifter.labels(frame), tracks.pixels(lifter.labels(frame))
+        static = lifter.valid_pixels & ~moving
+        if moving.any() and static.any():
+            residual = _residual(lifter, place)
+            stands_out = residual > np.quantile(residual[static], _ORDINARY)
+            scores.add(np.where(moving & lifter.valid_pixels, labels, -1), stands_out)
+    # Tracks without a pixel at the working size: nothing speaks against the network.
+    unseen = scores.pixels == 0
+    moves = segments.read("instances/moving") & (unseen | (scores.scores > _MOSTLY))
+    log(f"{moves.sum()} of {len(tracks.level)} tracks move")
+    return MovingTracks(segments, moves)
+
+
+def _residual(lifter: MaskLifter, place: int) -> NDArray[np.float32]:
+    """(H, W) mean absolute difference of a view's colors to the render of the temporary Gaussians."""
+    views = lifter.views
+    image, _, _ = render(
+        lifter.gaussians,
+        views.camera,
+        views.camera_to_world[place],
+        lifter.settings,
+        sh_degree=0,
+        background=None,
+    )
+    return (image - views.picture(place)).abs().mean(-1).numpy()

@@ -84,20 +84,15 @@ def _outlier_masks(masks: LiftedMasks, thing: Ints, keys: InstancesOptions) -> N
     dropped = np.zeros(len(thing), bool)
     for name in np.unique(thing):
         mine = np.flatnonzero(thing == name)
-        if len(mine) >= _FEW_MASKS:
-            dropped[mine] = agreement(masks, mine, keys.inside) < keys.drop_iou
+        if len(mine) < _FEW_MASKS:
+            continue
+        whole = _holds(masks, mine, keys.inside)
+        for mask in mine:
+            seen, members = masks.seen[masks.frame[mask]], masks.members(int(mask), keys.inside)
+            shared = seen[members][whole[members]].sum()
+            union = seen[members].sum() + seen[whole & (seen >= LEAST_SEEN)].sum() - shared
+            dropped[mask] = shared < keys.drop_iou * union
     return dropped
-
-
-def agreement(masks: LiftedMasks, chosen: Ints, inside: float) -> Floats:
-    """(len(chosen),) IoU of each chosen mask with the union of all of them, on what the mask's frame has seen."""
-    whole, found = _holds(masks, chosen, inside), np.zeros(len(chosen), np.float32)
-    for place, mask in enumerate(chosen):
-        seen, members = masks.seen[masks.frame[mask]], masks.members(int(mask), inside)
-        shared = seen[members][whole[members]].sum()
-        union = seen[members].sum() + seen[whole & (seen >= LEAST_SEEN)].sum() - shared
-        found[place] = shared / union if union > 0 else 0.0
-    return found
 
 
 def _claimed_things(masks: LiftedMasks, thing: Ints, weight: Floats, keys: InstancesOptions) -> list[int]:
