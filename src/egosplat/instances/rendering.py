@@ -39,9 +39,12 @@ def render_things(
     for first in range(0, count, 64):
         some = torch.from_numpy(beliefs[:, first : first + 64].toarray())
         image, _ = render_values(gaussians, some, camera, camera_to_world, settings)
-        shown = torch.nn.functional.interpolate(image.permute(2, 0, 1)[None], size, mode="bilinear")[0]
-        highest, which = shown.max(0)
-        better = highest > best
-        best = torch.where(better, highest, best)
-        labels = torch.where(better, which.int() + first, labels)
+        # Most things are outside the frame, and enlarging their images would take most of the time.
+        in_frame = torch.nonzero(image.amax((0, 1)) > LEAST_BELIEF)[:, 0]
+        if len(in_frame):
+            images = image.permute(2, 0, 1)[in_frame][None]
+            highest, which = torch.nn.functional.interpolate(images, size, mode="bilinear")[0].max(0)
+            better = highest > best
+            best = torch.where(better, highest, best)
+            labels = torch.where(better, in_frame[which].int() + first, labels)
     return labels.numpy()
