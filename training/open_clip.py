@@ -9,6 +9,7 @@ import argparse
 from pathlib import Path
 
 import torch
+from safetensors.torch import load_file
 
 from egosplat.progress import log
 from training.small_models.captions import unseen_combination
@@ -27,6 +28,15 @@ def main() -> None:
     parser.add_argument(
         "--worlds", type=int, help="number of worlds to use, from the first seed on (default: all)"
     )
+    parser.add_argument(
+        "--start", type=Path, help="folder of a model to start from (default: random weights)"
+    )
+    default = Schedule(steps=0)
+    parser.add_argument("--rate", type=float, default=default.learning_rate, help="largest learning rate")
+    parser.add_argument(
+        "--squares", type=float, default=default.squares, help="fraction of crops shown as unmasked squares"
+    )
+    parser.add_argument("--tiles", type=float, default=default.tiles, help="fraction of crops that are tiles")
     parser.add_argument("--seed", type=int, default=0, help="seed of weights, samples and augmentation")
     parser.add_argument("--device", default="cpu", help="device to train on")
     parser.add_argument("--threads", type=int, default=1, help="CPU threads")
@@ -39,7 +49,10 @@ def main() -> None:
     write_description(args.output)
     model, tokenizer = build(args.output)
     state = args.output / "state.pt"
-    trainer = Trainer(model, tokenizer, crops, Schedule(args.steps), args.seed, args.device)
+    if args.start:
+        model.load_state_dict(load_file(args.start / WEIGHTS))
+    schedule = Schedule(args.steps, learning_rate=args.rate, squares=args.squares, tiles=args.tiles)
+    trainer = Trainer(model, tokenizer, crops, schedule, args.seed, args.device)
     trainer.run(state, args.until or args.steps)
     if trainer.step == args.steps:
         save_weights(model, args.output / WEIGHTS)

@@ -5,7 +5,8 @@
     python -m benchmarks.small_open_clip data/crops_held_out src/egosplat/models/small_open_clip \
         > benchmarks/small_open_clip/README.md
 
-Prints the scores of one model, or the mean and range over several.
+Prints the scores of one model by kind of crop, then all scores of its masked crops; of several models, the mean
+and range.
 """
 
 from pathlib import Path
@@ -16,16 +17,29 @@ import torch
 from safetensors.torch import load_file
 
 from benchmarks.common import command, markdown
-from training.small_models.clip_evaluation import Exam, Score, table, worst
+from training.small_models.clip_evaluation import Exam, Score, table, table_of_kinds, worst
 from training.small_models.clip_model import WEIGHTS, build
-from training.small_models.crops import Crops, read_crops
+from training.small_models.crops import KINDS, Crops, read_crops
 
 
-def examine(folder: Path, crops: Crops) -> Exam:
-    """The exam of the model in a folder."""
+def examine(folder: Path, crops: Crops) -> dict[str, Exam]:
+    """The exams of the model in a folder by kind: the same objects masked and as unmasked squares, and tiles."""
     model, tokenizer = build(folder)
     model.load_state_dict(load_file(folder / WEIGHTS))
-    return Exam(model.eval(), tokenizer, crops)
+    objects, tiles = (crops.chosen(crops.kind == kind) for kind in range(len(KINDS)))
+    shown = {"masked crop": (objects, True), "unmasked square": (objects, False), "tile": (tiles, False)}
+    return {kind: Exam(model.eval(), tokenizer, *what) for kind, what in shown.items()}
+
+
+def kinds_table(exams: dict[str, Exam]) -> str:
+    """A row for each kind of crop: its scores and the number of crops of things."""
+    scores = table_of_kinds(exams)
+    names = list(scores["tile"])
+    rows = [
+        [kind, *(f"{row[name].share:.3f}" for name in names), f"{row[names[0]].count:,}"]
+        for kind, row in scores.items()
+    ]
+    return markdown(["", *names, "crops of objects"], rows)
 
 
 def scores_table(scores: list[dict[str, Score]]) -> str:
@@ -50,9 +64,12 @@ def main(crops: Path, models: tuple[Path, ...]) -> None:
     exams = [examine(folder, held_out) for folder in models]
     worlds = len(set(held_out.world.tolist()))
     click.echo(f"{len(held_out):,} crops of {worlds} held-out worlds; shares of right answers.\n")
-    click.echo(scores_table([table(exam) for exam in exams]))
     if len(exams) == 1:
-        named = ", ".join(f"{name} {score}" for name, score in worst(exams[0]))
+        click.echo(f"{kinds_table(exams[0])}\n\nMasked crops:\n")
+    masked = [exam["masked crop"] for exam in exams]
+    click.echo(scores_table([table(exam) for exam in masked]))
+    if len(masked) == 1:
+        named = ", ".join(f"{name} {score}" for name, score in worst(masked[0]))
         click.echo(f"\nLowest accuracy, top 1: {named}.")
 
 

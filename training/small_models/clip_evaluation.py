@@ -43,8 +43,10 @@ def mean(right: NDArray[np.bool_]) -> Score:
 
 
 @torch.no_grad()
-def encode_patches(model: CLIP, patches: NDArray[np.uint8], covered: float = 0.0, seed: int = 0) -> Tensor:
-    """(N, D) features of unit norm; a fraction of each mask can be covered from a random side."""
+def encode_patches(
+    model: CLIP, patches: NDArray[np.uint8], masked: bool = True, covered: float = 0.0, seed: int = 0
+) -> Tensor:
+    """(N, D) features of unit norm; a fraction of each mask can be covered from a random side, if masked."""
     rng = torch.Generator().manual_seed(seed)
     features = []
     for first in range(0, len(patches), _BATCH):
@@ -52,9 +54,9 @@ def encode_patches(model: CLIP, patches: NDArray[np.uint8], covered: float = 0.0
         if covered:
             pictures, masks = split_patches(few, "cpu")
             masks = masks * half_planes(masks, rng, share=covered)
-            views = framed(pictures, masks, torch.zeros(len(few)))
+            views = framed(pictures * masks, masks, torch.zeros(len(few)))
         else:
-            views = plain_views(few)
+            views = plain_views(few, masked)
         features.append(model.encode_image(normalised(views), normalize=True))
     return torch.cat(features)
 
@@ -62,14 +64,15 @@ def encode_patches(model: CLIP, patches: NDArray[np.uint8], covered: float = 0.0
 class Exam:
     """Questions to a model about crops of worlds that it was not trained on."""
 
-    def __init__(self, model: CLIP, tokenizer: SimpleTokenizer, crops: Crops) -> None:
-        """Args: ``model`` must be in evaluation mode."""
+    def __init__(self, model: CLIP, tokenizer: SimpleTokenizer, crops: Crops, masked: bool = True) -> None:
+        """Args: ``model`` must be in evaluation mode; masked: whether it sees crops black outside their masks."""
         self.model, self.tokenizer, self.crops = model, tokenizer, crops
         self.claims: Claims = make_claims(sorted(set(crops.names.tolist())))
         self.facts: Truth = facts(self.claims, crops)
-        self.features = encode_patches(model, crops.patches)
+        self.features = encode_patches(model, crops.patches, masked)
         self.whole = crops.level == LEVELS.index("whole")
         self.thing = self.whole & np.isin(crops.names, list(CATEGORY_UIDS))
+        self.building = self.whole & ~self.thing & (crops.names != OWN_ARMS)
         self.colour = main_colour(crops)
         self.unseen = unseen_combination(crops)
         self.names = np.array(list(WHOLES))
@@ -103,7 +106,8 @@ class Exam:
 
     def _everywhere(self, which: NDArray[np.bool_], share: float) -> Tensor:
         features = torch.zeros_like(self.features)
-        features[torch.from_numpy(which)] = encode_patches(self.model, self.crops.patches[which], share)
+        patches = self.crops.patches[which]
+        features[torch.from_numpy(which)] = encode_patches(self.model, patches, covered=share)
         return features
 
     def pictures_of(self, texts: dict[str, Sequence[str]], which: NDArray[np.bool_], top: int = 1) -> Score:
@@ -162,7 +166,7 @@ class Exam:
 def table(exam: Exam) -> dict[str, Score]:
     """All scores by name."""
     crops, thing = exam.crops, exam.thing
-    large, both = thing & (crops.side >= 30), exam.whole & (crops.names != OWN_ARMS)
+    large = thing & (crops.side >= 30)
     scores = {
         "category, top 1": exam.categories(thing),
         "category, top 5": exam.categories(thing, top=5),
@@ -179,7 +183,7 @@ def table(exam: Exam) -> dict[str, Score]:
         "category of unseen colour x category": exam.categories(thing & exam.unseen),
         "category of unseen colour x category, 30 px and more": exam.categories(large & exam.unseen),
         "category of an object of unseen colour x category": exam.objects(thing & exam.unseen),
-        "piece of the building, top 1": exam.categories(both & ~thing),
+        "piece of the building, top 1": exam.categories(exam.building),
         "first crop found is right, by name": exam.pictures_of({name: [name] for name in GLOSSARY}, thing),
         "first crop found is right, synonyms of no caption": exam.pictures_of(GLOSSARY, thing),
         "first five crops found, by name": exam.pictures_of({name: [name] for name in GLOSSARY}, thing, 5),
@@ -195,6 +199,22 @@ def table(exam: Exam) -> dict[str, Score]:
     }
     true, false = exam.relevancy(thing)
     return scores | {"relevancy of the true name >= 0.5": true, "relevancy of another name >= 0.5": false}
+
+
+def table_of_kinds(exams: dict[str, Exam]) -> dict[str, dict[str, Score]]:
+    """Scores of each kind of crop by name: accuracy of single crops and of objects, and relevancy."""
+    scores = {}
+    for kind, exam in exams.items():
+        true, false = exam.relevancy(exam.thing)
+        scores[kind] = {
+            "category, top 1": exam.categories(exam.thing),
+            "category, top 5": exam.categories(exam.thing, top=5),
+            "category of an object": exam.objects(exam.thing),
+            "piece of the building": exam.categories(exam.building),
+            "true name relevant": true,
+            "another name relevant": false,
+        }
+    return scores
 
 
 def worst(exam: Exam, count: int = 8) -> list[tuple[str, Score]]:

@@ -29,7 +29,7 @@ from training.small_models.clip_losses import contrastive_loss, neutral_loss, sy
 from training.small_models.clip_model import encode_short_text
 from training.small_models.clip_views import DEFAULT, normalised
 from training.small_models.concepts import CANONICAL, WHOLES
-from training.small_models.crops import Crops
+from training.small_models.crops import KINDS, Crops, sampling_weights
 from training.small_models.glossary import COLOUR_GLOSSARY, GLOSSARY
 
 _SAVED_EVERY_S = 180.0
@@ -47,6 +47,7 @@ class Schedule:
         margin: margin of the cosines of canonical phrases.
         neutral, synonyms: weights of their losses.
         recoloured: fraction of the crops that are shown in other colours and have no colour in their captions.
+        squares, tiles: fractions of the batch that are unmasked squares and tiles; the others are masked crops.
     """
 
     steps: int
@@ -61,6 +62,8 @@ class Schedule:
     neutral: float = 0.2
     synonyms: float = 0.3
     recoloured: float = 0.35
+    squares: float = 0.25
+    tiles: float = 0.25
 
     def rate(self, step: int) -> float:
         """Learning rate of a step."""
@@ -102,7 +105,7 @@ class Trainer:
         self._known: dict[str, Tensor] = {}
         self._rng = np.random.default_rng(seed)
         self._torch_rng = torch.Generator().manual_seed(seed)
-        self._reach = np.cumsum(_evened(crops.names))
+        self._reach = np.cumsum(sampling_weights(crops.names, crops.kind, schedule.tiles))
         matrices = [value for value in model.parameters() if value.ndim > 1]
         others = [value for value in model.parameters() if value.ndim <= 1]
         # As in CLIP: no weight decay on biases and gains.
@@ -134,6 +137,8 @@ class Trainer:
         for group in self._optimizer.param_groups:
             group["lr"] = self.schedule.rate(self.step)
         chosen = np.searchsorted(self._reach, self._rng.random(self.schedule.batch) * self._reach[-1])
+        tile = self.crops.kind[chosen] == KINDS.index("tile")
+        masked = draw_masked(tile, self.schedule, self._rng)
         known = self.facts[chosen]
         other = self._rng.random(len(chosen)) < self.schedule.recoloured
         known[np.ix_(other, self.claims.columns("colour"))] = -1
@@ -142,7 +147,10 @@ class Trainer:
         captions = joined(
             bank(self.claims, self._rng), describe(self.claims, known[: self.schedule.captions], self._rng)
         )
-        losses = self._losses(self.crops.patches[chosen], hues.float(), captions, captions.truth(known))
+        views = DEFAULT.views(
+            self.crops.patches[chosen], torch.from_numpy(masked), hues.float(), self._torch_rng, self.device
+        )
+        losses = self._losses(views, captions, captions.truth(known))
         self._optimizer.zero_grad()
         (losses[0] + self.schedule.neutral * losses[1] + self.schedule.synonyms * losses[2]).backward()
         torch.nn.utils.clip_grad_norm_(self.model.parameters(), 1.0)
@@ -150,15 +158,11 @@ class Trainer:
         self.step += 1
         return [float(loss.detach()) for loss in losses]
 
-    def _losses(
-        self, patches: np.ndarray, hues: Tensor, captions: Captions, truth: np.ndarray
-    ) -> list[Tensor]:
+    def _losses(self, views: Tensor, captions: Captions, truth: np.ndarray) -> list[Tensor]:
         schedule = self.schedule
         words, colours, target = self._gloss(captions)
         texts = [*captions.texts, *CANONICAL, *colours, *words]
-        views = DEFAULT.views(patches, hues, self._torch_rng, self.device).contiguous(
-            memory_format=torch.channels_last
-        )
+        views = views.contiguous(memory_format=torch.channels_last)
         with torch.autocast(torch.device(self.device).type, torch.bfloat16):
             images = self.model.encode_image(normalised(views), normalize=True).float()
             said = encode_short_text(self.model, self._tokens(texts)).float()
@@ -234,10 +238,6 @@ class Trainer:
         self._rng.bit_generator.state = json.loads(state["rng"])
 
 
-def _evened(names: np.ndarray) -> np.ndarray:
-    """(N,) sampling weight of each crop, higher for rare names."""
-    _, number, count = np.unique(names, return_inverse=True, return_counts=True)
-    weight = count[number] ** -0.6
-    whole = np.char.find(names, "/") < 0
-    # Most queries are about wholes.
-    return np.where(whole, 1.2 / weight[whole].sum(), 1.0 / weight[~whole].sum()) * weight
+def draw_masked(tile: np.ndarray, schedule: Schedule, rng: np.random.Generator) -> np.ndarray:
+    """(B,) whether each crop is shown masked; ``schedule.squares`` is a fraction of the batch, tiles included."""
+    return ~tile & (rng.random(len(tile)) * (1 - schedule.tiles) >= schedule.squares)

@@ -29,14 +29,14 @@ def normalised(pictures: Tensor) -> Tensor:
     return (pictures - mean) / std
 
 
-def plain_views(patches: NDArray[np.uint8], device: torch.device | str = "cpu") -> Tensor:
-    """(B, 3, IMAGE_PX, IMAGE_PX) crops without augmentation, 0..1; black outside the mask."""
-    pictures, masks = split_patches(patches, device)
-    return framed(pictures, masks, torch.zeros(len(patches), device=device))
+def plain_views(patches: NDArray[np.uint8], masked: bool = True) -> Tensor:
+    """(B, 3, IMAGE_PX, IMAGE_PX) crops without augmentation, 0..1; if masked, black outside the mask."""
+    pictures, masks = split_patches(patches, "cpu")
+    return framed(pictures * masks if masked else pictures, masks, torch.zeros(len(patches)))
 
 
 def framed(pictures: Tensor, masks: Tensor, angles: Tensor, flips: Tensor | None = None) -> Tensor:
-    """Crop the bounding squares of masks and resize them; black outside the masks.
+    """Crop the bounding squares of masks and resize them.
 
     Args:
         pictures: (B, 3, S, S); masks: (B, 1, S, S); angles: (B,) rotation [rad].
@@ -54,7 +54,8 @@ def framed(pictures: Tensor, masks: Tensor, angles: Tensor, flips: Tensor | None
     ]
     size = [len(pictures), 3, IMAGE_PX, IMAGE_PX]
     grid = F.affine_grid(torch.stack(rows, dim=1), size, align_corners=False)
-    return F.grid_sample(pictures * masks, grid, align_corners=False)
+    # A rotated square can reach beyond an unmasked picture.
+    return F.grid_sample(pictures, grid, padding_mode="border", align_corners=False)
 
 
 def _extent(used: Tensor) -> tuple[Tensor, Tensor]:
@@ -81,8 +82,9 @@ class Augmentation:
     """Augmentation of training crops.
 
     Attributes:
-        masks: fraction of the crops whose mask is grown, shrunk or gets holes.
-        covered: fraction that is occluded, by up to 60 %.
+        masks: fraction of the crops whose mask is grown, shrunk or gets holes. An unmasked crop shows the
+            bounding square of this mask.
+        covered: fraction that is occluded, by up to 60 %; unmasked crops are not.
         coarse: fraction that loses resolution, down to between ``least_px`` and 48 px across.
         turn: largest rotation [rad]; light: largest relative change of brightness, tint: of one channel.
     """
@@ -96,12 +98,18 @@ class Augmentation:
     tint: float = 0.05
 
     def views(
-        self, patches: NDArray[np.uint8], hues: Tensor, rng: torch.Generator, device: torch.device | str
+        self,
+        patches: NDArray[np.uint8],
+        masked: Tensor,
+        hues: Tensor,
+        rng: torch.Generator,
+        device: torch.device | str,
     ) -> Tensor:
         """Augmented views of crops.
 
         Args:
             patches: (B, S, S, 4) uint8, B at least 8; neighbours must be unrelated, because they occlude each other.
+            masked: (B,) bool: whether the crop is black outside its mask.
             hues: (B,) rotation of each crop's hues [rad].
 
         Returns:
@@ -110,7 +118,10 @@ class Augmentation:
         pictures, masks = split_patches(patches, device)
         pictures = turned_hues(pictures, hues.to(device))
         count = len(patches)
-        masks = _cover(_spoil(masks, self.masks, rng), self.covered, rng)
+        masked = masked.to(device)[:, None, None, None]
+        spoiled = _spoil(masks, self.masks, rng)
+        masks = torch.where(masked, _cover(spoiled, self.covered, rng), spoiled)
+        pictures = torch.where(masked, pictures * masks, pictures)
         angles = self.turn * (2 * torch.rand(count, generator=rng) - 1)
         flips = torch.sign(torch.rand(count, generator=rng) - 0.5)
         views = framed(pictures, masks, angles.to(device), flips.to(device))

@@ -1,24 +1,22 @@
 """Crops of rendered worlds, each with its mask, names and looks.
 
 A crop is a square patch around the mask's bounding box with a margin, so that masks can be grown, shrunk and
-covered during training.
+covered during training. It keeps the background, so a crop can be shown masked or as an unmasked square.
+The mask of a tile is all of its square.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.files import atomic_file
 from training.small_models.attributes import Appearance, find_appearance
 from training.small_models.levels import LEVELS, Levels
+from training.small_models.patches import cut_patch, cut_tile, draw_side
 from training.small_models.worlds import RenderedWorld, read_world, rebuild_world
-
-# Side of a stored patch, and of the mask's bounding square in it.
-PATCH_PX, INNER_PX = 72, 64
 
 _FRAME_STEP = 2
 _LEAST_PX = {"subpart": 60, "part": 45, "whole": 40}
@@ -26,6 +24,11 @@ _LEAST_PX = {"subpart": 60, "part": 45, "whole": 40}
 _KEPT = {"subpart": 0.15, "part": 0.5, "whole": 1.0}
 # Fraction of the building's wholes to keep, because they are in every image.
 _KEPT_OF_BUILDING = 0.4
+
+# A crop shows a subpart, part or whole with its mask, or is a tile.
+KINDS = ("object", "tile")
+# Tiles to cut around random pixels of each visible whole in an image.
+_TILES_PER_WHOLE = 4
 
 # Name of the wearer, of whom only the arms are visible.
 OWN_ARMS = "own arms"
@@ -37,16 +40,18 @@ class Crops:
 
     Attributes:
         patches: (N, PATCH_PX, PATCH_PX, 4) uint8: red, green, blue, and the mask, 255 inside.
+        kind: (N,) index into ``KINDS``. The following describe the whole that fills most of a tile.
         names: (N,) category or building piece, and for a part a slash and its name.
         level: (N,) index into ``LEVELS``.
         colours: (N, len(COLOURS)) float32 fractions of its surface.
         surfaces: (N,) fractions of its materials: "striped cloth:0.75,wood:0.25".
-        area: (N,) pixels of its mask in the image; side: (N,) side of its bounding square [px].
+        area: (N,) its pixels in the crop; side: (N,) side of the mask's bounding square [px].
         share: (N,) fraction of its whole's visible pixels.
         world, whole, frame: (N,) seed, number of the whole in that world, number of the image.
     """
 
     patches: NDArray[np.uint8]
+    kind: NDArray[np.int32]
     names: NDArray[np.str_]
     level: NDArray[np.int32]
     colours: NDArray[np.float32]
@@ -75,7 +80,7 @@ def cut_world(folder: Path, output: Path) -> None:
         if world.instances[instance].name == "Skeleton_W":
             wholes[whole] = OWN_ARMS
     table = _Table(rendered, levels, wholes, find_appearance(world.geometry))
-    crops = cut_crops(table, world.seed, np.random.default_rng([world.seed, 101]))
+    crops = cut_crops(table, world.seed)
     with atomic_file(output) as made, made.open("wb") as file:
         np.savez(file, **{one.name: getattr(crops, one.name) for one in fields(Crops)})
 
@@ -142,6 +147,19 @@ class _Table:
         """Number of the whole that a subpart, part or whole belongs to."""
         return number if level == "whole" else int(self.levels.part_whole[self._part(level, number)])
 
+    def described(self, level: str, number: int, area: int, whole_px: NDArray[np.int64]) -> dict[str, object]:
+        """Fields of a crop of a subpart, part or whole with an area [px]; whole_px: visible pixels of wholes."""
+        whole = self.whole_of(level, number)
+        colours, surfaces = self.looks(level, number)
+        return {
+            "names": self.name(level, number),
+            "level": LEVELS.index(level),
+            "colours": colours,
+            "surfaces": surfaces,
+            "share": area / whole_px[whole],
+            "whole": whole,
+        }
+
     def share_kept(self, level: str, number: int) -> float:
         """Fraction of its crops to keep."""
         if self._alone[level][number]:
@@ -149,38 +167,18 @@ class _Table:
         return _KEPT[level] * (_KEPT_OF_BUILDING if self.building[self.whole_of(level, number)] else 1.0)
 
 
-def cut_crops(table: _Table, seed: int, rng: np.random.Generator) -> Crops:
+def cut_crops(table: _Table, seed: int) -> Crops:
     """Cut the crops of every second image of a world."""
-    columns: dict[str, list] = {one.name: [] for one in fields(Crops)}
+    # Generators of their own, so that tiles do not change which objects are cut.
+    objects_rng, tiles_rng = np.random.default_rng([seed, 101]), np.random.default_rng([seed, 102])
+    rows: list[dict[str, object]] = []
     clips, frames = table.rendered.subpart.shape[:2]
     for clip in range(clips):
         for frame in range(0, frames, _FRAME_STEP):
             rgb = np.asarray(table.rendered.rgb[clip, frame])
             labels = table.rendered.labels(table.rendered.subpart[clip, frame])
-            whole_px = np.bincount(labels[2].ravel() + 1)[1:]
-            for level, image in zip(LEVELS, labels, strict=True):
-                counts = np.bincount(image.ravel() + 1)[1:]
-                for number in np.flatnonzero(counts >= _LEAST_PX[level]):
-                    if rng.random() >= table.share_kept(level, number):
-                        continue
-                    whole = table.whole_of(level, number)
-                    patch, side = cut_patch(rgb, image == number)
-                    colours, surfaces = table.looks(level, number)
-                    row = {
-                        "patches": patch,
-                        "names": table.name(level, number),
-                        "level": LEVELS.index(level),
-                        "colours": colours,
-                        "surfaces": surfaces,
-                        "area": counts[number],
-                        "side": side,
-                        "share": counts[number] / whole_px[whole],
-                        "world": seed,
-                        "whole": whole,
-                        "frame": clip * frames + frame,
-                    }
-                    for name, value in row.items():
-                        columns[name].append(value)
+            cut = [*_objects(table, rgb, labels, objects_rng), *_tiles(table, rgb, labels[2], tiles_rng)]
+            rows += [row | {"world": seed, "frame": clip * frames + frame} for row in cut]
     kinds = {
         "patches": np.uint8,
         "names": np.str_,
@@ -188,28 +186,55 @@ def cut_crops(table: _Table, seed: int, rng: np.random.Generator) -> Crops:
         "colours": np.float32,
         "share": np.float32,
     }
-    return Crops(*(np.array(column, dtype=kinds.get(name, np.int32)) for name, column in columns.items()))
+    return Crops(
+        *(
+            np.array([row[one.name] for row in rows], dtype=kinds.get(one.name, np.int32))
+            for one in fields(Crops)
+        )
+    )
 
 
-def cut_patch(rgb: NDArray[np.uint8], mask: NDArray[np.bool_]) -> tuple[NDArray[np.uint8], int]:
-    """A (PATCH_PX, PATCH_PX, 4) patch of an image around a mask, and the side of its bounding square [px].
+def _objects(
+    table: _Table, rgb: NDArray[np.uint8], labels: NDArray[np.int32], rng: np.random.Generator
+) -> Iterator[dict[str, object]]:
+    """Crops of the subparts, parts and wholes of an image; labels are (3, H, W)."""
+    whole_px = np.bincount(labels[2].ravel() + 1)[1:]
+    for level, image in zip(LEVELS, labels, strict=True):
+        counts = np.bincount(image.ravel() + 1)[1:]
+        for number in np.flatnonzero(counts >= _LEAST_PX[level]):
+            if rng.random() < table.share_kept(level, number):
+                patch, side = cut_patch(rgb, image == number)
+                row = {"patches": patch, "kind": KINDS.index("object"), "area": counts[number], "side": side}
+                yield row | table.described(level, number, counts[number], whole_px)
+
+
+def _tiles(
+    table: _Table, rgb: NDArray[np.uint8], wholes: NDArray[np.int32], rng: np.random.Generator
+) -> Iterator[dict[str, object]]:
+    """Tiles around random pixels of the wholes of an image, if it is clear what they show; wholes are (H, W)."""
+    whole_px = np.bincount(wholes.ravel() + 1)[1:]
+    for number in np.repeat(np.flatnonzero(whole_px >= _LEAST_PX["whole"]), _TILES_PER_WHOLE):
+        middle = rng.choice(np.flatnonzero(wholes == number))
+        side = draw_side(len(wholes), rng)
+        tile = cut_tile(rgb, wholes, *np.unravel_index(middle, wholes.shape), side)
+        if tile and rng.random() < table.share_kept("whole", tile[1]):
+            patch, shown, area = tile
+            row = {"patches": patch, "kind": KINDS.index("tile"), "area": area, "side": side}
+            yield row | table.described("whole", shown, area, whole_px)
+
+
+def sampling_weights(names: np.ndarray, kind: np.ndarray, tiles: float) -> np.ndarray:
+    """(N,) sampling weight of each crop, higher for rare names; those of tiles sum to ``tiles``, all to 1.
 
     Args:
-        rgb: (H, W, 3); mask: (H, W), not empty. Outside the image both count as 0.
+        names, kind: (N,), as in ``Crops``.
     """
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    top, bottom, left, right = rows[0], rows[-1] + 1, columns[0], columns[-1] + 1
-    side = max(bottom - top, right - left)
-    # A margin in whole pixels, at least one.
-    margin = max(1, round(side * (PATCH_PX - INNER_PX) / 2 / INNER_PX))
-    width = side + 2 * margin
-    y0, x0 = (top + bottom - width) // 2, (left + right - width) // 2
-    square = np.zeros((width, width, 4), dtype=np.uint8)
-    y, x = (
-        slice(max(0, y0), min(mask.shape[0], y0 + width)),
-        slice(max(0, x0), min(mask.shape[1], x0 + width)),
-    )
-    inside = square[y.start - y0 : y.stop - y0, x.start - x0 : x.stop - x0]
-    inside[..., :3], inside[..., 3] = rgb[y, x], 255 * mask[y, x]
-    way = cv2.INTER_AREA if width > PATCH_PX else cv2.INTER_LINEAR
-    return cv2.resize(square, (PATCH_PX, PATCH_PX), interpolation=way), int(side)
+    tile, part = kind == KINDS.index("tile"), np.char.find(names, "/") >= 0
+    # Most queries are about wholes.
+    shares = ((~tile & ~part, 1.2 * (1 - tiles) / 2.2), (~tile & part, (1 - tiles) / 2.2), (tile, tiles))
+    weight = np.zeros(len(names))
+    for which, share in shares:
+        _, number, count = np.unique(names[which], return_inverse=True, return_counts=True)
+        rare = count[number] ** -0.6
+        weight[which] = share * rare / rare.sum()
+    return weight

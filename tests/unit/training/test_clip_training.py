@@ -1,4 +1,4 @@
-"""Training resumes exactly, and short texts are encoded as the model encodes them."""
+"""Training resumes exactly, kinds of crops have their shares, and short texts are encoded as the model encodes them."""
 
 from pathlib import Path
 
@@ -12,8 +12,9 @@ from training.small_models.clip_model import (
     encode_short_text,
     write_description,
 )
-from training.small_models.clip_training import Schedule, Trainer
-from training.small_models.crops import PATCH_PX, Crops
+from training.small_models.clip_training import Schedule, Trainer, draw_masked
+from training.small_models.crops import Crops, sampling_weights
+from training.small_models.patches import PATCH_PX
 
 SCHEDULE = Schedule(steps=4, batch=16, captions=4, warmup=1)
 
@@ -37,6 +38,7 @@ def make_trainer(folder: Path) -> Trainer:
     numbers = np.arange(count, dtype=np.int32)
     crops = Crops(
         patches,
+        (numbers % 5 == 0).astype(np.int32),
         names,
         np.where(np.char.find(names, "/") < 0, 2, 1).astype(np.int32),
         rng.dirichlet(np.ones(len(COLOURS)), count).astype(np.float32),
@@ -50,6 +52,25 @@ def make_trainer(folder: Path) -> Trainer:
     )
     model, tokenizer = build(folder)
     return Trainer(model, tokenizer, crops, SCHEDULE, 0, "cpu")
+
+
+def test_kinds_and_levels_have_their_shares_of_the_sampling() -> None:
+    kind = np.array([0] * 90 + [1] * 10, dtype=np.int32)
+    names = np.array(["cup"] * 60 + ["cup/handle"] * 30 + ["floor"] * 9 + ["cup"])
+    weight = sampling_weights(names, kind, tiles=0.25)
+    np.testing.assert_allclose(weight[90:].sum(), 0.25)
+    np.testing.assert_allclose(weight[:60].sum(), 0.75 * 1.2 / 2.2)
+    assert weight[99] > weight[90], "a rare name is drawn more often"
+    assert not sampling_weights(names, kind, tiles=0.0)[90:].any()
+
+
+def test_squares_are_a_fraction_of_the_batch_and_tiles_are_never_masked() -> None:
+    rng = np.random.default_rng(0)
+    tile = np.arange(20_000) % 4 == 0
+    masked = draw_masked(tile, Schedule(steps=1, squares=0.3, tiles=0.25), rng)
+    assert not masked[tile].any()
+    assert abs(masked.mean() - 0.45) < 0.02
+    assert draw_masked(tile, Schedule(steps=1, squares=0.0, tiles=0.25), rng)[~tile].all()
 
 
 def test_a_resumed_training_ends_like_an_uninterrupted_one(folder: Path, tmp_path: Path) -> None:

@@ -1,10 +1,10 @@
-"""Views of crops show the mask's bounding square, black outside the mask, and never fully covered."""
+"""Views of crops show the mask's bounding square, black outside the mask if masked, and never fully covered."""
 
 import numpy as np
 import torch
 
 from training.small_models.clip_views import DEFAULT, IMAGE_PX, framed, plain_views
-from training.small_models.crops import PATCH_PX
+from training.small_models.patches import PATCH_PX
 
 
 def rectangle(top: int, bottom: int, left: int, right: int) -> torch.Tensor:
@@ -16,7 +16,7 @@ def rectangle(top: int, bottom: int, left: int, right: int) -> torch.Tensor:
 
 def test_a_mask_fills_the_view_in_its_longer_direction() -> None:
     mask = rectangle(10, 50, 20, 40)
-    view = framed(torch.ones(1, 3, PATCH_PX, PATCH_PX), mask, torch.zeros(1))
+    view = framed(mask.expand(1, 3, -1, -1), mask, torch.zeros(1))
     inside = view[0, 0] > 0.5
     assert inside.any(dim=1).sum() == IMAGE_PX
     assert abs(int(inside.any(dim=0).sum()) - IMAGE_PX // 2) <= 2
@@ -32,12 +32,26 @@ def test_plain_views_are_black_outside_the_mask() -> None:
     assert not view[:, :, :20].any()
 
 
+def test_unmasked_views_show_the_bounding_square_with_its_background() -> None:
+    patches = np.full((8, PATCH_PX, PATCH_PX, 4), 180, dtype=np.uint8)
+    patches[..., 3] = 0
+    patches[:, 4:68, 30:42, :] = (90, 90, 90, 255)
+    view = plain_views(patches, masked=False)[0]
+    assert (view > 0.3).all()
+    masked = torch.arange(8) < 4
+    views = DEFAULT.views(patches, masked, torch.zeros(8), torch.Generator().manual_seed(1), "cpu")
+    dark = (views < 0.05).all(dim=1).float().mean(dim=(1, 2))
+    assert (dark[:4] > 0.5).all(), "masked crops are black outside the mask"
+    assert not dark[4:].any(), "unmasked crops keep the background and are not covered"
+
+
 def test_training_views_differ_and_keep_some_of_every_crop() -> None:
     patches = np.zeros((32, PATCH_PX, PATCH_PX, 4), dtype=np.uint8)
     patches[:, 4:68, 14:58] = (200, 100, 50, 255)
-    first = DEFAULT.views(patches, torch.zeros(len(patches)), torch.Generator().manual_seed(1), "cpu")
-    same = DEFAULT.views(patches, torch.zeros(len(patches)), torch.Generator().manual_seed(1), "cpu")
-    other = DEFAULT.views(patches, torch.zeros(len(patches)), torch.Generator().manual_seed(2), "cpu")
+    masked = torch.ones(len(patches), dtype=torch.bool)
+    first = DEFAULT.views(patches, masked, torch.zeros(len(patches)), torch.Generator().manual_seed(1), "cpu")
+    same = DEFAULT.views(patches, masked, torch.zeros(len(patches)), torch.Generator().manual_seed(1), "cpu")
+    other = DEFAULT.views(patches, masked, torch.zeros(len(patches)), torch.Generator().manual_seed(2), "cpu")
     torch.testing.assert_close(first, same, atol=0, rtol=0)
     assert (first - other).abs().max() > 0.1
     seen = (first[:, 0] > 0.2).sum(dim=(1, 2))

@@ -1,4 +1,4 @@
-"""Crops show the mask's bounding square, with the right names and looks."""
+"""Crops show the mask's bounding square, and tiles what they are named after, with the right names and looks."""
 
 from pathlib import Path
 
@@ -6,16 +6,23 @@ import numpy as np
 import pytest
 
 from training.small_models.crops import (
-    INNER_PX,
+    KINDS,
     OWN_ARMS,
-    PATCH_PX,
     Crops,
-    cut_patch,
     cut_world,
     plain_name,
     read_crops,
 )
 from training.small_models.levels import LEVELS
+from training.small_models.patches import (
+    INNER_PX,
+    LARGEST,
+    PATCH_PX,
+    SMALLEST,
+    cut_patch,
+    cut_tile,
+    draw_side,
+)
 from training.small_models.worlds import ClipSettings, read_world, render_world
 
 SEED = 31
@@ -62,7 +69,8 @@ def test_crops_have_names_of_the_world_s_objects(folder: Path, crops: Crops) -> 
 
 def test_areas_and_shares_equal_those_of_the_image(folder: Path, crops: Crops) -> None:
     world = read_world(folder)
-    row = int(np.flatnonzero(crops.level == LEVELS.index("whole"))[0])
+    objects = crops.kind == KINDS.index("object")
+    row = int(np.flatnonzero(objects & (crops.level == LEVELS.index("whole")))[0])
     labels = world.labels(world.subpart[0, crops.frame[row]])
     assert crops.area[row] == (labels[2] == crops.whole[row]).sum()
     assert crops.share[row] == 1
@@ -70,3 +78,43 @@ def test_areas_and_shares_equal_those_of_the_image(folder: Path, crops: Crops) -
     assert (crops.share[parts] <= 1).all()
     assert (crops.share[parts] > 0).all()
     np.testing.assert_allclose(crops.colours.sum(axis=1), 1, atol=1e-4)
+
+
+def test_a_tile_has_the_name_of_what_fills_most_of_it(folder: Path, crops: Crops) -> None:
+    world = read_world(folder)
+    tiles = crops.chosen(crops.kind == KINDS.index("tile"))
+    assert len(tiles)
+    assert (tiles.level == LEVELS.index("whole")).all()
+    assert set(tiles.names) <= {plain_name(name) for name in world.names} | {OWN_ARMS}
+    assert (tiles.area >= 0.5 * tiles.side**2).all()
+    inner = slice((PATCH_PX - INNER_PX) // 2 + 2, (PATCH_PX + INNER_PX) // 2 - 2)
+    assert (tiles.patches[:, inner, inner, 3] == 255).all()
+
+
+def test_a_tile_keeps_the_background_and_is_black_outside_the_image() -> None:
+    rgb = np.random.default_rng(0).integers(1, 256, (200, 300, 3), dtype=np.uint8)
+    wholes = np.full((200, 300), 7, dtype=np.int32)
+    wholes[:, 200:] = 2
+    # Columns 148 to 211: 52 of whole 7 and 12 of whole 2.
+    patch, shown, area = cut_tile(rgb, wholes, 100, 180, 64)
+    assert (shown, area) == (7, 52 * 64)
+    np.testing.assert_array_equal(patch[..., :3], rgb[64:136, 144:216])
+    patch, shown, area = cut_tile(rgb, wholes, 10, 100, 64)
+    assert (shown, area) == (7, 42 * 64)
+    assert not patch[:26, :, :3].any()
+    assert (patch[4:68, 4:68, 3] == 255).all()
+
+
+def test_a_tile_of_which_it_is_not_clear_what_it_shows_is_left_out() -> None:
+    rgb, wholes = np.zeros((100, 100, 3), dtype=np.uint8), np.full((100, 100), 0, dtype=np.int32)
+    wholes[:, 50:] = 1
+    assert cut_tile(rgb, wholes, 50, 36, 40) is not None
+    assert cut_tile(rgb, wholes, 50, 41, 40) is None, "another whole fills a quarter"
+    assert cut_tile(rgb, wholes, 0, 10, 40) is None, "more than half is outside the image"
+
+
+def test_tiles_have_the_sizes_of_lerf() -> None:
+    rng = np.random.default_rng(0)
+    sides = [draw_side(512, rng) for _ in range(500)]
+    assert SMALLEST * 512 - 1 < min(sides) < 30
+    assert 230 < max(sides) < LARGEST * 512 + 1
