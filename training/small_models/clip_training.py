@@ -62,8 +62,8 @@ class Schedule:
     neutral: float = 0.2
     synonyms: float = 0.3
     recoloured: float = 0.35
-    squares: float = 0.25
-    tiles: float = 0.25
+    squares: float = 0.0
+    tiles: float = 0.0
 
     def rate(self, step: int) -> float:
         """Learning rate of a step."""

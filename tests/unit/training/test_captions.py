@@ -30,6 +30,7 @@ def make_crops(rows: list[tuple[str, int, dict[int, float], str, float]]) -> Cro
     zeros = np.zeros(count, dtype=np.int32)
     return Crops(
         np.zeros((count, 1, 1, 4), dtype=np.uint8),
+        zeros,
         np.array([row[0] for row in rows]),
         np.array([1 if "/" in row[0] else 2 for row in rows], dtype=np.int32),
         colours,
