@@ -40,10 +40,11 @@ rule contact_sheet:
 
 
 rule instances_sheet:
-    """Draw the instances of each level in frames through the video, and from above."""
+    """Draw the instances of each level in frames and from above, and crops before and after merging."""
     input:
         frames=artifact("frames"),
         poses=artifact("poses"),
+        segments=artifact("segments"),
         instances=artifact("instances"),
     output:
         report(
@@ -64,6 +65,7 @@ rule instances_sheet:
         "egosplat instances-sheet"
         " --frames {input.frames:q}"
         " --poses {input.poses:q}"
+        " --segments {input.segments:q}"
         " --instances {input.instances:q}"
         " --title {params.title:q}"
         " --output {output:q}"

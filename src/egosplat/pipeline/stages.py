@@ -257,9 +257,9 @@ _STAGES = (
     Stage(
         "instances_sheet",
         "egosplat.report.instances_sheet",
-        "Draw the instances of each level in frames through the video, and from above.",
+        "Draw the instances of each level in frames and from above, and crops before and after merging.",
         output="instances.png",
-        inputs=("frames", "poses", "instances"),
+        inputs=("frames", "poses", "segments", "instances"),
         libraries=("matplotlib",),
         scene=("title",),
     ),

@@ -1,4 +1,4 @@
-"""Draw the instances on one page: in frames of the video, and from above."""
+"""Draw the instances on one page: in frames of the video, from above, and crops before and after merging."""
 
 from pathlib import Path
 
@@ -12,8 +12,10 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.segments import SEGMENTS
 from egosplat.output_files import check_output, picture_kind
 from egosplat.report.figure import draw_heading, evenly_spaced, ground_axes, plt, save_figure, show
+from egosplat.report.merged_crops import draw_merged_crops, largest_wholes
 
 PAGE = picture_kind("egosplat instances-sheet")
 
@@ -23,6 +25,10 @@ PICTURES = 6
 # Width of an image on the page [inches].
 CELL = 2.9
 
+# Number of instances whose crops are shown, and height of a crop relative to that of an image.
+CROPPED = 2
+CROP = 0.6
+
 # Opacity of an instance's colour.
 TINT = 0.55
 
@@ -30,7 +36,15 @@ TINT = 0.55
 BELOW = 1.1
 
 
-def run(frames_path: Path, poses_path: Path, instances_path: Path, output: Path, *, title: str) -> None:
+def run(
+    frames_path: Path,
+    poses_path: Path,
+    segments_path: Path,
+    instances_path: Path,
+    output: Path,
+    *,
+    title: str,
+) -> None:
     """Draw the page as PNG, atomically.
 
     Raises:
@@ -38,15 +52,21 @@ def run(frames_path: Path, poses_path: Path, instances_path: Path, output: Path,
     """
     check_output(output, PAGE)
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
-    instances = open_artifact(instances_path, INSTANCES)
+    segments, instances = open_artifact(segments_path, SEGMENTS), open_artifact(instances_path, INSTANCES)
     check_made_from(instances, frames, axes=("frame",))
+    check_made_from(instances, segments, axes=("frame", "height", "width"))
     count, height, width, _ = frames.shape("rgb")
     shown = evenly_spaced(count, PICTURES)
     levels, repeats = instances.facts["levels"], instances.facts.get("repeats", {})
     in_3d = instances.shape("gaussians/xyz")[0] > 0
     columns = len(shown) + in_3d
-    size = (CELL * columns, (CELL * height / width + 0.25) * (1 + len(levels)) + 0.9)
-    figure, grid = plt.subplots(1 + len(levels), columns, squeeze=False, figsize=size, layout="constrained")
+    # Tracks are what they were before.
+    cropped = largest_wholes(instances, CROPPED) if in_3d else []
+    heights = [1.0] * (1 + len(levels)) + [CROP] * (2 * len(cropped))
+    size = (CELL * columns, sum(CELL * height / width * part + 0.25 for part in heights) + 0.9)
+    figure, grid = plt.subplots(
+        len(heights), columns, squeeze=False, figsize=size, layout="constrained", height_ratios=heights
+    )
     draw_heading(figure, f"{title}: {_summary(instances)}", warnings_of(instances))
     colours = palette(instances.shape("instances/level")[0])
     for column, frame in enumerate(shown):
@@ -59,7 +79,11 @@ def run(frames_path: Path, poses_path: Path, instances_path: Path, output: Path,
             )
             show(grid[1 + level, column], tinted(image, labels[level], colours), heading)
     if in_3d:
-        _draw_from_above(grid[:, -1], poses, instances, colours)
+        _draw_from_above(grid[: 1 + len(levels), -1], poses, instances, colours)
+    for place, instance in enumerate(cropped):
+        rows = grid[1 + len(levels) + 2 * place :][:2]
+        rows[0, -1].set_axis_off(), rows[1, -1].set_axis_off()
+        draw_merged_crops(rows[:, :-1], frames, segments, instances, instance)
     save_figure(figure, output, PAGE)
 
 

@@ -4,10 +4,15 @@ import cv2
 import numpy as np
 import pytest
 
+from egosplat.artifacts.frames import FRAMES as FRAMES_SCHEMA
+from egosplat.artifacts.instances import INSTANCES
+from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.segments import SEGMENTS
 from egosplat.errors import UserError
 from egosplat.instances import stage
-from egosplat.report import instances_sheet
-from tests.unit.instances.conftest import FRAMES, options
+from egosplat.report import instances_sheet, merged_crops
+from egosplat.report.figure import plt
+from tests.unit.instances.conftest import COLORS, FRAMES, LEFT, RIGHT, SIZE, options
 
 
 def draw(folder, name, source):
@@ -15,7 +20,7 @@ def draw(folder, name, source):
     inputs = [folder / f"{kind}.zarr" for kind in ("frames", "poses", "segments")]
     stage.run(*inputs, folder / f"{name}.zarr", options(source=source))
     page = folder / f"{name}.png"
-    instances_sheet.run(*inputs[:2], folder / f"{name}.zarr", page, title="adt/scene1")
+    instances_sheet.run(*inputs, folder / f"{name}.zarr", page, title="adt/scene1")
     return cv2.imread(str(page))
 
 
@@ -23,9 +28,36 @@ def test_the_view_from_above_is_there_if_masks_were_merged(scene):
     folder = scene({"segmenter": "sam2"})
     merged, tracks = draw(folder, "merged", "masks"), draw(folder, "tracks", "tracks")
     assert merged.shape[1] > tracks.shape[1]
-    right = merged[:, tracks.shape[1] :]
+    right = merged[: tracks.shape[0], tracks.shape[1] :]
+    assert merged.shape[0] > tracks.shape[0], "crops before and after merging"
     # Two squares of the wall, in two colours.
     assert len({tuple(color) for color in right.reshape(-1, 3) if color.max() - color.min() > 120}) >= 2
+
+
+def test_crops_show_the_mask_that_holds_most_of_an_instance_and_the_instance(scene, truth):
+    """Above, the mask of the same square of the wall in its frame; below, the merged square."""
+    folder = scene(**{"instances/first_frame": np.arange(FRAMES) // 2 * 2})
+    draw(folder, "merged", "masks")
+    kinds = {"frames": FRAMES_SCHEMA, "segments": SEGMENTS, "merged": INSTANCES}
+    frames, segments, instances = (
+        open_artifact(folder / f"{name}.zarr", schema) for name, schema in kinds.items()
+    )
+    first, second = merged_crops.largest_wholes(instances, 5)
+    assert {first, second} == {0, 1}
+    _, cells = plt.subplots(2, 3, squeeze=False)
+    merged_crops.draw_merged_crops(cells, frames, segments, instances, first)
+    square = next(
+        value
+        for value in (LEFT, RIGHT)
+        if (truth[4] == value)[instances.row("labels", 4)[1] == first].mean() > 0.9
+    )
+    titles = [[cell.get_title() for cell in row] for row in cells]
+    assert titles[0] == [f"frame {frame}: mask {frame + square} of segments.zarr" for frame in (0, 4, 8)]
+    assert titles[1] == [f"instance {first}, merged from 5 masks"] * 3
+    above = cells[0, 1].images[0].get_array()
+    assert above.shape == (SIZE, int((truth[4, 0] == square).sum()), 3)
+    assert (above.reshape(-1, 3) == COLORS[square]).all()
+    plt.close("all")
 
 
 def test_instances_of_other_frames_are_rejected(scene):
@@ -36,5 +68,5 @@ def test_instances_of_other_frames_are_rejected(scene):
     other = scene(train=np.ones(FRAMES, bool))
     with pytest.raises(UserError, match="was made from another"):
         instances_sheet.run(
-            other / "frames.zarr", inputs[1], folder / "instances.zarr", folder / "x.png", title="t"
+            other / "frames.zarr", *inputs[1:], folder / "instances.zarr", folder / "x.png", title="t"
         )
