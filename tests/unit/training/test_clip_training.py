@@ -1,15 +1,20 @@
 """Training resumes exactly, kinds of crops have their shares, and short texts are encoded as the model encodes them."""
 
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from safetensors.torch import load_file
 
+from training.open_clip import main
 from training.small_models.attributes import COLOURS
 from training.small_models.clip_model import (
+    WEIGHTS,
     build,
     encode_short_text,
+    save_weights,
     write_description,
 )
 from training.small_models.clip_training import Schedule, Trainer, draw_masked
@@ -27,16 +32,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
-def make_trainer(folder: Path) -> Trainer:
-    """A trainer of the same model every time, with a few crops of noise."""
-    torch.manual_seed(0)
+def make_crops() -> Crops:
+    """A few crops of noise, the same every time."""
     rng = np.random.default_rng(0)
     names = np.array(["cup", "couch", "cup/handle", "floor"] * 10)
     count = len(names)
     patches = rng.integers(0, 256, (count, PATCH_PX, PATCH_PX, 4), dtype=np.uint8)
     patches[..., 3] = 255
     numbers = np.arange(count, dtype=np.int32)
-    crops = Crops(
+    return Crops(
         patches,
         (numbers % 5 == 0).astype(np.int32),
         names,
@@ -50,8 +54,13 @@ def make_trainer(folder: Path) -> Trainer:
         numbers,
         numbers,
     )
+
+
+def make_trainer(folder: Path) -> Trainer:
+    """A trainer of the same model every time."""
+    torch.manual_seed(0)
     model, tokenizer = build(folder)
-    return Trainer(model, tokenizer, crops, SCHEDULE, 0, "cpu")
+    return Trainer(model, tokenizer, make_crops(), SCHEDULE, 0, "cpu")
 
 
 def test_kinds_and_levels_have_their_shares_of_the_sampling() -> None:
@@ -84,6 +93,24 @@ def test_a_resumed_training_ends_like_an_uninterrupted_one(folder: Path, tmp_pat
     assert not torch.equal(before, whole.model.visual.conv1.weight)
     for name, value in whole.model.state_dict().items():
         torch.testing.assert_close(resumed.model.state_dict()[name], value, atol=1e-6, rtol=1e-5, msg=name)
+
+
+def test_training_can_start_from_another_model(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    crops, start, output = make_crops(), tmp_path / "start", tmp_path / "model"
+    (tmp_path / "crops").mkdir()
+    np.savez(tmp_path / "crops" / "1.npz", **{one.name: getattr(crops, one.name) for one in fields(Crops)})
+    start.mkdir()
+    torch.manual_seed(5)
+    model, _ = build(folder)
+    save_weights(model, start / WEIGHTS)
+    arguments = [tmp_path / "crops", output, "--start", start, "--steps", 1, "--squares", 0.3, "--tiles", 0.2]
+    monkeypatch.setattr("sys.argv", ["open_clip", *map(str, arguments), "--rate", "0"])
+    main()
+    # At a rate of 0 the weights stay as they were.
+    for name in ("visual.conv1.weight", "token_embedding.weight"):
+        torch.testing.assert_close(load_file(output / WEIGHTS)[name], load_file(start / WEIGHTS)[name])
 
 
 def test_short_texts_are_encoded_as_padded_ones(folder: Path) -> None:
