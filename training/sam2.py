@@ -3,17 +3,20 @@
     python -m training.render_worlds data/training --worlds 300
     python -m training.sam2 data/training --output src/egosplat/models/small_sam2 --state data/sam2.pt
 
-The same command resumes an interrupted run. Training starts with single images and point prompts. Later, every
-other step is on clips, in which masks are propagated by memory.
+The same command resumes an interrupted run; with the same number of threads the result is the same to the bit.
+Training is on single images with point prompts and on clips, in which masks are propagated by memory.
+With --held-out, scores on other worlds are written into curve.tsv in the folder of the state.
 """
 
 import argparse
+import copy
 import random
 import signal
 import time
 from collections import deque
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -30,49 +33,15 @@ from egosplat.models.checkpoints import SAM2
 from egosplat.models.sam2_loader import set_image_size
 from egosplat.models.weights import load_weights, read_tensors
 from egosplat.progress import log
+from training.small_models.sam2_curve import held_out_scores, write_curve
 from training.small_models.sam2_data import sample_clip, sample_prompts, sample_tracks, vocabulary
 from training.small_models.sam2_losses import Guides
+from training.small_models.sam2_recipe import Recipe, recipe_from_weights
 from training.small_models.sam2_steps import Outcome, clip_step, picture_step
 from training.small_models.schedule import Average, half_precision, learning_rate, read_state, save_state
 from training.small_models.worlds import RenderedWorld, read_world
 
 CONFIG = Path(__file__).parents[1] / "src/egosplat/models/small_sam2/sam2.yaml"
-
-
-@dataclass(frozen=True)
-class Recipe:
-    """Hyperparameters of a run; with the worlds and the seed they determine the result.
-
-    Attributes:
-        steps: total number of steps; clips_from: fraction of them after which every other step is on clips.
-        sides: image sides to train on, equally often [px]; the model should work at each of them.
-        pictures, points: batch size and prompts of an image step; clips, frames, tracks: of a clip step. The batch
-            sizes are those at the first side; at another side they are scaled to take the same time.
-        peak_rate, warm_up, decay: see ``learning_rate``; average: see ``Average``.
-        still: fraction of the clip steps at the beginning over which clips of one drifting image are replaced by
-            rendered clips; a third of the drifting ones remain.
-        place_scale: frequencies of the decoder's positional encoding, as multiples of SAM2's.
-        balance: initial value, see ``mask_loss``; it falls to 0 over ``balanced_steps`` of each kind of step.
-    """
-
-    steps: int
-    seed: int
-    clips_from: float = 0.6
-    sides: tuple[int, ...] = (256, 384)
-    pictures: int = 6
-    points: int = 12
-    clips: int = 2
-    frames: int = 4
-    tracks: int = 4
-    peak_rate: float = 1.2e-3
-    warm_up: int = 200
-    decay: float = 0.3
-    weight_decay: float = 0.03
-    average: float = 0.9985
-    still: float = 0.25
-    place_scale: float = 2.0
-    balance: float = 0.5
-    balanced_steps: int = 2000
 
 
 def main() -> None:
@@ -83,19 +52,21 @@ def main() -> None:
     parser.add_argument("--state", type=Path, required=True, help="file of the resumable state")
     parser.add_argument("--start", type=Path, help="initial weights (.safetensors; default: random)")
     parser.add_argument("--steps", type=int, default=16_000, help="number of steps")
+    parser.add_argument(
+        "--held-out", type=Path, help="folder of the worlds of the learning curve (default: none)"
+    )
+    parser.add_argument("--every", type=int, default=500, help="steps between the rows of the learning curve")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     parser.add_argument("--threads", type=int, default=2, help="CPU threads")
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
-    worlds = [read_world(folder) for folder in sorted(args.worlds.glob("[0-9]*"))]
-    if not worlds:
-        raise SystemExit(
-            f"{args.worlds}: no worlds found. Run: python -m training.render_worlds {args.worlds} --worlds 300"
-        )
-    log(f"{len(worlds)} worlds, {args.steps} steps")
+    recipe = (recipe_from_weights if args.start else Recipe)(args.steps, args.seed)
     try:
-        run = Run(recipe_of(args), worlds, args.state, torch.device(args.device), args.start)
+        worlds = read_worlds(args.worlds)
+        held_out = read_worlds(args.held_out) if args.held_out else []
+        log(f"{len(worlds)} worlds, {args.steps} steps")
+        run = Run(recipe, worlds, args.state, torch.device(args.device), args.start, held_out, args.every)
     except UserError as error:
         raise SystemExit(str(error)) from error
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -109,15 +80,22 @@ def main() -> None:
     log(f"{args.output / 'model.safetensors'} written")
 
 
-def recipe_of(args: argparse.Namespace) -> Recipe:
-    """The recipe of the command line; from given weights, a lower learning rate and no class balance."""
-    if args.start is None:
-        return Recipe(args.steps, args.seed)
-    return Recipe(args.steps, args.seed, peak_rate=8e-4, balance=0.0)
+def read_worlds(folder: Path) -> list[RenderedWorld]:
+    """Read all worlds in a folder.
+
+    Raises:
+        UserError: there are none.
+    """
+    worlds = [read_world(one) for one in sorted(folder.glob("[0-9]*"))]
+    if not worlds:
+        raise UserError(
+            f"{folder}: no worlds found. Run: python -m training.render_worlds {folder} --worlds 180"
+        )
+    return worlds
 
 
 class Run:
-    """A training run: model, optimizers, averaged weights and the current step."""
+    """A training run: model, optimizers, averaged weights, the current step and the learning curve."""
 
     def __init__(
         self,
@@ -126,11 +104,16 @@ class Run:
         state: Path,
         device: torch.device,
         start: Path | None = None,
+        held_out: Sequence[RenderedWorld] = (),
+        every: int = 1,
     ) -> None:
         random.seed(recipe.seed)
         torch.manual_seed(recipe.seed)
         self.recipe, self.worlds, self.state_path = recipe, worlds, state
+        self.held_out, self.every = held_out, every
         self.step, self.stopped = 0, False
+        self.curve: list[dict[str, float]] = []
+        self.earlier_s = -time.process_time()
         self.model: SAM2Base = instantiate(OmegaConf.load(CONFIG).model, _recursive_=True).to(device).train()
         self.model.sam_prompt_encoder.pe_layer.positional_encoding_gaussian_matrix.mul_(recipe.place_scale)
         if start is not None:
@@ -139,7 +122,7 @@ class Run:
         self.guides = Guides(self.model.hidden_dim, len(self.words)).to(device)
         self.optimizers = self._optimizers()
         self.average = Average(self.model, recipe.average)
-        self.history: dict[str, deque[Any]] = {"pictures": deque(maxlen=100), "clips": deque(maxlen=100)}
+        self.history = {kind: deque[list[float]](maxlen=100) for kind in ("pictures", "clips")}
         saved = read_state(state, device)
         if saved is not None:
             self._restore(saved)
@@ -162,13 +145,27 @@ class Run:
             torch.optim.AdamW(adam, **options, betas=(0.9, 0.98)),
         ]
 
+    def _made_of(self) -> dict[str, Any]:
+        """What a resumed run must share with the stopped one. The number of steps may change."""
+        recipe = {name: value for name, value in asdict(self.recipe).items() if name != "steps"}
+        return {"worlds": [len(self.worlds), *self.words], **recipe}
+
     def _restore(self, saved: dict[str, Any]) -> None:
+        differs = [name for name, value in self._made_of().items() if saved["made_of"].get(name) != value]
+        if differs:
+            raise UserError(
+                f"{self.state_path}: of a run with other {', '.join(differs)}; continue with the same ones, or "
+                "remove the file to start again"
+            )
         self.model.load_state_dict(saved["model"])
         self.guides.load_state_dict(saved["guides"])
         for optimizer, state in zip(self.optimizers, saved["optimizers"], strict=True):
             optimizer.load_state_dict(state)
         self.average.weights = saved["average"]
-        self.step = saved["step"]
+        self.step, self.curve = saved["step"], saved["curve"]
+        self.earlier_s += saved["seconds"]
+        for kind, values in saved["history"].items():
+            self.history[kind].extend(values)
         log(f"{self.state_path}: resuming at step {self.step}")
 
     def _save(self) -> None:
@@ -179,6 +176,10 @@ class Run:
             optimizers=[optimizer.state_dict() for optimizer in self.optimizers],
             average=self.average.weights,
             step=self.step,
+            made_of=self._made_of(),
+            curve=self.curve,
+            history={kind: list(values) for kind, values in self.history.items()},
+            seconds=self.earlier_s + time.process_time(),
         )
 
     def train(self) -> None:
@@ -187,11 +188,13 @@ class Run:
         first = self.step
         with ThreadPoolExecutor(1) as pool:
             following = pool.submit(self._sample, self.step)
+            self._measure()
             while self.step < self.recipe.steps and not self.stopped:
                 sampled = following.result()
                 # Draw the next samples while this step trains.
                 following = pool.submit(self._sample, self.step + 1)
                 self._take(sampled)
+                self._measure()
                 now = time.monotonic()
                 if now - said > 30:
                     said = now
@@ -206,8 +209,19 @@ class Run:
         # Stopping inside a step would save a state between two steps.
         self.stopped = True
 
-    def _on_clips(self, step: int) -> bool:
-        return step % 2 == 1 and step >= self.recipe.clips_from * self.recipe.steps
+    def _measure(self) -> None:
+        """Add a row to the learning curve if this step has one and it is not there yet."""
+        due = self.step % self.every == 0 or self.step == self.recipe.steps
+        if self.held_out and due and self.step not in [row["step"] for row in self.curve]:
+            model = copy.deepcopy(self.model)
+            model.load_state_dict(self.average.weights)
+            scores = held_out_scores(model, self.guides, self.held_out, max(self.recipe.sides))
+            losses = {f"loss of {kind}": _means(values)[0] for kind, values in self.history.items()}
+            hours = (self.earlier_s + time.process_time()) / 3600
+            self.curve.append({"step": self.step, "core-hours": hours, **scores, **losses})
+        # Rows are part of the state: those that a killed run wrote after its last state are dropped and measured again.
+        if self.curve:
+            write_curve(self.state_path.with_name("curve.tsv"), self.curve)
 
     def _sample(self, step: int) -> tuple[list[Any], list[Any]]:
         """Draw the samples of a step from its own random stream, so that a resumed run sees the same samples."""
@@ -215,9 +229,9 @@ class Run:
         side = int(rng.choice(recipe.sides))
         # The cost of a step grows with the area of its images.
         alike = (recipe.sides[0] / side) ** 2
-        if self._on_clips(step):
+        if recipe.on_clips(step):
             done = (step / recipe.steps - recipe.clips_from) / (1 - recipe.clips_from)
-            still = max(1 - done / recipe.still, 1 / 3)
+            still = max(1 - done / max(recipe.still, 1e-9), 1 / 3)
             clips = [
                 sample_clip(self.worlds, self.words, rng, recipe.frames, still, side)
                 for _ in range(max(1, round(alike * recipe.clips)))
@@ -231,7 +245,7 @@ class Run:
 
     def _take(self, sampled: tuple[list[Any], list[Any]]) -> None:
         recipe = self.recipe
-        on_clips = self._on_clips(self.step)
+        on_clips = recipe.on_clips(self.step)
         rate = learning_rate(recipe.peak_rate, self.step, recipe.steps, recipe.warm_up, recipe.decay)
         for optimizer in self.optimizers:
             optimizer.zero_grad()
@@ -255,7 +269,7 @@ class Run:
             log(f"step {self.step}: gradient not finite, step skipped")
         self.step += 1
         self.history["clips" if on_clips else "pictures"].append(
-            np.r_[outcome.loss.item(), outcome.ious.cpu().numpy()]
+            [outcome.loss.item(), *outcome.ious.tolist()]
         )
 
     def _say(self, rate: float) -> None:
@@ -263,9 +277,14 @@ class Run:
         texts = [f"step {self.step}/{self.recipe.steps}, {rate:.2f} steps/s, {left:.0f} min left"]
         for name, values in self.history.items():
             if values:
-                loss, *ious = np.mean(values, axis=0)
+                loss, *ious = _means(values)
                 texts.append(f"{name}: loss {loss:.3f}, IoU {' '.join(f'{iou:.3f}' for iou in ious)}")
         log("; ".join(texts))
+
+
+def _means(values: Sequence[list[float]]) -> list[float]:
+    """Means of loss and IoUs over steps; NaN if there are none."""
+    return np.mean(values, axis=0).tolist() if values else [float("nan")]
 
 
 if __name__ == "__main__":

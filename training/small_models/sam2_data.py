@@ -20,6 +20,13 @@ SIDE = 256
 COARSE, FINE = 4, 2
 
 _LEAST_PIXELS = 12
+
+# Smaller shares of the image are prompted less often.
+_SMALL = 0.001
+
+# Probability of each level to be prompted.
+_PROMPTED = (0.25, 0.25, 0.5)
+
 # Normalisation of the published SAM2.
 _MEAN, _STD = np.array([0.485, 0.456, 0.406], np.float32), np.array([0.229, 0.224, 0.225], np.float32)
 
@@ -169,16 +176,17 @@ def to_input(pictures: Bytes) -> Tensor:
 
 
 def sample_prompts(labels: Ints, rng: Rng, count: int) -> Prompts:
-    """Draw points in one image with ``labels`` (3, S, S): on pieces of all sizes, and some on none."""
-    subparts, areas = np.unique(labels[0], return_counts=True)
-    kept = (subparts >= 0) & (areas >= _LEAST_PIXELS)
-    subparts, weights = subparts[kept], np.sqrt(areas[kept])
+    """Draw points in one image with ``labels`` (3, S, S): on pieces of all sizes, and some on none.
+
+    70 % of the points are on a piece of a random level, drawn by ``_piece_weights``; the others are anywhere.
+    """
+    weights = [_piece_weights(each) for each in labels]
     points, coarse, fine, present = [], [], [], []
     for number in range(count):
-        # 70 % of the points are on a random subpart, small ones more often; the others are anywhere.
-        if number < 0.7 * count and len(subparts):
-            chosen = rng.choice(subparts, p=weights / weights.sum())
-            places = np.flatnonzero(labels[0] == chosen)
+        level = int(rng.choice(len(LEVELS), p=_PROMPTED))
+        if number < 0.7 * count and weights[level].any():
+            chosen = rng.choice(len(weights[level]), p=weights[level])
+            places = np.flatnonzero(labels[level] == chosen)
             y, x = divmod(int(places[rng.integers(len(places))]), labels.shape[2])
         else:
             y, x = rng.integers(labels.shape[1]), rng.integers(labels.shape[2])
@@ -190,6 +198,29 @@ def sample_prompts(labels: Ints, rng: Rng, count: int) -> Prompts:
         present.append(values[0] >= 0)
     stacked = (torch.from_numpy(np.stack(each)) for each in (coarse, fine))
     return Prompts(torch.tensor(points, dtype=torch.float32), *stacked, torch.tensor(present))
+
+
+def _piece_weights(labels: Ints) -> NDArray[np.float64]:
+    """(N,) probability of each piece of a level in one image with ``labels`` (S, S); all 0 if there are none.
+
+    Proportional to perimeter / sqrt(area): equal for all sizes, larger for thin pieces. Below 0.1 % of the image it
+    falls with the area.
+    """
+    areas, outlines = np.bincount(labels.ravel() + 1)[1:], perimeters(labels)
+    weights = outlines / np.sqrt(np.maximum(areas, 1)) * np.minimum(1, areas / (_SMALL * labels.size))
+    weights[areas < _LEAST_PIXELS] = 0
+    return weights / max(weights.sum(), 1e-9)
+
+
+def perimeters(labels: Ints) -> NDArray[np.int64]:
+    """(N,) number of pixel sides of each label of (H, W) labels, -1 for none, where another label or none begins."""
+    count = labels.max() + 2
+    total = np.zeros(count, np.int64)
+    for one, other in ((labels[1:], labels[:-1]), (labels[:, 1:], labels[:, :-1])):
+        differs = one != other
+        total += np.bincount(one[differs] + 1, minlength=count)
+        total += np.bincount(other[differs] + 1, minlength=count)
+    return total[1:]
 
 
 def sample_tracks(clip: Clip, rng: Rng, count: int) -> Tracks:

@@ -37,16 +37,27 @@ class Outcome:
     ious: Tensor
 
 
+def encode_image(model: SAM2Base, pictures: Tensor) -> tuple[list[Tensor], Tensor, Tensor]:
+    """Encode (B, 3, S, S) images.
+
+    Returns:
+        Features of strides 4, 8 and 16 for the decoder, the positional encoding of the last, and the features of
+        stride 4 before they are projected for the decoder.
+    """
+    output = model.image_encoder(pictures)
+    features = list(output["backbone_fpn"])
+    first = features[0]
+    features[0] = model.sam_mask_decoder.conv_s0(first)
+    features[1] = model.sam_mask_decoder.conv_s1(features[1])
+    return features, output["vision_pos_enc"][-1], first
+
+
 def encode(
     model: SAM2Base, guides: Guides, pictures: Tensor, labels: np.ndarray, names: np.ndarray
 ) -> Encoded:
     """Encode (B, 3, S, S) images; the auxiliary loss uses (B, 3, S, S) labels and (B, S, S) names."""
-    output = model.image_encoder(pictures)
-    features = list(output["backbone_fpn"])
-    loss = guides(features[0], labels, names)
-    features[0] = model.sam_mask_decoder.conv_s0(features[0])
-    features[1] = model.sam_mask_decoder.conv_s1(features[1])
-    return Encoded(features, output["vision_pos_enc"][-1], loss)
+    features, position, first = encode_image(model, pictures)
+    return Encoded(features, position, guides(first, labels, names))
 
 
 def decode(

@@ -9,6 +9,8 @@ from training.small_models.sam2_data import (
     FINE,
     SIDE,
     Clip,
+    _piece_weights,
+    perimeters,
     sample_clip,
     sample_prompts,
     sample_tracks,
@@ -73,6 +75,20 @@ def test_targets_of_a_prompt_are_the_masks_under_the_point(world):
             share = expected.reshape(side, COARSE, side, COARSE).mean((1, 3))
             assert np.abs(prompts.coarse[number, level].numpy() - share).max() < 0.005
     assert 0 < (~prompts.present).sum() < 30
+
+
+def test_thin_pieces_are_prompted_more_often_and_tiny_ones_less():
+    labels = np.full((200, 200), -1, np.int32)
+    labels[20:60, 20:60] = 0  # a square
+    labels[80:90, 20:180] = 1  # a bar of the same area
+    labels[100:110, 20:30] = 2  # a small square
+    labels[120:124, 20:24] = 3  # below 0.1 % of the image
+    labels[0, 0] = 4  # too small to be prompted
+    assert perimeters(labels).tolist() == [160, 340, 40, 16, 2]
+    weights = _piece_weights(labels)
+    np.testing.assert_allclose(weights / weights[0], [1, 340 / 160, 1, 0.4, 0])
+    assert weights.sum() == pytest.approx(1)
+    assert not _piece_weights(np.full((8, 8), -1, np.int32)).any()
 
 
 def test_targets_of_tracks_are_the_masks_of_later_frames(world):

@@ -1,8 +1,10 @@
 """Training SAM2: losses prefer the truth, steps train every weight, a stopped run resumes exactly."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 from omegaconf import OmegaConf
@@ -10,9 +12,10 @@ from omegaconf import OmegaConf
 from egosplat.errors import UserError
 from egosplat.models.sam2_loader import set_image_size
 from training import sam2 as train_sam2
-from training.sam2 import Recipe, Run
-from training.small_models import sam2_steps
+from training.sam2 import Run
+from training.small_models import sam2_curve, sam2_steps
 from training.small_models.sam2_losses import Names, PixelPairs, mask_iou, mask_loss
+from training.small_models.sam2_recipe import Recipe, recipe_from_weights
 from training.small_models.schedule import read_state, save_state
 from training.small_models.worlds import RenderedWorld
 
@@ -145,26 +148,68 @@ def test_each_kind_of_step_gives_gradients_to_all_weights_that_it_uses(world, tm
     assert {"maskmem_tpos_enc", "no_mem_embed", "sam_prompt_encoder"} <= rooms
 
 
-def test_a_stopped_run_resumes_to_the_same_weights(world, tmp_path, monkeypatch):
-    whole = Run(RECIPE, [world], tmp_path / "whole.pt", torch.device("cpu"))
+def test_a_stopped_run_resumes_to_the_same_weights_and_the_same_curve(world, tmp_path, monkeypatch):
+    held_out = [dataclasses.replace(world, rgb=world.rgb[..., ::-1])]
+
+    def run(name):
+        (tmp_path / name).mkdir(exist_ok=True)
+        return Run(RECIPE, [world], tmp_path / name / "s.pt", torch.device("cpu"), held_out=held_out, every=2)
+
+    whole, killed = run("whole"), run("killed")
     whole.train()
-    stopped = Run(RECIPE, [world], tmp_path / "stopped.pt", torch.device("cpu"))
-    take = stopped._take
+    take, saves = killed._take, []
 
-    def take_two(sampled):
+    def take_three(sampled):
+        if killed.step == 3:
+            raise KeyboardInterrupt
         take(sampled)
-        if stopped.step == 2:
-            stopped.stop()
+        # The last state is older than the last row.
+        if killed.step == 1:
+            saves.append(killed._save())
 
-    monkeypatch.setattr(stopped, "_take", take_two)
-    stopped.train()
-    resumed = Run(RECIPE, [world], tmp_path / "stopped.pt", torch.device("cpu"))
-    assert resumed.step == 2
+    monkeypatch.setattr(killed, "_take", take_three)
+    with pytest.raises(KeyboardInterrupt):
+        killed.train()
+    assert saves and [row["step"] for row in killed.curve] == [0, 2]
+    resumed = run("killed")
+    assert resumed.step == 1 and [row["step"] for row in resumed.curve] == [0]
     # Other draws from torch's generator must not change the result.
     torch.rand(7)
     resumed.train()
     for name, value in whole.average.weights.items():
         torch.testing.assert_close(resumed.average.weights[name], value, rtol=0, atol=0, msg=name)
+    tables = [pd.read_table(tmp_path / name / "curve.tsv") for name in ("whole", "killed")]
+    assert tables[0]["step"].tolist() == [0, 2, 4] and tables[0]["core-hours"].is_monotonic_increasing
+    pd.testing.assert_frame_equal(*(table.drop(columns="core-hours") for table in tables))
+    assert tables[0][["> 5 %", "tracked"]].notna().all(axis=None)
+
+
+def test_a_state_of_another_recipe_is_refused(world, tmp_path):
+    state = tmp_path / "state.pt"
+    Run(RECIPE, [world], state, torch.device("cpu"))._save()
+    longer = dataclasses.replace(RECIPE, steps=9)
+    assert Run(longer, [world], state, torch.device("cpu")).step == 0
+    with pytest.raises(UserError, match=r"state\.pt.*worlds, points"):
+        Run(dataclasses.replace(RECIPE, points=5), [world] * 2, state, torch.device("cpu"))
+
+
+def test_scores_of_the_curve_are_those_of_the_masks(world, monkeypatch):
+    """Masks equal to the truth have IoU 1 in every class of size that occurs, and shifted points would not."""
+    labels = world.labels(world.subpart[0, 0])[2]
+
+    def decode(model, features, fine, points):
+        values = labels[tuple(np.floor(points.numpy()[:, ::-1] / 2).astype(int).T)]
+        masks = torch.from_numpy(labels == values[:, None, None]).float() - 0.5
+        return masks[:, None].expand(-1, 4, -1, -1), None, None, None
+
+    found = {name: [] for name in ("0.1-1 %", "1-5 %", "> 5 %", "thin")}
+    monkeypatch.setattr(sam2_curve, "decode", decode)
+    monkeypatch.setattr(sam2_curve, "encode_image", lambda *_: ([torch.zeros(1, 1, 1, 1)] * 3, None, None))
+    model = SimpleNamespace(
+        image_size=128, no_mem_embed=torch.zeros(1), parameters=lambda: iter([torch.zeros(1)])
+    )
+    sam2_curve._score_points(model, np.asarray(world.rgb[0, 0]), labels, np.random.default_rng(0), found)
+    assert found["> 5 %"] == [1.0] * 4 and not found["0.1-1 %"] and not found["1-5 %"]
 
 
 def test_all_image_sides_are_trained_on(world, tmp_path):
@@ -188,6 +233,12 @@ def test_a_corrupt_training_state_is_reported(tmp_path):
     assert read_state(path, torch.device("cpu")) == {"step": 5}
 
 
-def test_the_configured_side_lies_between_the_trained_ones():
-    sides = Recipe(steps=1, seed=0).sides
+@pytest.mark.parametrize("recipe", [Recipe(steps=1, seed=0), recipe_from_weights(steps=1, seed=0)])
+def test_the_configured_side_lies_between_the_trained_ones(recipe):
+    sides = recipe.sides
     assert min(sides) <= OmegaConf.load(train_sam2.CONFIG).model.image_size <= max(sides)
+
+
+def test_training_from_weights_has_clips_from_the_first_steps_on():
+    recipe = recipe_from_weights(steps=1000, seed=0)
+    assert [step for step in range(36) if recipe.on_clips(step)] == [11, 23, 35]
