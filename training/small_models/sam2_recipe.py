@@ -54,7 +54,7 @@ def recipe_from_weights(steps: int, seed: int) -> Recipe:
         seed,
         sides=(512, 512, 384, 320),
         clips_from=0.0,
-        clips_every=12,
+        clips_every=8,
         pictures=3,
         clips=1,
         still=0.0,
