@@ -176,6 +176,30 @@ def test_a_device_trajectory_of_a_plain_recording_is_refused(scene, refused, pla
     )
 
 
+@pytest.mark.parametrize(
+    "files, problem",
+    [
+        ({"colmap/cameras.bin": "", "colmap/images.bin": ""}, "folder/colmap: has no points3D.bin"),
+        (
+            {"colmap/cameras.txt": "x", "colmap/images.txt": "", "colmap/points3D.txt": ""},
+            "folder/colmap: not a",
+        ),
+        ({"transforms.json": "{}"}, "folder/transforms.json: has no list 'frames'"),
+        ({"transforms.json": "{}", "colmap/cameras.bin": ""}, "frames.known_poses=colmap or transforms"),
+        ({"camera.json": '{"width": 64}'}, "folder/camera.json: not an object with the numbers"),
+    ],
+)
+def test_bad_known_poses_leave_no_frames(scene, refused, tmp_path, files, problem):
+    """Protects the message about a file of the user's: one line that names it."""
+    for name, text in files.items():
+        (tmp_path / "folder" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "folder" / name).write_text(text)
+    for index in range(4):
+        cv2.imwrite(str(tmp_path / f"folder/{index}.png"), np.full((64, 64, 3), 128, np.uint8))
+    changes = {"recording": tmp_path / "folder", "format": "plain", "resolution": 48}
+    assert problem in refused(*frames(scene, **changes))
+
+
 def test_pictures_that_do_not_reconstruct_give_no_poses(scene, refused, plain_frames, tmp_path):
     path = video(tmp_path / "v.mp4")
     changes = {"frames": plain_frames(path), "output": scene / "p.zarr"}

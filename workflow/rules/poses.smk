@@ -1,14 +1,14 @@
 """
 Camera poses, and the points that initialize the Gaussians.
 
-REQUIRED INPUTS: frames.zarr; for ADT the recording's trajectory and points.
+REQUIRED INPUTS: frames.zarr; for ADT the recording's trajectory and points; known poses of a plain recording.
 OUTPUTS: poses.zarr.
 TOOLS: projectaria-tools for ADT's trajectories, pycolmap for everything else.
 """
 
 
 rule poses:
-    """Get the pose of every frame from the device's trajectory or with COLMAP."""
+    """Get the pose of every frame from the device's trajectory, a file, or COLMAP."""
     input:
         recording_files("poses"),
         frames=artifact("frames"),

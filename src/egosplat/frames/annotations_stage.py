@@ -11,6 +11,7 @@ from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.writer import create
+from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
 from egosplat.frames import adt_annotations, hoi4d_annotations, plain_annotations
 from egosplat.frames.hoi4d import find_sequence
@@ -48,6 +49,7 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: Annotati
         camera=camera,
         upright=facts["upright"],
         max_age_ns=round(options.max_age_ms * 1e6),
+        lens=Lens.of_facts(facts.get("lens")),
     )
     made = provenance.begin_from("annotations", asdict(options), [frames])
     annotated = np.zeros(len(indices), bool)
@@ -78,7 +80,13 @@ def _summary(frames: NDArray[np.int64], annotated: NDArray[np.bool_]) -> str:
 
 
 def open_annotations(
-    format: str, path: Path, *, camera: Camera, upright: bool, max_age_ns: int = 3_000_000
+    format: str,
+    path: Path,
+    *,
+    camera: Camera,
+    upright: bool,
+    max_age_ns: int = 3_000_000,
+    lens: Lens | None = None,
 ) -> Annotations | None:
     """Open the annotations of a recording; None if it has none.
 
@@ -87,6 +95,7 @@ def open_annotations(
         camera: of the frames (``Capture.camera``).
         max_age_ns: largest time between a frame and its annotation; unused for plain recordings, which annotate
             frames by name.
+        lens: plain only: the lens that the frames were rectified from, or None.
 
     Raises:
         UserError: the format is unknown, the recording missing, or its annotations unreadable.
@@ -107,5 +116,5 @@ def open_annotations(
                 raise UserError(f"{path}: not found. Give a video file or an image folder.")
             if not is_annotated(format, path):
                 return None
-            return plain_annotations.PlainAnnotations(path, camera=camera)
+            return plain_annotations.PlainAnnotations(path, camera=camera, lens=lens)
     raise UserError(f"format: {format!r} is unknown; choose from {', '.join(FORMATS)}.")

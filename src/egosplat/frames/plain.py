@@ -1,56 +1,84 @@
 """Read plain recordings: any video file or folder of images, with the companion files of docs/recordings.md."""
 
-import math
 import os
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.calibration.camera_file import CAMERA_FILE, read_camera_file
+from egosplat.calibration.companions import KNOWN_POSES, companion_path
+from egosplat.calibration.known_poses import (
+    AUTO,
+    find_known_poses,
+    match_pictures,
+    read_known_poses,
+    unmatched_line,
+)
+from egosplat.calibration.lens import Lens, Rectifier
 from egosplat.errors import UserError
-from egosplat.files import read_json
 from egosplat.frames.images import VALID_MASK, ImageFolder, read_valid
 from egosplat.frames.recording import Capture
-from egosplat.frames.recording_files import companion_path
 from egosplat.frames.resize import resize_image, resize_mask
 from egosplat.frames.selection import select_frames
 from egosplat.frames.video import Video
 from egosplat.geometry import Camera
+from egosplat.progress import log
 
 # Guessed focal length in units of the longer side: COLMAP's default, a field of view of 45°.
 FOCAL_PRIOR = 1.2
-
-_CAMERA_KEYS = ("width", "height", "fx", "fy", "cx", "cy")
 
 
 class PlainRecording:
     """A video or a folder of images; a ``Recording`` without a device frame."""
 
     def __init__(
-        self, path: Path, *, resolution: int, stride: int, start_s: float, end_s: float | None
+        self,
+        path: Path,
+        *,
+        resolution: int,
+        stride: int,
+        start_s: float,
+        end_s: float | None,
+        known_poses: str = AUTO,
     ) -> None:
-        """Open the source and select frames.
+        """Open the source, select frames and find the camera.
 
         Args:
             path: video file or image folder.
             resolution: longer side of the frames [px], at most the source's.
             stride, start_s, end_s: see ``selection.select_frames``; a folder has one image per second.
+            known_poses: see ``known_poses.find_known_poses``.
 
         Raises:
-            UserError: the source cannot be read, or an option is out of range.
+            UserError: the source or the calibration cannot be read, or an option is out of range.
         """
         self._source = open_source(path)
-        full = _guess_camera(self._source.width, self._source.height)
-        calibrated = _read_camera(companion_path(path, "camera.json"), full)
-        width, height = fit(full, resolution, path)
-        camera = (calibrated or full).scaled_to(width, height)
+        guess = _guess_camera(self._source.width, self._source.height)
+        width, height = fit(guess, resolution, path)
+        times, pictures = self._source.timestamp_ns, picture_names(self._source)
+        self._frames = select_frames(times, stride=stride, start_s=start_s, end_s=end_s, source=path)
+        kind = find_known_poses(path, known_poses)
+        lens = _read_lens(path, kind, guess, pictures)
+        self._rectifier = Rectifier(lens) if lens else None
+        full = lens.pinhole if lens else guess
         # At full size, so that a reduced pixel is valid only if all its pixels are.
         valid = read_valid(companion_path(path, VALID_MASK), full.width, full.height)
-        times = self._source.timestamp_ns
-        self._frames = select_frames(times, stride=stride, start_s=start_s, end_s=end_s, source=path)
+        if self._rectifier:
+            valid = self._rectifier.mask(valid)
+        facts = {
+            "pictures": [pictures[frame] for frame in self._frames],
+            "known_poses": kind,
+            "lens": asdict(lens) if lens else None,
+        }
         self.capture = Capture.of_video(
-            times[self._frames], camera, calibrated is not None, resize_mask(valid, width, height)
+            times[self._frames],
+            full.scaled_to(width, height),
+            lens is not None,
+            resize_mask(valid, width, height),
+            facts,
         )
 
     def read_frames(self, indices: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
@@ -61,9 +89,17 @@ class PlainRecording:
         """
         camera = self.capture.camera
         for full in self._source.read_frames(self._frames[indices]):
-            image = resize_image(full, camera.width, camera.height)
+            rectified = self._rectifier.image(full) if self._rectifier else full
+            image = resize_image(rectified, camera.width, camera.height)
             image[~self.capture.valid] = 0
             yield image
+
+
+def picture_names(source: Video | ImageFolder) -> list[str]:
+    """The file name of each image, or the number of each frame of a video, from 0."""
+    if isinstance(source, ImageFolder):
+        return [path.name for path in source.paths]
+    return [str(number) for number in range(len(source.timestamp_ns))]
 
 
 def open_source(path: Path) -> Video | ImageFolder:
@@ -92,24 +128,19 @@ def _guess_camera(width: int, height: int) -> Camera:
     return Camera(width, height, focal, focal, width / 2, height / 2)
 
 
-def _read_camera(path: Path, full: Camera) -> Camera | None:
-    """Read the calibration for the size of ``full``; None if the file does not exist."""
+def _read_lens(path: Path, kind: str | None, guess: Camera, pictures: list[str]) -> Lens | None:
+    """The calibration of full-size pictures: of the known poses, or of ``camera.json``; None without either."""
+    file = companion_path(path, CAMERA_FILE)
     # A broken link is not a missing file: reading it reports the error.
-    if not os.path.lexists(path):
-        return None
-    try:
-        entries = read_json(path)
-        numbers = [float(entries[key]) for key in _CAMERA_KEYS]
-    except (OSError, ValueError, TypeError, KeyError, OverflowError) as error:
+    calibrated = os.path.lexists(file)
+    if kind is None:
+        return read_camera_file(file, guess.width, guess.height) if calibrated else None
+    known = companion_path(path, KNOWN_POSES[kind])
+    if calibrated:
         raise UserError(
-            f"{path}: not an object with the numbers {', '.join(_CAMERA_KEYS)} ({repr(error)[:200]})."
-        ) from error
-    width, height, fx, fy, cx, cy = numbers
-    if (width, height) != (full.width, full.height):
-        raise UserError(
-            f"{path}: for {width:g}x{height:g} px, but the frames are {full.width}x{full.height}."
+            f"{file}: {known.name} has a camera, too. Remove one, or set frames.known_poses=none."
         )
-    camera = Camera(full.width, full.height, fx, fy, cx, cy)
-    if not (all(map(math.isfinite, numbers)) and min(fx, fy) > 0 and camera.contains(np.array([cx, cy]))):
-        raise UserError(f"{path}: fx, fy must be positive and (cx, cy) inside the image.")
-    return camera
+    contents = read_known_poses(path, kind, guess.width, guess.height)
+    if line := unmatched_line(match_pictures(contents.names, pictures, known), known):
+        log(line)
+    return contents.lens

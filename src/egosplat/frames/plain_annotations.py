@@ -17,11 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from egosplat.calibration.companions import companion_path
+from egosplat.calibration.lens import Lens, Rectifier
 from egosplat.errors import UserError
 from egosplat.frames.images import ImageFolder
 from egosplat.frames.plain import open_source
 from egosplat.frames.recording import Instance
-from egosplat.frames.recording_files import ANNOTATIONS, companion_path
+from egosplat.frames.recording_files import ANNOTATIONS
 from egosplat.frames.resize import resize_labels
 from egosplat.frames.video import Video
 from egosplat.geometry import Camera
@@ -37,12 +39,13 @@ _NO_INSTANCE, _UNKNOWN_ID = -1, -2
 class PlainAnnotations:
     """The annotations of a plain recording; an ``Annotations``."""
 
-    def __init__(self, path: Path, *, camera: Camera) -> None:
+    def __init__(self, path: Path, *, camera: Camera, lens: Lens | None = None) -> None:
         """Read the table and list the annotated frames.
 
         Args:
             path: video file or image folder.
             camera: of the frames (``Capture.camera``).
+            lens: that the frames were rectified from; None: they were not.
 
         Raises:
             UserError: the table is unreadable, or a PNG belongs to no frame.
@@ -50,6 +53,7 @@ class PlainAnnotations:
         folder = companion_path(path, ANNOTATIONS)
         self.instances = read_instances(folder / TABLE)
         self._camera = camera
+        self._rectifier = Rectifier(lens) if lens else None
         source = open_source(path)
         self._size = (source.width, source.height)
         self._pngs = _png_of_timestamp(folder, source)
@@ -75,6 +79,8 @@ class PlainAnnotations:
         unknown = ids[index == _UNKNOWN_ID]
         if len(unknown):
             raise UserError(f"{path}: instance id {unknown[0]} is not in {TABLE}. Add it there.")
+        if self._rectifier:
+            index = self._rectifier.labels(index)
         return resize_labels(index, self._camera.width, self._camera.height)
 
 

@@ -21,6 +21,7 @@ def open_recording(
     stride: int,
     start_s: float,
     end_s: float | None,
+    known_poses: str = "auto",
 ) -> Recording:
     """Open the frames of a recording.
 
@@ -32,6 +33,7 @@ def open_recording(
         upright: adt only: whether frames are turned upright.
         stride: take every ``stride``-th frame.
         start_s, end_s: take frames with start <= t < end, in seconds after the first frame; None: to the end.
+        known_poses: plain only: which of its files with known poses calibrates the frames.
 
     Raises:
         UserError: the format is unknown, the recording unreadable, or an option out of range.
@@ -43,5 +45,5 @@ def open_recording(
         case "hoi4d":
             return Hoi4dRecording(path, **selection)
         case "plain":
-            return PlainRecording(path, **selection)
+            return PlainRecording(path, known_poses=known_poses, **selection)
     raise UserError(f"format: {format!r} is unknown; choose from {', '.join(FORMATS)}.")

@@ -4,9 +4,9 @@ Training reads ``Recording`` only. ``Annotations`` serves evaluation and is impl
 (``*_annotations.py``), which no training stage imports.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Literal, Protocol
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ class Capture:
         valid: (H, W) bool: pixels that show the scene (inside the lens circle).
         origin: ``real`` or ``synthetic``.
         upright: whether up in the frames is up in the world, as far as the recording tells.
+        facts: further facts about a plain recording, as plain JSON, for the frames artifact.
     """
 
     timestamp_ns: NDArray[np.int64]
@@ -37,13 +38,19 @@ class Capture:
     valid: NDArray[np.bool_]
     origin: Origin
     upright: bool = True
+    facts: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def of_video(
-        cls, timestamp_ns: NDArray[np.int64], camera: Camera, camera_known: bool, valid: NDArray[np.bool_]
+        cls,
+        timestamp_ns: NDArray[np.int64],
+        camera: Camera,
+        camera_known: bool,
+        valid: NDArray[np.bool_],
+        facts: Mapping[str, Any] | None = None,
     ) -> "Capture":
         """Capture of a real video without a device frame; frames are exposed at their timestamps."""
-        return cls(timestamp_ns, timestamp_ns, camera, camera_known, None, valid, "real")
+        return cls(timestamp_ns, timestamp_ns, camera, camera_known, None, valid, "real", facts=facts or {})
 
 
 class Recording(Protocol):

@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 from typing import Literal
 
+from egosplat.calibration.companions import companion_path
 from egosplat.errors import UserError
 from egosplat.files import read_json
 
@@ -11,14 +12,6 @@ Origin = Literal["real", "synthetic"]
 
 # Folder with the annotations of a plain recording.
 ANNOTATIONS = "annotations"
-
-
-def companion_path(source: Path, name: str) -> Path:
-    """Path of a file that accompanies a plain recording.
-
-    It lies in the image folder, or next to the video as ``clip.mp4.<name>``.
-    """
-    return source / name if source.is_dir() else source.with_name(f"{source.name}.{name}")
 
 
 def is_annotated(format: str, path: Path) -> bool:

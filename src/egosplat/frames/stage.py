@@ -29,6 +29,7 @@ class FramesOptions:
     end_s: float | None
     evaluation_frames: int | str
     holdout: bool
+    known_poses: str
 
 
 def run(recording_path: Path, output: Path, options: FramesOptions, *, format: str) -> None:
@@ -46,6 +47,7 @@ def run(recording_path: Path, output: Path, options: FramesOptions, *, format: s
         stride=options.stride,
         start_s=options.start_s,
         end_s=options.end_s,
+        known_poses=options.known_poses,
     )
     capture = reader.capture
     count = len(capture.timestamp_ns)
@@ -74,6 +76,7 @@ def run(recording_path: Path, output: Path, options: FramesOptions, *, format: s
             "camera_known": capture.camera_known,
             "blurred_frames": count_blurred(sharpnesses),
             "device_from_camera": None if device is None else device.tolist(),
+            **capture.facts,
         }
     log(_split_line(count, int(evaluation.sum()), options.evaluation_frames == AUTO and not annotated))
 

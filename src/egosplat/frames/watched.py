@@ -4,6 +4,9 @@ import os
 from glob import escape, glob
 from pathlib import Path
 
+# The points of a transforms.json are in a PLY file beside it.
+_KNOWN_POSES = ["transforms.json", "colmap", "colmap/*.bin", "colmap/*.txt", "*.ply"]
+
 # By format and stage: patterns inside the recording's folder, or after a video's name.
 _WATCHED = {
     "adt": {
@@ -18,9 +21,9 @@ _WATCHED = {
     },
     # A folder's modification time does not change when a file in it is replaced, so the files are listed too.
     "plain": {
-        "frames": [".", "camera.json", "valid.png"],
+        "frames": [".", "camera.json", "valid.png", *_KNOWN_POSES],
         "annotations": ["annotations", "annotations/*"],
-        "poses": [],
+        "poses": _KNOWN_POSES,
     },
 }
 

@@ -80,7 +80,7 @@ _STAGES = (
         "Read and rectify a recording's frames, and split them into training and evaluation.",
         output="frames.zarr",
         inputs=("recording",),
-        libraries=("numpy", "opencv-contrib-python-headless", "projectaria-tools", "zarr"),
+        libraries=("numpy", "opencv-contrib-python-headless", "projectaria-tools", "pycolmap", "zarr"),
         scene=("format",),
     ),
     Stage(
@@ -94,7 +94,7 @@ _STAGES = (
     Stage(
         "poses",
         "egosplat.poses.stage",
-        "Get camera poses and points from the device's trajectory or with COLMAP.",
+        "Get camera poses and points from the device's trajectory, a file, or COLMAP.",
         output="poses.zarr",
         inputs=("recording", "frames"),
         libraries=("numpy", "scipy", "pycolmap", "projectaria-tools", "zarr"),

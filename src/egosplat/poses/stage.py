@@ -1,4 +1,4 @@
-"""Stage ``poses``: camera poses of the frames and points of the scene, from the device or COLMAP."""
+"""Stage ``poses``: camera poses of the frames and points of the scene, from the device, a file or COLMAP."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -10,10 +10,13 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.writer import create
+from egosplat.calibration.companions import KNOWN_POSES
+from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
 from egosplat.poses.adt import adt_poses
 from egosplat.poses.colmap.pipeline import colmap_poses
+from egosplat.poses.known import known_poses
 from egosplat.poses.result import Poses
 from egosplat.progress import log
 
@@ -31,6 +34,7 @@ class PosesOptions:
     overlap: int
     min_registered: float
     seed: int
+    metres_per_unit: float | None
 
 
 def run(recording_path: Path, frames_path: Path, output: Path, options: PosesOptions) -> None:
@@ -45,8 +49,21 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: PosesOpt
         raise UserError(
             f"poses.method = device: {recording_path.name} has no device trajectory; use colmap or auto"
         )
+    known = frames.facts.get("known_poses")
+    if options.method == "known" and known is None:
+        raise UserError(
+            f"poses.method = known: {recording_path.name} has neither {' nor '.join(KNOWN_POSES.values())} "
+            "(docs/recordings.md), or frames.known_poses is none"
+        )
+    use_known = known is not None and options.method in ("auto", "known")
+    if options.metres_per_unit is not None and not use_known:
+        raise UserError(
+            "poses.metres_per_unit: only known poses have a unit (docs/recordings.md); remove the key"
+        )
     record = provenance.begin_from("poses", asdict(options), [frames])
-    if has_device and options.method != "colmap":
+    if use_known:
+        poses = _from_file(recording_path, known, frames, options)
+    elif has_device and options.method != "colmap":
         poses = _from_device(recording_path, frames, options)
     else:
         poses = _from_colmap(frames, options)
@@ -71,6 +88,18 @@ def _from_device(recording: Path, frames: Artifact, options: PosesOptions) -> Po
         max_gap_ms=options.max_gap_ms,
         max_inv_dist_std=options.max_inv_dist_std,
         max_dist_std=options.max_dist_std,
+    )
+
+
+def _from_file(recording: Path, kind: str, frames: Artifact, options: PosesOptions) -> Poses:
+    return known_poses(
+        recording,
+        kind,
+        Lens.of_facts(frames.facts["lens"]),
+        frames.facts["pictures"],
+        Camera(**frames.facts["camera"]),
+        min_registered=options.min_registered,
+        metres_per_unit=options.metres_per_unit,
     )
 
 

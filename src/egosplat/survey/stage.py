@@ -93,7 +93,7 @@ def _poses(frames: Artifact, poses: Artifact) -> dict[str, Any]:
     has_device = frames.facts["device_from_camera"] is not None
     from_device = has_device and poses.provenance["options"]["method"] != "colmap"
     return {
-        "source": "device" if from_device else "colmap",
+        "source": "device" if from_device else poses.facts.get("notes", {}).get("source", "colmap"),
         "registered": int(poses.read("registered").sum()),
         "frames": frames.shape("rgb")[0],
         "points": poses.shape("points/xyz")[0],

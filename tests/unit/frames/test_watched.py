@@ -27,5 +27,10 @@ def test_a_video_is_watched_with_its_companion_files(tmp_path):
         file.parent.mkdir(exist_ok=True)
         file.touch()
     assert watched_files("plain", video, "frames") == [str(video), f"{video}.camera.json"]
+    (tmp_path / f"{video.name}.colmap").mkdir()
+    for name in (".colmap/images.bin", ".transforms.json"):
+        (tmp_path / f"{video.name}{name}").touch()
+    known = {f"{video}.colmap", f"{video}.colmap/images.bin", f"{video}.transforms.json"}
+    assert all(known <= set(watched_files("plain", video, stage)) for stage in ("frames", "poses"))
     assert f"{video}.annotations/0.png" in watched_files("plain", video, "annotations")
     assert not [path for path in watched_files("plain", video, "annotations") if "{" in path]

@@ -1,0 +1,144 @@
+"""Read a COLMAP model folder: ``cameras``, ``images`` and ``points3D``, all as .bin or all as .txt."""
+
+import struct
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from egosplat.calibration.contents import Contents
+from egosplat.calibration.lens import Lens
+from egosplat.errors import UserError
+from egosplat.geometry import invert, make_pose
+
+# rigs and frames of newer versions repeat what these three say of a single camera.
+_FILES = ("cameras", "images", "points3D")
+
+
+def read_model(folder: Path, width: int, height: int) -> Contents:
+    """Read the camera, the poses and the points of a model.
+
+    Raises:
+        UserError: a file is missing or damaged, or the images have more than one camera.
+    """
+    model = _read(folder, _suffix(folder))
+    images = sorted(
+        (image for image in model.images.values() if image.has_pose), key=lambda image: image.name
+    )
+    if not images:
+        raise UserError(f"{folder}: has no image with a pose.")
+    used = {image.camera_id for image in images}
+    if len(used) > 1:
+        raise UserError(
+            f"{folder}: has {len(used)} cameras, but all pictures must share one. Run COLMAP again with "
+            "--ImageReader.single_camera 1."
+        )
+    camera = model.cameras[used.pop()]
+    lens = Lens(camera.model_name, camera.width, camera.height, tuple(map(float, camera.params)))
+    world_to_camera = np.stack([_world_to_camera(image) for image in images])
+    points = [point for _, point in sorted(model.points3D.items())]
+    return Contents(
+        camera_file=str(folder / f"cameras{_suffix(folder)}"),
+        pose_file=str(folder / f"images{_suffix(folder)}"),
+        lens=lens,
+        names=[image.name for image in images],
+        camera_to_world=invert(make_pose(world_to_camera[:, :, :3], world_to_camera[:, :, 3])),
+        points=np.array([point.xyz for point in points], np.float64).reshape(-1, 3),
+        point_rgb=np.array([point.color for point in points], np.uint8).reshape(-1, 3),
+        point_views=np.array([point.track.length() for point in points], np.int64),
+        point_error_px=np.array([max(point.error, 0.0) for point in points], np.float64),
+    )
+
+
+def _world_to_camera(image: pycolmap.Image) -> NDArray[np.float64]:
+    """The (3, 4) matrix of an image; NaN for a quaternion of zeros, which pycolmap takes for no rotation."""
+    motion = image.cam_from_world()
+    return motion.matrix() if np.linalg.norm(motion.rotation.quat) > 0.5 else np.full((3, 4), np.nan)
+
+
+def _suffix(folder: Path) -> str:
+    """The extension of the model's three files.
+
+    Raises:
+        UserError: a file is missing in both formats.
+    """
+    missing = {
+        suffix: [f"{name}{suffix}" for name in _FILES if not (folder / f"{name}{suffix}").is_file()]
+        for suffix in (".bin", ".txt")
+    }
+    # COLMAP itself prefers .bin where both exist.
+    for suffix, names in missing.items():
+        if not names:
+            return suffix
+    nearly = min(missing.values(), key=len)
+    raise UserError(
+        f"{folder}: has no {', '.join(nearly)}. A COLMAP model has cameras, images and points3D, all .bin or all .txt."
+    )
+
+
+def _read(folder: Path, suffix: str) -> pycolmap.Reconstruction:
+    if suffix == ".bin":
+        for name in _FILES:
+            _check_whole(folder / f"{name}.bin")
+    # COLMAP reads every file that it finds; here the three that are checked.
+    with tempfile.TemporaryDirectory(prefix="egosplat-model-") as scratch:
+        for name in _FILES:
+            (Path(scratch) / f"{name}{suffix}").symlink_to((folder / f"{name}{suffix}").absolute())
+        try:
+            return pycolmap.Reconstruction(scratch)
+        except (ValueError, IndexError, RuntimeError, OSError) as error:
+            reason = str(error).replace(f"{scratch}/", "").partition("\n")[0][-200:]
+            raise UserError(f"{folder}: not a readable COLMAP model ({reason}). Export it again.") from error
+
+
+def _check_whole(path: Path) -> None:
+    """Check that a binary file ends where its last record ends: COLMAP would wait or invent values.
+
+    Raises:
+        UserError: it does not.
+    """
+    content = path.read_bytes()
+    skip = {"cameras": _skip_camera, "images": _skip_image, "points3D": _skip_point}[path.stem]
+    try:
+        (count,) = struct.unpack_from("<Q", content)
+        position = 8
+        for _ in range(count):
+            position = skip(content, position)
+            if position > len(content):
+                break
+        whole = position == len(content)
+    except (struct.error, ValueError, KeyError):
+        whole = False
+    if not whole:
+        raise UserError(f"{path}: damaged or incomplete ({len(content)} bytes). Copy it again.")
+
+
+def _skip_camera(content: bytes, position: int) -> int:
+    _, model, _, _ = struct.unpack_from("<iiQQ", content, position)
+    return position + 24 + 8 * _PARAMETERS[model]
+
+
+def _skip_image(content: bytes, position: int) -> int:
+    end = content.index(b"\0", position + 64)
+    (points,) = struct.unpack_from("<Q", content, end + 1)
+    return end + 9 + 24 * points
+
+
+def _skip_point(content: bytes, position: int) -> int:
+    (length,) = struct.unpack_from("<Q", content, position + 43)
+    return position + 51 + 8 * length
+
+
+def _parameters() -> dict[int, int]:
+    """Number of parameters of each camera model, by its number in a file."""
+    models = pycolmap.CameraModelId.__members__
+    return {
+        int(number): len(pycolmap.Camera.create_from_model_name(1, name, 1.0, 1, 1).params)
+        for name, number in models.items()
+        if name != "INVALID"
+    }
+
+
+_PARAMETERS = _parameters()

@@ -1,0 +1,194 @@
+"""A camera with lens distortion, and the pinhole camera that its pictures are rectified to."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import cv2
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from egosplat.errors import UserError
+from egosplat.geometry import Camera
+
+# COLMAP's camera models without and with an angular (fisheye) projection. Its other models are rare.
+_PERSPECTIVE = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV")
+_FISHEYE = ("SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "OPENCV_FISHEYE")
+MODELS = (*_PERSPECTIVE, *_FISHEYE)
+
+# Points on each side of the picture at which the rectified field of view is measured.
+_BORDER_POINTS = 200
+# Largest error of undistorting and distorting a point again [px]. Above it, the distortion cannot be inverted.
+_MAX_ROUND_TRIP_PX = 0.1
+_ROWS_PER_BLOCK = 256
+# Far enough outside the picture that bilinear sampling gives 0.
+_OUTSIDE = -10.0
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A camera model of COLMAP with its parameters, for pictures of full size.
+
+    Attributes:
+        model: name of the model, such as ``OPENCV``.
+        width, height: size of the pictures [px].
+        params: in COLMAP's order: focal lengths, principal point [px], distortion.
+    """
+
+    model: str
+    width: int
+    height: int
+    params: tuple[float, ...]
+
+    @classmethod
+    def of_facts(cls, facts: Mapping[str, Any] | None) -> "Lens | None":
+        """The lens of a plain JSON object with its attributes; None for None."""
+        return None if facts is None else cls(**{**facts, "params": tuple(facts["params"])})
+
+    def check(self, source: str) -> "Lens":
+        """Check the values and return self.
+
+        Args:
+            source: file that an error names.
+
+        Raises:
+            UserError: the model is not supported, or a parameter is not possible.
+        """
+        if self.model not in MODELS:
+            raise UserError(
+                f"{source}: camera model {self.model} is not supported. Supported: {', '.join(MODELS)}."
+            )
+        camera = self.colmap()
+        if not camera.verify_params():
+            raise UserError(
+                f"{source}: {len(self.params)} parameters; {self.model} has {camera.params_info}."
+            )
+        finite = all(map(math.isfinite, self.params)) and min(self.width, self.height) > 0
+        positive = min(camera.focal_length_x, camera.focal_length_y) > 0
+        cx, cy = camera.principal_point_x, camera.principal_point_y
+        if not (finite and positive and 0 <= cx < self.width and 0 <= cy < self.height):
+            raise UserError(
+                f"{source}: fx, fy must be positive, (cx, cy) inside the image, and all numbers finite."
+            )
+        return self
+
+    def colmap(self) -> pycolmap.Camera:
+        """This camera as pycolmap represents it."""
+        return pycolmap.Camera(
+            model=self.model, width=self.width, height=self.height, params=list(self.params)
+        )
+
+    @property
+    def is_pinhole(self) -> bool:
+        """Whether the camera has no distortion."""
+        camera = self.colmap()
+        extra = [self.params[index] for index in camera.extra_params_idxs()]
+        return self.model in _PERSPECTIVE and not any(extra)
+
+    @cached_property
+    def pinhole(self) -> Camera:
+        """The pinhole camera of the rectified pictures: of the same size, with the largest view without blank pixels.
+
+        A camera without distortion is returned as it is.
+
+        Raises:
+            UserError: the view is too wide for a pinhole camera, or the distortion cannot be inverted.
+        """
+        camera = self.colmap()
+        fx, fy = camera.focal_length_x, camera.focal_length_y
+        cx, cy = camera.principal_point_x, camera.principal_point_y
+        if self.is_pinhole:
+            return Camera(self.width, self.height, fx, fy, cx, cy)
+        left, top, right, bottom = self._inner_view()
+        zoom = max(self.width / (fx * (right - left)), self.height / (fy * (bottom - top)))
+        fx, fy = fx * zoom, fy * zoom
+        # As near to the lens's principal point as the view allows.
+        cx = float(np.clip(cx, self.width - right * fx, -left * fx))
+        cy = float(np.clip(cy, self.height - bottom * fy, -top * fy))
+        return Camera(self.width, self.height, fx, fy, cx, cy)
+
+    def _inner_view(self) -> tuple[float, float, float, float]:
+        """Left, top, right, bottom of the largest rectangle in the undistorted border of the picture, at depth 1."""
+        along = np.linspace(0.0, 1.0, _BORDER_POINTS)
+        # Half a pixel inside, so that bilinear sampling has all its neighbours.
+        x, y = 0.5 + along * (self.width - 1), 0.5 + along * (self.height - 1)
+        first, last = np.full_like(along, 0.5), np.full_like(along, 1.0)
+        sides = [
+            np.stack([first, y], 1),
+            np.stack([x, first], 1),
+            np.stack([last * (self.width - 0.5), y], 1),
+            np.stack([x, last * (self.height - 0.5)], 1),
+        ]
+        border = np.concatenate(sides)
+        rays = self.colmap().cam_from_img(border)
+        again = self.colmap().img_from_cam(np.column_stack([rays, np.ones(len(rays))]))
+        if not (np.abs(again - border) <= _MAX_ROUND_TRIP_PX).all():
+            raise UserError(
+                f"the {self.model} lens {list(self.params)} cannot be rectified to a pinhole camera: its view is "
+                "too wide, or the distortion folds the picture. Crop the pictures, or calibrate again."
+            )
+        left, top, right, bottom = np.split(rays, 4)
+        view = left[:, 0].max(), top[:, 1].max(), right[:, 0].min(), bottom[:, 1].min()
+        if not (view[0] < 0 < view[2] and view[1] < 0 < view[3]):
+            raise UserError(f"the {self.model} lens {list(self.params)} leaves no view: calibrate again.")
+        return tuple(map(float, view))
+
+    def bend_px(self, other: Camera) -> float:
+        """Largest distance [px] between where this lens and a pinhole camera show the same ray, over the picture."""
+        across, down = (np.arange(32) + 0.5) / 32 * self.width, (np.arange(32) + 0.5) / 32 * self.height
+        grid = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
+        rays = (grid - [other.cx, other.cy]) / [other.fx, other.fy]
+        shown = self.colmap().img_from_cam(np.column_stack([rays, np.ones(len(rays))]))
+        return float(np.linalg.norm(shown - grid, axis=1).max())
+
+
+class Rectifier:
+    """Maps full-size pictures, label maps and masks of a lens to its pinhole camera."""
+
+    def __init__(self, lens: Lens) -> None:
+        """Compute where each pixel of the pinhole camera lies in the picture."""
+        self.lens = lens
+        self.is_identity = lens.is_pinhole
+        if not self.is_identity:
+            self._u, self._v = _source_positions(lens)
+
+    def image(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """(H, W, 3) uint8 picture -> (H, W, 3) uint8 of the pinhole camera, sampled bilinearly."""
+        if self.is_identity:
+            return picture
+        return cv2.remap(picture, self._u, self._v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+
+    def mask(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """(H, W) bool -> (H, W) bool of the pinhole camera: True where all sampled pixels are in the mask."""
+        if self.is_identity:
+            return mask
+        # Neighbours outside the picture do not count, as ``image`` repeats its border.
+        filled = cv2.remap(
+            mask.astype(np.float32), self._u, self._v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        return filled > 1 - 1e-4
+
+    def labels(self, labels: NDArray[np.int32]) -> NDArray[np.int32]:
+        """(H, W) labels -> (H, W) labels of the pinhole camera, by nearest neighbour."""
+        if self.is_identity:
+            return labels
+        height, width = labels.shape
+        rows = np.clip(np.rint(self._v), 0, height - 1).astype(np.int64)
+        columns = np.clip(np.rint(self._u), 0, width - 1).astype(np.int64)
+        return labels[rows, columns]
+
+
+def _source_positions(lens: Lens) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Column and row, (H, W) float32 [px, pixel centres at integers as in OpenCV], of each pixel of the pinhole camera."""
+    target, camera = lens.pinhole, lens.colmap()
+    positions = np.empty((target.height, target.width, 2), np.float32)
+    x = (np.arange(target.width) + 0.5 - target.cx) / target.fx
+    for start in range(0, target.height, _ROWS_PER_BLOCK):
+        y = (np.arange(start, min(start + _ROWS_PER_BLOCK, target.height)) + 0.5 - target.cy) / target.fy
+        rays = np.stack([*np.meshgrid(x, y), np.ones((len(y), len(x)))], axis=-1)
+        shown = camera.img_from_cam(rays.reshape(-1, 3)).reshape(len(y), len(x), 2)
+        positions[start : start + len(y)] = np.nan_to_num(shown - 0.5, nan=_OUTSIDE)
+    return np.ascontiguousarray(positions[..., 0]), np.ascontiguousarray(positions[..., 1])

@@ -1,0 +1,77 @@
+"""Read the vertices of a PLY file: positions and colours."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.errors import UserError
+
+_TYPES = {
+    "char": "i1",
+    "int8": "i1",
+    "uchar": "u1",
+    "uint8": "u1",
+    "short": "i2",
+    "int16": "i2",
+    "ushort": "u2",
+    "uint16": "u2",
+    "int": "i4",
+    "int32": "i4",
+    "uint": "u4",
+    "uint32": "u4",
+    "float": "f4",
+    "float32": "f4",
+    "double": "f8",
+    "float64": "f8",
+}
+_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
+_END = b"end_header"
+# Colour of points without one.
+_GREY = 128
+
+
+def read_points(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+    """Read the points of a PLY file.
+
+    Returns:
+        (P, 3) float64 positions and (P, 3) uint8 colours, grey if the file has none.
+
+    Raises:
+        UserError: the file is missing, damaged, or does not begin with its vertices.
+    """
+    try:
+        vertices = _vertices(path.read_bytes())
+        points = np.stack([vertices[axis] for axis in "xyz"], axis=-1).astype(np.float64)
+        colours = np.full(points.shape, _GREY, np.uint8)
+        if {"red", "green", "blue"} <= set(vertices.dtype.names):
+            colours = np.stack([vertices[name] for name in ("red", "green", "blue")], axis=-1).astype(
+                np.uint8
+            )
+    except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
+        raise UserError(f"{path}: not a readable PLY file of points ({str(error)[:100]}).") from error
+    return points, colours
+
+
+def _vertices(content: bytes) -> NDArray[np.void]:
+    """The table of vertices, with the columns that the header names."""
+    head, found, body = content.partition(_END)
+    lines = [line.split() for line in head.decode("ascii").splitlines()]
+    if not found or lines[0] != ["ply"]:
+        raise ValueError("no header")
+    body = body.partition(b"\n")[2]
+    (order,) = [_ORDERS[words[1]] for words in lines if words and words[0] == "format"]
+    elements = [index for index, words in enumerate(lines) if words and words[0] == "element"]
+    first = lines[elements[0]]
+    if first[1] != "vertex":
+        raise ValueError(f"its first element is {first[1]}")
+    columns = lines[elements[0] + 1 : elements[1] if len(elements) > 1 else None]
+    columns = [words for words in columns if words and words[0] == "property"]
+    table = np.dtype([(words[2], order + _TYPES[words[1]]) for words in columns])
+    count = int(first[2])
+    if order != "=":
+        return np.frombuffer(body, table, count)
+    rows = body.decode("ascii").splitlines()[:count]
+    if len(rows) < count:
+        raise ValueError(f"{len(rows)} of {count} points")
+    return np.array([tuple(map(float, row.split())) for row in rows], dtype=table).reshape(-1)

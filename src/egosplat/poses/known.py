@@ -1,0 +1,106 @@
+"""Poses of a plain recording that are known already, from a COLMAP model or a ``transforms.json``."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from egosplat.calibration.companions import KNOWN_POSES, companion_path
+from egosplat.calibration.contents import Contents
+from egosplat.calibration.known_poses import match_pictures, read_known_poses
+from egosplat.calibration.lens import Lens
+from egosplat.errors import UserError
+from egosplat.geometry import Camera
+from egosplat.poses.colmap.mapping import format_ranges
+from egosplat.poses.colmap.pipeline import MAX_REPROJECTION_ERROR_PX, MIN_TRACK_LENGTH
+from egosplat.poses.result import Poses, mean_camera_up, unregistered
+from egosplat.progress import log
+
+
+def known_poses(
+    recording: Path,
+    kind: str,
+    lens: Lens,
+    pictures: Sequence[str],
+    camera: Camera,
+    *,
+    min_registered: float,
+    metres_per_unit: float | None,
+) -> Poses:
+    """Take the poses of a recording's frames from its file, as they are.
+
+    Args:
+        kind: of the file, a key of ``KNOWN_POSES``.
+        lens: that the frames were rectified from.
+        pictures: name of each frame's picture.
+        camera: of the frames.
+        min_registered: required fraction of frames with a pose, 0 to 1.
+        metres_per_unit: metres of one unit of the file; None if it is not known.
+
+    Returns:
+        Poses in the file's world, in metres if their scale is given. Points as for ``colmap_poses``, except that a
+        file without views keeps them all.
+
+    Raises:
+        UserError: the file is damaged or has changed since the frames were read, or too few frames have a pose.
+    """
+    path = companion_path(recording, KNOWN_POSES[kind])
+    contents = read_known_poses(recording, kind, lens.width, lens.height)
+    if contents.lens != lens:
+        raise UserError(f"{path}: has changed since the frames were read. Rebuild frames.zarr.")
+    row = match_pictures(contents.names, pictures, path).row
+    registered = row >= 0
+    _check_share(registered, path, min_registered)
+    scale = metres_per_unit or 1.0
+    camera_to_world = unregistered(len(pictures))
+    camera_to_world[registered] = contents.camera_to_world[row[registered]]
+    camera_to_world[registered, :3, 3] *= scale
+    kept = _kept_points(contents, camera.width / lens.width)
+    notes = {
+        "source": "known",
+        "file": path.name,
+        "frames": len(pictures),
+        "registered": int(registered.sum()),
+        "points": int(kept.sum()),
+        "points_read": len(kept),
+        "scale": "arbitrary" if metres_per_unit is None else "metres",
+        **contents.notes,
+    }
+    log(_summary(path, notes, metres_per_unit))
+    up = mean_camera_up(camera_to_world[registered])
+    points = contents.points[kept] * scale
+    return Poses(camera_to_world, registered, camera, points, contents.point_rgb[kept], up, notes).check()
+
+
+def _check_share(registered: np.ndarray, path: Path, min_registered: float) -> None:
+    frames, count = len(registered), int(registered.sum())
+    without = format_ranges(set(np.flatnonzero(~registered).tolist()))
+    if count < min_registered * frames:
+        share = math.floor(100 * count / frames) / 100
+        raise UserError(
+            f"{path}: has poses of {count} of {frames} frames, and poses.min_registered requires {min_registered:.0%}; "
+            f"without a pose (indices from 0): {without}\nAdd them, or accept the loss: poses.min_registered={share:g}"
+        )
+    if without:
+        log(f"{path}: has no pose of the frames {without} (indices from 0); they are not used")
+
+
+def _kept_points(contents: Contents, pixel_scale: float) -> np.ndarray:
+    """(P,) bool: the points that ``colmap_poses`` would keep, with errors in pixels of the frames."""
+    views, error = contents.point_views, contents.point_error_px * pixel_scale
+    # A file without views says nothing about its points' depths.
+    seen = views >= MIN_TRACK_LENGTH if views.any() else np.ones(len(views), bool)
+    return seen & (error <= MAX_REPROJECTION_ERROR_PX) & np.isfinite(contents.points).all(axis=1)
+
+
+def _summary(path: Path, notes: dict[str, Any], metres_per_unit: float | None) -> str:
+    """The log line that names the world of the poses."""
+    if metres_per_unit is None:
+        unit = "lengths are in scene units (poses.metres_per_unit makes them metres)"
+    else:
+        unit = f"one unit of the file is {metres_per_unit:g} m"
+    turned = ", turned by its applied_transform" if "applied_transform" in notes else ""
+    scaled = f", scaled by its applied_scale {notes['applied_scale']:g}" if "applied_scale" in notes else ""
+    return f"poses as in {path}{turned}{scaled}; {unit}"

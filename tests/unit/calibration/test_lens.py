@@ -1,0 +1,124 @@
+"""Pictures of a lens with distortion become pictures of a pinhole camera, without blank pixels."""
+
+import numpy as np
+import pytest
+
+from egosplat.calibration.lens import MODELS, Lens, Rectifier
+from egosplat.errors import UserError
+from egosplat.geometry import Camera
+
+WIDTH, HEIGHT = 96, 72
+PINHOLE = (80.0, 82.0, 47.0, 37.0)
+DISTORTED = {
+    "pincushion": Lens("OPENCV", WIDTH, HEIGHT, (*PINHOLE, 0.1, 0.02, 0.001, -0.002)),
+    "barrel": Lens("RADIAL", WIDTH, HEIGHT, (80.0, 47.0, 37.0, -0.2, 0.03)),
+    "fisheye": Lens("OPENCV_FISHEYE", WIDTH, HEIGHT, (*PINHOLE, 0.01, 0.0, 0.0, 0.0)),
+}
+
+
+def picture_of(lens: Lens) -> np.ndarray:
+    """A picture whose red and green are the direction of each pixel's ray."""
+    columns, rows = np.meshgrid(np.arange(lens.width) + 0.5, np.arange(lens.height) + 0.5)
+    rays = lens.colmap().cam_from_img(np.stack([columns, rows], -1).reshape(-1, 2))
+    values = np.clip(127 + 100 * rays, 0, 255).reshape(lens.height, lens.width, 2)
+    return np.dstack([values, np.zeros((lens.height, lens.width))]).round().astype(np.uint8)
+
+
+@pytest.mark.parametrize("lens", DISTORTED.values(), ids=DISTORTED)
+def test_a_rectified_pixel_shows_the_ray_of_the_pinhole_camera(lens):
+    """The whole geometry: a wrong sign, pixel offset or axis shows as a wrong ray."""
+    camera = lens.pinhole
+    shown = Rectifier(lens).image(picture_of(lens)).astype(float)
+    x = (np.arange(WIDTH) + 0.5 - camera.cx) / camera.fx
+    y = (np.arange(HEIGHT) + 0.5 - camera.cy) / camera.fy
+    expected = 127 + 100 * np.stack(np.meshgrid(x, y), -1)
+    inside = (expected > 0) & (expected < 255)
+    assert np.abs(shown[..., :2] - expected)[inside].max() <= 1.1
+
+
+@pytest.mark.parametrize("lens", DISTORTED.values(), ids=DISTORTED)
+def test_no_rectified_pixel_is_blank_and_two_sides_touch_the_border(lens):
+    """The view is as large as it can be without pixels that no camera saw."""
+    everywhere = np.ones((HEIGHT, WIDTH), bool)
+    assert Rectifier(lens).mask(everywhere).all()
+    camera, full = lens.pinhole, lens.colmap()
+    x, y = np.linspace(0.5, WIDTH - 0.5, 50), np.linspace(0.5, HEIGHT - 0.5, 50)
+    sides = [(x, np.full(50, 0.5)), (x, np.full(50, HEIGHT - 0.5)), (np.full(50, 0.5), y)]
+    sides.append((np.full(50, WIDTH - 0.5), y))
+    gaps = []
+    for u, v in sides:
+        rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(50)], -1)
+        shown = full.img_from_cam(rays)
+        border = np.stack([shown, [WIDTH, HEIGHT] - shown]).min(axis=(0, 2))
+        assert border.min() > -0.1
+        gaps.append(border.min())
+    assert sorted(gaps)[1] < 1.5
+
+
+def test_a_lens_without_distortion_changes_nothing():
+    """Pictures of a pinhole camera keep their bits and their calibration."""
+    lens = Lens("OPENCV", WIDTH, HEIGHT, (*PINHOLE, 0.0, 0.0, 0.0, 0.0))
+    picture = np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH, 3), dtype=np.uint8)
+    assert lens.pinhole == Camera(WIDTH, HEIGHT, *PINHOLE)
+    assert Rectifier(lens).image(picture) is picture
+    assert not Lens("OPENCV_FISHEYE", WIDTH, HEIGHT, (*PINHOLE, 0.0, 0.0, 0.0, 0.0)).is_pinhole
+
+
+@pytest.mark.parametrize("lens", DISTORTED.values(), ids=DISTORTED)
+def test_labels_and_masks_follow_the_picture(lens):
+    """An annotation stays on its object, and a masked pixel does not come back."""
+    labels = (np.arange(WIDTH)[None] // 8 + 20 * (np.arange(HEIGHT)[:, None] // 8)).astype(np.int32)
+    rectifier = Rectifier(lens)
+    picture = np.repeat(labels[..., None], 3, axis=2).astype(np.uint8)
+    agree = rectifier.labels(labels) == rectifier.image(picture)[..., 0]
+    assert agree.mean() > 0.7
+    mask = np.ones((HEIGHT, WIDTH), bool)
+    mask[30:40, 40:60] = False
+    shown = rectifier.mask(mask)
+    assert 0 < (~shown).sum() < 1000 and not shown[rectifier.labels((~mask).astype(np.int32)) > 0].any()
+
+
+@pytest.mark.parametrize(
+    "lens, problem",
+    [
+        (Lens("EUCM", 96, 72, (*PINHOLE, 0.5, 1.0)), "camera model EUCM is not supported"),
+        (Lens("RADIAL", 96, 72, (80.0, 47.0)), "2 parameters"),
+        (Lens("RADIAL", 96, 72, (80.0, 47.0, 37.0, float("nan"), 0.0)), "finite"),
+        (Lens("RADIAL", 96, 72, (0.0, 47.0, 37.0, 0.0, 0.0)), "fx, fy must be positive"),
+        (Lens("RADIAL", 96, 72, (80.0, 97.0, 37.0, 0.0, 0.0)), r"\(cx, cy\) inside"),
+    ],
+)
+def test_an_impossible_camera_is_named(lens, problem):
+    """The error names the file and what is wrong."""
+    with pytest.raises(UserError, match=f"here.json: .*{problem}"):
+        lens.check("here.json")
+
+
+@pytest.mark.parametrize(
+    "lens",
+    [
+        Lens("RADIAL", 96, 72, (80.0, 47.0, 37.0, -2.0, 0.0)),
+        Lens("OPENCV_FISHEYE", 96, 72, (25.0, 25.0, 47.0, 37.0, 0.0, 0.0, 0.0, 0.0)),
+    ],
+    ids=["folded", "wider than a half space"],
+)
+def test_a_view_without_a_pinhole_camera_is_rejected(lens):
+    """No frames with invented pixels: the message says what the lens is."""
+    with pytest.raises(UserError, match=f"{lens.model} lens"):
+        _ = lens.pinhole
+
+
+def test_the_bend_of_a_lens_is_measured_in_pixels():
+    """The evidence for rectifying: a known shift of one axis, and none for a pinhole camera."""
+    camera = Camera(WIDTH, HEIGHT, *PINHOLE)
+    straight = Lens("PINHOLE", WIDTH, HEIGHT, PINHOLE)
+    assert straight.bend_px(camera) < 1e-9
+    shifted = Camera(WIDTH, HEIGHT, PINHOLE[0], PINHOLE[1], PINHOLE[2] + 3.0, PINHOLE[3])
+    assert straight.bend_px(shifted) == pytest.approx(3.0)
+
+
+def test_every_supported_model_has_its_parameters():
+    """A model that pycolmap does not know would fail on a user's file only."""
+    for model in MODELS:
+        camera = Lens(model, 96, 72, ()).colmap().create_from_model_name(1, model, 80.0, 96, 72)
+        assert Lens(model, 96, 72, tuple(camera.params)).check("x").model == model

@@ -1,0 +1,140 @@
+"""Known poses reach the poses artifact as they are, through the frames that they calibrate."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+from PIL import Image
+
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.poses import POSES, length_unit
+from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.errors import UserError
+from egosplat.frames.stage import FramesOptions
+from egosplat.frames.stage import run as make_frames
+from egosplat.pipeline.config import defaults
+from egosplat.poses.stage import PosesOptions
+from egosplat.poses.stage import run as make_poses
+
+WIDTH, HEIGHT = 64, 48
+FRAMES_OPTIONS = {"resolution": 64, "evaluation_frames": 0}
+
+
+def options(kind: type, section: str, **changes: object) -> object:
+    return kind(**(defaults()[section] | changes))
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    """Six pictures, and a COLMAP model of five of them and of one that is not there."""
+    (folder := tmp_path / "pictures").mkdir()
+    for number in range(6):
+        Image.new("RGB", (WIDTH, HEIGHT), (40 * number, 90, 0)).save(folder / f"{number}.png")
+    pycolmap.set_random_seed(3)
+    synthetic = pycolmap.SyntheticDatasetOptions(
+        num_rigs=1,
+        num_frames_per_rig=6,
+        num_points3D=30,
+        camera_model_id=pycolmap.CameraModelId.RADIAL,
+        camera_width=WIDTH,
+        camera_height=HEIGHT,
+        camera_params=[60.0, 31.0, 25.0, 0.05, -0.01],
+    )
+    model = pycolmap.synthesize_dataset(synthetic)
+    for number, image in enumerate(sorted(model.images.values(), key=lambda one: one.image_id)):
+        # All cameras upright: the model's own are spread over a sphere.
+        image.frame.rig_from_world = pycolmap.Rigid3d(pycolmap.Rotation3d(), [-0.3 * number, 0.1, 4.0])
+        image.name = f"{number}.png" if number < 5 else "gone.png"
+    (folder / "colmap").mkdir()
+    model.write_binary(folder / "colmap")
+    return folder
+
+
+def run(recording: Path, frames: dict[str, object], **poses: object) -> tuple[Artifact, Artifact]:
+    made, written = recording.parent / "frames.zarr", recording.parent / "poses.zarr"
+    make_frames(recording, made, options(FramesOptions, "frames", **FRAMES_OPTIONS, **frames), format="plain")
+    make_poses(recording, made, written, options(PosesOptions, "poses", **poses))
+    return open_artifact(made, FRAMES), open_artifact(written, POSES)
+
+
+def test_a_model_calibrates_the_frames_and_gives_their_poses(recording: Path, capsys: pytest.CaptureFixture):
+    """The way of a user's model through both stages: camera, lens, poses, points, unit, log."""
+    frames, poses = run(recording, {"stride": 2})
+    assert frames.facts["pictures"] == ["0.png", "2.png", "4.png"] and frames.facts["known_poses"] == "colmap"
+    assert frames.facts["lens"]["model"] == "RADIAL" and frames.facts["camera_known"]
+    camera = frames.facts["camera"]
+    np.testing.assert_array_equal(
+        poses.read("intrinsics"),
+        [[camera["fx"], 0, camera["cx"]], [0, camera["fy"], camera["cy"]], [0, 0, 1]],
+    )
+    assert poses.read("registered").all()
+    np.testing.assert_allclose(
+        poses.read("camera_to_world")[:, :3, 3], [[0.6 * i, -0.1, -4] for i in range(3)], atol=1e-12
+    )
+    np.testing.assert_array_equal(poses.read("camera_to_world")[:, :3, :3], np.eye(3)[None].repeat(3, 0))
+    assert length_unit(poses) == "scene units" and poses.shape("points/xyz")[0] > 20
+    told = capsys.readouterr().err
+    assert "ignores 1 name without a picture: gone.png" in told and "scene units" in told
+
+
+def test_pictures_without_a_pose_are_told_and_left_out(recording: Path, capsys: pytest.CaptureFixture):
+    """A lost picture is no error by itself."""
+    _, poses = run(recording, {})
+    assert poses.read("registered").tolist() == [True] * 5 + [False]
+    assert np.isnan(poses.read("camera_to_world")[5]).all()
+    assert "has no pose of the frames 5 (indices from 0)" in capsys.readouterr().err
+    with pytest.raises(UserError, match="(?s)colmap: has poses of 5 of 6 .*poses.min_registered=0.83"):
+        run(recording, {}, min_registered=0.9)
+
+
+def test_a_named_scale_makes_metres(recording: Path):
+    """The scale is a fact that only the user knows."""
+    _, poses = run(recording, {}, metres_per_unit=2.5)
+    assert length_unit(poses) == "m"
+    np.testing.assert_allclose(poses.read("camera_to_world")[2, :3, 3], [1.5, -0.25, -10.0], atol=1e-12)
+
+
+def test_a_colmap_folder_and_a_transforms_file_of_one_model_agree(recording: Path):
+    """Two formats of one reconstruction: the same frames and poses to rounding."""
+    frames, poses = run(recording, {})
+    first = frames.read("rgb"), poses.read("camera_to_world"), poses.read("intrinsics")
+    model = pycolmap.Reconstruction(recording / "colmap")
+    entries = []
+    for image in model.images.values():
+        matrix = np.eye(4)
+        matrix[:3] = image.cam_from_world().inverse().matrix()
+        entries.append(
+            {"file_path": f"./{image.name}", "transform_matrix": (matrix * [1, -1, -1, 1]).tolist()}
+        )
+    lens = {"w": WIDTH, "h": HEIGHT, "fl_x": 60, "fl_y": 60, "cx": 31, "cy": 25, "k1": 0.05, "k2": -0.01}
+    (recording / "transforms.json").write_text(json.dumps(lens | {"frames": entries}))
+    frames, poses = run(recording, {"known_poses": "transforms"})
+    np.testing.assert_array_equal(frames.read("rgb"), first[0])
+    np.testing.assert_allclose(poses.read("camera_to_world"), first[1], atol=1e-12)
+    np.testing.assert_allclose(poses.read("intrinsics"), first[2], atol=1e-9)
+
+
+def test_keys_that_do_not_fit_are_named(recording: Path):
+    """A key without effect is an error, not a surprise."""
+    with pytest.raises(UserError, match="poses.method = known: pictures has neither colmap nor transforms"):
+        run(recording, {"known_poses": "none"}, method="known")
+    with pytest.raises(UserError, match="poses.metres_per_unit"):
+        run(recording, {"known_poses": "none"}, metres_per_unit=1.0)
+
+
+def test_a_model_that_changed_after_the_frames_is_refused(recording: Path):
+    """Frames of one calibration and poses of another would not fit."""
+    run(recording, {})
+    model = pycolmap.Reconstruction(recording / "colmap")
+    (camera,) = model.cameras.values()
+    camera.params = [61.0, 31.0, 25.0, 0.05, -0.01]
+    model.write_binary(recording / "colmap")
+    with pytest.raises(UserError, match="colmap: has changed since the frames were read"):
+        make_poses(
+            recording,
+            recording.parent / "frames.zarr",
+            recording.parent / "poses.zarr",
+            options(PosesOptions, "poses"),
+        )
