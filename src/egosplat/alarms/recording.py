@@ -62,7 +62,7 @@ def poses_alarms(
             "poses.registered",
             f"{MIN_REGISTERED:.0%} or more",
             f"{registered:.1%} of the frames have a pose",
-            "The others are not used. Record sharper frames, or reduce frames.stride",
+            "The others are not used; the log of poses lists them. Record sharper frames, or reduce frames.stride",
         )
     if exceeds(reprojection_px, MAX_REPROJECTION_PX):
         yield Alarm(
@@ -76,5 +76,5 @@ def poses_alarms(
             "poses.models",
             "1 model",
             f"COLMAP finds {len(models)} unconnected models of {', '.join(map(str, models))} frames",
-            "Only the largest is used. Record the ways between the parts, or make each part a separate scene",
+            "Only the largest is used; the log of poses says which frames and why. Record the ways between the parts, or make each part a separate scene",
         )

@@ -14,7 +14,7 @@ from benchmarks.colmap.alignment import trajectory_error
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
 from egosplat.poses.colmap.database import Project
-from egosplat.poses.colmap.mapping import format_ranges, too_few_message
+from egosplat.poses.colmap.mapping import format_ranges, model_lines, too_few_message
 from egosplat.poses.colmap.matching import every_pair, sequential_pairs
 from egosplat.poses.colmap.pipeline import (
     MAX_REPROJECTION_ERROR_PX,
@@ -199,6 +199,15 @@ def test_a_second_model_is_reported_with_its_frames():
     assert "second model" not in too_few_message(set(range(5)), [], 12, 0.5, "exhaustive")
 
 
+def test_lost_frames_and_models_that_are_left_out_are_told():
+    """The log says what has no pose and why, and nothing where all is well."""
+    assert list(model_lines(1, set(range(12)), [], [], 12)) == []
+    joined, other, advice, lost = model_lines(2, set(range(6)), [{8, 9, 10}], ["shares 1 frame"], 12)
+    assert "2 models" in joined and "joined to one of 6 frames" in joined
+    assert "3 frames (8 to 10)" in other and other.endswith("it shares 1 frame") and "record" in advice
+    assert lost.startswith("6 of 12 frames have no pose") and "6 to 11" in lost
+
+
 def test_the_suggested_min_registered_would_be_met():
     for held in range(1, 40):
         text = too_few_message(set(range(held)), [], 40, 1.0, "exhaustive")
@@ -210,6 +219,19 @@ def test_long_lists_of_frames_are_shortened():
     assert format_ranges(set(range(0, 100, 2))).endswith("20, 22, ...")
 
 
+def test_two_places_without_a_common_view_give_the_larger_one(room: Any, capsys: pytest.CaptureFixture[str]):
+    """Two walks in different rooms: one world is used, and the other is named with the reason."""
+    other = type(room)()
+    other.textures = [np.ascontiguousarray(255 - one[:, ::-1]) for one in room.textures]
+    images = [*room.images(room.walk(9)), *other.images(other.walk(7))]
+    poses = reconstruct(images, min_registered=0.4)
+    assert poses.notes["models"] == [9, 7] and poses.notes["models_joined"] == 1
+    assert poses.registered.tolist() == [True] * 9 + [False] * 7
+    told = capsys.readouterr().err
+    assert "a model of 7 frames (9 to 15) is left out: it shares 0 frames" in told
+    assert "7 of 16 frames have no pose" in told
+
+
 @pytest.mark.parametrize("known", [True, False])
 def test_a_rotating_camera_is_rejected(room: Any, known: bool):
     # With this guess COLMAP builds models of up to four images with one or two points.
@@ -219,7 +241,7 @@ def test_a_rotating_camera_is_rejected(room: Any, known: bool):
 
 
 def test_identical_frames_are_rejected(walk_images: Images):
-    with pytest.raises(UserError, match="0.00 px"):
+    with pytest.raises(UserError, match="0.00 px.*the camera stands still"):
         reconstruct([walk_images[0]] * 5)
 
 

@@ -2,11 +2,13 @@
 
 import math
 import time
+from collections.abc import Iterator
 
 import pycolmap
 
 from egosplat.errors import UserError
 from egosplat.poses.colmap.database import Project
+from egosplat.poses.colmap.joining import Joined, join_models
 from egosplat.poses.colmap.matching import MatchingResult
 from egosplat.progress import log
 
@@ -76,14 +78,19 @@ class _MappingProgress:
         log(f"COLMAP: mapping: {self.count} of {self.frames} images in this model")
 
 
-def largest_model(
-    models: list[pycolmap.Reconstruction], matches: MatchingResult, project: Project, min_registered: float
-) -> pycolmap.Reconstruction:
-    """The model that registers the most images.
+def choose_model(
+    models: list[pycolmap.Reconstruction],
+    matches: MatchingResult,
+    project: Project,
+    camera_known: bool,
+    min_registered: float,
+) -> Joined:
+    """The largest model with those that can be joined to it; log what has no pose, and why.
 
     Args:
         matches: explain why there is no model.
         project: with the names of all images.
+        camera_known: see ``build_models``.
         min_registered: required fraction of registered images.
 
     Raises:
@@ -91,14 +98,40 @@ def largest_model(
     """
     if not models:
         raise UserError(_no_model_message(matches))
-    # Models have no common coordinates, so only one can be used.
-    model = max(models, key=lambda model: (model.num_reg_images(), model.num_points3D()))
+    joined = join_models(models, camera_known)
     frames = len(project.names)
-    if model.num_reg_images() < min_registered * frames:
-        others = [frames_of_model(other, project) for other in models if other is not model]
-        registered = frames_of_model(model, project)
+    registered = frames_of_model(joined.model, project)
+    others = [frames_of_model(other, project) for other in joined.others]
+    if len(registered) < min_registered * frames:
         raise UserError(too_few_message(registered, others, frames, min_registered, matches.strategy))
-    return model
+    for line in model_lines(joined.parts, registered, others, joined.reasons, frames):
+        log(f"COLMAP: {line}")
+    return joined
+
+
+def model_lines(
+    parts: int, registered: set[int], others: list[set[int]], reasons: list[str], frames: int
+) -> Iterator[str]:
+    """Lines about joined models, models that are left out, and frames without a pose; none if all is well.
+
+    Args:
+        parts: number of models that became one.
+        registered: its frames.
+        others, reasons: frames of each model that is left out, and why.
+        frames: number of all frames.
+    """
+    if parts > 1:
+        yield f"{parts} models share frames and are joined to one of {len(registered)} frames"
+    for other, reason in zip(others, reasons, strict=True):
+        yield f"a model of {len(other)} frames ({format_ranges(other)}) is left out: it {reason}"
+    if others:
+        yield "to connect the models, record the ways between them, or lower frames.stride"
+    lost = set(range(frames)) - registered
+    if lost:
+        yield (
+            f"{len(lost)} of {frames} frames have no pose and are not used (indices from 0): {format_ranges(lost)}; "
+            "they are blurred, blank, or share too little with the others"
+        )
 
 
 def frames_of_model(model: pycolmap.Reconstruction, project: Project) -> set[int]:
@@ -157,7 +190,8 @@ def _no_model_message(matches: MatchingResult) -> str:
     if matches.median_shift_px < _MIN_SHIFT_PX:
         return (
             f"COLMAP finds no parallax: features move by {matches.median_shift_px:.2f} px between frames,"
-            " so they are copies of one view; use frames of a moving camera, or a larger frames.stride"
+            " so the camera stands still; a still camera shows no depth. Use frames of a moving camera, or a larger "
+            "frames.stride"
         )
     if matches.with_parallax == 0:
         return (

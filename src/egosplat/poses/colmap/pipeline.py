@@ -22,7 +22,7 @@ from egosplat.errors import UserError
 from egosplat.files import scratch_directory
 from egosplat.geometry import Camera, invert, make_pose
 from egosplat.poses.colmap.database import Project, check_features
-from egosplat.poses.colmap.mapping import MIN_IMAGES, build_models, largest_model
+from egosplat.poses.colmap.mapping import MIN_IMAGES, build_models, choose_model
 from egosplat.poses.colmap.matching import Matching, match_images
 from egosplat.poses.result import Poses, mean_camera_up, unregistered
 
@@ -60,7 +60,7 @@ def colmap_poses(
         workdir: parent of the temporary folder, which takes a few MB per image; None: the system's.
 
     Returns:
-        Poses of the largest model in COLMAP's frame and scale; other frames are not registered. Points are seen in
+        Poses of the largest model in COLMAP's frame and scale, with the models that share frames with it; other frames are not registered. Points are seen in
         ``MIN_TRACK_LENGTH`` images or more, with a mean reprojection error up to ``MAX_REPROJECTION_ERROR_PX``.
 
     Raises:
@@ -80,7 +80,8 @@ def colmap_poses(
         check_features(features)
         matches = match_images(project, matching, overlap, seed, threads)
         models = build_models(project, camera_known, seed)
-        model = largest_model(models, matches, project, min_registered)
+        chosen = choose_model(models, matches, project, camera_known, min_registered)
+        left = [model.num_reg_images() for model in chosen.others]
         notes = {
             "frames": frames,
             "features_median": float(np.median(features)),
@@ -88,9 +89,10 @@ def colmap_poses(
             "pairs_compared": matches.compared,
             "pairs_verified": matches.verified,
             "pairs_with_parallax": matches.with_parallax,
-            "models": sorted((model.num_reg_images() for model in models), reverse=True),
+            "models": [chosen.model.num_reg_images(), *left],
+            "models_joined": chosen.parts,
         }
-        return _poses(project, model, camera_known, notes)
+        return _poses(project, chosen.model, camera_known, notes)
 
 
 def _poses(

@@ -1,0 +1,83 @@
+"""Models of COLMAP's that share frames become one; others are left out with the reason."""
+
+import numpy as np
+import pycolmap
+import pytest
+
+from egosplat.poses.colmap.joining import join_models
+
+TURNED = pycolmap.Sim3d(
+    0.37, pycolmap.Rotation3d(np.array([0, 0, np.sin(0.4), np.cos(0.4)])), [1.0, 2.0, 3.0]
+)
+
+
+@pytest.fixture(scope="module")
+def whole() -> pycolmap.Reconstruction:
+    """Twelve images of a hundred points, located to 0.3 px."""
+    pycolmap.set_random_seed(1)
+    options = pycolmap.SyntheticDatasetOptions(num_rigs=1, num_frames_per_rig=12, num_points3D=100)
+    model = pycolmap.synthesize_dataset(options)
+    pycolmap.synthesize_noise(pycolmap.SyntheticNoiseOptions(point2D_stddev=0.3), model)
+    model.update_point_3d_errors()
+    return model
+
+
+def part(whole: pycolmap.Reconstruction, first: int, last: int, torn: bool = True) -> pycolmap.Reconstruction:
+    """The model of images ``first`` to ``last``; without ``torn`` it lists the other images without a pose."""
+    model = pycolmap.Reconstruction(whole)
+    for frame in [one for one in model.reg_frame_ids() if not first <= one <= last]:
+        model.deregister_frame(frame)
+    if torn:
+        model.tear_down()
+    return model
+
+
+def centres(model: pycolmap.Reconstruction) -> dict[int, np.ndarray]:
+    return {number: model.images[number].projection_center() for number in model.reg_image_ids()}
+
+
+@pytest.mark.parametrize("torn", [True, False])
+def test_models_with_shared_frames_are_joined(whole, torn):
+    """Each in its own world: afterwards one world, in which every camera is where it was."""
+    second = part(whole, 6, 12, torn)
+    second.transform(TURNED)
+    joined = join_models([second, part(whole, 1, 8, torn)], camera_known=True)
+    assert joined.parts == 2 and joined.others == [] and joined.model.num_reg_images() == 12
+    found, true = centres(joined.model), centres(whole)
+    scale = np.linalg.norm(true[1] - true[12]) / np.linalg.norm(found[1] - found[12])
+    for number in true:
+        away = np.linalg.norm(found[number] - found[1]) * scale
+        assert away == pytest.approx(np.linalg.norm(true[number] - true[1]), abs=0.02)
+    assert joined.model.num_points3D() == 100 and joined.model.compute_mean_track_length() > 11.9
+
+
+def test_a_chain_of_models_is_joined_whatever_its_order(whole):
+    """The last one fits only after the middle one is joined."""
+    models = [part(whole, 1, 6), part(whole, 8, 12), part(whole, 4, 10)]
+    models[1].transform(TURNED)
+    joined = join_models(models, camera_known=True)
+    assert joined.parts == 3 and joined.model.num_reg_images() == 12
+
+
+def test_models_that_share_too_little_are_left_out_with_the_reason(whole):
+    """Two shared frames fix no similarity."""
+    joined = join_models([part(whole, 1, 7), part(whole, 6, 12)], camera_known=True)
+    assert joined.parts == 1 and joined.model.num_reg_images() == 7
+    assert [one.num_reg_images() for one in joined.others] == [7]
+    assert joined.reasons == ["shares 2 frames with the largest model, and 3 are needed"]
+
+
+def test_models_that_do_not_fit_are_not_joined(whole):
+    """A model whose shared frames see the scene differently would bend the other."""
+    second = part(whole, 6, 12)
+    rng = np.random.default_rng(0)
+    for point in second.points3D.values():
+        point.xyz = point.xyz + rng.normal(size=3) * 2.0
+    for number in second.reg_image_ids():
+        frame = second.images[number].frame
+        moved = frame.rig_from_world
+        moved.translation = moved.translation + rng.normal(size=3)
+        frame.rig_from_world = moved
+    joined = join_models([part(whole, 1, 8), second], camera_known=True)
+    assert joined.parts == 1 and joined.model.num_reg_images() == 8 and len(joined.reasons) == 1
+    assert "largest model" in joined.reasons[0]
