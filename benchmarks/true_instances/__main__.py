@@ -8,11 +8,13 @@ features, language and scores follow from it as usual, on the scene's own Gaussi
 view, `average` with the mean of that and the consistent feature, as in the paper.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.common import ROOT, command, markdown, scene_folders, scene_name
 from benchmarks.scores import (
@@ -29,7 +31,7 @@ from benchmarks.transient.truth import read_truth
 from egosplat.artifacts import provenance
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.instances import INSTANCES
-from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.writer import create
 from egosplat.pipeline import config as configuration
@@ -47,14 +49,21 @@ def write_true_instances(folder: Path, output: Path) -> None:
     """Write the annotated instances of a scene as ``instances.zarr``."""
     frames = open_artifact(folder / "frames.zarr", FRAMES)
     truth = read_truth(folder / "recording", frames)
-    valid, count = frames.read("valid"), len(truth.names)
+    valid = frames.read("valid")
+    labels = [np.where(valid, one, -1) for one in track(list(truth.all_labels()), "reading annotations")]
+    write_instances(output, frames, labels, len(truth.names))
+
+
+def write_instances(output: Path, frames: Artifact, labels: Sequence[NDArray[np.int32]], count: int) -> None:
+    """Write (H, W) labels of all frames as ``instances.zarr`` of one level with ``count`` instances."""
     with create(output, INSTANCES, provenance.begin_from("instances", {}, [frames])) as artifact:
-        artifact.allocate("labels", (len(frames.read("train")), 1, *valid.shape))
-        for frame, labels in enumerate(track(list(truth.all_labels()), "writing true instances")):
-            artifact.put_row("labels", frame, np.where(valid, labels, -1)[None].astype(np.int32))
+        artifact.allocate("labels", (len(labels), 1, *labels[0].shape))
+        for frame, found in enumerate(labels):
+            artifact.put_row("labels", frame, found[None].astype(np.int32))
         artifact.put("instances/level", np.zeros(count, np.int8))
         artifact.put("instances/parent", np.full(count, -1, np.int32))
         artifact.put("instances/masks", np.ones(count, np.int32))
+        artifact.put("instances/moving", np.zeros(count, bool))
         artifact.put("gaussians/xyz", np.zeros((0, 3), np.float32))
         artifact.put("gaussians/instance", np.zeros((0, 1), np.int32))
         artifact.facts = {"levels": ["whole"], "instances": {"whole": count}, "segmenter": "truth"}
