@@ -31,6 +31,7 @@ AREAS = {
     "query": "Relevancy and answers",
     "transient": "Transient network and masks",
     "poses": "Poses",
+    "camera": "Camera of synthetic recordings",
     "gaussians": "Training",
 }
 """By the folder of the tests; the table's order."""

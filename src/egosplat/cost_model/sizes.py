@@ -152,11 +152,19 @@ def _autoencoder(config: Config, _: Sizes) -> float:
     return float(config["features"]["compression"] == "autoencoder")
 
 
+def _filmed(config: Config, _: Sizes) -> float:
+    """Frames of a synthetic recording; a blurred one counts as several (docs/real_camera.md#how-it-is-rendered)."""
+    keys = config["synthetic"]
+    exposure = keys["exposure_ms"]
+    blurred = keys["camera"] == "real" if exposure == "auto" else exposure > 0
+    return keys["seconds"] * keys["fps"] * (3.6 if blurred and keys["camera_strength"] else 1)
+
+
 # By size: its value if no input has it.
 _FROM_CONFIG: dict[str, Callable[[Config, Sizes], float]] = {
     # The recording. Frames that the survey drops, and those that are evaluated, count as kept and trained on.
     "recorded_pixels": lambda config, _: RECORDED_PIXELS,
-    "filmed_frames": lambda config, _: config["synthetic"]["seconds"] * config["synthetic"]["fps"],
+    "filmed_frames": _filmed,
     "filmed_pixels": lambda config, _: config["synthetic"]["size"] ** 2,
     "kept": lambda _, sizes: sizes["frames"],
     "training": lambda _, sizes: sizes["frames"],

@@ -314,7 +314,7 @@ def test_velocities_are_in_the_device_frame():
         return make_pose(Rotation.from_rotvec(axis * t).as_matrix(), forward * t)
 
     times_us = np.arange(START_NS // 1000 + 1, START_NS // 1000 + 90_000, 10_000)
-    table = trajectory_table(make_sequence(device_pose=constant_motion), times_us)
+    table = trajectory_table(make_sequence(), times_us, constant_motion)
     angular = table[[f"angular_velocity_{name}_device" for name in "xyz"]].to_numpy()
     np.testing.assert_allclose(angular, np.tile(axis, (len(times_us), 1)), rtol=0, atol=1e-6)
     rotation = constant_motion(times_us * 1000)[:, :3, :3]

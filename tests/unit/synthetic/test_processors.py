@@ -21,13 +21,18 @@ LIMITS = {
 
 DIGEST = """
 import hashlib
-from egosplat.synthetic.stage import make_sequence
-sequence = make_sequence(name="x", seed=1, size=96, fps=1, seconds=4)
-digest = hashlib.sha256(sequence.points.tobytes())
-for frame in sequence.frames():
-    digest.update(frame.rgb.tobytes())
-    for view in (frame.with_people, frame.without_people):
-        digest.update(view.segmentation.tobytes() + view.depth_mm.tobytes())
+from egosplat.pipeline.config import defaults
+from egosplat.synthetic.camera.effects import make_effects
+from egosplat.synthetic.stage import SyntheticOptions, make_sequence
+digest = hashlib.sha256()
+for camera in ("ideal", "real"):
+    effects = make_effects(SyntheticOptions(**defaults()["synthetic"] | {"camera": camera}))
+    sequence = make_sequence(name="x", seed=1, size=96, fps=1, seconds=4, effects=effects)
+    digest.update(sequence.points.round(9).tobytes() if camera == "real" else sequence.points.tobytes())
+    for frame in sequence.frames():
+        digest.update(frame.rgb.tobytes())
+        for view in (frame.with_people, frame.without_people):
+            digest.update(view.segmentation.tobytes() + view.depth_mm.tobytes())
 print(digest.hexdigest())
 """
 

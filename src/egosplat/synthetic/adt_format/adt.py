@@ -2,7 +2,7 @@
 
 import json
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -140,6 +140,7 @@ def _write_json(path: Path, document: dict[str, Any]) -> None:
 
 
 Times = NDArray[np.int64]
+Trajectory = Callable[[Times], NDArray[np.float64]]
 
 _TRUTH_PERIOD_US, _SLAM_PERIOD_US = 33_333, 1000
 _VELOCITY_STEP_NS = 500_000
@@ -166,24 +167,30 @@ def write_trajectories(folder: Path, sequence: Sequence, truth_ns: Times, middle
         raise ValueError("the trajectory does not cover every frame's ground-truth time and exposure middle")
     slam = folder / "mps" / "slam"
     slam.mkdir(parents=True)
-    periods = {
-        folder / "aria_trajectory.csv": _TRUTH_PERIOD_US,
-        slam / "closed_loop_trajectory.csv": _SLAM_PERIOD_US,
+    estimated = sequence.estimated_pose or sequence.device_pose
+    files = {
+        folder / "aria_trajectory.csv": (_TRUTH_PERIOD_US, sequence.device_pose),
+        slam / "closed_loop_trajectory.csv": (_SLAM_PERIOD_US, estimated),
     }
-    for path, period_us in periods.items():
+    for path, (period_us, pose) in files.items():
         # The needed times are rows of their own, so that a reader interpolates nothing there.
         grid_us = np.arange(*span_us, period_us)
         times_us = np.unique(np.concatenate([span_us, grid_us, needed_us]))
-        trajectory_table(sequence, times_us).to_csv(path, index=False)
+        trajectory_table(sequence, times_us, pose).to_csv(path, index=False)
     _write_points(slam / "semidense_points.csv.gz", sequence)
-    summary = {"SLAM": {"status": "SUCCESS", "message": "synthetic: exact poses, not estimated ones"}}
+    how = (
+        "poses with the error of an estimate"
+        if sequence.estimated_pose
+        else "exact poses, not estimated ones"
+    )
+    summary = {"SLAM": {"status": "SUCCESS", "message": f"synthetic: {how}"}}
     (slam / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
 
 
-def trajectory_table(sequence: Sequence, times_us: Times) -> pd.DataFrame:
-    """Columns of the closed-loop trajectory at ``times_us``, (N,) increasing microseconds of device time."""
-    pose = sequence.device_pose(times_us * 1000)
-    linear, angular = _velocities(sequence, times_us * 1000)
+def trajectory_table(sequence: Sequence, times_us: Times, device_pose: Trajectory) -> pd.DataFrame:
+    """Columns of a trajectory at ``times_us``, (N,) increasing microseconds of device time."""
+    pose = device_pose(times_us * 1000)
+    linear, angular = _velocities(sequence, times_us * 1000, device_pose)
     count = len(times_us)
     quaternion = Rotation.from_matrix(pose[:, :3, :3]).as_quat(canonical=True)
     columns = {"graph_uid": _graph_uid(sequence), "tracking_timestamp_us": times_us, "utc_timestamp_ns": -1}
@@ -195,13 +202,15 @@ def trajectory_table(sequence: Sequence, times_us: Times) -> pd.DataFrame:
     return pd.DataFrame({**columns, "quality_score": np.ones(count)})
 
 
-def _velocities(sequence: Sequence, times_ns: Times) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _velocities(
+    sequence: Sequence, times_ns: Times, device_pose: Trajectory
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(N, 3) linear [m/s] and angular [rad/s] velocity in the device frame, from differences over 1 ms."""
     # Central differences, one-sided at the ends of the trajectory.
     before = np.maximum(times_ns - _VELOCITY_STEP_NS, sequence.start_ns)
     after = np.minimum(times_ns + _VELOCITY_STEP_NS, sequence.end_ns)
     seconds = np.maximum(after - before, 1)[:, None] * 1e-9
-    first, last = sequence.device_pose(before), sequence.device_pose(after)
+    first, last = device_pose(before), device_pose(after)
     to_device = np.swapaxes(first[:, :3, :3], -1, -2)
     linear = np.einsum("nij,nj->ni", to_device, last[:, :3, 3] - first[:, :3, 3]) / seconds
     angular = Rotation.from_matrix(compose(to_device, last[:, :3, :3])).as_rotvec() / seconds

@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.geometry import rotate
+from egosplat.geometry import compose, invert, rotate
+from egosplat.synthetic.camera.drift import Drift
 from egosplat.synthetic.camera.raycasting import interpolated
 from egosplat.synthetic.camera.render import Renderer
 from egosplat.synthetic.world.world import World
@@ -19,11 +20,16 @@ _DETAIL_M = 0.012
 
 
 def semidense_points(
-    world: World, renderer: Renderer, captures: NDArray[np.int64], rng: np.random.Generator
+    world: World,
+    renderer: Renderer,
+    captures: NDArray[np.int64],
+    rng: np.random.Generator,
+    drift: Drift | None = None,
 ) -> tuple[Array, Array, Array]:
     """(P, 3) points [m], (P,) uncertainty of the inverse distance [1/m] and (P,) of the distance [m].
 
-    Only static surfaces have points, because mapping from several views rejects moving ones.
+    Only static surfaces have points, because mapping from several views rejects moving ones. The points of a view
+    drift with the device's estimated pose at that time.
     """
     chosen = np.unique(np.linspace(0, len(captures) - 1, min(len(captures), _VIEWS)).round().astype(int))
     seconds = (captures[chosen] - world.start_ns) * 1e-9
@@ -38,6 +44,11 @@ def semidense_points(
     # Mapping estimates inverse distances: noise is added to 1/d, and sigma(d) = d² sigma(1/d).
     noisy = 1 / np.maximum(1 / distance + rng.normal(0, inverse_std), 1 / 50)
     points = eyes + (exact - eyes) * (noisy / distance)[:, None]
+    if drift is not None:
+        device = world.head.device_pose(world.start_ns)(captures[chosen])
+        moved = compose(drift(device, captures[chosen]), invert(device))
+        view = np.repeat(np.arange(len(poses)), [len(found) for found, _ in samples])
+        points = np.einsum("nij,nj->ni", moved[view, :3, :3], points) + moved[view, :3, 3]
     return points, inverse_std, distance**2 * inverse_std * np.where(bad, 4.0, 1.0)
 
 

@@ -90,6 +90,7 @@ class Sequence:
         inv_dist_std: (P,) float64 [1/m]; dist_std: (P,) float64 [m]: their uncertainty.
         frames: yields the frames in order of time.
         wearer: instance id of the person who wears the device, or None.
+        estimated_pose: as ``device_pose``, of the closed-loop trajectory; None if that is exact.
     """
 
     name: str
@@ -106,6 +107,7 @@ class Sequence:
     frames: Callable[[], Iterator[Frame]]
     frame_count: int
     wearer: int | None = None
+    estimated_pose: Callable[[NDArray[np.int64]], NDArray[np.float64]] | None = None
 
 
 # From a capture timestamp to the middle of the exposure: half the rolling shutter

@@ -1,5 +1,6 @@
 """Rays of a camera's pixels: of Aria's calibrated lens, or of a pinhole."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -88,18 +89,26 @@ _EXPOSURE = 1.8
 _NOISE = 0.006
 
 
-def develop(radiance: Floats, radius: Floats, gain: float, rng: np.random.Generator) -> NDArray[np.uint8]:
+def develop(
+    radiance: Floats,
+    radius: Floats,
+    gain: float,
+    rng: np.random.Generator,
+    sensor: Callable[[Floats], Floats] | None = None,
+) -> NDArray[np.uint8]:
     """(N, 3) display values of (N, 3) linear radiance.
 
     Args:
         radius: (N,) distance from the centre of the lens circle as a fraction of its radius.
         gain: factor on all light.
+        sensor: what a sensor makes of the (N, 3) light that reaches it; None for a perfect one.
     """
     squared = radius * radius
     fourth = squared * squared
     # Products alone: the last bits of a power depend on the processor.
     vignette = 1 - 0.35 * squared - 0.2 * (fourth * fourth)
-    display = tone(radiance * (vignette * np.float32(gain))[:, None])
+    light = radiance * (vignette * np.float32(gain))[:, None]
+    display = tone(light if sensor is None else sensor(light))
     display += rng.normal(0, _NOISE, display.shape).astype(np.float32)
     return np.clip(display * 255 + 0.5, 0, 255).astype(np.uint8)
 

@@ -136,15 +136,20 @@ class RayScene:
         """Whether anything lies between (N, 3) origins and ``distances`` [m] along (N, 3) unit directions."""
         return self._triangles.blocks(origins, directions, distances)
 
-    def may_meet(self, origin: Floats, directions: Floats) -> NDArray[np.bool_]:
-        """Whether each of (N, 3) unit directions from a point meets the bounding sphere; cheaper than ``cast``."""
+    def may_meet(self, origins: Floats, directions: Floats) -> NDArray[np.bool_]:
+        """Whether rays, given as for ``cast``, may meet the bounding sphere; cheaper than ``cast``."""
+        origin, reach = origins, self.reach
+        if origins.ndim == 2:
+            # From their middle, to a sphere that is larger by the spread of the origins.
+            origin = origins.mean(axis=0)
+            reach += float(np.linalg.norm(origins - origin, axis=1).max())
         # The angle to the sphere's centre against the angle that its radius covers, with a small margin.
         way = self.centre - origin
         distance = float(np.linalg.norm(way, axis=-1))
-        if distance <= self.reach * 1.001:
+        if distance <= reach * 1.001:
             return np.ones(len(directions), dtype=bool)
         return (directions * (way / distance).astype(np.float32)).sum(axis=1) >= np.sqrt(
-            1 - (self.reach / distance) ** 2
+            1 - (reach / distance) ** 2
         ) - 1e-4
 
 

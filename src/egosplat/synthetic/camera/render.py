@@ -1,5 +1,6 @@
 """Images, labels and depth of a scene through the camera's lens, by ray casting."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,8 @@ Array = NDArray[np.float64]
 
 _SUBPIXELS = ((-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125))
 _VISIBILITY_RAYS = 2500
+# Pixels that measure the brightness of a view.
+_METERED = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,16 +105,45 @@ class Renderer:
             gain: factor on all brightness; rng: for the sensor's noise.
         """
         scenes, turn, origin, rays = self._prepare(world_from_camera, poses)
+        full, with_people, without_people = self._truth(scenes, origin, rays)
+        rgb = self.develop(self._light(scenes, full, poses, origin, turn), gain, rng)
+        return Shot(rgb, with_people, without_people)
+
+    def truth(self, world_from_camera: Array, poses: dict[int, Array]) -> tuple[View, View]:
+        """The ground truth of ``shoot`` alone, with and without people."""
+        scenes, _, origin, rays = self._prepare(world_from_camera, poses)
+        return self._truth(scenes, origin, rays)[1:]
+
+    def _truth(self, scenes: _Scenes, origin: Floats, rays: Floats) -> tuple[Hits, View, View]:
+        """The hits with people, and the ground truth with and without them."""
         empty = self._cast([scenes.static, *scenes.things.values()], origin, rays)
         full = empty
         for person in scenes.people.values():
             full = self._nearer(full, person, origin, rays)
         without = self._view(scenes, empty, origin, rays)
-        return Shot(
-            self._develop(scenes, full, poses, origin, turn, gain, rng),
-            self._view(scenes, full, origin, rays) if scenes.people else without,
-            without,
-        )
+        return full, self._view(scenes, full, origin, rays) if scenes.people else without, without
+
+    def radiance(self, world_from_camera: Array, poses: dict[int, Array]) -> Floats:
+        """(N, 3) radiance of the lens's pixels in linear light.
+
+        Args:
+            world_from_camera: (4, 4) pose of the camera, or (H, 4, 4) of each row of the image.
+            poses: as for ``shoot``.
+        """
+        if world_from_camera.ndim == 3:
+            world_from_camera = world_from_camera.astype(np.float32)[np.nonzero(self.lens.valid)[0]]
+        scenes, turn, origin, rays = self._prepare(world_from_camera, poses)
+        return self._light(scenes, self._cast(scenes.full, origin, rays), poses, origin, turn)
+
+    def brightness(self, world_from_camera: Array, poses: dict[int, Array]) -> float:
+        """Mean radiance of the scene, from a sample of the lens's pixels; arguments as for ``shoot``."""
+        scenes, _, origin, rays = self._prepare(world_from_camera, poses)
+        step = max(1, len(rays) // _METERED)
+        rays, angle = rays[::step], self.lens.angle[::step]
+        hits = self._cast(scenes.full, origin, rays)
+        light = self._shade(scenes, self._rotations(poses), hits, origin, rays, angle)
+        # Sums along axis 0 have the same order on every processor.
+        return float(light.mean(axis=0, dtype=np.float64).sum() / 3)
 
     def picture(
         self, world_from_camera: Array, poses: dict[int, Array], gain: float, rng: np.random.Generator
@@ -119,33 +151,37 @@ class Renderer:
         """Render the scene and the visible face of each pixel; arguments as for ``shoot``."""
         scenes, turn, origin, rays = self._prepare(world_from_camera, poses)
         hits = self._cast(scenes.full, origin, rays)
-        rgb = self._develop(scenes, hits, poses, origin, turn, gain, rng)
+        rgb = self.develop(self._light(scenes, hits, poses, origin, turn), gain, rng)
         return Picture(rgb, self._image(hits.face, np.int32, -1))
 
     def _prepare(
         self, world_from_camera: Array, poses: dict[int, Array]
     ) -> tuple[_Scenes, Floats, Floats, Floats]:
-        """The ray targets, the rotation and origin of ``world_from_camera``, and the rays in the world."""
+        """The ray targets, the rotation and origin of (..., 4, 4) ``world_from_camera``, and the rays in the world."""
         pose = world_from_camera.astype(np.float32)
-        return self._scenes(poses), pose[:3, :3], pose[:3, 3], rotate(pose[:3, :3], self.lens.directions)
+        turn = pose[..., :3, :3]
+        return self._scenes(poses), turn, pose[..., :3, 3], _turned(turn, self.lens.directions)
 
-    def _develop(
-        self,
-        scenes: _Scenes,
-        hits: Hits,
-        poses: dict[int, Array],
-        origin: Floats,
-        turn: Floats,
-        gain: float,
-        rng: np.random.Generator,
-    ) -> NDArray[np.uint8]:
-        """The image of ray hits."""
+    def _light(
+        self, scenes: _Scenes, hits: Hits, poses: dict[int, Array], origin: Floats, turn: Floats
+    ) -> Floats:
+        """(N, 3) radiance at ray hits, with soft edges."""
         rotations = self._rotations(poses)
         # Shading and edge softening work in linear light; ``develop`` applies the tone curve.
-        rays = rotate(turn, self.lens.directions)
+        rays = _turned(turn, self.lens.directions)
         radiance = self._shade(scenes, rotations, hits, origin, rays, self.lens.angle)
         self._soften(scenes, rotations, hits, radiance, origin, turn)
-        return self._image(develop(radiance, self.lens.radius, gain, rng), np.uint8)
+        return radiance
+
+    def develop(
+        self,
+        radiance: Floats,
+        gain: float,
+        rng: np.random.Generator,
+        sensor: Callable[[Floats], Floats] | None = None,
+    ) -> NDArray[np.uint8]:
+        """(H, W, 3) uint8 image of (N, 3) radiance; arguments as for ``lens.develop``."""
+        return self._image(develop(radiance, self.lens.radius, gain, rng, sensor), np.uint8)
 
     def _cast(self, scenes: list[RayScene], origin: Floats, rays: Floats) -> Hits:
         hits = scenes[0].cast(origin, rays)
@@ -156,7 +192,7 @@ class Renderer:
     def _nearer(self, hits: Hits, scene: RayScene, origin: Floats, rays: Floats) -> Hits:
         """Keep the nearer of the given hits and those of another scene."""
         asked = np.flatnonzero(scene.may_meet(origin, rays))
-        other = scene.cast(origin, rays[asked])
+        other = scene.cast(origin if origin.ndim == 1 else origin[asked], rays[asked])
         closer = other.distance < hits.distance[asked]
         merged = Hits(hits.face.copy(), hits.distance.copy(), hits.u.copy(), hits.v.copy())
         for name in ("face", "distance", "u", "v"):
@@ -255,12 +291,14 @@ class Renderer:
         """Antialias: replace pixels on edges by the mean of four rays."""
         lens = self.lens
         edge = np.flatnonzero(self._on_edge(hits, rotations))
+        if turn.ndim == 3:
+            turn, origin = turn[edge], origin[edge]
         total = np.zeros((len(edge), 3), dtype=np.float32)
         for dx, dy in _SUBPIXELS:
             rays = (
                 lens.directions[edge] + np.float32(dx) * lens.right[edge] + np.float32(dy) * lens.down[edge]
             )
-            rays = rotate(turn, rays / np.linalg.norm(rays, axis=1, keepdims=True))
+            rays = _turned(turn, rays / np.linalg.norm(rays, axis=1, keepdims=True))
             found = self._cast(scenes.full, origin, rays)
             # Average display values, not light: else edges of bright surfaces stay jagged.
             total += tone(self._shade(scenes, rotations, found, origin, rays, lens.angle[edge]))
@@ -287,3 +325,11 @@ class Renderer:
         moved = np.flatnonzero(body >= self.geometry.group("static")[1])
         normals[moved] = np.einsum("nij,nj->ni", rotations[body[moved]], normals[moved])
         return normals
+
+
+def _turned(turn: Floats, directions: Floats) -> Floats:
+    """Rotate (N, 3) directions by a (3, 3) rotation or by (N, 3, 3) of their own."""
+    if turn.ndim == 2:
+        return rotate(turn, directions)
+    x, y, z = (directions[:, axis : axis + 1] * turn[:, :, axis] for axis in range(3))
+    return x + y + z
