@@ -86,7 +86,7 @@ def test_a_changed_key_reruns_its_stage_and_what_follows(workdir, config, expect
             {"annotations", "contact_sheet", *AFTER_QUERIES},
         ),
         ("report/contact_sheet.py", "PICTURES = 8", "PICTURES = 6", {"contact_sheet"}),
-        ("poses/colmap/pipeline.py", "\ndef colmap_poses", "\n# why\ndef colmap_poses", set()),
+        ("poses/colmap.py", "\ndef colmap_poses", "\n# why\ndef colmap_poses", set()),
         ("poses/adt.py", '"""', '"""New words. ', set()),
         ("progress.py", "_SECONDS_BETWEEN_LINES = 10.0", "_SECONDS_BETWEEN_LINES = 5.0", set()),
         ("synthetic/objects/textures.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", {"synthetic", *AFTER_FRAMES}),

@@ -55,7 +55,7 @@ class Lens:
             source: file that an error names.
 
         Raises:
-            UserError: the model is not supported, or a parameter is not possible.
+            UserError: the model is not supported, a parameter is not possible, or there is no ``pinhole``.
         """
         if self.model not in MODELS:
             raise UserError(
@@ -73,6 +73,10 @@ class Lens:
             raise UserError(
                 f"{source}: fx, fy must be positive, (cx, cy) inside the image, and all numbers finite."
             )
+        try:
+            _ = self.pinhole
+        except UserError as error:
+            raise UserError(f"{source}: {error}") from error
         return self
 
     def colmap(self) -> pycolmap.Camera:
@@ -136,13 +140,23 @@ class Lens:
             raise UserError(f"the {self.model} lens {list(self.params)} leaves no view: calibrate again.")
         return tuple(map(float, view))
 
-    def bend_px(self, other: Camera) -> float:
-        """Largest distance [px] between where this lens and a pinhole camera show the same ray, over the picture."""
-        across, down = (np.arange(32) + 0.5) / 32 * self.width, (np.arange(32) + 0.5) / 32 * self.height
-        grid = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
-        rays = (grid - [other.cx, other.cy]) / [other.fx, other.fy]
-        shown = self.colmap().img_from_cam(np.column_stack([rays, np.ones(len(rays))]))
-        return float(np.linalg.norm(shown - grid, axis=1).max())
+    def scaled_to(self, width: int, height: int) -> "Lens":
+        """The lens of the pictures resized to ``width`` x ``height``, for a radial model.
+
+        Raises:
+            ValueError: the lens has another model.
+        """
+        if self.model != "RADIAL":
+            raise ValueError(f"only radial lenses are scaled, not {self.model}")
+        f, cx, cy, k1, k2 = self.params
+        x, y = width / self.width, height / self.height
+        return Lens("OPENCV", width, height, (f * x, f * y, cx * x, cy * y, k1, k2, 0.0, 0.0))
+
+    def bend_px(self, other: Camera, pixels: NDArray[np.float64]) -> float:
+        """Largest distance [px] between where this lens and a pinhole camera show the rays of (N, 2) pixels."""
+        rays = self.colmap().cam_from_img(pixels)
+        shown = rays * [other.fx, other.fy] + [other.cx, other.cy]
+        return float(np.linalg.norm(shown - pixels, axis=1).max())
 
 
 class Rectifier:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from egosplat.calibration.known_poses import (
     unmatched_line,
 )
 from egosplat.calibration.lens import Lens, Rectifier
+from egosplat.colmap.distortion import lens_of_frames
 from egosplat.errors import UserError
 from egosplat.frames.images import VALID_MASK, ImageFolder, read_valid
 from egosplat.frames.recording import Capture
@@ -43,6 +44,7 @@ class PlainRecording:
         start_s: float,
         end_s: float | None,
         known_poses: str = AUTO,
+        lens: str = "auto",
     ) -> None:
         """Open the source, select frames and find the camera.
 
@@ -51,6 +53,7 @@ class PlainRecording:
             resolution: longer side of the frames [px], at most the source's.
             stride, start_s, end_s: see ``selection.select_frames``; a folder has one image per second.
             known_poses: see ``known_poses.find_known_poses``.
+            lens: see ``distortion.lens_of_frames``; a calibration takes its place.
 
         Raises:
             UserError: the source or the calibration cannot be read, or an option is out of range.
@@ -61,24 +64,37 @@ class PlainRecording:
         times, pictures = self._source.timestamp_ns, picture_names(self._source)
         self._frames = select_frames(times, stride=stride, start_s=start_s, end_s=end_s, source=path)
         kind = find_known_poses(path, known_poses)
-        lens = _read_lens(path, kind, guess, pictures)
-        self._rectifier = Rectifier(lens) if lens else None
-        full = lens.pinhole if lens else guess
+        calibration = _read_lens(path, kind, guess, pictures)
+        valid = read_valid(companion_path(path, VALID_MASK), guess.width, guess.height)
+        self._rectifier: Rectifier | None = None
         # At full size, so that a reduced pixel is valid only if all its pixels are.
-        valid = read_valid(companion_path(path, VALID_MASK), full.width, full.height)
-        if self._rectifier:
-            valid = self._rectifier.mask(valid)
+        reduced = resize_mask(valid, width, height)
+        self.capture = Capture.of_video(times[self._frames], guess.scaled_to(width, height), False, reduced)
+        estimated, evidence = None, None
+        if calibration is None:
+            estimated, evidence = lens_of_frames(
+                lens, self.read_frames, len(self._frames), reduced, self.capture.camera
+            )
+        used = calibration or (estimated and estimated.scaled_to(guess.width, guess.height))
+        if used:
+            self._rectify(used, calibration is not None, valid)
         facts = {
             "pictures": [pictures[frame] for frame in self._frames],
             "known_poses": kind,
-            "lens": asdict(lens) if lens else None,
+            "lens": asdict(used) if used else None,
+            "lens_evidence": evidence,
         }
-        self.capture = Capture.of_video(
-            times[self._frames],
-            full.scaled_to(width, height),
-            lens is not None,
-            resize_mask(valid, width, height),
-            facts,
+        self.capture = replace(self.capture, facts=facts)
+
+    def _rectify(self, lens: Lens, known: bool, valid: NDArray[np.bool_]) -> None:
+        """Rectify the frames from a lens; ``valid`` and ``lens`` are of full-size pictures."""
+        self._rectifier = Rectifier(lens)
+        width, height = self.capture.camera.width, self.capture.camera.height
+        self.capture = replace(
+            self.capture,
+            camera=lens.pinhole.scaled_to(width, height),
+            camera_known=known,
+            valid=resize_mask(self._rectifier.mask(valid), width, height),
         )
 
     def read_frames(self, indices: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:

@@ -22,6 +22,7 @@ def open_recording(
     start_s: float,
     end_s: float | None,
     known_poses: str = "auto",
+    lens: str = "auto",
 ) -> Recording:
     """Open the frames of a recording.
 
@@ -34,6 +35,7 @@ def open_recording(
         stride: take every ``stride``-th frame.
         start_s, end_s: take frames with start <= t < end, in seconds after the first frame; None: to the end.
         known_poses: plain only: which of its files with known poses calibrates the frames.
+        lens: plain only: whether frames without a calibration are rectified from an estimated lens.
 
     Raises:
         UserError: the format is unknown, the recording unreadable, or an option out of range.
@@ -45,5 +47,5 @@ def open_recording(
         case "hoi4d":
             return Hoi4dRecording(path, **selection)
         case "plain":
-            return PlainRecording(path, known_poses=known_poses, **selection)
+            return PlainRecording(path, known_poses=known_poses, lens=lens, **selection)
     raise UserError(f"format: {format!r} is unknown; choose from {', '.join(FORMATS)}.")

@@ -42,15 +42,10 @@ class Capture:
 
     @classmethod
     def of_video(
-        cls,
-        timestamp_ns: NDArray[np.int64],
-        camera: Camera,
-        camera_known: bool,
-        valid: NDArray[np.bool_],
-        facts: Mapping[str, Any] | None = None,
+        cls, timestamp_ns: NDArray[np.int64], camera: Camera, camera_known: bool, valid: NDArray[np.bool_]
     ) -> "Capture":
         """Capture of a real video without a device frame; frames are exposed at their timestamps."""
-        return cls(timestamp_ns, timestamp_ns, camera, camera_known, None, valid, "real", facts=facts or {})
+        return cls(timestamp_ns, timestamp_ns, camera, camera_known, None, valid, "real")
 
 
 class Recording(Protocol):

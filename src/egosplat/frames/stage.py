@@ -30,6 +30,7 @@ class FramesOptions:
     evaluation_frames: int | str
     holdout: bool
     known_poses: str
+    lens: str
 
 
 def run(recording_path: Path, output: Path, options: FramesOptions, *, format: str) -> None:
@@ -48,6 +49,7 @@ def run(recording_path: Path, output: Path, options: FramesOptions, *, format: s
         start_s=options.start_s,
         end_s=options.end_s,
         known_poses=options.known_poses,
+        lens=options.lens,
     )
     capture = reader.capture
     count = len(capture.timestamp_ns)

@@ -11,10 +11,10 @@ from egosplat.calibration.companions import KNOWN_POSES, companion_path
 from egosplat.calibration.contents import Contents
 from egosplat.calibration.known_poses import match_pictures, read_known_poses
 from egosplat.calibration.lens import Lens
+from egosplat.colmap.mapping import format_ranges
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
-from egosplat.poses.colmap.mapping import format_ranges
-from egosplat.poses.colmap.pipeline import MAX_REPROJECTION_ERROR_PX, MIN_TRACK_LENGTH
+from egosplat.poses.colmap import MAX_REPROJECTION_ERROR_PX, MIN_TRACK_LENGTH
 from egosplat.poses.result import Poses, mean_camera_up, unregistered
 from egosplat.progress import log
 

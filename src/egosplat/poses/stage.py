@@ -15,7 +15,7 @@ from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
 from egosplat.poses.adt import adt_poses
-from egosplat.poses.colmap.pipeline import colmap_poses
+from egosplat.poses.colmap import colmap_poses
 from egosplat.poses.known import known_poses
 from egosplat.poses.result import Poses
 from egosplat.progress import log

@@ -110,11 +110,19 @@ def test_a_view_without_a_pinhole_camera_is_rejected(lens):
 
 def test_the_bend_of_a_lens_is_measured_in_pixels():
     """The evidence for rectifying: a known shift of one axis, and none for a pinhole camera."""
-    camera = Camera(WIDTH, HEIGHT, *PINHOLE)
+    pixels = np.array([[1.0, 2.0], [50.0, 60.0]])
     straight = Lens("PINHOLE", WIDTH, HEIGHT, PINHOLE)
-    assert straight.bend_px(camera) < 1e-9
+    assert straight.bend_px(Camera(WIDTH, HEIGHT, *PINHOLE), pixels) < 1e-9
     shifted = Camera(WIDTH, HEIGHT, PINHOLE[0], PINHOLE[1], PINHOLE[2] + 3.0, PINHOLE[3])
-    assert straight.bend_px(shifted) == pytest.approx(3.0)
+    assert straight.bend_px(shifted, pixels) == pytest.approx(3.0)
+
+
+def test_a_radial_lens_is_scaled_with_its_pictures():
+    """Estimated on reduced frames, used on full pictures: a ray stays at its relative place."""
+    small = Lens("RADIAL", 64, 48, (60.0, 31.0, 25.0, 0.1, -0.05))
+    rays = np.array([[0.2, 0.1, 1.0], [-0.3, 0.25, 1.0]])
+    shown = small.scaled_to(128, 96).colmap().img_from_cam(rays)
+    np.testing.assert_allclose(shown, 2 * small.colmap().img_from_cam(rays), atol=1e-9)
 
 
 def test_every_supported_model_has_its_parameters():

@@ -11,12 +11,12 @@ import pytest
 from numpy.typing import NDArray
 
 from benchmarks.colmap.alignment import trajectory_error
+from egosplat.colmap.database import Project
+from egosplat.colmap.mapping import format_ranges, model_lines, too_few_message
+from egosplat.colmap.matching import every_pair, sequential_pairs
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
-from egosplat.poses.colmap.database import Project
-from egosplat.poses.colmap.mapping import format_ranges, model_lines, too_few_message
-from egosplat.poses.colmap.matching import every_pair, sequential_pairs
-from egosplat.poses.colmap.pipeline import (
+from egosplat.poses.colmap import (
     MAX_REPROJECTION_ERROR_PX,
     MIN_TRACK_LENGTH,
     colmap_poses,

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import pycolmap
 
+from egosplat.colmap.adjustment import adjust
+
 # COLMAP aligns two models by a similarity, estimated from the centres of three shared cameras.
 MIN_SHARED = 3
 # The error of a joined model, in units of the larger error of its parts. Bundle adjustment absorbs a slightly wrong
@@ -67,7 +69,7 @@ def _join(
     moved.transform(motion)
     larger = pycolmap.Reconstruction(model)
     _add(larger, moved)
-    _adjust(larger, camera_known)
+    adjust(larger, focal_length=not camera_known)
     limit = _MAX_ERROR_RATIO * max(one.compute_mean_reprojection_error() for one in (model, other))
     if not (error := larger.compute_mean_reprojection_error()) <= limit:
         return None, f"bends the largest model: the joined error is {error:.2f} px, above {limit:.2f} px"
@@ -108,14 +110,3 @@ def _add_point(model: pycolmap.Reconstruction, point: pycolmap.Point3D, new: set
         for element in added:
             track.add_element(element)
         model.add_point3D(point.xyz, track, point.color)
-
-
-def _adjust(model: pycolmap.Reconstruction, camera_known: bool) -> None:
-    """Bundle adjustment of the whole model."""
-    options = pycolmap.BundleAdjustmentOptions(print_summary=False)
-    options.refine_focal_length = not camera_known
-    options.refine_extra_params = False
-    # With more threads, the result depends on their order.
-    options.ceres.solver_options.num_threads = 1
-    pycolmap.bundle_adjustment(model, options)
-    model.update_point_3d_errors()

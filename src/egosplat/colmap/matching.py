@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 import pycolmap
 
-from egosplat.poses.colmap.database import Project
+from egosplat.colmap.database import Project
 from egosplat.progress import log
 
 # Names of two images.

@@ -8,9 +8,8 @@ before features are extracted in parallel, RANSAC is seeded, and mapping runs on
 adjustment sums in no fixed order, and is not faster on two cores (50 images, 150,000 observations: 19 s against 18 s).
 """
 
-import contextlib
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -18,19 +17,17 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
+from egosplat.colmap.database import Project, check_features, quiet_colmap
+from egosplat.colmap.mapping import MIN_IMAGES, build_models, choose_model
+from egosplat.colmap.matching import Matching, match_images
 from egosplat.errors import UserError
 from egosplat.files import scratch_directory
 from egosplat.geometry import Camera, invert, make_pose
-from egosplat.poses.colmap.database import Project, check_features
-from egosplat.poses.colmap.mapping import MIN_IMAGES, build_models, choose_model
-from egosplat.poses.colmap.matching import Matching, match_images
 from egosplat.poses.result import Poses, mean_camera_up, unregistered
 
 # Two views alone leave a point's depth unchecked.
 MIN_TRACK_LENGTH = 3
 MAX_REPROJECTION_ERROR_PX = 2.0
-
-_FATAL_ONLY = 3
 
 
 def colmap_poses(
@@ -67,7 +64,7 @@ def colmap_poses(
         UserError: there are too few images, features, matches or registered images, no parallax, or no disk space.
     """
     threads = threads or len(os.sched_getaffinity(0))
-    with scratch_directory("egosplat-colmap-", workdir) as folder, _quiet_colmap():
+    with scratch_directory("egosplat-colmap-", workdir) as folder, quiet_colmap():
         project = Project(folder)
         project.write_images(images, camera)
         frames = len(project.names)
@@ -145,14 +142,3 @@ def filter_points(
 def _camera(model: pycolmap.Reconstruction) -> Camera:
     (camera,) = model.cameras.values()
     return Camera(camera.width, camera.height, *(float(value) for value in camera.params))
-
-
-@contextlib.contextmanager
-def _quiet_colmap() -> Iterator[None]:
-    """Silence COLMAP's log, which has a line for every image and pair; failures become a UserError."""
-    before = pycolmap.logging.minloglevel
-    pycolmap.logging.minloglevel = _FATAL_ONLY
-    try:
-        yield
-    finally:
-        pycolmap.logging.minloglevel = before

@@ -1,5 +1,6 @@
 """COLMAP's first step: images on disk, their shared camera, and SIFT features in the database."""
 
+import contextlib
 import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -20,6 +21,7 @@ Item = TypeVar("Item")
 MIN_FEATURES = 50
 
 _IMAGES_PER_BATCH = 8
+_FATAL_ONLY = 3
 # More than a batch writes: 8 images of 8,192 features of 152 bytes, or 100 pairs of 8,192 matches of 16 bytes, twice
 # in SQLite.
 _MIN_FREE_BYTES = 2**25
@@ -134,6 +136,13 @@ class Project:
                 [database.num_keypoints_for_image(image.image_id) for image in images], dtype=np.int64
             )
 
+    def set_camera(self, camera: pycolmap.Camera) -> None:
+        """Replace the images' camera by one of another model, as a guess."""
+        with pycolmap.Database.open(self.database) as database:
+            (entered,) = database.read_all_cameras()
+            camera.camera_id, camera.has_prior_focal_length = entered.camera_id, False
+            database.update_camera(camera)
+
     def _reader(self, camera: Camera) -> pycolmap.ImageReaderOptions:
         options = pycolmap.ImageReaderOptions(camera_model="PINHOLE")
         options.camera_params = ", ".join(
@@ -166,3 +175,14 @@ def check_features(counts: NDArray[np.int64]) -> None:
             f" features or more (median {int(np.median(counts))}, maximum {counts.max()}); use sharper, brighter"
             " or larger frames"
         )
+
+
+@contextlib.contextmanager
+def quiet_colmap() -> Iterator[None]:
+    """Silence COLMAP's log, which has a line for every image and pair; failures become a UserError."""
+    before = pycolmap.logging.minloglevel
+    pycolmap.logging.minloglevel = _FATAL_ONLY
+    try:
+        yield
+    finally:
+        pycolmap.logging.minloglevel = before

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 import pycolmap
 
+from egosplat.colmap.database import Project
+from egosplat.colmap.joining import Joined, join_models
+from egosplat.colmap.matching import MatchingResult
 from egosplat.errors import UserError
-from egosplat.poses.colmap.database import Project
-from egosplat.poses.colmap.joining import Joined, join_models
-from egosplat.poses.colmap.matching import MatchingResult
 from egosplat.progress import log
 
 MIN_IMAGES = 3
@@ -23,11 +23,14 @@ _MAX_RANGES = 12
 _SECONDS_BETWEEN_LINES = 5.0
 
 
-def build_models(project: Project, camera_known: bool, seed: int) -> list[pycolmap.Reconstruction]:
+def build_models(
+    project: Project, camera_known: bool, seed: int, distortion: bool = False
+) -> list[pycolmap.Reconstruction]:
     """Reconstruct by incremental mapping with bundle adjustment.
 
     Args:
         camera_known: whether the focal lengths are kept fixed.
+        distortion: whether the distortion of the camera in the database is estimated.
 
     Returns:
         The models with enough points. Images without common views end in different models, or in none.
@@ -39,9 +42,9 @@ def build_models(project: Project, camera_known: bool, seed: int) -> list[pycolm
         random_seed=seed,
         min_model_size=MIN_IMAGES,
         ba_refine_focal_length=not camera_known,
-        # Frames are rectified: there is no distortion, and a principal point is hardly observable.
+        # A principal point is hardly observable.
         ba_refine_principal_point=False,
-        ba_refine_extra_params=False,
+        ba_refine_extra_params=distortion,
     )
     options.mapper.abs_pose_refine_focal_length = not camera_known
     progress = _MappingProgress(len(project.names))

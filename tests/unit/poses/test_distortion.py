@@ -1,0 +1,109 @@
+"""Pictures ask for radial distortion where there is some, and hardly ever where there is none."""
+
+import cv2
+import numpy as np
+import pycolmap
+import pytest
+
+from egosplat.calibration.lens import Lens, Rectifier
+from egosplat.colmap.distortion import (
+    FALSE_ALARM,
+    MAX_PICTURES,
+    _choices,
+    compare,
+    estimate_lens,
+    lens_of_frames,
+)
+from egosplat.errors import UserError
+from egosplat.geometry import Camera
+
+
+def model_of(k1: float, k2: float, seed: int, noise: float = 0.5) -> pycolmap.Reconstruction:
+    """Fifteen images of 512 x 384 px of 300 points, each located to ``noise`` px."""
+    pycolmap.set_random_seed(seed)
+    options = pycolmap.SyntheticDatasetOptions(
+        num_rigs=1,
+        num_frames_per_rig=15,
+        num_points3D=300,
+        camera_model_id=pycolmap.CameraModelId.RADIAL,
+        camera_width=512,
+        camera_height=384,
+        camera_params=[1500.0, 256.0, 192.0, k1, k2],  # the points fill the picture
+    )
+    model = pycolmap.synthesize_dataset(options)
+    pycolmap.synthesize_noise(pycolmap.SyntheticNoiseOptions(point2D_stddev=noise), model)
+    for number in [number for number, point in model.points3D.items() if point.track.length() < 2]:
+        model.delete_point3D(number)
+    return model
+
+
+@pytest.mark.parametrize(
+    "k1, k2", [(0.5, 0.0), (-1.0, 1.0), (0.5, -8.0)], ids=["pincushion", "barrel", "both"]
+)
+def test_a_lens_with_distortion_is_found(k1, k2):
+    """The case that the whole comparison is for: a phone's or an action camera's lens."""
+    lens, evidence = compare(model_of(k1, k2, seed=0))
+    assert evidence.distorted and evidence.chance < FALSE_ALARM and evidence.bend_px > evidence.median_px
+    assert evidence.radial_px < evidence.pinhole_px
+    radius = 0.15  # three quarters of the way to the corners
+    assert lens.params[3] + lens.params[4] * radius**2 == pytest.approx(k1 + k2 * radius**2, rel=0.2)
+
+
+def test_a_comparison_says_nothing_of_its_own(capfd):
+    """COLMAP's own lines would bury the one that decides."""
+    compare(model_of(0.5, 0.0, seed=0))
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_pinhole_camera_is_left_alone():
+    """More parameters always fit better; that alone must not bend pictures."""
+    found = [compare(model_of(0.0, 0.0, seed))[1] for seed in range(10)]
+    assert not any(one.distorted for one in found)
+    assert all(one.radial_px <= one.pinhole_px + 1e-6 for one in found)
+
+
+def test_a_distortion_below_the_precision_of_features_is_left_alone():
+    """Evidence alone is not enough: with many exact features every lens is a bit off."""
+    _, evidence = compare(model_of(0.02, 0.0, seed=0, noise=2.0))
+    assert not evidence.distorted
+
+
+def test_frames_are_chosen_from_the_whole_recording_and_then_closer():
+    """A long recording costs no more than a short one, and neighbours are the last resort."""
+    chosen = list(_choices(1000))
+    assert [(len(one), int(np.diff(one)[0])) for one in chosen] == [(30, 34), (30, 4), (30, 1)]
+    assert all(0 <= one.min() and one.max() < 1000 for one in chosen)
+    (short,) = _choices(MAX_PICTURES - 1)
+    assert short.tolist() == list(range(MAX_PICTURES - 1))
+
+
+def test_rendered_pictures_of_a_barrel_lens_are_rectified(room):
+    """From pixels to the lens: features, matches, models, comparison."""
+    camera = Camera(240, 180, 210.0, 210.0, 120.0, 90.0)
+    lens = Lens("RADIAL", 240, 180, (210.0, 120.0, 90.0, -0.15, 0.0))
+    columns, rows = np.meshgrid(np.arange(240) + 0.5, np.arange(180) + 0.5)
+    rays = lens.colmap().cam_from_img(np.stack([columns, rows], -1).reshape(-1, 2)).reshape(180, 240, 2)
+    source = (rays * 210.0 + [120.0, 90.0] - 0.5).astype(np.float32)
+    images = [
+        cv2.remap(image, source, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+        for image in room.images(room.walk(12))
+    ]
+    found, evidence = estimate_lens(
+        lambda frames: (images[i] for i in frames), 12, np.ones((180, 240), bool), camera
+    )
+    assert evidence.distorted
+    true, estimated = Rectifier(lens), Rectifier(found)
+    assert found.params[3] == pytest.approx(-0.15, abs=0.05)
+    assert estimated.lens.pinhole.fx == pytest.approx(true.lens.pinhole.fx, rel=0.05)
+
+
+def test_frames_without_a_model_are_taken_as_pinhole_pictures(capsys):
+    """No lens is invented: the log says why, and a wanted lens is an error."""
+    camera = Camera(64, 48, 77.0, 77.0, 32.0, 24.0)
+    blank = [np.full((48, 64, 3), 90, np.uint8)] * 4
+    given = (lambda frames: (blank[i] for i in frames), 4, np.ones((48, 64), bool), camera)
+    assert lens_of_frames("pinhole", *given) == (None, None)
+    assert lens_of_frames("auto", *given) == (None, None)
+    assert "taken as a pinhole camera, because" in capsys.readouterr().err
+    with pytest.raises(UserError, match="frames.lens = radial: .*texture"):
+        lens_of_frames("radial", *given)
