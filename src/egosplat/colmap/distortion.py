@@ -11,6 +11,7 @@ lower the squared reprojection error, so two questions decide:
 The features must reach towards the corners: outside of them the distortion is extrapolated, and a polynomial may be far off.
 """
 
+import os
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
 
@@ -125,15 +126,16 @@ def _models(
     images: Iterable[NDArray[np.uint8]], valid: NDArray[np.bool_], camera: Camera
 ) -> list[pycolmap.Reconstruction]:
     """COLMAP's models of images, with a radial camera."""
+    # The result does not depend on the number of threads.
+    threads = len(os.sched_getaffinity(0))
     with scratch_directory("egosplat-lens-") as folder, quiet_colmap():
         project = Project(folder)
         project.write_images(images, camera)
         pycolmap.set_random_seed(_SEED)
         project.write_mask(valid)
         project.import_images(camera, camera_known=False)
-        # -1: all threads of the machine; the result does not depend on their number.
-        check_features(project.extract(camera, threads=-1))
-        match_images(project, "exhaustive", overlap=1, seed=_SEED, threads=-1)
+        check_features(project.extract(camera, threads=threads))
+        match_images(project, "exhaustive", overlap=1, seed=_SEED, threads=threads)
         radial = [camera.fx, camera.cx, camera.cy, 0.0, 0.0]
         project.set_camera(
             pycolmap.Camera(model="RADIAL", width=camera.width, height=camera.height, params=radial)
