@@ -64,10 +64,11 @@ def find_moving(lifter: MaskLifter) -> MovingTracks:
     of the static pixels of their frame do. Brightness and blur of a frame raise both.
     """
     segments, views = lifter.segments, lifter.views
-    tracks = MovingTracks(segments, segments.read("instances/moving"))
-    scores = InstanceScores(segments.shape("instances/level")[0])
+    began = segments.read("instances/moving")
+    tracks, scores = MovingTracks(segments, began), InstanceScores(len(began))
     for place, frame in enumerate(views.frame.tolist()):
-        labels, moving = lifter.labels(frame), tracks.pixels(lifter.labels(frame))
+        labels = lifter.labels(frame)
+        moving = tracks.pixels(labels)
         static = lifter.valid_pixels & ~moving
         if moving.any() and static.any():
             residual = _residual(lifter, place)
@@ -75,7 +76,7 @@ def find_moving(lifter: MaskLifter) -> MovingTracks:
             scores.add(np.where(moving & lifter.valid_pixels, labels, -1), stands_out)
     # Tracks without a pixel at the working size: nothing speaks against the network.
     unseen = scores.pixels == 0
-    moves = segments.read("instances/moving") & (unseen | (scores.scores > _MOSTLY))
+    moves = began & (unseen | (scores.scores > _MOSTLY))
     log(f"{moves.sum()} of {len(tracks.level)} tracks move")
     return MovingTracks(segments, moves)
 
