@@ -18,8 +18,8 @@ from egosplat.pipeline.config import defaults
 from egosplat.poses.known import still_line
 from egosplat.poses.stage import PosesOptions
 from egosplat.poses.stage import run as make_poses
+from tests.unit.calibration.conftest import HEIGHT, WIDTH, synthetic_model
 
-WIDTH, HEIGHT = 64, 48
 FRAMES_OPTIONS = {"resolution": 64, "evaluation_frames": 0}
 
 
@@ -33,17 +33,7 @@ def recording(tmp_path: Path) -> Path:
     (folder := tmp_path / "pictures").mkdir()
     for number in range(6):
         Image.new("RGB", (WIDTH, HEIGHT), (40 * number, 90, 0)).save(folder / f"{number}.png")
-    pycolmap.set_random_seed(3)
-    synthetic = pycolmap.SyntheticDatasetOptions(
-        num_rigs=1,
-        num_frames_per_rig=6,
-        num_points3D=30,
-        camera_model_id=pycolmap.CameraModelId.RADIAL,
-        camera_width=WIDTH,
-        camera_height=HEIGHT,
-        camera_params=[60.0, 31.0, 25.0, 0.05, -0.01],
-    )
-    model = pycolmap.synthesize_dataset(synthetic)
+    model = synthetic_model()
     for number, image in enumerate(sorted(model.images.values(), key=lambda one: one.image_id)):
         # All cameras upright: the model's own are spread over a sphere.
         image.frame.rig_from_world = pycolmap.Rigid3d(pycolmap.Rotation3d(), [-0.3 * number, 0.1, 4.0])
