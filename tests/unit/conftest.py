@@ -16,7 +16,7 @@ from egosplat.gaussians.render import RenderSettings, render
 from egosplat.geometry import Camera
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
-from egosplat.pipeline.survey_file import digest_of_frames, write_survey
+from egosplat.pipeline.survey_file import FORMAT_VERSION, digest_of_frames, write_survey
 from egosplat.query.text import encode_phrases
 from tests.support.scenes import digests, put
 
@@ -37,14 +37,17 @@ def survey_that_keeps() -> Callable[..., Path]:
 
     def make(folder: Path, kept: list[int], *, static: bool = False) -> Path:
         document = {
-            "format_version": 1,
+            "format_version": FORMAT_VERSION,
             "origin": "synthetic",
             "motion": {
                 "static": static,
                 "masking": "none" if static else "refined",
+                "probability": float(not static),
                 "share": 0.1 * (not static),
             }
             | {"threshold": 0.0005, "measured": 0.7, "pairs": []},
+            "camera": {"pose_residual_px": 0.1, "refine_poses": False}
+            | {"brightness_stops": 0.1, "compensate_exposure": False},
             "views": {"kept": kept, "left_out": [], "digest": digest_of_frames(kept)}
             | {"min_view_change_deg": 3.0, "median_depth_m": 2.0},
             "poses": {"source": "device", "registered": 1, "frames": 1, "points": 1},

@@ -11,6 +11,7 @@ from egosplat.artifacts.reader import Artifact
 from egosplat.geometry import Array, Camera
 from egosplat.optical_flow import find_flow, is_consistent, padded, pixel_grid
 from egosplat.progress import track
+from egosplat.survey.brightness import gain_stops
 from egosplat.survey.epipolar import epipolar_distance, find_epipole, max_static_flow, rotation_homography
 from egosplat.survey.views import depth_quantile, visible_depths
 
@@ -57,11 +58,15 @@ class Motion:
         pairs: (P, 2) int64 frames.
         moving: (P,) float64 fraction of the measured pixels that moves; 0 if none is measured.
         measured: (P,) float64 fraction of the valid pixels with reliable flow.
+        residual_px: (P,) float64 median distance of flow from where static points can appear [px]; NaN if unknown.
+        stops: (P,) float64 exposure of the second frame relative to the first; NaN if unknown.
     """
 
     pairs: NDArray[np.int64]
     moving: Array
     measured: Array
+    residual_px: Array
+    stops: Array
 
     @property
     def share(self) -> float | None:
@@ -72,10 +77,18 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class PairMotion:
-    """Motion between two images, (h, w) bool each: pixels with reliable flow, and pixels that move."""
+    """Motion between two images.
+
+    Attributes:
+        measured, moving: (h, w) bool, pixels with reliable flow, and pixels that move.
+        residual_px: median distance of flow from where static points can appear [px]; None if nothing is measured.
+        stops: exposure of the second image relative to the first; None if unknown.
+    """
 
     measured: Bools
     moving: Bools
+    residual_px: float | None
+    stops: float | None
 
 
 def is_static(motion: Motion, threshold: float) -> bool:
@@ -90,6 +103,7 @@ def measure_motion(frames: Artifact, poses: Artifact) -> Motion:
     valid, camera = _working_view(frames, poses)
     size = valid.shape[::-1]
     moving, measured = np.zeros(len(pairs)), np.zeros(len(pairs))
+    residual_px, stops = np.full(len(pairs), np.nan), np.full(len(pairs), np.nan)
     valid_count = max(1, int(valid.sum()))
     for row, (first, second) in enumerate(track(pairs, "measuring motion", unit="pair")):
         pair_poses = camera_to_world[first], camera_to_world[second]
@@ -98,7 +112,8 @@ def measure_motion(frames: Artifact, poses: Artifact) -> Motion:
         motion = detect_motion(*images, valid, camera.matrix, pair_poses, min_depth)
         count = int(motion.measured.sum())
         moving[row], measured[row] = motion.moving.sum() / max(1, count), count / valid_count
-    return Motion(pairs, moving, measured)
+        residual_px[row], stops[row] = motion.residual_px, motion.stops  # None becomes NaN
+    return Motion(pairs, moving, measured, residual_px, stops)
 
 
 def choose_pairs(times_ns: NDArray[np.int64], registered: Bools) -> NDArray[np.int64]:
@@ -149,14 +164,17 @@ def detect_motion(
     pixels, epipole = pixel_grid(*first.shape) + 0.5, find_epipole(intrinsics, *poses)
     # Errors of optical flow grow with its length.
     tolerance = _TOLERANCE + _RELATIVE * np.linalg.norm(forward, axis=2)
-    moving = measured & (epipolar_distance(pixels, forward, epipole, min_depth) > tolerance)
+    distance = epipolar_distance(pixels, forward, epipole, min_depth)
+    moving = measured & (distance > tolerance)
     # The patches reject wrong matches in repeating textures. Matching is slow, so it is skipped if no region remains.
     if large_regions(moving).any():
         segment = max_static_flow(pixels, epipole, min_depth)
         moving &= _patch_difference(first, rotated, forward) + _MIN_GAIN < _min_static_difference(
             first, rotated, segment
         )
-    return PairMotion(measured, large_regions(moving))
+    residual_px = float(np.median(distance[measured])) if measured.any() else None
+    stops = gain_stops(first, _moved(rotated, forward), measured)
+    return PairMotion(measured, large_regions(moving), residual_px, stops)
 
 
 def large_regions(mask: Bools) -> Bools:
@@ -221,6 +239,10 @@ def _min_static_difference(first: Grey, second: Grey, segment: Array) -> Floats:
 
 def _patch_difference(first: Grey, second: Grey, flow: NDArray[np.floating]) -> Floats:
     """(h, w) float32 mean absolute difference between each pixel's patch and the patch at its target [grey levels]."""
-    targets = (pixel_grid(*first.shape) + flow).astype(np.float32)
-    moved = cv2.remap(second, targets, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return cv2.blur(cv2.absdiff(first, moved).astype(np.float32), (_PATCH, _PATCH))
+    return cv2.blur(cv2.absdiff(first, _moved(second, flow)).astype(np.float32), (_PATCH, _PATCH))
+
+
+def _moved(second: Grey, flow: NDArray[np.floating]) -> Grey:
+    """The second image at the targets of flow from the first."""
+    targets = (pixel_grid(*second.shape) + flow).astype(np.float32)
+    return cv2.remap(second, targets, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

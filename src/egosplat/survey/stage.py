@@ -16,8 +16,12 @@ from egosplat.geometry import Camera
 from egosplat.output_files import check_output
 from egosplat.pipeline.survey_file import FORMAT_VERSION, SURVEY, digest_of_frames, write_survey
 from egosplat.progress import log
+from egosplat.survey.brightness import exposure_curve, exposure_range
 from egosplat.survey.motion import Motion, is_static, measure_motion
 from egosplat.survey.views import choose_views, median_depths
+
+# Poses that fit the flow worse are refined [px of an image of 256]; brightness that changes more is compensated [stops].
+_MAX_POSE_RESIDUAL_PX, _MAX_BRIGHTNESS_STOPS = 0.5, 0.3
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,7 @@ def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOption
         "format_version": FORMAT_VERSION,
         "origin": record.origin,
         "motion": _motion(motion, options.max_moving_share),
+        "camera": _camera(motion),
         "views": _views(frames, poses, options.min_view_change_deg),
         "poses": _poses(frames, poses),
         "provenance": record.record(),
@@ -57,12 +62,33 @@ def _motion(motion: Motion, threshold: float) -> dict[str, Any]:
     return {
         "static": static,
         "masking": "none" if static else "refined",
+        "probability": _probability(motion.share, threshold),
         "share": motion.share,
         "threshold": threshold,
         "measured": float(motion.measured.mean()) if len(motion.pairs) else None,
         "pairs": [
             {"frames": pair, "moving": moving, "measured": measured} for pair, moving, measured in rows
         ],
+    }
+
+
+def _probability(share: float | None, threshold: float) -> float | None:
+    """Probability that something moves: 0.5 at the threshold, 0.999 at three times of it."""
+    if share is None:
+        return None
+    return 1.0 / (1.0 + (threshold / share) ** 6) if share > 0 else 0.0
+
+
+def _camera(motion: Motion) -> dict[str, Any]:
+    """Decide whether poses are refined and exposure is compensated. What is not measured asks for neither."""
+    known = motion.residual_px[np.isfinite(motion.residual_px)]
+    residual_px = float(np.median(known)) if len(known) else None
+    stops = exposure_range(exposure_curve(motion.pairs, motion.stops))
+    return {
+        "pose_residual_px": residual_px,
+        "refine_poses": residual_px is not None and residual_px > _MAX_POSE_RESIDUAL_PX,
+        "brightness_stops": stops,
+        "compensate_exposure": stops is not None and stops > _MAX_BRIGHTNESS_STOPS,
     }
 
 

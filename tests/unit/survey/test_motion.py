@@ -129,7 +129,10 @@ def test_pairs_of_a_long_recording_are_spread_in_time():
 
 
 def motion(moving: list[float], measured: list[float]) -> Motion:
-    return Motion(np.zeros((len(moving), 2), np.int64), np.array(moving), np.array(measured))
+    unknown = np.full(len(moving), np.nan)
+    return Motion(
+        np.zeros((len(moving), 2), np.int64), np.array(moving), np.array(measured), unknown, unknown
+    )
 
 
 @pytest.mark.parametrize(
