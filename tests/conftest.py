@@ -48,15 +48,20 @@ class Workdir:
     """The outputs in ``finished``: scores and every page."""
 
     snakefile = ROOT / "workflow/Snakefile"
+    program: tuple[str | Path, ...] = ("-m", "snakemake")
 
     def __init__(self, folder: Path, code: Path | None = None) -> None:
         self.folder = folder
         self.code = code or folder / "src"
 
     def command(self, *arguments: object) -> list[str]:
-        """Command line of Snakemake with the tiny settings; options go before ``--``, targets after it."""
-        options = ["--snakefile", self.snakefile, "--cores", "2", "--configfile", "tiny.yaml"]
-        return [str(word) for word in (sys.executable, "-m", "snakemake", *options, *arguments)]
+        """Command line of Snakemake with the tiny settings; options go before ``--``, targets after it.
+
+        Each job has one thread: a job's result then depends neither on the machine nor on other jobs.
+        """
+        options = ["--snakefile", self.snakefile, "--cores", "2", "--max-threads", "1"]
+        words = (sys.executable, *self.program, *options, "--configfile", "tiny.yaml", *arguments)
+        return [str(word) for word in words]
 
     def snakemake(self, *arguments: object, timeout: float = 600) -> subprocess.CompletedProcess[str]:
         """Run Snakemake in the folder."""

@@ -16,15 +16,16 @@ METRICS = "results/adt/scene1/metrics.json"
 FRAMES = "results/mine/scene/frames.zarr"
 ROOT = Path(__file__).parents[2]
 PROFILE = ROOT / "workflow/profiles/slurm"
+IMPATIENT = ROOT / "tests/support/impatient_snakemake.py"
 COSTS = {"created", "wall_s", "cpu_s", "peak_memory_mb", "training_s", "disk_mb"}
 """Keys of provenance that differ between equal runs."""
 
 HERE = (
     *("--slurm-no-account", "--slurm-status-command", "squeue"),
     *("--slurm-init-seconds-before-status-checks", "2", "--slurm-keep-successful-logs"),
-    *("--latency-wait", "5", "--max-threads", "1"),
+    *("--latency-wait", "5"),
 )
-"""Options for a SLURM without accounting and with short waits. One thread makes training equal to the last bit."""
+"""Options for a SLURM without accounting and with short waits."""
 
 
 @pytest.fixture
@@ -35,6 +36,7 @@ def on_cluster(slurm, monkeypatch):
     before = set(slurm.states())
 
     def submit(workdir, *arguments: str):
+        workdir.program = (IMPATIENT,)
         done = workdir.snakemake("--profile", PROFILE, *HERE, *arguments, timeout=1800)
         return done, sorted(set(slurm.states()) - before, key=int)
 
@@ -67,7 +69,7 @@ def photographs(one_scene, tmp_path):
 def greedy(photographs):
     """One whose stage ``frames`` takes 1 GB more than it should, for long enough to be seen."""
     return photographs(
-        "    import time\n    taken = b'1' * 1_000_000_000\n    time.sleep(5)\n    del taken\n"
+        "    import time\n    taken = b'1' * 1_000_000_000\n    time.sleep(3)\n    del taken\n"
     )
 
 
@@ -95,7 +97,7 @@ def test_a_job_without_enough_memory_reports_it_and_leaves_nothing(slurm, on_clu
 
 def test_a_killed_snakemake_leaves_its_jobs_alone_and_then_goes_on(slurm, on_cluster, photographs, tmp_path):
     """Jobs continue after Snakemake is killed; a second Snakemake must not submit them again."""
-    workdir = photographs("    import time\n    time.sleep(20)\n")
+    workdir = photographs("    import time\n    time.sleep(5)\n")
     words = ("--profile", PROFILE, *HERE, "--", FRAMES)
     snakemake = workdir.start(*words, transcript=tmp_path / "said.txt")
     before = set(slurm.states())
@@ -130,15 +132,6 @@ def scores(folder: Path) -> Any:
     )
 
 
-def trained_by_one_thread(finished: Any, tmp_path: Path) -> Path:
-    """A local run whose trainings, and what follows from them, were made by one thread."""
-    local = type(finished)(Path(shutil.copytree(finished.folder, tmp_path / "local", symlinks=True)))
-    again = ("transient", "masks", "splats", "language", "metrics")
-    done = local.snakemake("--max-threads", "1", "--forcerun", *again, "--", METRICS)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return local.folder
-
-
 def rules_of(slurm, jobs: list[str]) -> list[str]:
     """The rule, or the group of rules, that each job of SLURM was submitted for."""
     comments = dict(
@@ -148,7 +141,7 @@ def rules_of(slurm, jobs: list[str]) -> list[str]:
     return [re.sub("^(rule|group)_|_wildcards_.*", "", comments[job]) for job in jobs]
 
 
-def test_the_main_job_runs_on_the_cluster_to_the_same_scores(slurm, on_cluster, finished, workdir, tmp_path):
+def test_the_main_job_runs_on_the_cluster_to_the_same_scores(slurm, on_cluster, finished, workdir):
     folder = workdir.folder
     for made in ("results", "logs", ".snakemake"):
         shutil.rmtree(folder / made)
@@ -166,5 +159,5 @@ def test_the_main_job_runs_on_the_cluster_to_the_same_scores(slurm, on_cluster, 
     assert {"segments", "transient", "splats", "language", "metrics"} < ran
     by_rule = dict(zip(rules_of(slurm, jobs), map(slurm.asked_of, jobs), strict=True))
     assert by_rule["splats"]["TresPerJob"] == "gres:gpu:1" and "TresPerJob" not in by_rule["poses"]
-    assert scores(folder) == scores(trained_by_one_thread(finished, tmp_path))
+    assert scores(folder) == scores(finished.folder)
     assert all(report.sound for report in check_tree(folder / "results", lambda _: None))
