@@ -51,7 +51,7 @@ def test_unchanged_values_make_nothing_stale():
     assert reached(splats={"masking": BASE["splats"]["masking"]}) == set()
 
 
-ALL_FRAMES = merge(BASE, {"survey": {"min_view_change_deg": 0}})
+ALL_FRAMES = merge(BASE, {"survey": {"min_view_change_deg": 0, "blur_limit": 0}})
 
 
 @pytest.mark.parametrize("stage", ["segments", "transient", "splats", "language"])
