@@ -31,7 +31,6 @@ AREAS = {
     "query": "Relevancy and answers",
     "transient": "Transient network and masks",
     "poses": "Poses",
-    "survey": "Survey",
     "camera": "Camera of synthetic recordings",
     "gaussians": "Training",
 }

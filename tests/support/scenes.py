@@ -38,7 +38,7 @@ def put(
     made: Provenance | None = None,
     **provenance: Any,
 ) -> Path:
-    """Write ``folder/name.zarr`` with the given arrays; all other arrays of its schema get plausible values.
+    """Write ``folder/name.zarr`` with the given arrays; the other arrays that its schema requires get plausible values.
 
     Args:
         arrays: arrays by name; a name that is not in the schema is an error.
@@ -57,6 +57,8 @@ def put(
     path = folder / f"{name}.zarr"
     with create(path, schema, made or _provenance(folder, name, made_from, **provenance)) as artifact:
         for key, field in schema.fields.items():
+            if field.optional and key not in arrays:
+                continue
             shape = tuple(dim if isinstance(dim, int) else sizes.get(dim, size) for dim in field.dims)
             artifact.put(key, arrays[key] if key in arrays else _plausible(key, shape, field.dtype))
         artifact.facts = facts or {}

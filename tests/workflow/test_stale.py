@@ -41,6 +41,7 @@ def test_a_finished_run_has_nothing_to_do(workdir):
         ("masks: {threshold: 0.5}", AFTER_SEGMENTS),  # the threshold of tracks, too
         ("masks: {level: whole}", AFTER_MASKS),
         ("splats: {iterations: 41}", AFTER_SPLATS),
+        ("camera: {refine_poses: on}", AFTER_GAUSSIANS),
         ("splats: {masking: none}", AFTER_SPLATS),
         ("language: {method: trained, iterations: 10}", AFTER_LANGUAGE),
         ("query: {canonical: [object, thing]}", AFTER_QUERIES),

@@ -103,7 +103,7 @@ def optional_flags(stage):
 
 def flags(stage):
     """Get a function of the wildcards: the keys of a stage as command line flags."""
-    get_config = decided_config if stage in ("segments", "splats") else config_of
+    get_config = decided_config if dag.follows_survey(stage) else config_of
     return lambda wildcards: dag.stage_flags(stage, get_config(wildcards))
 
 

@@ -3,10 +3,18 @@
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+import numpy as np
+
 from egosplat.alarms.alarm import Alarm, warning_lines
 from egosplat.alarms.instances import features_alarms, instances_alarms, segments_alarms, view_features_alarms
 from egosplat.alarms.recording import frames_alarms, poses_alarms
-from egosplat.alarms.scene import language_alarms, masks_alarms, splats_alarms, transient_alarms
+from egosplat.alarms.scene import (
+    corrections_alarms,
+    language_alarms,
+    masks_alarms,
+    splats_alarms,
+    transient_alarms,
+)
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.models.suitability import notice_of_artifacts
@@ -94,7 +102,11 @@ def _masks(masks: Artifact) -> Iterable[Alarm]:
 
 
 def _splats(splats: Artifact) -> Iterable[Alarm]:
-    return splats_alarms(splats.read("held_out/psnr"))
+    yield from splats_alarms(splats.read("held_out/psnr"))
+    if splats.has("corrections/shift"):
+        shift = np.linalg.norm(splats.read("corrections/shift"), axis=1)
+        gain, depth = splats.read("corrections/gain"), splats.facts["scene_depth"]
+        yield from corrections_alarms(shift, splats.read("corrections/turn"), gain, depth)
 
 
 def _language(language: Artifact) -> Iterable[Alarm]:

@@ -32,6 +32,16 @@ MIN_PSNR_DB = 20.0
 MAX_WITHOUT_CODE = 0.25
 
 
+# Synthetic drift of 20 mm and 0.5 degrees is corrected by up to 60 mm and 1.5 degrees. Poses that are off by more are wrong,
+# and gradient descent from there finds any place.
+# Correction of a pose as an angle [rad]: of the rotation, or of the translation at the scene's median depth.
+MAX_CORRECTION = 0.05
+
+# Auto-exposure over 4 stops changes sRGB values by a factor of about 2.
+# Gain of a colour, or its inverse.
+MAX_GAIN = 2.5
+
+
 def transient_alarms(mean_probability: float | None) -> Iterator[Alarm]:
     """Alarms of the transient artifact; ``mean_probability`` is that of being transient, over all pixels of all frames."""
     if exceeds(mean_probability, MAX_PROBABILITY):
@@ -76,6 +86,40 @@ def splats_alarms(psnr: NDArray[np.float64]) -> Iterator[Alarm]:
             f"the mean PSNR of held-out frames is {mean:.2f} dB",
             "Check splats.png and the poses; raise splats.iterations and max_gaussians",
         )
+
+
+def corrections_alarms(
+    shift: NDArray[np.float64], turn: NDArray[np.float64], gain: NDArray[np.float64], depth: float
+) -> Iterator[Alarm]:
+    """Alarms of the corrections of F frames.
+
+    Args:
+        shift: (F,) distance [m]; turn: (F,) angle [deg]; gain: (F, 3).
+        depth: median depth of the scene [m].
+    """
+    angle = np.maximum(shift / depth, np.radians(turn))
+    if wrong := int((angle > MAX_CORRECTION).sum()):
+        most = int(angle.argmax())
+        yield Alarm(
+            "splats.pose_correction",
+            f"up to {100 * MAX_CORRECTION:g} % of the scene's depth of {depth:.3g} m, and {np.degrees(MAX_CORRECTION):.1f} degrees",
+            f"training moved the poses of {wrong} of {len(angle)} frames farther, of frame {most} by {1e3 * shift[most]:.0f} mm "
+            f"and {turn[most]:.1f} degrees",
+            "Check splats.png and the poses, or set camera.refine_poses to off",
+        )
+    factor = np.exp(np.abs(np.log(np.maximum(gain, 1e-9)))).max(axis=1, initial=1.0)
+    if wrong := int((factor > MAX_GAIN).sum()):
+        most = int(factor.argmax())
+        yield Alarm(
+            "splats.gain",
+            f"{1 / MAX_GAIN:g} to {MAX_GAIN:g}",
+            f"the gains of {wrong} of {len(factor)} frames are outside, of frame {most} {_gains(gain[most])}",
+            "Those frames are nearly black or white. Check them in frames.zarr, or set camera.compensate_exposure to off",
+        )
+
+
+def _gains(gain: NDArray[np.float64]) -> str:
+    return ", ".join(f"{one:.2f}" for one in gain)
 
 
 def language_alarms(without_code: float | None) -> Iterator[Alarm]:

@@ -58,6 +58,10 @@ class Artifact:
         """``real`` or ``synthetic``."""
         return self.provenance["origin"]
 
+    def has(self, name: str) -> bool:
+        """Whether it holds an array that its schema calls optional."""
+        return name in self._group
+
     def shape(self, name: str) -> tuple[int, ...]:
         """Shape of an array, without reading it."""
         return self._group[name].shape
@@ -221,6 +225,8 @@ def _check_arrays(
 ) -> None:
     sizes: dict[str, int] = {}
     for name, declared in schema.fields.items():
+        if declared.optional and name not in group:
+            continue
         _check_array(group, name, declared, sizes, casting, lambda what: blame(path, f"array {what}"))
 
 

@@ -14,6 +14,7 @@ class Field:
         unit: physical unit, or what the numbers count.
         by_row: number of rows (indices of the first axis) in a chunk: ``True`` (one) for arrays that are read frame by
             frame, a number that gives chunks of a few MB for many short rows, ``False`` for all rows.
+        optional: whether an artifact may lack it.
     """
 
     dims: tuple[str | int, ...]
@@ -21,6 +22,7 @@ class Field:
     unit: str
     about: str
     by_row: int = False
+    optional: bool = False
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,13 @@
 """Schema of ``splats.zarr``: trained Gaussians, training curves, and renders of held-out frames."""
 
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schema import Field, Schema
+
+# Values of ``corrections/source``.
+AS_GIVEN, TRAINED, FITTED, INTERPOLATED = range(4)
 
 SPLATS = Schema(
     "splats",
@@ -47,5 +54,58 @@ SPLATS = Schema(
         "held_out/render": Field(
             ("frame", "height", "width", 3), "uint8", "sRGB", "the held-out frames, rendered", by_row=True
         ),
+        # Only where poses or exposures are corrected. The scores and renders above are those after correction.
+        "held_out/psnr_given": Field(
+            ("frame",), "float64", "dB", "with the poses of poses.zarr and no gain", optional=True
+        ),
+        "held_out/ssim_given": Field(("frame",), "float64", "-", "the same", optional=True),
+        "held_out/render_given": Field(
+            ("frame", "height", "width", 3), "uint8", "sRGB", "the same", by_row=True, optional=True
+        ),
+        "corrections/camera_to_world": Field(
+            ("recorded_frame", 4, 4),
+            "float64",
+            "m",
+            "poses of all frames after correction, OpenCV axes; NaN where not registered",
+            optional=True,
+        ),
+        "corrections/source": Field(
+            ("recorded_frame",),
+            "int8",
+            "-",
+            "0 as in poses.zarr, 1 trained, 2 held out and fitted afterwards, 3 between frames that were trained",
+            optional=True,
+        ),
+        "corrections/shift": Field(
+            ("recorded_frame", 3),
+            "float64",
+            "m",
+            "from the camera's centre in poses.zarr to that after correction, in the world",
+            optional=True,
+        ),
+        "corrections/turn": Field(
+            ("recorded_frame",),
+            "float64",
+            "deg",
+            "angle between the orientations before and after",
+            optional=True,
+        ),
+        "corrections/gain": Field(
+            ("recorded_frame", 3),
+            "float64",
+            "-",
+            "factor of red, green and blue from the Gaussians' render to the frame",
+            optional=True,
+        ),
     },
 )
+
+
+def camera_poses(poses: Artifact, splats: Artifact) -> NDArray[np.float64]:
+    """The poses to render the Gaussians with: those of training if it refined them, else those of poses.zarr.
+
+    Returns:
+        (F, 4, 4) float64 camera_to_world, NaN where not registered.
+    """
+    corrected = splats.has("corrections/camera_to_world")
+    return splats.read("corrections/camera_to_world") if corrected else poses.read("camera_to_world")

@@ -58,7 +58,8 @@ class Writer:
 
     def finish(self) -> None:
         """Check that every declared array and row was written."""
-        missing = sorted(set(self._schema.fields) - set(self._arrays))
+        needed = {name for name, declared in self._schema.fields.items() if not declared.optional}
+        missing = sorted(needed - set(self._arrays))
         if missing:
             raise ValueError(f"artifact {self._schema.name}: never written: {', '.join(missing)}")
         for name, rows in self._rows_missing.items():

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from egosplat.artifacts.reader import Artifact
+from egosplat.artifacts.splats import camera_poses
 from egosplat.evaluation.queries import (
     BenchmarkQueries,
     InstanceMap,
@@ -68,18 +69,18 @@ class Evaluation:
         """(H, W) int32 instance map of an annotated frame, -1 for none."""
         return read_map(self.annotations, frame.row, self.valid)
 
-    def rendering_of(self, frame: Frame) -> Mapping[str, RegionScore]:
+    def rendering_of(self, frame: Frame, render: str = "held_out/render") -> Mapping[str, RegionScore]:
         """Scores of a held-out frame's render: by group if it is annotated, else of all pixels only.
 
-        Empty for a training frame and for a frame without a pose.
+        Empty for a training frame and for a frame without a pose. ``render`` names the array of splats.zarr.
         """
         if frame.held_out is None:
             return {}
         groups: Mapping[str, Mask] = {"all": self.valid}
         if frame.annotated:
             groups = regions(self.map_of(frame), self.instances, self.valid)
-        render = self.splats.row("held_out/render", frame.held_out)
-        return region_scores(render, self.frames_artifact.row("rgb", frame.index), self.valid, groups)
+        picture = self.splats.row(render, frame.held_out)
+        return region_scores(picture, self.frames_artifact.row("rgb", frame.index), self.valid, groups)
 
 
 def read_evaluation(frames: Artifact, poses: Artifact, annotations: Artifact, splats: Artifact) -> Evaluation:
@@ -94,7 +95,7 @@ def read_evaluation(frames: Artifact, poses: Artifact, annotations: Artifact, sp
         instances=instances_of(annotations),
         valid=frames.read("valid"),
         camera=Camera.from_matrix(poses.read("intrinsics"), width, height),
-        camera_to_world=poses.read("camera_to_world"),
+        camera_to_world=camera_poses(poses, splats),
     )
 
 

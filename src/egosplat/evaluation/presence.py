@@ -10,7 +10,6 @@ import torch
 from numpy.typing import NDArray
 from scipy.stats import rankdata
 
-from egosplat.artifacts.reader import Artifact
 from egosplat.codes.rendering import render_values
 from egosplat.evaluation.evaluation_frames import Evaluation, Frame
 from egosplat.evaluation.queries import Query
@@ -71,7 +70,6 @@ def ask_presence(
     present: Sequence[str],
     absent: Sequence[str],
     evaluation: Evaluation,
-    poses: Artifact,
     scene: QueryScene,
     clip: OpenClip,
     options: QueryOptions,
@@ -84,7 +82,7 @@ def ask_presence(
     phrases = [*present, *absent]
     if not phrases:
         return []
-    index = index_scene(scene, poses, evaluation.camera, evaluation.valid)
+    index = index_scene(scene, evaluation.camera_to_world, evaluation.camera, evaluation.valid)
     texts = encode_texts(clip, phrases, options.canonical)
     answers = list(ask_scene(index, texts, options, most=1))
     untaught = [untaught_words(clip, answer.phrase) for answer in answers]

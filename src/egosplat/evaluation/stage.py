@@ -100,7 +100,7 @@ def run(
     scene = read_scene(splats, language, features, options.backend)
     answered = list(run_queries(queries, evaluation, scene, texts, options, options.hit_region))
     phrases = presence_phrases(queries, evaluation.instances, options.negatives)
-    presence_queries = ask_presence(*phrases, evaluation, poses, scene, clip, options)
+    presence_queries = ask_presence(*phrases, evaluation, scene, clip, options)
     presence = presence_entry(presence_queries, options.min_score)
     scores = summarise([one.score for one in answered], options)
     used, levels = list(made_from.found.values()), language.facts["levels"]
@@ -146,10 +146,15 @@ def _counts(
 
 def _rendering_entries(evaluation: Evaluation, answered: Sequence[AnsweredQuery]) -> dict[str, Any]:
     rendering = [evaluation.rendering_of(frame) for frame in evaluation.frames]
-    return {
+    entries = {
         "frames": frame_entries(evaluation.frames, answered, rendering),
         "rendering": {name: asdict(score) for name, score in summarise_rendering(rendering).items()},
     }
+    if evaluation.splats.has("held_out/render_given"):
+        given = [evaluation.rendering_of(frame, "held_out/render_given") for frame in evaluation.frames]
+        scores = summarise_rendering(given).items()
+        entries["rendering_without_corrections"] = {name: asdict(score) for name, score in scores}
+    return entries
 
 
 def _provenance_entries(provenance_of_run: Provenance, made_from: Lineage) -> dict[str, Any]:

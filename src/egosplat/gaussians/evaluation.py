@@ -8,6 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from egosplat.gaussians.exposure import exposed
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, render
 from egosplat.gaussians.training_views import Views
@@ -68,7 +69,7 @@ def evaluate(
 def rendered(
     gaussians: Gaussians, views: Views, index: int, settings: RenderSettings, sh_degree: int
 ) -> Tensor:
-    """Render a view as an (H, W, 3) float32 image clamped to [0, 1]."""
+    """Render a view as an (H, W, 3) float32 image clamped to [0, 1], with the view's gain if it has one."""
     image, _, _ = render(
         gaussians,
         views.camera,
@@ -77,7 +78,10 @@ def rendered(
         sh_degree=sh_degree,
         background=settings.still_background,
     )
-    return image[..., :3].clamp(0.0, 1.0)
+    colours = image[..., :3]
+    if views.log_gain is not None:
+        colours = exposed(colours, views.log_gain[index])
+    return colours.clamp(0.0, 1.0)
 
 
 def _scores(picture: Tensor, truth: Tensor, weight: Tensor | None) -> tuple[float, float]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.rigid import inverted
 from egosplat.geometry import Camera, invert
 from egosplat.rasterize.api import rasterization
 from egosplat.rasterize.contract import shows_colors
@@ -39,7 +40,7 @@ class RenderSettings:
 def render(
     gaussians: Gaussians,
     camera: Camera,
-    camera_to_world: NDArray[np.float64],
+    camera_to_world: NDArray[np.float64] | Tensor,
     settings: RenderSettings,
     *,
     sh_degree: int,
@@ -49,7 +50,7 @@ def render(
     """Render colors, then features, then depth (in modes that have it), in one pass.
 
     Args:
-        camera_to_world: (4, 4) float64, OpenCV axes, meters.
+        camera_to_world: (4, 4) float64, OpenCV axes, meters; a tensor gets a gradient.
         settings: render settings; the argument ``background`` overrides ``settings.background``.
         sh_degree: active SH degree, at most ``gaussians.sh_degree``.
         background: (3,) float32 color behind the scene, None for black. Features and depth have background 0.
@@ -65,7 +66,7 @@ def render(
     """
     device = gaussians.means.device
     # Inverted in float64: far from the origin, float32 would lose millimeters.
-    world_to_camera = torch.from_numpy(invert(camera_to_world)).to(device, torch.float32)
+    world_to_camera = _world_to_camera(camera_to_world).to(device, torch.float32)
     intrinsics = torch.from_numpy(camera.matrix).to(device, torch.float32)
     images, alphas, meta = rasterization(
         gaussians.means,
@@ -87,6 +88,12 @@ def render(
         backend=settings.backend,
     )
     return images[0], alphas[0], meta
+
+
+def _world_to_camera(camera_to_world: NDArray[np.float64] | Tensor) -> Tensor:
+    if isinstance(camera_to_world, Tensor):
+        return inverted(camera_to_world)
+    return torch.from_numpy(invert(camera_to_world))
 
 
 def _backgrounds(background: Tensor | None, gaussians: Gaussians) -> Tensor | None:

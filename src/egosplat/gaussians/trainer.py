@@ -12,6 +12,7 @@ from torch import Tensor
 
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.errors import UserError
+from egosplat.gaussians.corrections import applied
 from egosplat.gaussians.evaluation import evaluate
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.options import TrainingOptions
@@ -85,6 +86,8 @@ def train(
         if state.degree_search.open and iteration >= schedule.densify_until:
             decide_degree(state, view_sets, options, schedule)
             usable = view_sets.trained_on(all_views=True)
+            if state.corrections is not None:
+                state.corrections.begin(usable)
         last = iteration == options.iterations
         recorded = iteration % RECORD_EVERY == 0 or last
         if recorded:
@@ -107,18 +110,20 @@ def iterate(
     schedule: Schedule,
 ) -> None:
     """Run one iteration with one of the ``usable`` views; changes ``state`` and adds the loss to ``state.loss_sum``."""
-    iteration = state.iteration + 1
+    iteration, corrections = state.iteration + 1, state.corrections
     index = state.next_view(usable)
     state.optimizer.means_lr = schedule.position_lr(iteration, state.extent)
     state.optimizer.zero_grad()
     image, _, meta = render(
         state.gaussians,
         views.camera,
-        views.camera_to_world[index],
+        views.camera_to_world[index] if corrections is None else corrections.camera_to_world(index),
         options.render,
         sh_degree=schedule.sh_degree(iteration, state.gaussians.sh_degree),
         background=draw_background(options.render.background, state.generator),
     )
+    if corrections is not None:
+        image = corrections.exposed(image)
     loss = state.objective.loss(image, views, index)
     regulariser = regularisation(state.gaussians, state.strategy.opacity_reg, state.strategy.scale_reg)
     # Density control needs this gradient; autograd keeps only those of leaves.
@@ -126,6 +131,8 @@ def iterate(
     total = loss if regulariser is None else loss + regulariser
     total.backward()
     state.objective.step()
+    if corrections is not None:
+        corrections.step(index, iteration)
     radii = meta["radii"]
     state.strategy.observe(meta["means2d"].grad, radii, views.camera.width, views.camera.height)
     # A regularizer reaches every Gaussian, the image loss only visible ones.
@@ -146,7 +153,7 @@ def decide_degree(
         state.gaussians,
         schedule.sh_degree(state.iteration, state.gaussians.sh_degree),
         view_sets.training,
-        view_sets.degree_validation,
+        _corrected(state, view_sets.degree_validation),
         options.render,
         options.min_improvement,
     )
@@ -196,7 +203,7 @@ def measure(state: TrainingState, view_sets: ViewSets, options: TrainingOptions,
     """Evaluate, append the scores to the curves and log them."""
     sh_degree = schedule.sh_degree(state.iteration, state.gaussians.sh_degree)
     held_out, validation = (
-        evaluate(state.gaussians, views, options.render, sh_degree)
+        evaluate(state.gaussians, _corrected(state, views), options.render, sh_degree)
         for views in (view_sets.held_out, view_sets.validation)
     )
     curves = state.curves
@@ -208,13 +215,20 @@ def measure(state: TrainingState, view_sets: ViewSets, options: TrainingOptions,
     log(_line(state))
 
 
+def _corrected(state: TrainingState, views: Views) -> Views:
+    """Views outside the training, with the corrections of the training views before and after."""
+    if state.corrections is None:
+        return views
+    return applied(views, state.corrections.values_at(views.frame))
+
+
 def ends_early(state: TrainingState, schedule: Schedule) -> bool:
     """Whether the last evaluation ends training; keeps the best Gaussians. Always False without patience."""
     psnr = state.curves.validation_psnr[-1]
     # During density control, opacity resets and new Gaussians lower the PSNR for a while.
     if not state.early_stop.patience or state.iteration < schedule.densify_until:
         return False
-    return state.early_stop.observe(state.iteration, psnr, state.gaussians)
+    return state.early_stop.observe(state.iteration, psnr, state.gaussians, state.corrections)
 
 
 def _line(state: TrainingState) -> str:

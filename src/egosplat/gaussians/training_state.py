@@ -6,7 +6,9 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import torch
+from torch import Tensor
 
+from egosplat.gaussians.corrections import Corrections
 from egosplat.gaussians.model import PARAMETERS, Gaussians
 from egosplat.gaussians.objective import Objective
 from egosplat.gaussians.optimizer import Adam, LearningRates
@@ -23,6 +25,7 @@ class EarlyStop:
         patience: consecutive evaluations without improvement that end training.
         min_improvement: smallest rise of the PSNR that counts as an improvement [dB].
         best: copy of the best Gaussians; None before the first evaluation.
+        best_corrections: values of the corrections of its views; None without corrections.
         best_psnr: their PSNR [dB].
         best_iteration: the iteration that produced them.
         waited: evaluations since the last improvement.
@@ -31,16 +34,20 @@ class EarlyStop:
     patience: int
     min_improvement: float
     best: Gaussians | None = None
+    best_corrections: Tensor | None = None
     best_psnr: float = -math.inf
     best_iteration: int = 0
     waited: int = 0
     _mark: float = -math.inf
 
-    def observe(self, iteration: int, psnr: float, gaussians: Gaussians) -> bool:
+    def observe(
+        self, iteration: int, psnr: float, gaussians: Gaussians, corrections: Corrections | None = None
+    ) -> bool:
         """Record an evaluation and return whether training should end. A PSNR of NaN is no improvement."""
         # Copied, because training changes the tensors in place.
         if psnr > self.best_psnr:
             self.best = Gaussians(**{name: p.detach().clone() for name, p in gaussians.parameters().items()})
+            self.best_corrections = None if corrections is None else corrections.values.clone()
             self.best_psnr, self.best_iteration = psnr, iteration
         # Compared with the last improvement that counted, so that many small improvements add up.
         improved = psnr >= self._mark + self.min_improvement
@@ -85,6 +92,7 @@ class TrainingState:
 
     Attributes:
         gaussians: leaves, attached to ``optimizer``.
+        corrections: of the training views; None if neither poses nor exposure are corrected.
         order: remaining views of this epoch, the next one last.
         seconds: training time so far.
         loss_sum: sum over the iterations since the last record, on the Gaussians' device.
@@ -92,7 +100,12 @@ class TrainingState:
     """
 
     def __init__(
-        self, start: Gaussians, options: TrainingOptions, extent: float, objective: Objective
+        self,
+        start: Gaussians,
+        options: TrainingOptions,
+        extent: float,
+        objective: Objective,
+        corrections: Corrections | None = None,
     ) -> None:
         """Create the state before the first iteration; ``start`` is not copied, ``extent`` is that of the scene [m]."""
         self.gaussians = start.requires_grad_()
@@ -100,6 +113,7 @@ class TrainingState:
         self.optimizer = Adam(start, LearningRates(means=options.position_lr * extent))
         self.strategy: Strategy = options.make_strategy(extent)
         self.objective = objective
+        self.corrections = corrections
         # On the CPU: a GPU's generator would draw other numbers from the same seed.
         self.generator = torch.Generator().manual_seed(options.seed)
         self.order: list[int] = []
@@ -132,6 +146,7 @@ class TrainingState:
             "optimizer": self.optimizer.state_dict(),
             "strategy": self.strategy.state_dict(),
             "objective": self.objective.state_dict(),
+            "corrections": self.corrections and self.corrections.state_dict(),
             "generator": self.generator.get_state(),
             "order": list(self.order),
             "early_stop": self.early_stop.state_dict(),
@@ -150,6 +165,8 @@ class TrainingState:
         self.optimizer.load_state_dict(state["optimizer"])
         self.strategy.load_state_dict(state["strategy"])
         self.objective.load_state_dict(state["objective"])
+        if self.corrections is not None:
+            self.corrections.load_state_dict(state["corrections"])
         self.generator.set_state(state["generator"].cpu())
         self.order = state["order"]
         self.early_stop.load_state_dict(state["early_stop"])

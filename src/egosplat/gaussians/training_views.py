@@ -29,6 +29,7 @@ class Views:
         valid: (H, W) float32, 0 outside the lens circle and 1 inside; None if all pixels are valid.
         transient: (V, H, W) bool, or float16 in [0, 1], in CPU memory: the paper's M; None if nothing is masked.
         device: device of ``picture``, ``valid`` and ``weight``.
+        log_gain: (V, 3) natural logarithm of the gains that a render gets before it is compared; None for 0.
     """
 
     frame: NDArray[np.int64]
@@ -38,6 +39,7 @@ class Views:
     transient: Tensor | None
     camera: Camera
     device: torch.device
+    log_gain: Tensor | None = None
 
     def __len__(self) -> int:
         return len(self.frame)

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.reader import Artifact
 from egosplat.compute import single_thread
+from egosplat.gaussians.camera_options import make_corrections
+from egosplat.gaussians.corrections import applied, corrected_poses
 from egosplat.gaussians.initialization import scene_extent
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.objective import L1Ssim
@@ -41,7 +43,7 @@ def train_geometry(
     keys: InstancesOptions,
     output: Path,
     key: str,
-) -> tuple[Gaussians, Views]:
+) -> tuple[Gaussians, Views, NDArray[np.float64]]:
     """Train Gaussians for a short time at the working size. A killed run resumes from its checkpoint.
 
     Args:
@@ -53,7 +55,8 @@ def train_geometry(
         key: of the checkpoint.
 
     Returns:
-        Gaussians that do not require gradients, and the training views.
+        Gaussians that do not require gradients, the training views, and the (F, 4, 4) poses of all frames, NaN without
+        one. If poses are refined, these are the refined ones.
     """
     device = torch.device("cpu")
     views, none = (
@@ -73,13 +76,19 @@ def train_geometry(
         seed=keys.seed,
     )
     options = training_options(keys)
-    state = TrainingState(start, options, scene_extent(views.camera_to_world), L1Ssim(ssim_lambda=0.2))
+    corrections = make_corrections(keys.corrections, start, views, keys.near_plane, keys.iterations)
+    extent = scene_extent(views.camera_to_world)
+    state = TrainingState(start, options, extent, L1Ssim(ssim_lambda=0.2), corrections)
     view_sets = ViewSets(views, validation=none, held_out=none, degree_validation=none)
     # Sums over several threads would differ from run to run.
     with single_thread():
         resume_and_train(state, view_sets, options, Checkpoint(output, key, _CHECKPOINT_S))
     gaussians = state.gaussians.detach()
-    return gaussians.select(gaussians.finite()), views
+    gaussians, cameras = gaussians.select(gaussians.finite()), poses.read("camera_to_world")
+    if corrections is None:
+        return gaussians, views, cameras
+    every = corrections.values_at(np.arange(len(cameras)))
+    return gaussians, applied(views, corrections.values), corrected_poses(cameras, every)
 
 
 def nearest_pixels(size: tuple[int, int], camera: Camera) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

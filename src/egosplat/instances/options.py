@@ -2,9 +2,11 @@
 
 from dataclasses import dataclass
 
+from egosplat.gaussians.camera_options import CameraOptions
+
 
 @dataclass(frozen=True)
-class InstancesOptions:
+class InstancesOptions(CameraOptions):
     """Configuration keys of the stage; ``config.schema.yaml`` describes each."""
 
     source: str

@@ -18,6 +18,7 @@ from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.writer import create
+from egosplat.gaussians.camera_options import resolved
 from egosplat.gaussians.training_views import split_views
 from egosplat.instances.geometry import train_geometry
 from egosplat.instances.lifted_masks import MaskLifter
@@ -46,7 +47,7 @@ def run(
     Args:
         frames_path, poses_path, segments_path, output: paths.
         options: of the stage.
-        survey_path: path of the survey, which excludes frames.
+        survey_path: path of the survey, which excludes frames and decides keys that are ``auto``.
 
     Raises:
         UserError: the inputs do not belong together, no training frame has a pose, or no mask is left.
@@ -55,6 +56,7 @@ def run(
     segments = open_artifact(segments_path, SEGMENTS)
     check_made_from(poses, frames, axes=("frame",))
     check_made_from(segments, frames, axes=("frame", "height", "width"))
+    options = resolved(options, survey_path)
     kept, by_survey = kept_frames(frames, survey_path)
     record = provenance.begin_from("instances", asdict(options) | by_survey, (frames, poses, segments))
     if options.source == AUTO:
@@ -67,13 +69,13 @@ def run(
     training = split_views(*flags, validate=False).training
     key = provenance.key_of(record)
     tracks = MovingTracks(segments, segments.read("instances/moving"))
-    gaussians, views = train_geometry(
+    gaussians, views, cameras = train_geometry(
         frames, poses, training, lambda row: tracks.pixels(segments.row("labels", row)), options, output, key
     )
     lifter = MaskLifter(gaussians, views, segments, frames.read("valid"), options)
     tracks = find_moving(lifter)
     scene = find_scene(lifter, tracks)
-    rows, cameras = np.flatnonzero(kept & poses.read("registered")), poses.read("camera_to_world")
+    rows = np.flatnonzero(kept & poses.read("registered"))
     _write_things(output, record, scene, tracks, options.source, segments, cameras, rows)
     Checkpoint(output, key, 0.0).remove()
 

@@ -1,6 +1,6 @@
 """Stage ``language``: give each Gaussian a language code at every level."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.splats import SPLATS, camera_poses
 from egosplat.artifacts.writer import create
 from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
@@ -83,6 +83,7 @@ def run(
     device = training_device(options.backend)
     targets = CodeTargets(instances, features, device)
     views = select_code_views(frames, poses, targets.of, masking, device, kept)
+    views = replace(views, camera_to_world=camera_poses(poses, splats)[views.frame])
     gaussians = read_gaussians(splats).to(device)
     settings = read_render_settings(splats, options.backend)
     # Every method needs the shares, which only lifting computes.

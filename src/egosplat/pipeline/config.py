@@ -45,6 +45,9 @@ def _coerced_sweep(key: object, values: Any) -> Any:
 def _coerced(value: Any, part: Mapping[str, Any]) -> Any:
     if isinstance(value, str):
         return _read(value, part)
+    # YAML reads the words on and off as booleans.
+    if isinstance(value, bool) and "on" in part.get("enum", ()):
+        return "on" if value else "off"
     if isinstance(value, list) and "items" in part:
         return [_coerced(item, part["items"]) for item in value]
     if isinstance(value, Mapping) and part.keys() & {"properties", "additionalProperties"}:

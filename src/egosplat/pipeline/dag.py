@@ -6,11 +6,17 @@ from collections.abc import Mapping
 
 from egosplat.pipeline.config import Config, merge, stage_values
 from egosplat.pipeline.stages import STAGES
-from egosplat.pipeline.survey_file import Survey, frames_of_gaussians
+from egosplat.pipeline.survey_file import Survey, gaussians_use_all_frames
 
 AUTO = "auto"
 
 ALL_FRAMES = "all"
+
+# Keys of the section camera that the survey can decide; survey.json has its decisions under the same names.
+CAMERA = ("refine_poses", "compensate_exposure")
+
+# Stages with a key that the survey can decide.
+_DECIDED = ("transient", "segments", "instances", "splats")
 
 # Artifacts with the masks, by splats.masking.
 _MASKS: dict[str, tuple[str, ...]] = {
@@ -27,8 +33,7 @@ _CODES: dict[str, tuple[str, ...]] = {"after": (), "joint": ("instances", "featu
 
 def leaves_frames_out(config: Config) -> bool:
     """Whether training follows the survey's list of frames."""
-    keys = config["survey"]
-    return keys["min_view_change_deg"] > 0 or keys["blur_limit"] > 0
+    return config["survey"]["min_view_change_deg"] > 0
 
 
 def masks_by_survey(config: Config) -> bool:
@@ -48,9 +53,19 @@ def tracks_by_survey(config: Config) -> bool:
     return tracks_what_moves(config) and config["segments"]["track_moving"] == AUTO
 
 
+def corrects_by_survey(config: Config) -> bool:
+    """Whether the survey chooses a key of the section camera."""
+    return AUTO in (config["camera"][name] for name in CAMERA)
+
+
 def survey_decides(config: Config) -> bool:
     """Whether a key of the configuration is ``auto`` and the survey chooses its value."""
-    return masks_by_survey(config) or tracks_by_survey(config)
+    return masks_by_survey(config) or tracks_by_survey(config) or corrects_by_survey(config)
+
+
+def follows_survey(stage: str) -> bool:
+    """Whether a stage has a key that the survey can decide."""
+    return stage in _DECIDED
 
 
 def decided(config: Config, survey: Survey) -> Config:
@@ -60,6 +75,8 @@ def decided(config: Config, survey: Survey) -> Config:
         chosen["splats"] = {"masking": masking}
     if tracks_by_survey(config):
         chosen["segments"] = {"track_moving": "always" if masking == "refined" else "never"}
+    by_survey = [name for name in CAMERA if config["camera"][name] == AUTO]
+    chosen["camera"] = {name: "on" if survey["camera"][name] else "off" for name in by_survey}
     return merge(config, chosen)
 
 
@@ -69,7 +86,8 @@ def inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     found = always + optional_inputs_of(stage, config)
     # Snakemake must run the survey before it knows whether the stage needs masks, or what moves.
     masked = "masks" in STAGES[stage].optional and masks_by_survey(config)
-    by_survey = masked or (stage == "segments" and tracks_by_survey(config))
+    corrected = "camera" in STAGES[stage].keys and corrects_by_survey(config)
+    by_survey = masked or corrected or (stage == "segments" and tracks_by_survey(config))
     return (*found, "survey") if by_survey and "survey" not in found else found
 
 
@@ -86,11 +104,11 @@ def training_frames(stage: str, config: Config, survey: Survey) -> str:
     """Get the digest of the frames that a stage trains on, or ``ALL_FRAMES``. The rule reruns if it changes."""
     if not leaves_frames_out(config):
         return ALL_FRAMES
-    if stage != "splats":
-        return survey["views"]["digest"]
-    # In a static scene the Gaussians may train on all frames: another list of frames changes nothing.
-    chosen = frames_of_gaussians(survey, decided(config, survey)["splats"]["masking"])
-    return ALL_FRAMES if chosen is None else chosen[1]
+    masking = decided(config, survey)["splats"]["masking"]
+    # In a static scene the Gaussians train on all frames: another list of frames changes nothing.
+    if stage == "splats" and gaussians_use_all_frames(survey, masking):
+        return ALL_FRAMES
+    return survey["views"]["digest"]
 
 
 def stage_flags(stage: str, config: Config) -> str:

@@ -14,7 +14,14 @@ import yaml
 from egosplat.files import read_json
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.config import Config
-from egosplat.pipeline.dag import default_pages, inputs_of, masks_by_survey, tracks_by_survey
+from egosplat.pipeline.dag import (
+    AUTO,
+    CAMERA,
+    default_pages,
+    inputs_of,
+    masks_by_survey,
+    tracks_by_survey,
+)
 from egosplat.pipeline.presets import FILES
 from egosplat.pipeline.results import default_scenes
 from egosplat.pipeline.scenes import Scene, Target, find_scene
@@ -179,6 +186,7 @@ def _changes(stage: str, options: Mapping[str, Any], config: Config) -> Changes:
         values.pop("masking", None)  # the survey decides
     if tracks_by_survey(config):
         values.pop("track_moving", None)
+    values = {key: value for key, value in values.items() if not (key in CAMERA and value == AUTO)}
     names = _full_names(stage)
     return {
         names[key]: (options[key], value)

@@ -64,6 +64,7 @@ _JOINT = {
     "features": "if splats.language is joint",
 }
 _CLIP = {"models": ("clip_checkpoint", "clip_model", "device", "precision")}
+_CAMERA = {"camera": ("refine_poses", "compensate_exposure")}
 _SAM2 = {"models": ("sam2_config", "sam2_checkpoint", "device", "precision")}
 
 _STAGES = (
@@ -115,6 +116,7 @@ _STAGES = (
         inputs=("frames", "poses"),
         optional=_TRAINING_FRAMES,
         libraries=("numpy", "opencv-contrib-python-headless", "scipy", "timm", "torch", "zarr"),
+        keys=_CAMERA,
     ),
     Stage(
         "segments",
@@ -142,7 +144,7 @@ _STAGES = (
         inputs=("frames", "poses", "segments"),
         optional=_TRAINING_FRAMES,
         libraries=("numpy", "opencv-contrib-python-headless", "scipy", "torch", "zarr"),
-        keys={"splats": ("near_plane",)},
+        keys={"splats": ("near_plane",)} | _CAMERA,
     ),
     Stage(
         "view_features",
@@ -177,6 +179,7 @@ _STAGES = (
         inputs=("frames", "poses"),
         optional=_TRAINING_FRAMES | _MASKING | _JOINT,
         libraries=("numpy", "scipy", "torch", "zarr"),
+        keys=_CAMERA,
     ),
     Stage(
         "language",

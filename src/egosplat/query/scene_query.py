@@ -9,7 +9,6 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from egosplat.artifacts.reader import Artifact
 from egosplat.codes.rendering import sum_over_pixels
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
@@ -68,19 +67,19 @@ class SceneAnswer:
         return self.things[0].score if self.things else 0.0
 
 
-def index_scene(scene: QueryScene, poses: Artifact, camera: Camera, valid: Mask | None) -> SceneIndex:
+def index_scene(scene: QueryScene, camera_to_world: Array, camera: Camera, valid: Mask | None) -> SceneIndex:
     """Measure which Gaussians the frames of a recording show.
 
     Args:
-        poses: the poses artifact; at least one frame has a pose.
+        camera_to_world: (F, 4, 4) float64, NaN without a pose; at least one frame has one.
         valid: (H, W) bool pixels that show the scene, or None for all.
     """
-    registered = np.flatnonzero(poses.read("registered"))
+    registered = np.flatnonzero(np.isfinite(camera_to_world).all(axis=(1, 2)))
     count = min(MOST_VIEWS, len(registered))
     frame = registered[np.linspace(0, len(registered) - 1, count).round().astype(int)]
     small = rendering_camera(camera, VIEW_SIDE)
     seen = None if valid is None else _shrunk(valid, small)
-    views = track(poses.read("camera_to_world")[frame], "rendering views", unit="view")
+    views = track(camera_to_world[frame], "rendering views", unit="view")
     shares = visible_shares(scene.gaussians, small, views, seen, scene.settings).cpu().numpy()
     return SceneIndex(scene, _surface(scene, shares), frame)
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from egosplat.artifacts.reader import Artifact
+from egosplat.artifacts.splats import camera_poses
 from egosplat.errors import UserError
 from egosplat.files import read_json
 from egosplat.geometry import Array, is_rigid
@@ -26,8 +27,8 @@ class Viewpoint:
     valid: Mask | None
 
 
-def frame_viewpoint(frames: Artifact, poses: Artifact, frame: int) -> Viewpoint:
-    """The viewpoint of a frame.
+def frame_viewpoint(frames: Artifact, poses: Artifact, splats: Artifact, frame: int) -> Viewpoint:
+    """The viewpoint of a frame, with the pose of the training of ``splats``.
 
     Raises:
         UserError: there is no such frame, or it has no pose.
@@ -41,7 +42,7 @@ def frame_viewpoint(frames: Artifact, poses: Artifact, frame: int) -> Viewpoint:
             raise UserError(f"{poses.path}: no frame has a pose; see the log of the stage poses")
         nearest = with_pose[np.abs(with_pose - frame).argmin()]
         raise UserError(f"--frame {frame}: has no pose; the nearest frame with a pose is {nearest}")
-    return Viewpoint(f"frame {frame}", poses.read("camera_to_world")[frame], frames.read("valid"))
+    return Viewpoint(f"frame {frame}", camera_poses(poses, splats)[frame], frames.read("valid"))
 
 
 def file_viewpoint(path: Path) -> Viewpoint:

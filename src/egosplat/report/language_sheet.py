@@ -13,7 +13,7 @@ from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.splats import SPLATS, camera_poses
 from egosplat.codes.rendering import render_codes
 from egosplat.geometry import Camera, make_pose
 from egosplat.output_files import check_output, picture_kind
@@ -77,7 +77,7 @@ def run(poses_path: Path, splats_path: Path, language_path: Path, output: Path, 
     size = (CELL * TURNS, (CELL * camera.height / camera.width + 0.25) * (1 + len(levels)) + 0.9)
     figure, grid = plt.subplots(1 + len(levels), TURNS, squeeze=False, figsize=size, layout="constrained")
     draw_heading(figure, f"{title}: {_summary(language)}", warnings_of(language))
-    _draw_views(grid, scene, poses, language, camera)
+    _draw_views(grid, scene, camera_poses(poses, splats), poses, language, camera)
     save_figure(figure, output, PAGE)
 
 
@@ -97,11 +97,16 @@ def _summary(language: Artifact) -> str:
 
 @torch.no_grad()
 def _draw_views(
-    grid: NDArray[np.object_], scene: TrainedScene, poses: Artifact, language: Artifact, camera: Camera
+    grid: NDArray[np.object_],
+    scene: TrainedScene,
+    camera_to_world: NDArray[np.float64],
+    poses: Artifact,
+    language: Artifact,
+    camera: Camera,
 ) -> None:
     code, share = language.read("code"), language.read("share")
     colours, device = principal_colours(code, share), scene.gaussians.means.device
-    camera_to_world, up = poses.read("camera_to_world"), poses.read("up")
+    up = poses.read("up")
     frame = choose_place(camera_to_world, poses.read("registered"), up)
     for column, turn in enumerate(np.arange(TURNS) * 360.0 / TURNS):
         pose = turned_right(camera_to_world[frame], up, turn)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact
+from egosplat.artifacts.splats import camera_poses
 from egosplat.geometry import Array
 from egosplat.progress import track
 from egosplat.query.answer import Answer, ask
@@ -79,7 +80,8 @@ def answer_in_scene(question: Question, sources: QuerySources, most: int) -> Ans
     """Answer queries of the whole scene; the picture shows each query's best thing in the view that shows it best."""
     unit = length_unit(sources.poses)
     columns = ("query", "score", "level", f"centre [{unit}]", f"size [{unit}]", "frame")
-    index = index_scene(question.scene, sources.poses, question.scene.camera, sources.frames.read("valid"))
+    poses, valid = camera_poses(sources.poses, sources.splats), sources.frames.read("valid")
+    index = index_scene(question.scene, poses, question.scene.camera, valid)
     stream = ask_scene(index, question.texts, question.options, most)
     answers = list(track(stream, "queries", unit="answer", total=len(question.texts.phrases)))
     levels = sources.language.facts["levels"]
@@ -119,7 +121,7 @@ def _draw_thing(
         return DrawnAnswer(answer.phrase, answer.score, refusal=why)
     thing: Thing = answer.things[0]
     frame = index.best_frame(thing)
-    pose = sources.poses.read("camera_to_world")[frame]
+    pose = camera_poses(sources.poses, sources.splats)[frame]
     texts, camera = question.texts.of([answer.phrase]), question.scene.camera
     valid = sources.frames.read("valid")
     seen = view_thing(question.scene, thing, texts, camera, pose, valid, question.options)

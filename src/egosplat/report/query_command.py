@@ -134,5 +134,5 @@ def _viewpoint(sources: QuerySources, asking: Asking) -> Viewpoint | None:
     if asking.pose is not None:
         return file_viewpoint(asking.pose)
     if asking.frame is not None:
-        return frame_viewpoint(sources.frames, sources.poses, asking.frame)
+        return frame_viewpoint(sources.frames, sources.poses, sources.splats, asking.frame)
     return None

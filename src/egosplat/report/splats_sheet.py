@@ -1,4 +1,7 @@
-"""Draw the training of a scene's Gaussians on one page: training curves, and held-out frames with their renders."""
+"""Draw the training of a scene's Gaussians on one page: training curves, and held-out frames with their renders.
+
+Where poses or exposures were corrected, also the corrections.
+"""
 
 from pathlib import Path
 
@@ -12,6 +15,7 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.gaussians.evaluation import Scores
 from egosplat.output_files import check_output, picture_kind
+from egosplat.report.corrections_figure import draw_gains, draw_poses, has_corrections
 from egosplat.report.figure import draw_heading, label_log_axis, middles_of_parts, plt, save_figure, show
 
 PAGE = picture_kind("egosplat splats-sheet")
@@ -34,10 +38,17 @@ def run(frames_path: Path, splats_path: Path, output: Path, *, title: str) -> No
     columns = max(len(shown), 2)
     _, height, width, _ = frames.shape("rgb")
     cell = CELL * float(np.clip(width / height, 0.6, 1.8))
-    figure = plt.figure(figsize=(4.6 + columns * cell, 3 * CELL + 1.2), layout="constrained")
+    more = 4.0 if has_corrections(splats) else 0.0
+    figure = plt.figure(figsize=(4.6 + columns * cell, 3 * CELL + 1.2 + more), layout="constrained")
     summary = _summary(frames, splats)
     draw_heading(figure, f"{title}: {summary}", warnings_of(splats), 13)
-    left, right = figure.subfigures(1, 2, width_ratios=(4.6, columns * cell))
+    page = figure
+    if more:
+        page, below = figure.subfigures(2, 1, height_ratios=(3 * CELL + 1.2, more))
+        from_above, over_time = below.subplots(1, 2)
+        draw_poses(from_above, splats)
+        draw_gains(over_time, splats)
+    left, right = page.subfigures(1, 2, width_ratios=(4.6, columns * cell))
     _draw_curves(left.subplots(3, 1, sharex=True), splats)
     grid = right.subplots(3, columns, squeeze=False)
     for axes in grid.flat:
@@ -54,6 +65,9 @@ def _summary(frames: Artifact, splats: Artifact) -> str:
     held_out = "no frame held out"
     if count := len(scores.psnr):
         held_out = f"{count} held out: PSNR {scores.mean_psnr:.2f} dB, SSIM {scores.mean_ssim:.3f}"
+    if count and has_corrections(splats):
+        given = Scores(splats.read("held_out/psnr_given"), splats.read("held_out/ssim_given"))
+        held_out += f" (without corrections {given.mean_psnr:.2f} dB, {given.mean_ssim:.3f})"
     return (
         f"{frames.facts['recording']}, origin {splats.origin}\n"
         f"{splats.shape('means')[0]} Gaussians of iteration {facts['iteration']}, "

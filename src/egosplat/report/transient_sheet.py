@@ -17,7 +17,7 @@ from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.splats import SPLATS, camera_poses
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.output_files import check_output, picture_kind
 from egosplat.query.scene import read_trained_scene
@@ -147,7 +147,7 @@ def _draw_frames(page: SubFigure, sources: _Sources, shown: list[int], columns: 
     for cell in grid.flat:
         cell.set_axis_off()
     times, scene = sources.frames.read("timestamp_ns"), read_trained_scene(sources.splats, "auto")
-    poses = sources.poses.read("camera_to_world")
+    poses = camera_poses(sources.poses, sources.splats)
     heat = None
     for column, frame in enumerate(shown):
         photograph = sources.frames.row("rgb", frame)

@@ -21,6 +21,7 @@ from egosplat.artifacts.writer import create
 from egosplat.codes.joint_objective import JointLanguage, initial_codes
 from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
+from egosplat.gaussians.camera_options import CameraOptions, make_corrections, resolved
 from egosplat.gaussians.device import rasterizer_used, training_device
 from egosplat.gaussians.evaluation import Scores, evaluate
 from egosplat.gaussians.initialization import scene_extent
@@ -43,10 +44,11 @@ from egosplat.gaussians.training_views import (
 )
 from egosplat.progress import log
 from egosplat.rasterize.contract import MAX_SH_DEGREE
+from egosplat.splats.corrections import kept_corrections, put_corrections
 
 
 @dataclass(frozen=True, kw_only=True)
-class SplatsOptions(GrowthOptions, RenderSettings):
+class SplatsOptions(GrowthOptions, RenderSettings, CameraOptions):
     """Configuration keys of the stage; ``config.schema.yaml`` describes each."""
 
     masking: str
@@ -92,7 +94,8 @@ def run(
     A killed run resumes from its last checkpoint and gives identical Gaussians.
 
     Args:
-        survey_path: excludes frames from training, unless nothing moves and nothing is masked.
+        survey_path: excludes frames from training, unless nothing moves and nothing is masked; decides keys of the
+            section ``camera`` that are ``auto``.
         transient_path: required if ``masking`` is ``initial``.
         masks_path: required if ``masking`` is ``refined``.
         instances_path, features_path: required if ``language`` is ``joint``.
@@ -102,6 +105,7 @@ def run(
             cannot run, or training diverges.
     """
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
+    options = resolved(options, survey_path)
     kept, by_survey = frames_for_gaussians(frames, survey_path, options.masking)
     masking = open_masking(options.masking, frames, transient_path=transient_path, masks_path=masks_path)
     language_inputs = (
@@ -129,9 +133,12 @@ def run(
         start = replace(start, features=initial_codes(start.count, targets, start.means.device))
     checkpoint = Checkpoint(output, provenance.key_of(record), options.checkpoint_s)
     extent = scene_extent(view_sets.training.camera_to_world)
-    state = TrainingState(start, options.training, extent, objective)
+    corrections = make_corrections(
+        options.corrections, start, view_sets.training, options.near_plane, options.iterations
+    )
+    state = TrainingState(start, options.training, extent, objective, corrections)
     resume_and_train(state, view_sets, options.training, checkpoint)
-    _write(output, record, state, view_sets, options.training)
+    _write(output, record, state, view_sets, options.training, poses)
     checkpoint.remove()
 
 
@@ -197,6 +204,7 @@ def _write(
     state: TrainingState,
     view_sets: ViewSets,
     options: TrainingOptions,
+    poses: Artifact,
 ) -> None:
     """Evaluate and write the Gaussians: the best with early stopping, else the last."""
     # With early stopping, the last Gaussians are some evaluations past the best.
@@ -204,15 +212,21 @@ def _write(
     gaussians, iteration = (
         (state.gaussians, state.iteration) if kept is None else (kept, state.early_stop.best_iteration)
     )
-    held_out = view_sets.held_out
+    sh_degree = options.schedule.sh_degree(iteration, gaussians.sh_degree)
+    corrections, held_out = kept_corrections(state), view_sets.held_out
     camera = held_out.camera
     with create(output, SPLATS, record) as artifact:
+        facts: dict[str, Any] = {}
+        if corrections is not None:
+            held_out, facts = put_corrections(
+                artifact, corrections, gaussians, held_out, options.render, sh_degree, poses
+            )
         artifact.allocate("held_out/render", (len(held_out), camera.height, camera.width, 3))
         scores = evaluate(
             gaussians,
             held_out,
             options.render,
-            options.schedule.sh_degree(iteration, gaussians.sh_degree),
+            sh_degree,
             lambda index, picture: artifact.put_row("held_out/render", index, picture),
         )
         put_gaussians(artifact, gaussians)
@@ -220,7 +234,7 @@ def _write(
         artifact.put("held_out/frame", held_out.frame)
         artifact.put("held_out/psnr", scores.psnr)
         artifact.put("held_out/ssim", scores.ssim)
-        artifact.facts = _facts(state, gaussians, view_sets, options, iteration)
+        artifact.facts = _facts(state, gaussians, view_sets, options, iteration) | facts
     log(f"{gaussians.count} Gaussians of iteration {iteration}; held out: {_summary(scores)}")
 
 

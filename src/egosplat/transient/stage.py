@@ -18,6 +18,7 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.artifacts.writer import Writer, create
 from egosplat.compute import single_thread
+from egosplat.gaussians.camera_options import CameraOptions, make_corrections, resolved
 from egosplat.gaussians.device import rasterizer_used, training_device
 from egosplat.gaussians.initialization import scene_extent
 from egosplat.gaussians.options import GrowthOptions, TrainingOptions
@@ -37,7 +38,7 @@ POSITION_LR = 1.6e-4
 
 
 @dataclass(frozen=True, kw_only=True)
-class TransientOptions(GrowthOptions):
+class TransientOptions(GrowthOptions, CameraOptions):
     """Configuration keys of the stage; ``config.schema.yaml`` describes each."""
 
     warmup: float
@@ -95,7 +96,7 @@ def run(
     A killed run resumes from its last checkpoint and gives an identical result.
 
     Args:
-        survey_path: excludes frames from training.
+        survey_path: excludes frames from training, and decides keys that are ``auto``.
 
     Raises:
         UserError: no training frame has a pose, the inputs do not belong together, the weights cannot be read,
@@ -103,6 +104,7 @@ def run(
     """
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
     check_made_from(poses, frames, axes=("frame",))
+    options = resolved(options, survey_path)
     kept, by_survey = kept_frames(frames, survey_path)
     weights = None if options.encoder_weights is None else Path(options.encoder_weights).expanduser()
     net = make_network(options.input_size, lies_on_its_side(frames), weights, options.seed)
@@ -119,7 +121,9 @@ def run(
         seed=options.seed,
     )
     objective = InitialObjective(net, options.network, views.device)
-    state = TrainingState(start, options.gaussians, scene_extent(views.camera_to_world), objective)
+    extent, near_plane = scene_extent(views.camera_to_world), options.near_plane
+    corrections = make_corrections(options.corrections, start, views, near_plane, options.iterations)
+    state = TrainingState(start, options.gaussians, extent, objective, corrections)
     checkpoint = Checkpoint(output, provenance.key_of(record), options.checkpoint_s)
     # Sums over several threads on a CPU would differ from run to run.
     with single_thread():

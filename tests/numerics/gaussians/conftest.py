@@ -17,15 +17,19 @@ from tests.support.scenes import camera_facts, put, put_scene
 
 SIZE, FRAME_COUNT = 20, 7
 CAMERA = Camera(SIZE, SIZE, 18.0, 18.0, SIZE / 2, SIZE / 2)
-KEYS = defaults()["splats"] | {
-    "masking": "none",
-    "iterations": 40,
-    "max_points": 60,
-    "densify_init": False,
-    "max_gaussians": 80,
-    "evaluate_every": 20,
-    "sh_degree": 1,
-}
+KEYS = (
+    defaults()["camera"]
+    | defaults()["splats"]
+    | {
+        "masking": "none",
+        "iterations": 40,
+        "max_points": 60,
+        "densify_init": False,
+        "max_gaussians": 80,
+        "evaluate_every": 20,
+        "sh_degree": 1,
+    }
+)
 
 
 @pytest.fixture(autouse=True)

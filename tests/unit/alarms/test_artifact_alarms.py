@@ -44,7 +44,16 @@ SUSPICIOUS = {
         {"masked_share": 0.3},
         ["masks.instances", "masks.pixels"],
     ),
-    "splats": ({"held_out/psnr": np.array([25.0, 12.0])}, {}, ["splats.psnr"]),
+    "splats": (
+        {
+            "held_out/psnr": np.array([25.0, 12.0]),
+            "corrections/shift": np.array([[0.0, 0.11, 0.0], [0.0, 0.0, 0.01]]),
+            "corrections/turn": np.zeros(2),
+            "corrections/gain": np.array([[1.0, 0.3, 1.0], [1.0, 1.0, 1.0]]),
+        },
+        {"scene_depth": 2.0},
+        ["splats.psnr", "splats.pose_correction", "splats.gain"],
+    ),
     "language": (
         {"share": np.stack([np.arange(9) < 5, np.zeros(9, bool)], axis=1).astype(np.float32)},
         {},

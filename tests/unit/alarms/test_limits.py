@@ -39,6 +39,14 @@ BELOW = {
     ),
     "splats.psnr": (lambda decibels: scene.splats_alarms(np.array([decibels])), scene.MIN_PSNR_DB),
 }
+
+
+def corrected(angle: float, gain: float):
+    """The alarms of two frames, one of them with a shift of ``angle`` depths and a gain of blue."""
+    shift, gains = np.array([0.0, 2.0 * angle]), np.array([[1.0, 1.0, gain], [1.0, 1.0, 1.0]])
+    return scene.corrections_alarms(shift, np.zeros(2), gains, 2.0)
+
+
 ABOVE = {
     "frames.blurred": (lambda share: recording.frames_alarms(1.0, share), recording.MAX_BLURRED),
     "poses.reprojection": (
@@ -56,6 +64,8 @@ ABOVE = {
     "transient.probability": (scene.transient_alarms, scene.MAX_PROBABILITY),
     "masks.pixels": (lambda share: scene.masks_alarms(0, 10, share), scene.MAX_MASKED_PIXELS),
     "language.without_code": (scene.language_alarms, scene.MAX_WITHOUT_CODE),
+    "splats.pose_correction": (lambda angle: corrected(angle, 1.0), scene.MAX_CORRECTION),
+    "splats.gain": (lambda gain: corrected(0.0, gain), scene.MAX_GAIN),
 }
 """By key: the alarms of one figure, and its limit."""
 

@@ -18,13 +18,17 @@ from egosplat.rasterize.reference.spherical_harmonics import spherical_harmonics
 from egosplat.splats import stage
 
 CAMERA = Camera(24, 24, 22.0, 22.0, 12.0, 12.0)
-KEYS = defaults()["splats"] | {
-    "masking": "none",
-    "iterations": 140,
-    "max_gaussians": 60,
-    "evaluate_every": 70,
-    "sh_degree": "auto",
-}
+KEYS = (
+    defaults()["camera"]
+    | defaults()["splats"]
+    | {
+        "masking": "none",
+        "iterations": 140,
+        "max_gaussians": 60,
+        "evaluate_every": 70,
+        "sh_degree": "auto",
+    }
+)
 
 
 def run(folder, name: str = "splats.zarr", **changes: object):

@@ -21,12 +21,16 @@ COLORS = np.array([[200, 40, 40], [40, 40, 200]], np.uint8)
 
 def options(**changes: object) -> InstancesOptions:
     """The defaults with the source masks, for a short time."""
-    keys = defaults()["instances"] | {
-        "near_plane": 0.1,
-        "source": "masks",
-        "iterations": 20,
-        "resolution": SIZE,
-    }
+    keys = (
+        defaults()["camera"]
+        | defaults()["instances"]
+        | {
+            "near_plane": 0.1,
+            "source": "masks",
+            "iterations": 20,
+            "resolution": SIZE,
+        }
+    )
     return InstancesOptions(**keys | changes)
 
 

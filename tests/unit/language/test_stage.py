@@ -14,13 +14,17 @@ from egosplat.pipeline.config import defaults
 from egosplat.splats import stage as splats_stage
 
 KEYS = defaults()["language"] | {"iterations": 20, "lr": 0.02}
-SPLATS = defaults()["splats"] | {
-    "iterations": 20,
-    "max_gaussians": 300,
-    "evaluate_every": 20,
-    "sh_degree": 0,
-    "masking": "none",
-}
+SPLATS = (
+    defaults()["camera"]
+    | defaults()["splats"]
+    | {
+        "iterations": 20,
+        "max_gaussians": 300,
+        "evaluate_every": 20,
+        "sh_degree": 0,
+        "masking": "none",
+    }
+)
 
 
 def train(folder: Path, **changes: object) -> None:

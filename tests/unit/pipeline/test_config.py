@@ -305,3 +305,11 @@ def test_scenes_are_found_on_a_command_line():
 def test_each_artifact_of_the_table_of_stages_has_a_schema():
     """The table of stages and the registry of artifacts name the same artifacts, in the same order."""
     assert tuple(SCHEMAS) == ARTIFACTS
+
+
+def test_on_and_off_may_be_written_as_yaml_reads_them():
+    """YAML reads on and off as booleans; a key that has these words takes both."""
+    found = config.coerced({"camera": {"refine_poses": True, "compensate_exposure": "off"}, "segments": {}})
+    assert found["camera"] == {"refine_poses": "on", "compensate_exposure": "off"}
+    parsed = config.parse_options("camera.refine_poses=off frames.upright=off", "row 1")
+    assert parsed == {"camera": {"refine_poses": "off"}, "frames": {"upright": False}}

@@ -7,6 +7,7 @@ from egosplat.pipeline.dag import (
     ALL_FRAMES,
     decided,
     default_pages,
+    follows_survey,
     input_flags,
     inputs_of,
     leaves_frames_out,
@@ -19,19 +20,17 @@ from egosplat.pipeline.dag import (
 )
 
 BASE = defaults()
-EVERY_FRAME = merge(BASE, {"survey": {"min_view_change_deg": 0, "blur_limit": 0}})
+OFF = {"camera": {"refine_poses": "off", "compensate_exposure": "off"}}
+EVERY_FRAME = merge(BASE, {"survey": {"min_view_change_deg": 0}} | OFF)
 SINGLE_FRAMES = merge(EVERY_FRAME, {"segments": {"prompting": "each_frame", "track_moving": "auto"}})
 TRACKS = merge(EVERY_FRAME, {"segments": {"prompting": "key_frames"}})
 
 
-def survey(masking, static=False, blurred=()):
+def survey(masking, static=False):
     """The parts of a survey that decide something."""
-    return {
-        "motion": {"masking": masking, "static": static},
-        "sharpness": {"dropped": [{"frame": frame} for frame in blurred]},
-        "views": {"kept": [0, 1], "digest": "of-kept-frames"},
-        "poses": {"frames": 4},
-    }
+    camera = {"refine_poses": True, "compensate_exposure": False}
+    motion = {"masking": masking, "static": static}
+    return {"motion": motion, "camera": camera, "views": {"digest": "of-kept-frames"}}
 
 
 @pytest.mark.parametrize(
@@ -107,6 +106,21 @@ def test_the_survey_decides_masking_where_it_is_auto(masking):
     assert f"--masking {masking}" in stage_flags("splats", found)
 
 
+@pytest.mark.parametrize("stage", ["transient", "instances", "splats"])
+def test_the_survey_decides_what_is_corrected_where_it_is_auto(stage):
+    """Protects the decision and the DAG of the section camera, for every stage that trains Gaussians, and no other."""
+    auto = merge(TRACKS, {"camera": BASE["camera"], "splats": {"masking": "none"}})
+    assert inputs_of(stage, auto)[-1] == "survey" and "survey" not in inputs_of(stage, merge(auto, OFF))
+    assert "survey" not in optional_inputs_of(stage, auto) and "survey" not in inputs_of("masks", auto)
+    found = decided(auto, survey("none"))
+    assert found["camera"] == {"refine_poses": "on", "compensate_exposure": "off"} and follows_survey(stage)
+    assert "--refine-poses on" in stage_flags(stage, found)
+    assert "--compensate-exposure off" in stage_flags(stage, found)
+    assert survey_decides(auto) and not survey_decides(merge(auto, OFF))
+    by_hand = merge(auto, {"camera": {"refine_poses": "off", "compensate_exposure": "on"}})
+    assert decided(by_hand, survey("none")) == by_hand
+
+
 def test_an_explicit_masking_wins_over_the_survey():
     """Protects the order of precedence."""
     config = merge(TRACKS, {"splats": {"masking": "initial"}})
@@ -126,12 +140,6 @@ def test_gaussians_train_on_all_frames_where_nothing_moves(stage, masking, stati
     """Protects the parameter that reruns a rule when its training frames change."""
     assert training_frames(stage, BASE, survey(masking, static)) == expected
     assert training_frames(stage, EVERY_FRAME, survey(masking, static)) == ALL_FRAMES
-
-
-def test_gaussians_train_on_no_blurred_frame_where_nothing_moves():
-    """Protects the parameter that reruns splats when another frame counts as blurred."""
-    blurred = [training_frames("splats", BASE, survey("none", True, frames)) for frames in ([1], [1, 3])]
-    assert len({*blurred, ALL_FRAMES, "of-kept-frames"}) == 4
 
 
 def test_keys_become_flags_in_order_of_their_names():

@@ -51,7 +51,8 @@ def test_unchanged_values_make_nothing_stale():
     assert reached(splats={"masking": BASE["splats"]["masking"]}) == set()
 
 
-ALL_FRAMES = merge(BASE, {"survey": {"min_view_change_deg": 0, "blur_limit": 0}})
+OFF = {"camera": {"refine_poses": "off", "compensate_exposure": "off"}}
+ALL_FRAMES = merge(BASE, {"survey": {"min_view_change_deg": 0}} | OFF)
 
 
 @pytest.mark.parametrize("stage", ["segments", "transient", "splats", "language"])

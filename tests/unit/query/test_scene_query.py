@@ -26,7 +26,7 @@ def index(word_scene) -> SceneIndex:
     """A wall whose left half means a couch and whose right half means a cup."""
     folder = word_scene()
     artifacts = [open_artifact(folder / f"{one.name}.zarr", one) for one in (SPLATS, LANGUAGE, FEATURES)]
-    poses = open_artifact(folder / "poses.zarr", POSES)
+    poses = open_artifact(folder / "poses.zarr", POSES).read("camera_to_world")
     return index_scene(read_scene(*artifacts, "cpu"), poses, CAMERA, None)
 
 

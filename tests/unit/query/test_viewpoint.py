@@ -8,6 +8,7 @@ import pytest
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.splats import SPLATS
 from egosplat.errors import UserError
 from egosplat.query.viewpoint import file_viewpoint, frame_viewpoint
 
@@ -15,7 +16,7 @@ from egosplat.query.viewpoint import file_viewpoint, frame_viewpoint
 @pytest.fixture
 def recording(word_scene):
     folder = word_scene()
-    return open_artifact(folder / "frames.zarr", FRAMES), open_artifact(folder / "poses.zarr", POSES)
+    return [open_artifact(folder / f"{schema.name}.zarr", schema) for schema in (FRAMES, POSES, SPLATS)]
 
 
 def test_a_frame_is_seen_within_the_lens_circle(recording):

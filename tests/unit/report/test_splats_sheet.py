@@ -11,7 +11,7 @@ from tests.support.scenes import camera_facts, put_scene
 HEIGHT, WIDTH = 20, 30
 
 
-def scene(folder, held_out: int, records: int, validation: bool):
+def scene(folder, held_out: int, records: int, validation: bool, corrections: int):
     rng = np.random.default_rng(0)
 
     def pictures(count: int) -> np.ndarray:
@@ -38,17 +38,34 @@ def scene(folder, held_out: int, records: int, validation: bool):
     }
     facts = camera_facts(Camera(WIDTH, HEIGHT, 20.0, 20.0, 15.0, 10.0))
     facts |= {"iteration": 10, "views": {"training": 3}, "training_s": 1.25, "rasterizer": "reference"}
+    if corrections:
+        poses, facts = (
+            np.tile(np.eye(4), (frames, 1, 1)),
+            facts | {"scene_depth": 2.0, "up": [0.0, -1.0, 0.0]},
+        )
+        poses[:, 0, 3] = np.arange(frames)
+        poses[-1] = np.nan
+        arrays |= {
+            "held_out/psnr_given": np.full(held_out, 20.5),
+            "held_out/ssim_given": np.full(held_out, 0.80),
+            "held_out/render_given": pictures(held_out),
+            "corrections/camera_to_world": poses,
+            "corrections/source": np.array([1, 1, 2, 1, 1, 3, 1, 0], np.int8),
+            "corrections/shift": rng.normal(size=(frames, 3)) * (corrections - 1),
+            "corrections/turn": rng.uniform(size=frames),
+            "corrections/gain": np.exp(rng.normal(size=(frames, 3))),
+        }
     return put_scene(folder, ["frames", "splats"], arrays, facts, origin="real")
 
 
 @pytest.mark.parametrize(
-    "held_out, records, validation",
-    [(8, 300, True), (1, 1, False), (0, 3, False)],
-    ids=["usual", "few", "nothing held out"],
+    "held_out, records, validation, corrections",
+    [(8, 300, True, 0), (1, 1, False, 2), (0, 3, False, 1)],
+    ids=["usual", "few, corrected", "nothing held out, corrections of 0"],
 )
-def test_the_page_is_written_as_one_picture(tmp_path, held_out, records, validation):
+def test_the_page_is_written_as_one_picture(tmp_path, held_out, records, validation, corrections):
     output = tmp_path / "splats.png"
-    run(*scene(tmp_path, held_out, records, validation), output, title="a scene")
+    run(*scene(tmp_path, held_out, records, validation, corrections), output, title="a scene")
     picture = np.asarray(Image.open(output).convert("L"))
     assert picture.shape[1] > 700 and picture.std() > 10
     assert sorted(path.name for path in tmp_path.iterdir() if path.suffix == ".png") == ["splats.png"]

@@ -14,20 +14,26 @@ import torch
 
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.kept_frames import frames_for_gaussians
+from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.splats import FITTED, TRAINED, camera_poses
 from egosplat.errors import UserError
 from egosplat.gaussians.io import STORED, read_gaussians
 from egosplat.pipeline.config import defaults
 from egosplat.splats import stage
 
-KEYS = defaults()["splats"] | {
-    "masking": "none",
-    "iterations": 40,
-    "max_gaussians": 60,
-    "evaluate_every": 20,
-    "sh_degree": 1,
-}
+KEYS = (
+    defaults()["camera"]
+    | defaults()["splats"]
+    | {
+        "masking": "none",
+        "iterations": 40,
+        "max_gaussians": 60,
+        "evaluate_every": 20,
+        "sh_degree": 1,
+    }
+)
 
 
 def run(folder: Path, name: str = "splats.zarr", survey: Path | None = None, **changes: object):
@@ -177,3 +183,38 @@ def test_training_without_poses_is_an_error(scene):
 def test_a_missing_backend_is_an_error(scene):
     with pytest.raises(UserError, match="backend cuda"):
         run(scene(), backend="cuda")
+
+
+def test_corrections_are_written_beside_the_scores_without(scene, camera_to_world, pictures):
+    """Protects the protocol of held-out frames: fitted to the Gaussians, scored with and without, and no leak."""
+    wrong = camera_to_world.copy()
+    wrong[:, 0, 3] += np.where(np.arange(9) % 2, 0.05, -0.05)
+    keys = {"refine_poses": "on", "compensate_exposure": "on", "iterations": 200}
+    folder = scene(camera_to_world=wrong)
+    splats = run(folder, **keys)
+    poses = open_artifact(folder / "poses.zarr", POSES)
+    assert splats.read("corrections/source").tolist() == [TRAINED] * 4 + [FITTED] + [TRAINED] * 4
+    found = camera_poses(poses, splats)
+    moved = np.linalg.norm(found[:, :3, 3] - wrong[:, :3, 3], axis=1)
+    np.testing.assert_allclose(np.linalg.norm(splats.read("corrections/shift"), axis=1), moved, atol=1e-12)
+    assert (moved > 1e-3).all() and splats.read("corrections/gain").shape == (9, 3)
+    assert splats.read("held_out/psnr")[0] > splats.read("held_out/psnr_given")[0] + 1.0
+    assert np.isfinite(splats.read("corrections/turn")).all() and splats.facts["scene_depth"] > 1.0
+    # Another held-out photograph changes its own fit and no other bit.
+    other = pictures.copy()
+    other[4] //= 2
+    again = run(scene(camera_to_world=wrong, rgb=other), "other.zarr", **keys)
+    for name in (*STORED, "curve/loss"):
+        np.testing.assert_array_equal(again.read(name), splats.read(name))
+    np.testing.assert_array_equal(
+        np.delete(camera_poses(poses, again), 4, axis=0), np.delete(found, 4, axis=0)
+    )
+    assert again.read("corrections/gain")[4].max() < 0.8 * splats.read("corrections/gain")[4].min()
+
+
+def test_without_corrections_the_arrays_are_those_of_before(scene):
+    """Protects the bytes of a training with both keys off."""
+    folder = scene()
+    splats, poses = run(folder), open_artifact(folder / "poses.zarr", POSES)
+    assert not splats.has("corrections/gain") and not splats.has("held_out/psnr_given")
+    np.testing.assert_array_equal(camera_poses(poses, splats), poses.read("camera_to_world"))

@@ -14,7 +14,11 @@ from egosplat.pipeline.config import defaults
 from egosplat.transient import stage
 from egosplat.transient.network import make_network
 
-KEYS = defaults()["transient"] | {"iterations": 12, "input_size": 64, "resolution": 24, "max_gaussians": 80}
+KEYS = (
+    defaults()["camera"]
+    | defaults()["transient"]
+    | {"iterations": 12, "input_size": 64, "resolution": 24, "max_gaussians": 80}
+)
 
 
 def run(folder: Path, name: str = "transient.zarr", survey: Path | None = None, **changes: object):

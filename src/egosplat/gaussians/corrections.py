@@ -1,0 +1,208 @@
+"""Corrections of each training view, optimized together with the Gaussians: its pose and its exposure.
+
+docs/method.md#corrections has the formulas.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from egosplat.gaussians.exposure import exposed
+from egosplat.gaussians.initialization import in_picture
+from egosplat.gaussians.rigid import corrected
+from egosplat.gaussians.training_views import Views
+from egosplat.geometry import invert, transform
+
+# Columns of a correction: translation [m], rotation vector [rad], natural logarithm of the gain of R, G and B.
+POSE, LOG_GAIN, COLUMNS = slice(0, 6), slice(6, 9), 9
+
+# How far a correction can move in one training, all steps added up: an angle [rad], the same as a translation in
+# depths of the scene, so that both move the picture equally far; and a log gain.
+REACH_RAD = 0.1
+REACH_LOG_GAIN = 0.5
+
+# The learning rate falls to this fraction, as that of the Gaussians' centres.
+_LAST_RATE = 0.01
+
+# Fewer visits than this do not raise the learning rate any more.
+_LEAST_VISITS = 20
+
+_BETA1, _BETA2, _EPS = 0.9, 0.99, 1e-15
+
+# Views that measure the depth of the scene.
+_DEPTH_VIEWS = 20
+
+
+@dataclass(frozen=True)
+class CorrectionOptions:
+    """Which corrections are optimized."""
+
+    refine_poses: bool = False
+    compensate_exposure: bool = False
+
+    @property
+    def active(self) -> bool:
+        """Whether any is."""
+        return self.refine_poses or self.compensate_exposure
+
+
+class Corrections:
+    """The corrections of V training views.
+
+    Only views that were trained on have one. Their mean is zero at any time: the cameras as a whole neither move nor
+    turn, and the geometric mean of the gains is 1, so that the Gaussians keep the recording's mean exposure.
+
+    Attributes:
+        options: what is optimized; the other columns stay 0.
+        values: (V, 9) float64 on the CPU, see ``POSE`` and ``LOG_GAIN``.
+        steps: (V,) int64 number of steps of each view.
+        depth: median depth of the scene [m], the unit of translations.
+    """
+
+    def __init__(self, options: CorrectionOptions, views: Views, depth: float, iterations: int) -> None:
+        """Start without any correction; ``iterations`` is the length of the training."""
+        self.options = options
+        self.depth = depth
+        self._camera_to_world = torch.from_numpy(views.camera_to_world)
+        self._frame = views.frame
+        self._iterations = iterations
+        self._rates = learning_rates(options, depth, iterations / max(len(views), 1))
+        self.values = torch.zeros(len(views), COLUMNS, dtype=torch.float64)
+        self.steps = torch.zeros(len(views), dtype=torch.int64)
+        self._moments = torch.zeros(2, len(views), COLUMNS, dtype=torch.float64)
+        self._leaf = torch.zeros(0)
+
+    def camera_to_world(self, index: int) -> Tensor | NDArray[np.float64]:
+        """Pose of a view for ``render``, (4, 4) float64; a tensor with a gradient if poses are refined."""
+        self._leaf = self.values[index].clone().requires_grad_()
+        if not self.options.refine_poses:
+            return self._camera_to_world[index].numpy()
+        return corrected(self._camera_to_world[index], self._leaf[POSE])
+
+    def exposed(self, image: Tensor) -> Tensor:
+        """Apply the gain of the view of the last ``camera_to_world`` to an (H, W, 3 + F) render."""
+        return exposed(image, self._leaf[LOG_GAIN]) if self.options.compensate_exposure else image
+
+    @torch.no_grad()
+    def step(self, index: int, iteration: int) -> None:
+        """Update the view of the last ``camera_to_world`` from its gradient, one step of Adam (Kingma & Ba 2015).
+
+        A gradient that is not finite changes nothing.
+        """
+        gradient = self._leaf.grad
+        if gradient is None or not bool(gradient.isfinite().all()):
+            return
+        self.steps[index] += 1
+        rates = self._rates * _LAST_RATE ** (iteration / self._iterations)
+        adam(self.values[index], self._moments[:, index], gradient, rates, int(self.steps[index]))
+        trained = self.steps > 0
+        self.values[trained] -= self.values[trained].mean(dim=0)
+
+    @property
+    def trained_frames(self) -> NDArray[np.int64]:
+        """Frames with a correction of their own, (T,) int64."""
+        return self._frame[(self.steps > 0).numpy()]
+
+    @property
+    def smooth(self) -> bool:
+        """Whether corrections of other frames are interpolated, see ``values_at``."""
+        return predicts(self.trained_frames, self.values[self.steps > 0].numpy())
+
+    def values_at(self, frames: NDArray[np.integer]) -> Tensor:
+        """Corrections of any frames, (M, 9): a training view's own, else from the training views before and after.
+
+        Between two training views it is interpolated, if that predicts the corrections of the training views
+        themselves better than 0 does: the error of a device's trajectory changes slowly, that of single photographs
+        does not.
+        """
+        own = self.values[self.steps > 0].numpy()
+        return torch.from_numpy(interpolated(self.trained_frames, own, frames))
+
+    def begin(self, usable: NDArray[np.integer]) -> None:
+        """Let views that join the training start from the corrections of their neighbours."""
+        new = [int(index) for index in usable if self.steps[index] == 0]
+        self.values[new] = self.values_at(self._frame[new])
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the state for ``load_state_dict``."""
+        return {"values": self.values, "steps": self.steps, "moments": self._moments}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restore a state from ``state_dict``."""
+        self.values, self.steps, self._moments = (
+            state[name].cpu() for name in ("values", "steps", "moments")
+        )
+
+
+def learning_rates(options: CorrectionOptions, depth: float, visits: float) -> Tensor:
+    """(9,) learning rates of the first step: they add up to the reach over the ``visits`` of a view; 0 if not optimized."""
+    # Mean of a geometric sequence from 1 to the last rate.
+    mean = (1.0 - _LAST_RATE) / -np.log(_LAST_RATE)
+    reach = [REACH_RAD * depth] * 3 + [REACH_RAD] * 3 + [REACH_LOG_GAIN] * 3
+    used = [options.refine_poses] * 6 + [options.compensate_exposure] * 3
+    return torch.tensor(reach) * torch.tensor(used) / (max(visits, _LEAST_VISITS) * mean)
+
+
+def adam(values: Tensor, moments: Tensor, gradient: Tensor, rates: Tensor, step: int) -> None:
+    """One step of Adam in place, of (n,) ``values`` with (2, n) ``moments``; ``step`` counts from 1."""
+    moments[0].lerp_(gradient, 1.0 - _BETA1)
+    moments[1].lerp_(gradient.square(), 1.0 - _BETA2)
+    first, second = moments[0] / (1.0 - _BETA1**step), moments[1] / (1.0 - _BETA2**step)
+    values -= rates * first / (second.sqrt() + _EPS)
+
+
+def interpolated(
+    known: NDArray[np.integer], values: NDArray[np.float64], frames: NDArray[np.integer]
+) -> NDArray[np.float64]:
+    """Values (M, C) at ``frames``: known ones as they are, others linear in between, or 0 if that predicts better.
+
+    Args:
+        known: (K,) increasing frames with a value, (K, C); K may be 0.
+    """
+    if not len(known):
+        return np.zeros((len(frames), values.shape[1]))
+    result = np.stack([np.interp(frames, known, column) for column in values.T], axis=1)
+    if not predicts(known, values):
+        result[~np.isin(frames, known)] = 0.0
+    return result
+
+
+def predicts(known: NDArray[np.integer], values: NDArray[np.float64]) -> bool:
+    """Whether interpolation between the neighbours of each value is nearer to it than 0 is, in total.
+
+    Columns have equal weight: each is divided by its standard deviation.
+    """
+    if len(known) < 3:
+        return False
+    share = ((known[1:-1] - known[:-2]) / (known[2:] - known[:-2]))[:, None]
+    guess = (1.0 - share) * values[:-2] + share * values[2:]
+    size = np.square(values).mean(axis=0)
+    error = np.square(values[1:-1] - guess).mean(axis=0)
+    used = size > 0
+    return bool(used.any()) and float((error[used] / size[used]).mean()) < 1.0
+
+
+def applied(views: Views, values: Tensor) -> Views:
+    """Views with the poses and gains of corrections (V, 9)."""
+    poses = corrected_poses(views.camera_to_world, values)
+    return replace(views, camera_to_world=poses, log_gain=values[:, LOG_GAIN])
+
+
+def corrected_poses(camera_to_world: NDArray[np.float64], values: Tensor) -> NDArray[np.float64]:
+    """Poses (V, 4, 4) float64 after corrections (V, 9); NaN stays."""
+    return corrected(torch.from_numpy(camera_to_world), values[:, POSE]).numpy()
+
+
+def scene_depth(points: NDArray[np.float64], views: Views, near_plane: float) -> float:
+    """Median depth of the points (P, 3) in the views that show them [m]; 1 if none shows any."""
+    chosen = np.unique(np.linspace(0, len(views) - 1, _DEPTH_VIEWS).round().astype(int)) if len(views) else []
+    depths = []
+    for pose in views.camera_to_world[chosen]:
+        local = transform(invert(pose), points)
+        depths.append(local[in_picture(local, views.camera, near_plane=near_plane), 2])
+    every = np.concatenate([np.zeros(0), *depths])
+    return float(np.median(every)) if len(every) else 1.0

@@ -1,0 +1,78 @@
+"""Fit the held-out frames to the trained Gaussians, and write the corrections of all frames."""
+
+from typing import Any
+
+import numpy as np
+import torch
+
+from egosplat.artifacts.reader import Artifact
+from egosplat.artifacts.splats import AS_GIVEN, FITTED, INTERPOLATED, TRAINED
+from egosplat.artifacts.writer import Writer
+from egosplat.gaussians.corrections import LOG_GAIN, Corrections, applied, corrected_poses
+from egosplat.gaussians.evaluation import evaluate
+from egosplat.gaussians.fitting import fit
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.rigid import angle_of
+from egosplat.gaussians.training_state import TrainingState
+from egosplat.gaussians.training_views import Views
+from egosplat.progress import log
+
+
+def kept_corrections(state: TrainingState) -> Corrections | None:
+    """The corrections that belong to the Gaussians that are kept: of the best with early stopping, else of the last."""
+    if state.corrections is not None and state.early_stop.best_corrections is not None:
+        state.corrections.values = state.early_stop.best_corrections.cpu()
+    return state.corrections
+
+
+def put_corrections(
+    artifact: Writer,
+    corrections: Corrections,
+    gaussians: Gaussians,
+    held_out: Views,
+    settings: RenderSettings,
+    sh_degree: int,
+    poses: Artifact,
+) -> tuple[Views, dict[str, Any]]:
+    """Store the corrections of all frames, and the scores of the held-out frames without any.
+
+    A held-out frame is fitted to the Gaussians, which stay as they are: it never trains them.
+
+    Returns:
+        The held-out views with their fitted corrections, and facts.
+    """
+    camera = held_out.camera
+    artifact.allocate("held_out/render_given", (len(held_out), camera.height, camera.width, 3))
+    given = evaluate(
+        gaussians,
+        held_out,
+        settings,
+        sh_degree,
+        lambda index, picture: artifact.put_row("held_out/render_given", index, picture),
+    )
+    artifact.put("held_out/psnr_given", given.psnr)
+    artifact.put("held_out/ssim_given", given.ssim)
+    guess = corrections.values_at(held_out.frame)
+    found = fit(gaussians, held_out, guess, corrections.options, corrections.depth, settings, sh_degree)
+    registered = np.flatnonzero(poses.read("registered"))
+    camera_to_world = poses.read("camera_to_world")
+    values = torch.zeros(len(camera_to_world), guess.shape[1], dtype=torch.float64)
+    values[registered] = corrections.values_at(registered)
+    values[held_out.frame] = found
+    source = np.full(len(values), AS_GIVEN, np.int8)
+    source[registered] = INTERPOLATED if corrections.smooth else AS_GIVEN
+    source[corrections.trained_frames] = TRAINED
+    source[held_out.frame] = FITTED
+    shift, turn = values[:, :3].numpy(), np.degrees(angle_of(values[:, 3:6]).numpy())
+    artifact.put("corrections/camera_to_world", corrected_poses(camera_to_world, values))
+    artifact.put("corrections/source", source)
+    artifact.put("corrections/shift", shift)
+    artifact.put("corrections/turn", turn)
+    artifact.put("corrections/gain", values[:, LOG_GAIN].exp().numpy())
+    if len(held_out):
+        log(
+            f"held out without corrections: PSNR {given.mean_psnr:.2f} dB, SSIM {given.mean_ssim:.3f}; "
+            f"poses moved by up to {1e3 * np.linalg.norm(shift, axis=1).max():.1f} mm and {turn.max():.2f} degrees"
+        )
+    return applied(held_out, found), {"scene_depth": corrections.depth, "up": poses.read("up").tolist()}

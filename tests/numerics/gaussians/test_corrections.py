@@ -1,0 +1,120 @@
+"""Corrections of poses and exposures at half a turn, for one frame, and at gains of 0 and 1e6."""
+
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+
+from egosplat.gaussians.camera_options import make_corrections
+from egosplat.gaussians.corrections import COLUMNS, CorrectionOptions, applied
+from egosplat.gaussians.exposure import exposed
+from egosplat.gaussians.fitting import fit
+from egosplat.gaussians.initialization import from_points
+from egosplat.gaussians.loss import l1_ssim
+from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.rigid import angle_of, corrected, rotation_of
+from egosplat.gaussians.training_views import Views
+from egosplat.geometry import Camera
+
+BOTH = CorrectionOptions(refine_poses=True, compensate_exposure=True)
+SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
+
+
+@pytest.mark.numerics(
+    "pose correction: rotation vectors of 0 to 2 pi rad, 1e-300 included, against scipy", within=1e-14
+)
+@pytest.mark.parametrize("angle", [0.0, 1e-300, 1e-9, 9.9e-5, 1.1e-4, 1.0, np.pi, 6.28])
+def test_rotation_and_its_gradient(measured, angle):
+    axis = np.array([0.6, -0.64, 0.48])
+    vector = torch.from_numpy(axis * angle).requires_grad_()
+    rotation = rotation_of(vector)
+    measured(np.abs(rotation.detach().numpy() - Rotation.from_rotvec(axis * angle).as_matrix()).max())
+    rotation.sum().backward()
+    assert bool(vector.grad.isfinite().all())
+    measured(abs(float(angle_of(vector.detach())) - min(angle, 2 * np.pi - angle)))
+
+
+def one_frame(brightness: int) -> Views:
+    picture = torch.full((1, 24, 24, 3), brightness, dtype=torch.uint8)
+    poses = np.eye(4)[None].copy()
+    return Views(
+        np.zeros(1, np.int64),
+        picture,
+        poses,
+        None,
+        None,
+        Camera(24, 24, 22.0, 22.0, 12.0, 12.0),
+        torch.device("cpu"),
+    )
+
+
+@pytest.mark.numerics(
+    "corrections of a single frame, and of a black one",
+    outside="one frame: the mean is removed, so its correction stays 0. Black: the gain falls as far as it can and stays positive",
+)
+@pytest.mark.parametrize("brightness", [0, 128, 255])
+def test_one_frame(brightness):
+    views = one_frame(brightness)
+    rng = np.random.default_rng(0)
+    xyz, rgb = rng.uniform([-1, -1, 1.8], [1, 1, 2.2], (40, 3)), np.full((40, 3), 120, np.uint8)
+    start = from_points(xyz, rgb, sh_degree=0, feature_channels=0, max_points=40, seed=0)
+    corrections = make_corrections(BOTH, start, views, 0.1, 100)
+    corrections.camera_to_world(0)
+    corrections.exposed(torch.rand(24, 24, 3)).sum().backward()
+    corrections.step(0, 1)
+    assert not corrections.values.any() and int(corrections.steps[0]) == 1
+    zero = torch.zeros(1, COLUMNS, dtype=torch.float64)
+    found = fit(start, views, zero, BOTH, corrections.depth, SETTINGS, 0)
+    assert bool(found.isfinite().all()) and found.abs().max() < 2.0
+    assert np.isfinite(applied(views, found).camera_to_world).all()
+    assert brightness or float(found[0, 6:].max()) < 0.0
+
+
+@pytest.mark.numerics(
+    "exposure: gains of 0 and of 1e-6 to 1e6",
+    outside="gain 0: black, gradient 0. A render beyond 1e8: weight 0",
+)
+@pytest.mark.parametrize("gain", [0.0, 1e-6, 1.0, 1e6, 1e12])
+def test_gains(gain):
+    log_gain = torch.full((3,), gain, dtype=torch.float64).log().requires_grad_()
+    image = torch.rand(24, 24, 3, generator=torch.Generator().manual_seed(0)).requires_grad_()
+    loss = l1_ssim(exposed(image, log_gain), torch.full((24, 24, 3), 0.5), None, 0.2)
+    loss.backward()
+    assert bool(loss.isfinite())
+    assert bool(image.grad.isfinite().all()) and bool(log_gain.grad.isfinite().all())
+    assert gain or not image.grad.any()
+
+
+@pytest.mark.numerics(
+    "a gradient of a pose that is not finite",
+    outside="the step is left out, and the view keeps its correction",
+)
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_broken_gradient(value):
+    views = one_frame(100)
+    start = from_points(
+        np.ones((3, 3)), np.zeros((3, 3), np.uint8), sh_degree=0, feature_channels=0, max_points=3, seed=0
+    )
+    corrections = make_corrections(BOTH, start, views, 0.1, 100)
+    (corrections.camera_to_world(0).sum() * value).backward()
+    corrections.step(0, 1)
+    assert not corrections.values.any() and not corrections.steps.any()
+
+
+@pytest.mark.numerics(
+    "pose correction of half a turn about any axis, applied to a pose 1e6 m away", within=1e-9
+)
+@pytest.mark.parametrize("seed", range(3))
+def test_half_a_turn(measured, seed):
+    rng = np.random.default_rng(seed)
+    turn = Rotation.random(rng=rng)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = turn.as_matrix(), rng.normal(size=3) * 1e6
+    axis = rng.normal(size=3)
+    axis *= np.pi / np.linalg.norm(axis)
+    found = corrected(
+        torch.from_numpy(pose), torch.from_numpy(np.concatenate([[0.01, 0.0, 0.0], axis]))
+    ).numpy()
+    expected = (Rotation.from_rotvec(axis) * turn).as_matrix()
+    measured(np.abs(found[:3, :3] - expected).max())
+    measured(np.abs(found[:3, 3] - pose[:3, 3] - [0.01, 0.0, 0.0]).max())

@@ -1,0 +1,238 @@
+"""Corrections of poses and exposures: their gradient, their mean, what they undo, and how they resume."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+
+from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.gaussians import fitting
+from egosplat.gaussians.camera_options import CameraOptions, make_corrections, resolved
+from egosplat.gaussians.corrections import (
+    COLUMNS,
+    CorrectionOptions,
+    Corrections,
+    applied,
+    interpolated,
+    predicts,
+)
+from egosplat.gaussians.evaluation import evaluate
+from egosplat.gaussians.exposure import exposed
+from egosplat.gaussians.initialization import from_points
+from egosplat.gaussians.objective import L1Ssim
+from egosplat.gaussians.options import TrainingOptions
+from egosplat.gaussians.render import RenderSettings, render
+from egosplat.gaussians.rigid import corrected, rotation_of
+from egosplat.gaussians.trainer import ViewSets, resume_and_train, train
+from egosplat.gaussians.training_state import TrainingState
+from egosplat.gaussians.training_views import Views
+from egosplat.geometry import make_pose
+from tests.support.gaussian_scene import CAMERA
+
+BOTH = CorrectionOptions(refine_poses=True, compensate_exposure=True)
+SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
+OPTIONS = TrainingOptions(
+    render=SETTINGS,
+    iterations=60,
+    strategy="default",
+    max_gaussians=60,
+    position_lr=1.6e-4,
+    grow_grad2d=2e-4,
+    evaluate_every=30,
+    patience=0,
+    min_improvement=0.05,
+    seed=3,
+)
+
+
+def views_of(pictures: np.ndarray, poses: np.ndarray, *rows: int) -> Views:
+    frame = np.array(rows, np.int64)
+    some = torch.from_numpy(pictures[frame])
+    return Views(frame, some, poses[frame], None, None, CAMERA, torch.device("cpu"))
+
+
+def view_sets(pictures, poses) -> ViewSets:
+    sets = ((0, 1, 2, 3, 5, 6, 7, 8), (), (4,), ())
+    return ViewSets(*(views_of(pictures, poses, *rows) for rows in sets))
+
+
+@pytest.fixture
+def start(points):
+    return from_points(*points, sh_degree=0, feature_channels=0, max_points=1000, seed=0)
+
+
+@pytest.mark.parametrize("backend", ["cpu", "reference"])
+def test_the_gradient_of_a_pose_is_that_of_finite_differences(points, camera_to_world, backend):
+    """Protects the gradient of each of the six numbers, through both backends of a CPU."""
+    # At depths far apart, so that no step changes the order in which Gaussians are composited.
+    xyz = points[0][:5] * np.linspace(0.5, 1.5, 5)[:, None]
+    few = from_points(xyz, points[1][:5], sh_degree=0, feature_channels=0, max_points=9, seed=0)
+    few.logit_opacities.fill_(2.0)
+    pose = torch.from_numpy(camera_to_world[2])
+    weights = torch.linspace(-1.0, 2.0, 24, dtype=torch.float64)[:, None, None] * torch.ones(1, 24, 3)
+
+    def total(correction: torch.Tensor, backend: str) -> torch.Tensor:
+        settings = replace(SETTINGS, backend=backend)
+        found = render(few, CAMERA, corrected(pose, correction), settings, sh_degree=0, background=None)
+        return (found[0].double() * weights).sum()
+
+    at = torch.tensor([0.01, -0.02, 0.03, 0.02, -0.01, 0.015], dtype=torch.float64)
+    leaf = at.clone().requires_grad_()
+    total(leaf, backend).backward()
+    step = 0.01
+    steps = torch.eye(6, dtype=torch.float64) * step
+    slopes = [
+        float(total(at + one, "reference") - total(at - one, "reference")) / (2 * step) for one in steps
+    ]
+    np.testing.assert_allclose(leaf.grad.numpy(), slopes, atol=0.02 * float(leaf.grad.norm()))
+
+
+def test_rotations_equal_those_of_scipy():
+    """Protects the exponential map against a reference, at 0, at small angles and at half a turn."""
+    axes = np.random.default_rng(0).normal(size=(50, 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    for angle in (0.0, 1e-12, 1e-5, 1e-4, 1.0, np.pi, 6.0):
+        expected = Rotation.from_rotvec(axes * angle).as_matrix()
+        np.testing.assert_allclose(
+            rotation_of(torch.from_numpy(axes * angle)).numpy(), expected, rtol=0, atol=2e-15
+        )
+
+
+def test_a_correction_of_zero_is_the_pose_itself(camera_to_world):
+    """Protects the bits of poses without a correction, as they are written for frames that were not trained on."""
+    pose = make_pose(Rotation.from_rotvec([0.3, 1.0, -0.2]).as_matrix(), np.array([1.0, 2.0, 3.0]))
+    same = corrected(torch.from_numpy(pose), torch.zeros(6, dtype=torch.float64))
+    np.testing.assert_array_equal(same.numpy(), pose)
+
+
+def test_wrong_poses_and_exposures_are_corrected(start, pictures, camera_to_world, tmp_path):
+    """Protects the purpose: on the training frames the errors shrink, on a held-out frame the render gets better."""
+    rng = np.random.default_rng(5)
+    error = torch.zeros(9, COLUMNS, dtype=torch.float64)
+    error[:, :2] = torch.from_numpy(rng.normal(scale=0.03, size=(9, 2)))
+    error[:, 6:] = torch.from_numpy(rng.normal(scale=0.2, size=(9, 1)))
+    error -= error.mean(dim=0)
+    poses = corrected(torch.from_numpy(camera_to_world), -error[:, :6]).numpy()
+    dark = (pictures * error[:, None, None, 6:].exp().numpy()).clip(0, 255).astype(np.uint8)
+    sets = view_sets(dark, poses)
+    options = replace(OPTIONS, iterations=400, evaluate_every=400)
+
+    def held_out(corrections: Corrections | None) -> float:
+        state = TrainingState(start.select(torch.arange(start.count)), options, 1.0, L1Ssim(0.2), corrections)
+        train(state, sets, options, Checkpoint(tmp_path / "none.zarr", "", 1e9))
+        if corrections is None:
+            return evaluate(state.gaussians, sets.held_out, SETTINGS, 0).mean_psnr
+        guess = corrections.values_at(sets.held_out.frame)
+        found = fitting.fit(state.gaussians, sets.held_out, guess, BOTH, corrections.depth, SETTINGS, 0)
+        return evaluate(state.gaussians, applied(sets.held_out, found), SETTINGS, 0).mean_psnr
+
+    corrections = make_corrections(BOTH, start, sets.training, 0.1, 400)
+    without, corrected_psnr = held_out(None), held_out(corrections)
+    # A shift along the wall and a turn away from it look alike: the gains alone are determined.
+    rest = corrections.values[:, 6] - error[sets.training.frame, 6]
+    assert float((rest - rest.mean()).norm()) < 0.4 * float(error[sets.training.frame, 6].norm())
+    assert corrected_psnr > without + 3.0
+
+
+def test_the_mean_correction_is_zero(start, pictures, camera_to_world, tmp_path):
+    """Protects the gauge: neither the cameras nor the exposure drift as a whole."""
+    sets = view_sets(pictures, camera_to_world)
+    corrections = make_corrections(BOTH, start, sets.training, 0.1, 60)
+    state = TrainingState(start, OPTIONS, 1.0, L1Ssim(0.2), corrections)
+    train(state, sets, OPTIONS, Checkpoint(tmp_path / "none.zarr", "", 1e9))
+    assert bool((corrections.values.abs().amax(dim=0) > 0).all())
+    np.testing.assert_allclose(corrections.values.mean(dim=0).numpy(), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "options, columns",
+    [
+        (CorrectionOptions(refine_poses=True), slice(0, 6)),
+        (CorrectionOptions(compensate_exposure=True), slice(6, 9)),
+    ],
+)
+def test_each_key_changes_its_own_columns(start, pictures, camera_to_world, tmp_path, options, columns):
+    """Protects the independence of the two keys."""
+    sets = view_sets(pictures, camera_to_world)
+    corrections = make_corrections(options, start, sets.training, 0.1, 60)
+    state = TrainingState(start, OPTIONS, 1.0, L1Ssim(0.2), corrections)
+    train(state, sets, OPTIONS, Checkpoint(tmp_path / "none.zarr", "", 1e9))
+    changed = corrections.values.abs().amax(dim=0) > 0
+    expected = torch.zeros(COLUMNS, dtype=torch.bool)
+    expected[columns] = True
+    assert torch.equal(changed, expected)
+
+
+class Stopped(Exception):
+    pass
+
+
+class StoppingCheckpoint(Checkpoint):
+    """Ends training as a kill would, right after the checkpoint of iteration 30."""
+
+    def save_if_due(self, state) -> None:
+        super().save_if_due(state)
+        if state()["iteration"] == 30:
+            raise Stopped
+
+
+def test_a_resumed_run_has_the_same_corrections(start, pictures, camera_to_world, tmp_path):
+    """Protects the checkpoint: values, steps and moments, and those of the best Gaussians."""
+    sets = view_sets(pictures, camera_to_world)
+    sets = replace(sets, validation=sets.held_out, degree_validation=views_of(pictures, camera_to_world, 2))
+    options = replace(OPTIONS, patience=5, min_improvement=0.0, evaluate_every=20, search_sh_degree=True)
+
+    def run(checkpoint: Checkpoint) -> TrainingState:
+        corrections = make_corrections(BOTH, start, sets.training, 0.1, 60)
+        copy = start.select(torch.arange(start.count))
+        state = TrainingState(copy, options, 1.0, L1Ssim(0.2), corrections)
+        resume_and_train(state, sets, options, checkpoint)
+        return state
+
+    unbroken = run(Checkpoint(tmp_path / "none.zarr", "", 1e9))
+    with pytest.raises(Stopped):
+        run(StoppingCheckpoint(tmp_path / "splats.zarr", "key", 1e-9))
+    resumed = run(Checkpoint(tmp_path / "splats.zarr", "key", 1e9))
+    assert torch.equal(resumed.gaussians.means, unbroken.gaussians.means)
+    for name, tensor in unbroken.corrections.state_dict().items():
+        assert torch.equal(resumed.corrections.state_dict()[name], tensor), name
+    assert torch.equal(resumed.early_stop.best_corrections, unbroken.early_stop.best_corrections)
+    assert bool((unbroken.corrections.steps > 0).all())
+
+
+def test_no_correction_is_made_where_both_keys_are_off(start, pictures, camera_to_world):
+    """Protects today's bits: without corrections the trainer takes the path of before."""
+    sets = view_sets(pictures, camera_to_world)
+    assert make_corrections(CorrectionOptions(), start, sets.training, 0.1, 60) is None
+
+
+def test_gains_change_colours_and_not_features():
+    """Protects the codes of joint training from the exposure."""
+    image = torch.rand(3, 4, 5)
+    found = exposed(image, torch.log(torch.tensor([2.0, 0.5, 1.0])))
+    torch.testing.assert_close(found[..., :3], image[..., :3] * torch.tensor([2.0, 0.5, 1.0]))
+    assert torch.equal(found[..., 3:], image[..., 3:])
+
+
+def test_corrections_are_interpolated_only_where_they_change_slowly():
+    """Protects the first guess for frames outside the training: neighbours of a trajectory, nothing of single photographs."""
+    known = np.array([0, 1, 2, 4, 5, 6, 7, 8])
+    slow = np.sin(known / 3.0)[:, None]
+    guess = interpolated(known, slow, np.array([3, 5, 9]))
+    np.testing.assert_allclose(guess[:, 0], [(slow[2, 0] + slow[3, 0]) / 2, slow[4, 0], slow[-1, 0]])
+    fast = np.where(known % 2, 1.0, -1.0)[:, None]
+    assert interpolated(known, fast, np.array([3, 5])).tolist() == [[0.0], [1.0]]
+    assert predicts(known, slow) and not predicts(known, fast) and not predicts(known[:2], slow[:2])
+
+
+@pytest.mark.parametrize("found, expected", [(None, "off"), (False, "off"), (True, "on")])
+def test_auto_follows_the_survey_that_is_given(monkeypatch, tmp_path, found, expected):
+    """Protects commands by hand; the workflow never passes auto."""
+    document = {"camera": {"refine_poses": found, "compensate_exposure": not found}}
+    monkeypatch.setattr("egosplat.gaussians.camera_options.read_survey", lambda path: document)
+    options = CameraOptions(refine_poses="auto", compensate_exposure="off")
+    done = resolved(options, None if found is None else tmp_path / "survey.json")
+    assert done == CameraOptions(refine_poses=expected, compensate_exposure="off")
+    assert done.corrections == CorrectionOptions(refine_poses=expected == "on")
