@@ -8,7 +8,7 @@ from typing import Any
 CENTRE: Mapping[str, Mapping[str, Any]] = {
     "synthetic": {"size": 512, "fps": 3.0, "seconds": 16.0},
     "frames": {"resolution": 192, "end_s": 7.9, "evaluation_frames": 4},
-    "survey": {"min_view_change_deg": 0},
+    "survey": {"min_view_change_deg": 0, "blur_limit": 0},
     "segments": {"points_per_side": 8, "key_frame_stride": 8, "max_instances": 10},
     "features": {"compression": "linear", "dims": 16},
     "transient": {

@@ -31,6 +31,7 @@ AREAS = {
     "query": "Relevancy and answers",
     "transient": "Transient network and masks",
     "poses": "Poses",
+    "survey": "Survey",
     "camera": "Camera of synthetic recordings",
     "gaussians": "Training",
 }

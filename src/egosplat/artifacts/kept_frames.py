@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.consistency import check_inputs
 from egosplat.artifacts.reader import Artifact
-from egosplat.pipeline.survey_file import Survey, gaussians_use_all_frames, read_survey
+from egosplat.pipeline.survey_file import Survey, frames_of_gaussians, read_survey
 
 
 def kept_frames(frames: Artifact, survey_path: Path | None) -> tuple[NDArray[np.bool_], dict[str, str]]:
@@ -22,7 +22,10 @@ def kept_frames(frames: Artifact, survey_path: Path | None) -> tuple[NDArray[np.
     Raises:
         UserError: the survey cannot be read, or is of other frames.
     """
-    return _kept(frames, None if survey_path is None else _survey_of(frames, survey_path))
+    if survey_path is None:
+        return _selected(frames, None)
+    views = _survey_of(frames, survey_path)["views"]
+    return _selected(frames, (views["kept"], views["digest"]))
 
 
 def frames_for_gaussians(
@@ -30,12 +33,11 @@ def frames_for_gaussians(
 ) -> tuple[NDArray[np.bool_], dict[str, str]]:
     """``kept_frames`` for the training of Gaussians, with ``masking`` the value of ``splats.masking``.
 
-    A static scene without masks keeps every frame.
+    A static scene without masks keeps every frame that is not blurred.
     """
-    found = None if survey_path is None else _survey_of(frames, survey_path)
-    if found is not None and gaussians_use_all_frames(found, masking):
-        found = None
-    return _kept(frames, found)
+    if survey_path is None:
+        return _selected(frames, None)
+    return _selected(frames, frames_of_gaussians(_survey_of(frames, survey_path), masking))
 
 
 def _survey_of(frames: Artifact, path: Path) -> Survey:
@@ -44,11 +46,13 @@ def _survey_of(frames: Artifact, path: Path) -> Survey:
     return found
 
 
-def _kept(frames: Artifact, survey: Survey | None) -> tuple[NDArray[np.bool_], dict[str, str]]:
-    """The frames that a survey keeps; all frames without one."""
+def _selected(
+    frames: Artifact, chosen: tuple[list[int], str] | None
+) -> tuple[NDArray[np.bool_], dict[str, str]]:
+    """The frames of a list with its digest; all frames without one."""
     count = frames.shape("rgb")[0]
-    if survey is None:
+    if chosen is None:
         return np.ones(count, bool), {}
     kept = np.zeros(count, bool)
-    kept[survey["views"]["kept"]] = True
-    return kept, {"kept_frames": survey["views"]["digest"]}
+    kept[chosen[0]] = True
+    return kept, {"kept_frames": chosen[1]}

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from egosplat.pipeline.config import Config, merge, stage_values
 from egosplat.pipeline.stages import STAGES
-from egosplat.pipeline.survey_file import Survey, gaussians_use_all_frames
+from egosplat.pipeline.survey_file import Survey, frames_of_gaussians
 
 AUTO = "auto"
 
@@ -33,7 +33,8 @@ _CODES: dict[str, tuple[str, ...]] = {"after": (), "joint": ("instances", "featu
 
 def leaves_frames_out(config: Config) -> bool:
     """Whether training follows the survey's list of frames."""
-    return config["survey"]["min_view_change_deg"] > 0
+    keys = config["survey"]
+    return keys["min_view_change_deg"] > 0 or keys["blur_limit"] > 0
 
 
 def masks_by_survey(config: Config) -> bool:
@@ -104,11 +105,11 @@ def training_frames(stage: str, config: Config, survey: Survey) -> str:
     """Get the digest of the frames that a stage trains on, or ``ALL_FRAMES``. The rule reruns if it changes."""
     if not leaves_frames_out(config):
         return ALL_FRAMES
-    masking = decided(config, survey)["splats"]["masking"]
-    # In a static scene the Gaussians train on all frames: another list of frames changes nothing.
-    if stage == "splats" and gaussians_use_all_frames(survey, masking):
-        return ALL_FRAMES
-    return survey["views"]["digest"]
+    if stage != "splats":
+        return survey["views"]["digest"]
+    # In a static scene the Gaussians may train on all frames: another list of frames changes nothing.
+    chosen = frames_of_gaussians(survey, decided(config, survey)["splats"]["masking"])
+    return ALL_FRAMES if chosen is None else chosen[1]
 
 
 def stage_flags(stage: str, config: Config) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 from egosplat.output_files import stage_json_kind, write_json
 from egosplat.pipeline.validation import Draft202012Validator, read_document, schema
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 
 SURVEY = stage_json_kind("survey")
 
@@ -32,11 +32,18 @@ def read_survey(path: Path) -> Survey:
     return read_document(path, "survey")
 
 
-def gaussians_use_all_frames(survey: Survey, masking: str) -> bool:
-    """Whether Gaussians also train on the frames that the survey leaves out: in a static scene without masks."""
+def frames_of_gaussians(survey: Survey, masking: str) -> tuple[list[int], str] | None:
+    """The frames that Gaussians train on, with their digest; None if they train on all.
+
+    In a static scene without masks they train on all frames but the blurred ones.
+    """
     # The number of iterations does not depend on the number of frames, so fewer frames save no time here. In a dynamic
     # scene only kept frames have segments and masks; the other frames would show moving objects unmasked.
-    return masking == "none" and survey["motion"]["static"]
+    if masking != "none" or not survey["motion"]["static"]:
+        return survey["views"]["kept"], survey["views"]["digest"]
+    blurred = {one["frame"] for one in survey["sharpness"]["dropped"]}
+    sharp = [frame for frame in range(survey["poses"]["frames"]) if frame not in blurred]
+    return (sharp, digest_of_frames(sharp)) if blurred else None
 
 
 def digest_of_frames(kept: Iterable[int]) -> str:

@@ -1,4 +1,4 @@
-"""Stage ``survey``: decide from frames and poses whether anything moves and which frames add views."""
+"""Stage ``survey``: decide from frames and poses whether anything moves, which frames are blurred, and which add views."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,6 +18,7 @@ from egosplat.pipeline.survey_file import FORMAT_VERSION, SURVEY, digest_of_fram
 from egosplat.progress import log
 from egosplat.survey.brightness import exposure_curve, exposure_range
 from egosplat.survey.motion import Motion, is_static, measure_motion
+from egosplat.survey.sharpness import Sharpness, Views, find_blurred, measure_all
 from egosplat.survey.views import choose_views, median_depths
 
 # Poses that fit the flow worse are refined [px of an image of 256]; brightness that changes more is compensated [stops].
@@ -30,6 +31,7 @@ class SurveyOptions:
 
     max_moving_share: float
     min_view_change_deg: float
+    blur_limit: float
 
 
 def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOptions) -> None:
@@ -43,12 +45,15 @@ def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOption
     check_made_from(poses, frames, axes=("frame",))
     record = provenance.begin_from("survey", asdict(options), (frames, poses))
     motion = measure_motion(frames, poses)
+    views = _geometry(frames, poses)
+    sharpness = _find_blurred(frames, views, options.blur_limit)
     document = {
         "format_version": FORMAT_VERSION,
         "origin": record.origin,
         "motion": _motion(motion, options.max_moving_share),
         "camera": _camera(motion),
-        "views": _views(frames, poses, options.min_view_change_deg),
+        "sharpness": _sharpness(sharpness, options.blur_limit),
+        "views": _views(frames, poses, views.depths, sharpness, options.min_view_change_deg),
         "poses": _poses(frames, poses),
         "provenance": record.record(),
     }
@@ -92,14 +97,52 @@ def _camera(motion: Motion) -> dict[str, Any]:
     }
 
 
-def _views(frames: Artifact, poses: Artifact, min_change_deg: float) -> dict[str, Any]:
+def _geometry(frames: Artifact, poses: Artifact) -> Views:
     _, height, width, _ = frames.shape("rgb")
     camera = Camera.from_matrix(poses.read("intrinsics"), width, height)
     camera_to_world, registered = poses.read("camera_to_world"), poses.read("registered")
     depths = median_depths(camera, camera_to_world, registered, poses.read("points/xyz"))
-    optional = frames.read("train") & ~frames.read("evaluation")
-    times = frames.read("timestamp_ns")
-    kept = choose_views(camera_to_world, depths, times, registered, optional, min_change_deg)
+    return Views(camera, frames.read("valid"), camera_to_world, depths)
+
+
+def _optional(frames: Artifact) -> NDArray[np.bool_]:
+    """(F,) bool: the frames that training may leave out."""
+    return frames.read("train") & ~frames.read("evaluation")
+
+
+def _find_blurred(frames: Artifact, views: Views, blur_limit: float) -> Sharpness:
+    values = measure_all(frames)
+    return find_blurred(values, views, frames.read("train"), _optional(frames), blur_limit)
+
+
+def _sharpness(found: Sharpness, blur_limit: float) -> dict[str, Any]:
+    return {
+        "values": [float(value) if np.isfinite(value) else None for value in found.values],
+        "scatter": found.scatter,
+        "blur_limit": blur_limit,
+        "min_difference": found.min_difference,
+        "dropped": [{"frame": frame, "sharper": others} for frame, others in found.replaced_by.items()],
+    }
+
+
+def _views(
+    frames: Artifact,
+    poses: Artifact,
+    depths: NDArray[np.float64],
+    sharpness: Sharpness,
+    min_change_deg: float,
+) -> dict[str, Any]:
+    sharp = np.ones(len(depths), bool)
+    sharp[list(sharpness.replaced_by)] = False
+    # Among the frames that remain, so that a view is not left to a blurred frame.
+    kept = sharp & choose_views(
+        poses.read("camera_to_world"),
+        depths,
+        frames.read("timestamp_ns"),
+        poses.read("registered"),
+        _optional(frames) & sharp,
+        min_change_deg,
+    )
     kept_frames = np.flatnonzero(kept)
     return {
         "kept": kept_frames.tolist(),
@@ -133,6 +176,8 @@ def _log_summary(document: dict[str, Any]) -> None:
     else:
         verdict = "nothing moves" if motion["static"] else "something moves"
         log(f"motion: {verdict}; {motion['share']:.3%} of the pixels, threshold {motion['threshold']:.3%}")
+    blurred = len(document["sharpness"]["dropped"])
     log(
-        f"views: {len(views['kept'])} frames kept, {len(views['left_out'])} dropped for too small a view change"
+        f"views: {len(views['kept'])} frames kept, {len(views['left_out']) - blurred} dropped for too small a view "
+        f"change, {blurred} because sharper frames show the same"
     )

@@ -45,17 +45,21 @@ def median_depths(camera: Camera, camera_to_world: Array, registered: Bools, poi
     return depths
 
 
-def view_change(first: Array, second: Array, depth: float) -> float:
+def view_change(first: Array, second: Array, depth: float) -> Array:
     """Upper bound of the angle by which points at a depth move in the view: rotation plus parallax [deg].
 
     Args:
-        first, second: (4, 4) camera_to_world.
+        first: (4, 4) camera_to_world.
+        second: (..., 4, 4) camera_to_world.
         depth: positive; inf counts the rotation only [m].
+
+    Returns:
+        (...) float64.
     """
     # A sum is an upper bound: rotation and parallax may partly cancel.
     relative = invert(first) @ second
-    parallax = np.arctan2(np.linalg.norm(relative[:3, 3]), depth)
-    return float(np.degrees(rotation_angle(relative) + parallax))
+    parallax = np.arctan2(np.linalg.norm(relative[..., :3, 3], axis=-1), depth)
+    return np.degrees(rotation_angle(relative) + parallax)
 
 
 def choose_views(

@@ -21,16 +21,20 @@ from egosplat.pipeline.dag import (
 
 BASE = defaults()
 OFF = {"camera": {"refine_poses": "off", "compensate_exposure": "off"}}
-EVERY_FRAME = merge(BASE, {"survey": {"min_view_change_deg": 0}} | OFF)
+EVERY_FRAME = merge(BASE, {"survey": {"min_view_change_deg": 0, "blur_limit": 0}} | OFF)
 SINGLE_FRAMES = merge(EVERY_FRAME, {"segments": {"prompting": "each_frame", "track_moving": "auto"}})
 TRACKS = merge(EVERY_FRAME, {"segments": {"prompting": "key_frames"}})
 
 
-def survey(masking, static=False):
+def survey(masking, static=False, blurred=()):
     """The parts of a survey that decide something."""
-    camera = {"refine_poses": True, "compensate_exposure": False}
-    motion = {"masking": masking, "static": static}
-    return {"motion": motion, "camera": camera, "views": {"digest": "of-kept-frames"}}
+    return {
+        "motion": {"masking": masking, "static": static},
+        "camera": {"refine_poses": True, "compensate_exposure": False},
+        "sharpness": {"dropped": [{"frame": frame} for frame in blurred]},
+        "views": {"kept": [0, 1], "digest": "of-kept-frames"},
+        "poses": {"frames": 4},
+    }
 
 
 @pytest.mark.parametrize(
@@ -140,6 +144,12 @@ def test_gaussians_train_on_all_frames_where_nothing_moves(stage, masking, stati
     """Protects the parameter that reruns a rule when its training frames change."""
     assert training_frames(stage, BASE, survey(masking, static)) == expected
     assert training_frames(stage, EVERY_FRAME, survey(masking, static)) == ALL_FRAMES
+
+
+def test_gaussians_train_on_no_blurred_frame_where_nothing_moves():
+    """Protects the parameter that reruns splats when another frame counts as blurred."""
+    blurred = [training_frames("splats", BASE, survey("none", True, frames)) for frames in ([1], [1, 3])]
+    assert len({*blurred, ALL_FRAMES, "of-kept-frames"}) == 4
 
 
 def test_keys_become_flags_in_order_of_their_names():

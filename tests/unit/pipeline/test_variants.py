@@ -52,7 +52,7 @@ def test_unchanged_values_make_nothing_stale():
 
 
 OFF = {"camera": {"refine_poses": "off", "compensate_exposure": "off"}}
-ALL_FRAMES = merge(BASE, {"survey": {"min_view_change_deg": 0}} | OFF)
+ALL_FRAMES = merge(BASE, {"survey": {"min_view_change_deg": 0, "blur_limit": 0}} | OFF)
 
 
 @pytest.mark.parametrize("stage", ["segments", "transient", "splats", "language"])
