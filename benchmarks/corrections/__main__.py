@@ -2,7 +2,7 @@
 
     S="results/corrections/exact results/corrections/poses results/corrections/exposure results/corrections/both"
     snakemake --cores 2 --configfile benchmarks/corrections/config.yaml -- \
-        $(for s in $S; do echo $s/splats.zarr $s/variants/on/splats.zarr; done)
+        $(for s in $S; do echo $s/splats.zarr $s/variants/corrected/splats.zarr; done)
     python -m benchmarks.corrections $S
 
 The first folder is the recording with exact poses and constant exposure; the others record the same walk.
@@ -72,7 +72,7 @@ def _rms(values: NDArray[np.float64]) -> float:
 @scene_folders
 def main(folders: tuple[Path, ...]) -> None:
     """Print the table."""
-    rows = [row(folder, folders[0], variant) for folder in folders for variant in ("", "variants/on")]
+    rows = [row(folder, folders[0], variant) for folder in folders for variant in ("", "variants/corrected")]
     click.echo(markdown(list(rows[0]), [list(one.values()) for one in rows], words=2))
 
 

@@ -1,5 +1,8 @@
 """Fit the pose and the exposure of photographs outside the training to Gaussians that stay as they are."""
 
+import math
+from dataclasses import dataclass
+
 import torch
 from torch import Tensor
 
@@ -14,8 +17,14 @@ from egosplat.gaussians.training_views import Views
 # Steps of each photograph. Each renders it once, forwards and backwards.
 STEPS = 40
 
+# All steps add up to this part of the reach of training: with longer steps, 40 do not settle.
+_REACH = 0.4
+
 _LAST_RATE = 0.01
 _SSIM_LAMBDA = 0.2
+
+# Largest logarithm of a gain that the first guess may have.
+_MOST_LOG_GAIN = 5.0
 
 
 def fit(
@@ -30,41 +39,78 @@ def fit(
     """Corrections of V views that render most like their photographs; the Gaussians do not change.
 
     Args:
+        views: photographs; pixels with weight 0 do not count.
         guess: (V, 9) corrections to start from, unless no correction at all is better.
         depth: as ``Corrections.depth``.
 
     Returns:
         (V, 9) float64, for each view the best of all steps.
     """
-    gaussians = gaussians.detach()
+    rates = _REACH * learning_rates(options, depth, STEPS)
     found = torch.zeros_like(guess)
-
-    def loss_of(index: int, values: Tensor) -> Tensor:
-        pose = corrected(torch.from_numpy(views.camera_to_world[index]), values[POSE])
-        background = settings.still_background
-        image, _, _ = render(
-            gaussians, views.camera, pose, settings, sh_degree=sh_degree, background=background
-        )
-        colours = exposed(image[..., :3], values[LOG_GAIN])
-        return l1_ssim(colours, views.picture(index), views.weight(index), _SSIM_LAMBDA)
-
     for index in range(len(views)):
-        rates = learning_rates(options, depth, STEPS)
-        found[index] = _fit_one(index, guess[index], rates, loss_of)
+        photograph = _Photograph(gaussians.detach(), views, index, settings, sh_degree)
+        starts = [torch.zeros_like(guess[index]), guess[index]]
+        if options.compensate_exposure:
+            starts += [photograph.with_best_gain(start) for start in starts]
+        found[index] = _lowest(photograph, starts, rates)
     return found
 
 
-def _fit_one(index, guess, rates, loss_of):
-    best, best_loss = guess, float("inf")
+@dataclass(frozen=True)
+class _Photograph:
+    """One view, and the Gaussians that are compared with it."""
+
+    gaussians: Gaussians
+    views: Views
+    index: int
+    settings: RenderSettings
+    sh_degree: int
+
+    def render(self, values: Tensor) -> Tensor:
+        """Render (H, W, 3) with the pose of a correction (9,), without its gain."""
+        pose = corrected(torch.from_numpy(self.views.camera_to_world[self.index]), values[POSE])
+        background = self.settings.still_background
+        image, _, _ = render(
+            self.gaussians,
+            self.views.camera,
+            pose,
+            self.settings,
+            sh_degree=self.sh_degree,
+            background=background,
+        )
+        return image[..., :3]
+
+    def loss(self, values: Tensor) -> Tensor:
+        """Loss of a correction, that of training."""
+        picture, weight = self.views.picture(self.index), self.views.weight(self.index)
+        return l1_ssim(exposed(self.render(values), values[LOG_GAIN]), picture, weight, _SSIM_LAMBDA)
+
+    @torch.no_grad()
+    def with_best_gain(self, values: Tensor) -> Tensor:
+        """The correction with the gains of the least squared error; the gains stay where the render is black."""
+        image, picture = self.render(values), self.views.picture(self.index)
+        weight = self.views.weight(self.index)
+        weight = torch.ones_like(image[..., :1]) if weight is None else weight[..., None]
+        above, below = ((weight * image * other).double().sum(dim=(0, 1)).cpu() for other in (picture, image))
+        log_gain = (above / below).log().clamp(-_MOST_LOG_GAIN, _MOST_LOG_GAIN)
+        return torch.cat([values[POSE], torch.where(log_gain.isnan(), values[LOG_GAIN], log_gain)])
+
+
+def _lowest(photograph: _Photograph, starts: list[Tensor], rates: Tensor) -> Tensor:
+    """The correction (9,) of the lowest loss in a descent from the best of ``starts``."""
     with torch.no_grad():
-        starts = {float(loss_of(index, start)): start for start in (torch.zeros_like(guess), guess)}
-    values, moments = starts[min(starts)].clone(), guess.new_zeros(2, len(guess))
+        start = min(starts, key=lambda values: float(photograph.loss(values)))
+    values, moments = start.clone(), torch.zeros(2, len(start), dtype=start.dtype)
+    best, least = start, math.inf
     for step in range(STEPS):
         leaf = values.clone().requires_grad_()
-        loss = loss_of(index, leaf)
-        if float(loss.detach()) < best_loss:
-            best, best_loss = values.clone(), float(loss.detach())
+        loss = photograph.loss(leaf)
         loss.backward()
+        if not bool(leaf.grad.isfinite().all()):
+            break
+        if float(loss.detach()) < least:
+            best, least = values.clone(), float(loss.detach())
         with torch.no_grad():
             adam(values, moments, leaf.grad, rates * _LAST_RATE ** (step / STEPS), step + 1)
     return best

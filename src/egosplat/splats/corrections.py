@@ -1,5 +1,6 @@
 """Fit the held-out frames to the trained Gaussians, and write the corrections of all frames."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from egosplat.gaussians.corrections import LOG_GAIN, Corrections, applied, corre
 from egosplat.gaussians.evaluation import evaluate
 from egosplat.gaussians.fitting import fit
 from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.pixel_weights import Masking
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.rigid import angle_of
 from egosplat.gaussians.training_state import TrainingState
@@ -34,6 +36,7 @@ def put_corrections(
     settings: RenderSettings,
     sh_degree: int,
     poses: Artifact,
+    masking: Masking,
 ) -> tuple[Views, dict[str, Any]]:
     """Store the corrections of all frames, and the scores of the held-out frames without any.
 
@@ -54,7 +57,9 @@ def put_corrections(
     artifact.put("held_out/psnr_given", given.psnr)
     artifact.put("held_out/ssim_given", given.ssim)
     guess = corrections.values_at(held_out.frame)
-    found = fit(gaussians, held_out, guess, corrections.options, corrections.depth, settings, sh_degree)
+    # What moves is not in the Gaussians: it must not pull at the pose. The scores count it.
+    unmasked = replace(held_out, transient=masking.frames(held_out.frame))
+    found = fit(gaussians, unmasked, guess, corrections.options, corrections.depth, settings, sh_degree)
     registered = np.flatnonzero(poses.read("registered"))
     camera_to_world = poses.read("camera_to_world")
     values = torch.zeros(len(camera_to_world), guess.shape[1], dtype=torch.float64)

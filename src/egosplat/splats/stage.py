@@ -138,7 +138,7 @@ def run(
     )
     state = TrainingState(start, options.training, extent, objective, corrections)
     resume_and_train(state, view_sets, options.training, checkpoint)
-    _write(output, record, state, view_sets, options.training, poses)
+    _write(output, record, state, view_sets, options.training, poses, masking)
     checkpoint.remove()
 
 
@@ -205,6 +205,7 @@ def _write(
     view_sets: ViewSets,
     options: TrainingOptions,
     poses: Artifact,
+    masking: Masking,
 ) -> None:
     """Evaluate and write the Gaussians: the best with early stopping, else the last."""
     # With early stopping, the last Gaussians are some evaluations past the best.
@@ -219,7 +220,7 @@ def _write(
         facts: dict[str, Any] = {}
         if corrections is not None:
             held_out, facts = put_corrections(
-                artifact, corrections, gaussians, held_out, options.render, sh_degree, poses
+                artifact, corrections, gaussians, held_out, options.render, sh_degree, poses, masking
             )
         artifact.allocate("held_out/render", (len(held_out), camera.height, camera.width, 3))
         scores = evaluate(

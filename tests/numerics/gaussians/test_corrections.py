@@ -50,7 +50,7 @@ def one_frame(brightness: int) -> Views:
 
 @pytest.mark.numerics(
     "corrections of a single frame, and of a black one",
-    outside="one frame: the mean is removed, so its correction stays 0. Black: the gain falls as far as it can and stays positive",
+    outside="one frame: the mean is removed, so its correction stays 0. Black: the gain is e^-5, the least that a fit starts from",
 )
 @pytest.mark.parametrize("brightness", [0, 128, 255])
 def test_one_frame(brightness):
@@ -65,7 +65,7 @@ def test_one_frame(brightness):
     assert not corrections.values.any() and int(corrections.steps[0]) == 1
     zero = torch.zeros(1, COLUMNS, dtype=torch.float64)
     found = fit(start, views, zero, BOTH, corrections.depth, SETTINGS, 0)
-    assert bool(found.isfinite().all()) and found.abs().max() < 2.0
+    assert bool(found.isfinite().all()) and found.abs().max() < 6.0
     assert np.isfinite(applied(views, found).camera_to_world).all()
     assert brightness or float(found[0, 6:].max()) < 0.0
 
