@@ -31,3 +31,8 @@ def small_disk(tmp_path: Path) -> Iterator[SmallDisk]:
         pytest.skip(
             f"no disk can be mounted here ({error}); try unshare --user --map-root-user --mount make test"
         )
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Start with the longest file: processes of a test run take files in this order."""
+    items.sort(key=lambda item: item.path.name != "test_cluster.py")

@@ -23,11 +23,15 @@ DIGEST = """
 import hashlib
 from egosplat.pipeline.config import defaults
 from egosplat.synthetic.camera.effects import make_effects
-from egosplat.synthetic.stage import SyntheticOptions, make_sequence
+from egosplat.synthetic.camera.lens import make_lens
+from egosplat.synthetic.stage import SyntheticOptions, make_renderer, record_world
+from egosplat.synthetic.world.world import make_world
 digest = hashlib.sha256()
+world = make_world(seed=1, seconds=4, objects=24, motion=0.5)
+renderer = make_renderer(world, make_lens(96))
 for camera in ("ideal", "real"):
     effects = make_effects(SyntheticOptions(**defaults()["synthetic"] | {"camera": camera}))
-    sequence = make_sequence(name="x", seed=1, size=96, fps=1, seconds=4, effects=effects)
+    sequence = record_world(world, renderer, name="x", fps=1, seconds=4, effects=effects)
     digest.update(sequence.points.round(9).tobytes() if camera == "real" else sequence.points.tobytes())
     for frame in sequence.frames():
         digest.update(frame.rgb.tobytes())

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from egosplat.geometry import invert, transform
-from egosplat.synthetic.adt_format.adt import write_sequence
+from egosplat.synthetic.adt_format.adt import write_documents
 from egosplat.synthetic.adt_format.aria import DEVICE_SERIAL
 from egosplat.synthetic.stage import make_sequence
 from egosplat.synthetic.world.world import make_world
@@ -179,10 +179,8 @@ def test_invalid_motion_is_rejected():
         make_world(seed=1, seconds=5, objects=16, motion=1.5)
 
 
-def test_the_device_is_associated_with_the_wearer(tmp_path):
-    for motion, expected in ((0.5, 1), (0.0, 0)):
-        sequence = make_sequence(name="s", seed=5, size=64, fps=1.0, seconds=2.0, objects=16, motion=motion)
-        folder = tmp_path / str(motion)
-        write_sequence(sequence, folder)
-        people = json.loads((folder / "skeleton_aria_association.json").read_text())["SkeletonMetadata"]
+def test_the_device_is_associated_with_the_wearer(recorded, still, tmp_path):
+    for sequence, expected in ((recorded.sequence, 1), (still[0], 0)):
+        write_documents(tmp_path, sequence)
+        people = json.loads((tmp_path / "skeleton_aria_association.json").read_text())["SkeletonMetadata"]
         assert sum(person["AssociatedDeviceSerial"] == DEVICE_SERIAL for person in people) == expected
