@@ -23,10 +23,11 @@ from egosplat.errors import UserError
 from egosplat.frames.images import VALID_MASK, ImageFolder, read_valid
 from egosplat.frames.recording import Capture
 from egosplat.frames.resize import resize_image, resize_mask
-from egosplat.frames.selection import select_frames
+from egosplat.frames.selection import FIRST, SHARPEST, select_frames, select_sharpest
 from egosplat.frames.video import Video
 from egosplat.geometry import Camera
-from egosplat.progress import log
+from egosplat.progress import log, track
+from egosplat.sharpness import measure_sharpness
 
 # Guessed focal length in units of the longer side: COLMAP's default, a field of view of 45°.
 FOCAL_PRIOR = 1.2
@@ -45,6 +46,7 @@ class PlainRecording:
         end_s: float | None,
         known_poses: str = AUTO,
         lens: str = "auto",
+        pick: str = FIRST,
     ) -> None:
         """Open the source, select frames and find the camera.
 
@@ -54,6 +56,7 @@ class PlainRecording:
             stride, start_s, end_s: see ``selection.select_frames``; a folder has one image per second.
             known_poses: see ``known_poses.find_known_poses``.
             lens: see ``distortion.lens_of_frames``; a calibration takes its place.
+            pick: ``first`` or ``sharpest`` of every ``stride`` frames.
 
         Raises:
             UserError: the source or the calibration cannot be read, or an option is out of range.
@@ -62,13 +65,17 @@ class PlainRecording:
         guess = _guess_camera(self._source.width, self._source.height)
         width, height = fit(guess, resolution, path)
         times, pictures = self._source.timestamp_ns, picture_names(self._source)
-        self._frames = select_frames(times, stride=stride, start_s=start_s, end_s=end_s, source=path)
         kind = find_known_poses(path, known_poses)
         calibration = _read_lens(path, kind, guess, pictures)
         valid = read_valid(companion_path(path, VALID_MASK), guess.width, guess.height)
         self._rectifier: Rectifier | None = None
         # At full size, so that a reduced pixel is valid only if all its pixels are.
         reduced = resize_mask(valid, width, height)
+        interval = {"start_s": start_s, "end_s": end_s, "source": path}
+        self._frames = select_frames(times, stride=stride, **interval)
+        if pick == SHARPEST and stride > 1:
+            every = select_frames(times, stride=1, **interval)
+            self._frames = select_sharpest(every, self._sharpness(every, reduced), stride)
         self.capture = Capture.of_video(times[self._frames], guess.scaled_to(width, height), False, reduced)
         estimated, evidence = None, None
         if calibration is None:
@@ -85,6 +92,11 @@ class PlainRecording:
             "lens_evidence": evidence,
         }
         self.capture = replace(self.capture, facts=facts)
+
+    def _sharpness(self, frames: NDArray[np.int64], valid: NDArray[np.bool_]) -> Iterator[float]:
+        """Yield the sharpness of frames of the source, reduced to the size of a mask."""
+        for full in track(self._source.read_frames(frames), "looking for sharp frames", total=len(frames)):
+            yield measure_sharpness(resize_image(full, *valid.shape[::-1]), valid)
 
     def _rectify(self, lens: Lens, known: bool, valid: NDArray[np.bool_]) -> None:
         """Rectify the frames from a lens; ``valid`` and ``lens`` are of full-size pictures."""

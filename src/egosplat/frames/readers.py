@@ -7,6 +7,7 @@ from egosplat.frames.adt import AdtRecording
 from egosplat.frames.hoi4d import Hoi4dRecording
 from egosplat.frames.plain import PlainRecording
 from egosplat.frames.recording import Recording
+from egosplat.frames.selection import FIRST
 
 FORMATS = ("adt", "hoi4d", "plain")
 
@@ -23,6 +24,7 @@ def open_recording(
     end_s: float | None,
     known_poses: str = "auto",
     lens: str = "auto",
+    pick: str = FIRST,
 ) -> Recording:
     """Open the frames of a recording.
 
@@ -36,16 +38,19 @@ def open_recording(
         start_s, end_s: take frames with start <= t < end, in seconds after the first frame; None: to the end.
         known_poses: plain only: which of its files with known poses calibrates the frames.
         lens: plain only: whether frames without a calibration are rectified from an estimated lens.
+        pick: ``sharpest``, plain only: take the sharpest of every ``stride`` frames instead of the first.
 
     Raises:
         UserError: the format is unknown, the recording unreadable, or an option out of range.
     """
     selection = {"resolution": resolution, "stride": stride, "start_s": start_s, "end_s": end_s}
+    if pick != FIRST and format != "plain":
+        raise UserError(f"frames.pick={pick}: only for plain recordings, and this is {format}; set first.")
     match format:
         case "adt":
             return AdtRecording(path, focal=focal, upright=upright, **selection)
         case "hoi4d":
             return Hoi4dRecording(path, **selection)
         case "plain":
-            return PlainRecording(path, known_poses=known_poses, lens=lens, **selection)
+            return PlainRecording(path, known_poses=known_poses, lens=lens, pick=pick, **selection)
     raise UserError(f"format: {format!r} is unknown; choose from {', '.join(FORMATS)}.")

@@ -1,12 +1,16 @@
 """Select frames of a recording by time and stride."""
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.errors import UserError
+
+# Values of ``frames.pick``.
+FIRST, SHARPEST = "first", "sharpest"
 
 # Longer times in nanoseconds overflow int64.
 _MAX_S = 9e9
@@ -49,3 +53,18 @@ def select_frames(
             f"{source}: no frame between start_s and end_s; the last one is at {elapsed_ns[-1] * 1e-9:.3f} s."
         )
     return selected
+
+
+def select_sharpest(frames: NDArray[np.int64], sharpness: Iterable[float], stride: int) -> NDArray[np.int64]:
+    """Select the sharpest of every ``stride`` frames, the first of equally sharp ones.
+
+    Args:
+        frames: (N,) int64 numbers of consecutive frames.
+        sharpness: of each of them; NaN, a frame without edges, is less than any other.
+
+    Returns:
+        (ceil(N / stride),) int64.
+    """
+    values = np.nan_to_num(np.fromiter(sharpness, np.float64, len(frames)), nan=-np.inf)
+    best = [start + int(values[start : start + stride].argmax()) for start in range(0, len(frames), stride)]
+    return frames[best]

@@ -31,6 +31,7 @@ class FramesOptions:
     holdout: bool
     known_poses: str
     lens: str
+    pick: str
 
 
 def run(recording_path: Path, output: Path, options: FramesOptions, *, format: str) -> None:
@@ -50,6 +51,7 @@ def run(recording_path: Path, output: Path, options: FramesOptions, *, format: s
         end_s=options.end_s,
         known_poses=options.known_poses,
         lens=options.lens,
+        pick=options.pick,
     )
     capture = reader.capture
     count = len(capture.timestamp_ns)

@@ -11,6 +11,7 @@ from PIL import Image
 
 from egosplat.errors import UserError
 from egosplat.frames.plain import PlainRecording
+from egosplat.frames.readers import open_recording
 from egosplat.geometry import Camera
 
 OPTIONS = {"resolution": 32, "stride": 1, "start_s": 0.0, "end_s": None}
@@ -46,6 +47,27 @@ def test_images_come_in_natural_order(images):
     assert recording.capture.timestamp_ns.tolist() == [number * 10**9 for number in range(12)]
     part = PlainRecording(images, **(OPTIONS | {"stride": 3, "start_s": 2, "end_s": 9}))
     assert reds(part, [0, 1, 2]) == [20, 50, 80]
+
+
+def test_the_sharpest_of_every_stride_frames_is_used(tmp_path):
+    """Protects the option for videos with motion blur; of equally sharp frames the first is used."""
+    edges = cv2.GaussianBlur(np.random.default_rng(0).normal(size=(48, 64)), (0, 0), 3) > 0
+    (folder := tmp_path / "images").mkdir()
+    for number, blur in enumerate((5, 1, 9, 1, 1, 7, 3)):
+        grey = np.where(edges, 180, 60).astype(np.uint8)
+        Image.fromarray(cv2.blur(grey, (blur, 1))).convert("RGB").save(folder / f"{number}.png")
+    options = OPTIONS | {"resolution": 64, "stride": 3}
+    for pick, expected in (("first", [0, 3, 6]), ("sharpest", [1, 3, 6])):
+        capture = PlainRecording(folder, **options, pick=pick).capture
+        assert capture.facts["pictures"] == [f"{number}.png" for number in expected]
+        assert capture.timestamp_ns.tolist() == [number * 10**9 for number in expected]
+    late = PlainRecording(folder, **options | {"start_s": 2.0}, pick="sharpest").capture
+    assert late.facts["pictures"] == ["3.png", "6.png"]
+
+
+def test_only_plain_recordings_have_a_sharpest_frame(tmp_path):
+    with pytest.raises(UserError, match="frames.pick=sharpest"):
+        open_recording("adt", tmp_path, focal=460.0, upright=True, **OPTIONS | {"stride": 2}, pick="sharpest")
 
 
 @pytest.mark.parametrize("suffix", [".gif", ".webp", ".tif", ".TIFF", ".bmp", ".heic", ".avif", ".dng"])
