@@ -1,6 +1,6 @@
 """A scene that can be asked: two halves of a wall that mean a couch and a cup, as a folder of artifacts."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -95,6 +95,7 @@ def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -
         nudge: metres by which the stored Gaussians are off.
         origin: that all artifacts tell.
         evaluated: the evaluation frames; of none, every frame is trained on.
+        corrections: optional arrays of splats.zarr.
     """
 
     def make(
@@ -103,6 +104,7 @@ def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -
         nudge: float = 0.0,
         origin: str = "synthetic",
         evaluated: tuple[int, ...] = (1, 2, 3),
+        corrections: Mapping[str, np.ndarray] | None = None,
     ) -> Path:
         write = partial(put, tmp_path, origin=origin)
         clip_hash = clip_hash or model_hash(CLIP, SMALL)
@@ -162,7 +164,8 @@ def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -
         renders = photograph[None][: 1 in evaluated]
         held_out = {"held_out/frame": np.arange(1, 1 + len(renders)), "held_out/render": renders}
         about = {"camera": asdict(CAMERA), "sh_degree_in_use": 0, "views": {"training": 2}}
-        write("splats", stored | held_out, about, options=asdict(RENDERING), made_from=["frames", "poses"])
+        arrays = stored | held_out | dict(corrections or {})
+        write("splats", arrays, about, options=asdict(RENDERING), made_from=["frames", "poses"])
         write(
             "language",
             {

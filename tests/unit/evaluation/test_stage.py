@@ -4,6 +4,7 @@ import json
 import math
 import shutil
 
+import numpy as np
 import pytest
 from jsonschema import Draft202012Validator, ValidationError
 
@@ -101,6 +102,17 @@ def test_renders_are_scored_where_frames_are_held_out(word_scene, scored):
     assert held_out["rendering"]["static"]["psnr"] is None  # infinite
     assert dynamic["pixels"] == 46 * 24
     assert found["rendering"]["dynamic"] == {"frames": 1, "psnr": dynamic["psnr"], "ssim": dynamic["ssim"]}
+
+
+def test_renders_without_corrections_are_scored_beside_those_with(word_scene, scored):
+    """Protects the second figure of held-out frames, which exists only where something was corrected."""
+    assert "rendering_without_corrections" not in scored(word_scene())
+    black = np.zeros((1, 48, 48, 3), np.uint8)
+    found = scored(word_scene(corrections={"held_out/render_given": black}))
+    Draft202012Validator(schema("metrics")).validate(found)
+    given = found["rendering_without_corrections"]
+    assert given["dynamic"]["psnr"] < found["rendering"]["dynamic"]["psnr"] - 10.0
+    assert given["all"]["frames"] == found["rendering"]["all"]["frames"] == 1
 
 
 def test_a_scene_without_evaluation_frames_has_no_scores(word_scene, scored):

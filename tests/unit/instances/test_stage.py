@@ -33,6 +33,24 @@ def test_each_square_is_one_instance_in_every_frame(scene, truth):
     assert set(found.provenance["inputs"]) == {"frames.zarr", "poses.zarr", "segments.zarr"}
 
 
+def test_masks_are_merged_with_refined_poses(scene, monkeypatch):
+    """Protects the poses behind lifted masks and rendered labels: those that the temporary Gaussians were trained with."""
+    seen, train = {}, stage.train_geometry
+
+    def trained(*arguments):
+        seen["found"] = train(*arguments)
+        return seen["found"]
+
+    monkeypatch.setattr(stage, "train_geometry", trained)
+    folder = scene()
+    given = verify(folder / "poses.zarr", SCHEMAS).read("camera_to_world")
+    found = run(folder, refine_poses="on", compensate_exposure="on")
+    _, views, cameras = seen["found"]
+    np.testing.assert_array_equal(views.camera_to_world, cameras[views.frame])
+    assert np.abs(cameras - given)[views.frame].max() > 1e-4
+    assert found.read("instances/level").tolist() == [1, 1]
+
+
 def test_the_gaussians_name_their_instance(scene):
     """Gaussians of the left square belong to one instance, those of the right square to the other."""
     found = run(scene())

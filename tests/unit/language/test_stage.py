@@ -67,6 +67,25 @@ def test_artifact_holds_the_expected_facts_and_inputs(scene):
     assert not found.read("code")[found.read("share") == 0].any()
 
 
+@pytest.mark.parametrize("language", ["after", "joint"])
+def test_codes_are_lifted_with_the_poses_that_training_refined(scene, monkeypatch, language):
+    """Protects the poses behind codes, and corrections in joint training."""
+    used, lift = {}, stage.lift
+
+    def lifted(gaussians, views, settings):
+        used["views"] = views
+        return lift(gaussians, views, settings)
+
+    monkeypatch.setattr(stage, "lift", lifted)
+    folder = scene()
+    train(folder, refine_poses="on", compensate_exposure="on", language=language)
+    run(folder)
+    views, splats = used["views"], verify(folder / "splats.zarr", SCHEMAS)
+    refined = splats.read("corrections/camera_to_world")
+    np.testing.assert_array_equal(views.camera_to_world, refined[views.frame])
+    assert np.linalg.norm(splats.read("corrections/shift")[views.frame], axis=1).min() > 0.0
+
+
 def test_frames_left_out_by_the_survey_are_not_used(scene, survey_that_keeps):
     folder = scene()
     train(folder)

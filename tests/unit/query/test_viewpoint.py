@@ -25,6 +25,15 @@ def test_a_frame_is_seen_within_the_lens_circle(recording):
     np.testing.assert_array_equal(view.camera_to_world, np.eye(4))
 
 
+def test_a_frame_is_seen_with_the_pose_that_training_refined(word_scene):
+    """Protects queries by frame: the Gaussians fit the refined poses."""
+    refined = np.tile(np.eye(4), (4, 1, 1))
+    refined[2, 0, 3] = 0.25
+    folder = word_scene(corrections={"corrections/camera_to_world": refined})
+    artifacts = [open_artifact(folder / f"{schema.name}.zarr", schema) for schema in (FRAMES, POSES, SPLATS)]
+    np.testing.assert_array_equal(frame_viewpoint(*artifacts, 2).camera_to_world, refined[2])
+
+
 @pytest.mark.parametrize(
     "frame, said", [(4, "there are 4 frames, 0 to 3"), (3, "has no pose; the nearest .* is 2")]
 )

@@ -71,6 +71,19 @@ def test_the_network_is_restored_from_its_artifact(scene):
     assert net(picture, 32, 32).detach().numpy() == pytest.approx(transient.row("probability", 2), abs=1e-3)
 
 
+def test_poses_and_exposure_are_corrected_here_too(scene):
+    """Protects the keys of the section camera in this stage."""
+    folder = scene()
+    weights = [
+        run(folder, f"{number}.zarr", refine_poses=poses, compensate_exposure=exposure).read("weights")
+        for number, (poses, exposure) in enumerate(
+            [("off", "off"), ("auto", "auto"), ("on", "off"), ("off", "on")]
+        )
+    ]
+    assert np.array_equal(weights[0], weights[1])
+    assert not np.array_equal(weights[0], weights[2]) and not np.array_equal(weights[0], weights[3])
+
+
 class Stopped(Exception):
     pass
 
