@@ -44,9 +44,10 @@ def _of_artifacts(one: Path, other: Path) -> list[Difference]:
     first, second = open_any(one, SCHEMAS), open_any(other, SCHEMAS)
     if first.digest == second.digest:
         return []
-    names = first.schema.fields
-    pairs = ((name, first.read(name), second.read(name)) for name in names)
-    return [found for name, a, b in pairs if (found := _of_arrays(name, a, b))]
+    both = set(first.arrays) & set(second.arrays)
+    alone = [Difference(f"{name} in one only", 1.0, None) for name in {*first.arrays, *second.arrays} - both]
+    pairs = ((name, first.read(name), second.read(name)) for name in first.arrays if name in both)
+    return [*alone, *(found for name, a, b in pairs if (found := _of_arrays(name, a, b)))]
 
 
 def _of_arrays(name: str, one: NDArray[Any], other: NDArray[Any]) -> Difference | None:

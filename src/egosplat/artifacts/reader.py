@@ -58,6 +58,11 @@ class Artifact:
         """``real`` or ``synthetic``."""
         return self.provenance["origin"]
 
+    @property
+    def arrays(self) -> list[str]:
+        """Names of the arrays of its schema that it holds; it may lack optional ones."""
+        return [name for name in self.schema.fields if name in self._group]
+
     def has(self, name: str) -> bool:
         """Whether it holds an array that its schema calls optional."""
         return name in self._group
@@ -182,7 +187,7 @@ def verify(path: Path, schemas: Mapping[str, Schema]) -> Artifact:
     """
     artifact = open_any(path, schemas)
     if digest_of(path) != artifact.digest:
-        for name in artifact.schema.fields:  # raises with the name of the damaged chunk
+        for name in artifact.arrays:  # raises with the name of the damaged chunk
             artifact.read(name)
         raise damaged(path, "its files are not those that were written (digest differs)")
     return artifact

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -182,6 +183,25 @@ def test_a_flipped_byte_in_a_chunk_of_several_rows_is_named_by_its_chunk(tmp_pat
     ):
         with pytest.raises(ArtifactError, match="'feature', chunk 1"):
             read()
+
+
+def test_an_artifact_may_lack_an_optional_array_and_no_other(tmp_path):
+    """Protects artifacts of a stage that has nothing to say about an optional array, and their check for damage."""
+    numbers, path = Field(("n",), "int64", "-", "numbers"), tmp_path / "tiny.zarr"
+    schema = Schema("tiny", 1, {"a": numbers, "b": replace(numbers, optional=True)})
+    with create(path, schema, made()) as artifact:
+        artifact.put("a", np.arange(3))
+    found = verify(path, {"tiny": schema})
+    assert found.arrays == ["a"] and found.has("a") and not found.has("b")
+    (path / "a/c/0").write_bytes(b"damaged")
+    with pytest.raises(ArtifactError, match="'a' cannot be read"):
+        verify(path, {"tiny": schema})
+    with pytest.raises(ValueError, match="never written: a"), create(path, schema, made()) as artifact:
+        artifact.put("b", np.arange(3))
+    with create(path, schema, made()) as artifact:
+        artifact.put("a", np.arange(3))
+        artifact.put("b", np.arange(3))
+    assert verify(path, {"tiny": schema}).arrays == ["a", "b"]
 
 
 @pytest.mark.parametrize("rows, chunks", [(VIEWS, 3), (3, 1), (2, 1), (0, 0)])
