@@ -1,7 +1,8 @@
 """Compute the alarms of artifacts from their facts and arrays, and log them."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -98,7 +99,17 @@ def _transient(transient: Artifact) -> Iterable[Alarm]:
 
 def _masks(masks: Artifact) -> Iterable[Alarm]:
     moving = masks.read("instances/transient")
-    return masks_alarms(int(moving.sum()), len(moving), masks.facts.get("masked_share"))
+    return masks_alarms(
+        int(moving.sum()), len(moving), masks.facts.get("masked_share"), _withheld(masks.facts)
+    )
+
+
+def _withheld(facts: Mapping[str, Any]) -> str | None:
+    if facts.get("withheld") == "probability":
+        return f"the network's mean probability is {facts['mean_probability']:.2f}"
+    if facts.get("withheld") == "instances":
+        return f"{facts['withheld_instances']} of {facts['seen']} instances look transient"
+    return None
 
 
 def _splats(splats: Artifact) -> Iterable[Alarm]:

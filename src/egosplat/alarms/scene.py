@@ -54,12 +54,23 @@ def transient_alarms(mean_probability: float | None) -> Iterator[Alarm]:
         )
 
 
-def masks_alarms(transient: int, instances: int, masked_pixels: float | None) -> Iterator[Alarm]:
+def masks_alarms(
+    transient: int, instances: int, masked_pixels: float | None, withheld: str | None = None
+) -> Iterator[Alarm]:
     """Alarms of the masks artifact.
 
     Args:
         masked_pixels: share of all pixels of all frames.
+        withheld: why nothing is masked, in words; None if it need not be told.
     """
+    if withheld is not None:
+        yield Alarm(
+            "masks.withheld",
+            "up to masks.max_share",
+            f"nothing is masked, because {withheld}",
+            "Check transient.png: blurred frames, wrong poses and changing exposure look like motion. Set splats.masking "
+            "to none if nothing moves",
+        )
     if instances and exceeds(transient / instances, MAX_MASKED_INSTANCES):
         yield Alarm(
             "masks.instances",

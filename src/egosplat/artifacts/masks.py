@@ -4,13 +4,13 @@ from egosplat.artifacts.schema import Field, Schema
 
 MASKS = Schema(
     "masks",
-    1,
+    2,
     {
         "refined": Field(
             ("frame", "height", "width"),
             "bool",
             "-",
-            "pixels of a transient instance, of any level that is asked for",
+            "pixels of a transient instance, of any level that is asked for, where the network calls them transient",
             by_row=True,
         ),
         "instances/score": Field(
@@ -19,8 +19,17 @@ MASKS = Schema(
             "0..1",
             "mean probability over all pixels of the instance in the training frames; 0 without any pixel",
         ),
+        "instances/stands_out": Field(
+            ("instance",),
+            "float32",
+            "0..1",
+            "share of the instance's pixels that stand out (transient.zarr), in training frames where this was measured",
+        ),
         "instances/transient": Field(
-            ("instance",), "bool", "-", "score at or above the threshold, at a level that is asked for"
+            ("instance",),
+            "bool",
+            "-",
+            "transient by score and by what stands out, at a level that is asked for",
         ),
     },
 )

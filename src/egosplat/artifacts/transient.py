@@ -7,7 +7,7 @@ from egosplat.artifacts.schema import Field, Schema
 
 TRANSIENT = Schema(
     "transient",
-    1,
+    2,
     {
         "probability": Field(
             ("frame", "height", "width"),
@@ -15,6 +15,24 @@ TRANSIENT = Schema(
             "0..1",
             "the network's probability that the pixel is of something transient, of frames without a pose too",
             by_row=True,
+        ),
+        "stands_out": Field(
+            ("frame", "height", "width"),
+            "bool",
+            "-",
+            "pixels whose squared difference to the temporary Gaussians after the warm-up exceeds 3.5 medians of their frame; "
+            "false in frames without residual_scale",
+            by_row=True,
+        ),
+        "compared": Field(
+            ("height", "width"), "bool", "-", "pixels that stands_out speaks of: inside the lens circle"
+        ),
+        "residual_scale": Field(
+            ("frame",),
+            "float32",
+            "squared sRGB in 0..1",
+            "median squared difference of the frame to the temporary Gaussians after the warm-up; NaN if it was not measured: "
+            "not trained on, or penalty_unit is absolute",
         ),
         "weights": Field(
             ("number",), "float32", "-", "the network's tensors, flat, one after the other; facts name them"

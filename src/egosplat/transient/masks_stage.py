@@ -13,10 +13,14 @@ from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.transient import TRANSIENT, InstanceScores
-from egosplat.artifacts.writer import create
+from egosplat.artifacts.writer import Writer, create
 from egosplat.progress import log, track
 
 Scores = NDArray[np.float64]
+
+
+# Why nothing is masked, in the fact ``withheld``.
+BY_NETWORK, BY_INSTANCES = "probability", "instances"
 
 
 def transient_instances(
@@ -27,10 +31,31 @@ def transient_instances(
     return (scores >= threshold) & (pixels > 0) & np.isin(level, sorted(levels))
 
 
+def looks_static(outstanding: InstanceScores, least: float) -> NDArray[np.bool_]:
+    """(N,) whether less than the share ``least`` of an instance's pixels stand out; False if none was measured."""
+    return (outstanding.scores < least) & (outstanding.pixels > 0)
+
+
 def refined_mask(labels: NDArray[np.int32], transient: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(H, W) union of the transient instances in one frame, from (L, H, W) labels and the (N,) set."""
     # Label -1 indexes the appended last entry: pixels without an instance are not transient.
     return np.append(transient, False)[labels].any(axis=0)
+
+
+def reason_to_withhold(
+    probability: float, transient: NDArray[np.bool_], pixels: NDArray[np.int64], max_share: float
+) -> str | None:
+    """Why nothing should be masked, or None.
+
+    Args:
+        probability: mean over the training frames.
+        transient, pixels: (N,) the set D, and number of pixels of each instance.
+        max_share: above this probability, or this share of the instances with a pixel, nothing is masked.
+    """
+    if probability > max_share:
+        return BY_NETWORK
+    seen = int((pixels > 0).sum())
+    return BY_INSTANCES if seen and int(transient.sum()) > max_share * seen else None
 
 
 @dataclass(frozen=True)
@@ -39,6 +64,9 @@ class MasksOptions:
 
     threshold: float
     level: str
+    stands_out: float
+    pixel_probability: float
+    max_share: float
 
 
 def run(
@@ -49,7 +77,6 @@ def run(
     Raises:
         UserError: the inputs do not belong together.
     """
-    threshold, level = options.threshold, options.level
     frames = open_artifact(frames_path, FRAMES)
     transient, instances = (
         open_artifact(transient_path, TRANSIENT),
@@ -60,38 +87,80 @@ def run(
     record = provenance.begin_from("masks", asdict(options), (frames, transient, instances))
     names = instances.facts["levels"]
     # A level that repeats another has no instances of its own; the other level stands for it.
-    shown_by = instances.facts.get("repeats", {}).get(level, level)
-    levels = set(range(len(names))) if level == "all" else {names.index(shown_by)}
+    shown_by = instances.facts.get("repeats", {}).get(options.level, options.level)
+    levels = set(range(len(names))) if options.level == "all" else {names.index(shown_by)}
     # Training frames alone decide: evaluation frames must not influence training.
-    found = _scores(transient, instances, np.flatnonzero(frames.read("train")))
-    scores = found.scores
-    chosen = transient_instances(scores, found.pixels, instances.read("instances/level"), threshold, levels)
-    count, height, width = transient.shape("probability")
-    masked = 0
+    found = _find(transient, instances, np.flatnonzero(frames.read("train")))
+    level_of = instances.read("instances/level")
+    chosen = transient_instances(
+        found.by_probability.scores, found.by_probability.pixels, level_of, options.threshold, levels
+    )
+    chosen &= ~looks_static(found.outstanding, options.stands_out)
+    asked = np.where(np.isin(level_of, sorted(levels)), found.by_probability.pixels, 0)
+    withheld = reason_to_withhold(found.mean_probability, chosen, asked, options.max_share)
+    facts = {
+        "threshold": options.threshold,
+        "level": options.level,
+        "levels": names,
+        "instances": len(chosen),
+        "seen": int((asked > 0).sum()),
+        "empty": int((found.by_probability.pixels == 0).sum()),
+        "mean_probability": found.mean_probability,
+        "withheld": withheld,
+        "withheld_instances": int(chosen.sum()) if withheld else 0,
+    }
+    if withheld:
+        log(
+            f"nothing is masked: {facts['withheld_instances']} of {facts['seen']} instances would be transient"
+        )
+        chosen = np.zeros_like(chosen)
     with create(output, MASKS, record) as artifact:
-        artifact.put("instances/score", scores.astype(np.float32))
+        artifact.put("instances/score", found.by_probability.scores.astype(np.float32))
+        artifact.put("instances/stands_out", found.outstanding.scores.astype(np.float32))
         artifact.put("instances/transient", chosen)
-        artifact.allocate("refined", (count, height, width))
-        for frame in track(range(count), "writing masks"):
-            mask = refined_mask(instances.row("labels", frame), chosen)
-            masked += int(mask.sum())
-            artifact.put_row("refined", frame, mask)
-        share = masked / max(count * height * width, 1)
-        artifact.facts = {
-            "threshold": threshold,
-            "level": level,
-            "levels": names,
-            "instances": len(chosen),
-            "transient": int(chosen.sum()),
-            "empty": int((found.pixels == 0).sum()),
-            "masked_share": share,
-        }
+        share = _put_refined(artifact, transient, instances, chosen, options.pixel_probability)
+        artifact.facts = facts | {"transient": int(chosen.sum()), "masked_share": share}
     log(f"{int(chosen.sum())} of {len(chosen)} instances are transient: {share:.1%} of all pixels")
 
 
-def _scores(transient: Artifact, instances: Artifact, rows: NDArray[np.int64]) -> InstanceScores:
+@dataclass(frozen=True)
+class _Found:
+    """What the training frames say of the instances: their mean probability, and the share that stands out."""
+
+    by_probability: InstanceScores
+    outstanding: InstanceScores
+    mean_probability: float
+
+
+def _find(transient: Artifact, instances: Artifact, rows: NDArray[np.int64]) -> _Found:
     """Score the instances on the frames ``rows``."""
-    scores = InstanceScores(instances.shape("instances/level")[0])
+    count = instances.shape("instances/level")[0]
+    by_probability, outstanding, total = InstanceScores(count), InstanceScores(count), 0.0
+    measured, compared = np.isfinite(transient.read("residual_scale")), transient.read("compared")
     for frame in track(rows, "scoring instances", total=len(rows)):
-        scores.add(instances.row("labels", frame), transient.row("probability", frame))
-    return scores
+        labels, probability = instances.row("labels", frame), transient.row("probability", frame)
+        by_probability.add(labels, probability)
+        total += float(np.nan_to_num(probability.astype(np.float64), nan=0.0).mean())
+        if measured[frame]:
+            outstanding.add(np.where(compared, labels, -1), transient.row("stands_out", frame))
+    return _Found(by_probability, outstanding, total / max(len(rows), 1))
+
+
+def _put_refined(
+    artifact: Writer,
+    transient: Artifact,
+    instances: Artifact,
+    chosen: NDArray[np.bool_],
+    least: float,
+) -> float:
+    """Write the masks of all frames; returns the share of all pixels that are masked."""
+    count, height, width = transient.shape("probability")
+    artifact.allocate("refined", (count, height, width))
+    masked = 0
+    for frame in track(range(count), "writing masks"):
+        mask = refined_mask(instances.row("labels", frame), chosen)
+        # ``not <``: a probability that is not finite leaves the pixel masked.
+        mask &= ~(transient.row("probability", frame) < least)
+        masked += int(mask.sum())
+        artifact.put_row("refined", frame, mask)
+    return masked / max(count * height * width, 1)

@@ -13,6 +13,7 @@ from egosplat.gaussians.loss import l2
 from egosplat.gaussians.objective import Objective
 from egosplat.gaussians.training_views import Views
 from egosplat.transient.network import TransientNet
+from egosplat.transient.residual_scale import ResidualScale
 
 # Factor on the mean over all values, by reduction over R, G, B.
 CHANNELS = {"mean": 1.0, "sum": 3.0}
@@ -25,6 +26,7 @@ class InitialOptions:
     Attributes:
         warmup: initial iterations that train only the Gaussians.
         transient_penalty: cost of M = 1; H predicts transient pixels where the residual is larger.
+        penalty_unit: ``residual`` (the penalty is a multiple of the view's ``ResidualScale.unit``) or ``absolute``.
         residual: ``mean`` or ``sum`` of the squared differences over the channels.
         lr: Adam's learning rate for H.
     """
@@ -32,15 +34,18 @@ class InitialOptions:
     iterations: int
     warmup: int
     transient_penalty: float
+    penalty_unit: str
     residual: str
     lr: float
 
 
 class InitialObjective(Objective):
-    """L_init = mean over pixels of (1 - M) d_I + transient_penalty |M|, with d_I the squared difference.
+    """L_init = mean over pixels of (1 - M) d_I + penalty |M|, with d_I the squared difference.
 
     Attributes:
         net: H.
+        residuals: of the views at their last visit in the warm-up, or at their first one after it. Empty if the penalty
+            is absolute.
     """
 
     advice = "lower transient.lr, or raise transient.near_plane"
@@ -52,12 +57,14 @@ class InitialObjective(Objective):
         self._adam = torch.optim.Adam(net.parameters(), lr=options.lr)
         self._probability = torch.zeros(options.iterations, device=device)
         self._iteration = 0
+        self.residuals = ResidualScale(device)
 
     def loss(self, image: Tensor, views: Views, index: int) -> Tensor:
         """Return L_init of one image; see ``egosplat.gaussians.objective.Objective``."""
         picture = views.picture(index)
         factor = CHANNELS[self._options.residual]
         self._iteration += 1
+        self._measure(image.detach() - picture, views, index)
         if self._warming_up:
             return factor * l2(image, picture, views.valid)
         probability = self.net(picture, *picture.shape[:2])
@@ -65,9 +72,9 @@ class InitialObjective(Objective):
         # Not detached: L_init trains H through this weight.
         static = 1.0 - probability
         weight = static if views.valid is None else views.valid * static
-        # For a constant residual e of a pixel, the optimum is M = 0 if e < transient_penalty, else 1
+        # For a constant residual e of a pixel, the optimum is M = 0 if e < penalty, else 1
         # (docs/method.md#transient-loss). H only approaches it, depending on learning rate and iterations.
-        return factor * l2(image, picture, weight) + self._options.transient_penalty * probability.mean()
+        return factor * l2(image, picture, weight) + self._penalty(index) * probability.mean()
 
     def step(self) -> None:
         """Update H, except during warm-up and if a gradient is not finite."""
@@ -85,13 +92,23 @@ class InitialObjective(Objective):
         means = self._probability.cpu().double().numpy()
         return np.array([means[a:b].mean() for a, b in pairwise(ends)])
 
+    def _measure(self, difference: Tensor, views: Views, index: int) -> None:
+        if self._in_residuals and (self._warming_up or not self.residuals.has(index)):
+            squared = CHANNELS[self._options.residual] * difference.square().mean(-1)
+            self.residuals.measure(index, len(views), squared, views.valid)
+
+    def _penalty(self, index: int) -> Tensor | float:
+        penalty = self._options.transient_penalty
+        return penalty * self.residuals.unit(index) if self._in_residuals else penalty
+
     def state_dict(self) -> dict[str, Any]:
-        """Return H, its optimizer, the curve and the iteration, for ``load_state_dict``."""
+        """Return H, its optimizer, the residuals, the curve and the iteration, for ``load_state_dict``."""
         return {
             "net": dict(self.net.state_dict()),
             "adam": self._adam.state_dict(),
             "probability": self._probability,
             "iteration": self._iteration,
+            "residuals": self.residuals.state_dict(),
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -100,7 +117,12 @@ class InitialObjective(Objective):
         self._adam.load_state_dict(state["adam"])
         self._probability = state["probability"]
         self._iteration = state["iteration"]
+        self.residuals.load_state_dict(state["residuals"])
 
     @property
     def _warming_up(self) -> bool:
         return self._iteration <= self._options.warmup
+
+    @property
+    def _in_residuals(self) -> bool:
+        return self._options.penalty_unit == "residual"

@@ -4,8 +4,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import torch
+from numpy.typing import NDArray
+from torch import Tensor
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
@@ -27,7 +30,7 @@ from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.starting_points import starting_gaussians
 from egosplat.gaussians.trainer import ViewSets, resume_and_train
 from egosplat.gaussians.training_state import TrainingState
-from egosplat.gaussians.training_views import Mask, split_views
+from egosplat.gaussians.training_views import Mask, Views, split_views
 from egosplat.models.checkpoints import content_hash
 from egosplat.progress import log, track
 from egosplat.transient.network import TransientNet, make_network
@@ -44,6 +47,7 @@ class TransientOptions(GrowthOptions, CameraOptions):
     warmup: float
     resolution: int
     transient_penalty: float
+    penalty_unit: str
     residual: str
     lr: float
     input_size: int
@@ -78,6 +82,7 @@ class TransientOptions(GrowthOptions, CameraOptions):
             iterations=self.iterations,
             warmup=round(self.warmup * self.iterations),
             transient_penalty=self.transient_penalty,
+            penalty_unit=self.penalty_unit,
             residual=self.residual,
             lr=self.lr,
         )
@@ -132,6 +137,7 @@ def run(
         _put_curves(artifact, state, objective)
         tensors = _put_weights(artifact, net)
         mean = _put_probability(artifact, frames, net, options, views.device)
+        scale = _put_residuals(artifact, frames, views, objective, options.transient_penalty)
         artifact.facts = {
             "rasterizer": rasterizer_used(options.backend, views.device),
             "working_size": [views.camera.height, views.camera.width],
@@ -139,6 +145,7 @@ def run(
             "gaussians": state.gaussians.count,
             "training_s": round(state.seconds, 3),
             "mean_probability": mean,
+            "residual_scale": scale,
             "tensors": tensors,
         }
     checkpoint.remove()
@@ -178,6 +185,39 @@ def _put_weights(artifact: Writer, net: TransientNet) -> list[list[Any]]:
     flat = torch.cat([tensor.detach().cpu().flatten() for tensor in tensors.values()])
     artifact.put("weights", flat.numpy())
     return [[name, list(tensor.shape)] for name, tensor in tensors.items()]
+
+
+def _put_residuals(
+    artifact: Writer, frames: Artifact, views: Views, objective: InitialObjective, penalty: float
+) -> float | None:
+    """Store the residuals of the views, enlarged to the frames.
+
+    Returns:
+        The median over the views; None if nothing was measured.
+    """
+    count, height, width, _ = frames.shape("rgb")
+
+    def enlarged(small: Tensor) -> NDArray[np.bool_]:
+        values = small.cpu().numpy().astype(np.uint8)
+        return cv2.resize(values, (width, height), interpolation=cv2.INTER_NEAREST).astype(bool)
+
+    residuals, everywhere = objective.residuals, torch.ones(views.camera.height, views.camera.width)
+    scale = np.full(count, np.nan, np.float32)
+    scale[views.frame[: len(residuals.scale)]] = residuals.scale.cpu().numpy()
+    shown = dict(zip(views.frame.tolist(), residuals.stands_out, strict=False))
+    artifact.put("residual_scale", scale)
+    artifact.put("compared", enlarged(everywhere if views.valid is None else views.valid > 0))
+    artifact.allocate("stands_out", (count, height, width))
+    for frame in range(count):
+        row = enlarged(shown[frame]) if frame in shown else np.zeros((height, width), bool)
+        artifact.put_row("stands_out", frame, row)
+    if np.isnan(scale).all():
+        return None
+    median = float(np.nanmedian(scale))
+    log(
+        f"median residual after the warm-up: {median:.2g}; penalty of a transient pixel: {penalty * median:.2g}"
+    )
+    return median
 
 
 @torch.no_grad()

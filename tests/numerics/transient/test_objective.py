@@ -10,9 +10,12 @@ from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
 from egosplat.transient.network import make_network
 from egosplat.transient.objective import InitialObjective, InitialOptions
+from egosplat.transient.residual_scale import LEAST_SCALE, ResidualScale
 
 SIZE = 32
-OPTIONS = InitialOptions(iterations=40, warmup=0, transient_penalty=0.004, residual="mean", lr=3e-3)
+OPTIONS = InitialOptions(
+    iterations=40, warmup=0, transient_penalty=0.004, penalty_unit="absolute", residual="mean", lr=3e-3
+)
 
 
 @pytest.fixture
@@ -99,6 +102,43 @@ def test_transient_penalty_beyond_float32(views):
     trained(one, views, 0.3, 3)
     assert sound(one)
     assert all(torch.equal(*pair) for pair in zip(before, one.net.parameters(), strict=True))
+
+
+def measured_residuals(residual: torch.Tensor, *, others: float | None = None) -> ResidualScale:
+    """Residuals of two views: ``residual`` in view 0, and ``others`` everywhere in view 1."""
+    one = ResidualScale(torch.device("cpu"))
+    one.measure(0, 2, residual, None)
+    if others is not None:
+        one.measure(1, 2, torch.full_like(residual, others), None)
+    return one
+
+
+@pytest.mark.numerics(
+    "residual unit: residuals of 0, NaN, infinity and 1e30, of one view alone, and none valid",
+    outside="the unit is finite and at least the rounding of 8 bits; values that are not finite do not count",
+)
+@pytest.mark.parametrize(
+    ("value", "unit"),
+    [(0.0, LEAST_SCALE), (float("nan"), LEAST_SCALE), (float("inf"), LEAST_SCALE), (0.5, 0.5), (1e30, 1e30)],
+)
+def test_residual_unit_at_its_ends(value, unit):
+    one = measured_residuals(torch.full((8, 8), value))
+    assert one.unit(0).item() == pytest.approx(unit) and not one.stands_out.any()
+    blind = ResidualScale(torch.device("cpu"))
+    blind.measure(0, 2, torch.ones(8, 8), torch.zeros(8, 8))
+    assert blind.unit(0).item() == pytest.approx(LEAST_SCALE) and not blind.stands_out.any()
+
+
+@pytest.mark.numerics(
+    "residual unit: a black view, a view blurred a hundred times worse, and all views blurred",
+    outside="the larger of the view's and the scene's median; no such view stands out",
+)
+@pytest.mark.parametrize(("own", "others", "unit"), [(0.0, 1e-3, 1e-3), (0.1, 1e-3, 0.1), (0.1, 0.1, 0.1)])
+def test_residual_unit_of_unlike_views(own, others, unit):
+    one = ResidualScale(torch.device("cpu"))
+    for view, value in enumerate((own, others, others)):
+        one.measure(view, 3, torch.full((8, 8), value), None)
+    assert one.unit(0).item() == pytest.approx(unit) and not one.stands_out.any()
 
 
 @pytest.mark.numerics("lr x100", outside="probabilities stay within 0..1, weights finite")

@@ -113,7 +113,7 @@ def test_annotations_have_no_alarms(tmp_path):
     assert alarms_of(written(tmp_path, "annotations", {}, {})) == []
 
 
-@pytest.mark.parametrize("moving, keys", [(6, ["masks.instances", "masks.pixels"]), (2, [])])
+@pytest.mark.parametrize("moving, keys", [(6, ["masks.withheld"]), (2, [])])
 def test_a_command_logs_the_alarms_of_what_it_made(tmp_path, monkeypatch, capfd, moving, keys):
     """Four instances of two pixels each; the first ``moving`` pixels have a transient probability of 1."""
     labels = np.repeat(np.arange(4, dtype=np.int32), 2)[None, None, None, :]

@@ -13,12 +13,14 @@ from egosplat.transient import masks_stage
 from tests.support.scenes import put
 
 SIZE, FRAME_COUNT = 32, 6
+# The paper's rule alone: whole instances by their mean probability.
+OFF = {"stands_out": 0.0, "pixel_probability": 0.0, "max_share": 1.0}
 
 
-def predict(folder: Path, probability: np.ndarray, frames_digest: str = "") -> None:
-    """Write transient.zarr with a probability."""
+def predict(folder: Path, probability: np.ndarray, frames_digest: str = "", **residuals: np.ndarray) -> None:
+    """Write transient.zarr with a probability, and what stands out."""
     inputs = {"frames.zarr": frames_digest} if frames_digest else {}
-    put(folder, "transient", {"probability": probability.astype(np.float16)}, inputs=inputs)
+    put(folder, "transient", {"probability": probability.astype(np.float16)} | residuals, inputs=inputs)
 
 
 @pytest.fixture
@@ -38,7 +40,7 @@ def predicted(made: Path) -> Path:
 
 def run(folder: Path, **keys: object):
     """The verified artifact."""
-    stage_keys = {"threshold": 0.25, "level": "all"} | keys
+    stage_keys = {"threshold": 0.25, "level": "all"} | OFF | keys
     inputs = (folder / f"{name}.zarr" for name in ("frames", "transient", "instances"))
     masks_stage.run(*inputs, folder / "masks.zarr", masks_stage.MasksOptions(**stage_keys))
     return verify(folder / "masks.zarr", SCHEMAS)
@@ -120,3 +122,67 @@ def test_inputs_of_other_frames_are_rejected(scene):
     predict(folder, np.zeros((FRAME_COUNT, SIZE, SIZE)), frames_digest="another")
     with pytest.raises(UserError, match="transient.zarr: was made from another frames.zarr"):
         run(folder)
+
+
+@pytest.fixture
+def residuals(scene):
+    """Write transient.zarr of a square that the network calls transient and of which a share stands out; the folder."""
+
+    def write(rows: int, **changes: np.ndarray) -> Path:
+        folder = scene()
+        square = open_artifact(folder / "instances.zarr", INSTANCES).read("labels")[:, 2] == 0
+        arrays = {
+            "stands_out": square & (np.cumsum(square, axis=1) <= rows),
+            "residual_scale": np.full(FRAME_COUNT, 0.01, np.float32),
+            "compared": np.ones((SIZE, SIZE), bool),
+        }
+        predict(folder, np.where(square, 0.9, 0.0), **arrays | changes)
+        return folder
+
+    return write
+
+
+def test_an_instance_that_looks_static_is_not_masked(residuals):
+    """The network alone does not mask what the Gaussians of the warm-up show, as static things do."""
+    assert run(residuals(8), stands_out=0.5).read("instances/transient")[0]
+    masks = run(residuals(1), stands_out=0.5)
+    assert not masks.read("refined").any() and 0 < masks.read("instances/stands_out")[0] < 0.5
+    assert run(residuals(1), stands_out=0.0).read("instances/transient")[0]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"residual_scale": np.full(FRAME_COUNT, np.nan, np.float32)},
+        {"compared": np.zeros((SIZE, SIZE), bool)},
+    ],
+    ids=["frames", "pixels"],
+)
+def test_what_was_not_measured_decides_nothing(residuals, changes):
+    """An absolute penalty measures no residual: the network's probability decides alone."""
+    assert run(residuals(0, **changes), stands_out=1.0).read("instances/transient")[0]
+
+
+def test_a_pixel_that_the_network_calls_static_is_not_masked(folder):
+    """Frame 0 shows the transient instance where the network sees nothing move."""
+    made = open_artifact(folder / "instances.zarr", INSTANCES).read("labels")[:, 2] == 0
+    probability = np.where(made, 0.5, 0.0)
+    probability[0] = 0.0
+    predict(folder, probability)
+    masks = run(folder, pixel_probability=0.5)
+    assert not masks.read("refined")[0].any() and (masks.read("refined")[1:] == made[1:]).all()
+
+
+@pytest.mark.parametrize(
+    ("probability", "max_share", "reason"),
+    [(0.51, 0.5, "probability"), (0.49, 0.5, "instances"), (0.49, 1.0, None)],
+    ids=["network", "instances", "neither"],
+)
+def test_nothing_is_masked_where_half_is_transient(scene, probability, max_share, reason):
+    """A network that failed masks nothing instead of half of the scene, and the artifact says why."""
+    folder = scene()
+    everywhere = np.full((FRAME_COUNT, SIZE, SIZE), probability)
+    predict(folder, everywhere)
+    masks = run(folder, threshold=0.45, max_share=max_share)
+    assert masks.facts["withheld"] == reason
+    assert masks.read("refined").any() == masks.read("instances/transient").any() == (reason is None)

@@ -8,7 +8,9 @@ import torch
 from egosplat.transient.network import make_network
 from egosplat.transient.objective import InitialObjective, InitialOptions
 
-OPTIONS = InitialOptions(iterations=12, warmup=0, transient_penalty=0.05, residual="mean", lr=3e-3)
+OPTIONS = InitialOptions(
+    iterations=12, warmup=0, transient_penalty=0.05, penalty_unit="absolute", residual="mean", lr=3e-3
+)
 
 
 def make(**changes: object) -> InitialObjective:
@@ -78,3 +80,39 @@ def test_training_resumes_where_it_stopped(views):
     weights = second.net.state_dict()
     assert all(torch.equal(tensor, weights[name]) for name, tensor in unbroken.net.state_dict().items())
     assert (second.mean_probability([6, 12]) == unbroken.mean_probability([6, 12])).all()
+
+
+def test_a_penalty_in_residuals_follows_the_scene(views):
+    """Ten times the residual gives a hundred times the penalty, with no change of the keys."""
+    penalties = []
+    for offset in (0.02, 0.2):
+        objective = make(warmup=2, penalty_unit="residual", transient_penalty=2.0)
+        steps(objective, views, 2, offset)
+        penalties.append(2.0 * objective.residuals.unit(0).item())
+    assert penalties == pytest.approx([2 * 0.02**2, 2 * 0.2**2], rel=1e-3)
+
+
+def test_the_network_separates_what_stands_out_from_a_uniform_residual(views):
+    """A residual everywhere is the camera's: nothing is transient. A part of the frame far above it is."""
+    rises = []
+    for part in (0.2, 0.9):
+        objective = make(warmup=2, penalty_unit="residual", transient_penalty=2.0)
+        for number in range(12):
+            image = views.picture(number % len(views)) + 0.2
+            image[:8] = views.picture(number % len(views))[:8] + part
+            objective.loss(image.requires_grad_(), views, number % len(views)).backward()
+            objective.step()
+        first, last = objective.mean_probability(list(range(1, 13)))[[2, -1]]
+        rises.append(last - first)
+    assert rises[0] < -0.05 and rises[1] > rises[0] + 0.05
+
+
+def test_residuals_of_the_warm_up_are_kept_and_resumed(views):
+    """The scale is of the warm-up, or of the first visit after it; a resumed run has the same penalties to the bit."""
+    keys = {"warmup": 4, "penalty_unit": "residual", "transient_penalty": 2.0}
+    unbroken, first, second = make(**keys), make(**keys), make(**keys)
+    losses = steps(unbroken, views, 4, 0.1) + steps(unbroken, views, 8, 0.4)
+    assert unbroken.residuals.scale.tolist() == pytest.approx([0.01] * 4 + [0.16] * 2, rel=1e-3)
+    steps(first, views, 4, 0.1)
+    second.load_state_dict(first.state_dict())
+    assert steps(second, views, 8, 0.4) == losses[4:]
