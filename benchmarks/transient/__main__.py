@@ -20,8 +20,17 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.transient import TRANSIENT
+from egosplat.pipeline.config import defaults
 from egosplat.progress import log
-from egosplat.transient.masks_stage import InstanceScores, refined_mask, transient_instances
+from egosplat.transient.masks_stage import (
+    InstanceScores,
+    looks_static,
+    refined_mask,
+    transient_instances,
+    without_static_pixels,
+)
+
+KEYS = defaults()["masks"]
 
 THRESHOLDS = tuple(round(0.05 * step, 2) for step in range(1, 20))
 # Least probability of a pixel that the network alone masks.
@@ -46,6 +55,9 @@ class Scene:
         self.labels = list(self.truth.all_labels())
         transient = open_artifact(folder / "transient.zarr", TRANSIENT)
         self.probability = [transient.row("probability", frame) for frame in range(len(self.labels))]
+        self.stands_out = [transient.row("stands_out", frame) for frame in range(len(self.labels))]
+        self.measured = np.isfinite(transient.read("residual_scale"))
+        self.compared = transient.read("compared")
         path = folder / "instances.zarr"
         self.instances = open_artifact(path, INSTANCES) if path.exists() else None
 
@@ -66,12 +78,22 @@ class Scene:
         return self._refined(labels, self.instances.read("instances/level"), set(range(labels[0].shape[0])))
 
     def _refined(self, labels: list[Labels], level: NDArray[np.int8], levels: set[int]) -> Sweep:
-        found = InstanceScores(len(level))
+        found, outstanding = InstanceScores(len(level)), InstanceScores(len(level))
         for frame in np.flatnonzero(self.train):
             found.add(labels[frame], self.probability[frame])
-        scores, pixels = found.scores, found.pixels
-        chosen = {t: transient_instances(scores, pixels, level, t, levels) for t in THRESHOLDS}
-        return {t: self._scores([refined_mask(some, one) for some in labels]) for t, one in chosen.items()}
+            if self.measured[frame]:
+                outstanding.add(np.where(self.compared, labels[frame], -1), self.stands_out[frame])
+        static = looks_static(outstanding, KEYS["stands_out"])
+        chosen = {
+            t: transient_instances(found.scores, found.pixels, level, t, levels) & ~static for t in THRESHOLDS
+        }
+        return {t: self._scores(self._masks(labels, one)) for t, one in chosen.items()}
+
+    def _masks(self, labels: list[Labels], chosen: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
+        return [
+            without_static_pixels(refined_mask(some, chosen), probability, KEYS["pixel_probability"])
+            for some, probability in zip(labels, self.probability, strict=True)
+        ]
 
     def _scores(self, masks: list[NDArray[np.bool_]]) -> MaskScores:
         scores = MaskScores()

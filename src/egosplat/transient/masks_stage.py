@@ -42,6 +42,14 @@ def refined_mask(labels: NDArray[np.int32], transient: NDArray[np.bool_]) -> NDA
     return np.append(transient, False)[labels].any(axis=0)
 
 
+def without_static_pixels(
+    mask: NDArray[np.bool_], probability: NDArray[np.floating], least: float
+) -> NDArray[np.bool_]:
+    """(H, W) mask of one frame without the pixels whose (H, W) probability is below ``least``."""
+    # ``not <``: a probability that is not finite leaves the pixel masked.
+    return mask & ~(probability < least)
+
+
 def reason_to_withhold(
     probability: float, transient: NDArray[np.bool_], pixels: NDArray[np.int64], max_share: float
 ) -> str | None:
@@ -159,8 +167,7 @@ def _put_refined(
     masked = 0
     for frame in track(range(count), "writing masks"):
         mask = refined_mask(instances.row("labels", frame), chosen)
-        # ``not <``: a probability that is not finite leaves the pixel masked.
-        mask &= ~(transient.row("probability", frame) < least)
+        mask = without_static_pixels(mask, transient.row("probability", frame), least)
         masked += int(mask.sum())
         artifact.put_row("refined", frame, mask)
     return masked / max(count * height * width, 1)
