@@ -37,6 +37,7 @@ segments: {segmenter: classical}
 transient: {iterations: 20, resolution: 48, input_size: 64}
 splats: {masking: refined, iterations: 40, max_points: 1000, max_gaussians: 2000, evaluate_every: 20}
 survey: {min_view_change_deg: 0, blur_limit: 0}
+camera: {refine_poses: "off", compensate_exposure: "off"}
 """
 
 

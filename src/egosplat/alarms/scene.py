@@ -32,8 +32,8 @@ MIN_PSNR_DB = 20.0
 MAX_WITHOUT_CODE = 0.25
 
 
-# Synthetic drift of 20 mm and 0.5 degrees is corrected by up to 60 mm and 1.5 degrees. Poses that are off by more are wrong,
-# and gradient descent from there finds any place.
+# Drift of 20 mm and 0.5 degrees (RMS) is corrected by at most 13 mm and 0.6 degrees, a fifth of the limit, in an apartment 1.1 m deep
+# (benchmarks/corrections/README.md). Beyond it, gradient descent may end at any place that looks alike.
 # Correction of a pose as an angle [rad]: of the rotation, or of the translation at the scene's median depth.
 MAX_CORRECTION = 0.05
 

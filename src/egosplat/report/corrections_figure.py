@@ -38,15 +38,17 @@ def draw_poses(axes: Axes, splats: Artifact) -> None:
             angles="xy",
             scale_units="xy",
             scale=1.0,
-            width=0.007,
+            width=0.003,
             color=colour,
             label=label,
             zorder=2,
         )
     turn = splats.read("corrections/turn")[known]
     size = 1e3 * np.linalg.norm(shift, axis=1)
+    # The limits do not follow the heads of arrows by themselves.
+    axes.update_datalim(before + factor * moved)
+    axes.set_aspect("equal", adjustable="datalim")
     axes.set(
-        aspect="equal",
         title=f"pose corrections from above, {factor:.0f} times longer\n"
         f"RMS {np.sqrt(np.mean(size**2)):.1f} mm and {np.sqrt(np.mean(turn**2)):.2f}°, "
         f"largest {size.max():.1f} mm and {turn.max():.2f}°",
