@@ -2,6 +2,7 @@
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,35 +100,20 @@ def run(
     levels = set(range(len(names))) if options.level == "all" else {names.index(shown_by)}
     # Training frames alone decide: evaluation frames must not influence training.
     found = _find(transient, instances, np.flatnonzero(frames.read("train")))
-    level_of = instances.read("instances/level")
-    chosen = transient_instances(
-        found.by_probability.scores, found.by_probability.pixels, level_of, options.threshold, levels
-    )
-    chosen &= ~looks_static(found.outstanding, options.stands_out)
-    asked = np.where(np.isin(level_of, sorted(levels)), found.by_probability.pixels, 0)
-    withheld = reason_to_withhold(found.mean_probability, chosen, asked, options.max_share)
-    facts = {
-        "threshold": options.threshold,
-        "level": options.level,
-        "levels": names,
-        "instances": len(chosen),
-        "seen": int((asked > 0).sum()),
-        "empty": int((found.by_probability.pixels == 0).sum()),
-        "mean_probability": found.mean_probability,
-        "withheld": withheld,
-        "withheld_instances": int(chosen.sum()) if withheld else 0,
-    }
-    if withheld:
-        log(
-            f"nothing is masked: {facts['withheld_instances']} of {facts['seen']} instances would be transient"
-        )
-        chosen = np.zeros_like(chosen)
+    chosen, facts = _choose(found, instances.read("instances/level"), levels, options)
     with create(output, MASKS, record) as artifact:
         artifact.put("instances/score", found.by_probability.scores.astype(np.float32))
         artifact.put("instances/stands_out", found.outstanding.scores.astype(np.float32))
         artifact.put("instances/transient", chosen)
         share = _put_refined(artifact, transient, instances, chosen, options.pixel_probability)
-        artifact.facts = facts | {"transient": int(chosen.sum()), "masked_share": share}
+        artifact.facts = {
+            "threshold": options.threshold,
+            "level": options.level,
+            "levels": names,
+            "transient": int(chosen.sum()),
+            "masked_share": share,
+            **facts,
+        }
     log(f"{int(chosen.sum())} of {len(chosen)} instances are transient: {share:.1%} of all pixels")
 
 
@@ -152,6 +138,33 @@ def _find(transient: Artifact, instances: Artifact, rows: NDArray[np.int64]) -> 
         if measured[frame]:
             outstanding.add(np.where(compared, labels, -1), transient.row("stands_out", frame))
     return _Found(by_probability, outstanding, total / max(len(rows), 1))
+
+
+def _choose(
+    found: _Found, level: NDArray[np.int8], levels: set[int], options: MasksOptions
+) -> tuple[NDArray[np.bool_], dict[str, Any]]:
+    """(N,) the transient instances, none if masks are withheld; and facts that say why."""
+    scores, pixels = found.by_probability.scores, found.by_probability.pixels
+    chosen = transient_instances(scores, pixels, level, options.threshold, levels)
+    chosen &= ~looks_static(found.outstanding, options.stands_out)
+    asked = np.where(np.isin(level, sorted(levels)), pixels, 0)
+    withheld = reason_to_withhold(found.mean_probability, chosen, asked, options.max_share)
+    many, seen = int(chosen.sum()), int((asked > 0).sum())
+    facts = {
+        "instances": len(chosen),
+        "seen": seen,
+        "empty": int((pixels == 0).sum()),
+        "mean_probability": found.mean_probability,
+        "withheld": withheld,
+        "withheld_instances": many if withheld else 0,
+    }
+    if withheld:
+        log(
+            f"nothing is masked: {many} of {seen} instances would be transient, "
+            f"and the mean probability is {found.mean_probability:.2f}"
+        )
+        chosen = np.zeros_like(chosen)
+    return chosen, facts
 
 
 def _put_refined(
