@@ -18,8 +18,6 @@ Bools = NDArray[np.bool_]
 MAX_CHANGE_DEG = 30.0
 # A smaller difference of sharpness is no loss: that of a motion of 1.5 px during the exposure.
 _MIN_DIFFERENCE = 0.5
-# Fraction of a blurred picture that sharper ones have to show.
-_MIN_SHOWN = 0.75
 # Places of a picture that a sharper frame has to show: the centres of a grid of this side.
 _PLACES = 8
 # Frames whose median a frame is compared with for the scatter: one blurred frame does not change it.
@@ -62,16 +60,15 @@ class Views:
     camera_to_world: Array
     depths: Array
 
-    def shown(self, frame: int, others: Sequence[int]) -> float:
-        """Fraction of the places of a frame, at its median depth, that are in the picture of one of the other frames."""
-        places = self._places(self.depths[frame])
-        missing = transform(self.camera_to_world[frame], places)
+    def shown(self, frame: int, others: Sequence[int]) -> bool:
+        """Whether every place of a frame, at its median depth, is in the picture of one of the other frames."""
+        missing = transform(self.camera_to_world[frame], self._places(self.depths[frame]))
         for other in others:
             pixels = self.camera.project(transform(invert(self.camera_to_world[other]), missing))
             inside = self.camera.contains(pixels)
             column, row = np.where(inside[:, None], pixels, 0.0).astype(np.int64).T
             missing = missing[~(inside & self.valid[row, column])]
-        return 1.0 - len(missing) / max(1, len(places))
+        return not len(missing)
 
     def _places(self, depth: float) -> Array:
         """(P, 3) points at a depth, evenly over the valid pixels."""
@@ -93,9 +90,7 @@ def measure_all(frames: Artifact) -> Array:
 def find_blurred(
     values: Array, views: Views, trained: Bools, optional: Bools, min_scatters: float
 ) -> Sharpness:
-    """Find the optional frames whose view sharper training frames show.
-
-    Of each dropped frame, sharper training frames that stay show at least three quarters, and all that stay show all.
+    """Find the optional frames of which sharper training frames that stay show every place.
 
     Args:
         values: (F,) float64 from ``measure_all``.
@@ -111,25 +106,16 @@ def find_blurred(
     if scatter is None or min_scatters <= 0:
         return Sharpness(values, scatter, None, {})
     least = max(min_scatters * scatter, _MIN_DIFFERENCE)
-    kept, dropped = trained & known, []
-
-    def sharper(frame: int) -> list[int]:
-        return np.flatnonzero(
-            kept & (changes[frame] < MAX_CHANGE_DEG) & (values - values[frame] > least)
-        ).tolist()
-
-    def replaceable(frame: int) -> bool:
-        close = np.flatnonzero(kept & (changes[frame] < MAX_CHANGE_DEG)).tolist()
-        return views.shown(frame, sharper(frame)) >= _MIN_SHOWN and views.shown(frame, close) == 1.0
-
+    kept = trained & known
+    replaced_by: dict[int, list[int]] = {}
+    # The sharpest first: only frames that stay take the place of another.
     candidates = np.flatnonzero(optional & known)
-    for frame in candidates[np.argsort(values[candidates], kind="stable")].tolist():
-        kept[frame] = False
-        if all(map(replaceable, (*dropped, frame))):
-            dropped.append(frame)
-        else:
-            kept[frame] = True
-    return Sharpness(values, scatter, least, {frame: sharper(frame) for frame in sorted(dropped)})
+    for frame in candidates[np.argsort(-values[candidates], kind="stable")].tolist():
+        close = kept & (changes[frame] < MAX_CHANGE_DEG)
+        sharper = np.flatnonzero(close & (values - values[frame] > least)).tolist()
+        if sharper and views.shown(frame, sharper):
+            replaced_by[frame], kept[frame] = sharper, False
+    return Sharpness(values, scatter, least, dict(sorted(replaced_by.items())))
 
 
 def _changes(views: Views, known: Bools) -> Array:
