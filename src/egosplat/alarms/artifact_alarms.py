@@ -60,7 +60,8 @@ def _frames(frames: Artifact) -> Iterable[Alarm]:
 def _poses(poses: Artifact) -> Iterable[Alarm]:
     notes = poses.facts.get("notes", {})
     registered = float(poses.read("registered").mean())
-    return poses_alarms(registered, notes.get("reprojection_error_px"), notes.get("models", []))
+    figures = notes.get("reprojection_error_px"), notes.get("models", []), notes.get("parallax_deg")
+    return poses_alarms(registered, *figures)
 
 
 def _segments(segments: Artifact) -> Iterable[Alarm]:

@@ -23,6 +23,10 @@ MIN_REGISTERED = 0.9
 # Mean reprojection error over the observations of COLMAP's points [px].
 MAX_REPROJECTION_PX = 1.0
 
+# COLMAP drops points that are seen under a smaller angle: their depth is unknown.
+# Angle under which the median point sees the known poses [deg].
+MIN_PARALLAX_DEG = 1.5
+
 
 def frames_alarms(valid_pixels: float | None, blurred: float | None) -> Iterator[Alarm]:
     """Alarms of the frames artifact.
@@ -48,7 +52,10 @@ def frames_alarms(valid_pixels: float | None, blurred: float | None) -> Iterator
 
 
 def poses_alarms(
-    registered: float | None, reprojection_px: float | None, models: Sequence[int]
+    registered: float | None,
+    reprojection_px: float | None,
+    models: Sequence[int],
+    parallax_deg: float | None = None,
 ) -> Iterator[Alarm]:
     """Alarms of the poses artifact.
 
@@ -56,6 +63,8 @@ def poses_alarms(
         registered: share of the frames with a pose.
         reprojection_px: mean reprojection error of COLMAP's points [px]; None without COLMAP.
         models: number of frames in each of COLMAP's models, the largest first; empty without COLMAP.
+        parallax_deg: angle under which the median point sees the known poses; None if they are not known or it has
+            no points. COLMAP itself rejects a still camera.
     """
     if falls_below(registered, MIN_REGISTERED):
         yield Alarm(
@@ -70,6 +79,13 @@ def poses_alarms(
             f"up to {MAX_REPROJECTION_PX:g} px",
             f"the mean reprojection error is {reprojection_px:.2f} px",
             "The poses are inexact. Check the calibration, rolling shutter and motion blur",
+        )
+    if falls_below(parallax_deg, MIN_PARALLAX_DEG):
+        yield Alarm(
+            "poses.parallax",
+            f"{MIN_PARALLAX_DEG:g}° or more",
+            f"the median point sees all cameras within {parallax_deg:.2g}°: the camera stands still",
+            "No depth follows from such poses. Move the camera",
         )
     if len(models) > 1:
         yield Alarm(

@@ -18,9 +18,6 @@ from egosplat.poses.colmap import MAX_REPROJECTION_ERROR_PX, MIN_TRACK_LENGTH
 from egosplat.poses.result import Poses, mean_camera_up, unregistered
 from egosplat.progress import log
 
-# COLMAP drops points that are seen under a smaller angle: their depth is unknown.
-MIN_PARALLAX_DEG = 1.5
-
 
 def known_poses(
     recording: Path,
@@ -69,32 +66,27 @@ def known_poses(
         "points": int(kept.sum()),
         "points_read": len(kept),
         "scale": "arbitrary" if metres_per_unit is None else "metres",
+        "parallax_deg": find_parallax(camera_to_world[registered, :3, 3], contents.points[kept] * scale),
         **contents.notes,
     }
     log(_summary(path, notes, metres_per_unit))
-    if line := still_line(camera_to_world[registered, :3, 3], contents.points[kept] * scale, path):
-        log(line)
     up = mean_camera_up(camera_to_world[registered])
     points = contents.points[kept] * scale
     return Poses(camera_to_world, registered, camera, points, contents.point_rgb[kept], up, notes).check()
 
 
-def still_line(centres: np.ndarray, points: np.ndarray, path: Path) -> str | None:
-    """The log line about cameras that hardly move; None if they move.
+def find_parallax(centres: np.ndarray, points: np.ndarray) -> float | None:
+    """Angle under which the median point sees all cameras [deg]; alarm ``poses.parallax`` if it is small.
 
     Args:
-        centres: (N, 3) camera centres in the world.
-        points: (P, 3) points of the scene; none: only cameras at one place count as still.
+        centres: (N, 3) camera centres in the world, N >= 1.
+        points: (P, 3) points of the scene; none: 0 for cameras at one place, else None.
     """
-    path_length = float(np.linalg.norm(np.ptp(centres, axis=0)))
-    away = np.linalg.norm(points - centres.mean(axis=0), axis=1)
-    limit = np.tan(np.radians(MIN_PARALLAX_DEG)) * float(np.median(away)) if len(points) else 0.0
-    if path_length > limit:
-        return None
-    return (
-        f"{path}: the camera stands still: its centres lie within {path_length:.3g}, and the points' median distance "
-        f"is {float(np.median(away)) if len(points) else float('nan'):.3g}. No depth follows from it; move the camera"
-    )
+    extent = float(np.linalg.norm(np.ptp(centres, axis=0)))
+    if not len(points):
+        return None if extent > 0 else 0.0
+    away = float(np.median(np.linalg.norm(points - centres.mean(axis=0), axis=1)))
+    return float(np.degrees(np.arctan2(extent, away)))
 
 
 def _check_share(registered: np.ndarray, path: Path, min_registered: float) -> None:

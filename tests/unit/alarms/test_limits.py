@@ -16,6 +16,10 @@ FINE = np.array([30.0])
 BELOW = {
     "frames.valid_pixels": (lambda share: recording.frames_alarms(share, 0.0), recording.MIN_VALID_PIXELS),
     "poses.registered": (lambda share: recording.poses_alarms(share, None, []), recording.MIN_REGISTERED),
+    "poses.parallax": (
+        lambda angle: recording.poses_alarms(1.0, None, [], angle),
+        recording.MIN_PARALLAX_DEG,
+    ),
     "segments.instances_per_frame": (
         lambda mean: instances.segments_alarms(0.0, mean, 30.0),
         instances.MIN_INSTANCES_PER_FRAME,

@@ -8,6 +8,7 @@ import pycolmap
 import pytest
 from PIL import Image
 
+from egosplat.alarms.recording import MIN_PARALLAX_DEG
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES, length_unit
 from egosplat.artifacts.reader import Artifact, open_artifact
@@ -15,7 +16,7 @@ from egosplat.errors import UserError
 from egosplat.frames.stage import FramesOptions
 from egosplat.frames.stage import run as make_frames
 from egosplat.pipeline.config import defaults
-from egosplat.poses.known import still_line
+from egosplat.poses.known import find_parallax
 from egosplat.poses.stage import PosesOptions
 from egosplat.poses.stage import run as make_poses
 from tests.unit.calibration.conftest import HEIGHT, WIDTH, synthetic_model
@@ -107,14 +108,13 @@ def test_a_colmap_folder_and_a_transforms_file_of_one_model_agree(recording: Pat
     np.testing.assert_allclose(poses.read("intrinsics"), first[2], atol=1e-9)
 
 
-def test_a_still_camera_is_told():
-    """Poses of a tripod are valid, and no depth follows from them."""
+def test_a_still_camera_has_no_parallax():
+    """Poses of a tripod are valid, and no depth follows from them: an alarm says so."""
     points = np.array([[0.0, 0.0, 4.0], [1.0, 0.0, 5.0], [0.0, 1.0, 6.0]])
     moving, still = np.array([[0.0, 0, 0], [0.3, 0, 0]]), np.array([[0.0, 0, 0], [0.1, 0, 0]])
-    assert still_line(moving, points, Path("colmap")) is None
-    assert "colmap: the camera stands still" in still_line(still, points, Path("colmap"))
-    assert still_line(still, points[:0], Path("colmap")) is None
-    assert "stands still" in still_line(still * 0, points[:0], Path("colmap"))
+    assert find_parallax(moving, points) > MIN_PARALLAX_DEG > find_parallax(still, points) > 0
+    assert find_parallax(still, points[:0]) is None and find_parallax(still * 0, points[:0]) == 0
+    assert find_parallax(still * 0, points * 0) == 0
 
 
 def test_keys_that_do_not_fit_are_named(recording: Path):
