@@ -36,7 +36,7 @@ frames: {resolution: 96, evaluation_frames: 3}
 segments: {segmenter: classical}
 transient: {iterations: 20, resolution: 48, input_size: 64}
 splats: {masking: refined, iterations: 40, max_points: 1000, max_gaussians: 2000, evaluate_every: 20}
-survey: {min_view_change_deg: 0, blur_limit: 0}
+survey: {min_view_change_deg: 0, blur_limit: 0, max_moving_probability: 0}
 camera: {refine_poses: "off", compensate_exposure: "off"}
 """
 

@@ -1,70 +1,127 @@
-"""Findings of a survey in synthetic apartments where nothing moves and where people work.
+"""How well the survey tells what moves from what trembles, and what it finds of poses and exposure.
 
-    python -m benchmarks.survey 1 2 3 4 5 11 12 > benchmarks/survey/README.md
+    python -m benchmarks.survey results/real_camera/* results/adt/scene* --still results/real/fox --still results/tum/office
 
-Films each apartment (by its seed) twice, with `synthetic.motion` 0 and 0.5, and prints the evidence of both surveys. Existing
-artifacts in `--folder` are used again.
+Reads the `survey.json` of scenes, or makes it where there is none. A scene moves unless it is named with `--still` or its name ends in
+`still`. The probability is fitted to the scenes with an even number (their place in a group of real_camera, or their number), and the
+others are reported untouched.
 """
 
 import json
+import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
-from benchmarks.common import command, markdown, output_of
+from benchmarks.common import command, markdown, output_of, scene_name
+from egosplat.survey.decisions import LEAST_SHARE
 
-KINDS = {"nothing": 0.0, "people": 0.5}
-
-
-def film(scene: Path, seed: int, motion: float, fps: float, seconds: float) -> None:
-    """Make frames.zarr and poses.zarr of an apartment."""
-    if (scene / "poses.zarr").exists():
-        return
-    recording, frames = scene / "recording", scene / "frames.zarr"
-    egosplat("synthetic", output=recording, seed=seed, size=352, fps=fps, seconds=seconds, motion=motion)
-    egosplat("frames", recording=recording, format="adt", output=frames, resolution=256, evaluation_frames=8)
-    egosplat("poses", recording=recording, frames=frames, output=scene / "poses.zarr")
+# The order of strengths in benchmarks/real_camera: their seeds are consecutive.
+_STRENGTHS = ("half", "once", "twice", "4times")
 
 
-def egosplat(stage: str, **flags: object) -> None:
-    """Run a stage by its command."""
-    words = [word for name, value in flags.items() for word in (f"--{name.replace('_', '-')}", value)]
-    output_of("egosplat.cli", stage, *words)
+def survey_of(folder: Path) -> dict[str, Any]:
+    """Read or make the survey of a scene."""
+    path = folder / "survey.json"
+    if not path.exists():
+        inputs = ("--frames", folder / "frames.zarr", "--poses", folder / "poses.zarr")
+        output_of("egosplat.cli", "survey", *inputs, "--output", path)
+    return json.loads(path.read_text())
 
 
-def row(seed: int, kind: str, survey: dict[str, Any]) -> dict[str, object]:
-    """A scene's cells by column."""
-    motion, views = survey["motion"], survey["views"]
-    moving = [pair["moving"] for pair in motion["pairs"]]
-    return {
-        "apartment": seed,
-        "moves": kind,
-        "masking": motion["masking"],
-        "share": f"{motion['share']:.4%}",
-        "pairs with motion": f"{sum(one > 0 for one in moving)} of {len(moving)}",
-        "most in a pair": f"{max(moving):.2%}",
-        "measured": f"{motion['measured']:.0%}",
-        "left out": f"{len(views['left_out'])} of {survey['poses']['frames']}",
-    }
+def is_tuning(folder: Path) -> bool:
+    """Whether the probability may be fitted to a scene: those with an even seed or number, and the fox."""
+    for place, strength in enumerate(_STRENGTHS):
+        if f"_{strength}_" in folder.name:
+            return place % 2 == 1
+    number = re.search(r"\d+$", folder.name)
+    return int(number[0]) % 2 == 0 if number else folder.name == "fox"
+
+
+def area_under_roc(still: Sequence[float], moving: Sequence[float]) -> float:
+    """Probability that a moving scene has more evidence than a still one; ties count half."""
+    difference = np.subtract.outer(np.asarray(moving, np.float64), np.asarray(still, np.float64))
+    return float(((difference > 0) + 0.5 * (difference == 0)).mean())
+
+
+def fit_probability(still: Sequence[float], moving: Sequence[float]) -> tuple[float, float]:
+    """Share at which moving is as probable as still, and the power of the odds, by logistic regression.
+
+    Labels are softened as by Platt (1999), because the groups do not overlap.
+    """
+    shares = np.maximum(np.concatenate([still, moving]), LEAST_SHARE)
+    place = np.stack([np.ones_like(shares), np.log(shares) - np.log(shares).mean()], axis=1)
+    count = len(still), len(moving)
+    wanted = np.repeat([1 / (count[0] + 2), (count[1] + 1) / (count[1] + 2)], count)
+    found = np.zeros(2)
+    for _ in range(100):
+        expected = 1 / (1 + np.exp(-place @ found))
+        spread = place.T * (expected * (1 - expected))
+        found += np.linalg.solve(spread @ place + 1e-9 * np.eye(2), place.T @ (wanted - expected))
+    return float(np.exp(np.log(shares).mean() - found[0] / found[1])), float(found[1])
+
+
+def row(name: str, moves: bool, survey: dict[str, Any]) -> list[object]:
+    """A scene's cells."""
+    motion, camera = survey["motion"], survey["camera"]
+    regions = sum(pair["moving"] > 0 for pair in motion["pairs"])
+    lasting = sum(pair["lasting"] > 0 for pair in motion["pairs"])
+    known = motion["probability"] is not None
+    right = known and motion["static"] != moves
+    return [
+        name,
+        "yes" if moves else "no",
+        f"{motion['probability']:.0%}{'' if right else ' (wrong)'}" if known else "cannot tell",
+        f"{motion['share']:.3%}" if known else "",
+        f"{lasting} and {regions} of {len(motion['pairs'])}",
+        f"{motion['voting']:.0%}",
+        f"{camera['pose_residual_px']:.2f} / {camera['pose_noise_px']:.2f}",
+        "on" if camera["refine_poses"] else "off",
+        f"{camera['brightness_stops']:.2f}",
+        "on" if camera["compensate_exposure"] else "off",
+    ]
+
+
+COLUMNS = [
+    "scene",
+    "moves",
+    "probability",
+    "share",
+    "pairs, lasting and all",
+    "voting",
+    "pose residual / noise [px]",
+] + ["refine poses", "exposure [stops]", "compensate"]
 
 
 @command(__doc__)
-@click.argument("seeds", nargs=-1, required=True, type=int)
-@click.option("--folder", default=Path("results/benchmarks/survey"), type=click.Path(path_type=Path))
-@click.option("--fps", default=4.0, show_default=True)
-@click.option("--seconds", default=12.0, show_default=True)
-def main(seeds: tuple[int, ...], folder: Path, fps: float, seconds: float) -> None:
-    """Film, survey and print the table."""
-    rows = []
-    for seed in seeds:
-        for kind, motion in KINDS.items():
-            scene = folder.resolve() / f"{seed}_{kind}_{fps:g}fps"
-            film(scene, seed, motion, fps, seconds)
-            survey = scene / "survey.json"
-            egosplat("survey", frames=scene / "frames.zarr", poses=scene / "poses.zarr", output=survey)
-            rows.append(row(seed, kind, json.loads(survey.read_text())))
-    click.echo(markdown(list(rows[0]), [list(one.values()) for one in rows], words=3))
+@click.argument("folders", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
+@click.option("--still", multiple=True, type=click.Path(exists=True, path_type=Path))
+def main(folders: tuple[Path, ...], still: tuple[Path, ...]) -> None:
+    """Survey and print the tables."""
+    rows, shares = [], []
+    for folder in (*still, *folders):
+        moves = folder not in still and not folder.name.endswith("still")
+        survey = survey_of(folder)
+        rows.append(row(scene_name(folder), moves, survey))
+        shares.append((is_tuning(folder), moves, survey["motion"]["share"] or 0.0))
+    groups = {
+        half: [
+            [share for chosen, moves, share in shares if chosen == half and moves == kind]
+            for kind in (False, True)
+        ]
+        for half in (True, False)
+    }
+    even, power = fit_probability(*groups[True])
+    click.echo(f"Fitted to the tuning half: even share {even:.2g}, power {power:.2g}\n")
+    cells = [
+        [name, len(groups[half][0]), len(groups[half][1]), f"{area_under_roc(*groups[half]):.3f}"]
+        for name, half in (("tuning", True), ("untouched", False))
+    ]
+    click.echo(markdown(["half", "still", "moving", "area under ROC"], cells) + "\n")
+    click.echo(markdown(COLUMNS, rows))
 
 
 if __name__ == "__main__":

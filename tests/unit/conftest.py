@@ -45,8 +45,8 @@ def survey_that_keeps() -> Callable[..., Path]:
                 "probability": float(not static),
                 "share": 0.1 * (not static),
             }
-            | {"threshold": 0.0005, "measured": 0.7, "pairs": []},
-            "camera": {"pose_residual_px": 0.1, "refine_poses": False}
+            | {"max_probability": 0.5, "voting": 0.7, "noise_px": 0.1, "pairs": []},
+            "camera": {"pose_residual_px": 0.1, "pose_noise_px": 0.1, "revisits": 0, "refine_poses": False}
             | {"brightness_stops": 0.1, "compensate_exposure": False},
             "views": {"kept": kept, "left_out": [], "digest": digest_of_frames(kept)}
             | {"min_view_change_deg": 3.0, "median_depth_m": 2.0},

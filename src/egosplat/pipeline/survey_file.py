@@ -9,7 +9,7 @@ from typing import Any
 from egosplat.output_files import stage_json_kind, write_json
 from egosplat.pipeline.validation import Draft202012Validator, read_document, schema
 
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 
 SURVEY = stage_json_kind("survey")
 

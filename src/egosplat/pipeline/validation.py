@@ -145,7 +145,10 @@ _ALLOWED = {
 }
 
 # Removed keys, with their replacement.
-_REMOVED = {"budget": "set preset to fast, balanced or paper (docs/speed.md)"}
+_REMOVED = {
+    "budget": "set preset to fast, balanced or paper (docs/speed.md)",
+    "survey.max_moving_share": "survey.max_moving_probability decides now; its default suits most cameras",
+}
 
 # New names of renamed keys, by section and old name. Kept for one release.
 _RENAMED = {
@@ -196,9 +199,10 @@ def _unknown(error: ValidationError, key: str) -> str:
     unknown = str(min(set(error.instance) - set(known), key=str))
     name, colon, value = unknown.partition(":")
     near = difflib.get_close_matches(name, known, n=1)
-    if not key and unknown in _REMOVED:
-        return f"key {unknown!r} was removed; {_REMOVED[unknown]}"
-    if new := renamed(key.rpartition(".")[2], unknown):
+    section = key.rpartition(".")[2]
+    if advice := _REMOVED.get(f"{section}.{unknown}" if key else unknown):
+        return f"key '{key}{'.' if key else ''}{unknown}' was removed; {advice}"
+    if new := renamed(section, unknown):
         return f"key '{key}.{unknown}' was renamed; write {new!r}"
     if colon and name in known:
         advice = f"write a space after the colon: {name}: {value[:_LONGEST]}"

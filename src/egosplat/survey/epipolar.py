@@ -1,4 +1,4 @@
-"""Compute where static points can appear after the camera has moved, and how far optical flow is from there.
+"""Compute where static points can appear after the camera has moved.
 
 The second image is first rotated to the orientation of the first camera, by the homography of their relative rotation.
 Only the translation remains: a static point moves along the line through the epipole, by more if it is nearer.
@@ -6,8 +6,6 @@ Only the translation remains: a static point moves along the line through the ep
 
 import numpy as np
 from numpy.typing import NDArray
-
-from egosplat.geometry import invert
 
 Array = NDArray[np.float64]
 
@@ -26,17 +24,12 @@ def rotation_homography(intrinsics: Array, first: Array, second: Array) -> Array
     return intrinsics @ relative @ np.linalg.inv(intrinsics)
 
 
-def find_epipole(intrinsics: Array, first: Array, second: Array) -> Array:
-    """(3,) homogeneous image of the first camera's centre in the second image after rotation [px m]."""
-    return intrinsics @ (invert(first) @ second)[:3, 3] * -1.0
-
-
 def max_static_flow(pixels: Array, epipole: Array, min_depth: float) -> Array:
     """Flow to the second, rotated image of a static point at the minimum depth.
 
     Args:
         pixels: (..., 2) in the first image [px].
-        epipole: (3,) homogeneous, from ``find_epipole``.
+        epipole: (3,) homogeneous image of the first camera's centre in the second image after rotation [px m].
         min_depth: smallest depth of static points in the first camera, positive [m].
 
     Returns:
@@ -45,24 +38,3 @@ def max_static_flow(pixels: Array, epipole: Array, min_depth: float) -> Array:
     # A point at depth z appears at x z + e. Points behind or right before the second camera are not visible.
     depth = max(min_depth, -epipole[2] / (1.0 - _MIN_DEPTH_RATIO))
     return (epipole[:2] - epipole[2] * np.asarray(pixels, np.float64)) / (depth + epipole[2])
-
-
-def epipolar_distance(pixels: Array, flow: Array, epipole: Array, min_depth: float) -> Array:
-    """Distance of flow from the segment of the epipolar line where a static point can appear.
-
-    Args:
-        pixels: (..., 2) in the first image [px].
-        flow: (..., 2) from there to the second image, rotated to the orientation of the first [px].
-        epipole: (3,) homogeneous, from ``find_epipole``.
-        min_depth: smallest depth of static points in the first camera, positive [m].
-
-    Returns:
-        (...) float64 [px].
-    """
-    flow = np.asarray(flow, np.float64)
-    # Between infinite depth, where it does not move, and the minimum depth, the positions of a point form a segment.
-    segment = max_static_flow(pixels, epipole, min_depth)
-    length = (segment**2).sum(axis=-1)
-    # Without translation the segment is a point, so a pure rotation needs no special case.
-    along = (flow * segment).sum(axis=-1) / np.where(length > 0, length, 1.0)
-    return np.linalg.norm(flow - along.clip(0.0, 1.0)[..., None] * segment, axis=-1)

@@ -16,20 +16,25 @@ from egosplat.geometry import Camera
 from egosplat.output_files import check_output
 from egosplat.pipeline.survey_file import FORMAT_VERSION, SURVEY, digest_of_frames, write_survey
 from egosplat.progress import log
-from egosplat.survey.brightness import exposure_curve, exposure_range
-from egosplat.survey.motion import Motion, is_static, measure_motion
+from egosplat.survey.decisions import (
+    brightness_range,
+    compensates_exposure,
+    finite,
+    is_static,
+    moving_probability,
+    pose_residual,
+    refines_poses,
+)
+from egosplat.survey.motion import Motion, measure_motion
 from egosplat.survey.sharpness import Sharpness, Views, find_blurred, measure_all
 from egosplat.survey.views import choose_views, median_depths
-
-# Poses that fit the flow worse are refined [px of an image of 256]; brightness that changes more is compensated [stops].
-_MAX_POSE_RESIDUAL_PX, _MAX_BRIGHTNESS_STOPS = 0.5, 0.3
 
 
 @dataclass(frozen=True)
 class SurveyOptions:
     """The schema's keys of ``survey``; ``config.schema.yaml`` describes each."""
 
-    max_moving_share: float
+    max_moving_probability: float
     min_view_change_deg: float
     blur_limit: float
 
@@ -50,7 +55,7 @@ def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOption
     document = {
         "format_version": FORMAT_VERSION,
         "origin": record.origin,
-        "motion": _motion(motion, options.max_moving_share),
+        "motion": _motion(motion, options.max_moving_probability),
         "camera": _camera(motion),
         "sharpness": _sharpness(sharpness, options.blur_limit),
         "views": _views(frames, poses, views.depths, sharpness, options.min_view_change_deg),
@@ -61,39 +66,33 @@ def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOption
     _log_summary(document)
 
 
-def _motion(motion: Motion, threshold: float) -> dict[str, Any]:
-    static = is_static(motion, threshold)
-    rows = zip(motion.pairs.tolist(), motion.moving.tolist(), motion.measured.tolist(), strict=True)
+def _motion(motion: Motion, max_probability: float) -> dict[str, Any]:
+    probability = moving_probability(motion.share)
+    static = is_static(probability, max_probability)
+    columns = (motion.moving, motion.lasting, motion.voting, motion.noise_px, motion.stops)
+    names = ("moving", "lasting", "voting", "noise_px", "stops")
+    rows = zip(motion.pairs.tolist(), zip(*columns, strict=True), strict=True)
     return {
         "static": static,
         "masking": "none" if static else "refined",
-        "probability": _probability(motion.share, threshold),
-        "share": motion.share,
-        "threshold": threshold,
-        "measured": float(motion.measured.mean()) if len(motion.pairs) else None,
-        "pairs": [
-            {"frames": pair, "moving": moving, "measured": measured} for pair, moving, measured in rows
-        ],
+        "probability": finite(probability),
+        "max_probability": max_probability,
+        "share": finite(motion.share),
+        "voting": finite(motion.voting.mean()) if len(motion.pairs) else None,
+        "noise_px": finite(_median(motion.noise_px)),
+        "pairs": [{"frames": pair} | dict(zip(names, map(finite, row), strict=True)) for pair, row in rows],
     }
 
 
-def _probability(share: float | None, threshold: float) -> float | None:
-    """Probability that something moves: 0.5 at the threshold, 0.999 at three times of it."""
-    if share is None:
-        return None
-    return 1.0 / (1.0 + (threshold / share) ** 6) if share > 0 else 0.0
-
-
 def _camera(motion: Motion) -> dict[str, Any]:
-    """Decide whether poses are refined and exposure is compensated. What is not measured asks for neither."""
-    known = motion.residual_px[np.isfinite(motion.residual_px)]
-    residual_px = float(np.median(known)) if len(known) else None
-    stops = exposure_range(exposure_curve(motion.pairs, motion.stops))
+    residual, stops = pose_residual(motion), brightness_range(motion)
     return {
-        "pose_residual_px": residual_px,
-        "refine_poses": residual_px is not None and residual_px > _MAX_POSE_RESIDUAL_PX,
-        "brightness_stops": stops,
-        "compensate_exposure": stops is not None and stops > _MAX_BRIGHTNESS_STOPS,
+        "pose_residual_px": None if residual is None else finite(residual.explained_px),
+        "pose_noise_px": None if residual is None else finite(residual.noise_px),
+        "revisits": len(motion.revisits),
+        "refine_poses": refines_poses(residual),
+        "brightness_stops": finite(stops),
+        "compensate_exposure": compensates_exposure(stops),
     }
 
 
@@ -153,8 +152,8 @@ def _views(
     }
 
 
-def _median(depths: NDArray[np.float64]) -> float | None:
-    known = depths[np.isfinite(depths)]
+def _median(values: NDArray[np.float64]) -> float | None:
+    known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else None
 
 
@@ -170,12 +169,19 @@ def _poses(frames: Artifact, poses: Artifact) -> dict[str, Any]:
 
 
 def _log_summary(document: dict[str, Any]) -> None:
-    motion, views = document["motion"], document["views"]
-    if motion["share"] is None:
-        log("motion: too little is measured to decide; treated as moving")
+    motion, camera, views = document["motion"], document["camera"], document["views"]
+    if motion["probability"] is None:
+        log("motion: too few pixels can show it; taken for moving, so that nothing that moves is trained on")
     else:
         verdict = "nothing moves" if motion["static"] else "something moves"
-        log(f"motion: {verdict}; {motion['share']:.3%} of the pixels, threshold {motion['threshold']:.3%}")
+        log(
+            f"motion: {verdict}; probability {motion['probability']:.0%}, {motion['share']:.3%} of the pixels"
+        )
+    wanted = {
+        "poses are refined": camera["refine_poses"],
+        "exposure is compensated": camera["compensate_exposure"],
+    }
+    log(f"camera: {', '.join(name for name, needed in wanted.items() if needed) or 'needs no correction'}")
     blurred = len(document["sharpness"]["dropped"])
     log(
         f"views: {len(views['kept'])} frames kept, {len(views['left_out']) - blurred} dropped for too small a view "

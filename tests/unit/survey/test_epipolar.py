@@ -5,7 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from egosplat.geometry import Camera, invert, make_pose, transform
-from egosplat.survey.epipolar import epipolar_distance, find_epipole, max_static_flow, rotation_homography
+from egosplat.survey.epipolar import max_static_flow, rotation_homography
+from egosplat.survey.rigid import View, static_residual, static_segment
 
 CAMERA = Camera(256, 256, 90.0, 95.0, 127.0, 130.0)
 NEAR = 0.5
@@ -32,6 +33,15 @@ def project_rotated(points: np.ndarray, first: np.ndarray, second: np.ndarray) -
     return CAMERA.project(transform(invert(turned), points))
 
 
+def view(first: np.ndarray, second: np.ndarray) -> View:
+    return View(CAMERA.matrix, (invert(first) @ second)[:3, 3], 2.0, NEAR)
+
+
+def distance(pixels: np.ndarray, flow: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(N,) from the segment, with poses taken as they are [px]."""
+    return np.linalg.norm(static_residual(view(first, second), pixels, flow, np.zeros(6)), axis=1)
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_static_points_stay_on_their_segment(seed):
     first, second = random_pose(seed), random_pose(seed + 100)
@@ -39,34 +49,32 @@ def test_static_points_stay_on_their_segment(seed):
     pixels = CAMERA.project(transform(invert(first), points))
     ends = project_rotated(points, first, second)
     visible = np.isfinite(ends).all(axis=1) & (np.abs(ends - pixels) < 256).all(axis=1)
-    missed = epipolar_distance(pixels, ends - pixels, find_epipole(CAMERA.matrix, first, second), NEAR)
+    missed = distance(pixels, ends - pixels, first, second)
     assert visible.sum() > 300 and missed[visible].max() < 1e-9
 
 
 def test_flow_is_compared_with_its_nearest_point_on_the_segment():
     first, second = np.eye(4), make_pose(np.eye(3), np.array([0.1, 0.0, 0.0]))
-    towards = find_epipole(CAMERA.matrix, first, second)
     pixel = np.array([100.0, 80.0])
     # Static points move to the left, at most by fx 0.1 / 0.5 = 18 px.
-    assert max_static_flow(pixel, towards, NEAR) == pytest.approx([-18.0, 0.0])
+    assert static_segment(view(first, second), pixel, np.zeros(6)) == pytest.approx([-18.0, 0.0])
     flows = np.array([[-10.0, 0.0], [-10.0, 4.0], [6.0, 0.0], [-25.0, 0.0], [0.0, 0.0]])
-    assert epipolar_distance(pixel, flows, towards, NEAR) == pytest.approx([0.0, 4.0, 6.0, 7.0, 0.0])
+    assert distance(pixel, flows, first, second) == pytest.approx([0.0, 4.0, 6.0, 7.0, 0.0])
 
 
 @pytest.mark.parametrize("turn", [0.0, 25.0])
 def test_a_pure_rotation_leaves_static_points_in_place(turn):
     first, second = np.eye(4), random_pose(3, far=0.0, turn=turn)
     flow = np.array([[0.0, 0.0], [3.0, 4.0]])
-    missed = epipolar_distance(np.full((2, 2), 50.0), flow, find_epipole(CAMERA.matrix, first, second), NEAR)
+    missed = distance(np.full((2, 2), 50.0), flow, first, second)
     assert missed == pytest.approx([0.0, 5.0], abs=1e-12)
 
 
 def test_passing_the_nearest_points_is_no_division_by_zero():
     """Moving 2 m ahead passes all points at the minimum depth; only points still ahead are visible."""
-    first, second = np.eye(4), make_pose(np.eye(3), np.array([0.0, 0.0, 2.0]))
-    span = max_static_flow(
-        np.array([[0.0, 0.0], [127.0, 130.0]]), find_epipole(CAMERA.matrix, first, second), NEAR
-    )
+    ahead = 2.0
+    pixels = np.array([[0.0, 0.0], [127.0, 130.0]])
+    span = max_static_flow(pixels, -CAMERA.matrix[:, 2] * ahead, NEAR)
     assert np.isfinite(span).all() and (span[0] < 0).all() and span[1] == pytest.approx([0.0, 0.0])
 
 

@@ -28,7 +28,12 @@ def test_a_static_scene_needs_no_masks(scene, trajectory, still):
     survey = surveyed(folder)
     motion = survey["motion"]
     assert motion["static"] and motion["masking"] == "none" and motion["share"] == 0
-    assert motion["measured"] > 0.3 and len(motion["pairs"]) == 7 and motion["probability"] < 0.1
+    assert (
+        motion["voting"] > 0.3
+        and motion["noise_px"] < 0.3
+        and len(motion["pairs"]) == 7
+        and motion["probability"] < 0.2
+    )
     assert not survey["camera"]["refine_poses"] and not survey["camera"]["compensate_exposure"]
     assert survey["origin"] == survey["provenance"]["origin"] == "synthetic"
     assert survey["provenance"]["options"] == KEYS and survey["provenance"]["stage"] == "survey"
@@ -43,7 +48,7 @@ def test_a_moving_scene_needs_masks_above_the_threshold(scene, trajectory, movin
     survey = surveyed(folder)["motion"]
     assert not survey["static"] and survey["masking"] == "refined" and survey["share"] > 0.005
     assert survey["probability"] > 0.9
-    assert surveyed(folder, max_moving_share=1.0)["motion"]["masking"] == "none"
+    assert surveyed(folder, max_moving_probability=1.0)["motion"]["masking"] == "none"
 
 
 def test_without_measurements_the_scene_counts_as_moving(scene, trajectory, still):

@@ -1,0 +1,89 @@
+"""Decide from the measurements of a survey whether anything moves, and what the camera requires."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from egosplat.geometry import Array
+from egosplat.survey.brightness import exposure_curve, exposure_range
+from egosplat.survey.motion import Motion
+
+# Share of the voting pixels that keeps moving at which moving and still are equally probable, and the power of the odds.
+# Fitted by benchmarks/survey.
+_EVEN_SHARE, _POWER = 4e-4, 2.0
+# A smaller share is none: in a long recording, less than one track of the smallest region.
+LEAST_SHARE = 1e-4
+# Poses are refined if what a correction explains is so many times the noise that it leaves. Revisits see a place from
+# further apart: flow between them errs more.
+_LIMIT, _REVISIT_LIMIT = 0.7, 1.0
+# Fewer revisits do not tell.
+_MIN_REVISITS = 2
+# Exposure is compensated if it changes by more than a third of a stop, the smallest step of a camera's dial.
+_MAX_STOPS = 1 / 3
+
+
+@dataclass(frozen=True)
+class PoseResidual:
+    """Flow that a correction of the poses explains, the noise that it leaves, and the limit of their ratio [px]."""
+
+    explained_px: float
+    noise_px: float
+    limit: float
+
+    @property
+    def excess(self) -> float:
+        """How far the explained flow stands out of the noise; above 1, poses are refined."""
+        return self.explained_px / self.noise_px / self.limit
+
+
+def moving_probability(share: float | None) -> float | None:
+    """Probability that something moves, from the share of the voting pixels that keeps moving; None if it is unknown."""
+    if share is None:
+        return None
+    return 1.0 / (1.0 + (_EVEN_SHARE / max(share, LEAST_SHARE)) ** _POWER)
+
+
+def is_static(probability: float | None, max_probability: float) -> bool:
+    """Whether motion is improbable. What cannot be told counts as moving."""
+    return probability is not None and probability < max_probability
+
+
+def pose_residual(motion: Motion) -> PoseResidual | None:
+    """The residual of consecutive frames or of revisits, whichever stands out more; None if nothing is measured."""
+    count = len(motion.pairs)
+    near = _residual(motion.before_px[:count], motion.after_px[:count], 1, _LIMIT)
+    again = _residual(motion.before_px[count:], motion.after_px[count:], _MIN_REVISITS, _REVISIT_LIMIT)
+    known = [one for one in (near, again) if one is not None]
+    return max(known, key=lambda one: one.excess) if known else None
+
+
+def refines_poses(residual: PoseResidual | None) -> bool:
+    """Whether the poses leave flow that stands out of its noise. What is not measured asks for nothing."""
+    return residual is not None and residual.excess > 1
+
+
+def brightness_range(motion: Motion) -> float | None:
+    """Range of the exposure over the recording [stops]; None if unknown."""
+    return exposure_range(exposure_curve(motion.pairs, motion.stops))
+
+
+def compensates_exposure(stops: float | None) -> bool:
+    """Whether the exposure changes by more than a third of a stop. What is not measured asks for nothing."""
+    return stops is not None and stops > _MAX_STOPS
+
+
+def _residual(before_px: Array, after_px: Array, least: int, limit: float) -> PoseResidual | None:
+    known = np.isfinite(before_px) & np.isfinite(after_px)
+    if known.sum() < least:
+        return None
+    before, after = before_px[known], after_px[known]
+    # Medians, because a single pair can have too little in common for a correction.
+    explained = np.median(np.sqrt(np.maximum(before**2 - after**2, 0.0)) / after)
+    noise = float(np.median(after))
+    return PoseResidual(float(explained) * noise, noise, limit)
+
+
+def finite(value: float | None, digits: int = 6) -> float | None:
+    """A number for a document: None if it is unknown. Rounded, because its last bits depend on the processor."""
+    return None if value is None or not math.isfinite(value) else round(float(value), digits)

@@ -1,0 +1,129 @@
+"""Fit the error of the pose between two images: a small rigid correction that explains their whole optical flow at once.
+
+Every point keeps a depth of its own, so only flow across its epipolar line is left over. A moving thing does not fit the
+correction, and hardly changes it: the fit is robust.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.geometry import Array
+from egosplat.survey.epipolar import max_static_flow
+
+# Standard deviation of a correction before anything is measured [rad; metres per metre of depth].
+_PRIOR = 0.03
+# Largest correction, per axis.
+_LARGEST = 0.2
+# Neighbouring flow vectors share their error: so many of them count as one.
+_SHARED = 50.0
+_MAX_PIXELS = 1200
+_ITERATIONS = 6
+# Smallest scale of the residual: flow is not more accurate [px].
+_MIN_SCALE = 0.03
+_STEP = 1e-4
+# Robust scale of a Gaussian from its median absolute value in one dimension.
+_GAUSSIAN = 1.4826
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """Two images in one orientation: their camera, and what is known of the scene.
+
+    Attributes:
+        intrinsics: (3, 3) matrix [px].
+        position: (3,) of the second camera in the axes of the first [m].
+        depth: typical depth of static points, positive [m].
+        min_depth: smallest depth of static points, positive [m].
+    """
+
+    intrinsics: Array
+    position: Array
+    depth: float
+    min_depth: float
+
+
+def static_residual(view: View, pixels: Array, flow: NDArray[np.floating], correction: Array) -> Array:
+    """Vector from the nearest place where a static point can appear to the target of its flow.
+
+    Args:
+        pixels: (..., 2) in the first image [px].
+        flow: (..., 2) from there to the second image, rotated to the orientation of the first [px].
+        correction: (6,) rotation of the second camera [rad], and its shift in units of the typical depth.
+
+    Returns:
+        (..., 2) float64 [px].
+    """
+    flow = corrected_flow(view, pixels, flow, correction)
+    segment = static_segment(view, pixels, correction)
+    length = (segment**2).sum(axis=-1)
+    along = (flow * segment).sum(axis=-1) / np.where(length > 0, length, 1.0)
+    return flow - along.clip(0.0, 1.0)[..., None] * segment
+
+
+def corrected_flow(view: View, pixels: Array, flow: NDArray[np.floating], correction: Array) -> Array:
+    """(..., 2) flow to the second image with its corrected orientation [px]."""
+    ends = np.asarray(pixels, np.float64) + flow
+    return turned(view.intrinsics, ends, correction[:3]) - pixels
+
+
+def static_segment(view: View, pixels: Array, correction: Array) -> Array:
+    """(..., 2) flow of static points at the smallest depth [px]; others move by a fraction of it."""
+    shift = view.depth * correction[3:]
+    position = view.position + shift
+    # Flow does not tell how far the camera moved: the length may be as wrong as what is corrected.
+    length = np.linalg.norm(position)
+    position = position * (1.0 + np.linalg.norm(shift) / max(length, 1e-300))
+    epipole = -(view.intrinsics * position).sum(axis=1)
+    return max_static_flow(pixels, epipole, view.min_depth)
+
+
+def turned(intrinsics: Array, pixels: Array, rotation: Array) -> Array:
+    """(..., 2) pixels after their rays turn by a small rotation vector, exact to its third power [px]."""
+    focal, centre = intrinsics[[0, 1], [0, 1]], intrinsics[:2, 2]
+    x, y = np.moveaxis((np.asarray(pixels, np.float64) - centre) / focal, -1, 0)
+    once = _cross(rotation, (x, y, np.ones_like(x)))
+    twice = _cross(rotation, once)
+    x, y, z = (ray + one + two / 2 for ray, one, two in zip((x, y, 1.0), once, twice, strict=True))
+    return np.stack([x, y], axis=-1) / np.maximum(z, 0.1)[..., None] * focal + centre
+
+
+def fit_correction(view: View, pixels: Array, flow: NDArray[np.floating]) -> Array:
+    """(6,) correction that explains most of the flow; zeros without any.
+
+    Args:
+        pixels: (N, 2) in the first image [px].
+        flow: (N, 2) [px].
+    """
+    step = max(1, -(-len(pixels) // _MAX_PIXELS))
+    pixels, flow = np.asarray(pixels, np.float64)[::step], np.asarray(flow, np.float64)[::step]
+    found = np.zeros(6)
+    if not len(pixels):
+        return found
+    for _ in range(_ITERATIONS):
+        residual = static_residual(view, pixels, flow, found)
+        derivative = np.stack(
+            [
+                (static_residual(view, pixels, flow, found + one) - residual) / _STEP
+                for one in np.eye(6) * _STEP
+            ]
+        )
+        squared = (residual**2).sum(axis=-1)
+        scale = robust_scale(np.sqrt(squared))
+        # Geman and McClure's weights: a residual of several scales has none.
+        weight = (1.0 + squared / (4 * scale**2)) ** -2 * min(1.0, step) / (_SHARED / step * scale**2)
+        normal = np.einsum("inc,jnc,n->ij", derivative, derivative, weight) + np.eye(6) / _PRIOR**2
+        slope = np.einsum("inc,nc,n->i", derivative, residual, weight) + found / _PRIOR**2
+        found = (found - np.linalg.solve(normal, slope)).clip(-_LARGEST, _LARGEST)
+    return found
+
+
+def robust_scale(distance: Array) -> float:
+    """Standard deviation of distances by their median, not less than what flow can measure [px]."""
+    return max(_MIN_SCALE, _GAUSSIAN * float(np.median(distance))) if distance.size else _MIN_SCALE
+
+
+def _cross(rotation: Array, ray: tuple[Array, ...]) -> tuple[Array, ...]:
+    (a, b, c), (x, y, z) = rotation, ray
+    return b * z - c * y, c * x - a * z, a * y - b * x
