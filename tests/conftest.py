@@ -1,6 +1,8 @@
 """Fixtures of all tests: real recordings, and working directories in which the workflow runs."""
 
+import compileall
 import os
+import py_compile
 import re
 import shutil
 import subprocess
@@ -144,6 +146,10 @@ def _run_main_job(folder: Path) -> None:
     shutil.copytree(ROOT / "config", folder / "config")
     shutil.copytree(
         ROOT / "src" / "egosplat", folder / "src" / "egosplat", ignore=shutil.ignore_patterns("__pycache__")
+    )
+    # Every process of a copy would compile them again. By content, because a test may edit a file within a second.
+    compileall.compile_dir(
+        folder / "src", quiet=1, invalidation_mode=py_compile.PycInvalidationMode.CHECKED_HASH
     )
     (folder / "tiny.yaml").write_text(TINY)
     Workdir(folder).run(*Workdir.MAIN)

@@ -115,4 +115,3 @@ def test_another_checkpoint_of_the_same_name_makes_both_stale(work):
         assert work.stale(features={"dims": 3}) == BOTH
     finally:
         work.weights.write_bytes(before)
-    assert work.stale(features={"dims": 3}) == set()

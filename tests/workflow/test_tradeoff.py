@@ -78,8 +78,5 @@ def test_a_page_of_one_knob_is_made_and_then_up_to_date(workdir):
         one > 0 for costs in small["stages"].values() for name, one in costs.items() if name != "disk_mb"
     )
     assert planned(workdir, narrow) == {}
-    # Another value is another point; what the knob does not reach stays.
-    again = dict.fromkeys(("features", "language", "metrics", "tradeoff"), 1)
-    assert planned(workdir, points(features__dims=[5])) == again
     workdir.edit("tradeoff/estimates.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ")
     assert planned(workdir, narrow) == {"tradeoff": 1}
