@@ -11,7 +11,7 @@ from egosplat.survey.motion import Motion
 
 # Share of the voting pixels that keeps moving at which moving and still are equally probable, and the power of the odds.
 # Fitted by benchmarks/survey.
-_EVEN_SHARE, _POWER = 4e-4, 2.0
+_EVEN_SHARE, _POWER = 5e-4, 1.4
 # A smaller share is none: in a long recording, less than one track of the smallest region.
 LEAST_SHARE = 1e-4
 # Poses are refined if what a correction explains is so many times the noise that it leaves. Revisits see a place from
