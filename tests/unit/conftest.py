@@ -44,6 +44,7 @@ def survey_that_keeps() -> Callable[..., Path]:
                 "masking": "none" if static else "refined",
                 "probability": float(not static),
                 "share": 0.1 * (not static),
+                "fleeting": 0.0,
             }
             | {"max_probability": 0.5, "voting": 0.7, "noise_px": 0.1, "pairs": []},
             "camera": {"pose_residual_px": 0.1, "pose_noise_px": 0.1, "revisits": 0, "refine_poses": False}

@@ -65,10 +65,18 @@ class Motion:
     @property
     def share(self) -> float | None:
         """Fraction of the voting pixels in regions that keep moving; None if too few pixels can show motion."""
+        return self._share(self.lasting)
+
+    @property
+    def fleeting(self) -> float | None:
+        """Fraction of the voting pixels in regions that move and are not seen to move again; None as ``share``."""
+        return self._share(self.moving - self.lasting)
+
+    def _share(self, pixels: Array) -> float | None:
         judged = np.isfinite(self.noise_px)
         if judged.sum() < _MIN_PAIRS or self.voting[judged].sum() < _MIN_VOTING * len(self.pairs):
             return None
-        return float(self.lasting[judged].sum() / self.voting[judged].sum())
+        return float(pixels[judged].sum() / self.voting[judged].sum())
 
 
 def measure_motion(frames: Artifact, poses: Artifact) -> Motion:

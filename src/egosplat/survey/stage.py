@@ -67,7 +67,7 @@ def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOption
 
 
 def _motion(motion: Motion, max_probability: float) -> dict[str, Any]:
-    probability = moving_probability(motion.share)
+    probability = moving_probability(motion.share, motion.fleeting)
     static = is_static(probability, max_probability)
     columns = (motion.moving, motion.lasting, motion.voting, motion.noise_px, motion.stops)
     names = ("moving", "lasting", "voting", "noise_px", "stops")
@@ -78,6 +78,7 @@ def _motion(motion: Motion, max_probability: float) -> dict[str, Any]:
         "probability": finite(probability),
         "max_probability": max_probability,
         "share": finite(motion.share),
+        "fleeting": finite(motion.fleeting),
         "voting": finite(motion.voting.mean()) if len(motion.pairs) else None,
         "noise_px": finite(_median(motion.noise_px)),
         "pairs": [{"frames": pair} | dict(zip(names, map(finite, row), strict=True)) for pair, row in rows],
@@ -171,7 +172,12 @@ def _poses(frames: Artifact, poses: Artifact) -> dict[str, Any]:
 def _log_summary(document: dict[str, Any]) -> None:
     motion, camera, views = document["motion"], document["camera"], document["views"]
     if motion["probability"] is None:
-        log("motion: too few pixels can show it; taken for moving, so that nothing that moves is trained on")
+        reason = (
+            "too few pixels can show it"
+            if motion["share"] is None
+            else "regions move, but for less than three pairs"
+        )
+        log(f"motion: cannot be told, {reason}; taken for moving, so that nothing that moves is trained on")
     else:
         verdict = "nothing moves" if motion["static"] else "something moves"
         log(

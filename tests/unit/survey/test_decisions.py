@@ -15,12 +15,14 @@ from egosplat.survey.decisions import (
 from egosplat.survey.motion import Motion
 
 
-def motion(lasting=0.0, voting=0.5, noise=0.1, before=0.1, pairs=6, revisits=0, stops=0.0) -> Motion:
+def motion(
+    lasting=0.0, fleeting=0.0, voting=0.5, noise=0.1, before=0.1, pairs=6, revisits=0, stops=0.0
+) -> Motion:
     """Equal pairs; ``before``: noise without a correction [px]."""
     frames, every = np.arange(pairs + 1), np.ones(pairs + revisits)
     return Motion(
         pairs=np.stack([frames[:-1], frames[1:]], axis=1),
-        moving=np.full(pairs, lasting),
+        moving=np.full(pairs, lasting + fleeting),
         lasting=np.full(pairs, lasting),
         voting=np.full(pairs, voting),
         noise_px=np.full(pairs, noise),
@@ -34,7 +36,7 @@ def motion(lasting=0.0, voting=0.5, noise=0.1, before=0.1, pairs=6, revisits=0, 
 
 def test_more_lasting_motion_is_more_probable():
     shares = [motion(lasting=one).share for one in (0.0, 1e-4, 1e-3, 1e-2)]
-    odds = [moving_probability(share) for share in shares]
+    odds = [moving_probability(share, 0.0) for share in shares]
     assert odds == sorted(odds) and odds[0] < 0.2 and odds[-1] > 0.95
 
 
@@ -44,7 +46,18 @@ def test_more_lasting_motion_is_more_probable():
     ids=["no pair", "one pair", "few pixels", "nothing judged"],
 )
 def test_what_cannot_be_told_counts_as_moving(unknown):
-    assert unknown.share is None and moving_probability(None) is None and not is_static(None, 1.0)
+    assert unknown.share is None and unknown.fleeting is None
+    assert moving_probability(None, None) is None and not is_static(None, 1.0)
+
+
+@pytest.mark.parametrize(
+    "lasting, fleeting, told", [(0.0, 5e-4, True), (0.0, 1.2e-3, False), (1e-3, 1.2e-3, True)]
+)
+def test_much_motion_that_is_not_seen_again_cannot_be_told(lasting, fleeting, told):
+    """Fractions of the valid pixels, half of which vote: 0.1 % of these is noise, 0.24 % may be something that passes fast."""
+    found = motion(lasting=lasting, fleeting=fleeting)
+    assert found.fleeting == pytest.approx(2 * fleeting)
+    assert (moving_probability(found.share, found.fleeting) is not None) is told
 
 
 def test_a_pair_that_is_not_judged_does_not_count():
