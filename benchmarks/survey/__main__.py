@@ -1,14 +1,13 @@
 """How well the survey tells what moves from what trembles, and what it finds of poses and exposure.
 
-    python -m benchmarks.survey results/real_camera/* results/adt/scene* --still results/real/fox --still results/tum/office
+    python -m benchmarks.survey results/real_camera/* APARTMENTS --still results/real/fox --still results/tum/office
 
 Reads the `survey.json` of scenes, or makes it where there is none. A scene moves unless it is named with `--still` or its name ends in
-`still`. The probability is fitted to the scenes with an even number (their place in a group of real_camera, or their number), and the
-others are reported untouched.
+`still`. The probability is fitted to every second strength of real_camera, the tuning apartments and the fox. The others are reported
+untouched.
 """
 
 import json
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ import numpy as np
 
 from benchmarks.common import command, markdown, output_of, scene_name
 from egosplat.survey.decisions import LEAST_SHARE
+from egosplat.tables.scored_scenes import UNTOUCHED
 
 # The order of strengths in benchmarks/real_camera: their seeds are consecutive.
 _STRENGTHS = ("half", "once", "twice", "4times")
@@ -33,12 +33,11 @@ def survey_of(folder: Path) -> dict[str, Any]:
 
 
 def is_tuning(folder: Path) -> bool:
-    """Whether the probability may be fitted to a scene: those with an even seed or number, and the fox."""
+    """Whether the probability may be fitted to a scene: strengths once and 4times, tuning apartments, and the fox."""
     for place, strength in enumerate(_STRENGTHS):
         if f"_{strength}_" in folder.name:
             return place % 2 == 1
-    number = re.search(r"\d+$", folder.name)
-    return int(number[0]) % 2 == 0 if number else folder.name == "fox"
+    return folder.name not in UNTOUCHED if folder.name.startswith("scene") else folder.name == "fox"
 
 
 def area_under_roc(still: Sequence[float], moving: Sequence[float]) -> float:

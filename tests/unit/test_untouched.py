@@ -23,6 +23,8 @@ REPORTS = {
     "benchmarks/instances/README.md",
     "benchmarks/open_vocabulary/README.md",
     "benchmarks/presence/README.md",
+    "benchmarks/survey/README.md",
+    "benchmarks/transient/README.md",
 }
 """Files that may name them: the table, its description, and pages of scores."""
 
