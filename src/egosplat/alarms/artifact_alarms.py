@@ -16,6 +16,7 @@ from egosplat.alarms.scene import (
     splats_alarms,
     transient_alarms,
 )
+from egosplat.artifacts.masks import BY_INSTANCES, BY_NETWORK
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.models.suitability import notice_of_artifacts
@@ -106,9 +107,9 @@ def _masks(masks: Artifact) -> Iterable[Alarm]:
 
 
 def _withheld(facts: Mapping[str, Any]) -> str | None:
-    if facts.get("withheld") == "probability":
+    if facts.get("withheld") == BY_NETWORK:
         return f"the network's mean probability is {facts['mean_probability']:.2f}"
-    if facts.get("withheld") == "instances":
+    if facts.get("withheld") == BY_INSTANCES:
         return f"{facts['withheld_instances']} of {facts['seen']} instances look transient"
     return None
 

@@ -2,6 +2,9 @@
 
 from egosplat.artifacts.schema import Field, Schema
 
+# Why nothing is masked, in the fact ``withheld``.
+BY_NETWORK, BY_INSTANCES = "probability", "instances"
+
 MASKS = Schema(
     "masks",
     2,

@@ -1,6 +1,6 @@
 """The keys of the section ``camera``, for the stages that train Gaussians."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -32,7 +32,7 @@ def resolved(options: Options, survey_path: Path | None) -> Options:
     Raises:
         UserError: the survey cannot be read.
     """
-    keys = [name for name in ("refine_poses", "compensate_exposure") if getattr(options, name) == "auto"]
+    keys = [key.name for key in fields(CameraOptions) if getattr(options, key.name) == "auto"]
     decisions = read_survey(survey_path)["camera"] if keys and survey_path is not None else {}
     return replace(options, **{name: "on" if decisions.get(name) else "off" for name in keys})
 

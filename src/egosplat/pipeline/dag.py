@@ -13,10 +13,7 @@ AUTO = "auto"
 ALL_FRAMES = "all"
 
 # Keys of the section camera that the survey can decide; survey.json has its decisions under the same names.
-CAMERA = ("refine_poses", "compensate_exposure")
-
-# Stages with a key that the survey can decide.
-_DECIDED = ("transient", "segments", "instances", "splats")
+CAMERA = STAGES["splats"].keys["camera"]
 
 # Artifacts with the masks, by splats.masking.
 _MASKS: dict[str, tuple[str, ...]] = {
@@ -66,7 +63,7 @@ def survey_decides(config: Config) -> bool:
 
 def follows_survey(stage: str) -> bool:
     """Whether a stage has a key that the survey can decide."""
-    return stage in _DECIDED
+    return stage == "segments" or "camera" in STAGES[stage].keys
 
 
 def decided(config: Config, survey: Survey) -> Config:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from egosplat.geometry import Array
 from egosplat.optical_flow import pixel_grid
-from egosplat.survey.matching import PATCH, Match, mean_of_patch
+from egosplat.survey.matching import PATCH, Match, mean_of_patch, sampled
 from egosplat.survey.regions import Labels, large_regions
 from egosplat.survey.rigid import (
     View,
@@ -86,9 +86,9 @@ def detect_motion(match: Match, view: View, valid: Bools, *, search: bool = True
     distance = np.linalg.norm(after, axis=1) / growth
     noise_px = robust_scale(distance)
     before_px = robust_scale(np.linalg.norm(before, axis=1) / growth)
-    if not search or noise_px > _MAX_NOISE_PX:
-        noise_px = noise_px if noise_px <= _MAX_NOISE_PX else math.nan
-        return PairMotion(nothing, count, noise_px, explained_px, before_px)
+    judged = noise_px <= _MAX_NOISE_PX
+    if not (search and judged):
+        return PairMotion(nothing, count, noise_px if judged else math.nan, explained_px, before_px)
     moving = np.zeros(valid.shape, bool)
     moving[voting] = distance > _DEVIATIONS * np.hypot(noise_px, match.flow_error[voting] / growth)
     # The patches reject wrong matches in repeating textures. Matching is slow, so it is skipped if no region remains.
@@ -109,7 +109,7 @@ def _matched_better(match: Match, view: View, correction: Array, moving: Bools, 
         slice(max(0, where.min() - PATCH), where.max() + PATCH + 1) for where in np.nonzero(large)
     )
     everywhere = pixel_grid(*moving.shape).astype(np.float64) + 0.5
-    second = _sampled(match.second, turned(view.intrinsics, everywhere, -correction[:3]))
+    second = sampled(match.second, turned(view.intrinsics, everywhere, -correction[:3]) - 0.5)
     pixels, first = everywhere[rows, columns], match.first[rows, columns]
     segment = static_segment(view, pixels, correction)
     length = np.linalg.norm(segment[large[rows, columns]], axis=-1).max()
@@ -126,10 +126,4 @@ def _matched_better(match: Match, view: View, correction: Array, moving: Bools, 
 
 def _difference(first: Grey, second: Grey, targets: Array) -> Floats:
     """(h, w) float32 mean difference of each pixel's patch from the patch at its target [grey levels]."""
-    return mean_of_patch(cv2.absdiff(first, _sampled(second, targets)))
-
-
-def _sampled(image: Grey, places: Array) -> Grey:
-    """The image at (h, w, 2) places [px]."""
-    places = (places - 0.5).astype(np.float32)
-    return cv2.remap(image, places, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return mean_of_patch(cv2.absdiff(first, sampled(second, targets - 0.5)))

@@ -98,8 +98,14 @@ def mean_of_patch(image: NDArray) -> Floats:
 
 def moved(image: NDArray, flow: NDArray[np.floating]) -> NDArray:
     """(h, w) image at the targets of (h, w, 2) flow."""
-    targets = (pixel_grid(*image.shape) + flow).astype(np.float32)
-    return cv2.remap(image, targets, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return sampled(image, pixel_grid(*image.shape) + flow)
+
+
+def sampled(image: NDArray, places: NDArray[np.floating]) -> NDArray:
+    """The image at (h, w, 2) places [px, pixel centres at integers as in OpenCV]."""
+    return cv2.remap(
+        image, places.astype(np.float32), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
 
 
 def _flow(source: Grey, target: Grey) -> Floats:

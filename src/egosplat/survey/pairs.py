@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.geometry import Array
+from egosplat.survey.views import view_change
 
 Bools = NDArray[np.bool_]
 Pairs = NDArray[np.int64]
@@ -73,15 +74,8 @@ def choose_revisits(
         pairs = pairs[times_ns[pairs[:, 1]] - times_ns[pairs[:, 0]] >= _REVISIT_S * 1e9]
         if limit < 1 or not len(pairs):
             continue
-        change = _view_changes(camera_to_world, depths, pairs)
+        before, after = camera_to_world[pairs].swapaxes(0, 1)
+        change = view_change(before, after, depths[pairs[:, 0]])
         if change.min() <= _MAX_CHANGE_DEG:
             chosen.append(pairs[change.argmin()])
     return np.array(chosen, np.int64).reshape(-1, 2)
-
-
-def _view_changes(camera_to_world: Array, depths: Array, pairs: Pairs) -> Array:
-    """(P,) rotation plus parallax [deg]."""
-    first, second = camera_to_world[pairs[:, 0]], camera_to_world[pairs[:, 1]]
-    trace = (first[:, :3, :3] * second[:, :3, :3]).sum(axis=(1, 2))
-    moved = np.linalg.norm(first[:, :3, 3] - second[:, :3, 3], axis=1)
-    return np.degrees(np.arccos(((trace - 1) / 2).clip(-1.0, 1.0)) + np.arctan2(moved, depths[pairs[:, 0]]))

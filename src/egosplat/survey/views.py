@@ -45,13 +45,12 @@ def median_depths(camera: Camera, camera_to_world: Array, registered: Bools, poi
     return depths
 
 
-def view_change(first: Array, second: Array, depth: float) -> Array:
+def view_change(first: Array, second: Array, depth: float | Array) -> Array:
     """Upper bound of the angle by which points at a depth move in the view: rotation plus parallax [deg].
 
     Args:
-        first: (4, 4) camera_to_world.
-        second: (..., 4, 4) camera_to_world.
-        depth: positive; inf counts the rotation only [m].
+        first, second: (..., 4, 4) camera_to_world, of shapes that broadcast.
+        depth: number or (...), positive; inf counts the rotation only [m].
 
     Returns:
         (...) float64.

@@ -11,17 +11,13 @@ from egosplat.artifacts import provenance
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.instances import INSTANCES
-from egosplat.artifacts.masks import MASKS
+from egosplat.artifacts.masks import BY_INSTANCES, BY_NETWORK, MASKS
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.transient import TRANSIENT, InstanceScores
 from egosplat.artifacts.writer import Writer, create
 from egosplat.progress import log, track
 
 Scores = NDArray[np.float64]
-
-
-# Why nothing is masked, in the fact ``withheld``.
-BY_NETWORK, BY_INSTANCES = "probability", "instances"
 
 
 def transient_instances(
