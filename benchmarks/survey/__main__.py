@@ -16,6 +16,7 @@ import click
 import numpy as np
 
 from benchmarks.common import command, markdown, output_of, scene_name
+from egosplat.evaluation.presence import separation
 from egosplat.survey.decisions import LEAST_SHARE
 from egosplat.tables.scored_scenes import UNTOUCHED
 
@@ -38,12 +39,6 @@ def is_tuning(folder: Path) -> bool:
         if f"_{strength}_" in folder.name:
             return place % 2 == 1
     return folder.name not in UNTOUCHED if folder.name.startswith("scene") else folder.name == "fox"
-
-
-def area_under_roc(still: Sequence[float], moving: Sequence[float]) -> float:
-    """Probability that a moving scene has more evidence than a still one; ties count half."""
-    difference = np.subtract.outer(np.asarray(moving, np.float64), np.asarray(still, np.float64))
-    return float(((difference > 0) + 0.5 * (difference == 0)).mean())
 
 
 def fit_probability(still: Sequence[float], moving: Sequence[float]) -> tuple[float, float]:
@@ -116,7 +111,7 @@ def main(folders: tuple[Path, ...], still: tuple[Path, ...]) -> None:
     even, power = fit_probability(*groups[True])
     click.echo(f"Fitted to the tuning half: even share {even:.2g}, power {power:.2g}\n")
     cells = [
-        [name, len(groups[half][0]), len(groups[half][1]), f"{area_under_roc(*groups[half]):.3f}"]
+        [name, len(groups[half][0]), len(groups[half][1]), f"{separation(*reversed(groups[half])):.3f}"]
         for name, half in (("tuning", True), ("untouched", False))
     ]
     click.echo(markdown(["half", "still", "moving", "area under ROC"], cells) + "\n")

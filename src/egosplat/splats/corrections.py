@@ -10,7 +10,6 @@ from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.splats import AS_GIVEN, FITTED, INTERPOLATED, TRAINED
 from egosplat.artifacts.writer import Writer
 from egosplat.gaussians.corrections import LOG_GAIN, Corrections, applied, corrected_poses
-from egosplat.gaussians.evaluation import evaluate
 from egosplat.gaussians.fitting import fit
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.pixel_weights import Masking
@@ -19,6 +18,7 @@ from egosplat.gaussians.rigid import angle_of
 from egosplat.gaussians.training_state import TrainingState
 from egosplat.gaussians.training_views import Views
 from egosplat.progress import log
+from egosplat.splats.held_out import put_held_out
 
 
 def kept_corrections(state: TrainingState) -> Corrections | None:
@@ -45,17 +45,7 @@ def put_corrections(
     Returns:
         The held-out views with their fitted corrections, and facts.
     """
-    camera = held_out.camera
-    artifact.allocate("held_out/render_given", (len(held_out), camera.height, camera.width, 3))
-    given = evaluate(
-        gaussians,
-        held_out,
-        settings,
-        sh_degree,
-        lambda index, picture: artifact.put_row("held_out/render_given", index, picture),
-    )
-    artifact.put("held_out/psnr_given", given.psnr)
-    artifact.put("held_out/ssim_given", given.ssim)
+    given = put_held_out(artifact, gaussians, held_out, settings, sh_degree, "_given")
     guess = corrections.values_at(held_out.frame)
     # What moves is not in the Gaussians: it must not pull at the pose. The scores count it.
     unmasked = replace(held_out, transient=masking.frames(held_out.frame))

@@ -23,7 +23,7 @@ from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
 from egosplat.gaussians.camera_options import CameraOptions, make_corrections, resolved
 from egosplat.gaussians.device import rasterizer_used, training_device
-from egosplat.gaussians.evaluation import Scores, evaluate
+from egosplat.gaussians.evaluation import Scores
 from egosplat.gaussians.initialization import scene_extent
 from egosplat.gaussians.io import put_curves, put_gaussians
 from egosplat.gaussians.model import Gaussians
@@ -45,6 +45,7 @@ from egosplat.gaussians.training_views import (
 from egosplat.progress import log
 from egosplat.rasterize.contract import MAX_SH_DEGREE
 from egosplat.splats.corrections import kept_corrections, put_corrections
+from egosplat.splats.held_out import put_held_out
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -215,26 +216,16 @@ def _write(
     )
     sh_degree = options.schedule.sh_degree(iteration, gaussians.sh_degree)
     corrections, held_out = kept_corrections(state), view_sets.held_out
-    camera = held_out.camera
     with create(output, SPLATS, record) as artifact:
         facts: dict[str, Any] = {}
         if corrections is not None:
             held_out, facts = put_corrections(
                 artifact, corrections, gaussians, held_out, options.render, sh_degree, poses, masking
             )
-        artifact.allocate("held_out/render", (len(held_out), camera.height, camera.width, 3))
-        scores = evaluate(
-            gaussians,
-            held_out,
-            options.render,
-            sh_degree,
-            lambda index, picture: artifact.put_row("held_out/render", index, picture),
-        )
+        scores = put_held_out(artifact, gaussians, held_out, options.render, sh_degree)
         put_gaussians(artifact, gaussians)
         put_curves(artifact, state.curves)
         artifact.put("held_out/frame", held_out.frame)
-        artifact.put("held_out/psnr", scores.psnr)
-        artifact.put("held_out/ssim", scores.ssim)
         artifact.facts = _facts(state, gaussians, view_sets, options, iteration) | facts
     log(f"{gaussians.count} Gaussians of iteration {iteration}; held out: {_summary(scores)}")
 
