@@ -20,6 +20,8 @@ from egosplat.segments.prompts import Candidates, prompted_frames
 from egosplat.segments.propagation import Accepts
 from egosplat.segments.tracker import Tracker
 
+Mask = NDArray[np.bool_]
+
 # A track is lost in frames in which its mean probability is below this share of the threshold: SAM2 follows something
 # else there, or the thing rests.
 _LOST = 0.5
@@ -32,7 +34,8 @@ class MovingTracker(Tracker):
     """Prompts only pixels that move, and tracks only masks whose mean probability reaches the threshold.
 
     The transient network also calls some static pixels moving, and SAM2's tracks slip to what is behind. So a track
-    ends in frames in which its mean probability is low, and tracks that do not reach the threshold are dropped.
+    ends in frames in which its mean probability is low. Tracks are dropped that do not reach the threshold, or of which
+    most looks as the temporary Gaussians do after the warm-up.
     """
 
     def __init__(
@@ -40,32 +43,34 @@ class MovingTracker(Tracker):
         sam2: Sam2,
         images: Callable[[int], NDArray[np.uint8]],
         probability: Callable[[int], NDArray[np.floating]],
+        stands_out: Callable[[int], tuple[Mask, Mask]],
         frames: NDArray[np.intp],
         length: int,
-        valid: NDArray[np.bool_],
+        valid: Mask,
         options: SegmentsOptions,
     ) -> None:
         """Set up for a video.
 
         Args:
             probability: returns the (H, W) probability in 0..1 that a frame's pixels move; not finite counts as 0.
+            stands_out: returns (H, W) bool, pixels of a frame that stand out after the warm-up, and those compared.
             frames: indices of the frames that may be prompted.
             length: number of frames of the video; all are tracked through.
             sam2, images, valid, options: see ``Tracker``.
         """
         super().__init__(sam2, images, length, valid, options)
-        self._probability = probability
+        self._probability, self._stands_out = probability, stands_out
         self._training, self._prompted = frames, frozenset(prompted_frames(frames, options))
 
     def moving_tracks(self, save: Callable[[], None]) -> Segmented:
         """Track what is left of the video, merge duplicates, and drop tracks that are short or do not move after all.
 
-        A track moves if its mean probability over all its pixels in the frames that may be prompted reaches the
-        threshold. ``save`` is called after each frame.
+        A track moves if, over all its pixels in the frames that may be prompted, the mean probability reaches the
+        threshold and the share that stands out ``masks.stands_out``. ``save`` is called after each frame.
         """
         found = self.track_video(save)
         final = finalize_instances(found, self._options.min_frames)
-        moves = self._means(found.labels, final) >= self._options.threshold
+        moves = self._moves(found.labels, final)
         table = np.append(np.where(moves, np.cumsum(moves) - 1, -1), -1).astype(np.int32)[final.table]
         labels = LabelMaps(found.labels[0].shape)
         for frame in range(len(found.labels)):
@@ -73,12 +78,16 @@ class MovingTracker(Tracker):
         tracks = [replace(found.instances[number], moving=True) for number in final.kept[moves]]
         return Segmented(labels, tracks, [], found.notes)
 
-    def _means(self, labels: LabelMaps, final: FinalInstances) -> NDArray[np.float64]:
-        """(N,) mean probability of each track that is left."""
-        scores = InstanceScores(len(final.kept))
+    def _moves(self, labels: LabelMaps, final: FinalInstances) -> Mask:
+        """(N,) whether each track that is left moves."""
+        by_probability, outstanding = InstanceScores(len(final.kept)), InstanceScores(len(final.kept))
         for frame in self._training.tolist():
-            scores.add(final.table[labels[frame]], self._values(frame))
-        return scores.scores
+            tracks = final.table[labels[frame]]
+            by_probability.add(tracks, self._values(frame))
+            stands_out, compared = self._stands_out(frame)
+            outstanding.add(np.where(compared, tracks, -1), stands_out)
+        reaches = by_probability.scores >= self._options.threshold
+        return reaches & ~outstanding.below(self._options.stands_out)
 
     def _prompts(self, frame: int) -> bool:
         return frame in self._prompted

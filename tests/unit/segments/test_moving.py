@@ -59,13 +59,17 @@ def probability(*frames: int) -> np.ndarray:
     return found
 
 
-def tracker(sam2, images, moves, options=OPTIONS, asked=None) -> MovingTracker:
+def all_stand_out(frame: int) -> tuple[np.ndarray, np.ndarray]:
+    return VALID, VALID
+
+
+def tracker(sam2, images, moves, options=OPTIONS, asked=None, stands_out=all_stand_out) -> MovingTracker:
     def read(frame: int) -> np.ndarray:
         if asked is not None:
             asked.append(frame)
         return images[frame]
 
-    return MovingTracker(sam2, read, lambda frame: moves[frame], TRAINING, FRAMES, VALID, options)
+    return MovingTracker(sam2, read, lambda frame: moves[frame], stands_out, TRAINING, FRAMES, VALID, options)
 
 
 def test_what_does_not_move_is_not_tracked_and_no_frame_is_encoded(sam2, images):
@@ -113,6 +117,18 @@ def test_tracks_that_do_not_move_after_all_are_dropped(sam2, images):
         assert numbers - {-1} == set(range(len(found.instances)))
 
 
+def test_tracks_that_look_as_rendered_after_the_warm_up_are_dropped(sam2, images):
+    """The share over all training frames decides; without a compared pixel nothing speaks against the network."""
+    nothing = ~VALID
+    for static, compared, kept in (([], VALID, True), ([0, 1, 3], VALID, False), ([0, 1, 3], nothing, True)):
+
+        def shown(frame, static=static, compared=compared):
+            return (nothing if frame in static else VALID), compared
+
+        movers = tracker(sam2, images, probability(*range(FRAMES)), stands_out=shown)
+        assert bool(movers.moving_tracks(lambda: None).instances) == kept
+
+
 def test_a_mask_starts_a_track_by_the_mean_probability_inside_it(sam2, images):
     """Also in bfloat16, whose products would round the sums."""
     moves = probability()
@@ -146,7 +162,14 @@ def test_values_that_are_no_probability_and_invalid_pixels_do_not_move(sam2, ima
     valid = VALID.copy()
     valid[20:] = False
     movers = MovingTracker(
-        sam2, lambda frame: images[frame], lambda frame: moves[frame], TRAINING, FRAMES, valid, OPTIONS
+        sam2,
+        lambda frame: images[frame],
+        lambda frame: moves[frame],
+        all_stand_out,
+        TRAINING,
+        FRAMES,
+        valid,
+        OPTIONS,
     )
     assert not movers._search_area(0)[0].any()
 
@@ -161,7 +184,9 @@ def both(sam2, images, moves, asked=None, reads=None) -> SingleFrames:
             asked.append(frame)
         return images[frame]
 
-    movers = MovingTracker(sam2, read, lambda frame: moves[frame], TRAINING, FRAMES, VALID, OPTIONS)
+    movers = MovingTracker(
+        sam2, read, lambda frame: moves[frame], all_stand_out, TRAINING, FRAMES, VALID, OPTIONS
+    )
     return SingleFrames(sam2, read, TRAINING, FRAMES, VALID, OPTIONS, movers)
 
 
