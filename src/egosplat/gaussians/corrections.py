@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from egosplat.gaussians.exposure import exposed
+from egosplat.gaussians.exposure import photographed
 from egosplat.gaussians.initialization import in_picture
 from egosplat.gaussians.rigid import corrected
 from egosplat.gaussians.training_views import Views
@@ -83,9 +83,11 @@ class Corrections:
             return self._camera_to_world[index].numpy()
         return corrected(self._camera_to_world[index], self._leaf[POSE])
 
-    def exposed(self, image: Tensor) -> Tensor:
-        """Apply the gain of the view of the last ``camera_to_world`` to an (H, W, 3 + F) render."""
-        return exposed(image, self._leaf[LOG_GAIN]) if self.options.compensate_exposure else image
+    def exposed(self, image: Tensor, picture: Tensor) -> Tensor:
+        """Expose an (H, W, 3 + F) render of the view of the last ``camera_to_world`` as its (H, W, 3) photograph is."""
+        return (
+            photographed(image, self._leaf[LOG_GAIN], picture) if self.options.compensate_exposure else image
+        )
 
     @torch.no_grad()
     def step(self, index: int, iteration: int) -> None:

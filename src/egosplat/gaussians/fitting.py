@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from egosplat.gaussians.corrections import LOG_GAIN, POSE, CorrectionOptions, adam, learning_rates
-from egosplat.gaussians.exposure import exposed
+from egosplat.gaussians.exposure import SATURATED, photographed
 from egosplat.gaussians.loss import l1_ssim
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, render
@@ -84,14 +84,16 @@ class _Photograph:
     def loss(self, values: Tensor) -> Tensor:
         """Loss of a correction, that of training."""
         picture, weight = self.views.picture(self.index), self.views.weight(self.index)
-        return l1_ssim(exposed(self.render(values), values[LOG_GAIN]), picture, weight, _SSIM_LAMBDA)
+        image = photographed(self.render(values), values[LOG_GAIN], picture)
+        return l1_ssim(image, picture, weight, _SSIM_LAMBDA)
 
     @torch.no_grad()
     def with_best_gain(self, values: Tensor) -> Tensor:
-        """The correction with the gains of the least squared error; the gains stay where the render is black."""
+        """The correction with the gains of the least squared error; where nothing measures a gain, it stays."""
         image, picture = self.render(values), self.views.picture(self.index)
         weight = self.views.weight(self.index)
         weight = torch.ones_like(image[..., :1]) if weight is None else weight[..., None]
+        weight = weight * (picture < SATURATED)
         above, below = ((weight * image * other).double().sum(dim=(0, 1)).cpu() for other in (picture, image))
         log_gain = (above / below).log().clamp(-_MOST_LOG_GAIN, _MOST_LOG_GAIN)
         return torch.cat([values[POSE], torch.where(log_gain.isnan(), values[LOG_GAIN], log_gain)])

@@ -123,7 +123,7 @@ def iterate(
         background=draw_background(options.render.background, state.generator),
     )
     if corrections is not None:
-        image = corrections.exposed(image)
+        image = corrections.exposed(image, views.picture(index))
     loss = state.objective.loss(image, views, index)
     regulariser = regularisation(state.gaussians, state.strategy.opacity_reg, state.strategy.scale_reg)
     # Density control needs this gradient; autograd keeps only those of leaves.

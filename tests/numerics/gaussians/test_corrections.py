@@ -60,7 +60,7 @@ def test_one_frame(brightness):
     start = from_points(xyz, rgb, sh_degree=0, feature_channels=0, max_points=40, seed=0)
     corrections = make_corrections(BOTH, start, views, 0.1, 100)
     corrections.camera_to_world(0)
-    corrections.exposed(torch.rand(24, 24, 3)).sum().backward()
+    corrections.exposed(torch.rand(24, 24, 3), views.picture(0)).sum().backward()
     corrections.step(0, 1)
     assert not corrections.values.any() and int(corrections.steps[0]) == 1
     zero = torch.zeros(1, COLUMNS, dtype=torch.float64)

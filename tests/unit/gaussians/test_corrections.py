@@ -1,5 +1,6 @@
 """Corrections of poses and exposures: their gradient, their mean, what they undo, and how they resume."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +20,8 @@ from egosplat.gaussians.corrections import (
     predicts,
 )
 from egosplat.gaussians.evaluation import evaluate
-from egosplat.gaussians.exposure import exposed
+from egosplat.gaussians.exposure import exposed, photographed
+from egosplat.gaussians.fitting import _Photograph
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.objective import L1Ssim
 from egosplat.gaussians.options import TrainingOptions
@@ -214,6 +216,28 @@ def test_gains_change_colours_and_not_features():
     found = exposed(image, torch.log(torch.tensor([2.0, 0.5, 1.0])))
     torch.testing.assert_close(found[..., :3], image[..., :3] * torch.tensor([2.0, 0.5, 1.0]))
     assert torch.equal(found[..., 3:], image[..., 3:])
+
+
+def test_a_saturated_colour_asks_for_no_less_light():
+    """Protects windows: their photographs are white at any exposure."""
+    picture = torch.tensor([1.0, 0.99, 0.5]).expand(2, 2, 3)
+    for value, expected in ((0.4, [0.8, 0.8, 0.8]), (0.8, [1.0, 0.99, 1.6])):
+        image = torch.full((2, 2, 5), value, requires_grad=True)
+        found = photographed(image, torch.full((3,), math.log(2.0)), picture)
+        torch.testing.assert_close(found[..., :3], torch.tensor(expected).expand(2, 2, 3))
+        assert torch.equal(found[..., 3:], image[..., 3:])
+        (gradient,) = torch.autograd.grad(found[..., :3].sum(), image)
+        assert torch.equal(gradient[..., 0] > 0, torch.full((2, 2), value < 0.5)) and bool(
+            (gradient[..., 2] > 0).all()
+        )
+
+
+def test_gains_are_measured_where_nothing_is_saturated(start, camera_to_world, pictures):
+    """Protects held-out frames of a window: their gain is that of the rest of the room."""
+    views = view_sets(pictures, camera_to_world).training
+    none = torch.zeros(COLUMNS, dtype=torch.float64)
+    view = replace(views, pictures=torch.full_like(views.pictures, 255))
+    assert torch.equal(_Photograph(start, view, 0, SETTINGS, 0).with_best_gain(none), none)
 
 
 def test_corrections_are_interpolated_only_where_they_change_slowly():
