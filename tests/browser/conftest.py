@@ -1,0 +1,73 @@
+"""A headless Chromium with software WebGL, and tabs that record what goes wrong in them."""
+
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+# Milliseconds that a test waits for a condition: software rendering on a busy machine is slow.
+PATIENCE_MS = 60_000
+
+WIDE, PHONE = (800, 500), (390, 844)
+"""Window sizes [px] that a page must fit."""
+
+
+@dataclass
+class Tab:
+    """A tab of the browser.
+
+    Attributes:
+        page: playwright's page.
+        errors: errors of scripts, and errors and warnings of the console.
+        requests: addresses that the tab asked for, the opened one first; not data: and blob: addresses.
+    """
+
+    page: "Page"
+    errors: list[str] = field(default_factory=list)
+    requests: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.page.set_default_timeout(PATIENCE_MS)
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.page.on("console", lambda said: said.type == "error" and self.errors.append(said.text))
+        self.page.on("request", lambda request: self._note(request.url))
+
+    def _note(self, address: str) -> None:
+        if not address.startswith(("data:", "blob:")):
+            self.requests.append(address)
+
+
+@pytest.fixture(scope="module")
+def browser() -> "Iterator[Browser]":
+    """Debian's Chromium, headless; the tests are skipped where it or playwright is absent."""
+    # Scope: playwright keeps an event loop in its thread, which tests of other files must not meet.
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is absent: pip install playwright")
+    program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if program is None:
+        pytest.skip("there is no Chromium: apt-get install chromium")
+    with api.sync_playwright() as playwright:
+        # Chromium refuses its sandbox to root, as whom CI runs.
+        started = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        yield started
+        started.close()
+
+
+@pytest.fixture
+def open_tab(browser: "Browser") -> Iterator[Callable[..., Tab]]:
+    """``open_tab(size, touch=False)``: a new tab of (width, height) pixels in a session of its own."""
+    contexts = []
+
+    def make(size: tuple[int, int] = WIDE, touch: bool = False) -> Tab:
+        width, height = size
+        context = browser.new_context(viewport={"width": width, "height": height}, has_touch=touch)
+        contexts.append(context)
+        return Tab(context.new_page())
+
+    yield make
+    for context in contexts:
+        context.close()
