@@ -26,7 +26,7 @@ from egosplat.artifacts.segments import SEGMENTS
 from egosplat.gaussians.training_views import split_views
 from egosplat.instances.geometry import train_geometry, training_options
 from egosplat.instances.lifted_masks import MaskLifter
-from egosplat.instances.moving import MovingTracks, find_moving
+from egosplat.instances.moving import MovingTracks
 from egosplat.instances.options import InstancesOptions
 from egosplat.instances.rendering import render_things
 from egosplat.instances.things import beliefs, find_things, single_masks
@@ -74,7 +74,7 @@ class Scene:
         training = split_views(*flags, validate=False).training
         self.valid, self.pose = frames.read("valid"), poses.read("camera_to_world")
         self.rows = np.flatnonzero(kept & poses.read("registered"))[::FRAME_STEP]
-        tracks = MovingTracks(self.segments, self.segments.read("instances/moving"))
+        tracks = MovingTracks(self.segments)
         with TemporaryDirectory() as work:
             self.gaussians, views = train_geometry(
                 frames,
@@ -87,7 +87,7 @@ class Scene:
             )
         self.camera = views.camera
         lifter = MaskLifter(self.gaussians, views, self.segments, self.valid, self.keys)
-        lifted = lifter.lift(find_moving(lifter).remove)
+        lifted = lifter.lift(tracks.remove)
         self.weight = lifted.weight
         self.whole = len(self.segments.facts["levels"]) - 1
         self.masks = lifted.select(self.segments.read("instances/level")[lifted.instance] == self.whole)

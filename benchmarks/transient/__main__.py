@@ -19,11 +19,12 @@ from benchmarks.transient.truth import read_truth
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.transient import TRANSIENT, pixels_that_stand_out
+from egosplat.artifacts.transient import TRANSIENT
 from egosplat.pipeline.config import defaults
 from egosplat.progress import log
 from egosplat.transient.masks_stage import (
     InstanceScores,
+    looks_static,
     refined_mask,
     transient_instances,
     without_static_pixels,
@@ -54,7 +55,9 @@ class Scene:
         self.labels = list(self.truth.all_labels())
         transient = open_artifact(folder / "transient.zarr", TRANSIENT)
         self.probability = [transient.row("probability", frame) for frame in range(len(self.labels))]
-        self.stands_out = [pixels_that_stand_out(transient, frame) for frame in range(len(self.labels))]
+        self.stands_out = [transient.row("stands_out", frame) for frame in range(len(self.labels))]
+        self.measured = np.isfinite(transient.read("residual_scale"))
+        self.compared = transient.read("compared")
         path = folder / "instances.zarr"
         self.instances = open_artifact(path, INSTANCES) if path.exists() else None
 
@@ -78,9 +81,9 @@ class Scene:
         found, outstanding = InstanceScores(len(level)), InstanceScores(len(level))
         for frame in np.flatnonzero(self.train):
             found.add(labels[frame], self.probability[frame])
-            stands_out, compared = self.stands_out[frame]
-            outstanding.add(np.where(compared, labels[frame], -1), stands_out)
-        static = outstanding.below(KEYS["stands_out"])
+            if self.measured[frame]:
+                outstanding.add(np.where(self.compared, labels[frame], -1), self.stands_out[frame])
+        static = looks_static(outstanding, KEYS["stands_out"])
         chosen = {
             t: transient_instances(found.scores, found.pixels, level, t, levels) & ~static for t in THRESHOLDS
         }

@@ -1,9 +1,8 @@
-"""Schema of ``transient.zarr``: which pixels are transient or stand out, and the mean of both over instances."""
+"""Schema of ``transient.zarr``: the probability that a pixel is transient, and its mean over instances."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schema import Field, Schema
 
 TRANSIENT = Schema(
@@ -49,12 +48,6 @@ TRANSIENT = Schema(
 )
 
 
-def pixels_that_stand_out(transient: Artifact, frame: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """(H, W) bool, pixels of a frame that stand out after the warm-up, and those that were compared: none if not measured."""
-    measured = np.isfinite(transient.read("residual_scale")[frame])
-    return transient.row("stands_out", frame), transient.read("compared") & measured
-
-
 class InstanceScores:
     """Mean probability of each of N instances over its pixels in all added frames, as in the paper's set D."""
 
@@ -82,10 +75,6 @@ class InstanceScores:
     def pixels(self) -> NDArray[np.int64]:
         """(N,) number of pixels of each instance in the added frames."""
         return self._pixels.copy()
-
-    def below(self, least: float) -> NDArray[np.bool_]:
-        """(N,) whether the mean of each instance is below ``least``; False if it has no pixel."""
-        return (self.scores < least) & (self.pixels > 0)
 
     @property
     def scores(self) -> NDArray[np.float64]:

@@ -22,7 +22,7 @@ from egosplat.gaussians.camera_options import resolved
 from egosplat.gaussians.training_views import split_views
 from egosplat.instances.geometry import train_geometry
 from egosplat.instances.lifted_masks import MaskLifter
-from egosplat.instances.moving import MovingTracks, find_moving
+from egosplat.instances.moving import MovingTracks
 from egosplat.instances.options import InstancesOptions
 from egosplat.instances.scene import Scene, find_scene
 from egosplat.progress import log, track
@@ -68,12 +68,11 @@ def run(
     flags = frames.read("train") & kept, frames.read("evaluation"), poses.read("registered")
     training = split_views(*flags, validate=False).training
     key = provenance.key_of(record)
-    tracks = MovingTracks(segments, segments.read("instances/moving"))
+    tracks = MovingTracks(segments)
     gaussians, views, cameras = train_geometry(
         frames, poses, training, lambda row: tracks.pixels(segments.row("labels", row)), options, output, key
     )
     lifter = MaskLifter(gaussians, views, segments, frames.read("valid"), options)
-    tracks = find_moving(lifter)
     scene = find_scene(lifter, tracks)
     rows = np.flatnonzero(kept & poses.read("registered"))
     _write_things(output, record, scene, tracks, options.source, segments, cameras, rows)

@@ -134,7 +134,7 @@ _STAGES = (
             "sam2",
             "zarr",
         ),
-        keys=_SAM2 | {"masks": ("threshold", "stands_out")},
+        keys=_SAM2 | {"masks": ("threshold",)},
     ),
     Stage(
         "instances",

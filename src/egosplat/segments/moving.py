@@ -20,11 +20,14 @@ from egosplat.segments.prompts import Candidates, prompted_frames
 from egosplat.segments.propagation import Accepts
 from egosplat.segments.tracker import Tracker
 
-Mask = NDArray[np.bool_]
-
 # A track is lost in frames in which its mean probability is below this share of the threshold: SAM2 follows something
 # else there, or the thing rests.
 _LOST = 0.5
+
+# A track moves if its mean probability is at least this share of the way from the threshold to 1. The transient network is
+# surer of what moves than of static things: their tracks reach 0.60 to 0.70, true ones 0.70 to 1
+# (benchmarks/transient/README.md).
+_MOVES = 0.25
 
 # A single mask shows a moving thing if tracks of moving things cover a larger share of it.
 _MOSTLY = 0.5
@@ -34,8 +37,7 @@ class MovingTracker(Tracker):
     """Prompts only pixels that move, and tracks only masks whose mean probability reaches the threshold.
 
     The transient network also calls some static pixels moving, and SAM2's tracks slip to what is behind. So a track
-    ends in frames in which its mean probability is low. Tracks are dropped that do not reach the threshold, or of which
-    most looks as the temporary Gaussians do after the warm-up.
+    ends in frames in which its mean probability is low, and tracks whose mean is not well above the threshold are dropped.
     """
 
     def __init__(
@@ -43,34 +45,33 @@ class MovingTracker(Tracker):
         sam2: Sam2,
         images: Callable[[int], NDArray[np.uint8]],
         probability: Callable[[int], NDArray[np.floating]],
-        stands_out: Callable[[int], tuple[Mask, Mask]],
         frames: NDArray[np.intp],
         length: int,
-        valid: Mask,
+        valid: NDArray[np.bool_],
         options: SegmentsOptions,
     ) -> None:
         """Set up for a video.
 
         Args:
             probability: returns the (H, W) probability in 0..1 that a frame's pixels move; not finite counts as 0.
-            stands_out: returns (H, W) bool, pixels of a frame that stand out after the warm-up, and those compared.
             frames: indices of the frames that may be prompted.
             length: number of frames of the video; all are tracked through.
             sam2, images, valid, options: see ``Tracker``.
         """
         super().__init__(sam2, images, length, valid, options)
-        self._probability, self._stands_out = probability, stands_out
+        self._probability = probability
         self._training, self._prompted = frames, frozenset(prompted_frames(frames, options))
 
     def moving_tracks(self, save: Callable[[], None]) -> Segmented:
         """Track what is left of the video, merge duplicates, and drop tracks that are short or do not move after all.
 
-        A track moves if, over all its pixels in the frames that may be prompted, the mean probability reaches the
-        threshold and the share that stands out ``masks.stands_out``. ``save`` is called after each frame.
+        The mean probability over all its pixels in the frames that may be prompted decides whether a track moves.
+        ``save`` is called after each frame.
         """
         found = self.track_video(save)
         final = finalize_instances(found, self._options.min_frames)
-        moves = self._moves(found.labels, final)
+        threshold = self._options.threshold
+        moves = self._means(found.labels, final) >= threshold + _MOVES * (1.0 - threshold)
         table = np.append(np.where(moves, np.cumsum(moves) - 1, -1), -1).astype(np.int32)[final.table]
         labels = LabelMaps(found.labels[0].shape)
         for frame in range(len(found.labels)):
@@ -78,16 +79,12 @@ class MovingTracker(Tracker):
         tracks = [replace(found.instances[number], moving=True) for number in final.kept[moves]]
         return Segmented(labels, tracks, [], found.notes)
 
-    def _moves(self, labels: LabelMaps, final: FinalInstances) -> Mask:
-        """(N,) whether each track that is left moves."""
-        by_probability, outstanding = InstanceScores(len(final.kept)), InstanceScores(len(final.kept))
+    def _means(self, labels: LabelMaps, final: FinalInstances) -> NDArray[np.float64]:
+        """(N,) mean probability of each track that is left."""
+        scores = InstanceScores(len(final.kept))
         for frame in self._training.tolist():
-            tracks = final.table[labels[frame]]
-            by_probability.add(tracks, self._values(frame))
-            stands_out, compared = self._stands_out(frame)
-            outstanding.add(np.where(compared, tracks, -1), stands_out)
-        reaches = by_probability.scores >= self._options.threshold
-        return reaches & ~outstanding.below(self._options.stands_out)
+            scores.add(final.table[labels[frame]], self._values(frame))
+        return scores.scores
 
     def _prompts(self, frame: int) -> bool:
         return frame in self._prompted

@@ -42,8 +42,6 @@ class SegmentsOptions:
     batch: int
     # masks.threshold: mean probability from which a mask is of something that moves.
     threshold: float
-    # masks.stands_out: share of a track's pixels that stand out after the warm-up, from which it moves.
-    stands_out: float
 
     sam2_config: str
     sam2_checkpoint: str

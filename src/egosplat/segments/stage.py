@@ -14,7 +14,7 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.kept_frames import kept_frames
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
-from egosplat.artifacts.transient import TRANSIENT, pixels_that_stand_out
+from egosplat.artifacts.transient import TRANSIENT
 from egosplat.artifacts.writer import Writer, create
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import SAM2, model_hash
@@ -89,11 +89,6 @@ class _Video:
         assert self.transient is not None
         return self.transient.row("probability", self.frame[place])
 
-    def stands_out(self, place: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """(H, W) bool, pixels that stand out after the warm-up, and those that were compared."""
-        assert self.transient is not None
-        return pixels_that_stand_out(self.transient, self.frame[place])
-
 
 def _open_transient(path: Path | None, frames: Artifact, options: SegmentsOptions) -> Artifact | None:
     """Open the transient artifact if what moves is tracked."""
@@ -121,8 +116,7 @@ def _track_with_sam2(video: _Video, options: SegmentsOptions, checkpoint: Checkp
         return Tracker(sam2, video.image, len(video.frame), valid, options).run(checkpoint)
     train = np.flatnonzero(video.source.read("train")[video.frame])
     about = (train, len(video.frame), valid, options)
-    seen = (video.image, video.probability, video.stands_out)
-    movers = MovingTracker(sam2, *seen, *about) if video.transient else None
+    movers = MovingTracker(sam2, video.image, video.probability, *about) if video.transient else None
     return SingleFrames(sam2, video.image, *about, movers).run(checkpoint)
 
 

@@ -13,7 +13,7 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.masks import BY_INSTANCES, BY_NETWORK, MASKS
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.transient import TRANSIENT, InstanceScores, pixels_that_stand_out
+from egosplat.artifacts.transient import TRANSIENT, InstanceScores
 from egosplat.artifacts.writer import Writer, create
 from egosplat.progress import log, track
 
@@ -26,6 +26,11 @@ def transient_instances(
     """(N,) the set D: instances of ``levels`` with at least one pixel and a score of at least ``threshold``."""
     # An instance without pixels has the score 0, which reaches a threshold of 0.
     return (scores >= threshold) & (pixels > 0) & np.isin(level, sorted(levels))
+
+
+def looks_static(outstanding: InstanceScores, least: float) -> NDArray[np.bool_]:
+    """(N,) whether less than the share ``least`` of an instance's pixels stand out; False if none was measured."""
+    return (outstanding.scores < least) & (outstanding.pixels > 0)
 
 
 def refined_mask(labels: NDArray[np.int32], transient: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -121,12 +126,13 @@ def _find(transient: Artifact, instances: Artifact, rows: NDArray[np.int64]) -> 
     """Score the instances on the frames ``rows``."""
     count = instances.shape("instances/level")[0]
     by_probability, outstanding, total = InstanceScores(count), InstanceScores(count), 0.0
+    measured, compared = np.isfinite(transient.read("residual_scale")), transient.read("compared")
     for frame in track(rows, "scoring instances", total=len(rows)):
         labels, probability = instances.row("labels", frame), transient.row("probability", frame)
         by_probability.add(labels, probability)
         total += float(np.nan_to_num(probability.astype(np.float64), nan=0.0).mean())
-        stands_out, compared = pixels_that_stand_out(transient, frame)
-        outstanding.add(np.where(compared, labels, -1), stands_out)
+        if measured[frame]:
+            outstanding.add(np.where(compared, labels, -1), transient.row("stands_out", frame))
     return _Found(by_probability, outstanding, total / max(len(rows), 1))
 
 
@@ -136,8 +142,7 @@ def _choose(
     """(N,) the transient instances, none if masks are withheld; and facts that say why."""
     scores, pixels = found.by_probability.scores, found.by_probability.pixels
     chosen = transient_instances(scores, pixels, level, options.threshold, levels)
-    # Most of a static thing looks as rendered.
-    chosen &= ~found.outstanding.below(options.stands_out)
+    chosen &= ~looks_static(found.outstanding, options.stands_out)
     asked = np.where(np.isin(level, sorted(levels)), pixels, 0)
     withheld = reason_to_withhold(found.mean_probability, chosen, asked, options.max_share)
     many, seen = int(chosen.sum()), int((asked > 0).sum())

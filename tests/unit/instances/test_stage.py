@@ -9,7 +9,7 @@ from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.instances import stage
 from egosplat.instances.lifted_masks import lift_masks
-from tests.unit.instances.conftest import COLORS, DISTANCE, FRAMES, LEFT, SIZE, options
+from tests.unit.instances.conftest import COLORS, DISTANCE, FRAMES, SIZE, options
 
 
 def run(folder, name="instances.zarr", **changes):
@@ -137,23 +137,6 @@ def test_what_moves_is_drawn_over_the_instances_and_takes_no_part_in_merging(sce
     rest, square = shown[:, 1][~hidden], truth[~hidden]
     assert max((rest == square).mean(), (rest == 1 - square).mean()) > 0.95
     assert found.read("gaussians/instance").max() == 1
-
-
-def test_a_track_on_a_static_surface_is_merged_as_masks_are(scene, truth):
-    """The network called the left square moving in four frames, and they look like the render of all frames."""
-    labels = np.full((FRAMES, 2, SIZE, SIZE), -1, np.int32)
-    for frame in range(FRAMES):
-        labels[frame, 1] = truth[frame] + frame
-        if frame < 4:
-            labels[frame, 1][truth[frame] == LEFT] = FRAMES + 1
-    moving = np.arange(FRAMES + 2) == FRAMES + 1
-    level = np.ones(FRAMES + 2, np.int8)
-    folder = scene(labels=labels, **{"instances/level": level, "instances/moving": moving})
-    found = run(folder, iterations=150)
-    assert not found.read("instances/moving").any()
-    assert found.read("instances/masks").tolist() == [9, 9]
-    shown = found.read("labels")[:, 1]
-    assert max((shown == truth).mean(), (shown == 1 - truth).mean()) > 0.95
 
 
 def test_a_killed_run_resumes_to_the_same_result(scene, monkeypatch):
