@@ -98,6 +98,9 @@ def _draw_psnr(axes: Axes, splats: Artifact) -> None:
         if np.isfinite(values).any():
             axes.plot(iteration, values, marker="o", markersize=4, label=label)
             axes.legend(loc="lower right")
+    if not axes.lines:
+        axes.set_yticks([])
+        axes.text(0.5, 0.5, "no frame was held out", transform=axes.transAxes, ha="center", va="center")
     axes.set(ylabel="PSNR [dB]")
 
 
