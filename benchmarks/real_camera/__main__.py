@@ -1,0 +1,66 @@
+"""Scores of finished scenes beside what their camera costs: held-out PSNR with and without corrections, processor time.
+
+snakemake --cores 2 --config synthetic='{camera: real}' -- results/adt/scene{6,7,8,9,10}/metrics.json
+python -m benchmarks.real_camera results/adt/scene{6,7,8,9,10}
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.common import command, markdown, scene_folders, scene_name
+from benchmarks.scores import METHOD, SCORES, chance, psnr, seconds, told
+from egosplat.tables.paper_tables import average
+from egosplat.tables.scored_scenes import ScoredScene, check_protocol, read_scored_scene
+
+COLUMNS = (
+    "scene",
+    "queries",
+    "accuracy",
+    "static",
+    "movable",
+    "mIoU",
+    "PSNR, static",
+    "without corrections",
+    "CPU-min",
+)
+
+
+def psnr_given(scene: ScoredScene) -> float:
+    """Static PSNR of held-out frames with the given poses and exposures [dB]; equal to ``psnr`` without corrections."""
+    given = scene.document.get("rendering_without_corrections")
+    return psnr(scene, "static") if given is None else given["static"]["psnr"]
+
+
+def values(scenes: Sequence[ScoredScene]) -> list[str]:
+    """The last three columns, as means over scenes."""
+    psnrs = (
+        np.mean([value(one) for one in scenes]) for value in (lambda one: psnr(one, "static"), psnr_given)
+    )
+    minutes = np.mean([seconds(one) for one in scenes]) / 60
+    return [*(f"{one:.2f}" for one in psnrs), f"{minutes:.1f}"]
+
+
+def table(scenes: Mapping[str, ScoredScene]) -> str:
+    """A row for each scene, then the means."""
+    rows = []
+    for name, scene in scenes.items():
+        cells = [scene.cell(*score) for score in SCORES]
+        rows.append([name, cells[0].queries, *map(told, cells), *values([scene])])
+    cells = [average(scenes, *score) for score in SCORES]
+    return markdown(
+        COLUMNS, [*rows, ["mean", cells[0].queries, *map(told, cells), *values([*scenes.values()])]]
+    )
+
+
+@command(__doc__)
+@scene_folders
+def main(folders: Sequence[Path]) -> None:
+    scenes = {scene_name(folder): read_scored_scene(folder / "metrics.json") for folder in folders}
+    check_protocol([*scenes.values()])
+    print(f"{METHOD}\n{chance([*scenes.values()])}\n\n{table(scenes)}")
+
+
+if __name__ == "__main__":
+    main()
