@@ -93,13 +93,13 @@ class Commands(click.Group):
     """Sub-commands that are built only when they are called."""
 
     def list_commands(self, context: click.Context) -> list[str]:
-        others = sorted([*super().list_commands(context), "query"])
+        others = sorted([*super().list_commands(context), *_BUILT])
         return [*(name.replace("_", "-") for name in STAGES), *others]
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
         # Built on demand, so that ``--help`` imports neither PyTorch nor a stage.
-        if name == "query":
-            return query_command()
+        if name in _BUILT:
+            return _BUILT[name]()
         stage = name.replace("-", "_")
         return stage_command(stage) if stage in STAGES else super().get_command(context, name)
 
@@ -239,6 +239,35 @@ def query_command() -> click.Command:
         ],
         help="Find each of PHRASES in the finished scene of FOLDER, such as results/adt/scene1.",
     )
+
+
+def page_command() -> click.Command:
+    """Build the command ``page``, with the flags of the stage ``scene_page`` but its paths."""
+    stage = "scene_page"
+
+    def call(folder: Path, output: Path | None, title: str | None, **keys: Any) -> None:
+        check_scene_folder(folder, STAGES[stage].inputs)
+        paths = {name: folder / STAGES[name].output for name in STAGES[stage].inputs}
+        target = output or folder / STAGES[stage].output
+        run_stage(stage, keys, **paths, output=target, title=title or "/".join(folder.absolute().parts[-2:]))
+
+    return click.Command(
+        "page",
+        callback=call,
+        params=[
+            click.Argument(["folder"], type=ARTIFACT),
+            click.Option(
+                ["--output"], type=ARTIFACT, help="Output page, .html. [default: FOLDER/scene.html]"
+            ),
+            click.Option(["--title"], help="Title of the scene. [default: dataset/scene]"),
+            *(_flag(name, key) for name, key in stage_keys(stage).items()),
+        ],
+        help="Write the finished scene of FOLDER as one HTML file to share: it answers queries in the browser.",
+    )
+
+
+# Commands that are built on demand: their flags come from the configuration's schema.
+_BUILT: dict[str, Callable[[], click.Command]] = {"query": query_command, "page": page_command}
 
 
 def stage_command(stage: str) -> click.Command:

@@ -1,9 +1,9 @@
 """
-Figures of a scene.
+Figures of a scene, and the scene as one page that answers queries.
 
 REQUIRED INPUTS: frames.zarr, annotations.zarr, poses.zarr, segments.zarr, view_features.zarr, features.zarr,
 transient.zarr, masks.zarr, splats.zarr, language.zarr, metrics.json.
-OUTPUTS: contact_sheet.png, instances.png, crops.png, splats.png, transient.png, language.png, queries.png.
+OUTPUTS: contact_sheet.png, instances.png, crops.png, splats.png, transient.png, language.png, queries.png, scene.html.
 TOOLS: matplotlib; egosplat's kernels or gsplat; OpenCLIP.
 """
 
@@ -238,4 +238,43 @@ rule queries_sheet:
         " --metrics {input.metrics:q}"
         " --title {params.title:q}"
         " --output {output:q}"
+        " 2>&1 | tee {log:q}"
+
+
+rule scene_page:
+    """Write the scene as one HTML file that answers queries in the browser."""
+    input:
+        frames=artifact("frames"),
+        poses=artifact("poses"),
+        instances=artifact("instances"),
+        features=artifact("features"),
+        splats=artifact("splats"),
+        language=artifact("language"),
+    output:
+        report(
+            "results/{dataset}/{scene}/{variant}scene.html",
+            caption="../report/scene_page.rst",
+            category="Scenes",
+            labels=labels("scene to walk through"),
+        ),
+    log:
+        "logs/{dataset}/{scene}/{variant}scene_page.log",
+    resources:
+        mem_mb=4000,
+        runtime=15,
+    params:
+        title=get_title,
+        flags=flags("scene_page"),
+        code=code_of("scene_page"),
+    shell:
+        "egosplat scene-page"
+        " --frames {input.frames:q}"
+        " --poses {input.poses:q}"
+        " --instances {input.instances:q}"
+        " --features {input.features:q}"
+        " --splats {input.splats:q}"
+        " --language {input.language:q}"
+        " --title {params.title:q}"
+        " --output {output:q}"
+        " {params.flags}"
         " 2>&1 | tee {log:q}"

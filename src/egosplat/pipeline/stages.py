@@ -284,6 +284,17 @@ _STAGES = (
         libraries=("matplotlib", "open_clip_torch", "opencv-contrib-python-headless", "torch"),
         scene=("title",),
     ),
+    Stage(
+        "scene_page",
+        "egosplat.page.stage",
+        "Write the scene as one HTML file that answers queries in the browser.",
+        output="scene.html",
+        inputs=("frames", "poses", "instances", "features", "splats", "language"),
+        libraries=("open_clip_torch", "opencv-contrib-python-headless", "torch"),
+        sections=("query",),
+        keys=_CLIP,
+        scene=("title",),
+    ),
 )
 
 # Stages by name, in the order of the pipeline.
@@ -293,7 +304,7 @@ STAGES = {stage.name: stage for stage in _STAGES}
 ARTIFACTS = tuple(name for name, stage in STAGES.items() if stage.output.endswith(".zarr"))
 
 # The stages that draw a page.
-PAGES = tuple(name for name, stage in STAGES.items() if stage.output.endswith(".png"))
+PAGES = tuple(name for name, stage in STAGES.items() if stage.output.endswith((".png", ".html")))
 
 # The stages from a scene's recording to its scores.
 PIPELINE = tuple(name for name in STAGES if name not in (*PAGES, "method_metrics"))

@@ -1,0 +1,46 @@
+"""Put the recording on the page: poses of all frames, and small pictures of some."""
+
+import cv2
+import numpy as np
+
+from egosplat.artifacts.reader import Artifact
+from egosplat.geometry import Array
+from egosplat.page.container import Arrays, Facts
+
+# Largest number of pictures, their longer side [px] and the quality of WebP.
+PICTURES, SIDE, QUALITY = 40, 192, 60
+
+
+def pack_frames(frames: Artifact, camera_to_world: Array) -> tuple[Arrays, Facts]:
+    """Pack the poses of all frames that have one, and the pictures of evenly spaced ones.
+
+    Args:
+        camera_to_world: (F, 4, 4) float64, NaN without a pose.
+
+    Returns:
+        ``poses`` (P, 3, 4) float32 and ``pictures`` uint8, the bytes of all WebP files in a row.
+    """
+    posed = np.flatnonzero(np.isfinite(camera_to_world).all(axis=(1, 2)))
+    places = np.linspace(0, len(posed) - 1, min(PICTURES, len(posed))).round().astype(int)
+    shown = posed[places].tolist()
+    files = [_webp(frames.row("rgb", frame)) for frame in shown]
+    arrays = {
+        "poses": camera_to_world[posed, :3].astype(np.float32),
+        "pictures": np.concatenate(files) if files else np.zeros(0, np.uint8),
+    }
+    seconds = (frames.read("timestamp_ns")[posed] - frames.read("timestamp_ns")[posed[:1]]) / 1e9
+    return arrays, {
+        "frames": posed.tolist(),
+        "seconds": np.round(seconds, 2).tolist(),
+        "pictures": [{"frame": frame, "bytes": len(file)} for frame, file in zip(shown, files, strict=True)],
+    }
+
+
+def _webp(picture: np.ndarray) -> np.ndarray:
+    height, width = picture.shape[:2]
+    scale = min(1.0, SIDE / max(height, width))
+    small = cv2.resize(
+        picture, (max(1, round(width * scale)), max(1, round(height * scale))), interpolation=cv2.INTER_AREA
+    )
+    _, file = cv2.imencode(".webp", small[..., ::-1], [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
+    return file.reshape(-1)

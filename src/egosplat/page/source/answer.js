@@ -1,0 +1,152 @@
+// Answers of the whole scene: egosplat/query/relevancy.py and things.py on the palette.
+
+// Relevancy of each palette entry of each level: sigmoid(t (s_q - max_c s_c)).
+function paletteRelevancy(scene, vector) {
+  const { channels, paletteSize, facts } = scene;
+  scene.canonicalFit ??= scene.palette.map((entries) => bestFits(entries, scene.canonical, channels, paletteSize));
+  return scene.palette.map((entries, level) =>
+    Float32Array.from({ length: paletteSize }, (_, entry) => {
+      if (Number.isNaN(scene.canonicalFit[level][entry])) return 0;
+      const fit = dot(entries, entry * channels, vector) - scene.canonicalFit[level][entry];
+      return 1 / (1 + Math.exp(-facts.query.temperature * fit));
+    }));
+}
+
+// NaN for an entry without a feature.
+function bestFits(entries, vectors, channels, size) {
+  return Float64Array.from({ length: size }, (_, entry) => {
+    const feature = entries.subarray(entry * channels, (entry + 1) * channels);
+    return feature.some((value) => value !== 0) ? Math.max(...vectors.map((vector) => dot(feature, 0, vector))) : NaN;
+  });
+}
+
+function dot(values, from, vector) {
+  let sum = 0;
+  for (let channel = 0; channel < vector.length; channel++) sum += values[from + channel] * vector[channel];
+  return sum;
+}
+
+// Relevancy of each Gaussian at each level; 0 where it has no code or no frame shows it.
+function gaussianRelevancy(scene, ofEntries) {
+  return ofEntries.map((relevancy, level) => {
+    const index = scene.codeIndex[level], weight = scene.weights[level];
+    return Float32Array.from({ length: scene.count }, (_, one) => (weight[one] > 0 ? relevancy[index[one]] : 0));
+  });
+}
+
+// The things that match best, by decreasing score.
+function findThings(scene, neighbours, relevancy, most) {
+  const found = relevancy.flatMap((values, level) =>
+    parts(scene, neighbours, values, level).map((members) => measured(scene, values, members, level)));
+  found.sort((one, other) => other.score - one.score);
+  const kept = [];
+  for (const thing of found) {
+    if (kept.length === most) break;
+    if (!kept.some((other) => areSame(scene, thing, other))) kept.push(thing);
+  }
+  return kept;
+}
+
+// Connected sets of Gaussians whose averaged relevancy, normalized over the level, is above the threshold.
+function parts(scene, neighbours, values, level) {
+  const { count, weights } = scene, weight = weights[level], { nearest, segmentation_threshold, least } = scene.facts.query;
+  const smooth = new Float32Array(count);
+  let lowest = Infinity, peak = -Infinity;
+  for (let one = 0; one < count; one++) {
+    let sum = 0, total = 0;
+    for (let place = one * nearest; place < (one + 1) * nearest; place++) {
+      const other = neighbours[place];
+      if (other >= count) continue;
+      sum += weight[other] * values[other];
+      total += weight[other];
+    }
+    smooth[one] = total > 0 ? sum / total : 0;
+    if (weight[one] > 0) {
+      lowest = Math.min(lowest, smooth[one]);
+      peak = Math.max(peak, smooth[one]);
+    }
+  }
+  const isMember = (one) => weight[one] > 0 && smooth[one] - lowest > segmentation_threshold * (peak - lowest);
+  const members = [];
+  for (let one = 0; one < count; one++) if (isMember(one)) members.push(one);
+  return components(members, neighbours, nearest, count).filter((part) => part.length >= least);
+}
+
+function components(members, neighbours, nearest, count) {
+  const parent = new Int32Array(count).fill(-1);
+  for (const one of members) parent[one] = one;
+  const root = (one) => {
+    while (parent[one] !== one) one = parent[one] = parent[parent[one]];
+    return one;
+  };
+  for (const one of members)
+    for (let place = one * nearest; place < (one + 1) * nearest; place++) {
+      const other = neighbours[place];
+      if (other < count && parent[other] >= 0) parent[root(one)] = root(other);
+    }
+  const groups = new Map();
+  for (const one of members) {
+    const group = root(one);
+    if (!groups.has(group)) groups.set(group, []);
+    groups.get(group).push(one);
+  }
+  return [...groups.values()];
+}
+
+function measured(scene, values, members, level) {
+  const weight = scene.weights[level], centre = [0, 0, 0];
+  let total = 0, fit = 0;
+  for (const one of members) {
+    total += weight[one];
+    fit += weight[one] * values[one];
+    for (let axis = 0; axis < 3; axis++) centre[axis] += weight[one] * scene.means[3 * one + axis];
+  }
+  const shown = scene.views.map(({ share }) => members.reduce((sum, one) => sum + share[one], 0));
+  const view = shown.indexOf(Math.max(...shown));
+  const box = scene.facts.query.box_filter ** 2;
+  return {
+    members, level,
+    score: ((fit / total) * shown[view]) / (shown[view] + box),
+    frame: scene.views[view].frame,
+    centre: centre.map((sum) => sum / total),
+    size: [0, 1, 2].map((axis) => extent(scene, weight, members, axis)),
+  };
+}
+
+// Side of the box that leaves out the outermost 2 % of the weight at both ends.
+function extent(scene, weight, members, axis) {
+  const sorted = members.map((one) => [scene.means[3 * one + axis], weight[one]]).sort((a, b) => a[0] - b[0]);
+  const total = sorted.reduce((sum, [, share]) => sum + share, 0);
+  const at = (quantile) => {
+    let below = 0;
+    return (sorted.find(([, share]) => (below += share) >= quantile * total) ?? sorted[sorted.length - 1])[0];
+  };
+  return at(0.98) - at(0.02);
+}
+
+function areSame(scene, one, other) {
+  const weight = (members) =>
+    members.reduce((sum, member) => sum + Math.max(...scene.weights.map((level) => level[member])), 0);
+  const mine = new Set(one.members);
+  const common = weight(other.members.filter((member) => mine.has(member)));
+  return common > scene.facts.query.same * Math.min(weight(one.members), weight(other.members));
+}
+
+// The vector of a phrase, or the reason why it has none.
+function encodePhrase(scene, tower, phrase) {
+  const { words, taught } = scene.facts;
+  if (!phrase.trim()) return { why: "Type the name of a thing." };
+  const known = words.indexOf(phrase.trim().toLowerCase());
+  if (known >= 0) return { vector: scene.wordVectors[known] };
+  if (!tower) return { why: `not on the page's list of ${words.length} words; egosplat query answers any words` };
+  const limit = tower.facts.context - 2;
+  // A token has at most a few letters; a very long text is not worth splitting.
+  const tokens = phrase.length > 40 * limit ? null : tower.tokenize(phrase);
+  if (!tokens || tokens.length > limit) return { why: `too long: the model reads ${limit} tokens; shorten it` };
+  const untaught = taught ? (phrase.toLowerCase().match(/[\p{L}\p{N}]+/gu) ?? []).filter((word) => !taught.includes(word)) : [];
+  if (untaught.length) {
+    const named = [...new Set(untaught)].map((word) => `"${word}"`).join(", ");
+    return { why: `not found: the OpenCLIP checkpoint was not trained on ${named}` };
+  }
+  return { vector: tower.encode(tokens) };
+}

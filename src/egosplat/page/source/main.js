@@ -1,0 +1,396 @@
+// The page: reads the scene, draws it, answers.
+
+const $ = (id) => document.getElementById(id);
+// How long a picture may take while the view moves [ms]; longer ones are drawn with fewer pixels.
+const FLUENT = 60;
+const GREY = 128, HIDDEN = 64, PAINTED = 255;
+
+class Page {
+  constructor(scene) {
+    const { facts } = scene;
+    this.scene = scene;
+    this.tower = facts.tower && new TextTower(facts.tower, scene.arrays);
+    this.canvas = $("view");
+    const source = URL.createObjectURL(new Blob([$("worker").textContent], { type: "text/javascript" }));
+    this.renderer = new Renderer(this.canvas, scene, new Worker(source));
+    this.neighbours = this.findNeighbours(source);
+    this.camera = new SceneCamera(facts.up);
+    this.share = 1;
+    this.questions = 0;
+    this.showing = { relevancy: null, level: scene.levels - 1, threshold: facts.query.min_score, only: false, instances: false };
+    this.idle = Promise.resolve();
+    this.fill();
+    this.listen();
+    this.showFrame(Math.floor(facts.frames.length / 2));
+  }
+
+  findNeighbours(source) {
+    const worker = new Worker(source), { nearest, reach } = this.scene.facts.query;
+    return new Promise((resolve) => {
+      worker.onmessage = ({ data }) => {
+        worker.terminate();
+        resolve(data.neighbours);
+      };
+      worker.postMessage({ means: this.scene.means, neighbours: { radii: this.scene.radii, nearest, reach } });
+    });
+  }
+
+  // What is told about the scene. Every text that others wrote goes through textContent.
+  fill() {
+    const { facts } = this.scene;
+    $("title").textContent = `${facts.title} (${facts.origin})`;
+    for (const word of facts.words) $("vocabulary").append(element("option", "", { value: word }));
+    facts.levels.forEach((name, level) => $("level").append(element("option", name, { value: String(level) })));
+    $("level").value = String(this.showing.level);
+    $("frame").max = String(facts.frames.length - 1);
+    $("instances").disabled = !this.scene.instance;
+    $("threshold").value = String(this.showing.threshold);
+    const all = facts.trained_count.toLocaleString("en"), number = facts.count.toLocaleString("en");
+    const rows = {
+      Origin: facts.origin,
+      Recording: facts.recording,
+      Gaussians: facts.count < facts.trained_count ? `${number} of ${all}: those that cover most` : number,
+      Checkpoints: facts.checkpoints.join("; "),
+      Words: this.tower ? "any; the text model is in this file" : `only the ${facts.words.length} of the list: the text model is too large for this file`,
+      Lengths: facts.unit,
+      "Made by": `egosplat ${facts.version}`,
+    };
+    for (const [name, text] of Object.entries(rows)) $("facts").append(element("dt", name), element("dd", text));
+    for (const line of facts.warnings) $("warnings").append(element("li", line));
+    const count = facts.warnings.length;
+    if (count) $("about").querySelector("summary").textContent = `About this scene (${count} ${count > 1 ? "warnings" : "warning"})`;
+    this.urls = [];
+    let place = 0;
+    for (const { bytes } of facts.pictures) {
+      this.urls.push(URL.createObjectURL(new Blob([this.scene.pictures.subarray(place, place + bytes)], { type: "image/webp" })));
+      place += bytes;
+    }
+  }
+
+  listen() {
+    $("ask").onsubmit = (event) => {
+      event.preventDefault();
+      this.ask($("words").value);
+    };
+    // A choice from the list is asked at once.
+    $("words").oninput = (event) => event.inputType === "insertReplacementText" && this.ask($("words").value);
+    $("threshold").oninput = () => this.show({ threshold: Number($("threshold").value) });
+    $("level").onchange = () => this.show({ level: Number($("level").value) });
+    $("only").onchange = () => this.show({ only: $("only").checked });
+    $("instances").onchange = () => this.show({ instances: $("instances").checked });
+    $("clear").onclick = () => this.clear();
+    $("frame").oninput = () => (this.stop(), this.showFrame(Number($("frame").value), true));
+    $("play").onclick = () => (this.playing ? this.stop() : this.play());
+    $("fold").onclick = () => {
+      const folded = $("inside").toggleAttribute("hidden");
+      $("fold").textContent = folded ? "Show" : "Hide";
+      $("fold").setAttribute("aria-expanded", String(!folded));
+    };
+    this.canvas.addEventListener("webglcontextlost", () => say("The graphics were lost: reload the page."));
+    new ResizeObserver(() => this.redraw()).observe(this.canvas);
+    this.controls = new Controls(this.canvas, {
+      grasp: () => (this.stop(), (this.pivot ??= this.pointAhead())),
+      turn: (right, down) => this.moved(() => this.camera.turn(-right, -down, this.orbits() ? this.pivot : null)),
+      shift: (right, down) => this.moved(() => this.camera.move(-right * this.depth(), -down * this.depth(), 0), [right, down]),
+      advance: (share) => this.moved(() => this.camera.move(0, 0, share * Math.max(this.depth(), 4 * this.scene.facts.near))),
+      step: (right, up, forward) => {
+        const step = 0.06 * Math.max(this.depth(), 4 * this.scene.facts.near);
+        this.stop();
+        this.pivot = null;
+        this.moved(() => this.camera.move(right * step, -up * step, forward * step));
+      },
+      click: (x, y) => this.explain(x, y),
+      rest: () => {
+        if (!this.orbits()) this.pivot = null;
+        this.moving = false;
+        this.redraw();
+      },
+    });
+  }
+
+  orbits() {
+    return $("drag").value === "orbit";
+  }
+
+  // The point that the middle of the picture shows, which drags turn about.
+  pointAhead() {
+    const found = pick(this.scene, this.camera, this.focal(), this.size(), this.size()[0] / 2, this.size()[1] / 2);
+    return found?.point ?? plus(this.camera.eye, this.camera.forward, this.lastDepth ?? 1);
+  }
+
+  depth() {
+    if (this.pivot) this.lastDepth = Math.max(this.camera.toCamera(this.pivot)[2], 0);
+    return this.lastDepth ?? 1;
+  }
+
+  moved(act, shift = null) {
+    this.moving = true;
+    act();
+    if (shift && this.pivot) this.pivot = plus(plus(this.pivot, this.camera.right, -shift[0] * this.depth()), this.camera.down, -shift[1] * this.depth());
+    this.redraw();
+  }
+
+  size() {
+    return [this.canvas.clientWidth, this.canvas.clientHeight];
+  }
+
+  // Focal length [CSS pixels]: shows all that the recording's camera shows, but at most a right angle.
+  focal() {
+    if (this.fixedFocal) return this.fixedFocal;
+    const [width, height] = this.size(), { camera } = this.scene.facts;
+    return Math.max(Math.min((width * camera.fx) / camera.width, (height * camera.fy) / camera.height), 0.5 * Math.max(width, height));
+  }
+
+  redraw() {
+    this.wanted = true;
+    if (!this.drawing) this.idle = this.drawAll();
+  }
+
+  async drawAll() {
+    this.drawing = true;
+    while (this.wanted) {
+      this.wanted = false;
+      await this.renderer.sort(this.camera);
+      await new Promise(requestAnimationFrame);
+      this.draw(this.moving ? this.share : 1);
+    }
+    this.drawing = false;
+  }
+
+  draw(share) {
+    const [width, height] = this.size(), ratio = Math.min(devicePixelRatio, this.share < 1 ? 1 : 2) * share;
+    const sides = [width, height].map((side) => Math.max(1, Math.round(side * ratio)));
+    if (this.canvas.width !== sides[0] || this.canvas.height !== sides[1]) [this.canvas.width, this.canvas.height] = sides;
+    const begun = performance.now();
+    this.renderer.draw(this.camera, (this.focal() * sides[0]) / width);
+    this.renderer.finish();
+    const taken = performance.now() - begun;
+    if (taken > 1.3 * FLUENT) this.share = Math.max(0.2, share * Math.sqrt(FLUENT / taken));
+    else if (taken < FLUENT / 2) this.share = Math.min(1, share * 1.25);
+    this.placeMark();
+    if (!this.firstPicture) {
+      this.firstPicture = performance.now();
+      say("");
+    }
+  }
+
+  // A pose of the camera (12 numbers) and a focal length [CSS pixels], for scripts.
+  async setView(pose, focal = null) {
+    this.fixedFocal = focal;
+    this.camera.setPose(pose);
+    this.pivot = null;
+    this.redraw();
+    await this.idle;
+  }
+
+  // Draw, and return the picture as a PNG address.
+  async picture() {
+    await this.renderer.sort(this.camera);
+    this.draw(1);
+    return this.canvas.toDataURL("image/png");
+  }
+
+  async ask(phrase) {
+    const begun = performance.now(), question = ++this.questions;
+    const { vector, why } = encodePhrase(this.scene, this.tower, phrase);
+    if (why) {
+      this.clear();
+      return this.tell(phrase, { why });
+    }
+    const relevancy = gaussianRelevancy(this.scene, paletteRelevancy(this.scene, vector));
+    this.heatTime = performance.now() - begun;
+    $("answer").textContent = `"${shortened(phrase)}" ...`;
+    const things = findThings(this.scene, await this.neighbours, relevancy, 3);
+    if (question !== this.questions) return null;
+    const best = things[0], { min_score } = this.scene.facts.query, fitting = things.filter((thing) => thing.score >= min_score);
+    this.answerTime = performance.now() - begun;
+    $("heat").hidden = false;
+    this.mark = fitting.length ? { point: best.centre, text: `${shortened(phrase)} ${best.score.toFixed(2)}` } : null;
+    $("level").value = String(best?.level ?? this.showing.level);
+    this.show({ relevancy, level: best?.level ?? this.showing.level });
+    const none = best ? `not found: the best match is below ${min_score.toFixed(2)}` : "no Gaussian of the scene has a code";
+    return this.tell(phrase, { things: fitting, score: best?.score ?? 0, why: fitting.length ? null : none });
+  }
+
+  tell(phrase, answer) {
+    const score = answer.score === undefined ? "" : ` (${answer.score.toFixed(2)})`;
+    const number = answer.things?.length ?? 0;
+    $("answer").textContent = `"${shortened(phrase)}": ${answer.why ? answer.why + score : number > 1 ? `${number} found` : "found"}`;
+    $("things").replaceChildren(...(answer.things ?? []).map((thing) => this.thingItem(thing, phrase)));
+    return { phrase, ...answer };
+  }
+
+  thingItem(thing, phrase) {
+    const { facts } = this.scene, button = element("button", `Go there: ${thing.score.toFixed(2)}, ${facts.levels[thing.level]}, frame ${thing.frame}`, { type: "button" });
+    const size = thing.size.map((side) => side.toFixed(2)).join(" x ");
+    button.append(element("small", `at ${place(thing.centre)}; ${size} ${facts.unit}`));
+    button.onclick = () => this.jump(thing, phrase);
+    const item = element("li", "");
+    item.append(button);
+    return item;
+  }
+
+  // To the frame that shows a thing best, but not farther away than it needs.
+  jump(thing, phrase) {
+    const { facts, poses } = this.scene, row = 12 * facts.frames.indexOf(thing.frame);
+    const eye = [3, 7, 11].map((entry) => poses[row + entry]);
+    const away = plus(eye, thing.centre, -1), distance = Math.hypot(...away);
+    const enough = Math.max(2 * Math.hypot(...thing.size), 6 * facts.near);
+    const nearer = enough < distance ? plus(thing.centre, unit(away), enough) : eye;
+    this.stop();
+    this.camera.lookAt(nearer, thing.centre);
+    this.pivot = thing.centre;
+    this.moving = false;
+    this.mark = { point: thing.centre, text: `${shortened(phrase)} ${thing.score.toFixed(2)}` };
+    this.showing.level = thing.level;
+    $("level").value = String(thing.level);
+    this.show({ level: thing.level });
+  }
+
+  clear() {
+    this.questions++;
+    this.mark = null;
+    $("heat").hidden = true;
+    $("answer").textContent = "";
+    $("things").replaceChildren();
+    this.show({ relevancy: null });
+  }
+
+  show(changes) {
+    Object.assign(this.showing, changes);
+    $("threshold-value").textContent = this.showing.threshold.toFixed(2);
+    this.renderer.setPaint(this.painted());
+    this.redraw();
+  }
+
+  painted() {
+    const { relevancy, level, threshold, only, instances } = this.showing, { count, instance } = this.scene;
+    const paint = new Uint8Array(4 * count);
+    if (!relevancy && !(instances && instance)) return paint;
+    for (let one = 0; one < count; one++) {
+      if (relevancy) {
+        const value = relevancy[level][one];
+        if (value >= threshold && value > 0) paint.set([...turbo(value), PAINTED], 4 * one);
+        else paint[4 * one + 3] = only ? HIDDEN : GREY;
+      } else if (instance[level][one]) paint.set([...instanceColour(instance[level][one]), PAINTED], 4 * one);
+      else paint[4 * one + 3] = GREY;
+    }
+    return paint;
+  }
+
+  // Say what a point of the window shows.
+  explain(x, y) {
+    const found = pick(this.scene, this.camera, this.focal(), this.size(), x, y);
+    if (!found) {
+      $("place").textContent = "Nothing is there.";
+      return null;
+    }
+    const { words, instances, point } = describe(this.scene, found), { facts } = this.scene;
+    const named = ({ word, score, level }) => `${word} ${score.toFixed(2)} (${facts.levels[level]})`;
+    const fitting = words.filter((word) => word.score >= facts.query.min_score).slice(0, 3);
+    const closest = words.length ? `: closest is ${named(words[0])}` : "";
+    $("place").textContent = fitting.length ? fitting.map(named).join(", ") : `No word of the list fits${closest}`;
+    const at = instances?.map((number, level) => (number === null ? null : `${facts.levels[level]} ${number}`)).filter(Boolean);
+    const instance = at?.length ? `; instances: ${at.join(", ")}` : "";
+    $("place").append(element("small", `at ${place(point)} ${facts.unit}${instance}`));
+    this.mark = { point, text: fitting.length ? fitting[0].word : "?" };
+    this.placeMark();
+    return { words, instances, point };
+  }
+
+  placeMark() {
+    const mark = $("mark"), at = this.mark && this.project(this.mark.point);
+    mark.hidden = !at;
+    if (!at) return;
+    mark.querySelector("span").textContent = this.mark.text;
+    mark.style.transform = `translate(${at[0]}px, ${at[1]}px)`;
+  }
+
+  // Window coordinates of a point; null outside of the picture.
+  project(point) {
+    const [x, y, z] = this.camera.toCamera(point), [width, height] = this.size();
+    if (z < this.scene.facts.near) return null;
+    const at = [width / 2 + (this.focal() * x) / z, height / 2 + (this.focal() * y) / z];
+    return at[0] >= 0 && at[0] <= width && at[1] >= 0 && at[1] <= height ? at : null;
+  }
+
+  // Stand where the wearer stood.
+  showFrame(row, moving = false) {
+    const { facts, poses } = this.scene, frame = facts.frames[row];
+    this.camera.setPose(poses.subarray(12 * row, 12 * row + 12));
+    this.pivot = null;
+    this.moving = moving;
+    $("frame").value = String(row);
+    $("clock").textContent = `${facts.seconds[row].toFixed(1)} s, frame ${frame}`;
+    const nearest = facts.pictures.reduce((best, one, place) => (Math.abs(one.frame - frame) < Math.abs(facts.pictures[best].frame - frame) ? place : best), 0);
+    $("picture").src = this.urls[nearest];
+    $("picture").alt = `Photograph of frame ${facts.pictures[nearest].frame}`;
+    this.redraw();
+    clearTimeout(this.resting);
+    if (moving) this.resting = setTimeout(() => ((this.moving = this.playing ?? false), this.redraw()), 250);
+  }
+
+  async play() {
+    const { seconds } = this.scene.facts, last = seconds.length - 1;
+    const row = Number($("frame").value), from = row < last ? row : 0, begun = performance.now();
+    const mine = (this.playing = {});
+    $("play").textContent = "\u275a\u275a";
+    while (this.playing === mine) {
+      const now = seconds[from] + (performance.now() - begun) / 1000;
+      const next = seconds.findIndex((time) => time > now);
+      this.showFrame(next < 0 ? last : Math.max(next - 1, from), true);
+      if (next < 0) break;
+      await Promise.all([this.idle, new Promise((resolve) => setTimeout(resolve, 30))]);
+    }
+    if (this.playing === mine) this.stop();
+  }
+
+  stop() {
+    this.playing = null;
+    $("play").textContent = "\u25b6";
+  }
+}
+
+function element(name, text, attributes = {}) {
+  const made = document.createElement(name);
+  made.textContent = text;
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  return made;
+}
+
+const shortened = (text) => (text.length > 60 ? `${text.slice(0, 60)}...` : text);
+const place = (point) => point.map((value) => value.toFixed(2)).join(", ");
+
+function say(text) {
+  $("state").textContent = text;
+}
+
+// Google's colour map Turbo, by its published polynomial (Mikhailov 2019); bytes.
+function turbo(value) {
+  const powers = [1, value, value ** 2, value ** 3, value ** 4, value ** 5];
+  return [
+    [0.13572138, 4.6153926, -42.66032258, 132.13108234, -152.94239396, 59.28637943],
+    [0.09140261, 2.19418839, 4.84296658, -14.18503333, 4.27729857, 2.82956604],
+    [0.1066733, 12.64194608, -60.58204836, 110.36276771, -89.90310912, 27.34824973],
+  ].map((factors) => Math.max(0, Math.min(255, 255 * factors.reduce((sum, factor, power) => sum + factor * powers[power], 0))));
+}
+
+// Neighbouring numbers get hues far apart.
+function instanceColour(number) {
+  const hue = (number * 0.618034) % 1;
+  return [0, 1 / 3, 2 / 3].map((shift) => 150 + 105 * Math.cos(2 * Math.PI * (hue - shift)));
+}
+
+async function start() {
+  try {
+    if (!("DecompressionStream" in window)) throw new Error("This browser is too old for the page: it cannot unpack gzip.");
+    const raw = await unpackScene($("data").textContent.trim());
+    $("data").remove();
+    window.egosplat = new Page(buildScene(raw));
+  } catch (error) {
+    say(`The scene cannot be shown. ${error.message}`);
+    console.error(error);
+  }
+}
+
+start();

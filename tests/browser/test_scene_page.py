@@ -1,0 +1,258 @@
+"""The scene page in a real browser, against Python."""
+
+import base64
+import io
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from egosplat.gaussians.render import render
+from egosplat.geometry import Camera
+from egosplat.models.open_clip_loader import load_open_clip
+from egosplat.page.container import unpack
+from egosplat.page.words import words_to_try
+from egosplat.query.relevancy import relevancy
+from egosplat.query.text import encode_phrases
+from egosplat.query.things import find_things
+from tests.browser.conftest import PHONE, WIDE
+from tests.support.page_scene import (
+    SETTINGS,
+    TITLE,
+    data_of,
+    page_options,
+    put_page_scene,
+    surface_of,
+    write_page,
+)
+
+_READY = "window.egosplat?.firstPicture"
+# What a test needs of an answer; the members are many.
+_ASK = """async (words) => {
+  const { things, why, score } = await egosplat.ask(words);
+  return { why, score, things: things?.map(({ members, ...thing }) => ({ ...thing, count: members.length })) };
+}"""
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """The Gaussians, the page's file, and its facts and arrays."""
+    folder = tmp_path_factory.mktemp("page")
+    gaussians = put_page_scene(folder)
+    page = write_page(folder)
+    return gaussians, page, *unpack(data_of(page))
+
+
+@pytest.fixture(scope="module")
+def clip():
+    return load_open_clip("small", "small", "cpu", "float32")
+
+
+@pytest.fixture
+def scene(made, open_tab):
+    """``scene(size)``: a tab with the page, its first picture drawn."""
+
+    def open_page(size=WIDE, touch=False):
+        tab = open_tab(size, touch)
+        tab.page.goto(made[1].as_uri())
+        tab.page.wait_for_function(_READY)
+        return tab
+
+    return open_page
+
+
+def colour_at(tab, point) -> np.ndarray:
+    """(3,) colour in a screenshot, around the place where a world point is drawn."""
+    tab.page.evaluate("egosplat.idle")
+    # The ring of the mark and the panel cover points.
+    tab.page.add_style_tag(content="#mark, #panel { visibility: hidden }")
+    x, y = tab.page.evaluate("point => egosplat.project(point)", point)
+    picture = np.asarray(Image.open(io.BytesIO(tab.page.screenshot())).convert("RGB"), float)
+    return picture[round(y) - 3 : round(y) + 4, round(x) - 3 : round(x) + 4].mean(axis=(0, 1))
+
+
+@pytest.mark.parametrize("size", [WIDE, PHONE])
+def test_the_page_opens_without_an_error_or_a_request(scene, size):
+    """Everything is in the file, and nothing sticks out of the window."""
+    tab = scene(size)
+    assert tab.errors == []
+    assert len(tab.requests) == 1 and tab.requests[0].startswith("file:")
+    assert tab.page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    for name in ("#words", "#frame", "#title"):
+        box = tab.page.locator(name).bounding_box()
+        assert box["x"] >= 0 and box["x"] + box["width"] <= size[0] and box["y"] + box["height"] <= size[1]
+
+
+def test_the_title_is_shown_as_text(scene):
+    """HTML in a title stays text."""
+    tab = scene()
+    assert tab.page.inner_text("#title") == f"{TITLE} (synthetic)"
+    assert tab.page.locator("#injected").count() == 0
+
+
+def test_the_picture_is_that_of_the_kernels(scene, made):
+    """The browser draws what egosplat renders, quantisation included."""
+    tab = scene()
+    pose, focal = np.eye(4), 300.0
+    tab.page.evaluate("([pose, focal]) => egosplat.setView(pose, focal)", [pose[:3].ravel().tolist(), focal])
+    address = tab.page.evaluate("egosplat.picture()")
+    drawn = np.asarray(Image.open(io.BytesIO(base64.b64decode(address.partition(",")[2]))).convert("RGB"))
+    height, width = drawn.shape[:2]
+    camera = Camera(width, height, focal, focal, width / 2, height / 2)
+    expected = render(made[0], camera, pose, SETTINGS, sh_degree=1, background=None)[0].clamp(0, 1).numpy()
+    error = float(((drawn / 255.0 - expected) ** 2).mean())
+    assert -10 * np.log10(error) > 40
+
+
+@pytest.mark.parametrize("words", ["couch", "cup", "wooden door"])
+def test_an_answer_is_that_of_python(scene, made, clip, words):
+    """Place, level, score and best frame of every thing found equal those of the package on the page's data."""
+    _, _, facts, arrays = made
+    options = page_options()
+    canonical = encode_phrases(clip, options.canonical)
+    features = torch.from_numpy(arrays["palette"].astype(np.float32))
+    fits = relevancy(features, encode_phrases(clip, [words]), canonical, options.temperature)[..., 0].numpy()
+    surface = surface_of(facts, arrays)
+    values = np.stack([fits[level][arrays["code_index"][level]] for level in range(2)])
+    values = np.where(surface.weight.T > 0, values, np.float32(0))
+    expected = find_things(surface, values, options.segmentation_threshold, options.box_filter, 3)
+    found = scene().page.evaluate(_ASK, words)
+    assert found["score"] == pytest.approx(expected[0].score, abs=1e-3)
+    fitting = [thing for thing in expected if thing.score >= options.min_score]
+    assert len(found["things"]) == len(fitting)
+    for mine, other in zip(found["things"], fitting, strict=True):
+        assert mine["level"] == other.level and mine["count"] == len(other.members)
+        assert mine["frame"] == facts["seen_frames"][other.view]
+        np.testing.assert_allclose(mine["centre"], other.centre, atol=1e-3)
+        np.testing.assert_allclose(mine["size"], other.high - other.low, atol=1e-3)
+
+
+def test_a_query_colours_its_answer_and_a_jump_shows_it(scene):
+    """The pixel under the answer is hot, one beside it is grey; after the jump the answer is in the middle."""
+    tab = scene()
+    tab.page.fill("#words", "cup")
+    tab.page.press("#words", "Enter")
+    button = tab.page.locator("#things button").first
+    button.wait_for()
+    thing = tab.page.evaluate(_ASK, "cup")["things"][0]
+    assert thing["centre"][0] > 0.7
+    # Where the answer is not in view, the jump brings it there.
+    away = [1, 0, 0, -9, 0, 1, 0, 0, 0, 0, 1, 0]
+    tab.page.evaluate("pose => egosplat.setView(pose)", away)
+    assert tab.page.evaluate("point => egosplat.project(point)", thing["centre"]) is None
+    button.click()
+    x, y = tab.page.evaluate("point => egosplat.project(point)", thing["centre"])
+    assert [x, y] == pytest.approx([WIDE[0] / 2, WIDE[1] / 2], abs=1)
+    assert tab.page.inner_text("#mark span").startswith("cup")
+    wall = [0.1, 0.0, 2.0]
+    red, _, blue = colour_at(tab, thing["centre"])
+    assert red > 2 * blue
+    assert colour_at(tab, wall).max() - colour_at(tab, wall).min() < 10
+    tab.page.evaluate("egosplat.show({ only: true })")
+    assert colour_at(tab, thing["centre"])[0] > 2 * blue
+    assert colour_at(tab, wall).max() < 40
+
+
+def test_a_click_names_what_is_there(scene):
+    """The words that fit best, their level, the position and the instances of a surface."""
+    tab = scene()
+    tab.page.evaluate("egosplat.setView([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0], 300)")
+    x, y = tab.page.evaluate("egosplat.project([0.9, 0.3, 2])")
+    tab.page.mouse.click(x, y)
+    text = tab.page.inner_text("#place")
+    assert text.startswith("cup ") and "(whole)" in text and "whole 5" in text
+    found = tab.page.evaluate("([x, y]) => egosplat.explain(x, y).point", [x, y])
+    np.testing.assert_allclose(found, [0.9, 0.3, 2.0], atol=0.15)
+    tab.page.mouse.click(790, 5)
+    assert tab.page.inner_text("#place") == "Nothing is there."
+
+
+def test_words_and_tokens_are_those_of_the_model(scene, clip):
+    """The text tower in JavaScript gives PyTorch's features, for words that are not in the page's list too."""
+    tab = scene()
+    phrases = ["couch", "red wooden chair", "the lamp's  shade, on a desk!", "café 24", "Ein Bücherregal?"]
+    for phrase in phrases:
+        tokens = tab.page.evaluate("phrase => egosplat.tower.tokenize(phrase)", phrase)
+        assert tokens == clip.tokenizer.encode(phrase)
+    encoded = [
+        tab.page.evaluate("p => Array.from(egosplat.tower.encode(egosplat.tower.tokenize(p)))", phrase)
+        for phrase in phrases
+    ]
+    np.testing.assert_allclose(encoded, encode_phrases(clip, phrases).numpy(), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        ("zeppelin", "was not trained on"),
+        ("<img src=x onerror=\"document.title = 'hacked'\">", "<img"),
+        ("x" * 10_000, "too long"),
+        (" ", "Type the name"),
+        ("clock", "not found: the best match is below"),
+    ],
+)
+def test_what_cannot_be_found_gets_a_reason(scene, words, reason):
+    """Unknown words, HTML, 10,000 letters, nothing, and a thing that is not there."""
+    tab = scene()
+    tab.page.fill("#words", words)
+    tab.page.press("#words", "Enter")
+    tab.page.wait_for_function(
+        "reason => document.getElementById('answer').textContent.includes(reason)", arg=reason
+    )
+    assert tab.page.locator("#answer img").count() == 0 and tab.page.title() != "hacked"
+    assert len(tab.page.inner_text("#answer")) < 300
+    assert tab.page.locator("#things button").count() == 0 and tab.errors == []
+
+
+@pytest.mark.parametrize("touch", [False, True])
+def test_the_view_follows_slider_keys_wheel_and_drags(scene, touch):
+    """The slider stands where the wearer stood; keys, wheel and drags move on from there."""
+    tab = scene(PHONE if touch else WIDE, touch)
+    eye = "Array.from(egosplat.camera.eye)"
+    tab.page.locator("#frame").fill("0")
+    assert tab.page.evaluate(eye) == pytest.approx([-0.8, 0, 0])
+    assert "frame 0" in tab.page.inner_text("#clock")
+    places = [tab.page.evaluate(eye)]
+    if touch:
+        tab.page.touchscreen.tap(195, 150)
+        assert tab.page.inner_text("#place").startswith("couch")
+    tab.page.focus("#view")
+    tab.page.keyboard.press("ArrowUp")
+    places.append(tab.page.evaluate(eye))
+    tab.page.mouse.move(330, 150)
+    tab.page.mouse.wheel(0, -200)
+    tab.page.wait_for_function(f"before => {eye}[2] > before", arg=places[1][2])
+    places.append(tab.page.evaluate(eye))
+    assert 0 < places[1][2] < places[2][2] < 2
+    tab.page.mouse.down()
+    tab.page.mouse.move(380, 180)
+    tab.page.mouse.up()
+    assert np.linalg.norm(np.subtract(tab.page.evaluate(eye), places[2])) > 0.05
+    assert tab.errors == []
+
+
+def test_instances_have_colours_and_the_words_are_suggested(scene, clip):
+    """Neighbours of different instances differ in colour; the vocabulary is that of the model."""
+    tab = scene()
+    tab.page.check("#instances")
+    left, right = colour_at(tab, [0.35, 0.2, 2]), colour_at(tab, [0.75, 0.2, 2])
+    assert np.abs(left - right).max() > 30
+    options = tab.page.eval_on_selector_all("#vocabulary option", "all => all.map(one => one.value)")
+    assert options == list(words_to_try(clip))
+
+
+def test_a_thinned_scene_without_a_text_tower_says_so(tmp_path, open_tab, monkeypatch):
+    """A page with fewer Gaussians tells how many there are; without a text tower it answers its list alone."""
+    put_page_scene(tmp_path, origin="real")
+    monkeypatch.setattr("egosplat.page.words.MOST_NUMBERS", 1000)
+    page = write_page(tmp_path, max_gaussians=400)
+    tab = open_tab(PHONE)
+    tab.page.goto(page.as_uri())
+    tab.page.wait_for_function(_READY)
+    tab.page.click("summary")
+    about = tab.page.inner_text("#about")
+    assert "400 of 700" in about and "only the" in about and "real" in about
+    assert "trained on synthetic apartments only" in tab.page.inner_text("#warnings")
+    assert "list" in tab.page.evaluate(_ASK, "red couch")["why"]
+    assert tab.page.evaluate(_ASK, "couch")["score"] > 0.3 and tab.errors == []

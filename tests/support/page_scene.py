@@ -1,0 +1,156 @@
+"""A small scene for the scene page, and what the page's data mean, read back in Python."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from egosplat.gaussians.initialization import from_points
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import RenderSettings, render
+from egosplat.geometry import Camera
+from egosplat.models.checkpoints import CLIP, model_hash
+from egosplat.models.open_clip_loader import load_open_clip
+from egosplat.page.stage import ScenePageOptions, run
+from egosplat.page.visibility import STEP
+from egosplat.pipeline.config import defaults, stage_values
+from egosplat.query.text import encode_phrases
+from egosplat.query.things import Surface
+from tests.support.scenes import UP, camera_facts, put
+
+SIDE = 96
+CAMERA = Camera(SIDE, SIDE, 60.0, 60.0, SIDE / 2, SIDE / 2)
+SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
+LEVELS = ["part", "whole"]
+# By x of a Gaussian, what it means: a couch on the left, a wall in the middle, a cup on the right.
+WORDS = ("couch", "wall", "cup")
+TITLE = 'scene </script><b id="injected">bold</b>'
+
+
+def wall() -> Gaussians:
+    """700 coloured Gaussians with view-dependent colours, on a bumpy plane 2 m ahead."""
+    rng = np.random.default_rng(0)
+    xyz = rng.uniform([-1.6, -1.2, 1.95], [1.6, 1.2, 2.05], (700, 3))
+    rgb = rng.integers(60, 200, (700, 3), dtype=np.uint8)
+    gaussians = from_points(xyz, rgb, sh_degree=1, feature_channels=0, max_points=1000, seed=0)
+    gaussians.logit_opacities.fill_(3.0)
+    gaussians.sh[:, 1:] = torch.from_numpy(rng.normal(0, 0.08, (700, 3, 3))).float()
+    gaussians.quats.copy_(torch.from_numpy(rng.normal(size=(700, 4))).float())
+    gaussians.log_scales += torch.from_numpy(rng.normal(0, 0.3, (700, 3))).float()
+    return gaussians
+
+
+def put_page_scene(folder: Path, origin: str = "synthetic") -> Gaussians:
+    """Write all artifacts that the page needs, and return the Gaussians."""
+    gaussians, count = wall(), 5
+    poses = np.tile(np.eye(4), (count, 1, 1))
+    poses[:, 0, 3] = np.linspace(-0.8, 0.8, count)
+    poses[3] = np.nan
+    pictures = [
+        render(gaussians, CAMERA, pose, SETTINGS, sh_degree=1, background=None)[0]
+        for pose in np.nan_to_num(poses)
+    ]
+    x = gaussians.means[:, 0].numpy()
+    meant = np.digitize(x, [-0.5, 0.5])
+    clip = load_open_clip("small", "small", "cpu", "float32")
+    vectors = encode_phrases(clip, WORDS).numpy()[meant]
+    small = {"clip_model": "small", "clip_checkpoint": "small"}
+    digest = model_hash(CLIP, small)
+    about = {"model": "small", "checkpoint": "small", "hash": digest, "small": True}
+
+    def write(name: str, *arguments: Any, **more: Any) -> None:
+        put(folder, name, *arguments, origin=origin, **more)
+
+    rgb = (torch.stack(pictures).clamp(0, 1) * 255).round().to(torch.uint8).numpy()
+    write("frames", {"rgb": rgb, "train": np.ones(count, bool)}, camera_facts(CAMERA))
+    arrays = {"camera_to_world": poses, "registered": np.isfinite(poses).all(axis=(1, 2)), "up": UP}
+    write("poses", arrays | {"intrinsics": CAMERA.matrix}, camera_facts(CAMERA), made_from=["frames"])
+    owner = np.stack([meant, meant + 3], axis=1).astype(np.int32)
+    write(
+        "instances",
+        {"gaussians/xyz": gaussians.means.numpy(), "gaussians/instance": owner},
+        {"levels": LEVELS},
+        made_from=["frames", "poses"],
+    )
+    write(
+        "features",
+        {"consistent": encode_phrases(clip, WORDS).numpy()},
+        {"levels": LEVELS, "clip": about, "decoder": {"widths": [vectors.shape[1]]}},
+        options=small,
+        models={"clip_checkpoint": digest},
+    )
+    names = ("means", "quats", "log_scales", "logit_opacities", "sh")
+    stored = {name: getattr(gaussians, name).numpy() for name in names}
+    facts = {"camera": asdict(CAMERA), "sh_degree_in_use": 1, "views": {"training": count}}
+    write("splats", stored, facts, options=asdict(SETTINGS), made_from=["frames", "poses"])
+    code = np.stack([np.zeros_like(vectors), vectors], axis=1)
+    share = np.tile(np.float32([0, 1]), (len(code), 1))
+    # At the level of parts, some Gaussians of the couch alone have a code: a weaker answer.
+    some = np.flatnonzero(meant == 0)[:60]
+    code[some, 0], share[some, 0] = vectors[some], 1
+    write(
+        "language",
+        {"code": code, "share": share},
+        {"levels": LEVELS},
+        made_from=["frames", "poses", "features", "splats"],
+    )
+    return gaussians
+
+
+def page_options(**changes: Any) -> ScenePageOptions:
+    """The default keys of the page, but for changes."""
+    return ScenePageOptions(**stage_values("scene_page", defaults()) | {"device": "cpu"} | changes)
+
+
+def write_page(folder: Path, title: str = TITLE, **changes: Any) -> Path:
+    """Write ``folder/scene.html`` from the artifacts in the folder."""
+    names = ("frames", "poses", "instances", "features", "splats", "language")
+    paths = {f"{name}_path": folder / f"{name}.zarr" for name in names}
+    run(**paths, output=folder / "scene.html", options=page_options(**changes), title=title)
+    return folder / "scene.html"
+
+
+def data_of(page: Path) -> str:
+    """The packed data in a page."""
+    return page.read_text().partition('id="data">')[2].partition("</script>")[0]
+
+
+def means_of(facts: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> np.ndarray:
+    """(N, 3) float32 centres on the page."""
+    block = np.arange(facts["count"]) // facts["block"]
+    return (arrays["block_low"][:, block] + arrays["position"] * arrays["block_step"][:, block]).T.astype(
+        np.float32
+    )
+
+
+def scales_of(facts: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> np.ndarray:
+    """(N, 3) float32 standard deviations on the page."""
+    low, high = facts["log_scale_range"]
+    return np.exp(low + arrays["log_scale"].T / 255 * (high - low)).astype(np.float32)
+
+
+def shares_of(facts: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """(V, N) shares of the stored views, and (N,) mean share of all views."""
+    shown = np.unpackbits(arrays["seen"], axis=1, count=facts["count"]).astype(bool)
+    shares = np.zeros(shown.shape, np.float32)
+    shares[shown] = from_bytes(arrays["seen_share"], facts["share_smallest"])
+    return shares, from_bytes(arrays["visible"], facts["mean_smallest"])
+
+
+def from_bytes(values: np.ndarray, smallest: float) -> np.ndarray:
+    """What ``to_bytes`` wrote."""
+    return np.where(values > 0, smallest * STEP ** (values.astype(float) - 1), 0).astype(np.float32)
+
+
+def surface_of(facts: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Surface:
+    """The surface that the page queries, for the package's own functions."""
+    shares, mean = shares_of(facts, arrays)
+    radii = scales_of(facts, arrays).max(axis=1).astype(np.float64)
+    code_share = (arrays["code_share"] / 255).T.astype(np.float32)
+    surface = Surface.of(means_of(facts, arrays).astype(np.float64), radii, shares, code_share)
+    weight = mean[:, None] * code_share
+    averaging = tuple(surface.neighbours.averaging(level) for level in weight.T)
+    return Surface(surface.means, shares, weight, surface.neighbours, averaging)
