@@ -13,7 +13,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from egosplat.pipeline.source_hash import cpp_hash
+from egosplat.pipeline.source_hash import cpp_hash, scripts_hash
 
 # Modules that show or record, but cannot change an array: a better message makes nothing stale.
 NEUTRAL = {
@@ -37,7 +37,7 @@ DOCUMENTED = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 
 
 def code_hash(module: str, libraries: tuple[str, ...] = ()) -> str:
-    """Hash ``module``, the modules and C++ sources that it reaches in its package, and versions of libraries.
+    """Hash ``module``, the modules, C++ sources and scripts that it reaches in its package, and versions of libraries.
 
     Returns:
         16 hexadecimal digits, equal on every Python version.
@@ -46,7 +46,7 @@ def code_hash(module: str, libraries: tuple[str, ...] = ()) -> str:
     for name, path in modules_of(module).items():
         # The tree has neither comments nor layout; ``_canonical`` leaves out docstrings.
         digest.update(f"{name}\0{_tree_hash(path)}\0".encode())
-        # Compiled kernels are executed code, too.
+        # Compiled kernels and the scripts of pages are executed code, too.
         if path.name == "__init__.py" and (sources := path.parent / "source").is_dir():
             digest.update(f"{name}/source\0{_sources_hash(sources)}\0".encode())
     # A library may change a result without any change of our code.
@@ -130,7 +130,9 @@ def _tree_hash(path: Path) -> str:
     return hashlib.sha256("\0".join(_canonical(_parse(path))).encode()).hexdigest()
 
 
-_sources_hash = functools.cache(cpp_hash)
+@functools.cache
+def _sources_hash(folder: Path) -> str:
+    return cpp_hash(folder) + scripts_hash(folder)
 
 
 def _canonical(node: Any) -> list[str]:

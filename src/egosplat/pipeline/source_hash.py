@@ -1,4 +1,4 @@
-"""Content hash of C++ sources as the compiler sees them. Comments and layout do not count."""
+"""Content hash of C++ sources as the compiler sees them, without comments and layout, and of the scripts of pages."""
 
 import hashlib
 import re
@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 SUFFIXES = (".cpp", ".h")
+SCRIPTS = (".css", ".glsl", ".html", ".js")
 
 _SPLICE = re.compile(r"\\[ \t]*\r?\n")
 _TOKEN = re.compile(
@@ -31,6 +32,15 @@ def cpp_hash(folder: Path) -> str:
         for token in cpp_tokens(path.read_text(encoding="utf-8")):
             digest.update(f"{token}\0".encode())
     return digest.hexdigest()[:16]
+
+
+def scripts_hash(folder: Path) -> str:
+    """Hash the names and bytes of the scripts of a page in ``folder``. Returns 16 hexadecimal digits; "" without any."""
+    paths = sorted(path for path in folder.iterdir() if path.suffix in SCRIPTS)
+    digest = hashlib.sha256(
+        b"".join(path.name.encode() + b"\0" + path.read_bytes() + b"\0" for path in paths)
+    )
+    return digest.hexdigest()[:16] if paths else ""
 
 
 def cpp_tokens(text: str) -> Iterator[str]:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from egosplat.pipeline.source_hash import cpp_hash, cpp_tokens
+from egosplat.pipeline.source_hash import cpp_hash, cpp_tokens, scripts_hash
 
 SOURCE = """\
 #include <cmath>
@@ -73,3 +73,15 @@ def test_file_names_count_and_other_files_do_not(tmp_path):
     assert cpp_hash(tmp_path) == first
     (tmp_path / "kernels.cpp").rename(tmp_path / "kernels.h")
     assert cpp_hash(tmp_path) != first
+
+
+def test_the_scripts_of_a_page_count(tmp_path):
+    """An edit of a script makes the page stale; a folder of C++ has the hash that it had without scripts."""
+    (tmp_path / "kernel.cpp").write_text("int one;")
+    before = cpp_hash(tmp_path)
+    assert scripts_hash(tmp_path) == ""
+    (tmp_path / "page.js").write_text("one();")
+    first = scripts_hash(tmp_path)
+    (tmp_path / "page.js").write_text("two();")
+    assert scripts_hash(tmp_path) not in ("", first)
+    assert cpp_hash(tmp_path) == before
