@@ -2,7 +2,9 @@
 
 from pathlib import Path
 
+import timm
 import torch
+from safetensors.torch import save_file
 
 from egosplat.models.configs import sam2_config_file
 from egosplat.models.open_clip_loader import build_model, read_description
@@ -11,11 +13,21 @@ from egosplat.models.sam2_loader import build_predictor
 SAM2, CLIP = "sam2.1_hiera_b+", "ViT-B-16"
 
 
-def save_sam2(path: Path) -> None:
+def save_sam2(path: Path, architecture: str = SAM2) -> None:
     """Save SAM2 as its authors publish it: below the key ``model``."""
-    torch.save({"model": build_predictor(sam2_config_file(SAM2)).state_dict()}, path)
+    predictor = build_predictor(sam2_config_file(architecture))
+    # Random weights would call most objects absent.
+    torch.nn.init.constant_(predictor.sam_mask_decoder.pred_obj_score_head.layers[-1].bias, 5.0)
+    torch.save({"model": predictor.state_dict()}, path)
 
 
-def save_clip(path: Path) -> None:
+def save_clip(path: Path, architecture: str = CLIP) -> None:
     """Save OpenCLIP as its authors publish it: the bare tensors."""
-    torch.save(build_model(CLIP, read_description(CLIP, None)["model_cfg"]).state_dict(), path)
+    torch.save(
+        build_model(architecture, read_description(architecture, None)["model_cfg"]).state_dict(), path
+    )
+
+
+def save_encoder(path: Path, architecture: str) -> None:
+    """Save a classifier of timm as its authors publish it: all of its tensors, as safetensors."""
+    save_file(timm.create_model(architecture, pretrained=False).state_dict(), path)

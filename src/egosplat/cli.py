@@ -171,11 +171,17 @@ def keys() -> None:
     click.echo(keys_page())
 
 
-@cli.command()
-@click.option(
+CONFIGFILE = click.option(
     "--configfile", multiple=True, type=ARTIFACT, help="Overrides config/config.yaml. May be repeated."
 )
-@click.option("--config", multiple=True, metavar="KEY=VALUE", help="Overrides all files, as in preset=fast.")
+CONFIG = click.option(
+    "--config", multiple=True, metavar="KEY=VALUE", help="Overrides all files, as in preset=fast."
+)
+
+
+@cli.command()
+@CONFIGFILE
+@CONFIG
 def doctor(configfile: tuple[Path, ...], config: tuple[str, ...]) -> None:
     """Report what this machine can do with the configuration and what is missing (exit status 1)."""
     from egosplat.doctor.examination import examine
@@ -185,6 +191,57 @@ def doctor(configfile: tuple[Path, ...], config: tuple[str, ...]) -> None:
     click.echo(page(findings))
     if any(finding.mark == Mark.MISSING for finding in findings):
         raise SystemExit(1)
+
+
+@cli.group(invoke_without_command=True)
+@CONFIGFILE
+@CONFIG
+@click.option("--all", "every", is_flag=True, help="List the whole catalogue of published checkpoints.")
+@click.pass_context
+def models(
+    context: click.Context, configfile: tuple[Path, ...], config: tuple[str, ...], every: bool
+) -> None:
+    """List the checkpoints that the configuration needs: place, licence, size, SHA-256, and whether they are there."""
+    from egosplat.doctor.inputs import read_configuration, read_configurations
+    from egosplat.models.needed import catalogue, listing, needed
+
+    context.obj = (configfile, config)
+    if context.invoked_subcommand:
+        return
+    options = [word for path in configfile for word in ("--configfile", str(path))]
+    options += [word for one in config for word in ("--config", one)]
+    files = (
+        catalogue(read_configuration(configfile, config)[0])
+        if every
+        else needed(read_configurations(configfile, config))
+    )
+    click.echo(listing(files, options))
+
+
+@models.command()
+@click.argument("names", nargs=-1)
+@CONFIGFILE
+@CONFIG
+@click.pass_context
+def download(
+    context: click.Context, names: tuple[str, ...], configfile: tuple[Path, ...], config: tuple[str, ...]
+) -> None:
+    """Fetch the published checkpoints that the configuration needs and that are missing, or those of NAMES.
+
+    NAMES are architectures, as sam2.1_hiera_l. An interrupted download continues. Proxies are those of the environment
+    (https_proxy); HF_ENDPOINT names a mirror of the Hugging Face hub. Nothing else in egosplat downloads anything.
+    """
+    from egosplat.doctor.inputs import read_configuration, read_configurations
+    from egosplat.models.needed import catalogue, needed
+    from egosplat.models.needed import download as fetch
+
+    files, options = (*context.obj[0], *configfile), (*context.obj[1], *config)
+    if names:
+        wanted = catalogue(read_configuration(files, options)[0], names)
+    else:
+        wanted = needed(read_configurations(files, options))
+    for line in fetch(wanted):
+        click.echo(line)
 
 
 def query_command() -> click.Command:

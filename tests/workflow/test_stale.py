@@ -154,3 +154,25 @@ def test_touching_sources_and_moving_the_checkout_reruns_nothing(workdir):
         file.touch()
     (workdir.folder / "config/config.yaml").touch()
     assert workdir.stale(*workdir.MAIN) == set()
+
+
+SMALL_AGAIN = """
+models: {set: published, sam2_config: small, sam2_checkpoint: small, clip_model: small, clip_checkpoint: small}
+segments: {pred_iou_thresh: 0.3, stability_score_thresh: 0.7, stability_score_offset: 0.1, nms_score_thresh: 0.2}
+features: {mismatched_views: keep_own}
+transient: {encoder_weights: null}
+"""
+
+
+@pytest.mark.parametrize(
+    "config, expected",
+    [
+        ("models: {set: published}", AFTER_SEGMENTS | AFTER_TRANSIENT),
+        # Keys of the user win, so only the keys of queries follow the set.
+        (SMALL_AGAIN, AFTER_QUERIES),
+        (SMALL_AGAIN.replace("clip_model: small, clip_checkpoint: small", "cache: elsewhere"), AFTER_VIEWS),
+    ],
+)
+def test_another_set_of_models_reruns_what_uses_its_keys(workdir, config, expected):
+    """A switch reruns exactly the stages that use a model or a threshold that changed; missing files do not matter."""
+    assert workdir.stale(*workdir.MAIN, config=config) == expected

@@ -47,7 +47,7 @@ MIN_AGREEMENT = 0.5
 # Mean cosine between features and their decoded codes.
 MIN_RECONSTRUCTION = 0.9
 
-_MODEL = "set models.sam2_config and models.sam2_checkpoint to a SAM2 trained on such images"
+_MODEL = "set models.set to published, for a SAM2 trained on photographs"
 
 
 def segments_alarms(

@@ -8,10 +8,11 @@ import egosplat
 from egosplat.doctor.findings import Finding, Mark
 from egosplat.errors import UserError, user_message
 from egosplat.frames.recording_files import recording_origin
-from egosplat.models.checkpoints import CLIP, SAM2, ModelSpec, find_checkpoint, model_hash
+from egosplat.models.checkpoints import CLIP, FETCH, SAM2, ModelSpec, find_checkpoint, model_hash
 from egosplat.models.suitability import configured_checkpoints, notice
 from egosplat.pipeline.config import Config, merge, read_yaml, resolve
-from egosplat.pipeline.scenes import Scene, Target, is_own
+from egosplat.pipeline.model_sets import located
+from egosplat.pipeline.scenes import Scene, Target, is_own, read_scenes
 from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml
 from egosplat.pipeline.variants import variant_config
 
@@ -115,6 +116,13 @@ def read_configuration(files: Sequence[Path], options: Sequence[str]) -> tuple[C
     return resolve(config, _presets()), [*map(str, read), *options]
 
 
+def read_configurations(files: Sequence[Path], options: Sequence[str]) -> list[Config]:
+    """The configuration, and those of the scenes in its table, if the table exists; see ``read_configuration``."""
+    config, _ = read_configuration(files, options)
+    scenes = read_scenes(config).values() if Path(config["scenes"]).is_file() else ()
+    return [config, *(scene.config for scene in scenes)]
+
+
 def _parsed(option: str) -> Config:
     key, equals, value = option.partition("=")
     try:
@@ -138,6 +146,7 @@ def _presets() -> Path:
 
 def model_findings(config: Config) -> Iterator[Finding]:
     """The architecture and checkpoint of each model, and the device that runs them. Checkpoints are read."""
+    config = located(config)
     yield from (_model(model, config) for model in (SAM2, CLIP))
     if weights := config["transient"]["encoder_weights"]:
         yield _encoder(Path(weights).expanduser())
@@ -183,7 +192,10 @@ def _encoder(path: Path) -> Finding:
     try:
         read_tensors(path)
     except (UserError, OSError) as error:
-        return Finding(Mark.MISSING, "encoder", f"transient.encoder_weights: {user_message(error) or error}")
+        advice = FETCH if not path.is_file() else ""
+        return Finding(
+            Mark.MISSING, "encoder", f"transient.encoder_weights: {user_message(error) or error}", advice
+        )
     return Finding(Mark.OK, "encoder", f"{path}, {path.stat().st_size / MIB:.1f} MiB")
 
 

@@ -14,6 +14,9 @@ from egosplat.models.configs import SMALL, SMALL_CLIP, SMALL_SAM2, clip_config_f
 # Replaces the hash of a missing model, so that only the stage that needs it reports the error.
 MISSING = "missing"
 
+# Advice for a missing file. The command takes the same --config and --configfile as the doctor.
+FETCH = "Fetch published checkpoints with egosplat models download (egosplat models lists their addresses)"
+
 
 @dataclass(frozen=True)
 class ModelSpec:
@@ -22,35 +25,17 @@ class ModelSpec:
     Attributes:
         config_key, checkpoint_key: keys of the configuration's section ``models``.
         small: path of the packaged small checkpoint.
-        published: name of the paper's checkpoint.
-        address: download address of the paper's checkpoint.
     """
 
     name: str
     config_key: str
     checkpoint_key: str
     small: Path
-    published: str
-    address: str
 
 
-SAM2 = ModelSpec(
-    "SAM2",
-    "sam2_config",
-    "sam2_checkpoint",
-    SMALL_SAM2.parent / "model.safetensors",
-    "SAM2.1 hiera_base_plus",
-    "https://dl.fbaipublicfiles.com/segment_anything_2/092824/sam2.1_hiera_base_plus.pt",
-)
+SAM2 = ModelSpec("SAM2", "sam2_config", "sam2_checkpoint", SMALL_SAM2.parent / "model.safetensors")
 
-CLIP = ModelSpec(
-    "OpenCLIP",
-    "clip_model",
-    "clip_checkpoint",
-    SMALL_CLIP / "open_clip_model.safetensors",
-    "OpenCLIP ViT-B-16 laion2b_s34b_b88k",
-    "https://huggingface.co/laion/CLIP-ViT-B-16-laion2B-s34B-b88K",
-)
+CLIP = ModelSpec("OpenCLIP", "clip_model", "clip_checkpoint", SMALL_CLIP / "open_clip_model.safetensors")
 
 # By model: a function from the value of its configuration key to the files that describe the architecture.
 CONFIG_FILES = {SAM2: sam2_config_files, CLIP: clip_config_files}
@@ -64,7 +49,7 @@ def find_checkpoint(model: ModelSpec, checkpoint: str) -> Path:
         checkpoint: a path, or ``small`` for the packaged one.
 
     Raises:
-        UserError: the file is missing. The message names the key to set and the published checkpoint's address.
+        UserError: the file is missing. The message names the command that fetches published ones, and the key.
     """
     if checkpoint == SMALL:
         if not model.small.is_file():
@@ -76,8 +61,8 @@ def find_checkpoint(model: ModelSpec, checkpoint: str) -> Path:
     path = Path(checkpoint).expanduser()
     if not os.path.isfile(path):  # Path.is_file raises for some strings, such as too long ones
         raise UserError(
-            f"models.{model.checkpoint_key}: there is no file {path}.\nPut {model.published} there ({model.address}), "
-            f"or set in config/config.yaml  models: {{{model.checkpoint_key}: PATH}}"
+            f"models.{model.checkpoint_key}: there is no file {path}.\n{FETCH}, or set in config/config.yaml  "
+            f"models: {{{model.checkpoint_key}: PATH}}"
         )
     return path
 

@@ -91,7 +91,7 @@ def clip_folder(model: str) -> Path | None:
         return None
     if model.startswith(HUB):
         raise UserError(
-            f"models.clip_model = {model!r}: egosplat downloads nothing. Download that repository's "
+            f"models.clip_model = {model!r}: stages download nothing. Download that repository's "
             f"{CLIP_CONFIG} and checkpoint, and set the key to their folder"
         )
     folder = Path(model.removeprefix(LOCAL_FOLDER)).expanduser()

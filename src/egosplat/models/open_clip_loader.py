@@ -125,12 +125,12 @@ def read_description(model: str, folder: Path | None) -> dict[str, Any]:
     if any(text.get(key) for key in HUB_KEYS) or (folder is None and "siglip" in model.lower()):
         raise UserError(
             f"models.clip_model = {model!r}: its text model or tokenizer comes from the Hugging Face hub, and "
-            "egosplat downloads nothing. Use a model with OpenCLIP's own tokenizer, such as ViT-B-16"
+            "stages download nothing. Use a model with OpenCLIP's own tokenizer, such as ViT-B-16"
         )
     if vision.get("timm_model_pretrained") or ":" in str(vision.get("timm_model_name") or ""):
         raise UserError(
             f"models.clip_model = {model!r}: its vision model needs a download, and "
-            "egosplat downloads nothing. Use the name of a timm model with timm_model_pretrained: false"
+            "stages download nothing. Use the name of a timm model with timm_model_pretrained: false"
         )
     return description
 

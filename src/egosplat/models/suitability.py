@@ -34,8 +34,7 @@ def notice(origin: str, checkpoints: Mapping[str, str]) -> str | None:
         return None
     return (
         f"the small checkpoints ({', '.join(small)}) were trained on synthetic apartments only: results on a real "
-        "recording are unreliable. Set these keys to published checkpoints; egosplat doctor --config preset=paper "
-        "names them"
+        "recording are unreliable. Set models.set to published, and fetch the checkpoints with egosplat models download"
     )
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from egosplat.errors import UserError
+from egosplat.pipeline.model_sets import default_of, set_of, switched
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml, problem
 from egosplat.pipeline.validation import Draft202012Validator, StrictValidator, explained, schema, shortened
@@ -107,7 +108,7 @@ def defaults() -> Config:
 
 
 def resolve(user: Mapping[str, Any], presets: Path) -> Config:
-    """Merge the user's keys over the preset's, and those over the defaults.
+    """Merge the user's keys over the preset's, and those over the defaults of the chosen set of models.
 
     Args:
         user: keys from the configuration files and the command line.
@@ -124,7 +125,7 @@ def resolve(user: Mapping[str, Any], presets: Path) -> Config:
     # A key that the user sets for all scenes wins over the preset's value for one format.
     formats = {name: _without(keys, user) for name, keys in preset.get("formats", {}).items()}
     settings = merge(preset | {"formats": formats}, user)
-    resolved = _filled(settings, schema("config"))
+    resolved = _filled(settings, schema("config"), set_of(settings))
     check(resolved, f"preset {path.name}")
     # Keys of a format are checked in the whole: a value may be valid by itself and not with the others.
     for name in resolved["formats"]:
@@ -134,7 +135,15 @@ def resolve(user: Mapping[str, Any], presets: Path) -> Config:
 
 def of_format(config: Mapping[str, Any], name: str) -> Config:
     """Get the configuration of scenes with the format ``adt``, ``hoi4d`` or ``plain``."""
-    return merge(config, config["formats"].get(name, {})) | {"formats": {}}
+    return overlaid(config, config["formats"].get(name, {})) | {"formats": {}}
+
+
+def overlaid(config: Mapping[str, Any], above: Mapping[str, Any]) -> Config:
+    """Merge keys of a format, scene or variant over a complete configuration.
+
+    If they choose another set of models, defaults that belong to the models change with it.
+    """
+    return merge(switched(config, above), above)
 
 
 def _without(keys: Mapping[str, Any], above: Mapping[str, Any]) -> Config:
@@ -220,11 +229,12 @@ def check_config_files(paths: Iterable[Path]) -> None:
             read_yaml(path)
 
 
-def _filled(config: Mapping[str, Any], part: Mapping[str, Any]) -> Config:
+def _filled(config: Mapping[str, Any], part: Mapping[str, Any], models: str | None = None) -> Config:
+    """Add the defaults of a part of the schema, with a set of models."""
     filled = copy.deepcopy(dict(config))
     for key, sub in part.get("properties", {}).items():
         if "default" in sub:
-            filled.setdefault(key, copy.deepcopy(sub["default"]))
+            filled.setdefault(key, copy.deepcopy(default_of(sub, models)))
         if isinstance(filled.get(key), Mapping):
-            filled[key] = _filled(filled[key], sub)
+            filled[key] = _filled(filled[key], sub, models)
     return filled

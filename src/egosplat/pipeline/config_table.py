@@ -7,6 +7,7 @@ from typing import Any
 import yaml
 
 from egosplat.pipeline.config import schema
+from egosplat.pipeline.published import PUBLISHED
 
 # Keys that people change first, at the top of the page.
 FIRST_KEYS = (
@@ -14,8 +15,8 @@ FIRST_KEYS = (
     "data_root",
     "frames.resolution",
     "frames.stride",
-    "models.sam2_checkpoint",
-    "models.clip_checkpoint",
+    "models.set",
+    "models.device",
     "segments.points_per_side",
     "splats.iterations",
     "splats.max_gaussians",
@@ -30,7 +31,7 @@ _HEAD = """# All configuration keys
 `egosplat keys > config/reference.md` writes this page from `src/egosplat/pipeline/schemas/config.schema.yaml`. [README.md](README.md) has
 recipes and the order in which values are searched. A section with the name of a stage holds the command line flags of that stage: a
 changed key reruns that stage and the stages after it. Every stage that loads a model reads `models`. The stage `metrics` and
-`egosplat query` read `query`."""
+`egosplat query` read `query`. A default after "published" holds with `models.set: published`."""
 
 # A page of the repository in a description, from the root.
 _PAGE = re.compile(r"\b(?:docs|benchmarks)(?:/\w+)+\.md(?:#[\w-]+)?")
@@ -92,9 +93,10 @@ def _choices(key: Mapping[str, Any]) -> str:
 
 
 def _default(key: Mapping[str, Any]) -> str:
-    """The default as YAML; for several named things, the names."""
+    """The default as YAML, and that of the published models; for several named things, the names."""
     value = key["default"]
-    return ", ".join(f"`{one}`" for one in (value if isinstance(value, Mapping) else [_shown(value)]))
+    shown = ", ".join(f"`{one}`" for one in (value if isinstance(value, Mapping) else [_shown(value)]))
+    return f"{shown}; published: `{_shown(key[PUBLISHED])}`" if PUBLISHED in key else shown
 
 
 def _shown(value: Any) -> str:

@@ -20,19 +20,9 @@ QUESTIONS = {
     "frames.holdout",
 }
 
-# The models, and keys that were tuned for certain models.
-MODELS = {
-    "models",
-    "segments.pred_iou_thresh",
-    "segments.stability_score_thresh",
-    "segments.stability_score_offset",
-    "segments.nms_score_thresh",
-    "transient.encoder_weights",
-    "transient.lr",
-}
-
 # Sections and keys that keep the scene's value with every preset.
-_KEPT = QUESTIONS | MODELS | {"frames.focal"}
+# No preset sets a key whose default follows models.set; transient.lr suits the scene's encoder.
+_KEPT = QUESTIONS | {"models", "transient.lr", "frames.focal"}
 
 # Further keys that keep the scene's value with ``paper_scaled``.
 _SCALED = {"frames.resolution"}

@@ -10,6 +10,7 @@ from typing import Any
 
 from egosplat.errors import UserError
 from egosplat.pipeline import config as configuration
+from egosplat.pipeline.model_sets import located
 
 # Datasets with rows in the shipped table, whether their recordings exist or not.
 PAPER_DATASETS = ("adt", "hoi4d")
@@ -171,8 +172,9 @@ def _check_roots(config: configuration.Config, rows: list[dict[str, Any]], path:
 
 def _scene(row: dict[str, Any], config: configuration.Config, where: str) -> Scene:
     options = configuration.parse_options(row["options"], where)
-    own = configuration.merge(configuration.of_format(config, row["format"]), options)
+    own = configuration.overlaid(configuration.of_format(config, row["format"]), options)
     configuration.check(own, where)
+    located(own)  # ends here if the catalogue has no checkpoint of an architecture
     root = config["data_root"].get(row["dataset"])
     filmed = row["format"] == "adt" and "seed" in options.get("synthetic", {})
     by_name = row["recording"] == NO_RECORDING

@@ -7,6 +7,7 @@ from egosplat.errors import UserError
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.config import Config
 from egosplat.pipeline.dag import inputs_of
+from egosplat.pipeline.model_sets import located
 from egosplat.pipeline.scenes import Scene, Target, check_recording, find_scene
 from egosplat.pipeline.stages import STAGES
 
@@ -54,7 +55,7 @@ def variant_config(base: Config, name: str, where: str) -> Config:
     merged = base
     for one in _ancestry(base["variants"], name, where):
         keys = {key: value for key, value in base["variants"][one].items() if key != EXTENDS}
-        merged = configuration.merge(merged, keys)
+        merged = configuration.overlaid(merged, keys)
     configuration.check(merged, f"variant {name}")
     if merged["synthetic"] != base["synthetic"]:
         raise UserError(
@@ -66,8 +67,12 @@ def variant_config(base: Config, name: str, where: str) -> Config:
 
 
 def scene_config(scene: Scene, variant: str | None) -> Config:
-    """Get the configuration of a scene or one of its variants; raises as ``variant_config``."""
-    return variant_config(scene.config, variant, scene.name) if variant else scene.config
+    """Get the configuration of a scene or one of its variants, with the paths of published checkpoints.
+
+    Raises:
+        UserError: as ``variant_config``; or a published checkpoint is not in the catalogue.
+    """
+    return located(variant_config(scene.config, variant, scene.name) if variant else scene.config)
 
 
 def variant_folder(variant: str | None) -> str:
@@ -97,9 +102,9 @@ def check_target(scenes: Mapping[tuple[str, str], Scene], target: Target) -> Non
     """
     scene = find_scene(scenes, target.dataset, target.scene)
     check_recording(scene)
+    scene_config(scene, target.variant)
     if target.variant is None:
         return
-    variant_config(scene.config, target.variant, scene.name)
     stage = target.name.partition(".")[0]
     if (
         stage not in STAGES

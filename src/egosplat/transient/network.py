@@ -121,7 +121,8 @@ def make_network(input_size: int, sideways: bool, encoder_weights: Path | None, 
 def _load_encoder(encoder: nn.Module, path: Path) -> None:
     if not path.is_file():
         raise UserError(
-            f"transient.encoder_weights: no file {path}. Put timm's {ENCODER} there, or set the key to null"
+            f"transient.encoder_weights: no file {path}.\nFetch it with egosplat models download, put timm's {ENCODER} "
+            "there, or set the key to null"
         )
     # Published weights are of the whole classifier.
     given = {name: t for name, t in read_tensors(path).items() if not name.startswith(_CLASSIFIER)}

@@ -70,12 +70,12 @@ def test_scenes_that_run_only_by_name_are_not_estimated(folder):
     assert "synthetic apartments replace its 1 scenes" in found()["adt recordings"].value
 
 
-def test_a_missing_checkpoint_comes_with_its_address(folder):
-    """The user learns where to download it."""
+def test_a_missing_checkpoint_comes_with_the_command_that_fetches_it(folder):
+    """The user learns what to do."""
     (folder / "clip.bin").unlink()
     finding = found()["OpenCLIP"]
     assert finding.mark == Mark.MISSING and "there is no file clip.bin" in finding.value
-    assert "https://huggingface.co/laion" in finding.advice
+    assert "egosplat models download" in finding.advice
     assert marks()["SAM2"] == Mark.OK
 
 
@@ -135,7 +135,7 @@ def test_a_missing_recording_is_an_error_for_rows_of_the_user(folder, monkeypatc
 
 
 def test_an_address_is_no_recording(folder):
-    """egosplat downloads nothing."""
+    """Recordings are never downloaded."""
     (folder / "config/scenes.tsv").write_text(HEADER + PLAIN.format("https://example.com/a.mp4") + "\n")
     finding = found()["scenes"]
     assert finding.mark == Mark.MISSING and "line 2" in finding.value and "is a URL" in finding.value
@@ -171,6 +171,7 @@ def test_missing_encoder_weights_are_an_error(folder):
     assert "encoder" not in found()
     asked = f"transient.encoder_weights={folder / 'encoder.pt'}"
     assert found(asked)["encoder"].mark == Mark.MISSING
+    assert "egosplat models download" in found(asked)["encoder"].advice
     torch.save({"weight": torch.zeros(2)}, folder / "encoder.pt")
     assert found(asked)["encoder"].mark == Mark.OK
 
@@ -184,7 +185,7 @@ def test_small_checkpoints_are_noted_for_each_real_scene(folder):
     findings = found(small)
     for scene in ("mine/a", "mine/b"):
         assert findings[scene].mark == Mark.NOTE and "models.clip_checkpoint" in findings[scene].value
-        assert "preset=paper" in findings[scene].advice
+        assert "models.set to published" in findings[scene].advice
     assert "adt/s1" not in findings
     (folder / "b.mp4").unlink()
     assert "mine/b" not in found(small)

@@ -55,7 +55,7 @@ def test_a_folder_describes_an_open_clip_model(tiny_clip, prefix):
     "model, message",
     [
         ("ViT-B-61", "neither a folder nor known .did you mean 'ViT-B-"),
-        ("hf-hub:laion/CLIP-ViT-B-16", "egosplat downloads nothing"),
+        ("hf-hub:laion/CLIP-ViT-B-16", "stages download nothing"),
         ("/nowhere", "models.clip_model = '/nowhere' is neither a folder nor known"),
     ],
 )

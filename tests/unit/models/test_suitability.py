@@ -19,7 +19,7 @@ def test_a_real_recording_with_small_checkpoints_is_reported_with_what_to_do():
     told = notice("real", BOTH)
     assert "\n" not in told and "synthetic apartments only" in told
     assert "models.sam2_checkpoint" in told and "models.clip_checkpoint" in told
-    assert "egosplat doctor --config preset=paper" in told
+    assert "models.set to published" in told and "egosplat models download" in told
 
 
 @pytest.mark.parametrize(

@@ -172,7 +172,7 @@ def test_every_keyword_of_the_schemas_that_people_write_for_has_words():
                 yield key
 
     told = {*_ALLOWED, "enum", "type", "pattern", "minLength", "uniqueItems", "required"}
-    notes = {"$schema", "title", "description", "default", "allowed"}
+    notes = {"$schema", "title", "description", "default", "published", "allowed"}
     found = {word for name in ("config", "scenes") for word in keywords(config.schema(name))}
     assert found <= told | notes
     patterns = [part for part in _parts(config.schema("config")) if "pattern" in part]

@@ -169,7 +169,7 @@ def test_an_artifact_is_in_the_folder_of_the_variant_only_where_a_key_reaches_it
     assert artifact_path("segments", SCENE, "narrow") == "results/adt/scene1/segments.zarr"
     assert artifact_path("metrics", SCENE, "narrow") == "results/adt/scene1/variants/narrow/metrics.json"
     assert (
-        scene_config(SCENE, "narrow")["features"]["dims"] == 4 and scene_config(SCENE, None) is SCENE.config
+        scene_config(SCENE, "narrow")["features"]["dims"] == 4 and scene_config(SCENE, None) == SCENE.config
     )
 
 

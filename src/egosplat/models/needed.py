@@ -1,0 +1,191 @@
+"""The checkpoints that a configuration needs: where they lie, their licence, size and digest, and how to fetch them."""
+
+import math
+import shlex
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from egosplat.errors import UserError
+from egosplat.models.checkpoints import CLIP, SAM2, content_hash
+from egosplat.models.configs import SMALL
+from egosplat.models.download import OfflineError, fetch, fetched_bytes, stored_digest, write_digest
+from egosplat.models.suitability import configured_checkpoints
+from egosplat.pipeline.model_sets import located
+from egosplat.pipeline.published import CATALOGUE, PublishedModel, model_of_file, named_model
+from egosplat.progress import log
+
+SMALL_FILES = {model.checkpoint_key: model.small for model in (SAM2, CLIP)}
+
+# Licence of the bundled checkpoints, which is egosplat's own.
+OWN_LICENCE = "Apache-2.0"
+
+
+@dataclass(frozen=True)
+class Needed:
+    """A file with weights.
+
+    Attributes:
+        key: the configuration key that names it; empty for one that only the catalogue has.
+        published: its entry of the catalogue; None for a bundled checkpoint and for a file of the user.
+    """
+
+    key: str
+    path: Path
+    published: PublishedModel | None
+
+    @property
+    def missing(self) -> bool:
+        return not self.path.is_file()
+
+    @property
+    def name(self) -> str:
+        """The model in a few words."""
+        if self.published:
+            return f"{self.published.library} {self.published.architecture}, {self.published.weights}"
+        return "bundled with egosplat" if self.path in SMALL_FILES.values() else "your own file"
+
+
+def needed(configs: Iterable[Mapping[str, Any]]) -> list[Needed]:
+    """List the checkpoints that any of several configurations needs, each once.
+
+    Raises:
+        UserError: there is no published checkpoint of a configured architecture.
+    """
+    found: dict[Path, Needed] = {}
+    for config in map(located, configs):
+        named = {f"models.{key}": value for key, value in configured_checkpoints(config).items()}
+        named["transient.encoder_weights"] = config["transient"]["encoder_weights"]
+        for key, value in named.items():
+            if value is not None:
+                path = SMALL_FILES[key.partition(".")[2]] if value == SMALL else Path(value).expanduser()
+                found.setdefault(path, Needed(key, path, model_of_file(path)))
+    return list(found.values())
+
+
+def catalogue(config: Mapping[str, Any], names: Sequence[str] = ()) -> list[Needed]:
+    """List checkpoints of the catalogue, as files in the configuration's folder ``models.cache``.
+
+    Args:
+        names: architectures or file names; empty for all.
+
+    Raises:
+        UserError: a name is unknown.
+    """
+    cache = Path(config["models"]["cache"]).expanduser()
+    models = [named_model(name) for name in names] or CATALOGUE
+    return [Needed("", cache / one.file, one) for one in models]
+
+
+def listing(files: Sequence[Needed], options: Sequence[str] = ()) -> str:
+    """Describe files: place, address, licence, size, digest, and whether they are there. Existing ones are hashed.
+
+    Args:
+        options: of the command line, repeated in the command that fetches what is missing.
+    """
+    parts = [_entry(one) for one in files]
+    missing = [one for one in files if one.missing]
+    fetchable = [one for one in missing if one.published]
+    if fetchable:
+        total = sum(one.published.megabytes for one in fetchable if one.published)
+        names = [] if files[0].key else [one.published.architecture for one in fetchable if one.published]
+        command = shlex.join(["egosplat", "models", "download", *names, *options])
+        parts.append(f"{len(fetchable)} of {len(files)} files are to be fetched, {total:,.0f} MB: {command}")
+    elif not missing:
+        parts.append("Nothing is missing.")
+    return "\n\n".join(parts)
+
+
+def download(files: Sequence[Needed]) -> list[str]:
+    """Fetch what is missing of published checkpoints, and verify what is there.
+
+    Returns:
+        A line for each file.
+
+    Raises:
+        UserError: a file cannot be fetched, or is not the published one. If there is no connection, the message has
+            the address of each missing file and its place.
+    """
+    lines = []
+    for one in files:
+        if one.published is None:
+            if one.missing:
+                raise UserError(
+                    f"{one.key}: there is no file {one.path}, and egosplat's catalogue does not have it"
+                )
+            lines.append(f"{one.path}: {one.name}")
+        elif one.missing:
+            lines.append(_fetched(one, one.published, files))
+        else:
+            lines.append(_verified(one, one.published))
+    return lines
+
+
+def _fetched(one: Needed, model: PublishedModel, files: Sequence[Needed]) -> str:
+    log(f"{one.path.name}: {model.megabytes:,.0f} MB from {model.address} (licence: {model.licence})")
+    try:
+        digest = fetch(model.address, one.path, model.sha256)
+    except OfflineError as error:
+        by_hand = [
+            f"{each.published.address} -> {each.path}" for each in files if each.published and each.missing
+        ]
+        raise UserError(f"{error}.\nFetch by hand: {'; '.join(by_hand)}") from None
+    return f"{one.path}: fetched, {_trust(model, digest)}"
+
+
+def _verified(one: Needed, model: PublishedModel) -> str:
+    """A line about a file that is there. Its digest is stored if nothing else could verify it later."""
+    digest, known = content_hash(one.path), model.sha256 or stored_digest(one.path)
+    if known not in (None, digest):
+        raise UserError(
+            f"{one.path}: has SHA-256 {digest}, {_source(model)} is {known}: it is damaged, or another file.\n"
+            "Remove it and start the command again, or give its key another name"
+        )
+    if known is None:
+        write_digest(one.path, digest)
+    return f"{one.path}: already there, {_trust(model, digest)}"
+
+
+def _trust(model: PublishedModel, digest: str) -> str:
+    if model.sha256:
+        return f"SHA-256 as published ({digest})"
+    return f"SHA-256 {digest} (none is published: this one is stored, and later copies must have it)"
+
+
+def _source(model: PublishedModel) -> str:
+    return "published" if model.sha256 else "that of the first copy"
+
+
+def _entry(one: Needed) -> str:
+    rows = [("file", f"{one.path}: {_state(one)}")]
+    if one.published:
+        model = one.published
+        rows += [
+            ("address", model.address),
+            ("licence", model.licence),
+            ("size", f"{model.megabytes:,.1f} MB"),
+        ]
+        rows.append(("SHA-256", model.sha256 or "none is published; that of the first download is stored"))
+    elif one.path in SMALL_FILES.values():
+        rows.append(("licence", OWN_LICENCE))
+    if not one.missing and not (one.published and one.published.sha256):
+        rows.append(("its SHA-256", content_hash(one.path)))
+        if not one.published:
+            rows.append(("size", f"{one.path.stat().st_size / 1e6:,.1f} MB"))
+    return "\n".join(
+        [f"{one.key}: {one.name}" if one.key else one.name, *(f"  {what:<13}{text}" for what, text in rows)]
+    )
+
+
+def _state(one: Needed) -> str:
+    if not one.missing:
+        known = one.published and (one.published.sha256 or stored_digest(one.path))
+        if known and content_hash(one.path) != known:
+            return "THERE, BUT DAMAGED OR ANOTHER FILE (its SHA-256 differs)"
+        return "there, SHA-256 verified" if known else "there"
+    if size := fetched_bytes(one.path):
+        return (
+            f"missing; {math.floor(size / 1e5) / 10:,.1f} MB of it are here, and the download continues there"
+        )
+    return "missing"

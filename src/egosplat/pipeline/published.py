@@ -1,0 +1,148 @@
+"""The catalogue of published checkpoints that ``egosplat models download`` can fetch."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from egosplat.errors import UserError
+
+# The value of a checkpoint's key that stands for the published checkpoint of the configured architecture.
+PUBLISHED = "published"
+
+HUB = "https://huggingface.co"
+
+
+@dataclass(frozen=True)
+class PublishedModel:
+    """A checkpoint that its authors publish.
+
+    Attributes:
+        library: ``SAM2``, ``OpenCLIP`` or ``timm``.
+        architecture: its name in the library, as the keys ``models.sam2_config`` and ``models.clip_model`` take it.
+        weights: the authors' name of the weights.
+        file: name in the folder ``models.cache``.
+        source: address of the file. ``address`` is where it is fetched from.
+        licence: of the weights.
+        megabytes: size of the file [10^6 bytes], rounded.
+        sha256: digest that is published with the file; None if none is known for certain.
+    """
+
+    library: str
+    architecture: str
+    weights: str
+    file: str
+    source: str
+    licence: str
+    megabytes: float
+    sha256: str | None
+
+    @property
+    def address(self) -> str:
+        """The source, at the mirror of the Hugging Face hub if the environment variable HF_ENDPOINT names one."""
+        mirror = os.environ.get("HF_ENDPOINT", "").rstrip("/")
+        return self.source.replace(HUB, mirror, 1) if mirror else self.source
+
+
+def _sam2(size: str, letters: str, megabytes: float, sha256: str) -> PublishedModel:
+    file = f"sam2.1_hiera_{size}.pt"
+    address = f"https://dl.fbaipublicfiles.com/segment_anything_2/092824/{file}"
+    architecture = f"sam2.1_hiera_{letters}"
+    return PublishedModel("SAM2", architecture, "SAM2.1", file, address, "Apache-2.0", megabytes, sha256)
+
+
+# The digests of SAM2.1 are those of the files of Meta's server. The others are on the files' pages of the Hugging
+# Face hub. No digest of the DataComp weights was found.
+CATALOGUE = (
+    _sam2("tiny", "t", 156.0, "7402e0d864fa82708a20fbd15bc84245c2f26dff0eb43a4b5b93452deb34be69"),
+    _sam2("small", "s", 184.4, "6d1aa6f30de5c92224f8172114de081d104bbd23dd9dc5c58996f0cad5dc4d38"),
+    _sam2("base_plus", "b+", 323.6, "a2345aede8715ab1d5d31b4a509fb160c5a4af1970f199d9054ccfb746c004c5"),
+    _sam2("large", "l", 898.1, "2647878d5dfa5098f2f8649825738a9345572bae2d4350a2468587ece47dd318"),
+    PublishedModel(
+        "OpenCLIP",
+        "ViT-B-16",
+        "laion2b_s34b_b88k",
+        "ViT-B-16.laion2b_s34b_b88k.bin",
+        f"{HUB}/laion/CLIP-ViT-B-16-laion2B-s34B-b88K/resolve/main/open_clip_pytorch_model.bin",
+        "MIT",
+        599,
+        "1f16b1274ca25493b1f36225efe81d05f66a3f33c487acd1a07c5ba87920de6f",
+    ),
+    PublishedModel(
+        "OpenCLIP",
+        "ViT-B-16-quickgelu",
+        "dfn2b",
+        "ViT-B-16-quickgelu.dfn2b.bin",
+        f"{HUB}/apple/DFN2B-CLIP-ViT-B-16/resolve/8fdf8d1c80647d79d7e109ddebd3b7fc51108531/open_clip_pytorch_model.bin",
+        "Apple's own, see its page",
+        599,
+        "01832e9567e6f668928c6ef493fe9c0985f9df146e0212bdccc87f3e25e37084",
+    ),
+    PublishedModel(
+        "OpenCLIP",
+        "ViT-L-14",
+        "datacomp_xl_s13b_b90k",
+        "ViT-L-14.datacomp_xl_s13b_b90k.bin",
+        f"{HUB}/laion/CLIP-ViT-L-14-DataComp.XL-s13B-b90K/resolve/main/open_clip_pytorch_model.bin",
+        "MIT",
+        1710,
+        None,
+    ),
+    PublishedModel(
+        "timm",
+        "mobilenetv3_small_050",
+        "lamb_in1k",
+        "mobilenetv3_small_050.lamb_in1k.safetensors",
+        f"{HUB}/timm/mobilenetv3_small_050.lamb_in1k/resolve/f58e7345afe2832abd6f81cc60f67cd1ddf7ce00/model.safetensors",
+        "Apache-2.0",
+        6.4,
+        "2e3f6937afd4b3704450518a2710168775d6c70ebfb7a0e9aaf06200c6fbe0c4",
+    ),
+)
+
+# The library of each key that takes ``published``.
+LIBRARIES = {
+    "models.sam2_checkpoint": "SAM2",
+    "models.clip_checkpoint": "OpenCLIP",
+    "transient.encoder_weights": "timm",
+}
+
+# The transient network's encoder; no key names it.
+ENCODER = "mobilenetv3_small_050"
+
+
+def published_model(key: str, architecture: str) -> PublishedModel:
+    """Get the published checkpoint of an architecture.
+
+    Args:
+        key: one of ``LIBRARIES``, for the message.
+        architecture: value of ``models.sam2_config`` or ``models.clip_model``, or ``ENCODER``.
+
+    Raises:
+        UserError: the catalogue has none.
+    """
+    known = {one.architecture: one for one in CATALOGUE if one.library == LIBRARIES[key]}
+    name = architecture.removesuffix(".yaml").rpartition("/")[2]
+    if name not in known:
+        raise UserError(
+            f"{key} = published: egosplat's catalogue has no checkpoint of {architecture!r}. "
+            f"Set {key} to a file, or take an architecture of {', '.join(known)}"
+        )
+    return known[name]
+
+
+def named_model(name: str) -> PublishedModel:
+    """Get a checkpoint by its architecture or file name.
+
+    Raises:
+        UserError: the catalogue has none of that name.
+    """
+    for one in CATALOGUE:
+        if name in (one.architecture, one.file):
+            return one
+    names = ", ".join(one.architecture for one in CATALOGUE)
+    raise UserError(f"{name[:80]}: is not in the catalogue, which has {names}")
+
+
+def model_of_file(path: Path) -> PublishedModel | None:
+    """Get the catalogue's entry for a file, by its name."""
+    return next((one for one in CATALOGUE if one.file == path.name), None)

@@ -1,0 +1,175 @@
+"""``egosplat models`` lists what a configuration needs, and ``egosplat models download`` fetches it."""
+
+import hashlib
+from dataclasses import replace
+
+import pytest
+from click.testing import CliRunner
+
+from egosplat.cli import cli
+from egosplat.errors import UserError
+from egosplat.models import needed
+from egosplat.models.download import stored_digest
+from egosplat.pipeline import published
+from tests.support.file_server import FileServer
+
+CONTENT = b"weights " * 100_000
+SHA256 = hashlib.sha256(CONTENT).hexdigest()
+FILES = (
+    "sam2.1_hiera_base_plus.pt",
+    "ViT-B-16.laion2b_s34b_b88k.bin",
+    "mobilenetv3_small_050.lamb_in1k.safetensors",
+)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A working directory without a configuration."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("HF_ENDPOINT", "http_proxy", "https_proxy"):
+        monkeypatch.delenv(name, raising=False)
+    return tmp_path
+
+
+@pytest.fixture
+def server(monkeypatch):
+    """A server that has every file of the catalogue, with one content; of the last, no digest is published."""
+    with FileServer(CONTENT) as running:
+        entries = [
+            replace(one, source=f"{running.address}/{one.file}", sha256=SHA256) for one in published.CATALOGUE
+        ]
+        entries[-1] = replace(entries[-1], sha256=None)
+        monkeypatch.setattr(published, "CATALOGUE", tuple(entries))
+        monkeypatch.setattr(needed, "CATALOGUE", tuple(entries))
+        yield running
+
+
+def egosplat(*words: str) -> str:
+    """Call the command line."""
+    done = CliRunner().invoke(cli, ["models", *words], catch_exceptions=False, standalone_mode=False)
+    return done.output
+
+
+def test_the_small_models_are_there(folder, server):
+    """Without a choice nothing is missing, nothing is fetched."""
+    listed = egosplat()
+    assert listed.count("bundled with egosplat") == 2 and "Nothing is missing." in listed
+    assert "transient.encoder_weights" not in listed
+    assert "bundled" in egosplat("download") and server.requests == []
+
+
+def test_missing_models_come_with_place_licence_size_and_digest(folder, server):
+    """Listing fetches nothing; its last line is the command that does."""
+    listed = egosplat("--config", "models.set=published", "--config", "models.cache=cache")
+    for key in published.LIBRARIES:
+        assert f"{key}: " in listed
+    for file in FILES:
+        assert f"cache/{file}: missing" in listed and f"{server.address}/{file}" in listed
+    assert "Apache-2.0" in listed and "MIT" in listed and "323.6 MB" in listed and SHA256 in listed
+    assert "3 of 3 files" in listed and "929 MB" in listed
+    assert listed.endswith(
+        "egosplat models download --config models.set=published --config models.cache=cache\n"
+    )
+    assert server.requests == [] and not (folder / "cache").exists()
+
+
+def test_a_download_fetches_what_is_missing_and_verifies_the_rest(folder, server):
+    """The second call fetches nothing; a file that was put there by hand is verified, too."""
+    (folder / "cache").mkdir()
+    (folder / "cache" / FILES[0]).write_bytes(CONTENT)
+    options = ("--config", "models={set: published, cache: cache}")
+    for words in (("download", *options), (*options, "download")):
+        fetched = egosplat(*words)
+        assert f"{FILES[0]}: already there, SHA-256 as published ({SHA256})" in fetched
+    assert [path for path, _ in server.requests] == [f"/{file}" for file in FILES[1:]]
+    for file in FILES:
+        assert (folder / "cache" / file).read_bytes() == CONTENT
+        # A published digest verifies what was put there by hand; the folder may be read-only.
+        assert stored_digest(folder / "cache" / file) == (None if file == FILES[0] else SHA256)
+    assert "Nothing is missing." in egosplat(*options) and "there, SHA-256 verified" in egosplat(*options)
+
+
+def test_a_file_without_published_digest_is_trusted_on_first_use(folder, server):
+    """The command says so; a later change of the file is found."""
+    assert f"SHA-256 {SHA256} (none is published" in egosplat("download", "mobilenetv3_small_050")
+    path = folder / "checkpoints" / FILES[2]
+    path.write_bytes(CONTENT + b"!")
+    with pytest.raises(UserError, match=f"(?s){path.name}: has SHA-256 .*that of the first copy is {SHA256}"):
+        egosplat("download", "mobilenetv3_small_050")
+    assert "DAMAGED" in egosplat("--config", "models.set=published")
+
+
+def test_a_file_that_was_put_there_by_hand_is_trusted_on_first_use(folder, server):
+    """Where no digest is published, the first one that the command sees is stored."""
+    path = folder / "checkpoints" / FILES[2]
+    path.parent.mkdir()
+    path.write_bytes(CONTENT)
+    assert "already there" in egosplat("download", "mobilenetv3_small_050")
+    assert stored_digest(path) == SHA256 and server.requests == []
+
+
+def test_a_wrong_file_of_that_name_is_not_replaced(folder, server):
+    """It may be the user's own."""
+    path = folder / "checkpoints" / FILES[1]
+    path.parent.mkdir()
+    path.write_bytes(b"mine")
+    with pytest.raises(UserError, match=f"(?s)has SHA-256 .*published is {SHA256}.*Remove it"):
+        egosplat("download", "ViT-B-16")
+    assert path.read_bytes() == b"mine" and server.requests == []
+
+
+def test_offline_the_addresses_are_listed(folder, server):
+    """One line says what to fetch by hand, and where to put it."""
+    server.__exit__(None, None, None)
+    with pytest.raises(UserError) as caught:
+        egosplat("download", "--config", "models.set=published")
+    first, second = str(caught.value).splitlines()
+    assert "no connection" in first
+    for file in FILES:
+        assert f"{server.address}/{file} -> checkpoints/{file}" in second
+    server.__enter__()
+
+
+def test_models_of_the_catalogue_are_fetched_by_name(folder, server):
+    """A better model can be fetched before the configuration names it; a wrong name lists the known ones."""
+    assert "sam2.1_hiera_large.pt: fetched" in egosplat("download", "sam2.1_hiera_l", "ViT-B-16-quickgelu")
+    assert [path for path, _ in server.requests] == [
+        "/sam2.1_hiera_large.pt",
+        "/ViT-B-16-quickgelu.dfn2b.bin",
+    ]
+    with pytest.raises(UserError, match="sam2.1_hiera_x: is not in the catalogue.*sam2.1_hiera_t"):
+        egosplat("download", "sam2.1_hiera_x")
+    listed = egosplat("--all")
+    assert all(one.file in listed for one in published.CATALOGUE)
+    assert (
+        "egosplat models download sam2.1_hiera_t sam2.1_hiera_s sam2.1_hiera_b+ ViT-B-16 ViT-L-14" in listed
+    )
+
+
+def test_files_of_the_user_are_listed_and_not_fetched(folder, server):
+    """A file that the catalogue does not know has no address."""
+    options = ("--config", "models={sam2_checkpoint: mine.pt, set: published}")
+    listed = egosplat(*options)
+    assert "models.sam2_checkpoint: your own file" in listed and "mine.pt: missing" in listed
+    with pytest.raises(UserError, match="models.sam2_checkpoint: there is no file mine.pt"):
+        egosplat("download", *options)
+    (folder / "mine.pt").write_bytes(b"mine")
+    assert "mine.pt: your own file" in egosplat("download", *options)
+
+
+def test_the_table_of_scenes_counts(folder, server):
+    """A model that only one scene uses is listed; SAM2 is not needed where nothing is segmented with it."""
+    (folder / "config").mkdir()
+    (folder / "config/config.yaml").write_text("segments: {segmenter: classical}")
+    assert "sam2" not in egosplat()
+    rows = "dataset\tscene\tformat\trecording\toptions\nmine\ta\tplain\ta.mp4\tmodels.set=published\n"
+    (folder / "config/scenes.tsv").write_text(rows)
+    listed = egosplat()
+    assert FILES[1] in listed and "bundled with egosplat" in listed and FILES[0] not in listed
+
+
+def test_an_interrupted_download_is_listed(folder, server):
+    """The user sees that a download can continue."""
+    (folder / "checkpoints").mkdir()
+    (folder / "checkpoints" / f"{FILES[0]}.part").write_bytes(bytes(2_000_000))
+    assert "2.0 MB of it are here" in egosplat("--config", "models.set=published")

@@ -1,0 +1,149 @@
+"""Each published architecture of the catalogue runs whole, in float32 and bfloat16, from a file in its published format.
+
+The weights are random: no published file is here. Loading, shapes and dtypes do not depend on their values.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load_file
+
+from benchmarks.published_models.weights import save_clip, save_encoder, save_sam2
+from egosplat.artifacts.reader import open_artifact, verify
+from egosplat.artifacts.registry import SCHEMAS
+from egosplat.compute import choose_compute
+from egosplat.features import view_features_stage
+from egosplat.models.open_clip_loader import build_model, load_open_clip, read_description
+from egosplat.pipeline.config import Config, resolve, stage_values
+from egosplat.pipeline.model_sets import located
+from egosplat.pipeline.published import CATALOGUE, ENCODER, LIBRARIES, named_model
+from egosplat.query.text import encode_phrases
+from egosplat.segments import stage as segments_stage
+from egosplat.segments.options import SegmentsOptions
+from egosplat.transient.network import ENCODER as NETWORK_ENCODER
+from egosplat.transient.network import make_network
+from tests.support.scenes import LEVELS, put
+
+PRESETS = Path(__file__).resolve().parents[3] / "config/presets"
+PRECISIONS = ("float32", "bfloat16")
+SAVE = {"SAM2": save_sam2, "OpenCLIP": save_clip, "timm": save_encoder}
+# Channels of the features of each OpenCLIP.
+WIDTHS = {"ViT-B-16": 512, "ViT-B-16-quickgelu": 512, "ViT-L-14": 768}
+SAM2 = [one.architecture for one in CATALOGUE if one.library == "SAM2"]
+# Random masks pass these thresholds. Their logits are flat, so that an offset of 1 would leave nothing.
+EVERY_MASK = {
+    "pred_iou_thresh": 0.0,
+    "stability_score_thresh": 0.0,
+    "stability_score_offset": 0.01,
+    "nms_score_thresh": 0.0,
+    "nms_inner_thresh": 0.0,
+    "min_area": 0.0,
+    "min_frames": 1,
+}
+FEW = {"image_size": 128, "points_per_side": 2, "max_instances": 2, "levels": "all"}
+
+
+@pytest.fixture
+def cache(tmp_path: Path) -> Iterator[Path]:
+    """A folder of checkpoints; they are removed at once, because they take gigabytes."""
+    folder = tmp_path / "cache"
+    folder.mkdir()
+    yield folder
+    for file in folder.iterdir():
+        file.unlink()
+
+
+def saved(cache: Path, architecture: str) -> Path:
+    """A checkpoint with random weights, under the name that the download gives it."""
+    model = named_model(architecture)
+    torch.manual_seed(0)
+    SAVE[model.library](cache / model.file, architecture)
+    return cache / model.file
+
+
+def configured(cache: Path, precision: str, **models: str) -> Config:
+    """The configuration of a user who sets ``models.set: published``."""
+    keys = {"set": "published", "cache": str(cache), "device": "cpu", "precision": precision}
+    return located(resolve({"models": keys | models}, PRESETS))
+
+
+@pytest.mark.parametrize("architecture", SAM2)
+def test_sam2_segments_and_tracks(cache, tmp_path, architecture):
+    """The whole stage: prompts, masks, memory, both directions, merging."""
+    saved(cache, architecture)
+    rng = np.random.default_rng(0)
+    rgb = np.kron(rng.integers(0, 256, (3, 8, 8, 3), np.uint8), np.ones((1, 8, 8, 1), np.uint8))
+    frames = put(tmp_path, "frames", {"rgb": rgb, "valid": np.ones((64, 64), bool)}, {"upright": True})
+    for precision in PRECISIONS:
+        values = stage_values("segments", configured(cache, precision, sam2_config=architecture))
+        assert Path(values["sam2_checkpoint"]).parent == cache
+        # The smallest runs both ways; the rest of the code is the same for all.
+        for prompting in ("initial_frame", "each_frame") if architecture == SAM2[0] else ("initial_frame",):
+            options = values | EVERY_MASK | FEW | {"prompting": prompting, "track_moving": "never"}
+            output = tmp_path / f"{precision}_{prompting}.zarr"
+            segments_stage.run(frames, output, options=SegmentsOptions(**options))
+            found = verify(output, SCHEMAS)
+            labels = found.read("labels")
+            assert labels.shape == (3, 3, 64, 64) and labels.max() >= 0
+            assert np.isfinite(found.read("instances/predicted_iou")).all()
+
+
+def test_open_clip_encodes_views_and_phrases(cache, tmp_path):
+    """The whole stage view_features with the paper's model, in both precisions."""
+    saved(cache, "ViT-B-16")
+    rgb = np.random.default_rng(0).integers(0, 256, (2, 48, 48, 3), np.uint8)
+    labels = np.full((2, 2, 48, 48), -1, np.int32)
+    labels[:, 0, 4:30, 4:40] = 0
+    frames = put(tmp_path, "frames", {"rgb": rgb}, {"upright": True, "recording": "r", "format": "adt"})
+    arrays = {"labels": labels, "instances/level": np.array([0], np.int8)}
+    instances = put(tmp_path, "instances", arrays, {"levels": LEVELS}, made_from=["frames"], stage="frames")
+    by_precision = []
+    for precision in PRECISIONS:
+        options = stage_values("view_features", configured(cache, precision))
+        output = tmp_path / f"{precision}.zarr"
+        view_features_stage.run(frames, instances, output, view_features_stage.ViewFeaturesOptions(**options))
+        by_precision.append(open_artifact(output, SCHEMAS["view_features"]).read("feature"))
+        assert by_precision[-1].shape == (2, 512)
+    exact, rounded = by_precision
+    assert ((exact * rounded).sum(1) > 0.99).all() and not np.array_equal(exact, rounded)
+
+
+@pytest.mark.parametrize("architecture", sorted(WIDTHS))
+def test_every_open_clip_loads_and_encodes(cache, architecture):
+    """One picture and one phrase in both precisions; loaded once, and from half precision, to save time."""
+    with torch.device("meta"):
+        shapes = build_model(architecture, read_description(architecture, None)["model_cfg"]).state_dict()
+    weights = {name: torch.full(one.shape, 0.01, dtype=torch.float16) for name, one in shapes.items()}
+    weights["token_embedding.weight"].normal_(std=0.02)
+    weights["visual.conv1.weight"].normal_(std=0.02)
+    torch.save(weights, cache / named_model(architecture).file)
+    models = configured(cache, "float32", clip_model=architecture)["models"]
+    clip = load_open_clip(models["clip_model"], models["clip_checkpoint"], "cpu", "float32")
+    picture = torch.rand(1, 3, *clip.preprocessing.image_size)
+    for precision in PRECISIONS:
+        same = replace(clip, compute=choose_compute("cpu", precision))
+        with same.compute.inference():
+            assert same.model.encode_image(picture).shape == (1, WIDTHS[architecture])
+        phrase = encode_phrases(same, ["a red chair"])
+        assert phrase.shape == (1, WIDTHS[architecture]) and torch.isfinite(phrase).all()
+
+
+def test_no_architecture_of_the_catalogue_is_left_out():
+    """A new entry needs a run here."""
+    assert {one.architecture for one in CATALOGUE} == {*SAM2, *WIDTHS, ENCODER}
+
+
+def test_the_transient_networks_encoder_takes_its_weights_from_a_published_classifier(cache):
+    """The classifier's last layers are left out; the network predicts."""
+    path = saved(cache, ENCODER)
+    assert NETWORK_ENCODER == ENCODER and LIBRARIES["transient.encoder_weights"] == "timm"
+    weights = stage_values("transient", configured(cache, "float32"))["encoder_weights"]
+    assert weights == str(path)
+    network = make_network(64, False, Path(weights), 0)
+    stored, own = load_file(path), network.encoder.state_dict()
+    assert len(own) > 100 and all(torch.equal(own[name], stored[name]) for name in own)
+    assert network.eval()(torch.rand(48, 48, 3), 48, 48).shape == (48, 48)

@@ -1,0 +1,188 @@
+"""One key switches the models together with the thresholds that suit them."""
+
+from pathlib import Path
+
+import pytest
+
+from egosplat.errors import UserError
+from egosplat.pipeline import config
+from egosplat.pipeline.model_sets import keys_of_models, located
+from egosplat.pipeline.published import CATALOGUE, LIBRARIES, model_of_file, named_model
+from egosplat.pipeline.scenes import Scene, read_scenes
+from egosplat.pipeline.stages import STAGES
+from egosplat.pipeline.variants import reaches, scene_config, variant_config
+
+PRESETS = Path(__file__).resolve().parents[3] / "config" / "presets"
+PUBLISHED = {"models": {"set": "published"}}
+# The keys that follow the set, as values of the paper or of LangSplat.
+VALUES = {
+    "models": {
+        "sam2_config": "sam2.1_hiera_b+",
+        "sam2_checkpoint": "published",
+        "clip_model": "ViT-B-16",
+        "clip_checkpoint": "published",
+    },
+    "segments": {
+        "pred_iou_thresh": 0.7,
+        "stability_score_thresh": 0.85,
+        "stability_score_offset": 1.0,
+        "nms_score_thresh": 0.7,
+    },
+    "features": {"mismatched_views": "average"},
+    "transient": {"encoder_weights": "published"},
+    "query": {"temperature": 1.0, "min_score": 0.0},
+}
+
+
+def resolved(**user):
+    return config.resolve(user, PRESETS)
+
+
+def scene(tmp_path: Path, format: str = "plain", options: str = "", **user) -> Scene:
+    """The only scene of a table."""
+    table = tmp_path / "scenes.tsv"
+    table.write_text(f"dataset\tscene\tformat\trecording\toptions\nmine\ts\t{format}\tr\t{options}\n")
+    (found,) = read_scenes(resolved(scenes=str(table), **user)).values()
+    return found
+
+
+def follow(found, published: bool = True) -> bool:
+    """Whether all keys that follow the set have the set's values."""
+    expected = (
+        VALUES
+        if published
+        else {section: {k: config.defaults()[section][k] for k in keys} for section, keys in VALUES.items()}
+    )
+    return all(found[section].items() >= keys.items() for section, keys in expected.items())
+
+
+def test_the_schema_names_these_keys():
+    """A key that starts to follow the set, or stops, changes what users get."""
+    assert {(section, name): key["published"] for section, name, key in keys_of_models()} == {
+        (section, name): value for section, keys in VALUES.items() for name, value in keys.items()
+    }
+
+
+@pytest.mark.parametrize("preset", ["fast", "balanced", "paper"])
+def test_the_set_decides_with_every_preset(preset):
+    """Switching models is one word, whatever the preset; nothing else changes with it."""
+    published, small = (resolved(preset=preset, models={"set": name}) for name in ("published", "small"))
+    assert follow(published) and follow(small, published=False)
+    different = {
+        (section, name)
+        for section in VALUES
+        for name in published[section]
+        if published[section][name] != small[section][name]
+    }
+    assert different == {("models", "set"), *((section, name) for section, name, _ in keys_of_models())}
+    assert {s for s in published if published[s] != small[s]} == set(VALUES)
+    assert follow(resolved(preset=preset), published=preset == "paper")
+
+
+def test_a_key_of_the_user_wins_over_the_set():
+    """An explicit value stays, at each place where a set can be chosen."""
+    own = {
+        "segments": {"pred_iou_thresh": 0.5},
+        "models": {"set": "published", "clip_checkpoint": "mine.bin"},
+    }
+    found = resolved(**own)
+    assert found["segments"]["pred_iou_thresh"] == 0.5 and found["segments"]["nms_score_thresh"] == 0.7
+    assert found["models"]["clip_checkpoint"] == "mine.bin"
+    small = config.overlaid(found, {"models": {"set": "small"}})
+    assert small["segments"]["pred_iou_thresh"] == 0.5 and small["segments"]["nms_score_thresh"] == 0.2
+    assert small["models"]["clip_checkpoint"] == "mine.bin" and small["models"]["sam2_checkpoint"] == "small"
+
+
+def test_a_format_a_scene_and_a_variant_may_choose_a_set(tmp_path):
+    """Real recordings take the published models, and synthetic apartments the small ones."""
+    formats = {"plain": PUBLISHED | {"query": {"temperature": 5.0}}}
+    plain, adt = (scene(tmp_path, format, formats=formats) for format in ("plain", "adt"))
+    assert plain.config["query"]["temperature"] == 5.0 and plain.config["query"]["min_score"] == 0.0
+    assert follow(plain.config | {"query": VALUES["query"]}) and follow(adt.config, published=False)
+    assert follow(scene(tmp_path, options="models.set=published").config)
+    assert follow(scene(tmp_path, options="models.set=small", preset="paper").config, published=False)
+    variants = {"other": PUBLISHED, "back": {"extends": "other", "models": {"set": "small"}}}
+    base = resolved(variants=variants)
+    assert follow(variant_config(base, "other", "s"))
+    assert follow(variant_config(base, "back", "s"), published=False)
+
+
+def test_exactly_the_stages_with_a_key_of_the_set_change():
+    """A stage that uses no model and none of the thresholds is shared."""
+    small, published = resolved(), resolved(**PUBLISHED)
+    own = {
+        stage
+        for stage in STAGES
+        if config.stage_values(stage, small) != config.stage_values(stage, located(published))
+    }
+    assert own == {"transient", "segments", "view_features", "features", "metrics", "scene_page"}
+    reached = {stage for stage in STAGES if reaches(stage, small, published)}
+    assert {"frames", "annotations", "poses", "survey", "contact_sheet"} == set(STAGES) - reached - {
+        "synthetic",
+        "method_metrics",
+    }
+
+
+def test_published_checkpoints_are_files_of_the_cache(tmp_path):
+    """The checkpoint follows the architecture, in every spelling of its name."""
+    keys = {"set": "published", "cache": "/data/models"}
+    found = scene_config(scene(tmp_path, models=keys), None)
+    assert found["models"]["sam2_checkpoint"] == "/data/models/sam2.1_hiera_base_plus.pt"
+    assert found["models"]["clip_checkpoint"] == "/data/models/ViT-B-16.laion2b_s34b_b88k.bin"
+    encoder = "/data/models/mobilenetv3_small_050.lamb_in1k.safetensors"
+    assert found["transient"]["encoder_weights"] == encoder
+    for spelling in ("sam2.1_hiera_l", "configs/sam2.1/sam2.1_hiera_l.yaml"):
+        large = located(resolved(models=keys | {"sam2_config": spelling, "clip_model": "ViT-B-16-quickgelu"}))
+        assert large["models"]["sam2_checkpoint"] == "/data/models/sam2.1_hiera_large.pt"
+        assert large["models"]["clip_checkpoint"] == "/data/models/ViT-B-16-quickgelu.dfn2b.bin"
+
+
+def test_the_folder_of_unused_checkpoints_changes_nothing(tmp_path):
+    """With the small models the cache is no key of any stage."""
+    here, there = (scene_config(scene(tmp_path, models={"cache": name}), None) for name in ("a", "b"))
+    assert all(config.stage_values(stage, here) == config.stage_values(stage, there) for stage in STAGES)
+
+
+@pytest.mark.parametrize(
+    "keys, message",
+    [
+        (
+            {"sam2_config": "sam2_hiera_l"},
+            "models.sam2_checkpoint = published: .*'sam2_hiera_l'.*sam2.1_hiera_l",
+        ),
+        ({"clip_model": "ViT-H-14"}, "models.clip_checkpoint = published: .*'ViT-H-14'.*ViT-L-14"),
+    ],
+)
+def test_an_architecture_without_a_published_checkpoint_ends_the_run_at_its_start(tmp_path, keys, message):
+    """Not after an hour, when the stage loads it."""
+    with pytest.raises(UserError, match=message):
+        scene(tmp_path, models={"set": "published"} | keys)
+
+
+def test_the_page_lists_every_key_that_follows_the_set_and_every_model():
+    """docs/models.md does not drift from schema and catalogue."""
+    lines = (PRESETS.parents[1] / "docs/models.md").read_text().splitlines()
+    for section, name, key in keys_of_models():
+        (row,) = [line for line in lines if line.startswith("| `") and f"`{section}.{name}`" in line]
+        cells = [cell.strip().replace("`", "") for cell in row.split("|")]
+        for cell, value in zip(cells[2:4], (key["default"], key["published"]), strict=True):
+            assert {None: "null"}.get(value, f"{value:g}" if isinstance(value, float) else value) in cell, row
+    for one in CATALOGUE:
+        (row,) = [line for line in lines if line.startswith(f"| `{one.architecture}` |")]
+        digest = "yes" if one.sha256 else "no"
+        assert one.licence.partition(",")[0] in row and row.endswith(f"| {one.megabytes:,.0f} | {digest} |")
+
+
+def test_the_catalogue_is_consistent(monkeypatch):
+    """Names and files are unique, digests have 64 digits, and every key that takes published has a library."""
+    for values in ([one.architecture for one in CATALOGUE], [one.file for one in CATALOGUE]):
+        assert len(set(values)) == len(values)
+    for one in CATALOGUE:
+        assert one.sha256 is None or (len(one.sha256) == 64 and int(one.sha256, 16))
+        assert one.library in LIBRARIES.values() and one.address == one.source
+        assert model_of_file(Path("somewhere") / one.file) is named_model(one.architecture) is one
+    with pytest.raises(UserError, match="ViT-B-17: .*ViT-B-16"):
+        named_model("ViT-B-17")
+    monkeypatch.setenv("HF_ENDPOINT", "https://mirror.example/")
+    assert named_model("ViT-B-16").address.startswith("https://mirror.example/laion/CLIP")
+    assert named_model("sam2.1_hiera_t").address.startswith("https://dl.fbaipublicfiles.com/")
