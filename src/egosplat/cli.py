@@ -267,7 +267,6 @@ def query_command() -> click.Command:
         how = {"backend": backend, "device": device, "precision": precision}
         click.echo(run(folder, phrases, asking, options, **how))
 
-    models = {name: section_keys("models")[name] for name in ("device", "precision")}
     return click.Command(
         "query",
         callback=call,
@@ -292,7 +291,7 @@ def query_command() -> click.Command:
                 help="Largest number of matches listed for the whole scene.",
             ),
             click.Option(["--output"], type=ARTIFACT, help="Output image, .png. [default: FOLDER/query.png]"),
-            *(_flag(name, key) for name, key in {**section_keys("query"), **models}.items()),
+            *_query_flags(),
         ],
         help="Find each of PHRASES in the finished scene of FOLDER, such as results/adt/scene1.",
     )
@@ -323,8 +322,59 @@ def page_command() -> click.Command:
     )
 
 
+def view_command() -> click.Command:
+    """Build the command ``view``, with a flag for each key of the section ``query``."""
+
+    def call(
+        folders: tuple[Path, ...],
+        host: str,
+        port: int,
+        backend: str,
+        device: str,
+        precision: str,
+        **keys: Any,
+    ) -> None:
+        from egosplat.query.options import QueryOptions
+        from egosplat.viewer.command import run
+
+        how = {"backend": backend, "device": device, "precision": precision}
+        run(folders, QueryOptions(**keys), host=host, port=port, **how)
+
+    return click.Command(
+        "view",
+        callback=call,
+        params=[
+            click.Argument(["folders"], nargs=-1, required=True, type=ARTIFACT),
+            click.Option(
+                ["--host"],
+                default="127.0.0.1",
+                show_default=True,
+                help="Address to listen at. Others can look, too, where they reach it.",
+            ),
+            click.Option(
+                ["--port"],
+                type=click.IntRange(0, 65535),
+                default=8080,
+                show_default=True,
+                help="0: any free port.",
+            ),
+            *_query_flags(),
+        ],
+        help="Show the finished scenes of FOLDERS, such as results/adt/scene1, in the browser.",
+    )
+
+
 # Commands that are built on demand: their flags come from the configuration's schema.
-_BUILT: dict[str, Callable[[], click.Command]] = {"query": query_command, "page": page_command}
+_BUILT: dict[str, Callable[[], click.Command]] = {
+    "query": query_command,
+    "page": page_command,
+    "view": view_command,
+}
+
+
+def _query_flags() -> list[click.Option]:
+    models = {name: section_keys("models")[name] for name in ("device", "precision")}
+    return [_flag(name, key) for name, key in {**section_keys("query"), **models}.items()]
 
 
 def stage_command(stage: str) -> click.Command:

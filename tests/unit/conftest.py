@@ -18,7 +18,7 @@ from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.pipeline.survey_file import FORMAT_VERSION, digest_of_frames, write_survey
 from egosplat.query.text import encode_phrases
-from tests.support.scenes import digests, put
+from tests.support.scenes import camera_facts, digests, put
 
 SIZE = 48
 CAMERA = Camera(SIZE, SIZE, 44.0, 44.0, SIZE / 2, SIZE / 2)
@@ -132,6 +132,7 @@ def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -
                 "train": np.array([True, False, True, False]) | ~is_evaluated,
                 "evaluation": is_evaluated,
             },
+            camera_facts(CAMERA),
         )
         poses = {
             "camera_to_world": np.stack([np.eye(4)] * 3 + [np.full((4, 4), np.nan)]),

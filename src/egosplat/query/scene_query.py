@@ -1,6 +1,6 @@
 """Query the whole scene: find the matching 3D things, and the view that shows each of them best."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -66,6 +66,15 @@ class SceneAnswer:
         """Score of the best thing; 0 without any."""
         return self.things[0].score if self.things else 0.0
 
+    def refusal(self, untaught: Sequence[str], options: QueryOptions) -> str | None:
+        """The reason why the query has no answer; None if it has one. Arguments as in ``QueryOptions.refusal``."""
+        why = options.refusal(self.score, untaught)
+        return why if why or self.things else "no Gaussian of the scene has a code"
+
+    def fitting(self, options: QueryOptions) -> tuple[Thing, ...]:
+        """The things that fit well enough."""
+        return tuple(thing for thing in self.things if thing.score >= options.min_score)
+
 
 def index_scene(scene: QueryScene, camera_to_world: Array, camera: Camera, valid: Mask | None) -> SceneIndex:
     """Measure which Gaussians the frames of a recording show.
@@ -101,9 +110,21 @@ def ask_scene(index: SceneIndex, texts: Texts, options: QueryOptions, most: int)
     for batch in texts.in_batches(max(1, _NUMBERS_AT_ONCE // max(1, levels * count))):
         maps = relevancy_maps(codes, seen, scene.decoder, batch, options.temperature)[..., 0]
         for phrase, relevancy in zip(batch.phrases, maps.cpu().numpy(), strict=True):
-            threshold, box_side = options.segmentation_threshold, options.box_filter
-            things = find_things(index.surface, relevancy, threshold, box_side, most)
-            yield SceneAnswer(phrase, tuple(things))
+            yield answer_from_relevancy(index, phrase, relevancy, options, most)
+
+
+def answer_from_relevancy(
+    index: SceneIndex, phrase: str, relevancy: NDArray[np.float32], options: QueryOptions, most: int
+) -> SceneAnswer:
+    """Answer one query from the relevancy of each Gaussian.
+
+    Args:
+        relevancy: (L, N) float32 in 0..1.
+        options: ``segmentation_threshold`` and ``box_filter`` are used.
+        most: maximum number of things in the answer.
+    """
+    threshold, box_side = options.segmentation_threshold, options.box_filter
+    return SceneAnswer(phrase, tuple(find_things(index.surface, relevancy, threshold, box_side, most)))
 
 
 def _surface(scene: QueryScene, shares: NDArray[np.float32]) -> Surface:

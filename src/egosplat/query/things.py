@@ -134,7 +134,11 @@ class Surface:
             shares: (V, N) float32, V at least 1.
             code_share: (N, L) float32 ``share`` of language.zarr.
         """
-        neighbours = find_neighbours(means, radii)
+        return Surface.joined(means, find_neighbours(means, radii), shares, code_share)
+
+    @staticmethod
+    def joined(means: Array, neighbours: Neighbours, shares: Floats, code_share: Floats) -> "Surface":
+        """Build the surface of N Gaussians whose neighbours are known; arguments as in ``of``."""
         weight = shares.mean(axis=0)[:, None] * code_share
         averaging = tuple(neighbours.averaging(level) for level in weight.T)
         return Surface(means, shares, weight, neighbours, averaging)

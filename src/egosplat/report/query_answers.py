@@ -93,9 +93,8 @@ def answer_in_scene(question: Question, sources: QuerySources, most: int) -> Ans
 def _scene_rows(
     answer: SceneAnswer, question: Question, index: SceneIndex, levels: Sequence[str]
 ) -> list[tuple[str, ...]]:
-    if why := _why_refused(answer, question):
+    if why := answer.refusal(question.untaught[answer.phrase], question.options):
         return [(answer.phrase, f"{answer.score:.2f}", why)]
-    found = [thing for thing in answer.things if thing.score >= question.options.min_score]
     return [
         (
             answer.phrase if number == 0 else "",
@@ -105,19 +104,14 @@ def _scene_rows(
             " x ".join(f"{side:.2f}" for side in thing.high - thing.low),
             str(index.best_frame(thing)),
         )
-        for number, thing in enumerate(found)
+        for number, thing in enumerate(answer.fitting(question.options))
     ]
-
-
-def _why_refused(answer: SceneAnswer, question: Question) -> str | None:
-    why = question.refusal(answer.phrase, answer.score)
-    return why if why or answer.things else "no Gaussian of the scene has a code"
 
 
 def _draw_thing(
     answer: SceneAnswer, question: Question, index: SceneIndex, sources: QuerySources
 ) -> DrawnAnswer:
-    if why := _why_refused(answer, question):
+    if why := answer.refusal(question.untaught[answer.phrase], question.options):
         return DrawnAnswer(answer.phrase, answer.score, refusal=why)
     thing: Thing = answer.things[0]
     frame = index.best_frame(thing)

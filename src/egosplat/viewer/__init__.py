@@ -1,0 +1,1 @@
+"""A viewer of finished scenes in the browser: ``egosplat view``."""
