@@ -47,7 +47,9 @@ class Workdir:
     """A working directory with its own copy of configuration and code, in which the workflow runs."""
 
     PAGES = ("contact_sheet", "instances", "crops", "transient", "splats", "language", "queries")
-    MAIN = ("results/adt/scene1/metrics.json", *(f"results/adt/scene1/{page}.png" for page in PAGES))
+    MAIN = tuple(
+        f"results/adt/scene1/{name}" for name in ("metrics.json", "scene.html", *map("{}.png".format, PAGES))
+    )
     """The outputs in ``finished``: scores and every page."""
 
     snakefile = ROOT / "workflow/Snakefile"

@@ -10,7 +10,7 @@ from egosplat.transient.network import make_network
 
 POSES = "results/adt/scene1/poses.zarr"
 AFTER_QUERIES = {"metrics", "queries_sheet"}
-AFTER_LANGUAGE = {"language", "language_sheet", *AFTER_QUERIES}
+AFTER_LANGUAGE = {"language", "language_sheet", "scene_page", *AFTER_QUERIES}
 AFTER_SPLATS = {"splats", "splats_sheet", "transient_sheet", *AFTER_LANGUAGE}
 AFTER_MASKS = {"masks", *AFTER_SPLATS}
 AFTER_TRANSIENT = {"transient", *AFTER_MASKS}
@@ -44,7 +44,7 @@ def test_a_finished_run_has_nothing_to_do(workdir):
         ("camera: {refine_poses: on}", AFTER_GAUSSIANS),
         ("splats: {masking: none}", AFTER_SPLATS),
         ("language: {method: trained, iterations: 10}", AFTER_LANGUAGE),
-        ("query: {canonical: [object, thing]}", AFTER_QUERIES),
+        ("query: {canonical: [object, thing]}", {*AFTER_QUERIES, "scene_page"}),
         ("metrics: {hit_region: mask}", AFTER_QUERIES),
         ("annotations: {max_age_ms: 2.0}", {"annotations", "contact_sheet", *AFTER_QUERIES}),
         ("frames: {stride: 2}", AFTER_FRAMES),
@@ -76,7 +76,8 @@ def test_a_changed_key_reruns_its_stage_and_what_follows(workdir, config, expect
         ("splats/stage.py", "\ndef run", "\nCHANGED = 1\n\n\ndef run", AFTER_SPLATS),
         ("transient/masks_stage.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_MASKS),
         ("language/lifting.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_LANGUAGE),
-        ("query/maps.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_QUERIES),
+        ("query/maps.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", {*AFTER_QUERIES, "scene_page"}),
+        ("page/source/main.js", "const FLUENT = 60", "const FLUENT = 50", {"scene_page"}),
         ("evaluation/scores.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_QUERIES),
         ("report/queries_choice.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", {"queries_sheet"}),
         ("report/splats_sheet.py", "PICTURES = 4", "PICTURES = 3", {"splats_sheet"}),

@@ -124,7 +124,7 @@ def default_pages(masking: str) -> list[str]:
     """Get the files of a scene that a run without a target makes, for a value of splats.masking."""
     moving = ["transient.png"] if masking == "refined" else []
     pages = ["contact_sheet.png", "instances.png", "crops.png", *moving, "splats.png", "language.png"]
-    return [*pages, "metrics.json", "queries.png"]
+    return [*pages, "scene.html", "metrics.json", "queries.png"]
 
 
 def _flag(name: str, value: object) -> str:

@@ -1,9 +1,12 @@
 """The data of the scene page without a browser."""
 
+import shutil
+
 import numpy as np
 import pytest
 import torch
 
+from egosplat.cli import main
 from egosplat.codes.decoder import Decoder
 from egosplat.errors import UserError
 from egosplat.page.container import pack, unpack
@@ -154,3 +157,15 @@ def test_tracks_have_no_place_in_3d(tmp_path):
             return np.zeros((0, 3)) if name == "gaussians/xyz" else np.zeros((0, 2), int)
 
     assert pack_instances(Tracks(), np.zeros((4, 3), np.float32)) == {}
+
+
+def test_a_scene_without_language_gets_one_line(tmp_path, capsys, monkeypatch):
+    """A scene that is half finished: the command names what lacks, without a traceback."""
+    put_page_scene(tmp_path)
+    shutil.rmtree(tmp_path / "language.zarr")
+    monkeypatch.setattr("sys.argv", ["egosplat", "page", str(tmp_path)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    said = capsys.readouterr().err
+    assert ended.value.code == 2 and "language.zarr" in said and said.count("\n") == 1
+    assert not (tmp_path / "scene.html").exists()
