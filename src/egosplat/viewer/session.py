@@ -206,7 +206,11 @@ class Session:
         self._panel.frames.told.content = "" if has_pose else plain(f"Frame {frame} has no pose.")
         self._show_photograph()
         if has_pose and self._panel.frames.follow.value:
-            self.look(pose[:3, 3], pose[:3, 3] + pose[:3, 2] * self._world.depth_ahead(pose))
+            self._look_from(pose)
+
+    def _look_from(self, pose: Array) -> None:
+        """Look as a frame does, without its roll."""
+        self.look(pose[:3, 3], pose[:3, 3] + pose[:3, 2] * self._world.depth_ahead(pose))
 
     def _show_photograph(self) -> None:
         frames = self._panel.frames
@@ -234,7 +238,9 @@ class Session:
         viewed = self._world.viewed
         self._show_world()
         self._panel.frames.frame.max = max(1, len(viewed.camera_to_world) - 1)
-        self._panel.frames.frame.value = self._world.first_frame()
+        frame = self._world.first_frame()
+        self._panel.frames.frame.value = frame
+        self._look_from(viewed.camera_to_world[frame])
         self._show_cameras()
         self._ask(self._phrase)
 
