@@ -1,7 +1,7 @@
 """Scores of finished scenes beside what their camera costs: held-out PSNR with and without corrections, processor time.
 
-snakemake --cores 2 --config synthetic='{camera: real}' -- results/adt/scene{6,7,8,9,10}/metrics.json
-python -m benchmarks.real_camera results/adt/scene{6,7,8,9,10}
+snakemake --cores 2 --config synthetic='{camera: real}' -- results/adt/scene{1,2,3,4,5}/metrics.json
+python -m benchmarks.real_camera results/adt/scene{1,2,3,4,5}
 """
 
 from collections.abc import Mapping, Sequence

@@ -126,6 +126,15 @@ def test_a_question_colours_the_right_half_and_a_click_names_it(view, open_tab):
     assert tab.errors == []
 
 
+def test_the_first_photograph_is_there_before_the_slider_moves(view, open_tab):
+    tab = open_tab()
+    go(tab, view())
+    tab.page.get_by_role("tab", name="Frames").click()
+    # Before a photograph is there, viser shows a picture of 2 x 2 pixels.
+    shown = "[...document.images].some(image => image.src.startsWith('blob:') && image.naturalWidth > 2)"
+    tab.page.wait_for_function(shown, timeout=PATIENCE_MS)
+
+
 def test_a_jump_puts_the_answer_into_the_middle(view, open_tab):
     """The cup is beside the middle at first; after the jump the middle of the picture is the cup."""
     tab = open_tab()

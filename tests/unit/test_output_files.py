@@ -34,7 +34,7 @@ COMMANDS = {
     "query": (".png", ["{folder}", "cup"]),
     "export": (".ply", ["{folder}"]),
     **{stage: (".json", stage_words(stage)) for stage in DOCUMENTS},
-    **{stage: (".png", stage_words(stage)) for stage in PAGES},
+    **{stage: (Path(STAGES[stage].output).suffix, stage_words(stage)) for stage in PAGES},
 }
 """Suffix of the file that a command writes, and its arguments but --output; the inputs are empty folders or none."""
 

@@ -23,6 +23,7 @@ REPORTS = {
     "benchmarks/instances/README.md",
     "benchmarks/open_vocabulary/README.md",
     "benchmarks/presence/README.md",
+    "benchmarks/real_camera/README.md",
     "benchmarks/survey/README.md",
     "benchmarks/transient/README.md",
 }

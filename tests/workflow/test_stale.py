@@ -170,7 +170,7 @@ transient: {encoder_weights: null}
     [
         ("models: {set: published}", AFTER_SEGMENTS | AFTER_TRANSIENT),
         # Keys of the user win, so only the keys of queries follow the set.
-        (SMALL_AGAIN, AFTER_QUERIES),
+        (SMALL_AGAIN, {*AFTER_QUERIES, "scene_page"}),
         (SMALL_AGAIN.replace("clip_model: small, clip_checkpoint: small", "cache: elsewhere"), AFTER_VIEWS),
     ],
 )

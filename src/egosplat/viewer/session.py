@@ -49,6 +49,8 @@ class Session:
         self._painter = Painter(self._panel.ask)
         self._renderer = Renderer(client, self._draw)
         self._show_world()
+        self._panel.frames.frame.value = self._world.first_frame()
+        self._show_photograph()
         self._connect()
         self._renderer.start()
         self._renderer.camera_moved()

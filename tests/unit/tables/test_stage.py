@@ -234,7 +234,7 @@ def test_small_checkpoints_on_real_data_are_marked_in_every_format(tables, score
             score: next(line for line in text.splitlines() if score in line) for score in ("77.0", "66.0")
         }
         assert BRIEF in labels["77.0"] and BRIEF not in labels["66.0"]
-        assert "preset=paper" in text
+        assert "models.set" in text
     page = (tmp_path / "out" / "tables.html").read_text()
     assert f'title="{told}"' in page and BRIEF in page[: page.index("</title>")]
 
