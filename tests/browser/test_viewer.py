@@ -201,10 +201,16 @@ def test_a_port_in_use_gives_one_line(word_scene):  # noqa: F811
 
 def test_ctrl_c_ends_the_command(word_scene):  # noqa: F811
     """The command tells its address, ends at once with status 0, and leaves no traceback."""
-    words = [sys.executable, "-m", "egosplat.cli", "view", str(word_scene()), "--port", "0"]
-    with subprocess.Popen(words, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as program:
-        told = program.stderr.readline()
-        assert "http://127.0.0.1:" in told and "Ctrl-C" in told, told
-        program.send_signal(signal.SIGINT)
-        out, rest = program.communicate(timeout=60)
-    assert (program.returncode, out) == (0, "") and "ended" in rest and "Traceback" not in rest
+    # A background job of a shell ignores SIGINT, and its children inherit that.
+    hears = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    program = f"{hears}; from egosplat.cli import main; main()"
+    words = [sys.executable, "-c", program, "view", str(word_scene()), "--port", "0"]
+    with subprocess.Popen(words, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as command:
+        try:
+            told = command.stderr.readline()
+            assert "http://127.0.0.1:" in told and "Ctrl-C" in told, told
+            command.send_signal(signal.SIGINT)
+            out, rest = command.communicate(timeout=60)
+        finally:
+            command.kill()
+    assert (command.returncode, out) == (0, "") and "ended" in rest and "Traceback" not in rest
