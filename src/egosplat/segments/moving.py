@@ -20,24 +20,23 @@ from egosplat.segments.prompts import Candidates, prompted_frames
 from egosplat.segments.propagation import Accepts
 from egosplat.segments.tracker import Tracker
 
-# A track is lost in frames in which its mean probability is below this share of the threshold: SAM2 follows something
-# else there, or the thing rests.
-_LOST = 0.5
+# All three are decided by the mean probability of a mask or track. The last one, of a track over all training frames, has to
+# reach masks.threshold: the transient network is surer of what moves than of static things, whose tracks reach 0.60 to 0.70,
+# true ones 0.70 to 1 (benchmarks/transient/README.md). A mask is less sure than its track, so a track starts at this share:
+_STARTS = 6 / 7
 
-# A track moves if its mean probability is at least this share of the way from the threshold to 1. The transient network is
-# surer of what moves than of static things: their tracks reach 0.60 to 0.70, true ones 0.70 to 1
-# (benchmarks/transient/README.md).
-_MOVES = 0.25
+# A track is lost in frames in which SAM2 follows something else, or the thing rests: below this share.
+_LOST = 3 / 7
 
 # A single mask shows a moving thing if tracks of moving things cover a larger share of it.
 _MOSTLY = 0.5
 
 
 class MovingTracker(Tracker):
-    """Prompts only pixels that move, and tracks only masks whose mean probability reaches the threshold.
+    """Prompts only pixels that may move, and keeps only tracks whose mean probability reaches the threshold.
 
     The transient network also calls some static pixels moving, and SAM2's tracks slip to what is behind. So a track
-    ends in frames in which its mean probability is low, and tracks whose mean is not well above the threshold are dropped.
+    ends in frames in which its mean probability is low, and it takes more to keep a track than to start one.
     """
 
     def __init__(
@@ -70,8 +69,7 @@ class MovingTracker(Tracker):
         """
         found = self.track_video(save)
         final = finalize_instances(found, self._options.min_frames)
-        threshold = self._options.threshold
-        moves = self._means(found.labels, final) >= threshold + _MOVES * (1.0 - threshold)
+        moves = self._means(found.labels, final) >= self._options.threshold
         table = np.append(np.where(moves, np.cumsum(moves) - 1, -1), -1).astype(np.int32)[final.table]
         labels = LabelMaps(found.labels[0].shape)
         for frame in range(len(found.labels)):
@@ -91,11 +89,11 @@ class MovingTracker(Tracker):
 
     def _search_area(self, frame: int) -> tuple[Tensor, float]:
         # Hands are small: as few pixels as a mask may have are searched.
-        moving = self._inside & (self._moving(frame) >= self._options.threshold)
+        moving = self._inside & (self._moving(frame) >= _STARTS * self._options.threshold)
         return moving, self._options.min_area * moving.numel()
 
     def _may_start(self, frame: int, found: Candidates) -> Candidates:
-        return found.take(_mean_reaches(self._options.threshold, found.masks, self._moving(frame)))
+        return found.take(_mean_reaches(_STARTS * self._options.threshold, found.masks, self._moving(frame)))
 
     def _accepts(self, frame: int) -> Accepts:
         moving = cache(lambda: self._moving(frame))
