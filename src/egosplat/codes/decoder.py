@@ -4,7 +4,7 @@ A decoder is a chain of affine layers with ReLU in between, followed by normaliz
 autoencoder. One layer is a basis with a mean; no layer leaves codes as they are.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
@@ -28,6 +28,9 @@ class Decoder:
 
     widths: tuple[int, ...]
     values: NDArray[np.float32]
+    _layers: dict[tuple[torch.dtype, torch.device], list[tuple[Tensor, Tensor]]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     def layers(self, like: Tensor) -> list[tuple[Tensor, Tensor]]:
         """Return (out, in) weights and (out,) biases of each layer, with dtype and device of ``like``.
@@ -35,6 +38,12 @@ class Decoder:
         Raises:
             ValueError: the number of values does not match the widths.
         """
+        # Kept, because a picture is decoded in thousands of parts.
+        if (kind := (like.dtype, like.device)) not in self._layers:
+            self._layers[kind] = self._made_layers(like)
+        return self._layers[kind]
+
+    def _made_layers(self, like: Tensor) -> list[tuple[Tensor, Tensor]]:
         sizes = [size for narrow, wide in pairwise(self.widths) for size in (wide * narrow, wide)]
         if sum(sizes) != len(self.values):
             raise ValueError(f"widths {self.widths} need {sum(sizes)} numbers, not {len(self.values)}")

@@ -58,7 +58,10 @@ class CodeTargets:
     def of(self, frame: int) -> Targets:
         """Return the targets of a frame, by its index in frames.zarr."""
         table, usable = self._table(frame)
-        labels = torch.from_numpy(self._instances.row("labels", frame)[self._levels]).to(self._device).long()
+        rows = self._instances.row("labels", frame)[self._levels]
+        # Half the bytes to copy to a GPU; the labels of nearly all scenes fit.
+        small = rows.astype(np.int16) if len(self._named) <= np.iinfo(np.int16).max else rows
+        labels = torch.from_numpy(small).to(self._device).long()
         # Label -1 indexes the last entry of both, which is empty.
         known = usable[labels]
         codes = torch.stack([table[:, level] for level in labels])

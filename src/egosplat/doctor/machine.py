@@ -52,7 +52,7 @@ def _gpu(config: Config) -> Finding:
 def _gsplat(config: Config) -> Finding:
     import torch
 
-    from egosplat.rasterize.cuda import GSPLAT_REQUIREMENT, unsupported
+    from egosplat.rasterize.cuda import GSPLAT_REQUIREMENT, load_gsplat, unsupported
 
     install = "Run: pip install 'egosplat[cuda]'"
     try:
@@ -61,6 +61,12 @@ def _gsplat(config: Config) -> Finding:
         pass
     else:
         if not (problem := unsupported(version)):
+            if torch.cuda.is_available() and config["splats"]["backend"] in ("auto", "cuda"):
+                # An installed gsplat may still not compile, for which training would end.
+                try:
+                    load_gsplat()
+                except UserError as error:
+                    return Finding(Mark.MISSING, "gsplat", f"{version} does not load", str(error))
             return Finding(Mark.OK, "gsplat", version)
         mark = Mark.MISSING if torch.cuda.is_available() else Mark.NOTE
         return Finding(mark, "gsplat", f"{version} {problem}", f"Run: pip install '{GSPLAT_REQUIREMENT}'")

@@ -52,10 +52,12 @@ def broken_rows(grads: list[Tensor]) -> Tensor:
     """
     # One pass without a copy decides for nearly every step that there are none; NaN compares as False.
     extremes = [torch.aminmax(grad) for grad in grads if grad.numel()]
-    if all(bool((low >= -LARGEST_GRADIENT) & (high <= LARGEST_GRADIENT)) for low, high in extremes):
+    sound = [(low >= -LARGEST_GRADIENT) & (high <= LARGEST_GRADIENT) for low, high in extremes]
+    # One number is read for all parameters: each read makes the CPU wait for a GPU.
+    if not sound or bool(torch.stack(sound).all()):
         return torch.zeros(0, dtype=torch.int64, device=grads[0].device)
-    sound = torch.stack([(grad.abs() <= LARGEST_GRADIENT).all(dim=1) for grad in grads])
-    return (~sound.all(dim=0)).nonzero().squeeze(1)
+    rows = torch.stack([(grad.abs() <= LARGEST_GRADIENT).all(dim=1) for grad in grads])
+    return (~rows.all(dim=0)).nonzero().squeeze(1)
 
 
 def _can_fuse(param: Tensor) -> bool:

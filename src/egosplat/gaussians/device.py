@@ -11,16 +11,18 @@ from egosplat.rasterize.cuda import load_gsplat
 def training_device(backend: str) -> torch.device:
     """Return the device for a rasterization backend.
 
-    ``auto`` selects the GPU if there is one and gsplat is installed.
+    ``auto`` selects the GPU if there is one and gsplat is installed. gsplat is loaded here, so that one that cannot be
+    compiled ends a stage before it reads anything.
 
     Raises:
-        UserError: the backend ``cuda`` cannot run on this machine.
+        UserError: the chosen GPU or its gsplat cannot run on this machine.
     """
-    if backend == "cuda":
-        load_gsplat()
     # A GPU without gsplat cannot render.
     usable = torch.cuda.is_available() and importlib.util.find_spec("gsplat") is not None
-    return torch.device("cuda" if backend == "cuda" or (backend == "auto" and usable) else "cpu")
+    if backend == "cuda" or (backend == "auto" and usable):
+        load_gsplat()
+        return torch.device("cuda")
+    return torch.device("cpu")
 
 
 def rasterizer_used(backend: str, device: torch.device) -> str:

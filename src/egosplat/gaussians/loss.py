@@ -48,6 +48,8 @@ def torch_l1_ssim(render: Tensor, target: Tensor, weight: Tensor | None, ssim_la
     # The weight moves the render towards the target before both terms: SSIM compares windows, not single pixels.
     x = y + weight * difference
     l1 = (x - y).abs().mean()
+    if ssim_lambda == 0.0:
+        return l1
     return (1.0 - ssim_lambda) * l1 + ssim_lambda * (
         1.0 - structural_similarity(x, y, padding=WINDOW_RADIUS).mean()
     )

@@ -54,6 +54,7 @@ class Adam:
         self._ever_visible = torch.zeros(gaussians.count, dtype=torch.bool, device=gaussians.means.device)
         self.attach(gaussians)
         self.learning_rates = learning_rates
+        self._sh_rates: Tensor | None = None
         self.means_lr = learning_rates.means
         self.step_count = 0
         self.skipped_rows = 0
@@ -169,7 +170,8 @@ class Adam:
 
     def _rows_to_step(self) -> Tensor | None:
         """Return the indices of the rows to update, or None to update all rows without gathering."""
-        if self._ever_visible.float().mean() >= _WORTH_GATHERING:
+        # On a GPU, finding the rows takes longer than updating all: the CPU would wait for their number.
+        if self._ever_visible.device.type != "cpu" or self._ever_visible.float().mean() >= _WORTH_GATHERING:
             return None
         return self._ever_visible.nonzero().squeeze(1)
 
@@ -190,9 +192,11 @@ class Adam:
         if name != "sh":
             return getattr(self.learning_rates, name)
         # 3DGS keeps the constant coefficient in a tensor of its own; here it is the first of ``sh``.
-        rates = torch.full(self.gaussians.sh.shape[1:], self.learning_rates.sh_rest)
-        rates[0] = self.learning_rates.sh_dc
-        return rates.flatten().to(self.gaussians.sh.device)
+        if self._sh_rates is None or self._sh_rates.numel() != self.gaussians.sh.shape[1:].numel():
+            rates = torch.full(self.gaussians.sh.shape[1:], self.learning_rates.sh_rest)
+            rates[0] = self.learning_rates.sh_dc
+            self._sh_rates = rates.flatten().to(self.gaussians.sh.device)
+        return self._sh_rates
 
 
 def _gradient_rows(parameter: Tensor) -> Tensor:

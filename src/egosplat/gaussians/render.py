@@ -12,7 +12,7 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.rigid import inverted
 from egosplat.geometry import Camera, invert
 from egosplat.rasterize.api import rasterization
-from egosplat.rasterize.contract import shows_colors
+from egosplat.rasterize.contract import check_cameras, shows_colors
 
 
 @dataclass(frozen=True)
@@ -66,8 +66,10 @@ def render(
     """
     device = gaussians.means.device
     # Inverted in float64: far from the origin, float32 would lose millimeters.
-    world_to_camera = _world_to_camera(camera_to_world).to(device, torch.float32)
-    intrinsics = torch.from_numpy(camera.matrix).to(device, torch.float32)
+    world_to_camera = _world_to_camera(camera_to_world).to(torch.float32)
+    intrinsics = torch.from_numpy(camera.matrix).to(torch.float32)
+    check_cameras(world_to_camera[None], intrinsics[None])
+    world_to_camera, intrinsics = world_to_camera.to(device), intrinsics.to(device)
     images, alphas, meta = rasterization(
         gaussians.means,
         gaussians.quats,

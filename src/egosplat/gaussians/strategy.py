@@ -92,5 +92,12 @@ def replace_rows(
 
 
 def random_normal(like: Tensor, generator: torch.Generator) -> Tensor:
-    """Sample standard normal numbers with the shape and device of ``like``; the generator may be on another device."""
+    """Sample standard normal numbers with the shape and device of ``like``; the generator is on the CPU.
+
+    A GPU draws the numbers itself, from a seed that the generator draws: copying them would take longer than an
+    iteration.
+    """
+    if like.device.type == "cuda":
+        seed = int(torch.randint(2**62, (), generator=generator))
+        generator = torch.Generator(like.device).manual_seed(seed)
     return torch.randn(like.shape, generator=generator, device=generator.device).to(like)

@@ -74,7 +74,7 @@ def rasterization(
         ``n_cameras``. Rows of culled Gaussians are undefined except for the radii.
 
     Raises:
-        ValueError: an argument is not as described.
+        ValueError: an argument is not as described. The numbers of cameras on a GPU are not read.
         UserError: the chosen backend cannot run here.
     """
     # Nothing else is local yet: these are exactly the arguments.

@@ -26,7 +26,8 @@ def usable_gaussians(quats: Tensor, *values: Tensor) -> Tensor:
 def camera_centers(viewmats: Tensor) -> Tensor:
     """(C, 4, 4) world_to_camera -> (C, 3) centres in the world; differentiable. The last row is ignored."""
     # A general inverse instead of the transpose: its gradients by the pose hold for any matrix.
-    return torch.linalg.solve(viewmats[:, :3, :3], -viewmats[:, :3, 3])
+    # ``solve_ex`` does not read its error flag, for which the CPU would wait for a GPU.
+    return torch.linalg.solve_ex(viewmats[:, :3, :3], -viewmats[:, :3, 3]).result
 
 
 def stack_channels(colors: Tensor, features: Tensor | None, depths: Tensor, render_mode: str) -> Tensor:

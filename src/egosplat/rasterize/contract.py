@@ -102,7 +102,28 @@ def check(arguments: Arguments) -> None:
         raise ValueError("colors and features hold no channel")
     if a.backgrounds is not None:
         _check_shape("backgrounds", a.backgrounds, (c, channels))
-    _check_cameras(a.viewmats, a.Ks, c)
+    if c < 1:
+        raise ValueError(f"viewmats has shape {tuple(a.viewmats.shape)}: at least one camera is needed")
+    _check_shape("viewmats", a.viewmats, (c, 4, 4))
+    _check_shape("Ks", a.Ks, (c, 3, 3))
+    # On a GPU their numbers are not read, because the CPU would wait for it; ``render`` checks them before the copy.
+    if a.viewmats.device.type == "cpu":
+        check_cameras(a.viewmats, a.Ks)
+
+
+def check_cameras(viewmats: Tensor, Ks: Tensor) -> None:
+    """Validate the numbers of cameras, (C, 4, 4) and (C, 3, 3) on the CPU.
+
+    Raises:
+        ValueError: a number is not finite, a focal length is not positive, or there is skew.
+    """
+    view, intrinsics = viewmats.detach().flatten(1), Ks.detach().flatten(1)
+    if not (view.isfinite().all() and intrinsics.isfinite().all()):
+        raise ValueError("viewmats or Ks hold a number that is not finite")
+    if (intrinsics[:, [0, 4]] <= 0).any():
+        raise ValueError(f"focal lengths must be positive: {intrinsics[:, [0, 4]].tolist()}")
+    if (intrinsics[:, 1] != 0).any():
+        raise ValueError(f"Ks must have no skew: {intrinsics[:, 1].tolist()}")
 
 
 def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
@@ -149,18 +170,3 @@ def _color_channels(colors: Tensor, n: int, sh_degree: int | None) -> int:
             f"with K one of {counts[sh_degree:]}"
         )
     return 3
-
-
-def _check_cameras(viewmats: Tensor, Ks: Tensor, c: int) -> None:
-    if c < 1:
-        raise ValueError(f"viewmats has shape {tuple(viewmats.shape)}: at least one camera is needed")
-    _check_shape("viewmats", viewmats, (c, 4, 4))
-    _check_shape("Ks", Ks, (c, 3, 3))
-    # One copy to the host: on a CUDA device each access to a number waits for the device.
-    view, intrinsics = torch.cat([viewmats.flatten(1), Ks.flatten(1)], dim=1).detach().cpu().split([16, 9], 1)
-    if not (view.isfinite().all() and intrinsics.isfinite().all()):
-        raise ValueError("viewmats or Ks hold a number that is not finite")
-    if (intrinsics[:, [0, 4]] <= 0).any():
-        raise ValueError(f"focal lengths must be positive: {intrinsics[:, [0, 4]].tolist()}")
-    if (intrinsics[:, 1] != 0).any():
-        raise ValueError(f"Ks must have no skew: {intrinsics[:, 1].tolist()}")

@@ -1,8 +1,14 @@
 """The rasterizer backend for CUDA devices: gsplat."""
 
+import contextlib
+import fcntl
 import importlib
+import os
 import re
+import sys
+from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from types import ModuleType
 
 import torch
@@ -18,6 +24,9 @@ OLDEST_GSPLAT, TOO_NEW_GSPLAT = (1, 5, 3), (1, 6)
 
 # The two versions above as a requirement for pip.
 GSPLAT_REQUIREMENT = "gsplat>=1.5.3,<1.6"
+
+# Memory of one of the compilers that build gsplat, an estimate.
+COMPILER_BYTES = 2 * 2**30
 
 # Most channels per pass. gsplat is slow beyond 32, except 33 (32 and a depth), which it compiles as one pass.
 LARGEST_PASS = 33
@@ -43,7 +52,7 @@ def rasterization(arguments: Arguments) -> Render:
 
 
 def load_gsplat() -> ModuleType:
-    """Import gsplat, which compiles itself on the first import.
+    """Import gsplat, which compiles itself on the first import; other processes wait until it has.
 
     Raises:
         UserError: it is missing, too old, too new or does not load, or there is no CUDA device.
@@ -52,11 +61,13 @@ def load_gsplat() -> ModuleType:
     if not torch.cuda.is_available():
         raise UserError("backend cuda: PyTorch finds no CUDA device; use the backend auto or cpu")
     advice = (
-        f'run: pip install "{GSPLAT_REQUIREMENT}" packaging ninja (it compiles itself once and needs nvcc)'
+        f'run: pip install "{GSPLAT_REQUIREMENT}" packaging ninja (it compiles itself once and needs nvcc of '
+        f"CUDA {torch.version.cuda}), or set backend to cpu"
     )
     try:
         gsplat = importlib.import_module("gsplat")
-        compiled = importlib.import_module("gsplat.cuda._backend")._C
+        with _alone_if_compiling():
+            compiled = importlib.import_module("gsplat.cuda._backend")._C
     except (ImportError, OSError, RuntimeError) as error:
         raise UserError(f"backend cuda: gsplat cannot be loaded ({error}); {advice}") from error
     if problem := unsupported(gsplat.__version__):
@@ -64,6 +75,32 @@ def load_gsplat() -> ModuleType:
     if compiled is None:
         raise UserError(f"backend cuda: gsplat found no CUDA toolkit to compile itself with; {advice}")
     return gsplat
+
+
+@contextlib.contextmanager
+def _alone_if_compiling() -> Iterator[None]:
+    """Hold a file lock in the block, with as many compilers as memory allows; nothing if gsplat is loaded already."""
+    if "gsplat.cuda._backend" in sys.modules:
+        yield
+        return
+    from torch.utils import cpp_extension
+
+    # Where PyTorch compiles extensions. gsplat removes this folder of another process that compiles at the same time.
+    folder = os.environ.get("TORCH_EXTENSIONS_DIR") or cpp_extension.get_default_build_root()
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    with (Path(folder) / "egosplat_gsplat.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        # gsplat's own default is 10 compilers, whatever the memory.
+        os.environ.setdefault("MAX_JOBS", str(_compilers()))
+        yield
+
+
+def _compilers() -> int:
+    """Number of compilers to run at once: one for each core and for each 2 GiB of memory."""
+    free = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_AVPHYS_PAGES")
+    if job := os.environ.get("SLURM_MEM_PER_NODE"):  # MiB
+        free = min(free, int(job) * 2**20)
+    return max(1, min(len(os.sched_getaffinity(0)), free // COMPILER_BYTES))
 
 
 def unsupported(version: str) -> str | None:

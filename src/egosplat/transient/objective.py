@@ -54,7 +54,8 @@ class InitialObjective(Objective):
         """Move ``net`` to ``device``, the device of the Gaussians, and train it in place."""
         self.net = net.to(device).train()
         self._options = options
-        self._adam = torch.optim.Adam(net.parameters(), lr=options.lr)
+        # Fused on a GPU only: on a CPU it rounds differently.
+        self._adam = torch.optim.Adam(net.parameters(), lr=options.lr, fused=device.type == "cuda")
         self._probability = torch.zeros(options.iterations, device=device)
         self._iteration = 0
         self.residuals = ResidualScale(device)
