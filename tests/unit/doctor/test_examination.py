@@ -14,6 +14,7 @@ from egosplat.doctor.examination import examine
 from egosplat.doctor.findings import Finding, Mark
 from egosplat.errors import UserError
 from egosplat.kernels import compiling, library
+from egosplat.rasterize import cuda
 from egosplat.rays import library as rays
 
 HEADER = "dataset\tscene\tformat\trecording\toptions\n"
@@ -245,6 +246,19 @@ def test_an_unsupported_gsplat_comes_with_the_supported_one(version, problem, mo
         assert "gsplat>=1.5.3,<1.6" in finding.advice
     monkeypatch.setattr(metadata, "version", lambda name: "1.5.3+pt24cu124")
     assert machine._gsplat(config).mark == Mark.OK
+
+
+def test_a_gsplat_that_cannot_be_compiled_is_found(monkeypatch):
+    """An installed gsplat without nvcc would end training on the GPU that auto chooses."""
+
+    def fails() -> None:
+        raise UserError("gsplat found no CUDA toolkit")
+
+    monkeypatch.setattr(metadata, "version", lambda name: "1.5.3")
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(cuda, "load_gsplat", fails)
+    assert machine._gsplat({"splats": {"backend": "auto"}}).mark == Mark.MISSING
+    assert machine._gsplat({"splats": {"backend": "cpu"}}).mark == Mark.OK
 
 
 def test_memory_is_read_from_meminfo(tmp_path):

@@ -1,6 +1,8 @@
 """The call of gsplat, with a double that has gsplat's interface, and on a CUDA device if there is one."""
 
+import fcntl
 import math
+import os
 import sys
 from types import SimpleNamespace
 from typing import Any
@@ -184,6 +186,21 @@ def test_a_missing_gsplat_is_reported(monkeypatch):
     monkeypatch.setitem(sys.modules, "gsplat", None)
     with pytest.raises(UserError, match="gsplat .*pip install"):
         cuda.load_gsplat()
+
+
+def test_gsplat_is_compiled_by_one_process_with_few_compilers(monkeypatch, tmp_path):
+    """Two jobs that start together would remove each other's build; ten compilers exceed a job's memory."""
+    monkeypatch.delitem(sys.modules, "gsplat.cuda._backend", raising=False)
+    monkeypatch.setenv("TORCH_EXTENSIONS_DIR", str(tmp_path / "new"))
+    monkeypatch.setenv("SLURM_MEM_PER_NODE", "2100")
+    monkeypatch.setenv("MAX_JOBS", "")
+    monkeypatch.delenv("MAX_JOBS")
+    with cuda._alone_if_compiling():
+        assert os.environ["MAX_JOBS"] == "1"
+        with (tmp_path / "new" / "egosplat_gsplat.lock").open() as other, pytest.raises(BlockingIOError):
+            fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    with (tmp_path / "new" / "egosplat_gsplat.lock").open() as other:
+        fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def test_tensors_on_another_device_are_rejected(installed):

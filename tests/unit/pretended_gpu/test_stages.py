@@ -1,0 +1,166 @@
+"""Every stage that computes on a GPU runs whole on a pretended one, without mixing devices, and rarely waits for it."""
+
+from collections import Counter
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.artifacts.reader import Artifact, verify
+from egosplat.artifacts.registry import SCHEMAS
+from egosplat.compute import Compute
+from egosplat.gaussians import trainer
+from egosplat.language import stage as language
+from egosplat.language import training as code_training
+from egosplat.models.sam2_loader import Sam2
+from egosplat.pipeline.config import defaults
+from egosplat.segments.tracker import Tracker
+from egosplat.splats import stage as splats
+from egosplat.transient import stage as transient
+from tests.support.pretended_gpu import DEVICE, PretendedGpu
+from tests.unit.segments.test_tracker import FRAMES, HEIGHT, OPTIONS, WIDTH
+
+CAMERA = {"refine_poses": "off", "compensate_exposure": "off"}
+SPLATS = (
+    defaults()["camera"]
+    | defaults()["splats"]
+    | CAMERA
+    | {"iterations": 20, "max_gaussians": 300, "evaluate_every": 20, "sh_degree": 1, "masking": "none"}
+)
+SPLATS |= {"checkpoint_s": 0}
+TRANSIENT = (
+    defaults()["camera"]
+    | defaults()["transient"]
+    | CAMERA
+    | {"iterations": 12, "input_size": 64, "resolution": 24, "max_gaussians": 300}
+)
+LANGUAGE = defaults()["language"] | {"iterations": 12}
+
+# The gradients of the pose and of the gain are copied to the CPU.
+CORRECTED = {"refine_poses": "on", "compensate_exposure": "on"}
+
+
+def counted(gpu: PretendedGpu, monkeypatch: Any, owner: Any, name: str) -> list[Counter[str]]:
+    """The waits of each call of ``owner.name``, filled while a stage runs."""
+    original, calls = getattr(owner, name), []
+
+    def call(*args: Any, **kwargs: Any) -> Any:
+        before = gpu.waits.copy()
+        result = original(*args, **kwargs)
+        calls.append(gpu.waits - before)
+        return result
+
+    monkeypatch.setattr(owner, name, call)
+    return calls
+
+
+def median(calls: list[Counter[str]]) -> float:
+    """Median number of waits; prints the places of the last call for a failing test."""
+    print("waits:", dict(calls[-1]))
+    return float(np.median([call.total() for call in calls]))
+
+
+def on_gpu(monkeypatch: Any, *modules: ModuleType) -> None:
+    for module in modules:
+        monkeypatch.setattr(module, "training_device", lambda backend: DEVICE)
+
+
+def train(folder: Path, name: str = "splats.zarr", **changes: object) -> Artifact:
+    kinds = ("masks", "transient", "instances", "features")
+    options = splats.SplatsOptions(**SPLATS | changes)
+    paths = {f"{kind}_path": folder / f"{kind}.zarr" for kind in kinds}
+    splats.run(folder / "frames.zarr", folder / "poses.zarr", folder / name, options, **paths)
+    return verify(folder / name, SCHEMAS)
+
+
+@pytest.mark.parametrize(
+    ("changes", "limit"),
+    [
+        ({}, 2),
+        # So short a run looks for dead Gaussians after every iteration.
+        ({"strategy": "mcmc", "background": "random", "antialiased": True}, 3),
+        ({"masking": "refined", "language": "joint", "ssim_lambda": 0.0}, 2),
+        ({"masking": "initial", "patience": 2, "evaluate_every": 10, "sh_degree": "auto", **CORRECTED}, 4),
+    ],
+    ids=["default", "mcmc", "joint", "corrected"],
+)
+def test_splats(scene, gpu, monkeypatch, changes, limit):
+    """Mixed devices would end training on a GPU; each wait leaves it idle."""
+    folder = scene()
+    on_gpu(monkeypatch, splats)
+    calls = counted(gpu, monkeypatch, trainer, "iterate")
+    result = train(folder, **changes)
+    assert len(calls) <= 20 and median(calls) <= limit
+    assert np.isfinite(result.read("means")).all() and result.read("curve/loss")[-1] > 0
+
+
+def test_the_result_on_the_device_is_that_of_the_cpu(scene, gpu, monkeypatch):
+    """A pretended device that computed something else would protect nothing."""
+    folder = scene()
+    before = train(folder, "cpu.zarr")
+    assert not gpu.waits
+    on_gpu(monkeypatch, splats)
+    after = train(folder)
+    assert after.read("history/psnr")[-1] == pytest.approx(before.read("history/psnr")[-1], abs=0.5)
+
+
+def test_training_resumes_on_the_device(scene, gpu, monkeypatch, capsys):
+    """A checkpoint lies on the CPU; its tensors return to the device."""
+
+    def killed(*args: object) -> None:
+        raise KeyboardInterrupt
+
+    folder = scene()
+    on_gpu(monkeypatch, splats)
+    with monkeypatch.context() as patch:
+        patch.setattr(splats, "put_held_out", killed)
+        with pytest.raises(KeyboardInterrupt):
+            train(folder, iterations=15)
+    calls = counted(gpu, monkeypatch, trainer, "iterate")
+    train(folder, iterations=15)
+    assert "training resumes after iteration" in capsys.readouterr().err and len(calls) < 15
+
+
+def test_transient(scene, gpu, monkeypatch):
+    folder = scene()
+    on_gpu(monkeypatch, transient)
+    calls = counted(gpu, monkeypatch, trainer, "iterate")
+    options = transient.TransientOptions(**TRANSIENT)
+    transient.run(folder / "frames.zarr", folder / "poses.zarr", folder / "predicted.zarr", options)
+    assert len(calls) == 12 and median(calls) <= 3
+    assert np.isfinite(verify(folder / "predicted.zarr", {**SCHEMAS}).read("probability")).all()
+
+
+@pytest.mark.parametrize("method", ["lifted", "trained"])
+def test_language(scene, gpu, monkeypatch, method):
+    folder = scene()
+    train(folder, iterations=10)
+    on_gpu(monkeypatch, language)
+    calls = counted(gpu, monkeypatch, code_training.CodeTraining, "_iterate")
+    options = language.LanguageOptions(**LANGUAGE | {"method": method})
+    inputs = [folder / f"{kind}.zarr" for kind in ("frames", "poses", "instances", "features", "splats")]
+    language.run(*inputs, folder / "language.zarr", options, masks_path=None, transient_path=None)
+    if method == "trained":
+        assert len(calls) == 12 and median(calls) <= 2
+    assert gpu.waits and np.isfinite(verify(folder / "language.zarr", SCHEMAS).read("code")).all()
+
+
+def test_segments(sam2, gpu, monkeypatch):
+    """Prompts, tracking in both directions, and label maps."""
+    rng = np.random.default_rng(0)
+    images = np.repeat(np.repeat(rng.integers(0, 255, (FRAMES, 5, 7, 3), dtype=np.uint8), 8, 1), 8, 2)
+    predictor = sam2.video_predictor.to(DEVICE)
+    tracker = Tracker(
+        Sam2(predictor, Compute(DEVICE, torch.float32)),
+        lambda frame: images[frame],
+        FRAMES,
+        np.ones((HEIGHT, WIDTH), bool),
+        OPTIONS,
+    )
+    calls = counted(gpu, monkeypatch, tracker, "_forwards")
+    assert len(tracker.run().labels) == FRAMES
+    # A frame with prompts waits for each mask; the last one has none.
+    assert calls[-1].total() <= 20, calls[-1]
