@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -13,6 +12,7 @@ from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.errors import UserError
+from egosplat.gaussians.stored_rows import StoredRows, stored_rows
 
 # Artifact, schema and array, by kind of masking.
 _SOURCES = {"initial": ("transient", TRANSIENT, "probability"), "refined": ("masks", MASKS, "refined")}
@@ -35,17 +35,17 @@ class Masking:
         """The artifact, for the provenance of a stage; empty if nothing is masked."""
         return () if self.artifact is None else (self.artifact,)
 
-    def frames(self, rows: NDArray[np.integer]) -> Tensor | None:
-        """Read M of the frames ``rows`` to the CPU: (V, H, W) bool, or float16 in [0, 1]; None if nothing is masked."""
+    def frames(self, rows: NDArray[np.integer]) -> Tensor | StoredRows | None:
+        """Get M of the frames ``rows`` on the CPU: (V, H, W) bool, or float16 in [0, 1]; None if nothing is masked."""
         artifact = self.artifact
         if artifact is None:
             return None
         _, height, width = artifact.shape(self.array)
+        dtype = artifact.schema.fields[self.array].dtype
         # Read row by row: most frames may be unused.
-        found = np.empty((len(rows), height, width), artifact.schema.fields[self.array].dtype)
-        for position, row in enumerate(rows):
-            found[position] = artifact.row(self.array, row)
-        return torch.from_numpy(found)
+        return stored_rows(
+            len(rows), (height, width), dtype, lambda position: artifact.row(self.array, rows[position])
+        )
 
 
 def open_masking(

@@ -10,6 +10,7 @@ from torch import Tensor
 from egosplat.artifacts.reader import Artifact
 from egosplat.errors import UserError
 from egosplat.gaussians.pixel_weights import Masking
+from egosplat.gaussians.stored_rows import StoredRows, stored_rows
 from egosplat.geometry import Camera
 
 Mask = NDArray[np.bool_]
@@ -24,19 +25,19 @@ class Views:
 
     Attributes:
         frame: (V,) int64 index of each in frames.zarr.
-        pictures: (V, H, W, 3) uint8 sRGB, in CPU memory.
+        pictures: (V, H, W, 3) uint8 sRGB, in CPU memory or read from the artifact at each access.
         camera_to_world: (V, 4, 4) float64, OpenCV axes, meters.
         valid: (H, W) float32, 0 outside the lens circle and 1 inside; None if all pixels are valid.
-        transient: (V, H, W) bool, or float16 in [0, 1], in CPU memory: the paper's M; None if nothing is masked.
+        transient: (V, H, W) bool, or float16 in [0, 1], like ``pictures``: the paper's M; None if nothing is masked.
         device: device of ``picture``, ``valid`` and ``weight``.
         log_gain: (V, 3) natural logarithm of the gains that a render gets before it is compared; None for 0.
     """
 
     frame: NDArray[np.int64]
-    pictures: Tensor
+    pictures: Tensor | StoredRows
     camera_to_world: NDArray[np.float64]
     valid: Tensor | None
-    transient: Tensor | None
+    transient: Tensor | StoredRows | None
     camera: Camera
     device: torch.device
     log_gain: Tensor | None = None
@@ -133,16 +134,16 @@ def hold_out(training: Mask, key: str, instead: str) -> Mask:
 def read_views(
     frames: Artifact, poses: Artifact, chosen: Mask, masking: Masking, device: torch.device
 ) -> Views:
-    """Read the frames ``chosen`` (F,) bool, all with a pose, into memory."""
+    """Read the frames ``chosen`` (F,) bool, all with a pose, as many as ``stored_rows`` holds in memory."""
     rows = np.flatnonzero(chosen)
     _, height, width, _ = frames.shape("rgb")
     # uint8 takes a quarter of float32's memory; ``Views.picture`` converts one at a time.
-    pictures = np.empty((len(rows), height, width, 3), np.uint8)
-    for position, row in enumerate(rows):
-        pictures[position] = frames.row("rgb", row)
+    pictures = stored_rows(
+        len(rows), (height, width, 3), "uint8", lambda position: frames.row("rgb", rows[position])
+    )
     return Views(
         frame=rows.astype(np.int64),
-        pictures=torch.from_numpy(pictures),
+        pictures=pictures,
         camera_to_world=poses.read("camera_to_world")[rows],
         valid=read_valid(frames, device),
         transient=masking.frames(rows),

@@ -1,7 +1,9 @@
 """Draw the label maps of frames, and hold those of a whole video in memory, compressed."""
 
+import os
 import zlib
 from collections.abc import Iterable
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -11,16 +13,31 @@ from torch import Tensor
 
 Labels = NDArray[np.int32]
 
+# By frame: start, length and CRC-32 of its labels in the file of a checkpoint.
+LabelState = dict[int, list[int]]
+
 # 128 MiB of float32 logits at the frames' size.
 _PIXELS_AT_ONCE = 2**25
 
 
+class DamagedLabels(Exception):
+    """The file of a checkpoint does not hold the labels of its state."""
+
+
 class LabelMaps:
-    """(F, L, H, W) int32 labels, -1 for none; written and read by frame."""
+    """(F, L, H, W) int32 labels, -1 for none; written and read by frame.
+
+    Attributes:
+        path: file to which checkpoints append; None without checkpoints.
+    """
 
     def __init__(self, shape: tuple[int, int, int]) -> None:
+        self.path: Path | None = None
         self._shape = shape
         self._frames: dict[int, bytes] = {}
+        # Frames that the file does not hold yet, and where it holds the others.
+        self._changed: set[int] = set()
+        self._places: dict[int, tuple[int, int, int]] = {}
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -28,20 +45,48 @@ class LabelMaps:
     def __setitem__(self, frame: int, labels: Labels) -> None:
         # Label maps have long runs of one value: level 1, the fastest, already reduces them to about 1 %.
         self._frames[frame] = zlib.compress(np.ascontiguousarray(labels, dtype=np.int32).tobytes(), 1)
+        self._changed.add(frame)
 
     def __getitem__(self, frame: int) -> Labels:
         return np.frombuffer(zlib.decompress(self._frames[frame]), dtype=np.int32).reshape(self._shape).copy()
 
-    def state_dict(self) -> dict[int, Tensor]:
-        """The compressed frames, as (N,) uint8."""
-        return {
-            frame: torch.frombuffer(bytearray(packed), dtype=torch.uint8)
-            for frame, packed in self._frames.items()
-        }
+    def state_dict(self) -> LabelState:
+        """Append the frames set since the last call to ``path``, which the first call makes.
 
-    def load_state_dict(self, state: dict[int, Tensor]) -> None:
-        """Replace the content by that of a ``state_dict``."""
-        self._frames = {frame: packed.numpy().tobytes() for frame, packed in state.items()}
+        Returns:
+            Start, length and CRC-32 of each frame in the file.
+        """
+        path = self.path
+        assert path is not None, "only labels with a path have checkpoints"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # What a killed process appended after its last state is cut off.
+        end = max((start + length for start, length, _ in self._places.values()), default=0)
+        with path.open("r+b" if end else "wb") as file:
+            file.truncate(end)
+            file.seek(end)
+            places = dict(self._places)
+            for frame in sorted(self._changed):
+                packed = self._frames[frame]
+                places[frame] = (file.tell(), len(packed), zlib.crc32(packed))
+                file.write(packed)
+            file.flush()
+            os.fsync(file.fileno())
+        self._places, self._changed = places, set()
+        return {frame: list(place) for frame, place in places.items()}
+
+    def load_state_dict(self, state: LabelState) -> None:
+        """Replace the content by that of the file when ``state_dict`` returned ``state``.
+
+        Raises:
+            DamagedLabels: the file does not hold it.
+        """
+        assert self.path is not None, "only labels with a path have checkpoints"
+        content = self.path.read_bytes() if self.path.exists() else b""
+        places = {frame: (start, length, crc) for frame, (start, length, crc) in state.items()}
+        frames = {frame: content[start : start + length] for frame, (start, length, _) in places.items()}
+        if any(zlib.crc32(frames[frame]) != crc for frame, (_, _, crc) in places.items()):
+            raise DamagedLabels(f"{self.path}: the checkpoint is damaged; the stage starts again")
+        self._frames, self._places, self._changed = frames, places, set()
 
 
 def paint(

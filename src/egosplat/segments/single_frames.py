@@ -10,7 +10,7 @@ from egosplat.models.sam2_loader import Sam2
 from egosplat.progress import log, track
 from egosplat.segments.image_encoder import encode
 from egosplat.segments.instances import Segmented, Track
-from egosplat.segments.label_maps import LabelMaps, paint
+from egosplat.segments.label_maps import DamagedLabels, LabelMaps, paint
 from egosplat.segments.moving import MovingTracker, add_tracks
 from egosplat.segments.options import LEVELS, SegmentsOptions
 from egosplat.segments.prompts import filter_masks, grid_points, prompt, prompted_frames
@@ -51,9 +51,15 @@ class SingleFrames:
         """Segment the frames, resuming from the checkpoint if it holds a state."""
         if checkpoint is None:
             return self._segment_video(lambda: None)
+        self._labels.path = checkpoint.file.with_name("labels")
+        if self._movers:
+            self._movers.keep_labels_in(checkpoint.file.with_name("labels_of_movers"))
         if (saved := checkpoint.load()) is not None:
-            self.load_state_dict(saved)
-            log(f"segmentation resumes after {self._done} frames")
+            try:
+                self.load_state_dict(saved)
+                log(f"segmentation resumes after {self._done} frames")
+            except DamagedLabels as error:
+                log(str(error))
         return self._segment_video(lambda: checkpoint.save_if_due(self.state_dict))
 
     def _segment_video(self, save: Callable[[], None]) -> Segmented:
@@ -81,11 +87,11 @@ class SingleFrames:
 
     def load_state_dict(self, state: State) -> None:
         """Resume from a ``state_dict``."""
-        self._done = state["done"]
-        self._instances = [Track(**values) for values in state["instances"]]
         self._labels.load_state_dict(state["labels"])
         if self._movers:
             self._movers.load_state_dict(state["movers"])
+        self._done = state["done"]
+        self._instances = [Track(**values) for values in state["instances"]]
 
     def _segment(self, frame: int) -> None:
         encoded = encode(self._sam2, self._images(frame))

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -14,7 +15,7 @@ from egosplat.models.sam2_loader import Sam2
 from egosplat.progress import log, track
 from egosplat.segments.image_encoder import EncodedImage, encode
 from egosplat.segments.instances import Segmented, Track
-from egosplat.segments.label_maps import LabelMaps, paint
+from egosplat.segments.label_maps import DamagedLabels, LabelMaps, paint
 from egosplat.segments.levels import Level, LevelMasks, add_shared, stack_masks
 from egosplat.segments.nms import union
 from egosplat.segments.options import LEVELS, SegmentsOptions
@@ -56,10 +57,18 @@ class Tracker:
         """Track the video in both directions, resuming from the checkpoint if it holds a state."""
         if checkpoint is None:
             return self.track_video(lambda: None)
+        self.keep_labels_in(checkpoint.file.with_name("labels"))
         if (saved := checkpoint.load()) is not None:
-            self.load_state_dict(saved)
-            log(f"tracking resumes after {self._ahead} frames forwards and {self._back} backwards")
+            try:
+                self.load_state_dict(saved)
+                log(f"tracking resumes after {self._ahead} frames forwards and {self._back} backwards")
+            except DamagedLabels as error:
+                log(str(error))
         return self.track_video(lambda: checkpoint.save_if_due(self.state_dict))
+
+    def keep_labels_in(self, path: Path) -> None:
+        """Let checkpoints append labels to a file."""
+        self._labels.path = path
 
     def track_video(self, save: Callable[[], None]) -> Segmented:
         """Track what is left of the video in both directions; ``save`` is called after each frame."""
@@ -98,10 +107,10 @@ class Tracker:
 
     def load_state_dict(self, state: State) -> None:
         """Resume from a ``state_dict``."""
+        self._labels.load_state_dict(state["labels"])
         self._ahead, self._back = state["ahead"], state["back"]
         self._key_frames = state["key_frames"]
         self._instances = [Track(**values) for values in state["instances"]]
-        self._labels.load_state_dict(state["labels"])
         for level, saved in zip(self._levels, state["levels"], strict=True):
             level.load_state_dict(saved, self._sam2.compute.device)
 

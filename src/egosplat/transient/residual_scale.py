@@ -2,7 +2,9 @@
 
 from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 # A pixel stands out if its squared difference is larger than this many medians of its frame. In ten synthetic apartments
@@ -18,13 +20,14 @@ class ResidualScale:
 
     Attributes:
         scale: (V,) float32 median squared difference of each view; NaN if it was not measured.
-        stands_out: (V, H, W) bool, pixels whose squared difference exceeds ``STANDS_OUT`` scales of their view.
     """
 
     def __init__(self, device: torch.device) -> None:
         """Start without views; their number and size follow from the first measurement."""
         self.scale = torch.empty(0, device=device)
-        self.stands_out = torch.empty((0, 0, 0), dtype=torch.bool, device=device)
+        # A bit a pixel: 3,600 views of 1408 x 1408 pixels take 0.9 GB.
+        self._stands_out = torch.empty((0, 0), dtype=torch.uint8, device=device)
+        self._size = 0, 0
         self._measured: set[int] = set()
 
     def has(self, index: int) -> bool:
@@ -42,13 +45,20 @@ class ResidualScale:
         """
         if not len(self.scale):
             self.scale = residual.new_full((views,), torch.nan)
-            self.stands_out = residual.new_zeros((views, *residual.shape), dtype=torch.bool)
+            self._stands_out = residual.new_zeros((views, -(-residual.numel() // 8)), dtype=torch.uint8)
+            self._size = residual.shape[0], residual.shape[1]
         counts = residual.isfinite() if valid is None else residual.isfinite() & (valid > 0)
         # NaN instead of a selection, whose unknown size would make the CPU wait for a GPU.
         residual = torch.where(counts, residual, torch.nan)
         self.scale[index] = residual.nanmedian()
-        self.stands_out[index] = residual > STANDS_OUT * self.scale[index].clamp_min(LEAST_SCALE)
+        self._stands_out[index] = packed(residual > STANDS_OUT * self.scale[index].clamp_min(LEAST_SCALE))
         self._measured.add(index)
+
+    def stands_out(self, index: int) -> NDArray[np.bool_]:
+        """(H, W) pixels whose squared difference exceeds ``STANDS_OUT`` scales of their view."""
+        height, width = self._size
+        bits = np.unpackbits(self._stands_out[index].cpu().numpy(), count=height * width)
+        return bits.astype(bool).reshape(height, width)
 
     def unit(self, index: int) -> Tensor:
         """() residual of static pixels in a view: the median of the view or of all views, whichever is larger.
@@ -61,9 +71,22 @@ class ResidualScale:
 
     def state_dict(self) -> dict[str, Any]:
         """Return the state for ``load_state_dict``."""
-        return {"scale": self.scale, "stands_out": self.stands_out, "measured": sorted(self._measured)}
+        return {
+            "scale": self.scale,
+            "stands_out": self._stands_out,
+            "size": list(self._size),
+            "measured": sorted(self._measured),
+        }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restore a state from ``state_dict``."""
-        self.scale, self.stands_out = state["scale"], state["stands_out"]
+        self.scale, self._stands_out = state["scale"], state["stands_out"]
+        self._size = state["size"][0], state["size"][1]
         self._measured = set(state["measured"])
+
+
+def packed(flags: Tensor) -> Tensor:
+    """(H, W) bool as (ceil(H W / 8),) uint8 on the same device, in the order of ``numpy.packbits``."""
+    bits = torch.nn.functional.pad(flags.flatten().to(torch.uint8), (0, -flags.numel() % 8)).reshape(-1, 8)
+    places = torch.arange(7, -1, -1, dtype=torch.uint8, device=flags.device)
+    return torch.bitwise_left_shift(bits, places).sum(dim=1, dtype=torch.uint8)

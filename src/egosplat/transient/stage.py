@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
@@ -197,19 +196,26 @@ def _put_residuals(
     """
     count, height, width, _ = frames.shape("rgb")
 
-    def enlarged(small: Tensor) -> NDArray[np.bool_]:
-        values = small.cpu().numpy().astype(np.uint8)
+    def enlarged(small: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        values = small.astype(np.uint8)
         return cv2.resize(values, (width, height), interpolation=cv2.INTER_NEAREST).astype(bool)
 
-    residuals, everywhere = objective.residuals, torch.ones(views.camera.height, views.camera.width)
+    residuals = objective.residuals
+    inside = np.ones((views.camera.height, views.camera.width), bool)
+    if views.valid is not None:
+        inside = (views.valid > 0).cpu().numpy()
     scale = np.full(count, np.nan, np.float32)
     scale[views.frame[: len(residuals.scale)]] = residuals.scale.cpu().numpy()
-    shown = dict(zip(views.frame.tolist(), residuals.stands_out, strict=False))
+    shown = {frame: view for view, frame in enumerate(views.frame.tolist()) if view < len(residuals.scale)}
     artifact.put("residual_scale", scale)
-    artifact.put("compared", enlarged(everywhere if views.valid is None else views.valid > 0))
+    artifact.put("compared", enlarged(inside))
     artifact.allocate("stands_out", (count, height, width))
     for frame in range(count):
-        row = enlarged(shown[frame]) if frame in shown else np.zeros((height, width), bool)
+        row = (
+            enlarged(residuals.stands_out(shown[frame]))
+            if frame in shown
+            else np.zeros((height, width), bool)
+        )
         artifact.put_row("stands_out", frame, row)
     if np.isnan(scale).all():
         return None

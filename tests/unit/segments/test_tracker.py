@@ -14,6 +14,7 @@ from egosplat.pipeline.config import defaults, stage_values
 from egosplat.segments import instances as instances_module
 from egosplat.segments import tracker as tracking
 from egosplat.segments.image_encoder import encode
+from egosplat.segments.label_maps import DamagedLabels, LabelMaps
 from egosplat.segments.nms import intersections
 from egosplat.segments.options import LEVELS, SegmentsOptions
 from egosplat.segments.prompts import drop_covered, filter_masks, grid_points, match_masks, prompt
@@ -166,6 +167,40 @@ def test_a_killed_run_resumes_to_the_same_result(sam2, images, tmp_path, reads):
     assert found.notes == expected.notes
     for frame in range(FRAMES):
         assert np.array_equal(found.labels[frame], expected.labels[frame])
+
+
+def test_checkpoints_append_labels(tmp_path):
+    """Rewriting all labels at each checkpoint would write 200 GB in a long run; a killed one leaves a longer file."""
+
+    def opened() -> LabelMaps:
+        labels = LabelMaps((2, 3, 4))
+        labels.path = tmp_path / "new" / "labels"
+        return labels
+
+    labels = opened()
+    labels[0] = np.zeros((2, 3, 4))
+    labels[1] = np.ones((2, 3, 4))
+    state = labels.state_dict()
+    before = labels.path.read_bytes()
+    assert labels.state_dict() == state and labels.path.read_bytes() == before
+    labels[1] = np.full((2, 3, 4), 7)
+    later = labels.state_dict()
+    assert labels.path.read_bytes().startswith(before) and later[0] == state[0] != later[1]
+    for known, value in ((state, 1), (later, 7)):
+        again = opened()
+        again.load_state_dict(known)
+        assert len(again) == 2 and (again[1] == value).all() and (again[0] == 0).all()
+    # The run goes on from the older state: what was appended after it is cut off.
+    again = opened()
+    again.load_state_dict(state)
+    again[2] = np.full((2, 3, 4), 9)
+    newest = again.state_dict()
+    other = opened()
+    other.load_state_dict(newest)
+    assert (other[1] == 1).all() and (other[2] == 9).all()
+    labels.path.write_bytes(b"0" * 400)
+    with pytest.raises(DamagedLabels, match="labels"):
+        opened().load_state_dict(newest)
 
 
 def test_no_masks_give_no_instance(sam2, images):

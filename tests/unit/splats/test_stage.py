@@ -19,6 +19,7 @@ from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.artifacts.splats import FITTED, TRAINED, camera_poses
 from egosplat.errors import UserError
+from egosplat.gaussians import stored_rows
 from egosplat.gaussians.io import STORED, read_gaussians
 from egosplat.pipeline.config import defaults
 from egosplat.splats import stage
@@ -54,6 +55,14 @@ def test_artifact_holds_the_expected_facts_and_inputs(scene, pictures):
     assert splats.read("curve/gaussians")[-1] == splats.shape("means")[0]
     error = np.abs(splats.row("held_out/render", 0).astype(float) - pictures[4]) / 255
     assert -10 * np.log10((error**2).mean()) == pytest.approx(splats.read("held_out/psnr")[0], abs=0.1)
+
+
+def test_views_read_from_the_artifact_give_the_same_gaussians(scene, monkeypatch):
+    """A long recording does not fit in memory."""
+    folder = scene()
+    held = run(folder)
+    monkeypatch.setattr(stored_rows, "IN_MEMORY", 2 * 24 * 24 * 3)
+    assert run(folder, "read.zarr").digest == held.digest
 
 
 def test_frames_left_out_by_the_survey_are_not_trained_on(scene, pictures, survey_that_keeps):
