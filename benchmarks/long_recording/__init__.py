@@ -1,0 +1,1 @@
+"""Memory of training on a long recording at full resolution."""
