@@ -261,8 +261,10 @@ def pretended_gpu(patch: Any) -> Iterator[PretendedGpu]:
         lambda self, data, dtype=None: OnDevice(self.held.new_tensor(data, dtype=dtype)),
         raising=False,
     )
-    gsplat, autocast = Gsplat(), torch.autocast
-    patch.setattr(api, "_name", lambda name, means: "cuda" if isinstance(means, OnDevice) else "cpu")
+    gsplat, autocast, named = Gsplat(), torch.autocast, api._name
+    patch.setattr(
+        api, "_name", lambda name, means: "cuda" if isinstance(means, OnDevice) else named(name, means)
+    )
     patch.setattr(cuda, "rasterization", lambda arguments: cuda.render(gsplat, arguments))
     patch.setattr(
         torch,

@@ -124,6 +124,13 @@ def test_training_resumes_on_the_device(scene, gpu, monkeypatch, capsys):
     assert "training resumes after iteration" in capsys.readouterr().err and len(calls) < 15
 
 
+def test_mixed_devices_are_found(gpu):
+    """The other tests would pass on a device that allows everything."""
+    torch.zeros(3, device=DEVICE) + torch.zeros(3)
+    assert gpu.mixed == ["elsewhere aten.add.Tensor"]
+    gpu.mixed.clear()
+
+
 def test_transient(scene, gpu, monkeypatch):
     folder = scene()
     on_gpu(monkeypatch, transient)

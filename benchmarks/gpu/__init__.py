@@ -1,0 +1,1 @@
+"""Agreement of the rasterizer on a GPU with the reference."""
