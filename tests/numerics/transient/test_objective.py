@@ -123,10 +123,10 @@ def measured_residuals(residual: torch.Tensor, *, others: float | None = None) -
 )
 def test_residual_unit_at_its_ends(value, unit):
     one = measured_residuals(torch.full((8, 8), value))
-    assert one.unit(0).item() == pytest.approx(unit) and not one.stands_out.any()
+    assert one.unit(0).item() == pytest.approx(unit) and not one.stands_out(0).any()
     blind = ResidualScale(torch.device("cpu"))
     blind.measure(0, 2, torch.ones(8, 8), torch.zeros(8, 8))
-    assert blind.unit(0).item() == pytest.approx(LEAST_SCALE) and not blind.stands_out.any()
+    assert blind.unit(0).item() == pytest.approx(LEAST_SCALE) and not blind.stands_out(0).any()
 
 
 @pytest.mark.numerics(
@@ -138,7 +138,7 @@ def test_residual_unit_of_unlike_views(own, others, unit):
     one = ResidualScale(torch.device("cpu"))
     for view, value in enumerate((own, others, others)):
         one.measure(view, 3, torch.full((8, 8), value), None)
-    assert one.unit(0).item() == pytest.approx(unit) and not one.stands_out.any()
+    assert one.unit(0).item() == pytest.approx(unit) and not one.stands_out(0).any()
 
 
 @pytest.mark.numerics("lr x100", outside="probabilities stay within 0..1, weights finite")
