@@ -3,6 +3,7 @@
 docs/method.md#corrections has the formulas.
 """
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,6 +25,9 @@ POSE, LOG_GAIN, COLUMNS = slice(0, 6), slice(6, 9), 9
 # depths of the scene, so that both move the picture equally far; and a log gain.
 REACH_RAD = 0.1
 REACH_LOG_GAIN = 0.5
+
+# How far the compression of highlights can move. All views share it, and most of their steps cancel.
+_REACH_COMPRESSION = 4.0
 
 # The learning rate falls to this fraction, as that of the Gaussians' centres.
 _LAST_RATE = 0.01
@@ -59,6 +63,7 @@ class Corrections:
     Attributes:
         options: what is optimized; the other columns stay 0.
         values: (V, 9) float64 on the CPU, see ``POSE`` and ``LOG_GAIN``.
+        compression: (1,) float64 of the camera's tone curve, 0 or more, see ``exposed``; one for all views.
         steps: (V,) int64 number of steps of each view.
         depth: median depth of the scene [m], the unit of translations.
     """
@@ -72,22 +77,25 @@ class Corrections:
         self._iterations = iterations
         self._rates = learning_rates(options, depth, iterations / max(len(views), 1))
         self.values = torch.zeros(len(views), COLUMNS, dtype=torch.float64)
+        self.compression = torch.zeros(1, dtype=torch.float64)
         self.steps = torch.zeros(len(views), dtype=torch.int64)
         self._moments = torch.zeros(2, len(views), COLUMNS, dtype=torch.float64)
-        self._leaf = torch.zeros(0)
+        self._compression_moments = torch.zeros(2, 1, dtype=torch.float64)
+        self._leaf = self._compression_leaf = torch.zeros(0)
 
     def camera_to_world(self, index: int) -> Tensor | NDArray[np.float64]:
         """Pose of a view for ``render``, (4, 4) float64; a tensor with a gradient if poses are refined."""
         self._leaf = self.values[index].clone().requires_grad_()
+        self._compression_leaf = self.compression.clone().requires_grad_()
         if not self.options.refine_poses:
             return self._camera_to_world[index].numpy()
         return corrected(self._camera_to_world[index], self._leaf[POSE])
 
     def exposed(self, image: Tensor, picture: Tensor) -> Tensor:
         """Expose an (H, W, 3 + F) render of the view of the last ``camera_to_world`` as its (H, W, 3) photograph is."""
-        return (
-            photographed(image, self._leaf[LOG_GAIN], picture) if self.options.compensate_exposure else image
-        )
+        if not self.options.compensate_exposure:
+            return image
+        return photographed(image, self._leaf[LOG_GAIN], picture, self._compression_leaf)
 
     @torch.no_grad()
     def step(self, index: int, iteration: int) -> None:
@@ -99,10 +107,21 @@ class Corrections:
         if gradient is None or not bool(gradient.isfinite().all()):
             return
         self.steps[index] += 1
-        rates = self._rates * _LAST_RATE ** (iteration / self._iterations)
-        adam(self.values[index], self._moments[:, index], gradient, rates, int(self.steps[index]))
+        decay = _LAST_RATE ** (iteration / self._iterations)
+        adam(
+            self.values[index], self._moments[:, index], gradient, self._rates * decay, int(self.steps[index])
+        )
+        self._step_compression(decay)
         trained = self.steps > 0
         self.values[trained] -= self.values[trained].mean(dim=0)
+
+    def _step_compression(self, decay: float) -> None:
+        gradient = self._compression_leaf.grad
+        if gradient is None or not bool(gradient.isfinite()):
+            return
+        rate = torch.tensor([_first_rate(_REACH_COMPRESSION, self._iterations) * decay])
+        adam(self.compression, self._compression_moments, gradient, rate, int(self.steps.sum()))
+        self.compression.clamp_(min=0.0)
 
     @property
     def trained_frames(self) -> NDArray[np.int64]:
@@ -131,22 +150,33 @@ class Corrections:
 
     def state_dict(self) -> dict[str, Any]:
         """Return the state for ``load_state_dict``."""
-        return {"values": self.values, "steps": self.steps, "moments": self._moments}
+        return {
+            "values": self.values,
+            "steps": self.steps,
+            "moments": self._moments,
+            "compression": self.compression,
+            "compression_moments": self._compression_moments,
+        }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restore a state from ``state_dict``."""
-        self.values, self.steps, self._moments = (
-            state[name].cpu() for name in ("values", "steps", "moments")
+        self.values, self.steps, self._moments, self.compression, self._compression_moments = (
+            state[name].cpu() for name in self.state_dict()
         )
 
 
 def learning_rates(options: CorrectionOptions, depth: float, visits: float) -> Tensor:
     """(9,) learning rates of the first step: they add up to the reach over the ``visits`` of a view; 0 if not optimized."""
-    # Mean of a geometric sequence from 1 to the last rate.
-    mean = (1.0 - _LAST_RATE) / -np.log(_LAST_RATE)
     reach = [REACH_RAD * depth] * 3 + [REACH_RAD] * 3 + [REACH_LOG_GAIN] * 3
     used = [options.refine_poses] * 6 + [options.compensate_exposure] * 3
-    return torch.tensor(reach) * torch.tensor(used) / (max(visits, _LEAST_VISITS) * mean)
+    return torch.tensor(reach) * torch.tensor(used) * _first_rate(1.0, max(visits, _LEAST_VISITS))
+
+
+def _first_rate(reach: float, steps: float) -> float:
+    """First of ``steps`` learning rates that fall to the last rate and add up to ``reach``."""
+    # Mean of a geometric sequence from 1 to the last rate.
+    mean = (1.0 - _LAST_RATE) / -math.log(_LAST_RATE)
+    return reach / (steps * mean)
 
 
 def adam(values: Tensor, moments: Tensor, gradient: Tensor, rates: Tensor, step: int) -> None:
@@ -188,10 +218,10 @@ def predicts(known: NDArray[np.integer], values: NDArray[np.float64]) -> bool:
     return bool(used.any()) and float((error[used] / size[used]).mean()) < 1.0
 
 
-def applied(views: Views, values: Tensor) -> Views:
-    """Views with the poses and gains of corrections (V, 9)."""
+def applied(views: Views, values: Tensor, compression: Tensor | None = None) -> Views:
+    """Views with the poses and gains of corrections (V, 9), and with the (1,) compression of their camera."""
     poses = corrected_poses(views.camera_to_world, values)
-    return replace(views, camera_to_world=poses, log_gain=values[:, LOG_GAIN])
+    return replace(views, camera_to_world=poses, log_gain=values[:, LOG_GAIN], compression=compression)
 
 
 def corrected_poses(camera_to_world: NDArray[np.float64], values: Tensor) -> NDArray[np.float64]:

@@ -80,7 +80,7 @@ def rendered(
     )
     colours = image[..., :3]
     if views.log_gain is not None:
-        colours = exposed(colours, views.log_gain[index])
+        colours = exposed(colours, views.log_gain[index], views.compression)
     return colours.clamp(0.0, 1.0)
 
 

@@ -1,12 +1,12 @@
 """Fit the pose and the exposure of photographs outside the training to Gaussians that stay as they are."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
-from egosplat.gaussians.corrections import LOG_GAIN, POSE, CorrectionOptions, adam, learning_rates
+from egosplat.gaussians.corrections import LOG_GAIN, POSE, Corrections, adam, learning_rates
 from egosplat.gaussians.exposure import SATURATED, photographed
 from egosplat.gaussians.loss import l1_ssim
 from egosplat.gaussians.model import Gaussians
@@ -31,8 +31,7 @@ def fit(
     gaussians: Gaussians,
     views: Views,
     guess: Tensor,
-    options: CorrectionOptions,
-    depth: float,
+    corrections: Corrections,
     settings: RenderSettings,
     sh_degree: int,
 ) -> Tensor:
@@ -41,17 +40,18 @@ def fit(
     Args:
         views: photographs; pixels with weight 0 do not count.
         guess: (V, 9) corrections to start from, unless no correction at all is better.
-        depth: as ``Corrections.depth``.
+        corrections: of the training: which are optimized, the depth of the scene, and the compression of the camera.
 
     Returns:
         (V, 9) float64, for each view the best of all steps.
     """
-    rates = _REACH * learning_rates(options, depth, STEPS)
+    rates = _REACH * learning_rates(corrections.options, corrections.depth, STEPS)
+    views = replace(views, compression=corrections.compression)
     found = torch.zeros_like(guess)
     for index in range(len(views)):
         photograph = _Photograph(gaussians.detach(), views, index, settings, sh_degree)
         starts = [torch.zeros_like(guess[index]), guess[index]]
-        if options.compensate_exposure:
+        if corrections.options.compensate_exposure:
             starts += [photograph.with_best_gain(start) for start in starts]
         found[index] = _lowest(photograph, starts, rates)
     return found
@@ -84,7 +84,7 @@ class _Photograph:
     def loss(self, values: Tensor) -> Tensor:
         """Loss of a correction, that of training."""
         picture, weight = self.views.picture(self.index), self.views.weight(self.index)
-        image = photographed(self.render(values), values[LOG_GAIN], picture)
+        image = photographed(self.render(values), values[LOG_GAIN], picture, self.views.compression)
         return l1_ssim(image, picture, weight, _SSIM_LAMBDA)
 
     @torch.no_grad()

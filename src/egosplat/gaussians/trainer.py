@@ -219,7 +219,7 @@ def _corrected(state: TrainingState, views: Views) -> Views:
     """Views outside the training, with the corrections of the training views before and after."""
     if state.corrections is None:
         return views
-    return applied(views, state.corrections.values_at(views.frame))
+    return applied(views, state.corrections.values_at(views.frame), state.corrections.compression)
 
 
 def ends_early(state: TrainingState, schedule: Schedule) -> bool:

@@ -25,7 +25,7 @@ class EarlyStop:
         patience: consecutive evaluations without improvement that end training.
         min_improvement: smallest rise of the PSNR that counts as an improvement [dB].
         best: copy of the best Gaussians; None before the first evaluation.
-        best_corrections: values of the corrections of its views; None without corrections.
+        best_corrections: state of the corrections of its views; None without corrections.
         best_psnr: their PSNR [dB].
         best_iteration: the iteration that produced them.
         waited: evaluations since the last improvement.
@@ -34,7 +34,7 @@ class EarlyStop:
     patience: int
     min_improvement: float
     best: Gaussians | None = None
-    best_corrections: Tensor | None = None
+    best_corrections: dict[str, Tensor] | None = None
     best_psnr: float = -math.inf
     best_iteration: int = 0
     waited: int = 0
@@ -47,7 +47,8 @@ class EarlyStop:
         # Copied, because training changes the tensors in place.
         if psnr > self.best_psnr:
             self.best = Gaussians(**{name: p.detach().clone() for name, p in gaussians.parameters().items()})
-            self.best_corrections = None if corrections is None else corrections.values.clone()
+            state = {} if corrections is None else corrections.state_dict()
+            self.best_corrections = {name: values.clone() for name, values in state.items()} or None
             self.best_psnr, self.best_iteration = psnr, iteration
         # Compared with the last improvement that counted, so that many small improvements add up.
         improved = psnr >= self._mark + self.min_improvement

@@ -31,6 +31,7 @@ class Views:
         transient: (V, H, W) bool, or float16 in [0, 1], like ``pictures``: the paper's M; None if nothing is masked.
         device: device of ``picture``, ``valid`` and ``weight``.
         log_gain: (V, 3) natural logarithm of the gains that a render gets before it is compared; None for 0.
+        compression: (1,) of highlights by the camera, see ``egosplat.gaussians.exposure.exposed``; None for 0.
     """
 
     frame: NDArray[np.int64]
@@ -41,6 +42,7 @@ class Views:
     camera: Camera
     device: torch.device
     log_gain: Tensor | None = None
+    compression: Tensor | None = None
 
     def __len__(self) -> int:
         return len(self.frame)

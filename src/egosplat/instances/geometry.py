@@ -88,7 +88,11 @@ def train_geometry(
     if corrections is None:
         return gaussians, views, cameras
     every = corrections.values_at(np.arange(len(cameras)))
-    return gaussians, applied(views, corrections.values), corrected_poses(cameras, every)
+    return (
+        gaussians,
+        applied(views, corrections.values, corrections.compression),
+        corrected_poses(cameras, every),
+    )
 
 
 def nearest_pixels(size: tuple[int, int], camera: Camera) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

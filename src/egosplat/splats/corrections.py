@@ -24,7 +24,7 @@ from egosplat.splats.held_out import put_held_out
 def kept_corrections(state: TrainingState) -> Corrections | None:
     """The corrections that belong to the Gaussians that are kept: of the best with early stopping, else of the last."""
     if state.corrections is not None and state.early_stop.best_corrections is not None:
-        state.corrections.values = state.early_stop.best_corrections.cpu()
+        state.corrections.load_state_dict(state.early_stop.best_corrections)
     return state.corrections
 
 
@@ -49,7 +49,7 @@ def put_corrections(
     guess = corrections.values_at(held_out.frame)
     # What moves is not in the Gaussians: it must not pull at the pose. The scores count it.
     unmasked = replace(held_out, transient=masking.frames(held_out.frame))
-    found = fit(gaussians, unmasked, guess, corrections.options, corrections.depth, settings, sh_degree)
+    found = fit(gaussians, unmasked, guess, corrections, settings, sh_degree)
     registered = np.flatnonzero(poses.read("registered"))
     camera_to_world = poses.read("camera_to_world")
     values = torch.zeros(len(camera_to_world), guess.shape[1], dtype=torch.float64)
@@ -70,4 +70,6 @@ def put_corrections(
             f"held out without corrections: PSNR {given.mean_psnr:.2f} dB, SSIM {given.mean_ssim:.3f}; "
             f"poses moved by up to {1e3 * np.linalg.norm(shift, axis=1).max():.1f} mm and {turn.max():.2f} degrees"
         )
-    return applied(held_out, found), {"scene_depth": corrections.depth, "up": poses.read("up").tolist()}
+    facts = {"scene_depth": corrections.depth, "up": poses.read("up").tolist()}
+    facts["highlight_compression"] = float(corrections.compression)
+    return applied(held_out, found, corrections.compression), facts

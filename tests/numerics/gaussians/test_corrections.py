@@ -64,7 +64,7 @@ def test_one_frame(brightness):
     corrections.step(0, 1)
     assert not corrections.values.any() and int(corrections.steps[0]) == 1
     zero = torch.zeros(1, COLUMNS, dtype=torch.float64)
-    found = fit(start, views, zero, BOTH, corrections.depth, SETTINGS, 0)
+    found = fit(start, views, zero, corrections, SETTINGS, 0)
     assert bool(found.isfinite().all()) and found.abs().max() < 6.0
     assert np.isfinite(applied(views, found).camera_to_world).all()
     assert brightness or float(found[0, 6:].max()) < 0.0
@@ -83,6 +83,24 @@ def test_gains(gain):
     assert bool(loss.isfinite())
     assert bool(image.grad.isfinite().all()) and bool(log_gain.grad.isfinite().all())
     assert gain or not image.grad.any()
+
+
+@pytest.mark.numerics(
+    "exposure with compressed highlights: colours of 0 to 1e30, gains of 1e-6 to 1e6, compression of 0 to 4, all that one training can reach",
+    outside="a colour beyond 10 gains as little as 10 does",
+)
+@pytest.mark.parametrize("colour", [0.0, 1e-30, 1.0, 1e30])
+@pytest.mark.parametrize("log_gain", [-13.8, 0.0, 13.8])
+@pytest.mark.parametrize("compression", [0.0, 1.0, 4.0])
+def test_compression(colour, log_gain, compression):
+    leaves = [
+        torch.full(shape, value, requires_grad=True)
+        for shape, value in (((2, 2, 3), colour), ((3,), log_gain), ((1,), compression))
+    ]
+    found = exposed(*leaves)
+    assert bool(found.isfinite().all()) and bool((found >= 0).all())
+    found.mean().backward()
+    assert all(bool(leaf.grad.isfinite().all()) for leaf in leaves)
 
 
 @pytest.mark.numerics(

@@ -127,7 +127,7 @@ def test_wrong_poses_and_exposures_are_corrected(start, pictures, camera_to_worl
         if corrections is None:
             return evaluate(state.gaussians, sets.held_out, SETTINGS, 0).mean_psnr
         guess = corrections.values_at(sets.held_out.frame)
-        found = fitting.fit(state.gaussians, sets.held_out, guess, BOTH, corrections.depth, SETTINGS, 0)
+        found = fitting.fit(state.gaussians, sets.held_out, guess, corrections, SETTINGS, 0)
         return evaluate(state.gaussians, applied(sets.held_out, found), SETTINGS, 0).mean_psnr
 
     corrections = make_corrections(BOTH, start, sets.training, 0.1, 400)
@@ -200,7 +200,8 @@ def test_a_resumed_run_has_the_same_corrections(start, pictures, camera_to_world
     assert torch.equal(resumed.gaussians.means, unbroken.gaussians.means)
     for name, tensor in unbroken.corrections.state_dict().items():
         assert torch.equal(resumed.corrections.state_dict()[name], tensor), name
-    assert torch.equal(resumed.early_stop.best_corrections, unbroken.early_stop.best_corrections)
+    for name, tensor in unbroken.early_stop.best_corrections.items():
+        assert torch.equal(resumed.early_stop.best_corrections[name], tensor), name
     assert bool((unbroken.corrections.steps > 0).all())
 
 
@@ -216,6 +217,26 @@ def test_gains_change_colours_and_not_features():
     found = exposed(image, torch.log(torch.tensor([2.0, 0.5, 1.0])))
     torch.testing.assert_close(found[..., :3], image[..., :3] * torch.tensor([2.0, 0.5, 1.0]))
     assert torch.equal(found[..., 3:], image[..., 3:])
+
+
+def test_highlights_gain_less(start, camera_to_world, pictures):
+    """Protects windows: a tone curve compresses highlights, so that one gain does not fit the dark and the bright."""
+    ramp = torch.linspace(0.05, 1.0, 64).reshape(8, 8, 1).expand(8, 8, 3)
+    truth = torch.tensor([0.4])
+    gains = torch.tensor([0.3, -0.3])[:, None].expand(2, 3)
+    photographs = [exposed(ramp, gain, truth) for gain in gains]
+    torch.testing.assert_close(photographs[0][-1, -1], torch.full((3,), math.exp(0.3 * 1.1 / 1.4)))
+    views = views_of(pictures, camera_to_world, 0, 1)
+    corrections = make_corrections(CorrectionOptions(compensate_exposure=True), start, views, 0.1, 1500)
+    order = np.random.default_rng(0).integers(2, size=1500)
+    for iteration, index in enumerate(order.tolist()):
+        corrections.camera_to_world(index)
+        nothing_saturated = torch.zeros_like(ramp)
+        error = corrections.exposed(ramp, nothing_saturated) - photographs[index]
+        error.square().mean().backward()
+        corrections.step(index, iteration)
+    assert float(corrections.compression) == pytest.approx(0.4, abs=0.1)
+    np.testing.assert_allclose(corrections.values[:, 6:].numpy(), gains.numpy(), atol=0.02)
 
 
 def test_a_saturated_colour_asks_for_no_less_light():
