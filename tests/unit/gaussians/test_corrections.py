@@ -235,7 +235,7 @@ def test_highlights_gain_less(start, camera_to_world, pictures):
         error = corrections.exposed(ramp, nothing_saturated) - photographs[index]
         error.square().mean().backward()
         corrections.step(index, iteration)
-    assert float(corrections.compression) == pytest.approx(0.4, abs=0.1)
+    assert float(corrections.compression) == pytest.approx(0.4, abs=0.15)
     np.testing.assert_allclose(corrections.values[:, 6:].numpy(), gains.numpy(), atol=0.02)
 
 
