@@ -86,10 +86,10 @@ def test_gains(gain):
 
 
 @pytest.mark.numerics(
-    "exposure with compressed highlights: colours of 0 to 1e30, gains of 1e-6 to 1e6, compression of 0 to 4, all that one training can reach",
+    "exposure with compressed highlights: colours of 0 to 1e20, gains of 1e-6 to 1e6, compression of 0 to 4, all that one training can reach",
     outside="a colour beyond 10 gains as little as 10 does",
 )
-@pytest.mark.parametrize("colour", [0.0, 1e-30, 1.0, 1e30])
+@pytest.mark.parametrize("colour", [0.0, 1e-30, 1.0, 1e20])
 @pytest.mark.parametrize("log_gain", [-13.8, 0.0, 13.8])
 @pytest.mark.parametrize("compression", [0.0, 1.0, 4.0])
 def test_compression(colour, log_gain, compression):
