@@ -83,6 +83,11 @@ CLOCKWISE = np.array(
 )
 
 
+def known_poses(camera_to_world: Array) -> NDArray[np.int64]:
+    """Indices of the (F, 4, 4) poses that are finite; a frame without a pose has NaN."""
+    return np.flatnonzero(np.isfinite(camera_to_world).all(axis=(1, 2)))
+
+
 def to_aria_pixels(pixels: Array) -> Array:
     """This package's image coordinates -> projectaria-tools'."""
     return np.asarray(pixels, dtype=np.float64) - ARIA_PIXEL_OFFSET

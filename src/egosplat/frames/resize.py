@@ -10,6 +10,13 @@ def resize_image(image: NDArray[np.uint8], width: int, height: int) -> NDArray[n
     return cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
 
 
+def shrink_image(image: NDArray[np.uint8], longest: int) -> NDArray[np.uint8]:
+    """(h, w, 3) uint8 -> the same with the longer side at most ``longest``, in the same proportion."""
+    height, width = image.shape[:2]
+    scale = min(1.0, longest / max(height, width))
+    return resize_image(image, max(1, round(width * scale)), max(1, round(height * scale)))
+
+
 def resize_mask(mask: NDArray[np.bool_], width: int, height: int) -> NDArray[np.bool_]:
     """(h, w) bool -> (height, width) bool: True where the whole area of the new pixel is in the mask."""
     coverage = cv2.resize(mask.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)

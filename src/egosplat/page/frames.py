@@ -4,8 +4,10 @@ import cv2
 import numpy as np
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.geometry import Array
+from egosplat.frames.resize import shrink_image
+from egosplat.geometry import Array, known_poses
 from egosplat.page.container import Arrays, Facts
+from egosplat.sampling import evenly_spaced
 
 # Largest number of pictures, their longer side [px] and the quality of WebP.
 PICTURES, SIDE, QUALITY = 40, 192, 60
@@ -20,9 +22,8 @@ def pack_frames(frames: Artifact, camera_to_world: Array) -> tuple[Arrays, Facts
     Returns:
         ``poses`` (P, 3, 4) float32 and ``pictures`` uint8, the bytes of all WebP files in a row.
     """
-    posed = np.flatnonzero(np.isfinite(camera_to_world).all(axis=(1, 2)))
-    places = np.linspace(0, len(posed) - 1, min(PICTURES, len(posed))).round().astype(int)
-    shown = posed[places].tolist()
+    posed = known_poses(camera_to_world)
+    shown = posed[evenly_spaced(len(posed), PICTURES)].tolist()
     files = [_webp(frames.row("rgb", frame)) for frame in shown]
     arrays = {
         "poses": camera_to_world[posed, :3].astype(np.float32),
@@ -37,10 +38,6 @@ def pack_frames(frames: Artifact, camera_to_world: Array) -> tuple[Arrays, Facts
 
 
 def _webp(picture: np.ndarray) -> np.ndarray:
-    height, width = picture.shape[:2]
-    scale = min(1.0, SIDE / max(height, width))
-    small = cv2.resize(
-        picture, (max(1, round(width * scale)), max(1, round(height * scale))), interpolation=cv2.INTER_AREA
-    )
+    small = shrink_image(picture, SIDE)
     _, file = cv2.imencode(".webp", small[..., ::-1], [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
     return file.reshape(-1)

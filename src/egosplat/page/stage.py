@@ -5,7 +5,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
 import egosplat
@@ -20,6 +19,7 @@ from egosplat.artifacts.provenance import joint_origin
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS, camera_poses
 from egosplat.errors import UserError
+from egosplat.geometry import known_poses
 from egosplat.output_files import check_output, write_text_file
 from egosplat.page.container import Arrays, Facts, pack
 from egosplat.page.frames import pack_frames
@@ -98,7 +98,7 @@ def run(
 def scene_data(sources: Sources, options: ScenePageOptions) -> tuple[Facts, Arrays]:
     """Pack everything that the page shows or computes with."""
     poses = camera_poses(sources.poses, sources.splats)
-    if not np.isfinite(poses).all(axis=(1, 2)).any():
+    if not len(known_poses(poses)):
         raise UserError(f"{sources.poses.path}: no frame has a pose; see the log of the stage poses")
     made_with = (options.clip_model, options.clip_checkpoint, options.device, options.precision)
     clip = load_clip_of(sources.features, *made_with)

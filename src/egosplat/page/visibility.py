@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.page.container import Arrays, Facts
+from egosplat.sampling import evenly_spaced
 
 # Largest number of views on the page, evenly spaced among those of the scene's index.
 MOST_VIEWS = 32
@@ -26,7 +27,7 @@ def pack_visibility(shares: NDArray[np.float32], frame: NDArray[np.int64]) -> tu
         ``visible`` (N,) uint8 mean over all views; ``seen`` (W, ceil(N / 8)) uint8 bits, the first of a byte highest, of the
         Gaussians that W views show; ``seen_share`` uint8 share of each bit that is set, view after view.
     """
-    chosen = np.linspace(0, len(frame) - 1, min(MOST_VIEWS, len(frame))).round().astype(int)
+    chosen = evenly_spaced(len(frame), MOST_VIEWS)
     shown = shares[chosen] >= SMALLEST
     arrays = {
         "visible": to_bytes(shares.mean(axis=0), SMALLEST_MEAN),

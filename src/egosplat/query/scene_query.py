@@ -12,7 +12,7 @@ from torch import Tensor
 from egosplat.codes.rendering import sum_over_pixels
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
-from egosplat.geometry import Array, Camera
+from egosplat.geometry import Array, Camera, known_poses
 from egosplat.progress import track
 from egosplat.query.answer import rendering_camera
 from egosplat.query.maps import Mask
@@ -21,6 +21,7 @@ from egosplat.query.relevancy import relevancy_maps
 from egosplat.query.scene import QueryScene
 from egosplat.query.text import Texts
 from egosplat.query.things import Surface, Thing, find_things
+from egosplat.sampling import evenly_spaced
 
 # Maximum number of rendered views, evenly spaced among the frames with a pose: they cover a whole recording.
 MOST_VIEWS = 64
@@ -83,9 +84,8 @@ def index_scene(scene: QueryScene, camera_to_world: Array, camera: Camera, valid
         camera_to_world: (F, 4, 4) float64, NaN without a pose; at least one frame has one.
         valid: (H, W) bool pixels that show the scene, or None for all.
     """
-    registered = np.flatnonzero(np.isfinite(camera_to_world).all(axis=(1, 2)))
-    count = min(MOST_VIEWS, len(registered))
-    frame = registered[np.linspace(0, len(registered) - 1, count).round().astype(int)]
+    registered = known_poses(camera_to_world)
+    frame = registered[evenly_spaced(len(registered), MOST_VIEWS)]
     small = rendering_camera(camera, VIEW_SIDE)
     seen = None if valid is None else _shrunk(valid, small)
     views = track(camera_to_world[frame], "rendering views", unit="view")

@@ -17,7 +17,6 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.output_files import check_output, picture_kind
 from egosplat.report.figure import (
     draw_heading,
-    evenly_spaced,
     ground_axes,
     inner_point,
     plt,
@@ -25,6 +24,7 @@ from egosplat.report.figure import (
     show,
 )
 from egosplat.report.page_text import add_name
+from egosplat.sampling import evenly_spaced
 
 PAGE = picture_kind("egosplat contact-sheet")
 

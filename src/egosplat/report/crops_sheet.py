@@ -18,7 +18,8 @@ from egosplat.codes.vectors import unit, usable
 from egosplat.features.aggregation import disagreement
 from egosplat.features.crops import cut_crop
 from egosplat.output_files import check_output, picture_kind
-from egosplat.report.figure import draw_heading, evenly_spaced, plt, save_figure
+from egosplat.report.figure import draw_heading, plt, save_figure
+from egosplat.sampling import evenly_spaced
 
 PAGE = picture_kind("egosplat crops-sheet")
 

@@ -23,7 +23,6 @@ from egosplat.report.page_text import HEADING_WIDTH, arrange_texts, wrap_text
 
 __all__ = [
     "draw_heading",
-    "evenly_spaced",
     "inner_point",
     "label_log_axis",
     "middles_of_parts",
@@ -52,11 +51,6 @@ def draw_heading(figure: Figure, title: str, warnings: Sequence[str], fontsize: 
     added = heading.get_text().count("\n") - title.count("\n")
     width, height = figure.get_size_inches()
     figure.set_size_inches(width, height + _LINE * fontsize / 12 * added)
-
-
-def evenly_spaced(count: int, most: int) -> list[int]:
-    """At most ``most`` indices below ``count``, evenly spaced from the first to the last."""
-    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int)).tolist()
 
 
 def middles_of_parts(count: int, most: int) -> list[int]:

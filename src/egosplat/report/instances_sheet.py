@@ -14,8 +14,9 @@ from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.output_files import check_output, picture_kind
-from egosplat.report.figure import draw_heading, evenly_spaced, ground_axes, plt, save_figure, show
+from egosplat.report.figure import draw_heading, ground_axes, plt, save_figure, show
 from egosplat.report.merged_crops import draw_merged_crops, largest_wholes
+from egosplat.sampling import evenly_spaced
 
 PAGE = picture_kind("egosplat instances-sheet")
 

@@ -5,7 +5,8 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.report.figure import evenly_spaced, show
+from egosplat.report.figure import show
+from egosplat.sampling import evenly_spaced
 
 # Grey level around a crop's mask, 0..1.
 _BACKGROUND = 0.12

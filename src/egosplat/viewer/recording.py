@@ -4,13 +4,14 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from egosplat.artifacts.frames import lies_on_its_side
+from egosplat.frames.resize import shrink_image
 from egosplat.geometry import Array
+from egosplat.sampling import evenly_spaced
 from egosplat.viewer.scene import ViewedScene
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ def photograph(viewed: ViewedScene, frame: int, tint: bool) -> NDArray[np.uint8]
         picture = np.where(masked[..., None], mixed, picture).astype(np.uint8)
     if lies_on_its_side(viewed.frames):
         picture = np.rot90(picture, -1)
-    return _shrunk(np.ascontiguousarray(picture), PHOTOGRAPH_SIDE)
+    return shrink_image(np.ascontiguousarray(picture), PHOTOGRAPH_SIDE)
 
 
 def add_cameras(
@@ -56,9 +57,8 @@ def add_cameras(
 ) -> dict[int, "CameraFrustumHandle"]:
     """Draw cameras of the frames as frusta in a window; by frame."""
     camera, registered = viewed.trained.camera, viewed.registered
-    places = np.linspace(0, len(registered) - 1, min(MOST_CAMERAS, len(registered))).round().astype(int)
     made = {}
-    for frame in map(int, registered[places]):
+    for frame in map(int, registered[evenly_spaced(len(registered), MOST_CAMERAS)]):
         pose = viewed.camera_to_world[frame]
         made[frame] = client.scene.add_camera_frustum(
             f"/cameras/{frame}",
@@ -68,7 +68,7 @@ def add_cameras(
             thickness=1.0,
             thickness_units="screen",
             color=(255, 190, 60),
-            image=_shrunk(viewed.frames.row("rgb", frame), THUMBNAIL_SIDE) if pictures else None,
+            image=shrink_image(viewed.frames.row("rgb", frame), THUMBNAIL_SIDE) if pictures else None,
             format="jpeg",
             wxyz=Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True),
             position=pose[:3, 3],
@@ -81,10 +81,3 @@ def hide_near(cameras: Mapping[int, "CameraFrustumHandle"], viewed: ViewedScene,
     for frame, camera in cameras.items():
         distance = np.linalg.norm(viewed.camera_to_world[frame][:3, 3] - position)
         camera.visible = bool(distance > NEAR * FRUSTUM * viewed.reach)
-
-
-def _shrunk(picture: NDArray[np.uint8], longest: int) -> NDArray[np.uint8]:
-    height, width = picture.shape[:2]
-    scale = min(1.0, longest / max(height, width))
-    size = max(1, round(width * scale)), max(1, round(height * scale))
-    return cv2.resize(picture, size, interpolation=cv2.INTER_AREA)

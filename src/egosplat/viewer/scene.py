@@ -15,7 +15,7 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schema import Schema
 from egosplat.artifacts.splats import SPLATS, camera_poses
 from egosplat.errors import UserError
-from egosplat.geometry import Array
+from egosplat.geometry import Array, known_poses
 from egosplat.pipeline.scene_folder import check_scene_folder
 from egosplat.query.scene import TrainedScene, read_trained_scene
 
@@ -54,7 +54,7 @@ class ViewedScene:
     @property
     def registered(self) -> NDArray[np.int64]:
         """Indices of the frames that have a pose."""
-        return np.flatnonzero(np.isfinite(self.camera_to_world).all(axis=(1, 2)))
+        return known_poses(self.camera_to_world)
 
     @property
     def size_of_markers(self) -> float:

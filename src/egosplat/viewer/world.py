@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from egosplat.errors import UserError
 from egosplat.geometry import Array
+from egosplat.sampling import evenly_spaced
 from egosplat.viewer.pictures import Painted, browser_camera, draw
 from egosplat.viewer.questions import Questions
 from egosplat.viewer.scene import ViewedScene
@@ -94,7 +95,7 @@ class World:
     def first_frame(self) -> int:
         """The frame, among a few, that sees farthest: a view of much of the scene."""
         registered = self.viewed.registered
-        places = np.linspace(0, len(registered) - 1, min(FIRST_VIEWS, len(registered))).round().astype(int)
+        places = evenly_spaced(len(registered), FIRST_VIEWS)
         return int(
             max(registered[places], key=lambda frame: self.depth_ahead(self.viewed.camera_to_world[frame]))
         )

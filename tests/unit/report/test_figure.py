@@ -3,7 +3,8 @@
 import matplotlib
 import pytest
 
-from egosplat.report.figure import draw_heading, evenly_spaced, label_log_axis, middles_of_parts, plt
+from egosplat.report.figure import draw_heading, label_log_axis, middles_of_parts, plt
+from egosplat.sampling import evenly_spaced
 
 
 @pytest.fixture

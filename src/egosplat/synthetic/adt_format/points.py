@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.geometry import compose, invert, rotate
+from egosplat.sampling import evenly_spaced
 from egosplat.synthetic.camera.drift import Drift
 from egosplat.synthetic.camera.raycasting import interpolated
 from egosplat.synthetic.camera.render import Renderer
@@ -31,7 +32,7 @@ def semidense_points(
     Only static surfaces have points, because mapping from several views rejects moving ones. The points of a view
     drift with the device's estimated pose at that time.
     """
-    chosen = np.unique(np.linspace(0, len(captures) - 1, min(len(captures), _VIEWS)).round().astype(int))
+    chosen = evenly_spaced(len(captures), _VIEWS)
     seconds = (captures[chosen] - world.start_ns) * 1e-9
     poses = world.head.world_from_camera(seconds)
     share = -(-_COUNT // len(poses))
