@@ -146,6 +146,24 @@ def test_a_jump_puts_the_answer_into_the_middle(view, open_tab):
     assert wait_until(tab, lambda: saturation(tab, 0.46, 0.7) > 60 and saturation(tab, 0.54, 0.7) > 60)
 
 
+def test_an_answer_outside_of_the_view_is_told_and_the_jump_sets_the_frame(view, open_tab):
+    """Seen from behind, the cup is out of view; the slider then stands at the frame that shows it best."""
+    tab, viewer = open_tab(), view()
+    go(tab, viewer)
+    (session,) = viewer._sessions.values()
+    session.look(np.array([0.0, 0.0, 0.0]), np.array([0.0, 0.0, -2.0]))
+    ask(tab, "cup")
+    says(tab, "outside of the view")
+    frame = session._panel.frames.frame
+    frame.value = (
+        3 if session._found() and session._world.questions.best_frame(session._found()[0]) != 3 else 2
+    )
+    tab.page.get_by_text("Jump to the answer").click()
+    best = session._world.questions.best_frame(session._found()[0])
+    assert wait_until(tab, lambda: frame.value == best)
+    assert wait_until(tab, lambda: saturation(tab, 0.46, 0.7) > 60 and saturation(tab, 0.54, 0.7) > 60)
+
+
 def test_what_is_not_there_and_what_is_no_question(view, open_tab):
     """An untaught word, markup and 10,000 letters are answered in words; nothing of them becomes part of the page."""
     tab = open_tab()

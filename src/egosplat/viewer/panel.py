@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from egosplat.viewer.wording import CLICK, WAITING, plain
+from egosplat.viewer.wording import CLICK, LEGEND, WAITING, plain
 
 if TYPE_CHECKING:
     from viser import ClientHandle, GuiApi
@@ -30,6 +30,7 @@ class AskTab:
     answer: Any
     jump: Any
     colours: Any
+    legend: Any
     level: Any
     threshold: Any
     only: Any
@@ -67,14 +68,23 @@ class Panel:
     frames: FramesTab
     scene: SceneTab
 
-    def show_scene(self, levels: Sequence[str], instance_levels: Sequence[str], words: Sequence[str]) -> None:
+    def show_scene(
+        self,
+        levels: Sequence[str],
+        instance_levels: Sequence[str],
+        words: Sequence[str],
+        threshold: float | None,
+    ) -> None:
         """Fit the choices to a scene.
 
         Args:
             levels: levels of its answers; none where it cannot be asked.
             instance_levels: levels of its instances in 3D.
             words: suggestions.
+            threshold: relevancy from which a Gaussian fits; None where the scene cannot be asked.
         """
+        if threshold is not None:
+            self.ask.threshold.value = threshold
         self.ask.level.options = (ANSWERS_LEVEL, BEST_LEVEL, *levels)
         self.ask.level.value = ANSWERS_LEVEL
         self.ask.colours.options = (OWN, FIT, *map(instances_choice, instance_levels))
@@ -125,6 +135,7 @@ def _ask_tab(gui: "GuiApi") -> AskTab:
         answer=gui.add_html(plain(WAITING)),
         jump=gui.add_button("Jump to the answer", disabled=True, hint="Again: to the next answer"),
         colours=gui.add_dropdown("Colours", (OWN, FIT), initial_value=OWN),
+        legend=gui.add_html(LEGEND),
         level=gui.add_dropdown("Level", (ANSWERS_LEVEL,), initial_value=ANSWERS_LEVEL),
         threshold=gui.add_slider(
             "Threshold",

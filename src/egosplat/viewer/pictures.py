@@ -22,7 +22,7 @@ NOTHING = 1e3
 LEAST_ALPHA = 0.5
 
 # Brightness of Gaussians that do not fit a query, relative to their own.
-DIM = 0.35
+DIM = 0.6
 
 # Quantile of the fitting Gaussians' relevancy from which the heat is red.
 BEST = 0.9

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from egosplat.errors import UserError
 from egosplat.geometry import Array, Camera
@@ -17,7 +18,7 @@ from egosplat.viewer.questions import Reply
 from egosplat.viewer.recording import add_cameras, hide_near, photograph
 from egosplat.viewer.renderer import Renderer
 from egosplat.viewer.splats import add_splats
-from egosplat.viewer.wording import WAITING, named_text, plain, reply_text, scene_text
+from egosplat.viewer.wording import OUTSIDE, WAITING, named_text, plain, reply_text, scene_text
 from egosplat.viewer.world import World
 
 if TYPE_CHECKING:
@@ -38,6 +39,8 @@ class Session:
         self._lock = threading.RLock()
         self._world, self._other = worlds[0], None
         self._phrase, self._thing, self._timer = "", 0, None
+        # The frame of the last jump, whose slider must not move the view.
+        self._jumped_to: int | None = None
         self._replies: dict[str, Reply] = {}
         self._marks: list[Any] = []
         self._cameras: dict[int, Any] = {}
@@ -102,7 +105,8 @@ class Session:
         world, questions = self._world, self._world.questions
         levels = questions.levels if questions else ()
         words = questions.words if questions else ()
-        self._panel.show_scene(levels, world.instance_levels, words)
+        threshold = questions.options.min_score if questions else None
+        self._panel.show_scene(levels, world.instance_levels, words, threshold)
         self._panel.ask.answer.content = plain(world.silence or WAITING)
         notice = questions.notice if questions else None
         self._panel.scene.about.content = scene_text(world.viewed, world.silence, notice)
@@ -127,8 +131,10 @@ class Session:
             told = plain(WAITING)
             for world in filter(None, (self._other, self._world)):
                 told = self._answer(world, phrase) if phrase else told
-            self._panel.ask.answer.content = told
             found = self._found()
+            if found and not self._in_view(found[0].centre):
+                told += plain(OUTSIDE)
+            self._panel.ask.answer.content = told
             self._panel.ask.jump.disabled = not found
             self._panel.ask.colours.value = FIT if found else OWN
             self._mark(found)
@@ -172,7 +178,9 @@ class Session:
             thing = found[self._thing % len(found)]
             self._thing += 1
             viewed = self._world.viewed
-            seen_from = viewed.camera_to_world[questions.best_frame(thing)][:3, 3]
+            frame = questions.best_frame(thing)
+            self._show_frame(frame)
+            seen_from = viewed.camera_to_world[frame][:3, 3]
             away = seen_from - thing.centre
             wanted = max(STEP_BACK * float(np.linalg.norm(thing.high - thing.low)), NEAREST * viewed.reach)
             # Nearer along the line of sight of a frame, where nothing hides the thing; never farther.
@@ -207,8 +215,23 @@ class Session:
         has_pose = bool(np.isfinite(pose).all())
         self._panel.frames.told.content = "" if has_pose else plain(f"Frame {frame} has no pose.")
         self._show_photograph()
-        if has_pose and self._panel.frames.follow.value:
+        follow = self._panel.frames.follow.value and frame != self._jumped_to
+        self._jumped_to = None
+        if has_pose and follow:
             self._look_from(pose)
+
+    def _show_frame(self, frame: int) -> None:
+        """Set the slider and the photograph to a frame; the view stays."""
+        if int(self._panel.frames.frame.value) != frame:
+            self._jumped_to = frame
+            self._panel.frames.frame.value = frame
+
+    def _in_view(self, point: Array) -> bool:
+        """Whether the window's camera sees a point, or would without what is in front of it."""
+        camera = self._client.camera
+        x, y, z = Rotation.from_quat(camera.wxyz, scalar_first=True).inv().apply(point - camera.position)
+        half = z * np.tan(camera.fov / 2)
+        return bool(z > 0 and abs(y) <= half and abs(x) <= half * camera.aspect)
 
     def _look_from(self, pose: Array) -> None:
         """Look as a frame does, without its roll."""

@@ -13,11 +13,21 @@ _LONGEST = 80
 
 WAITING = "Type what you look for, or choose a suggestion."
 CLICK = "Click a surface to learn what it is."
+OUTSIDE = "The answer is outside of the view: jump to it."
 
 
 def paragraph(text: str) -> str:
     """A paragraph of plain text."""
     return f'<div style="padding:0.2em 0.7em;font-size:0.875em;overflow-wrap:anywhere">{text}</div>'
+
+
+# The scale of ``pictures.heat``: the colour map Turbo without its darkest ends.
+LEGEND = paragraph(
+    '<div style="display:flex;justify-content:space-between;padding:0 0.5em;border-radius:4px;color:#fff;'
+    "text-shadow:0 0 3px #000;background:linear-gradient(90deg,#4454c4,#36aaf9 22%,#1ae4b6 40%,#72fe5e 50%,"
+    '#c8ef34 61%,#faba39 75%,#f66b19 88%,#d23105)"><span>threshold</span><span>fit to the query</span>'
+    "<span>best tenth</span></div>"
+)
 
 
 def plain(text: str) -> str:
@@ -29,7 +39,10 @@ def reply_text(reply: Reply, questions: Questions, unit: str) -> str:
     """The answer to a question."""
     phrase = f"<b>{escape(reply.answer.phrase[:_LONGEST])}</b>"
     if reply.refusal:
-        return paragraph(f"{phrase}: {escape(reply.refusal)} (score {reply.answer.score:.2f})")
+        # The score of a word that the model does not know means nothing.
+        below = reply.answer.score < questions.options.min_score
+        score = f" (score {reply.answer.score:.2f})" if below else ""
+        return paragraph(f"{phrase}: {escape(reply.refusal)}{score}")
     rows = "".join(
         f"<li>score {thing.score:.2f}, {escape(questions.levels[thing.level])}<br>{_place(thing, unit)}"
         f"<br>best seen in frame {questions.best_frame(thing)}</li>"

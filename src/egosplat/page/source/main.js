@@ -215,13 +215,14 @@ class Page {
   tell(phrase, answer) {
     const score = answer.score === undefined ? "" : ` (${answer.score.toFixed(2)})`;
     const number = answer.things?.length ?? 0;
-    $("answer").textContent = `"${shortened(phrase)}": ${answer.why ? answer.why + score : number > 1 ? `${number} found` : "found"}`;
+    const outside = number && !this.project(answer.things[0].centre) ? ", outside of the view" : "";
+    $("answer").textContent = `"${shortened(phrase)}": ${answer.why ? answer.why + score : number > 1 ? `${number} found` : "found"}${outside}`;
     $("things").replaceChildren(...(answer.things ?? []).map((thing) => this.thingItem(thing, phrase)));
     return { phrase, ...answer };
   }
 
   thingItem(thing, phrase) {
-    const { facts } = this.scene, button = element("button", `Go there: ${thing.score.toFixed(2)}, ${facts.levels[thing.level]}, frame ${thing.frame}`, { type: "button" });
+    const { facts } = this.scene, button = element("button", `\u2192 Go there: ${thing.score.toFixed(2)}, ${facts.levels[thing.level]}, frame ${thing.frame}`, { type: "button" });
     const size = thing.size.map((side) => side.toFixed(2)).join(" x ");
     button.append(element("small", `at ${place(thing.centre)}; ${size} ${facts.unit}`));
     button.onclick = () => this.jump(thing, phrase);
@@ -238,6 +239,7 @@ class Page {
     const enough = Math.max(2 * Math.hypot(...thing.size), 6 * facts.near);
     const nearer = enough < distance ? plus(thing.centre, unit(away), enough) : eye;
     this.stop();
+    this.showPhotograph(row / 12);
     this.camera.lookAt(nearer, thing.centre);
     this.pivot = thing.centre;
     this.moving = false;
@@ -316,18 +318,23 @@ class Page {
 
   // Stand where the wearer stood.
   showFrame(row, moving = false) {
-    const { facts, poses } = this.scene, frame = facts.frames[row];
-    this.camera.setPose(poses.subarray(12 * row, 12 * row + 12));
+    this.camera.setPose(this.scene.poses.subarray(12 * row, 12 * row + 12));
     this.pivot = null;
     this.moving = moving;
+    this.showPhotograph(row);
+    this.redraw();
+    clearTimeout(this.resting);
+    if (moving) this.resting = setTimeout(() => ((this.moving = this.playing ?? false), this.redraw()), 250);
+  }
+
+  // The slider, the clock and the picture of a frame; the view stays.
+  showPhotograph(row) {
+    const { facts } = this.scene, frame = facts.frames[row];
     $("frame").value = String(row);
     $("clock").textContent = `${facts.seconds[row].toFixed(1)} s, frame ${frame}`;
     const nearest = facts.pictures.reduce((best, one, place) => (Math.abs(one.frame - frame) < Math.abs(facts.pictures[best].frame - frame) ? place : best), 0);
     $("picture").src = this.urls[nearest];
     $("picture").alt = `Photograph of frame ${facts.pictures[nearest].frame}`;
-    this.redraw();
-    clearTimeout(this.resting);
-    if (moving) this.resting = setTimeout(() => ((this.moving = this.playing ?? false), this.redraw()), 250);
   }
 
   async play() {
