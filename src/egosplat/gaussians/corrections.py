@@ -81,12 +81,12 @@ class Corrections:
         self.steps = torch.zeros(len(views), dtype=torch.int64)
         self._moments = torch.zeros(2, len(views), COLUMNS, dtype=torch.float64)
         self._compression_moments = torch.zeros(2, 1, dtype=torch.float64)
-        self._leaf = self._compression_leaf = torch.zeros(0)
+        # The row of ``values`` of the current view, then the compression.
+        self._leaf = torch.zeros(0)
 
     def camera_to_world(self, index: int) -> Tensor | NDArray[np.float64]:
         """Pose of a view for ``render``, (4, 4) float64; a tensor with a gradient if poses are refined."""
-        self._leaf = self.values[index].clone().requires_grad_()
-        self._compression_leaf = self.compression.clone().requires_grad_()
+        self._leaf = torch.cat([self.values[index], self.compression]).requires_grad_()
         if not self.options.refine_poses:
             return self._camera_to_world[index].numpy()
         return corrected(self._camera_to_world[index], self._leaf[POSE])
@@ -95,7 +95,9 @@ class Corrections:
         """Expose an (H, W, 3 + F) render of the view of the last ``camera_to_world`` as its (H, W, 3) photograph is."""
         if not self.options.compensate_exposure:
             return image
-        return photographed(image, self._leaf[LOG_GAIN], picture, self._compression_leaf)
+        # Copied to a GPU together: each copy waits for it on the way back.
+        tone = self._leaf[LOG_GAIN.start :].to(image)
+        return photographed(image, tone[:-1], picture, tone[-1:])
 
     @torch.no_grad()
     def step(self, index: int, iteration: int) -> None:
@@ -108,17 +110,14 @@ class Corrections:
             return
         self.steps[index] += 1
         decay = _LAST_RATE ** (iteration / self._iterations)
-        adam(
-            self.values[index], self._moments[:, index], gradient, self._rates * decay, int(self.steps[index])
-        )
-        self._step_compression(decay)
+        moments, own = self._moments[:, index], gradient[:COLUMNS]
+        adam(self.values[index], moments, own, self._rates * decay, int(self.steps[index]))
+        if self.options.compensate_exposure:
+            self._step_compression(gradient[COLUMNS:], decay)
         trained = self.steps > 0
         self.values[trained] -= self.values[trained].mean(dim=0)
 
-    def _step_compression(self, decay: float) -> None:
-        gradient = self._compression_leaf.grad
-        if gradient is None or not bool(gradient.isfinite()):
-            return
+    def _step_compression(self, gradient: Tensor, decay: float) -> None:
         rate = torch.tensor([_first_rate(_REACH_COMPRESSION, self._iterations) * decay])
         adam(self.compression, self._compression_moments, gradient, rate, int(self.steps.sum()))
         self.compression.clamp_(min=0.0)
