@@ -61,6 +61,12 @@ def scratch_directory(prefix: str, parent: Path | None = None) -> Iterator[Path]
         yield Path(name)
 
 
+def user_cache() -> Path:
+    """The user's folder of what egosplat can make again: below ``XDG_CACHE_HOME``, or ``~/.cache``."""
+    root = os.environ.get("XDG_CACHE_HOME")
+    return (Path(root) if root else Path.home() / ".cache") / "egosplat"
+
+
 def read_json(path: Path, parse_constant: Callable[[str], Any] | None = None) -> Any:
     """The content of a JSON file in UTF-8.
 

@@ -4,15 +4,13 @@ Snakemake cannot see code changes behind a command line, so each rule has this h
 follows the imports from a stage's module inside the package and hashes each module's syntax tree.
 """
 
-import ast
 import functools
 import hashlib
 import importlib.util
-from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
-from typing import Any
 
+from egosplat.pipeline.parsed_modules import keep_parsed, parsed
 from egosplat.pipeline.source_hash import cpp_hash, scripts_hash
 
 # Modules that show or record, but cannot change an array: a better message makes nothing stale.
@@ -24,6 +22,7 @@ NEUTRAL = {
     "egosplat.errors",
     "egosplat.pipeline",
     "egosplat.pipeline.code_hash",
+    "egosplat.pipeline.parsed_modules",
     "egosplat.pipeline.process_guards",
     "egosplat.pipeline.validation",
     "egosplat.progress",
@@ -31,9 +30,6 @@ NEUTRAL = {
     "egosplat.artifacts.provenance",
     "egosplat.pipeline.stages",
 }
-
-# Syntax nodes that may have a docstring.
-DOCUMENTED = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 
 
 def code_hash(module: str, libraries: tuple[str, ...] = ()) -> str:
@@ -44,14 +40,14 @@ def code_hash(module: str, libraries: tuple[str, ...] = ()) -> str:
     """
     digest = hashlib.sha256()
     for name, path in modules_of(module).items():
-        # The tree has neither comments nor layout; ``_canonical`` leaves out docstrings.
-        digest.update(f"{name}\0{_tree_hash(path)}\0".encode())
+        digest.update(f"{name}\0{parsed(name, path).tree_hash}\0".encode())
         # Compiled kernels and the scripts of pages are executed code, too.
         if path.name == "__init__.py" and (sources := path.parent / "source").is_dir():
             digest.update(f"{name}/source\0{_sources_hash(sources)}\0".encode())
     # A library may change a result without any change of our code.
     for library in sorted(libraries):
         digest.update(f"{library}=={metadata.version(library)}\0".encode())
+    keep_parsed()
     return digest.hexdigest()[:16]
 
 
@@ -67,7 +63,7 @@ def modules_of(module: str) -> dict[str, Path]:
         if (path := _find(name)) is None:
             continue
         found[name] = path
-        todo.extend(_imports(name, path))
+        todo.extend(parsed(name, path).imports)
         # Importing a module runs its parent packages.
         todo.extend(name.rsplit(".", level)[0] for level in range(1, name.count(".") + 1))
     return dict(sorted(found.items()))
@@ -92,79 +88,5 @@ def _folder(root: str) -> Path | None:
 
 
 @functools.cache
-def _imports(name: str, path: Path) -> tuple[str, ...]:
-    """Names of the modules that a module imports, and of the objects that it imports from them."""
-    return tuple(_imported(name, path))
-
-
-def _imported(name: str, path: Path) -> Iterator[str]:
-    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
-    # Imports inside functions count, because the stage executes them.
-    for node in _statements(_parse(path)):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            base = node.module or ""
-            if node.level:
-                base = importlib.util.resolve_name("." * node.level + base, package)
-            yield base
-            # ``from package import name``: the name may be a module or an object of the package.
-            yield from (f"{base}.{alias.name}" for alias in node.names)
-
-
-def _statements(tree: ast.AST) -> Iterator[ast.AST]:
-    """All statements at any depth. Expressions hold no statements and are skipped."""
-    for block in ("body", "orelse", "finalbody", "handlers", "cases"):
-        for node in getattr(tree, block, ()):
-            yield node
-            yield from _statements(node)
-
-
-@functools.cache
-def _parse(path: Path) -> ast.Module:
-    return ast.parse(path.read_bytes())
-
-
-@functools.cache
-def _tree_hash(path: Path) -> str:
-    return hashlib.sha256("\0".join(_canonical(_parse(path))).encode()).hexdigest()
-
-
-@functools.cache
 def _sources_hash(folder: Path) -> str:
     return cpp_hash(folder) + scripts_hash(folder)
-
-
-def _canonical(node: Any) -> list[str]:
-    """A tree's non-empty fields in order, without docstrings. Unlike ``ast.dump``, equal on every Python version."""
-    parts: list[str] = []
-    _append(node, parts)
-    return parts
-
-
-def _append(node: Any, parts: list[str]) -> None:
-    if isinstance(node, ast.AST):
-        parts.append(f"{type(node).__name__}(")
-        for key, value in ast.iter_fields(node):
-            if key == "body" and isinstance(node, DOCUMENTED):
-                value = [item for item in value if not _is_bare_text(item)]
-            if value is not None and value != []:
-                parts.append(key)
-                _append(value, parts)
-        parts.append(")")
-    elif isinstance(node, list):
-        parts.append("[")
-        for item in node:
-            _append(item, parts)
-        parts.append("]")
-    else:
-        parts.append(repr(node))
-
-
-def _is_bare_text(node: ast.AST) -> bool:
-    """Whether a statement is only a string: the docstring of a module, class, function or attribute."""
-    return (
-        isinstance(node, ast.Expr)
-        and isinstance(node.value, ast.Constant)
-        and isinstance(node.value.value, str)
-    )

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from egosplat.errors import UserError
+from egosplat.files import user_cache
 from egosplat.progress import log
 from egosplat.query.options import QueryOptions
-from egosplat.viewer.prepared import user_cache
 from egosplat.viewer.questions import Questions, open_questions
 from egosplat.viewer.scene import ViewedScene, open_scene
 from egosplat.viewer.session import Session
@@ -118,11 +118,13 @@ def run(
     worlds = [World(open_scene(folder, backend)) for folder in dict.fromkeys(folders)]
 
     def load(viewed: ViewedScene) -> Questions:
-        return open_questions(viewed, options, device=device, precision=precision, cache=user_cache())
+        return open_questions(
+            viewed, options, device=device, precision=precision, cache=user_cache() / "viewer"
+        )
 
     viewer = Viewer(worlds, load, host, port)
-    log(f"{viewer.address} shows {', '.join(world.name for world in worlds)}. Ctrl-C ends it.")
     try:
+        log(f"{viewer.address} shows {', '.join(world.name for world in worlds)}. Ctrl-C ends it.")
         threading.Event().wait()
     except KeyboardInterrupt:
         viewer.close()

@@ -83,12 +83,6 @@ def prepare(
     return prepared
 
 
-def user_cache() -> Path:
-    """The folder of the viewer's cache: below ``XDG_CACHE_HOME``, or ``~/.cache``."""
-    root = os.environ.get("XDG_CACHE_HOME")
-    return (Path(root) if root else Path.home() / ".cache") / "egosplat" / "viewer"
-
-
 def _key(sources: Iterable[Artifact]) -> str:
     # A change of the code that prepares makes the cache stale, as it would a stage.
     parts = sorted(f"{source.path.name} {source.digest}" for source in sources)

@@ -6,6 +6,7 @@ import textwrap
 import pytest
 
 from egosplat.pipeline import code_hash as fingerprint
+from egosplat.pipeline import parsed_modules
 from egosplat.pipeline.code_hash import code_hash, modules_of
 from egosplat.pipeline.stages import STAGES, code_of
 
@@ -20,9 +21,7 @@ FILES = {
 CACHED = (
     fingerprint._folder,
     fingerprint._find,
-    fingerprint._imports,
-    fingerprint._parse,
-    fingerprint._tree_hash,
+    parsed_modules.parsed,
     fingerprint._sources_hash,
 )
 

@@ -1,0 +1,153 @@
+"""What a module imports, and a hash of its syntax tree; kept in a file, because parsing the whole package takes seconds."""
+
+import ast
+import contextlib
+import functools
+import hashlib
+import importlib.util
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from egosplat.files import atomic_file, read_json, user_cache
+
+# Syntax nodes that may have a docstring.
+DOCUMENTED = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+
+# Modules in the file: a few versions of the whole package.
+MOST_MODULES = 4000
+
+
+@dataclass(frozen=True)
+class ParsedModule:
+    """A module's part of a code hash.
+
+    Attributes:
+        tree_hash: hash of the syntax tree, without comments, layout and docstrings; equal on every Python version.
+        imports: names of the modules that the module imports, and of the objects that it imports from them.
+    """
+
+    tree_hash: str
+    imports: tuple[str, ...]
+
+
+@functools.cache
+def parsed(name: str, path: Path) -> ParsedModule:
+    """Parse the module ``name``, or read what was kept of a module with the same name and content."""
+    source = path.read_bytes()
+    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+    # This file is a part of the key: an edited rule of hashing forgets what the earlier one gave.
+    key = hashlib.sha256(f"{_own_hash()} {package}\n".encode() + source).hexdigest()
+    found = _kept().pop(key, None)
+    if found is None:
+        tree = ast.parse(source)
+        found = [_hash("\0".join(_canonical(tree))), [*_imported(tree, package)]]
+        _new.append(key)
+    # The latest come last.
+    _kept()[key] = found
+    tree_hash, imports = found
+    return ParsedModule(tree_hash, tuple(imports))
+
+
+def keep_parsed() -> None:
+    """Write modules that were parsed since the last call to the file."""
+    if not _new:
+        return
+    _new.clear()
+    latest = [*_kept().items()][-MOST_MODULES:]
+    # Without a folder to write in, each start parses again. ``Path.home`` raises RuntimeError for a user without one.
+    with contextlib.suppress(OSError, RuntimeError), atomic_file(_file()) as scratch:
+        scratch.write_text(json.dumps(dict(latest)), encoding="utf-8")
+
+
+_new: list[str] = []
+"""Keys of the modules that the file lacks."""
+
+
+def _file() -> Path:
+    return user_cache() / "parsed_modules.json"
+
+
+@functools.cache
+def _kept() -> dict[str, list[Any]]:
+    """Hash and imports of each module by its key."""
+    with contextlib.suppress(OSError, RuntimeError, ValueError):
+        found = read_json(_file())
+        if isinstance(found, dict) and all(map(_is_sound, found.values())):
+            return found
+    return {}
+
+
+def _is_sound(found: Any) -> bool:
+    match found:
+        case [str(), [*names]]:
+            return all(isinstance(name, str) for name in names)
+    return False
+
+
+@functools.cache
+def _own_hash() -> str:
+    return _hash(Path(__file__).read_text(encoding="utf-8"))
+
+
+def _hash(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _imported(tree: ast.Module, package: str) -> Iterator[str]:
+    # Imports inside functions count, because the stage executes them.
+    for node in _statements(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                base = importlib.util.resolve_name("." * node.level + base, package)
+            yield base
+            # ``from package import name``: the name may be a module or an object of the package.
+            yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+def _statements(tree: ast.AST) -> Iterator[ast.AST]:
+    """All statements at any depth. Expressions hold no statements and are skipped."""
+    for block in ("body", "orelse", "finalbody", "handlers", "cases"):
+        for node in getattr(tree, block, ()):
+            yield node
+            yield from _statements(node)
+
+
+def _canonical(node: Any) -> list[str]:
+    """A tree's non-empty fields in order, without docstrings. Unlike ``ast.dump``, equal on every Python version."""
+    parts: list[str] = []
+    _append(node, parts)
+    return parts
+
+
+def _append(node: Any, parts: list[str]) -> None:
+    if isinstance(node, ast.AST):
+        parts.append(f"{type(node).__name__}(")
+        for key, value in ast.iter_fields(node):
+            if key == "body" and isinstance(node, DOCUMENTED):
+                value = [item for item in value if not _is_bare_text(item)]
+            if value is not None and value != []:
+                parts.append(key)
+                _append(value, parts)
+        parts.append(")")
+    elif isinstance(node, list):
+        parts.append("[")
+        for item in node:
+            _append(item, parts)
+        parts.append("]")
+    else:
+        parts.append(repr(node))
+
+
+def _is_bare_text(node: ast.AST) -> bool:
+    """Whether a statement is only a string: the docstring of a module, class, function or attribute."""
+    return (
+        isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    )
