@@ -126,18 +126,6 @@ def check(folders: tuple[Path, ...]) -> None:
 
 
 @cli.command()
-@click.argument("scene", type=ARTIFACT)
-@click.option("--output", type=ARTIFACT, help="Output .ply file.  [default: SCENE/scene.ply]")
-@click.option("--codes/--no-codes", default=True, show_default=True, help="Include the language codes.")
-def export(scene: Path, output: Path | None, codes: bool) -> None:
-    """Write the Gaussians of SCENE, such as results/adt/scene1, as a .ply file for 3DGS viewers."""
-    from egosplat.language.ply import export as write
-
-    check_scene_folder(scene, ("splats", "language") if codes else ("splats",))
-    write(scene, output or scene / "scene.ply", codes)
-
-
-@cli.command()
 @click.argument("metrics", nargs=-1, type=ARTIFACT)
 @click.option("--output", type=ARTIFACT, required=True, help="Output folder of the tables.")
 @click.option(
@@ -364,8 +352,73 @@ def view_command() -> click.Command:
     )
 
 
+def export_command() -> click.Command:
+    """Build the command ``export``, with a flag for each key of the section ``query``."""
+    needs = {
+        "ply": ("splats",),
+        "spz": ("splats",),
+        "instances": ("splats", "instances"),
+        "nerfstudio": ("frames", "poses", "splats"),
+        "colmap": ("frames", "poses", "splats"),
+    }
+
+    def call(
+        folder: Path,
+        format: str,
+        output: Path | None,
+        query: str | None,
+        codes: bool,
+        backend: str,
+        device: str,
+        precision: str,
+        **keys: Any,
+    ) -> None:
+        if format == "html":
+            click.get_current_context().invoke(page_command(), folder=folder, output=output)
+            return
+        from egosplat.export.command import Exporting, run
+        from egosplat.query.options import QueryOptions
+
+        asked = ("frames", "poses", "features", "language") if query is not None else ()
+        coded = ("language",) if codes and format == "ply" else ()
+        check_scene_folder(folder, dict.fromkeys((*needs[format], *asked, *coded)))
+        how = {"backend": backend, "device": device, "precision": precision}
+        run(folder, Exporting(format, output, query, codes), QueryOptions(**keys), **how)
+
+    return click.Command(
+        "export",
+        callback=call,
+        params=[
+            click.Argument(["folder"], type=ARTIFACT),
+            click.Option(
+                ["--format"],
+                type=click.Choice([*needs, "html"]),
+                default="ply",
+                show_default=True,
+                help="Gaussians (ply, spz), a point cloud in the colors of instances, images with cameras (nerfstudio, "
+                "colmap), or the scene page (html).",
+            ),
+            click.Option(
+                ["--query"], metavar="WORDS", help="Only the Gaussians of the best answer; ply and spz."
+            ),
+            click.Option(
+                ["--output"], type=ARTIFACT, help="Output file or folder.  [default: a name in FOLDER]"
+            ),
+            click.Option(
+                ["--codes/--no-codes"],
+                default=True,
+                show_default=True,
+                help="Include the language codes; ply.",
+            ),
+            *_query_flags(),
+        ],
+        help="Write the finished scene of FOLDER, such as results/adt/scene1, for other programs.",
+    )
+
+
 # Commands that are built on demand: their flags come from the configuration's schema.
 _BUILT: dict[str, Callable[[], click.Command]] = {
+    "export": export_command,
     "query": query_command,
     "page": page_command,
     "view": view_command,

@@ -71,7 +71,11 @@ def put_page_scene(folder: Path, origin: str = "synthetic") -> Gaussians:
     owner = np.stack([meant, meant + 3], axis=1).astype(np.int32)
     write(
         "instances",
-        {"gaussians/xyz": gaussians.means.numpy(), "gaussians/instance": owner},
+        {
+            "gaussians/xyz": gaussians.means.numpy(),
+            "gaussians/instance": owner,
+            "instances/level": np.repeat([0, 1], len(WORDS)).astype(np.int8),
+        },
         {"levels": LEVELS},
         made_from=["frames", "poses"],
     )

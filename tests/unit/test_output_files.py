@@ -13,7 +13,7 @@ from PIL import Image
 
 from egosplat import cli
 from egosplat.errors import UserError
-from egosplat.language.ply import EXPORT, write_ply
+from egosplat.export.ply import PLY, write_ply
 from egosplat.output_files import check_output, output_file, picture_kind, stage_json_kind, write_text_file
 from egosplat.pipeline.stages import PAGES, STAGES
 from egosplat.report.figure import plt, save_figure
@@ -218,9 +218,9 @@ def test_an_own_ply_is_replaced_one_from_elsewhere_is_not(tmp_path):
 def test_the_check_is_made_again_at_writing(tmp_path):
     """A file that appears during minutes of work stays."""
     output = tmp_path / "out.ply"
-    check_output(output, EXPORT)
+    check_output(output, PLY)
     foreign_ply(output)
-    with pytest.raises(UserError, match="is there already"), output_file(output, EXPORT):
+    with pytest.raises(UserError, match="is there already"), output_file(output, PLY):
         pytest.fail("it began")
 
 

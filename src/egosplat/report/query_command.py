@@ -71,16 +71,9 @@ def run(
     """
     output = folder / "query.png" if asking.output is None else asking.output
     check_output(output, QUERY_PICTURE)
-    sources, made_from = _open(folder)
+    sources, made_from = open_sources(folder)
     viewpoint = _viewpoint(sources, asking)
-    made_with = sources.features.facts["clip"]
-    clip = load_clip_of(sources.features, made_with["model"], made_with["checkpoint"], device, precision)
-    question = Question(
-        texts=encode_texts(clip, list(dict.fromkeys(phrases)), options.canonical),
-        untaught={phrase: untaught_words(clip, phrase) for phrase in phrases},
-        options=options,
-        scene=read_scene(sources.splats, sources.language, sources.features, backend),
-    )
+    question = open_question(sources, phrases, options, backend=backend, device=device, precision=precision)
     if viewpoint is None:
         answered = answer_in_scene(question, sources, asking.most)
     else:
@@ -114,11 +107,39 @@ def _draw_and_format(answered: Answered, title: str, output: Path) -> str:
     return f"{title}\n{answers_table(answered.columns, answered.rows)}\n{picture}"
 
 
-def _open(folder: Path) -> tuple[QuerySources, Lineage]:
-    """Open the artifacts of a scene, and check that they belong together."""
+def open_sources(folder: Path) -> tuple[QuerySources, Lineage]:
+    """Open the artifacts of a scene, and check that they belong together.
+
+    Raises:
+        UserError: an artifact is missing, damaged or does not belong to the others.
+    """
     opened = {name: _verified(folder / f"{name}.zarr", schema) for name, schema in _VERIFIED.items()}
     sources = QuerySources(frames=open_artifact(folder / "frames.zarr", FRAMES), **opened)
     return sources, lineage([sources.frames, *opened.values()])
+
+
+def open_question(
+    sources: QuerySources,
+    phrases: Sequence[str],
+    options: QueryOptions,
+    *,
+    backend: str,
+    device: str,
+    precision: str,
+) -> Question:
+    """Read the scene and encode the queries; arguments as in ``run``.
+
+    Raises:
+        UserError: the OpenCLIP of the features is missing, the backend cannot run, or a phrase is not valid.
+    """
+    made_with = sources.features.facts["clip"]
+    clip = load_clip_of(sources.features, made_with["model"], made_with["checkpoint"], device, precision)
+    return Question(
+        texts=encode_texts(clip, list(dict.fromkeys(phrases)), options.canonical),
+        untaught={phrase: untaught_words(clip, phrase) for phrase in phrases},
+        options=options,
+        scene=read_scene(sources.splats, sources.language, sources.features, backend),
+    )
 
 
 def _verified(path: Path, schema: Schema) -> Artifact:

@@ -5,9 +5,8 @@ import pytest
 import torch
 import trimesh
 
-from egosplat.errors import UserError
+from egosplat.export.ply import code_columns, geometry_columns, point_columns, write_ply
 from egosplat.gaussians.model import Gaussians
-from egosplat.language.ply import code_columns, export, geometry_columns, write_ply
 
 
 @pytest.fixture
@@ -56,7 +55,11 @@ def test_codes_are_additional_properties():
     assert columns["code_whole_2"].tolist() == [5.0, 11.0]
 
 
-def test_a_scene_without_codes_can_be_exported_without_them(tmp_path):
-    with pytest.raises(UserError, match=r"splats\.zarr"):
-        export(tmp_path, tmp_path / "x.ply", codes=False)
-    assert not (tmp_path / "x.ply").exists()
+def test_points_have_the_colors_and_the_numbers_that_were_written(tmp_path):
+    xyz, rgb = np.arange(6.0).reshape(2, 3), np.array([[0, 128, 255], [1, 2, 3]], np.uint8)
+    columns = point_columns(xyz, rgb) | {"instance_whole": np.array([-1, 70_000])}
+    write_ply(tmp_path / "x.ply", columns, "real")
+    cloud = trimesh.load(tmp_path / "x.ply")
+    np.testing.assert_array_equal(cloud.vertices, xyz)
+    np.testing.assert_array_equal(cloud.colors[:, :3], rgb)
+    assert read(tmp_path / "x.ply")["instance_whole"].ravel().tolist() == [-1, 70_000]

@@ -1,0 +1,146 @@
+"""Write frames, cameras and points as a data set for other programs: nerfstudio's ``transforms.json``, COLMAP's text files."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+from PIL import Image
+
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.masks import MASKS
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.splats import SPLATS, camera_poses
+from egosplat.errors import UserError
+from egosplat.export.ply import ply_bytes, point_columns
+from egosplat.files import atomic_directory
+from egosplat.geometry import Camera, invert
+from egosplat.progress import log, track
+
+# OpenCV camera axes to those of OpenGL (x right, y up, z backward).
+_OPENGL = np.array([1.0, -1.0, -1.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class DataSet:
+    """What a data set holds.
+
+    Attributes:
+        frame: (F,) int64 frames with a pose.
+        camera_to_world: (F, 4, 4) float64, OpenCV axes.
+        xyz, rgb: (P, 3) float64 points of the scene and their uint8 colours.
+        origin: ``real`` or ``synthetic``.
+    """
+
+    camera: Camera
+    frame: NDArray[np.int64]
+    camera_to_world: NDArray[np.float64]
+    xyz: NDArray[np.float64]
+    rgb: NDArray[np.uint8]
+    origin: str
+
+    def image(self, index: int) -> str:
+        """Name of the image of ``frame[index]``."""
+        return f"{self.frame[index]:06d}.png"
+
+
+def export_dataset(scene: Path, output: Path, write_cameras: Callable[[DataSet, Path], None]) -> None:
+    """Write a folder with ``images/``, ``masks/`` and cameras.
+
+    Masks are black where a pixel shows no scene or something that moves; there are none if nothing is to be masked.
+
+    Args:
+        scene: folder with frames.zarr, poses.zarr and splats.zarr; masks.zarr is used if it is there.
+        output: folder to make.
+        write_cameras: ``write_nerfstudio`` or ``write_colmap``.
+
+    Raises:
+        UserError: an artifact is missing or damaged, or ``output`` exists.
+    """
+    if output.exists():
+        raise UserError(f"{output}: is there already; give another --output, or remove it first")
+    frames, poses = open_artifact(scene / "frames.zarr", FRAMES), open_artifact(scene / "poses.zarr", POSES)
+    splats = open_artifact(scene / "splats.zarr", SPLATS)
+    found = scene / "masks.zarr"
+    masks = open_artifact(found, MASKS) if found.exists() else None
+    every = camera_poses(poses, splats)
+    height, width = frames.shape("rgb")[1:3]
+    known = np.flatnonzero(np.isfinite(every).all(axis=(1, 2)))
+    data = DataSet(
+        camera=Camera.from_matrix(poses.read("intrinsics"), width, height),
+        frame=known,
+        camera_to_world=every[known],
+        xyz=poses.read("points/xyz"),
+        rgb=poses.read("points/rgb"),
+        origin=splats.origin,
+    )
+    with atomic_directory(output) as folder:
+        _write_images(folder, data, frames, masks)
+        write_cameras(data, folder)
+    log(f"{output}: {len(known)} images, {len(data.xyz)} points")
+
+
+def _write_images(folder: Path, data: DataSet, frames: Artifact, masks: Artifact | None) -> None:
+    (folder / "images").mkdir()
+    valid = frames.read("valid")
+    hidden = masks is not None or not valid.all()
+    if hidden:
+        (folder / "masks").mkdir()
+    for index, frame in enumerate(track(data.frame, "writing images")):
+        Image.fromarray(frames.row("rgb", int(frame))).save(folder / "images" / data.image(index))
+        if hidden:
+            shown = valid if masks is None else valid & ~masks.row("refined", int(frame))
+            Image.fromarray(shown.astype(np.uint8) * 255).save(folder / "masks" / data.image(index))
+
+
+def write_nerfstudio(data: DataSet, folder: Path) -> None:
+    """Write ``transforms.json`` (docs.nerf.studio, data conventions) and the points as ``points.ply``."""
+    camera = data.camera
+    masks = (folder / "masks").is_dir()
+    document = {
+        "camera_model": "PINHOLE",
+        "w": camera.width,
+        "h": camera.height,
+        "fl_x": camera.fx,
+        "fl_y": camera.fy,
+        "cx": camera.cx,
+        "cy": camera.cy,
+        "ply_file_path": "points.ply",
+        "frames": [
+            {
+                "file_path": f"images/{data.image(index)}",
+                **({"mask_path": f"masks/{data.image(index)}"} if masks else {}),
+                "transform_matrix": (pose * _OPENGL).tolist(),
+            }
+            for index, pose in enumerate(data.camera_to_world)
+        ],
+    }
+    (folder / "transforms.json").write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    (folder / "points.ply").write_bytes(ply_bytes(point_columns(data.xyz, data.rgb), data.origin))
+
+
+def write_colmap(data: DataSet, folder: Path) -> None:
+    """Write a COLMAP model as text to ``sparse/0``. Its points belong to no images."""
+    camera = data.camera
+    model = pycolmap.Reconstruction()
+    model.add_camera_with_trivial_rig(
+        pycolmap.Camera(
+            camera_id=1,
+            model="PINHOLE",
+            width=camera.width,
+            height=camera.height,
+            params=[camera.fx, camera.fy, camera.cx, camera.cy],
+        )
+    )
+    for index, world_to_camera in enumerate(invert(data.camera_to_world)):
+        image = pycolmap.Image(name=data.image(index), camera_id=1, image_id=index + 1)
+        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(world_to_camera[:3]))
+    for xyz, rgb in zip(data.xyz, data.rgb, strict=True):
+        model.add_point3D(xyz, pycolmap.Track(), rgb)
+    place = folder / "sparse" / "0"
+    place.mkdir(parents=True)
+    model.write_text(place)

@@ -1,0 +1,54 @@
+"""Write the centres of Gaussians as a point cloud in the colours of their instances."""
+
+from pathlib import Path
+
+import numpy as np
+
+from egosplat.artifacts.instances import INSTANCES
+from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.splats import SPLATS
+from egosplat.errors import UserError
+from egosplat.export.ply import point_columns, write_ply
+from egosplat.gaussians.io import read_gaussians
+from egosplat.page.instances import pack_instances
+from egosplat.progress import log
+from egosplat.report.instances_sheet import palette
+
+# Colour of points without an instance.
+_GREY = 96
+
+# Gaussians that are less opaque show no surface.
+_LEAST_OPACITY = 0.5
+
+
+def export_instances(scene: Path, output: Path) -> None:
+    """Write a point for each Gaussian on a surface, with its colour and its instance at each level, -1 for none.
+
+    A point has the colour of its instance at the coarsest level. Points without one are grey.
+
+    Raises:
+        UserError: an artifact is missing or damaged, the instances are tracks, or ``output`` exists and is no export.
+    """
+    splats, instances = (
+        open_artifact(scene / "splats.zarr", SPLATS),
+        open_artifact(scene / "instances.zarr", INSTANCES),
+    )
+    gaussians = read_gaussians(splats)
+    on_surface = gaussians.opacities >= _LEAST_OPACITY
+    xyz = gaussians.select(on_surface).means.numpy()
+    packed = pack_instances(instances, xyz)
+    if not packed:
+        raise UserError(
+            f"{scene}: its instances are tracks, which have no place in 3D; set instances.source to masks or both"
+        )
+    owner = packed["instance"].astype(np.int32) - 1
+    levels = instances.facts["levels"]
+    colours = (palette(instances.shape("instances/level")[0]) * 255).round().astype(np.uint8)
+    coarsest = owner[-1]
+    rgb = np.where((coarsest >= 0)[:, None], colours[coarsest], np.uint8(_GREY))
+    columns = point_columns(xyz, rgb)
+    columns |= {f"instance_{level}": owner[index] for index, level in enumerate(levels)}
+    write_ply(output, columns, splats.origin)
+    log(
+        f"{output}: {len(xyz)} points, {len(np.unique(coarsest[coarsest >= 0]))} instances of level {levels[-1]}"
+    )

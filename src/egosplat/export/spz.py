@@ -1,0 +1,100 @@
+"""Write Gaussians as .spz, version 3 (github.com/nianticlabs/spz): about a tenth of the .ply file."""
+
+import gzip
+import io
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from egosplat.errors import UserError
+from egosplat.gaussians.model import Gaussians
+from egosplat.output_files import FileKind, output_file
+from egosplat.progress import log
+
+# Name of the content in the header of gzip, which marks files of this command.
+_NAME = b"egosplat-export"
+_MARKED_BYTES = b"\x1f\x8b\x08\x08"
+
+SPZ = FileKind(
+    "egosplat export",
+    ".spz",
+    lambda path: path.read_bytes()[:64].startswith(_MARKED_BYTES) and _is_marked(path),
+)
+
+# Bits of a stored coordinate, with its sign.
+_BITS = 24
+
+# Place of the flags in the header, and the flag of Gaussians that were trained with antialiasing.
+_FLAGS, _ANTIALIASED = 14, 1
+
+# Signs of the bases of degree 1 to 3 of spherical harmonics when y and z change theirs.
+TURNED_SH = np.array([-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1], np.float32)
+
+
+def _is_marked(path: Path) -> bool:
+    # A gzip header has 10 bytes, then the name.
+    return path.read_bytes()[10:].startswith(_NAME + b"\0")
+
+
+def write_spz(path: Path, gaussians: Gaussians, sh_degree: int, antialiased: bool) -> None:
+    """Write Gaussians; the file is complete or absent.
+
+    The file's axes are those of OpenGL (right, up, back), so y and z change their signs, as in the converters of .ply files.
+    A few Gaussians far from all others may be left out: 24 bits hold a coordinate.
+
+    Args:
+        gaussians: N Gaussians on the CPU.
+        sh_degree: degree of the spherical harmonics in use, 0 to 3.
+        antialiased: whether they were trained with antialiasing.
+
+    Raises:
+        UserError: gsply is not installed, or ``path`` exists and was not written by ``egosplat export``.
+    """
+    try:
+        from gsply import GSData
+        from gsply.spz import write_spz as write
+    except ImportError:
+        raise UserError(
+            'gsply is not installed; it comes with the extra "export": pip install "egosplat[export]"'
+        ) from None
+    bits = fractional_bits(gaussians)
+    kept = (gaussians.means.abs() < 2.0 ** (_BITS - 1 - bits)).all(dim=1)
+    if left_out := int((~kept).sum()):
+        log(f"{path}: {left_out} of {gaussians.count} Gaussians are too far away for this format")
+    some = gaussians.select(kept)
+    turned = np.array([1, -1, -1], np.float32)
+    rest = some.sh[:, 1 : (sh_degree + 1) ** 2].numpy()
+    data = GSData(
+        means=some.means.numpy() * turned,
+        scales=some.log_scales.numpy(),
+        quats=_unit(some.quats.numpy()) * np.array([1, *turned], np.float32),
+        opacities=some.logit_opacities.numpy(),
+        sh0=some.sh[:, 0].numpy(),
+        shN=rest * TURNED_SH[: rest.shape[1], None],
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        plain = Path(folder) / "plain.spz"
+        write(plain, data, version=3, fractional_bits=bits)
+        content = bytearray(gzip.decompress(plain.read_bytes()))
+    content[_FLAGS] |= _ANTIALIASED * antialiased
+    with output_file(path, SPZ) as scratch:
+        scratch.write_bytes(_compressed(bytes(content)))
+
+
+def fractional_bits(gaussians: Gaussians) -> int:
+    """Bits after the point of a stored coordinate: as many as leave room for all but the farthest 0.1 % of the Gaussians."""
+    farthest = gaussians.means.abs().amax(dim=1).double().numpy()
+    reach = max(float(np.quantile(farthest, 0.999)), 1e-3) if len(farthest) else 1.0
+    return int(np.clip(_BITS - 2 - np.ceil(np.log2(reach)), 1, _BITS - 2))
+
+
+def _unit(quats: np.ndarray) -> np.ndarray:
+    return quats / np.maximum(np.linalg.norm(quats, axis=1, keepdims=True), np.finfo(np.float32).tiny)
+
+
+def _compressed(content: bytes) -> bytes:
+    buffer = io.BytesIO()
+    with gzip.GzipFile(_NAME.decode(), "wb", compresslevel=9, fileobj=buffer, mtime=0) as file:
+        file.write(content)
+    return buffer.getvalue()

@@ -1,0 +1,108 @@
+"""The exported .spz file, read back by a library that knows the format."""
+
+import gzip
+import struct
+
+import numpy as np
+import pytest
+import torch
+from gsply.spz import read_spz
+
+from egosplat.errors import UserError
+from egosplat.export.spz import TURNED_SH, fractional_bits, write_spz
+from egosplat.gaussians.model import Gaussians
+from egosplat.rasterize.reference.spherical_harmonics import sh_basis
+
+TURNED = np.array([1, -1, -1])
+
+
+def some(count: int, degree: int, reach: float = 3.0) -> Gaussians:
+    draw = torch.Generator().manual_seed(0)
+    return Gaussians(
+        means=torch.randn(count, 3, generator=draw) * reach,
+        quats=torch.randn(count, 4, generator=draw),
+        log_scales=torch.randn(count, 3, generator=draw) - 4,
+        logit_opacities=torch.randn(count, generator=draw),
+        sh=torch.randn(count, (degree + 1) ** 2, 3, generator=draw).clamp(-0.9, 0.9),
+        features=torch.zeros(count, 0),
+    )
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+def test_another_reader_finds_the_gaussians(tmp_path, degree):
+    """Up to the steps of the format: 2^-bits, 1/16 of a logarithm, 1/255 of an opacity, 5 or 4 bits of a coefficient."""
+    gaussians = some(200, degree)
+    write_spz(tmp_path / "x.spz", gaussians, degree, antialiased=False)
+    found = read_spz(tmp_path / "x.spz")
+    step = 2.0 ** -fractional_bits(gaussians)
+    np.testing.assert_allclose(found.means, gaussians.means.numpy() * TURNED, atol=step)
+    np.testing.assert_allclose(found.scales, gaussians.log_scales.numpy(), atol=1 / 16)
+    opacities = torch.from_numpy(np.array(found.opacities)).sigmoid().ravel()
+    np.testing.assert_allclose(opacities, gaussians.opacities, atol=1 / 255)
+    np.testing.assert_allclose(found.sh0.reshape(-1, 3), gaussians.sh[:, 0], atol=0.02)
+    if degree == 0:
+        assert found.shN is None
+        return
+    rest = gaussians.sh[:, 1:].numpy()
+    signs = TURNED_SH[: rest.shape[1], None]
+    np.testing.assert_allclose(np.reshape(found.shN, rest.shape), rest * signs, atol=0.07)
+
+
+def test_rotations_turn_with_the_axes(tmp_path):
+    gaussians = some(50, 0)
+    write_spz(tmp_path / "x.spz", gaussians, 0, antialiased=False)
+    quats = torch.from_numpy(np.array(read_spz(tmp_path / "x.spz").quats))
+    axes, turned = (rotation(values) for values in (gaussians.quats, quats))
+    # A covariance has no sign of its axes.
+    expected = np.diag(TURNED) @ axes @ np.diag(TURNED)
+    np.testing.assert_allclose(turned, expected, atol=0.01)
+
+
+def rotation(quats: torch.Tensor) -> np.ndarray:
+    w, x, y, z = torch.nn.functional.normalize(quats).numpy().T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def test_signs_of_spherical_harmonics_are_those_of_the_turned_direction():
+    directions = torch.nn.functional.normalize(torch.randn(20, 3, generator=torch.Generator().manual_seed(0)))
+    before, after = (sh_basis(3, one)[:, 1:] for one in (directions, directions * torch.from_numpy(TURNED)))
+    torch.testing.assert_close(after, before * torch.from_numpy(TURNED_SH), check_dtype=False)
+
+
+@pytest.mark.parametrize("antialiased", [False, True])
+def test_the_header_tells_version_and_antialiasing(tmp_path, antialiased):
+    write_spz(tmp_path / "x.spz", some(3, 1), 1, antialiased)
+    header = gzip.decompress((tmp_path / "x.spz").read_bytes())[:16]
+    assert struct.unpack("<4sIIBBBB", header)[:4] == (b"NGSP", 3, 3, 1)
+    assert header[14] == antialiased
+
+
+@pytest.mark.parametrize("reach", [1e-6, 1.0, 1e6])
+def test_coordinates_use_the_bits_that_a_scene_of_this_size_leaves(tmp_path, reach):
+    gaussians = some(300, 0, reach)
+    write_spz(tmp_path / "x.spz", gaussians, 0, antialiased=False)
+    found = read_spz(tmp_path / "x.spz").means
+    np.testing.assert_allclose(found, gaussians.means.numpy() * TURNED, atol=max(reach * 1e-6, 2.0**-22))
+
+
+def test_a_gaussian_far_from_all_others_is_left_out(tmp_path, capfd):
+    gaussians = some(2000, 0)
+    gaussians.means[7] = 1e9
+    write_spz(tmp_path / "x.spz", gaussians, 0, antialiased=False)
+    assert len(read_spz(tmp_path / "x.spz").means) == 1999
+    assert "1 of 2000 Gaussians" in capfd.readouterr().err
+
+
+def test_only_files_of_the_command_are_replaced(tmp_path):
+    path = tmp_path / "x.spz"
+    path.write_bytes(gzip.compress(b"of another program"))
+    with pytest.raises(UserError, match="was not written by"):
+        write_spz(path, some(3, 0), 0, antialiased=False)
+    path.unlink()
+    for _ in range(2):
+        write_spz(path, some(3, 0), 0, antialiased=False)
