@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 import click
 
 from egosplat.errors import UserError
+from egosplat.progress import show_log
 
 # The repository.
 ROOT = Path(__file__).resolve().parents[1]
@@ -21,9 +22,10 @@ T = TypeVar("T")
 
 
 class _Command(click.Command):
-    """A command that reports a ``UserError`` in one line, without a traceback."""
+    """A command that shows progress, and reports a ``UserError`` in one line, without a traceback."""
 
     def invoke(self, context: click.Context) -> Any:
+        show_log()
         try:
             return super().invoke(context)
         except UserError as error:

@@ -13,8 +13,14 @@ from pathlib import Path
 import pytest
 from filelock import FileLock
 
+from egosplat.progress import show_log
+
 ROOT = Path(__file__).resolve().parent.parent
 REAL_DATA = Path(os.environ.get("EGOSPLAT_REAL_DATA", ROOT.parent / "shared" / "data"))
+
+
+# Tests read what a user would see.
+show_log()
 
 
 @pytest.fixture(scope="session")

@@ -9,7 +9,7 @@ import argparse
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-from egosplat.progress import track
+from egosplat.progress import show_log, track
 from training.small_models.crops import cut_world
 
 
@@ -31,4 +31,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    show_log()
     main()

@@ -11,7 +11,7 @@ from pathlib import Path
 import torch
 from safetensors.torch import load_file
 
-from egosplat.progress import log
+from egosplat.progress import log, show_log
 from training.small_models.captions import unseen_combination
 from training.small_models.clip_model import WEIGHTS, build, save_weights, write_description
 from training.small_models.clip_training import Schedule, Trainer
@@ -60,4 +60,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    show_log()
     main()

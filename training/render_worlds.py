@@ -10,7 +10,7 @@ import argparse
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-from egosplat.progress import track
+from egosplat.progress import show_log, track
 from training.small_models.worlds import HELD_OUT_SEEDS, TRAINING_SEEDS, ClipSettings, render_world
 
 
@@ -38,4 +38,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    show_log()
     main()

@@ -32,7 +32,7 @@ from egosplat.files import atomic_file
 from egosplat.models.checkpoints import SAM2
 from egosplat.models.sam2_loader import set_image_size
 from egosplat.models.weights import load_weights, read_tensors
-from egosplat.progress import log
+from egosplat.progress import log, show_log
 from training.small_models.sam2_curve import held_out_scores, write_curve
 from training.small_models.sam2_data import sample_clip, sample_prompts, sample_tracks, vocabulary
 from training.small_models.sam2_losses import Guides
@@ -288,4 +288,5 @@ def _means(values: Sequence[list[float]]) -> list[float]:
 
 
 if __name__ == "__main__":
+    show_log()
     main()

@@ -19,6 +19,7 @@ from egosplat.pipeline.scene_folder import check_scene_folder
 from egosplat.pipeline.stages import STAGES, path_help, run_stage
 from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml
 from egosplat.pipeline.validation import LARGEST_INTEGER
+from egosplat.progress import show_log
 
 # Half of the longest message about a flag [characters]; a value may be a whole file.
 _LONGEST = 500
@@ -501,6 +502,7 @@ def main() -> None:
     # 3 to 7 times slower.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     end_with_snakemake()
+    show_log()
     try:
         cli.main(standalone_mode=False)
     except click.ClickException as error:

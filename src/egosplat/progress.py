@@ -1,5 +1,10 @@
-"""Report progress: a bar on a terminal, plain lines in a log file."""
+"""Report progress: a bar on a terminal, plain lines in a log file.
 
+Lines go to the logger ``egosplat`` of Python's ``logging``. The command line shows them; a program that imports egosplat
+decides itself.
+"""
+
+import logging
 import sys
 import time
 from collections.abc import Iterable, Iterator, Sized
@@ -9,7 +14,25 @@ from tqdm import tqdm
 
 Item = TypeVar("Item")
 
+_LOGGER = logging.getLogger("egosplat")
+
 _SECONDS_BETWEEN_LINES = 10.0
+
+
+class _StandardError(logging.Handler):
+    """Writes each message as a line to what ``sys.stderr`` is at that moment."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        print(self.format(record), file=sys.stderr, flush=True)
+
+
+def show_log() -> None:
+    """Show log lines and progress on standard error, unless the program has given the logger a handler of its own."""
+    if not _LOGGER.handlers:
+        _LOGGER.addHandler(_StandardError())
+        _LOGGER.setLevel(logging.INFO)
+        # A library that configures the root logger would show each line twice.
+        _LOGGER.propagate = False
 
 
 def track(items: Iterable[Item], what: str, total: int | None = None, unit: str = "frame") -> Iterator[Item]:
@@ -26,7 +49,7 @@ def track(items: Iterable[Item], what: str, total: int | None = None, unit: str 
     if total is None and isinstance(items, Sized):
         total = len(items)
     # A redrawn bar would fill a log file with carriage returns.
-    if sys.stderr.isatty():
+    if sys.stderr.isatty() and _LOGGER.isEnabledFor(logging.INFO):
         yield from tqdm(items, desc=what, total=total, unit=unit, file=sys.stderr)
         return
     start = last = time.perf_counter()
@@ -42,8 +65,8 @@ def track(items: Iterable[Item], what: str, total: int | None = None, unit: str 
 
 
 def log(message: str) -> None:
-    """Write one line to standard error and flush it."""
-    print(message, file=sys.stderr, flush=True)
+    """Log one line."""
+    _LOGGER.info("%s", message)
 
 
 def _line(what: str, done: int, total: int | None, seconds: float, unit: str) -> str:

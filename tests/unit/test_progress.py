@@ -43,7 +43,7 @@ def test_an_error_of_the_work_passes_through():
 def test_a_terminal_gets_a_bar():
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))  # rows, columns
-    code = "from egosplat.progress import track\nlist(track(range(5), 'counting'))"
+    code = "from egosplat.progress import show_log, track\nshow_log()\nlist(track(range(5), 'counting'))"
     subprocess.run([sys.executable, "-c", code], stderr=theirs, check=True)
     os.close(theirs)
     shown = b""
@@ -52,3 +52,19 @@ def test_a_terminal_gets_a_bar():
             shown += part
     os.close(ours)
     assert b"counting: 100%" in shown
+
+
+def test_a_program_that_imports_the_package_decides_what_is_shown():
+    """Nothing by default; its own handler gets the lines, once."""
+    code = "import logging; from egosplat.progress import log, show_log, track\n"
+    work = "log('quiet'); list(track([1], 'counting'))\n"
+    own = "logging.basicConfig(level=logging.INFO, format='own %(name)s %(message)s')\n"
+    handler = "logging.getLogger('egosplat').addHandler(logging.NullHandler()); show_log()\n"
+
+    def said(program: str) -> str:
+        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+        return done.stdout + done.stderr
+
+    assert said(code + work) == ""
+    assert said(code + own + work).splitlines()[0] == "own egosplat quiet"
+    assert said(code + handler + work) == ""
