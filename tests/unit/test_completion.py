@@ -1,10 +1,11 @@
 """The shell completes commands, flags and choices, as docs/index.md says."""
 
+import os
+import subprocess
 import sys
+from pathlib import Path
 
 import pytest
-
-from egosplat import cli
 
 
 @pytest.mark.parametrize(
@@ -15,11 +16,8 @@ from egosplat import cli
         ("egosplat export x --format sp", "spz"),
     ],
 )
-def test_bash_completes(words, expected, monkeypatch, capfd):
-    monkeypatch.setenv("_EGOSPLAT_COMPLETE", "bash_complete")
-    monkeypatch.setenv("COMP_WORDS", words)
-    monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
-    monkeypatch.setattr(sys, "argv", ["egosplat"])
-    with pytest.raises(SystemExit) as end:
-        cli.main()
-    assert (end.value.code, capfd.readouterr().out) == (0, f"plain,{expected}\n")
+def test_bash_completes(words, expected):
+    asked = {"_EGOSPLAT_COMPLETE": "bash_complete", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
+    command = Path(sys.executable).with_name("egosplat")
+    done = subprocess.run([command], env=os.environ | asked, capture_output=True, text=True, check=True)
+    assert done.stdout == f"plain,{expected}\n"
