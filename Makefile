@@ -38,7 +38,12 @@ $(COMPILED): $(INSTALLED) setup.py $(addprefix $(KERNELS)/,targets.py compiling.
 demo: install
 	$(BIN)/snakemake --cores $(CORES) results/adt/scene1/metrics.json $(addprefix results/adt/scene1/,$(PAGES))
 	$(BIN)/egosplat query results/adt/scene1 "desk lamp" television elephant
-	@echo "Look at results/adt/scene1: $(PAGES) query.png"
+	@echo
+	@echo "Done. Pictures of each step are in results/adt/scene1: $(PAGES) query.png"
+	@echo "Next, after  source $(BIN)/activate"
+	@echo "  egosplat view results/adt/scene1                                  walk through the scene, ask it, click on things"
+	@echo "  egosplat query results/adt/scene1 couch \"coffee table\" cup         where is it? draws results/adt/scene1/query.png"
+	@echo "  snakemake --cores $(CORES) results/adt/scene2/metrics.json              the next apartment, to its scores"
 
 # One process a core, and one thread each: more would wait for one another. The longest files come first.
 test: install

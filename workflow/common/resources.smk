@@ -6,6 +6,7 @@ nothing, unless --resources is given.
 """
 
 from egosplat.cost_model import requests
+from egosplat.cost_model.expected import expected_seconds
 
 
 def memory(stage):
@@ -25,3 +26,14 @@ def runtime(stage):
 def gpus(stage):
     """Get a function of the wildcards: requested GPUs."""
     return lambda wildcards: requests.gpus(stage, config_of(wildcards))
+
+
+# A dry run and --verbose show Snakemake's own blocks.
+if PLAIN_OUTPUT and CALL.makes_results and not workflow.output_settings.verbose:
+    # The keys that decide about time are those of the first scene that is asked for.
+    first = next(
+        (scenes[one.dataset, one.scene] for one in targets), next(iter(scenes.values()))
+    )
+    PLAIN_OUTPUT.times = StepTimes(
+        lambda rule: expected_seconds(rule, first.config, first.synthetic)
+    )

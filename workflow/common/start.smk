@@ -11,10 +11,10 @@ from snakemake.logging import logger
 
 from egosplat.errors import UserError
 from egosplat.pipeline.config import check_config_files
-from egosplat.pipeline.failures import shorten_errors
 from egosplat.files import check_writable
 from egosplat.pipeline.process_guards import check_cores
 from egosplat.pipeline.snakemake_call import Call, read_call
+from egosplat.pipeline.terminal import StepTimes, speak_plainly
 
 SHIPPED = Path("config/config.yaml")
 
@@ -33,4 +33,4 @@ try:
 except UserError as error:
     sys.exit(f"egosplat: {error}")
 
-SHORT_ERRORS = shorten_errors(logger.handlers) if IS_MAIN else None
+PLAIN_OUTPUT = speak_plainly(logger.handlers) if IS_MAIN else None

@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from egosplat.cost_model.laws import CPU, MEASURED_ON, is_assumed, law_of, seconds, table
-from egosplat.cost_model.sizes import Sizes
+from egosplat.cost_model.expected import expected_seconds
+from egosplat.cost_model.laws import MEASURED_ON
 from egosplat.doctor.findings import Finding, Mark
 from egosplat.doctor.inputs import (
     model_findings,
@@ -95,15 +95,12 @@ def _rasterizer(config: Config) -> str:
 PARTS = {
     "filming": ("synthetic",),
     "reading": ("frames", "annotations", "poses", "survey"),
-    "segments": ("segments",),
+    "segments": ("segments", "instances"),
     "features": ("view_features", "features"),
     "transient": ("transient", "masks"),
     "training": ("splats",),
     "queries": ("language", "metrics"),
 }
-
-_MODELS = frozenset({"segments", "view_features", "metrics"})
-_RENDERS = frozenset({"transient", "splats", "language", "metrics"})
 
 
 def estimate(
@@ -119,36 +116,17 @@ def estimate(
     Returns:
         Seconds by part; 0 where the part is not needed, None where nothing was measured.
     """
-    sizes = Sizes(config, given=_known(config, synthetic))
     skipped = _skipped(config, synthetic)
-    measured = rasterizer in table()["rasterizer"]
-
-    def of_stage(stage: str) -> float | None:
-        law = law_of(stage, config, colmap=config["poses"]["method"] == "colmap")
-        # Nothing was measured on a GPU, nor with the published models: no time is better than a guess.
-        if is_assumed(law, CPU) or (stage in _MODELS and models_on != "cpu"):
-            return None
-        if stage in _RENDERS and not measured:
-            return None
-        try:
-            return seconds(law, sizes, rasterizer if measured else "avx512")
-        except LookupError:  # the number of frames
-            return None
 
     def of_part(stages: tuple[str, ...]) -> float | None:
-        found = [of_stage(stage) for stage in stages if stage not in skipped]
+        found = [
+            expected_seconds(stage, config, synthetic, rasterizer, models_on)
+            for stage in stages
+            if stage not in skipped
+        ]
         return None if None in found else sum(found)
 
     return {part: of_part(stages) for part, stages in PARTS.items()}
-
-
-def _known(config: Config, synthetic: bool) -> Mapping[str, float]:
-    film, frames = config["synthetic"], config["frames"]
-    known: dict[str, float] = {"pixels": frames["resolution"] ** 2}
-    if synthetic:
-        known["frames"] = film["seconds"] * film["fps"] / frames["stride"]
-        known["recorded_pixels"] = film["size"] ** 2
-    return known
 
 
 def _skipped(config: Config, synthetic: bool) -> set[str]:

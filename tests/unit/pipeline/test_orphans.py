@@ -10,6 +10,8 @@ from egosplat.pipeline.process_guards import STARTED_BY
 STAGE = """
 import time
 from egosplat.pipeline.process_guards import end_with_snakemake
+from egosplat.progress import show_log
+show_log()
 end_with_snakemake()
 print("begun", flush=True)
 time.sleep(30)

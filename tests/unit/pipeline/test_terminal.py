@@ -1,0 +1,122 @@
+"""The terminal shows a line for each step, and a failed run ends with the messages of its failed stages."""
+
+import logging
+
+import pytest
+from snakemake.logging import DefaultFormatter
+from snakemake_interface_logger_plugins.common import LogEvent
+
+from egosplat.pipeline.terminal import MOST, PlainOutput, StepTimes, last_message, speak_plainly
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("egosplat: a: is wrong\n", "a: is wrong"),
+        ("reading 3 of 5\negosplat: a: is wrong.\nDo b\n", "a: is wrong.\nDo b"),
+        ("egosplat: one\negosplat: two\n", "two"),
+        ("Traceback (most recent call last):\nValueError: x\n", "See {log}"),
+        ("says egosplat: in a line\n", "See {log}"),
+        ("", "See {log}"),
+        (None, "See {log}"),
+    ],
+)
+def test_the_last_message_of_the_log_is_shown(tmp_path, text, message):
+    log = tmp_path / "stage.log"
+    if text is not None:
+        log.write_text(text)
+    assert last_message(log) == message.format(log=log)
+
+
+def failed(output: str, log: str) -> logging.LogRecord:
+    """Snakemake's record of a job that failed."""
+    record = logging.LogRecord("snakemake", logging.ERROR, "", 0, "Error in rule frames", None, None)
+    record.event = LogEvent.JOB_ERROR
+    about = {"rule_name": "frames", "rule_msg": None, "jobid": 1, "input": ["pictures"], "conda_env": None}
+    about |= {"aux": {}, "shellcmd": "egosplat frames --stride 1", "output": [output], "log": [log]}
+    record.__dict__.update(about)
+    return record
+
+
+def test_a_failed_job_is_shown_without_its_shell_command():
+    short, record = PlainOutput(DefaultFormatter()), failed("results/a.zarr", "a.log")
+    text = short.format(record)
+    assert "Error in rule frames" in text and "a.log" in text and "--stride" not in text
+    assert record.shellcmd == "egosplat frames --stride 1", "Snakemake's log file is written from it"
+    assert short.failed == {"results/a.zarr": "a.log"}
+
+
+def test_a_failed_shell_command_is_reported_once():
+    short = PlainOutput(DefaultFormatter())
+    for text, kept in (("RuleException:\nCalledProcessError in file x", False), ("WorkflowError:\nx", True)):
+        record = logging.LogRecord("snakemake", logging.ERROR, "", 0, text, None, None)
+        record.event = LogEvent.ERROR
+        assert short.format(record) == (text if kept else "")
+
+
+def test_the_number_of_reported_failures_is_limited(capsys):
+    short = PlainOutput(DefaultFormatter())
+    for number in range(MOST + 2):
+        short.format(failed(f"results/{number}.zarr", "no.log"))
+    short._tell()
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == MOST + 1 and lines[-1] == "egosplat: 2 more were not made; see above"
+
+
+def test_only_the_terminal_is_shortened():
+    terminal, file = logging.StreamHandler(), logging.StreamHandler()
+    terminal.name, file.name = "DefaultStreamHandler", "DefaultLogFileHandler"
+    for handler in (terminal, file):
+        handler.setFormatter(DefaultFormatter())
+    short = speak_plainly([file, terminal])
+    assert terminal.formatter is short and isinstance(file.formatter, DefaultFormatter)
+    assert speak_plainly([file]) is None
+
+
+def record(event: LogEvent | None, text: str = "", **about: object) -> logging.LogRecord:
+    made = logging.LogRecord("snakemake", logging.INFO, "", 0, text, None, None)
+    made.event = event
+    made.__dict__.update(about)
+    return made
+
+
+def test_a_step_is_one_line_with_the_time_that_is_left():
+    """Frames were expected to take 30 s and take 60: the rest is expected to take twice as long, too."""
+    now = [0.0]
+    plain = PlainOutput(DefaultFormatter())
+    plain.times = StepTimes({"frames": 30.0, "poses": 10.0, "splats": 300.0}.get, lambda: now[0])
+    stats = {"frames": 1, "poses": 1, "splats": 1, "total": 3}
+    assert (
+        plain.format(record(LogEvent.RUN_INFO, "a table", stats=stats))
+        == "egosplat: 3 steps, about 6 min left"
+    )
+    frames = record(LogEvent.JOB_INFO, jobid=7, rule_name="frames", output=["results/frames.zarr"])
+    expected = "egosplat: step 1 of 3, frames: results/frames.zarr, about 6 min left"
+    assert plain.format(frames) == expected
+    now[0] = 60.0
+    assert plain.format(record(LogEvent.JOB_FINISHED, "Finished jobid: 7", job_id=7)) == ""
+    assert plain.format(record(LogEvent.PROGRESS, done=1, total=3)) == ""
+    poses = record(LogEvent.JOB_INFO, jobid=8, rule_name="poses", output=["results/poses.zarr"])
+    assert plain.format(poses) == "egosplat: step 2 of 3, poses: results/poses.zarr, about 10 min left"
+
+
+def test_steps_that_were_not_planned_are_counted():
+    plain = PlainOutput(DefaultFormatter())
+    plain.times = StepTimes(lambda rule: None)
+    plain.format(record(LogEvent.RUN_INFO, stats={"survey": 1, "total": 1}))
+    for number, rule in enumerate(("survey", "transient"), 1):
+        line = plain.format(record(LogEvent.JOB_INFO, jobid=number, rule_name=rule, output=[f"{rule}.zarr"]))
+        assert line == f"egosplat: step {number} of {number}, {rule}: {rule}.zarr"
+
+
+def test_lines_of_snakemake_about_itself_are_left_out_and_warnings_stay():
+    plain = PlainOutput(DefaultFormatter())
+    plain.times = StepTimes(lambda rule: None)
+    assert plain.format(record(None, "Building DAG of jobs...")) == ""
+    assert plain.format(record(None, "Nothing to be done (all requested files are present).")) != ""
+    assert plain.format(record(LogEvent.PROGRESS, done=3, total=3)) == "3 of 3 steps (100%) done"
+
+
+def test_a_dry_run_shows_snakemake_s_own_blocks():
+    plain = PlainOutput(DefaultFormatter())
+    assert plain.format(record(LogEvent.PROGRESS, done=1, total=3)) == "1 of 3 steps (33%) done"
