@@ -17,7 +17,7 @@ from benchmarks.common import command, markdown, scene_folders, scene_name
 from benchmarks.transient.scores import MaskScores, total
 from benchmarks.transient.truth import read_truth
 from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.instances import INSTANCES
+from egosplat.artifacts.instances import INSTANCES, is_track
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.pipeline.config import defaults
@@ -68,22 +68,26 @@ class Scene:
     def refined_by_truth(self) -> Sweep:
         """Scores refined by true instances."""
         labels = [true[None] for true in self.labels]
-        return self._refined(labels, np.zeros(len(self.truth.moves), np.int8), {0})
+        count = len(self.truth.moves)
+        return self._refined(labels, np.zeros(count, np.int8), {0}, np.ones(count, bool))
 
     def refined_by_segments(self) -> Sweep:
         """Scores refined by the instances of instances.zarr at all levels; none without that file."""
         if self.instances is None:
             return {}
         labels = [self.instances.row("labels", frame) for frame in range(len(self.labels))]
-        return self._refined(labels, self.instances.read("instances/level"), set(range(labels[0].shape[0])))
+        level, levels = self.instances.read("instances/level"), set(range(labels[0].shape[0]))
+        return self._refined(labels, level, levels, is_track(self.instances))
 
-    def _refined(self, labels: list[Labels], level: NDArray[np.int8], levels: set[int]) -> Sweep:
+    def _refined(
+        self, labels: list[Labels], level: NDArray[np.int8], levels: set[int], may_move: NDArray[np.bool_]
+    ) -> Sweep:
         found, outstanding = InstanceScores(len(level)), InstanceScores(len(level))
         for frame in np.flatnonzero(self.train):
             found.add(labels[frame], self.probability[frame])
             if self.measured[frame]:
                 outstanding.add(np.where(self.compared, labels[frame], -1), self.stands_out[frame])
-        static = looks_static(outstanding, KEYS["stands_out"])
+        static = looks_static(outstanding, KEYS["stands_out"]) | ~may_move
         chosen = {
             t: transient_instances(found.scores, found.pixels, level, t, levels) & ~static for t in THRESHOLDS
         }

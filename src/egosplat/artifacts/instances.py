@@ -1,6 +1,13 @@
 """Schema of ``instances.zarr``: things that hold in 3D, or the tracks of segments.zarr unchanged."""
 
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schema import Field, Schema
+
+# Value of the fact ``source``: the tracks of segments.zarr, unchanged.
+TRACKS = "tracks"
 
 INSTANCES = Schema(
     "instances",
@@ -42,3 +49,9 @@ INSTANCES = Schema(
         ),
     },
 )
+
+
+def is_track(instances: Artifact) -> NDArray[np.bool_]:
+    """(N,) the instances that are tracks; the others are masks that are merged in 3D."""
+    moving = instances.read("instances/moving")
+    return np.ones_like(moving) if instances.facts["source"] == TRACKS else moving

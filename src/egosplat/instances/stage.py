@@ -11,7 +11,7 @@ from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.instances import INSTANCES
+from egosplat.artifacts.instances import INSTANCES, TRACKS
 from egosplat.artifacts.kept_frames import kept_frames
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.provenance import Provenance
@@ -28,7 +28,7 @@ from egosplat.instances.scene import Scene, find_scene
 from egosplat.progress import log, track
 
 # Values of ``source``: the tracks of segments.zarr unchanged, as in the paper; and what follows its prompting.
-TRACKS, AUTO = "tracks", "auto"
+AUTO = "auto"
 
 
 def run(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from egosplat.artifacts import provenance
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.instances import INSTANCES
+from egosplat.artifacts.instances import INSTANCES, is_track
 from egosplat.artifacts.masks import BY_INSTANCES, BY_NETWORK, MASKS
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.transient import TRANSIENT, InstanceScores
@@ -96,7 +96,9 @@ def run(
     levels = set(range(len(names))) if options.level == "all" else {names.index(shown_by)}
     # Training frames alone decide: evaluation frames must not influence training.
     found = _find(transient, instances, np.flatnonzero(frames.read("train")))
-    chosen, facts = _choose(found, instances.read("instances/level"), levels, options)
+    called, facts = _choose(found, instances.read("instances/level"), levels, options)
+    # Masks that are merged cover the same surfaces in several views: they stand still.
+    chosen = called & is_track(instances)
     with create(output, MASKS, record) as artifact:
         artifact.put("instances/score", found.by_probability.scores.astype(np.float32))
         artifact.put("instances/stands_out", found.outstanding.scores.astype(np.float32))
@@ -139,7 +141,7 @@ def _find(transient: Artifact, instances: Artifact, rows: NDArray[np.int64]) -> 
 def _choose(
     found: _Found, level: NDArray[np.int8], levels: set[int], options: MasksOptions
 ) -> tuple[NDArray[np.bool_], dict[str, Any]]:
-    """(N,) the transient instances, none if masks are withheld; and facts that say why."""
+    """(N,) the instances that look transient, none if masks are withheld; and facts that say why."""
     scores, pixels = found.by_probability.scores, found.by_probability.pixels
     chosen = transient_instances(scores, pixels, level, options.threshold, levels)
     chosen &= ~looks_static(found.outstanding, options.stands_out)

@@ -57,7 +57,7 @@ def scene(tmp_path, pictures) -> Callable[..., Path]:
             "labels": labels,
             "instances/level": np.array([2, 2, 1], np.int8),
         }
-        about = camera_facts(CAMERA, levels=["subpart", "part", "whole"]) | (facts or {})
+        about = camera_facts(CAMERA, levels=["subpart", "part", "whole"], source="tracks") | (facts or {})
         put_scene(tmp_path, ["frames", "poses", "instances"], arrays | changes, about)
         return tmp_path
 

@@ -173,6 +173,15 @@ def test_a_pixel_that_the_network_calls_static_is_not_masked(folder):
     assert not masks.read("refined")[0].any() and (masks.read("refined")[1:] == made[1:]).all()
 
 
+def test_masks_that_are_merged_in_3d_are_not_masked(scene):
+    """They cover the same surfaces in several views. A track of something that moves is masked."""
+    for moving in (False, True):
+        made = scene({"source": "masks"}, **{"instances/moving": np.array([moving, False, False])})
+        masks = run(predicted(made))
+        assert masks.read("instances/transient").tolist() == [moving, False, False]
+        assert masks.read("instances/score")[0] == pytest.approx(0.5)
+
+
 @pytest.mark.parametrize(
     ("probability", "max_share", "reason"),
     [(0.51, 0.5, "probability"), (0.49, 0.5, "instances"), (0.49, 1.0, None)],
