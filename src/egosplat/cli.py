@@ -417,9 +417,52 @@ def export_command() -> click.Command:
     )
 
 
+def movie_command() -> click.Command:
+    """Build the command ``movie``, with a flag for each key of the section ``query``."""
+
+    def call(
+        folder: Path,
+        phrases: tuple[str, ...],
+        output: Path | None,
+        side: int,
+        backend: str,
+        device: str,
+        precision: str,
+        **keys: Any,
+    ) -> None:
+        check_scene_folder(folder, ("frames", "poses", "features", "splats", "language"))
+        from egosplat.export.movie import run
+        from egosplat.query.options import QueryOptions
+
+        how = {"backend": backend, "device": device, "precision": precision}
+        run(folder, phrases, output or folder / "query.webp", side, QueryOptions(**keys), **how)
+
+    return click.Command(
+        "movie",
+        callback=call,
+        params=[
+            click.Argument(["folder"], type=ARTIFACT),
+            click.Argument(["phrases"], nargs=-1, required=True),
+            click.Option(
+                ["--output"], type=ARTIFACT, help="Output picture, .webp.  [default: FOLDER/query.webp]"
+            ),
+            click.Option(
+                ["--side"],
+                type=click.IntRange(32, 4096),
+                default=480,
+                show_default=True,
+                help="Longer side of the picture [px].",
+            ),
+            *_query_flags(),
+        ],
+        help="Draw a moving picture of FOLDER that is asked for PHRASES: the camera goes to each answer.",
+    )
+
+
 # Commands that are built on demand: their flags come from the configuration's schema.
 _BUILT: dict[str, Callable[[], click.Command]] = {
     "export": export_command,
+    "movie": movie_command,
     "query": query_command,
     "page": page_command,
     "view": view_command,

@@ -1,0 +1,68 @@
+"""``egosplat movie``: a moving picture of the answers."""
+
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from egosplat import cli
+from egosplat.export.movie import way
+from tests.support.page_scene import put_page_scene
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("results") / "scene1"
+    folder.mkdir()
+    put_page_scene(folder)
+    return folder
+
+
+@pytest.fixture
+def movie(monkeypatch, capfd):
+    """``movie(*words)``: exit status, and what it said."""
+
+    def call(*words: object) -> tuple[int, str]:
+        monkeypatch.setattr(sys, "argv", ["egosplat", "movie", *map(str, words)])
+        status = 0
+        try:
+            cli.main()
+        except SystemExit as end:
+            status = int(end.code or 0)
+        return status, capfd.readouterr().err
+
+    return call
+
+
+def test_the_picture_moves_and_the_answer_lights_up(scene, movie, tmp_path):
+    output = tmp_path / "x.webp"
+    for _ in range(2):
+        status, said = movie(scene, "couch", "cup", "elephant", "--output", output, "--side", 64)
+        assert status == 0, said
+    assert "elephant" in said and "left out" in said
+    with Image.open(output) as moving:
+        assert moving.size[0] == 64 < moving.size[1] and moving.n_frames > 8
+        moving.seek(moving.n_frames - 1)
+        last = np.asarray(moving.convert("RGB"))[:64].astype(int)
+    redness = last[..., 0] - last[..., 2]
+    assert redness[:, 40:].mean() > redness[:, :24].mean() + 20, "the cup is on the right"
+
+
+def test_without_an_answer_nothing_is_written(scene, movie, tmp_path):
+    status, said = movie(scene, "elephant", "--output", tmp_path / "x.webp")
+    assert status == 2 and "no query has an answer" in said and not (tmp_path / "x.webp").exists()
+
+
+def test_only_its_own_pictures_are_replaced(scene, movie, tmp_path):
+    Image.new("RGB", (4, 4)).save(tmp_path / "x.webp")
+    status, said = movie(scene, "cup", "--output", tmp_path / "x.webp")
+    assert status == 2 and "was not written by" in said
+
+
+def test_the_way_follows_the_recording_and_leaves_out_frames_without_a_pose():
+    poses = np.tile(np.eye(4), (6, 1, 1))
+    poses[3] = np.nan
+    assert way(poses, 1, 5) == [2, 4, 5] and way(poses, 5, 1) == [4, 2, 1] and way(poses, 2, 2) == []
+    long = way(np.tile(np.eye(4), (100, 1, 1)), 0, 99)
+    assert len(long) == 16 and long[-1] == 99
