@@ -1,9 +1,13 @@
 """
 Memory, time and GPUs that each job requests: egosplat.cost_model evaluated on the job's inputs.
 
-Snakemake evaluates them again when the inputs exist; a dry run shows <TBD> until then. On one machine the requests limit
-nothing, unless --resources is given.
+Snakemake evaluates them again when the inputs exist; a dry run shows <TBD> until then. On one machine one job at a time uses the
+GPU; the other requests limit nothing, unless --resources is given.
 """
+
+import shutil
+
+from snakemake.resources import Resources
 
 from egosplat.cost_model import requests
 from egosplat.cost_model.expected import expected_seconds
@@ -26,6 +30,12 @@ def runtime(stage):
 def gpus(stage):
     """Get a function of the wildcards: requested GPUs."""
     return lambda wildcards: requests.gpus(stage, config_of(wildcards))
+
+
+# Two jobs on one GPU may exceed its memory. A machine without one runs as many jobs as its cores allow.
+if workflow.resource_settings.nodes is None and shutil.which("nvidia-smi"):
+    if "gpu" not in workflow.resource_settings.resources:
+        workflow.global_resources.update(Resources.from_mapping({"gpu": 1}))
 
 
 # A dry run and --verbose show Snakemake's own blocks.
