@@ -11,7 +11,7 @@ GPU = "nvidia-smi"
 
 @pytest.mark.parametrize(
     ("programs", "words", "expected"),
-    [([GPU], [], '"gpu", 1'), ([GPU], ["--resources", "gpu=3"], '"gpu", 3'), ([], [], None)],
+    [([GPU], [], 1), ([GPU], ["--resources", "gpu=3"], 3), ([], [], None)],
     ids=["a GPU", "a limit of the user's", "no GPU"],
 )
 def test_the_number_of_jobs_on_a_gpu(one_scene, tmp_path, monkeypatch, programs, words, expected):
