@@ -10,7 +10,7 @@ INSTALLED := .venv/.installed
 KERNELS := src/egosplat/kernels
 RAYS := src/egosplat/rays
 COMPILED := $(KERNELS)/libegosplat_generic.so
-PAGES := contact_sheet.png instances.png crops.png transient.png splats.png language.png queries.png scene.html
+PAGES := contact_sheet.png instances.png crops.png transient.png splats.png language.png queries.png scene.html story.html
 
 # Some distributions leave ensurepip out of Python: then the pip at hand fills the environment.
 WITHOUT_ENSUREPIP = { $(PYTHON) -m venv --clear --without-pip .venv && $(PYTHON) -m pip --python $(BIN)/python install --quiet pip; }

@@ -155,6 +155,17 @@ def tradeoff(points: list[dict[str, Any]], output: Path) -> None:
 
 
 @cli.command()
+@click.argument("files", nargs=-1, required=True, type=ARTIFACT)
+@click.option("--title", required=True, help="Name of the scene.")
+@click.option("--output", type=ARTIFACT, required=True, help="Output page, .html.")
+def story(files: tuple[Path, ...], title: str, output: Path) -> None:
+    """Tell on one page what became of a scene: FILES are its artifacts, pages, survey.json and metrics.json."""
+    from egosplat.report.story import run
+
+    run(files, output, title)
+
+
+@cli.command()
 def keys() -> None:
     """Print all configuration keys with defaults and descriptions as a Markdown page."""
     click.echo(keys_page())

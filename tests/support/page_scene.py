@@ -76,13 +76,19 @@ def put_page_scene(folder: Path, origin: str = "synthetic") -> Gaussians:
             "gaussians/instance": owner,
             "instances/level": np.repeat([0, 1], len(WORDS)).astype(np.int8),
         },
-        {"levels": LEVELS},
+        {"levels": LEVELS, "source": "masks", "instances": dict.fromkeys(LEVELS, len(WORDS))},
         made_from=["frames", "poses"],
     )
     write(
         "features",
         {"consistent": encode_phrases(clip, WORDS).numpy()},
-        {"levels": LEVELS, "clip": about, "decoder": {"widths": [vectors.shape[1]]}},
+        {
+            "levels": LEVELS,
+            "clip": about,
+            "decoder": {"widths": [vectors.shape[1]]},
+            "outliers": 2,
+            "slipped": 1,
+        },
         options=small,
         models={"clip_checkpoint": digest},
     )

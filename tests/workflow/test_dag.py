@@ -2,7 +2,7 @@
 
 import re
 
-EVALUATION = {"all", "contact_sheet", "metrics", "queries_sheet", "tables", "tradeoff"}
+EVALUATION = {"all", "contact_sheet", "metrics", "queries_sheet", "tables", "story", "tradeoff"}
 """Rules that may read annotations. Every other rule counts as training."""
 
 

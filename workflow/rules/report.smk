@@ -3,9 +3,21 @@ Figures of a scene, and the scene as one page that answers queries.
 
 REQUIRED INPUTS: frames.zarr, annotations.zarr, poses.zarr, segments.zarr, view_features.zarr, features.zarr,
 transient.zarr, masks.zarr, splats.zarr, language.zarr, metrics.json.
-OUTPUTS: contact_sheet.png, instances.png, crops.png, splats.png, transient.png, language.png, queries.png, scene.html.
-TOOLS: matplotlib; egosplat's kernels or gsplat; OpenCLIP.
+OUTPUTS: contact_sheet.png, instances.png, crops.png, splats.png, transient.png, language.png, queries.png, scene.html,
+story.html.
+TOOLS: matplotlib; egosplat's kernels or gsplat; OpenCLIP; Jinja.
 """
+
+from egosplat.pipeline.code_hash import code_hash
+
+
+def get_story_files(wildcards):
+    """Get the outputs that the story of a scene or variant tells of."""
+    config = config_of(wildcards)
+    surveyed = dag.survey_decides(config) or dag.leaves_frames_out(config)
+    masking = decided_config(wildcards)["splats"]["masking"]
+    stages = dag.story_stages(masking, is_recording_annotated(wildcards), surveyed)
+    return [path_named(stage, *names_of(wildcards)) for stage in stages]
 
 
 rule contact_sheet:
@@ -277,4 +289,31 @@ rule scene_page:
         " --title {params.title:q}"
         " --output {output:q}"
         " {params.flags}"
+        " 2>&1 | tee {log:q}"
+
+
+rule story:
+    """Tell on one page what became of the scene, step by step."""
+    input:
+        get_story_files,
+    output:
+        report(
+            "results/{dataset}/{scene}/{variant}story.html",
+            caption="../report/story.rst",
+            category="Overview",
+            labels=labels("story"),
+        ),
+    log:
+        "logs/{dataset}/{scene}/{variant}story.log",
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    params:
+        title=get_title,
+        code=code_hash("egosplat.report.story", ("jinja2",)),
+    shell:
+        "egosplat story"
+        " --title {params.title:q}"
+        " --output {output:q}"
+        " {input:q}"
         " 2>&1 | tee {log:q}"

@@ -124,7 +124,24 @@ def default_pages(masking: str) -> list[str]:
     """Get the files of a scene that a run without a target makes, for a value of splats.masking."""
     moving = ["transient.png"] if masking == "refined" else []
     pages = ["contact_sheet.png", "instances.png", "crops.png", *moving, "splats.png", "language.png"]
-    return [*pages, "scene.html", "metrics.json", "queries.png"]
+    return [*pages, "scene.html", "metrics.json", "queries.png", "story.html"]
+
+
+def story_stages(masking: str, annotated: bool, surveyed: bool) -> list[str]:
+    """Get the stages whose outputs a scene's story tells of.
+
+    Args:
+        masking: value of splats.masking, as the survey decided it.
+        annotated: whether the recording has annotations.
+        surveyed: whether the scene has a survey.
+    """
+    stages = ["frames", "poses", "segments", "instances", "view_features", "features", "splats", "language"]
+    stages += ["instances_sheet", "crops_sheet", "splats_sheet", "language_sheet", "scene_page"]
+    if masking == "refined":
+        stages += ["transient", "masks", "transient_sheet"]
+    if annotated:
+        stages += ["annotations", "contact_sheet", "metrics", "queries_sheet"]
+    return [*stages, "survey"] if surveyed else stages
 
 
 def _flag(name: str, value: object) -> str:

@@ -1,0 +1,314 @@
+"""Tell a scene's story on one page: each step with its picture, its numbers, its cost and its alarms. ``egosplat story``."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, StrictUndefined
+
+from egosplat.alarms.artifact_alarms import warnings_of
+from egosplat.artifacts.poses import length_unit
+from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.registry import SCHEMAS
+from egosplat.errors import UserError
+from egosplat.files import read_json
+from egosplat.output_files import check_output, text_kind, write_text_file
+from egosplat.pipeline.stages import PAGES, STAGES
+from egosplat.progress import log
+from egosplat.tables.page import read_picture
+
+_COMMAND = "egosplat story"
+
+STORY = text_kind(_COMMAND, ".html", mark=f'<meta name="generator" content="{_COMMAND}">')
+
+
+class SceneFiles:
+    """The files of a scene by their names; those that the scene does not need may be absent.
+
+    Raises:
+        UserError: a file is damaged.
+    """
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        self.paths = {path.name: path for path in paths}
+        self.artifacts = {
+            path.stem: open_artifact(path, SCHEMAS[path.stem])
+            for path in paths
+            if path.suffix == ".zarr" and path.stem in SCHEMAS
+        }
+
+    def has(self, *stages: str) -> bool:
+        """Whether the outputs of all these stages are there."""
+        return all(STAGES[stage].output in self.paths for stage in stages)
+
+    def __getitem__(self, stage: str) -> Artifact:
+        return self.artifacts[stage]
+
+    @cached_property
+    def survey(self) -> dict[str, Any]:
+        return self._document("survey.json")
+
+    @cached_property
+    def metrics(self) -> dict[str, Any]:
+        return self._document("metrics.json")
+
+    def _document(self, name: str) -> dict[str, Any]:
+        try:
+            return read_json(self.paths[name])
+        except (OSError, ValueError) as error:
+            raise UserError(f"{self.paths[name]}: cannot be read ({error})") from None
+
+
+Lines = Callable[[SceneFiles], Iterator[str]]
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step of the story.
+
+    Attributes:
+        needs: stages whose outputs it tells of.
+        lines: what happened, in sentences.
+        look: what to look for in the picture.
+        page: the stage that draws the picture.
+        absent: what to say if the scene lacks an output.
+    """
+
+    heading: str
+    needs: tuple[str, ...]
+    lines: Lines
+    look: str = ""
+    page: str | None = None
+    absent: str = ""
+
+
+def _recording(files: SceneFiles) -> Iterator[str]:
+    frames = files["frames"]
+    count, height, width, _ = frames.shape("rgb")
+    times = frames.read("timestamp_ns")
+    seconds = (times[-1] - times[0]) / 1e9 if count else 0.0
+    held_out = int(frames.read("evaluation").sum())
+    yield f"{count} frames of {width} x {height} pixels in {seconds:.0f} s; {held_out} of them are for evaluation only."
+    yield f"Format {frames.facts['format']}, origin {frames.origin}."
+
+
+def _poses(files: SceneFiles) -> Iterator[str]:
+    poses = files["poses"]
+    known = poses.read("registered")
+    points, unit = poses.shape("points/xyz")[0], length_unit(poses)
+    yield f"{int(known.sum())} of {len(known)} frames have a pose. {points} points; lengths are in {unit}."
+
+
+def _survey(files: SceneFiles) -> Iterator[str]:
+    motion, camera = files.survey["motion"], files.survey["camera"]
+    what = "Nothing moves" if motion["static"] else "Something moves"
+    network = "are masked" if motion["masking"] != "none" else "are not masked"
+    yield (
+        f"{what}: the probability of motion is {motion['probability']:.0%}, the limit {motion['max_probability']:.0%}. "
+        f"Pixels of what moves {network}."
+    )
+    left_out, blurred = len(files.survey["views"]["left_out"]), len(files.survey["sharpness"]["dropped"])
+    yield f"{left_out} frames add no new view, and {blurred} are blurred where others are sharp: they train nothing."
+    refined = "are refined" if camera["refine_poses"] else "are kept"
+    gains = "is compensated" if camera["compensate_exposure"] else "is left as it is"
+    residual = camera["pose_residual_px"]
+    error = "" if residual is None else f" (error {residual:.2f} px)"
+    yield f"Poses {refined} while the Gaussians train{error}; exposure {gains}."
+
+
+def _instances(files: SceneFiles) -> Iterator[str]:
+    facts = files["instances"].facts
+    counts = ", ".join(f"{count} {level}s" for level, count in facts["instances"].items())
+    how = "tracks of SAM2" if facts["source"] == "tracks" else "masks of single frames, merged in 3D"
+    yield f"{counts}: {how}. {int(files['instances'].read('instances/moving').sum())} are tracks of what moves."
+
+
+def _crops(files: SceneFiles) -> Iterator[str]:
+    facts = files["features"].facts
+    yield (
+        f"OpenCLIP {facts['clip']['model']} encodes each view of an instance. {facts['outliers']} views are outliers, "
+        f"and {facts['slipped']} show something else: neither counts in the feature of their instance."
+    )
+
+
+def _moving(files: SceneFiles) -> Iterator[str]:
+    facts = files["masks"].facts
+    yield (
+        f"{facts['transient']} of {facts['instances']} instances move; their pixels are {facts['masked_share']:.1%} of all. "
+        f"The network's mean probability is {facts['mean_probability']:.2f}."
+    )
+
+
+def _gaussians(files: SceneFiles) -> Iterator[str]:
+    splats = files["splats"]
+    views = splats.facts["views"]
+    yield f"{splats.shape('means')[0]} Gaussians, trained on {views['training']} frames."
+    psnr = splats.read("held_out/psnr")
+    if len(psnr := psnr[np.isfinite(psnr)]):
+        yield f"Mean PSNR of {len(psnr)} held-out frames: {psnr.mean():.1f} dB, the worst {psnr.min():.1f} dB."
+
+
+def _language(files: SceneFiles) -> Iterator[str]:
+    language = files["language"]
+    with_code = (language.read("share") > 0).mean(axis=0)
+    told = ", ".join(
+        f"{share:.0%} of level {level}"
+        for level, share in zip(language.facts["levels"], with_code, strict=True)
+    )
+    yield f"Gaussians with a code: {told}."
+
+
+def _questions(files: SceneFiles) -> Iterator[str]:
+    scores = files.metrics["scores"]["all"]
+    if not scores["count"]:
+        yield "No annotated thing is in the evaluation frames, so nothing is scored."
+        return
+    low, high = scores["accuracy_interval"] or (None, None)
+    interval = "" if low is None else f" (95 % interval {low:.0%} to {high:.0%})"
+    yield (
+        f"{scores['accuracy']:.0%}{interval} of {scores['count']} queries point at the right thing; a random pixel would "
+        f"find {scores['random_pixel']:.0%}. Mean IoU of the masks: {scores['mean_iou']:.2f}."
+    )
+
+
+_UNSCORED = "The recording has no annotations, so its answers are not scored."
+
+STEPS = (
+    Step(
+        "Recording",
+        ("frames",),
+        _recording,
+        "Are the frames upright and sharp? The trajectory from above has to look like the walk of a person.",
+        "contact_sheet",
+    ),
+    Step("Poses", ("poses",), _poses),
+    Step("Survey: what the scene requires", ("survey",), _survey, absent="No key asks for a survey."),
+    Step(
+        "Instances",
+        ("instances",),
+        _instances,
+        "A thing should keep its color in all frames. One color over two things is a wrong merge.",
+        "instances_sheet",
+    ),
+    Step(
+        "Crops",
+        ("features",),
+        _crops,
+        "Each row shows one instance. Crossed-out crops should be those that show something else.",
+        "crops_sheet",
+    ),
+    Step(
+        "What moves",
+        ("masks",),
+        _moving,
+        "People and carried things should be masked; walls and furniture should not.",
+        "transient_sheet",
+        "Nothing is masked: the scene is static, or splats.masking asks for no masks of instances.",
+    ),
+    Step(
+        "Gaussians",
+        ("splats",),
+        _gaussians,
+        "Renders should look like the held-out frames next to them. The curves should have become flat.",
+        "splats_sheet",
+    ),
+    Step(
+        "Language",
+        ("language",),
+        _language,
+        "Similar colors mean similar features: parts of one thing agree, different things differ.",
+        "language_sheet",
+    ),
+    Step(
+        "Questions",
+        ("metrics",),
+        _questions,
+        "The best answers are on the left, the worst on the right. What do the worst have in common?",
+        "queries_sheet",
+        _UNSCORED,
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Told:
+    """A step as the page shows it; ``picture`` is a data URI or None."""
+
+    heading: str
+    lines: tuple[str, ...]
+    look: str
+    picture: str | None
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a stage took."""
+
+    stage: str
+    wall_s: float
+    cpu_s: float
+    peak_memory_mb: float
+
+
+def run(paths: Sequence[Path], output: Path, title: str) -> None:
+    """Write the page.
+
+    Args:
+        paths: files of one scene: artifacts, pages, survey.json, metrics.json.
+        output: .html file.
+        title: name of the scene.
+
+    Raises:
+        UserError: a file is missing or damaged, or ``output`` exists and is no such page.
+    """
+    check_output(output, STORY)
+    if missing := [path for path in paths if not path.exists()]:
+        raise UserError(f"{missing[0]}: does not exist. Make it: snakemake --cores 2 {missing[0]}")
+    files = SceneFiles(paths)
+    template = resources.files("egosplat.report").joinpath("story.html.j2").read_text(encoding="utf-8")
+    page = Environment(undefined=StrictUndefined, autoescape=True).from_string(template)
+    scene = files.paths.get(STAGES["scene_page"].output)
+    text = page.render(
+        generator=_COMMAND,
+        title=title,
+        steps=[_told(step, files) for step in STEPS],
+        costs=_costs(files),
+        warnings=_warnings(files),
+        scene=None if scene is None else scene.read_text(encoding="utf-8"),
+    )
+    write_text_file(output, text, STORY)
+    log(f"{output}: {len(text) / 1e6:.1f} MB")
+
+
+def _told(step: Step, files: SceneFiles) -> Told:
+    if not files.has(*step.needs):
+        return Told(step.heading, (step.absent,), "", None)
+    has_picture = step.page is not None and files.has(step.page)
+    picture = read_picture(files.paths[STAGES[step.page].output]).address if has_picture else None
+    return Told(step.heading, tuple(step.lines(files)), step.look if has_picture else "", picture)
+
+
+def _costs(files: SceneFiles) -> list[Cost]:
+    """Costs of the stages that tell them, in the order of the pipeline."""
+    records = {one.provenance["stage"]: one.provenance for one in files.artifacts.values()}
+    records |= {"survey": files.survey["provenance"]} if files.has("survey") else {}
+    records |= {"metrics": files.metrics["provenance"]} if files.has("metrics") else {}
+    order: Mapping[str, int] = {name: place for place, name in enumerate(STAGES) if name not in PAGES}
+    return [
+        Cost(name, *(float(record[key]) for key in ("wall_s", "cpu_s", "peak_memory_mb")))
+        for name, record in sorted(records.items(), key=lambda item: order[item[0]])
+    ]
+
+
+def _warnings(files: SceneFiles) -> list[str]:
+    found = warnings_of(*files.artifacts.values())
+    if files.has("metrics"):
+        own = (alarm for alarm in files.metrics["alarms"] if alarm["key"].startswith("metrics."))
+        found += [
+            f"alarm: {one['key']}: {one['found']} (normal: {one['normal']}). {one['advice']}" for one in own
+        ]
+    return found

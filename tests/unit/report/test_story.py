@@ -1,0 +1,74 @@
+"""The story of a scene: one page with each step, its picture, its cost and its alarms."""
+
+import re
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from egosplat import cli
+from egosplat.errors import UserError
+from egosplat.report.story import STEPS, run
+from tests.support.page_scene import put_page_scene
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """A plain scene without annotations, survey and masks, and one of its pages."""
+    folder = tmp_path / "scene1"
+    folder.mkdir()
+    put_page_scene(folder)
+    Image.fromarray(np.zeros((4, 4, 3), np.uint8)).save(folder / "language.png")
+    (folder / "scene.html").write_text('<!doctype html><p title="a">3 < 4</p>')
+    return folder
+
+
+def told(scene, title="mine/scene") -> str:
+    run(sorted(scene.iterdir()), scene.parent / "story.html", title)
+    return (scene.parent / "story.html").read_text()
+
+
+def test_the_steps_come_in_order_with_pictures_and_costs(scene):
+    page = told(scene)
+    headings = re.findall(r"<h2 id=.step.*?>\d+\. (.*?)</h2>", page)
+    assert headings == [step.heading for step in STEPS]
+    assert "700 Gaussians" in page and "2 views are outliers" in page and "4 of 5 frames have a pose" in page
+    assert page.count("data:image/png") == 1, "one page is there"
+    costs = re.findall(r"<tr><td>(\w+)</td>", page)
+    assert costs == ["frames", "poses", "instances", "features", "splats", "language"]
+
+
+def test_what_a_scene_lacks_is_one_line(scene):
+    page = told(scene)
+    for step in filter(lambda step: step.absent, STEPS):
+        assert (step.absent in page) == (
+            step.heading in ("Survey: what the scene requires", "What moves", "Questions")
+        )
+
+
+def test_names_and_the_scene_page_are_escaped(scene):
+    page = told(scene, title="<b>bold</b>")
+    assert "<b>" not in page and "&lt;b&gt;bold" in page
+    assert 'srcdoc="&lt;!doctype html&gt;&lt;p title=&#34;a&#34;&gt;3 &lt; 4' in page
+
+
+def test_a_missing_file_is_named(scene):
+    with pytest.raises(UserError, match=r"crops.png: does not exist. Make it: snakemake"):
+        run([scene / "crops.png"], scene / "story.html", "mine/scene")
+
+
+def test_a_page_of_another_program_stays(scene, monkeypatch, capfd):
+    words = [
+        "egosplat",
+        "story",
+        "--title",
+        "x",
+        "--output",
+        str(scene / "scene.html"),
+        str(scene / "frames.zarr"),
+    ]
+    monkeypatch.setattr(sys, "argv", words)
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert end.value.code == 2 and "was not written by" in capfd.readouterr().err
