@@ -1,0 +1,63 @@
+"""The recipes of containers agree with each other and with the repository. No image is built here."""
+
+import re
+import shlex
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+DOCKER = (ROOT / "containers/Dockerfile").read_text()
+APPTAINER = (ROOT / "containers/egosplat.def").read_text()
+EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+INSTRUCTIONS = {"ARG", "FROM", "ENV", "RUN", "WORKDIR", "COPY", "ENTRYPOINT", "CMD"}
+
+
+def instructions() -> list[tuple[str, str]]:
+    """Instructions of the Dockerfile with their arguments, continued lines joined."""
+    lines = re.sub(r"\\\n", " ", DOCKER).splitlines()
+    return [tuple(line.split(maxsplit=1)) for line in lines if line and not line.startswith("#")]
+
+
+def section(name: str) -> str:
+    return re.search(rf"^%{name}\n((?:    .*\n|\n)*)", APPTAINER, re.MULTILINE)[1]
+
+
+def packages(text: str) -> list[str]:
+    words = shlex.split(re.search(r"apt-get install (.*?)(?:&&|\n|$)", text)[1])
+    return [word for word in words if not word.startswith("--")]
+
+
+def test_the_dockerfile_has_known_instructions_in_a_valid_order():
+    found = [name for name, _ in instructions()]
+    assert set(found) <= INSTRUCTIONS
+    assert found[:2] == ["ARG", "FROM"] and found.count("FROM") == 1
+    # An argument before FROM is not known after it.
+    known = {value.partition("=")[0] for name, value in instructions()[2:] if name == "ARG"}
+    used = {key for name, value in instructions()[2:] for key in re.findall(r"\$\{(\w+)\}", value)}
+    assert used <= known | {"PATH"}
+
+
+def test_both_recipes_install_the_same():
+    (run,) = [value for name, value in instructions() if name == "RUN" and "apt-get" in value]
+    assert packages(run) == packages(section("post")) == sorted(packages(run))
+    for text in (DOCKER, APPTAINER):
+        assert "make install" in text and "BASE=ubuntu:24.04" in text and "EXTRA=viewer" in text
+    assert re.search(r"^install:", (ROOT / "Makefile").read_text(), re.MULTILINE)
+
+
+@pytest.mark.parametrize("text", [DOCKER, APPTAINER, (ROOT / "docs/containers.md").read_text()])
+def test_extras_that_are_named_exist(text):
+    assert set(re.findall(r"EXTRA=(\w+)", text)) <= set(EXTRAS)
+
+
+def test_nothing_made_goes_into_the_image():
+    ignored = (ROOT / ".dockerignore").read_text().split()
+    assert {".git", ".venv", ".snakemake", "logs", "results"} <= set(ignored)
+
+
+def test_the_workflow_names_the_image_that_the_page_builds():
+    (named,) = re.findall(r'^container: "(.*)"$', (ROOT / "workflow/Snakefile").read_text(), re.MULTILINE)
+    page = (ROOT / "docs/containers.md").read_text()
+    assert f"apptainer build {named} containers/egosplat.def" in page and "Nobody has built" in page
