@@ -4,8 +4,6 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-import yaml
-
 from benchmarks.growth.assumptions import Assumptions
 from benchmarks.growth.fitting import Fit
 from benchmarks.growth.laws import LAWS
@@ -72,8 +70,7 @@ class Cluster:
 
 def paper_config() -> Config:
     """The configuration of the preset ``paper``."""
-    preset = yaml.safe_load((ROOT / "config/presets/paper.yaml").read_text())
-    return configuration.merge(configuration.defaults(), preset)
+    return configuration.resolve({"preset": "paper"}, ROOT / "config/presets")
 
 
 def paper_sizes(assumed: Assumptions) -> Sizes:

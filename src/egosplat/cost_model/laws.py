@@ -35,6 +35,12 @@ START_S = 4.0
 _RENDERS = frozenset({"transient", "splats", "language", "language_trained", "metrics", "metrics_published"})
 
 
+# Terms of memory alone: pictures that Gaussians are trained on. No more of them are in memory
+# (egosplat.gaussians.stored_rows.IN_MEMORY).
+_PICTURES = frozenset({("training", "pixels"), ("training", "initial_pixels")})
+HELD_MIB = 1536
+
+
 def law_of(stage: str, config: Config, *, colmap: bool = False) -> str:
     """The name of the law of a stage under a configuration.
 
@@ -87,9 +93,11 @@ def gpu_seconds(law: str, sizes: Mapping[str, float]) -> float:
 
 
 def evaluate(law: Mapping[Term, float], sizes: Mapping[str, float]) -> float:
-    """Evaluate a law; sizes of terms with coefficient 0 may be unknown."""
+    """Evaluate a law; sizes of terms with coefficient 0 may be unknown. Pictures in memory are at most ``HELD_MIB``."""
     return math.fsum(
-        factor * math.prod(sizes[name] for name in term) for term, factor in law.items() if factor
+        min(factor * math.prod(sizes[name] for name in term), HELD_MIB if term in _PICTURES else math.inf)
+        for term, factor in law.items()
+        if factor
     )
 
 

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from egosplat.cost_model.laws import law_of, laws, memory_mib, seconds
+from egosplat.cost_model.laws import HELD_MIB, law_of, laws, memory_mib, seconds
 from egosplat.cost_model.sizes import Sizes
+from egosplat.gaussians.stored_rows import IN_MEMORY
 from egosplat.pipeline.config import defaults, merge
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -151,3 +152,11 @@ def test_laws_predict_the_larger_scene_that_they_were_not_fitted_to():
         assert run["peak_memory_mb"] < 1.3 * memory_mib(law, sizes), run["stage"]
         assert memory_mib(law, sizes) < 1.3 * run["peak_memory_mb"], run["stage"]
         assert run["cpu_s"] < 3 * seconds(law, sizes), run["stage"]
+
+
+def test_no_more_pictures_are_in_memory_than_training_holds():
+    """3,600 frames of 1408 px took 4.7 GiB with 20,000 Gaussians and masks (benchmarks/long_recording)."""
+    assert HELD_MIB * 2**20 == IN_MEMORY
+    sizes = {"training": 3588, "pixels": 1408**2, "gaussians": 20_000, "joint": 0}
+    assert 3.5 < memory_mib("splats", sizes) / 1024 < 7
+    assert memory_mib("splats", sizes | {"training": 50}) < memory_mib("splats", sizes)
