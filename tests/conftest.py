@@ -54,8 +54,7 @@ class Workdir:
 
     PAGES = ("contact_sheet", "instances", "crops", "transient", "splats", "language", "queries")
     MAIN = tuple(
-        f"results/adt/scene1/{name}"
-        for name in ("metrics.json", "scene.html", "story.html", *map("{}.png".format, PAGES))
+        f"results/adt/scene1/{name}" for name in ("metrics.json", "scene.html", *map("{}.png".format, PAGES))
     )
     """The outputs in ``finished``: scores and every page."""
 

@@ -141,7 +141,7 @@ def test_a_new_room_reruns_nothing(workdir):
 def test_after_an_edit_only_that_stage_runs_and_then_nothing(workdir):
     workdir.edit("poses/adt.py", "\ndef adt_poses", "\nCHANGED = 1\n\n\ndef adt_poses")
     output = workdir.run(POSES)
-    assert set(re.findall(r"^(?:local)?rule (\w+):", output, re.MULTILINE)) == {"poses"}
+    assert set(re.findall(r"^\[\d+/\d+\] (\w+): ", output, re.MULTILINE)) == {"poses"}
     assert workdir.stale(POSES) == set()
 
 

@@ -30,7 +30,7 @@ def made(workdir, config: str, *targets: str) -> set[str]:
     done = workdir.snakemake("more.yaml", "--", *targets)
     said = done.stdout + done.stderr
     assert done.returncode == 0, said
-    return set(re.findall(r"^(?:local)?(?:rule|checkpoint) (\w+):", said, re.MULTILINE))
+    return set(re.findall(r"^\[\d+/\d+\] (\w+): ", said, re.MULTILINE))
 
 
 def edges(workdir, config: str, *targets: str) -> set[tuple[str, str]]:

@@ -116,11 +116,11 @@ class PlainOutput(logging.Formatter):
         """The line in place of a record; None for Snakemake's own text."""
         if event == LogEvent.RUN_INFO:
             times.plan({rule: count for rule, count in record["stats"].items() if rule != "total"})
-            return f"{_MESSAGE}{times.total} steps{_left(times)}"
+            return f"{times.total} steps{_left(times)}"
         if event == LogEvent.JOB_INFO:
             number = times.begin(record["jobid"], record["rule_name"])
             made = record["output"][0] if record["output"] else record["rule_name"]
-            return f"{_MESSAGE}step {number} of {times.total}, {record['rule_name']}: {made}{_left(times)}"
+            return f"[{number}/{times.total}] {record['rule_name']}: {made}{_left(times)}"
         if event == LogEvent.JOB_FINISHED:
             times.finish(record["job_id"])
         if event == LogEvent.PROGRESS:

@@ -119,7 +119,7 @@ def test_a_command_logs_the_alarms_of_what_it_made(tmp_path, monkeypatch, capfd,
     labels = np.repeat(np.arange(4, dtype=np.int32), 2)[None, None, None, :]
     arrays = {"labels": labels, "instances/level": np.zeros(4, np.int8)}
     written(tmp_path, "frames", {"train": np.ones(1, bool), "valid": np.ones((1, 8), bool)}, {})
-    written(tmp_path, "instances", arrays, {"levels": ["whole"]}, made_from=["frames"])
+    written(tmp_path, "instances", arrays, {"levels": ["whole"], "source": "tracks"}, made_from=["frames"])
     probability = (np.arange(8) < moving).astype(np.float16)[None, None, :]
     written(tmp_path, "transient", {"probability": probability}, {}, made_from=["frames"])
     paths = {

@@ -86,18 +86,15 @@ def test_a_step_is_one_line_with_the_time_that_is_left():
     plain = PlainOutput(DefaultFormatter())
     plain.times = StepTimes({"frames": 30.0, "poses": 10.0, "splats": 300.0}.get, lambda: now[0])
     stats = {"frames": 1, "poses": 1, "splats": 1, "total": 3}
-    assert (
-        plain.format(record(LogEvent.RUN_INFO, "a table", stats=stats))
-        == "egosplat: 3 steps, about 6 min left"
-    )
+    assert plain.format(record(LogEvent.RUN_INFO, "a table", stats=stats)) == "3 steps, about 6 min left"
     frames = record(LogEvent.JOB_INFO, jobid=7, rule_name="frames", output=["results/frames.zarr"])
-    expected = "egosplat: step 1 of 3, frames: results/frames.zarr, about 6 min left"
+    expected = "[1/3] frames: results/frames.zarr, about 6 min left"
     assert plain.format(frames) == expected
     now[0] = 60.0
     assert plain.format(record(LogEvent.JOB_FINISHED, "Finished jobid: 7", job_id=7)) == ""
     assert plain.format(record(LogEvent.PROGRESS, done=1, total=3)) == ""
     poses = record(LogEvent.JOB_INFO, jobid=8, rule_name="poses", output=["results/poses.zarr"])
-    assert plain.format(poses) == "egosplat: step 2 of 3, poses: results/poses.zarr, about 10 min left"
+    assert plain.format(poses) == "[2/3] poses: results/poses.zarr, about 10 min left"
 
 
 def test_steps_that_were_not_planned_are_counted():
@@ -106,7 +103,7 @@ def test_steps_that_were_not_planned_are_counted():
     plain.format(record(LogEvent.RUN_INFO, stats={"survey": 1, "total": 1}))
     for number, rule in enumerate(("survey", "transient"), 1):
         line = plain.format(record(LogEvent.JOB_INFO, jobid=number, rule_name=rule, output=[f"{rule}.zarr"]))
-        assert line == f"egosplat: step {number} of {number}, {rule}: {rule}.zarr"
+        assert line == f"[{number}/{number}] {rule}: {rule}.zarr"
 
 
 def test_lines_of_snakemake_about_itself_are_left_out_and_warnings_stay():
