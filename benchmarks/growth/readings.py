@@ -8,6 +8,7 @@ from typing import Any
 
 from egosplat.artifacts.reader import Artifact, open_any
 from egosplat.artifacts.registry import SCHEMAS
+from egosplat.cost_model.sizes import LARGE_PIXELS
 from egosplat.pipeline.survey_file import read_survey
 from egosplat.survey.motion import SIDE
 
@@ -131,6 +132,7 @@ def _transient(one: Artifact) -> Sizes:
         "initial_iterations": iterations,
         "network_iterations": iterations - round(options["warmup"] * iterations),
         "initial_pixels": math.prod(one.facts["working_size"]),
+        "large_initial_pixels": max(0, math.prod(one.facts["working_size"]) - LARGE_PIXELS),
         "network_pixels": options["input_size"] ** 2,
         "initial_gaussians": one.facts["gaussians"],
     }
@@ -143,6 +145,7 @@ def _splats(one: Artifact) -> Sizes:
         "gaussians": gaussians,
         "mean_gaussians": float(one.read("curve/gaussians").mean()),
         "joint": joint,
+        "mask_bytes": {"none": 0, "refined": 1, "initial": 2}[one.provenance["options"]["masking"]],
     }
 
 

@@ -35,9 +35,11 @@ START_S = 4.0
 _RENDERS = frozenset({"transient", "splats", "language", "language_trained", "metrics", "metrics_published"})
 
 
-# Terms of memory alone: pictures that Gaussians are trained on. No more of them are in memory
+# Terms of memory alone: pictures that Gaussians are trained on, and their masks. No more of each are in memory
 # (egosplat.gaussians.stored_rows.IN_MEMORY).
-_PICTURES = frozenset({("training", "pixels"), ("training", "initial_pixels")})
+_HELD = frozenset(
+    {("training", "pixels"), ("training", "pixels", "mask_bytes"), ("training", "initial_pixels")}
+)
 HELD_MIB = 1536
 
 
@@ -93,9 +95,9 @@ def gpu_seconds(law: str, sizes: Mapping[str, float]) -> float:
 
 
 def evaluate(law: Mapping[Term, float], sizes: Mapping[str, float]) -> float:
-    """Evaluate a law; sizes of terms with coefficient 0 may be unknown. Pictures in memory are at most ``HELD_MIB``."""
+    """Evaluate a law; sizes of terms with coefficient 0 may be unknown. Pictures or masks in memory are at most ``HELD_MIB``."""
     return math.fsum(
-        min(factor * math.prod(sizes[name] for name in term), HELD_MIB if term in _PICTURES else math.inf)
+        min(factor * math.prod(sizes[name] for name in term), HELD_MIB if term in _HELD else math.inf)
         for term, factor in law.items()
         if factor
     )

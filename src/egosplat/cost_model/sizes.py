@@ -26,6 +26,9 @@ UNKNOWN_FRAMES = 3600
 # Pixels of a recorded frame; ADT's. No artifact stores the recording's own size.
 RECORDED_PIXELS = 1408**2
 
+# The laws were fitted to pictures of the temporary Gaussians with at most so many pixels.
+LARGE_PIXELS = 512**2
+
 # By size: the artifacts that have it, the array, and the axes whose product it is.
 _IN_ARTIFACTS: dict[str, tuple[tuple[str, str, slice], ...]] = {
     "frames": (("frames", "rgb", slice(0, 1)), ("instances", "labels", slice(0, 1))),
@@ -148,6 +151,11 @@ def _network_iterations(config: Config, _: Sizes) -> float:
     return keys["iterations"] - round(keys["warmup"] * keys["iterations"])
 
 
+def _mask_bytes(config: Config, _: Sizes) -> float:
+    """Bytes for each pixel of the array that ``splats.masking`` reads; ``auto`` may read refined masks."""
+    return {"none": 0, "initial": 2}.get(config["splats"]["masking"], 1)
+
+
 def _autoencoder(config: Config, _: Sizes) -> float:
     return float(config["features"]["compression"] == "autoencoder")
 
@@ -188,12 +196,14 @@ _FROM_CONFIG: dict[str, Callable[[Config, Sizes], float]] = {
     "initial_iterations": lambda config, _: config["transient"]["iterations"],
     "network_iterations": _network_iterations,
     "initial_pixels": lambda config, sizes: min(config["transient"]["resolution"] ** 2, sizes["pixels"]),
+    "large_initial_pixels": lambda _, sizes: max(0, sizes["initial_pixels"] - LARGE_PIXELS),
     "network_pixels": lambda config, _: config["transient"]["input_size"] ** 2,
     "initial_gaussians": lambda config, _: config["transient"]["max_gaussians"],
     # Gaussians; density control reaches its budget.
     "iterations": lambda config, _: config["splats"]["iterations"],
     "gaussians": lambda config, _: config["splats"]["max_gaussians"],
     "mean_gaussians": lambda _, sizes: sizes["gaussians"],
+    "mask_bytes": _mask_bytes,
     "joint": lambda config, sizes: sizes["codes"] if config["splats"]["language"] == "joint" else 0,
     "language_iterations": lambda config, _: config["language"]["iterations"],
 }
