@@ -54,27 +54,24 @@ def _gsplat(config: Config) -> Finding:
 
     from egosplat.rasterize.cuda import GSPLAT_REQUIREMENT, load_gsplat, unsupported
 
-    install = "Run: pip install 'egosplat[cuda]'"
+    install, backend = "Run: pip install 'egosplat[cuda]'", config["splats"]["backend"]
+    # With auto, Gaussians are trained on the CPU where gsplat cannot run.
+    mark = Mark.MISSING if backend == "cuda" else Mark.NOTE
     try:
         version = metadata.version("gsplat")
     except metadata.PackageNotFoundError:
-        pass
-    else:
-        if not (problem := unsupported(version)):
-            if torch.cuda.is_available() and config["splats"]["backend"] in ("auto", "cuda"):
-                # An installed gsplat may still not compile, for which training would end.
-                try:
-                    load_gsplat()
-                except UserError as error:
-                    return Finding(Mark.MISSING, "gsplat", f"{version} does not load", str(error))
-            return Finding(Mark.OK, "gsplat", version)
-        mark = Mark.MISSING if torch.cuda.is_available() else Mark.NOTE
+        if backend == "cuda" or torch.cuda.is_available():
+            return Finding(mark, "gsplat", "not installed: Gaussians cannot be trained on a GPU", install)
+        return Finding(Mark.OK, "gsplat", "not installed; only a GPU needs it")
+    if problem := unsupported(version):
         return Finding(mark, "gsplat", f"{version} {problem}", f"Run: pip install '{GSPLAT_REQUIREMENT}'")
-    if config["splats"]["backend"] == "cuda":
-        return Finding(Mark.MISSING, "gsplat", "not installed, and splats.backend is cuda", install)
-    if torch.cuda.is_available():
-        return Finding(Mark.NOTE, "gsplat", "not installed: Gaussians are trained on the CPU", install)
-    return Finding(Mark.OK, "gsplat", "not installed; only a GPU needs it")
+    if torch.cuda.is_available() and backend in ("auto", "cuda"):
+        # An installed gsplat may still not compile.
+        try:
+            load_gsplat()
+        except UserError as error:
+            return Finding(mark, "gsplat", f"{version} does not load", str(error))
+    return Finding(Mark.OK, "gsplat", version)
 
 
 def _compiler() -> Finding:

@@ -4,24 +4,31 @@ import importlib.util
 
 import torch
 
+from egosplat.errors import UserError
 from egosplat.kernels import library
+from egosplat.progress import log
 from egosplat.rasterize.cuda import load_gsplat
 
 
 def training_device(backend: str) -> torch.device:
     """Return the device for a rasterization backend.
 
-    ``auto`` selects the GPU if there is one and gsplat is installed. gsplat is loaded here, so that one that cannot be
-    compiled ends a stage before it reads anything.
+    ``auto`` selects the GPU if there is one and gsplat is installed and loads; if it does not load, the reason is logged.
+    gsplat is loaded here, so that one that cannot be compiled ends a stage before it reads anything.
 
     Raises:
-        UserError: the chosen GPU or its gsplat cannot run on this machine.
+        UserError: the backend is ``cuda``, and the GPU or its gsplat cannot run on this machine.
     """
-    # A GPU without gsplat cannot render.
-    usable = torch.cuda.is_available() and importlib.util.find_spec("gsplat") is not None
-    if backend == "cuda" or (backend == "auto" and usable):
+    if backend == "cuda":
         load_gsplat()
         return torch.device("cuda")
+    # A GPU without gsplat cannot render.
+    if backend == "auto" and torch.cuda.is_available() and importlib.util.find_spec("gsplat") is not None:
+        try:
+            load_gsplat()
+            return torch.device("cuda")
+        except UserError as error:
+            log(f"rendering on the CPU, which is slow. {error}")
     return torch.device("cpu")
 
 

@@ -238,18 +238,19 @@ def test_a_gpu_without_gsplat_comes_with_a_remedy(folder, monkeypatch):
 def test_an_unsupported_gsplat_comes_with_the_supported_one(version, problem, monkeypatch):
     """A wrong version is found before training starts."""
     monkeypatch.setattr(metadata, "version", lambda name: version)
-    config = {"splats": {"backend": "auto"}}
-    for gpu, mark in ((True, Mark.MISSING), (False, Mark.NOTE)):
-        monkeypatch.setattr(torch.cuda, "is_available", lambda gpu=gpu: gpu)
+    for backend, mark in (("cuda", Mark.MISSING), ("auto", Mark.NOTE)):
+        config = {"splats": {"backend": backend}}
+        monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
         finding = machine._gsplat(config)
         assert finding.mark == mark and version in finding.value and problem in finding.value
         assert "gsplat>=1.5.3,<1.6" in finding.advice
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     monkeypatch.setattr(metadata, "version", lambda name: "1.5.3+pt24cu124")
     assert machine._gsplat(config).mark == Mark.OK
 
 
 def test_a_gsplat_that_cannot_be_compiled_is_found(monkeypatch):
-    """An installed gsplat without nvcc would end training on the GPU that auto chooses."""
+    """With an installed gsplat but no nvcc, auto trains on the CPU, and cuda fails."""
 
     def fails() -> None:
         raise UserError("gsplat found no CUDA toolkit")
@@ -257,8 +258,8 @@ def test_a_gsplat_that_cannot_be_compiled_is_found(monkeypatch):
     monkeypatch.setattr(metadata, "version", lambda name: "1.5.3")
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(cuda, "load_gsplat", fails)
-    assert machine._gsplat({"splats": {"backend": "auto"}}).mark == Mark.MISSING
-    assert machine._gsplat({"splats": {"backend": "cpu"}}).mark == Mark.OK
+    for backend, mark in (("auto", Mark.NOTE), ("cuda", Mark.MISSING), ("cpu", Mark.OK)):
+        assert machine._gsplat({"splats": {"backend": backend}}).mark == mark
 
 
 def test_memory_is_read_from_meminfo(tmp_path):

@@ -1,0 +1,45 @@
+"""Which device trains Gaussians."""
+
+import importlib.util
+
+import pytest
+import torch
+
+from egosplat.errors import UserError
+from egosplat.gaussians import device
+from egosplat.gaussians.device import training_device
+
+
+@pytest.fixture
+def broken_gsplat(monkeypatch):
+    """A machine with a GPU and an installed gsplat that cannot compile itself."""
+
+    def fails() -> None:
+        raise UserError("backend cuda: gsplat found no CUDA toolkit")
+
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: object())
+    monkeypatch.setattr(device, "load_gsplat", fails)
+
+
+def test_auto_takes_the_cpu_and_says_why(broken_gsplat, capsys):
+    """An environment may have gsplat for the tests, and no nvcc."""
+    assert training_device("auto").type == "cpu"
+    assert (
+        "rendering on the CPU, which is slow. backend cuda: gsplat found no CUDA toolkit"
+        in capsys.readouterr().err
+    )
+
+
+def test_a_gpu_that_is_asked_for_is_an_error_if_it_cannot_render(broken_gsplat):
+    with pytest.raises(UserError, match="no CUDA toolkit"):
+        training_device("cuda")
+
+
+def test_auto_takes_a_gpu_that_renders(broken_gsplat, monkeypatch):
+    monkeypatch.setattr(device, "load_gsplat", lambda: object())
+    assert training_device("auto").type == "cuda"
+
+
+def test_the_cpu_loads_no_gsplat(broken_gsplat):
+    assert training_device("cpu").type == training_device("reference").type == "cpu"
