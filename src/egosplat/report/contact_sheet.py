@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.colors import hsv_to_rgb
 from numpy.typing import NDArray
 
@@ -97,7 +97,7 @@ def draw_from_above(axes: Axes, poses: Artifact) -> None:
     camera_to_world = poses.read("camera_to_world")[registered]
     plane = ground_axes(up)
     path = camera_to_world[:, :3, 3] @ plane.T
-    _scatter_points(axes, poses, plane, up, heights=camera_to_world[:, :3, 3] @ up)
+    points = _scatter_points(axes, poses, plane, up, heights=camera_to_world[:, :3, 3] @ up)
     segments = np.stack([path[:-1], path[1:]], axis=1)
     line = LineCollection(list(segments), cmap="plasma", linewidths=2.2, zorder=3)
     line.set_array(np.linspace(0, 1, len(segments)))
@@ -109,8 +109,11 @@ def draw_from_above(axes: Axes, poses: Artifact) -> None:
     axes.scatter(*path[-1], s=70, c="crimson", edgecolors="k", zorder=5, label="end")
     _widen(axes, LEAST_EXTENT)
     unit = "arbitrary unit" if poses.facts["notes"].get("scale") == "arbitrary" else "m"
-    title = "From above: points coloured by height, trajectory by time"
+    title = "From above: the points, and the trajectory from dark to light"
     axes.set(aspect="equal", title=title, xlabel=unit, ylabel=unit)
+    if points is not None:
+        bar = {"location": "bottom", "shrink": 0.6, "aspect": 40}
+        axes.figure.colorbar(points, ax=axes, label=f"height of a point [{unit}]", **bar)
     axes.legend(loc="upper right")
     axes.grid(alpha=0.2)
 
@@ -130,18 +133,19 @@ def _scatter_points(
     plane: NDArray[np.float64],
     up: NDArray[np.float64],
     heights: NDArray[np.float64],
-) -> None:
+) -> PathCollection | None:
+    """Draw the points below the highest camera; returns None if there are none."""
     points = poses.read("points/xyz")
     # The ceiling would hide the room.
     points = points[points @ up < heights.max()]
     if len(points) > 60_000:
         points = points[:: len(points) // 60_000 + 1]
     if not len(points):
-        return
+        return None
     flat, height = points @ plane.T, points @ up
     low, high = np.percentile(flat, [0.5, 99.5], axis=0)
     inside = ((flat >= low) & (flat <= high)).all(axis=1)
-    axes.scatter(
+    return axes.scatter(
         *flat[inside].T,
         c=height[inside],
         s=float(np.clip(2e4 / len(flat), 1.2, 8)),

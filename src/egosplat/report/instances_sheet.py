@@ -15,7 +15,7 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.output_files import check_output, picture_kind
 from egosplat.report.figure import draw_heading, ground_axes, plt, save_figure, show
-from egosplat.report.merged_crops import draw_merged_crops, largest_wholes
+from egosplat.report.merged_crops import draw_merged_crops, largest_and_most_changed
 from egosplat.sampling import evenly_spaced
 
 PAGE = picture_kind("egosplat instances-sheet")
@@ -26,8 +26,7 @@ PICTURES = 6
 # Width of an image on the page [inches].
 CELL = 2.9
 
-# Number of instances whose crops are shown, and height of a crop relative to that of an image.
-CROPPED = 2
+# Height of a crop relative to that of an image.
 CROP = 0.6
 
 # Opacity of an instance's colour.
@@ -62,7 +61,7 @@ def run(
     in_3d = instances.shape("gaussians/xyz")[0] > 0
     columns = len(shown) + in_3d
     # Tracks are what they were before.
-    cropped = largest_wholes(instances, CROPPED) if in_3d else []
+    cropped = largest_and_most_changed(segments, instances) if in_3d else []
     heights = [1.0] * (1 + len(levels)) + [CROP] * (2 * len(cropped))
     size = (CELL * columns, sum(CELL * height / width * part + 0.25 for part in heights) + 0.9)
     figure, grid = plt.subplots(

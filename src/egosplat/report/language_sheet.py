@@ -1,12 +1,12 @@
-"""Draw the codes of the Gaussians on one page: views around one place, with the codes of each level as colours."""
+"""Draw the codes of the Gaussians on one page: views through the recording, with the codes of each level as colours."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from egosplat.alarms.artifact_alarms import warnings_of
 from egosplat.artifacts.consistency import check_made_from
@@ -15,18 +15,15 @@ from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS, camera_poses
 from egosplat.codes.rendering import render_codes
-from egosplat.geometry import Camera, make_pose
+from egosplat.geometry import Camera
 from egosplat.output_files import check_output, picture_kind
 from egosplat.query.scene import TrainedScene, read_trained_scene
 from egosplat.report.figure import draw_heading, plt, save_figure, show
 
 PAGE = picture_kind("egosplat language-sheet")
 
-# Number of views of a full turn.
-TURNS = 6
-
-# Share of the frames, those nearest to the middle of the trajectory, to choose the place from.
-NEAREST = 0.1
+# Maximum number of views.
+VIEWS = 6
 
 # Maximum side of a rendered image [px].
 LONGEST_SIDE = 512
@@ -74,10 +71,14 @@ def run(poses_path: Path, splats_path: Path, language_path: Path, output: Path, 
     scene = read_trained_scene(splats, "auto")
     levels = language.facts["levels"]
     camera = _reduced(scene.camera)
-    size = (CELL * TURNS, (CELL * camera.height / camera.width + 0.25) * (1 + len(levels)) + 0.9)
-    figure, grid = plt.subplots(1 + len(levels), TURNS, squeeze=False, figsize=size, layout="constrained")
+    camera_to_world = camera_poses(poses, splats)
+    frames = choose_frames(camera_to_world, poses.read("registered"), VIEWS)
+    size = (CELL * VIEWS, (CELL * camera.height / camera.width + 0.25) * (1 + len(levels)) + 0.9)
+    figure, grid = plt.subplots(1 + len(levels), VIEWS, squeeze=False, figsize=size, layout="constrained")
+    for cell in grid.flat:
+        cell.set_axis_off()
     draw_heading(figure, f"{title}: {_summary(language)}", warnings_of(language))
-    _draw_views(grid, scene, camera_poses(poses, splats), poses, language, camera)
+    _draw_views(grid, scene, {frame: camera_to_world[frame] for frame in frames}, language, camera)
     save_figure(figure, output, PAGE)
 
 
@@ -90,7 +91,8 @@ def _reduced(camera: Camera) -> Camera:
 def _summary(language: Artifact) -> str:
     return (
         f"language codes of the Gaussians ({language.facts['method']}), origin {language.origin}\n"
-        "views around one place: rendered colours, and codes of each level; similar colours are similar features; "
+        "views of the recording, as different as possible: rendered colours, and codes of each level; similar colours are "
+        "similar features; "
         "dark grey: no code, because no training view shows an instance"
     )
 
@@ -99,19 +101,15 @@ def _summary(language: Artifact) -> str:
 def _draw_views(
     grid: NDArray[np.object_],
     scene: TrainedScene,
-    camera_to_world: NDArray[np.float64],
-    poses: Artifact,
+    poses: Mapping[int, NDArray[np.float64]],
     language: Artifact,
     camera: Camera,
 ) -> None:
+    """Draw a column for each frame of ``poses``, which has its (4, 4) camera_to_world."""
     code, share = language.read("code"), language.read("share")
     colours, device = principal_colours(code, share), scene.gaussians.means.device
-    up = poses.read("up")
-    frame = choose_place(camera_to_world, poses.read("registered"), up)
-    for column, turn in enumerate(np.arange(TURNS) * 360.0 / TURNS):
-        pose = turned_right(camera_to_world[frame], up, turn)
-        heading = f"turned {turn:.0f}° to the right" if column else f"as in frame {frame}"
-        show(grid[0, column], scene.picture(camera, pose), heading)
+    for column, (frame, pose) in enumerate(poses.items()):
+        show(grid[0, column], scene.picture(camera, pose), f"as in frame {frame}")
         rendered = render_codes(
             scene.gaussians,
             torch.from_numpy(code).to(device),
@@ -157,24 +155,27 @@ def _scaled(variance: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDAr
     return axes
 
 
-def choose_place(poses: NDArray[np.float64], registered: NDArray[np.bool_], up: NDArray[np.float64]) -> int:
-    """Choose the frame to render views around.
+def choose_frames(
+    camera_to_world: NDArray[np.float64], registered: NDArray[np.bool_], most: int
+) -> list[int]:
+    """Choose frames that see different parts of the scene: each is as far as possible from all chosen before.
+
+    Cameras of the recording saw what they look at; a virtual camera may look where nothing is.
 
     Args:
-        poses: (F, 4, 4) camera_to_world.
+        camera_to_world: (F, 4, 4), OpenCV axes.
         registered: (F,) which frames have a pose, at least one.
-        up: (3,) unit vector against gravity.
+
+    Returns:
+        At most ``most`` frames, in order of time, the first registered one among them.
     """
-    # The wearer walked near the middle of the trajectory, so no wall blocks the view there. The most level view of
-    # these frames needs no tilting.
     rows = np.flatnonzero(registered)
-    places = poses[rows, :3, 3]
-    distance = np.linalg.norm(places - np.median(places, axis=0), axis=1)
-    nearest = rows[np.argsort(distance, kind="stable")[: max(1, round(NEAREST * len(rows)))]]
-    return int(nearest[np.argmin(np.abs(poses[nearest, :3, 2] @ up))])
-
-
-def turned_right(pose: NDArray[np.float64], up: NDArray[np.float64], degrees: float) -> NDArray[np.float64]:
-    """A (4, 4) camera_to_world turned in place about ``up``, clockwise as seen from above."""
-    rotation = Rotation.from_rotvec(-np.radians(degrees) * up).as_matrix()
-    return make_pose(rotation @ pose[:3, :3], pose[:3, 3])
+    places, directions = camera_to_world[rows, :3, 3], camera_to_world[rows, :3, 2]
+    # A step across all places counts as much as a half turn.
+    extent = max(float(np.linalg.norm(np.ptp(places, axis=0))), np.finfo(float).tiny)
+    described = np.concatenate([2.0 * places / extent, directions], axis=1)
+    chosen, nearest = [0], np.full(len(rows), np.inf)
+    while len(chosen) < min(most, len(rows)):
+        nearest = np.minimum(nearest, np.linalg.norm(described - described[chosen[-1]], axis=1))
+        chosen.append(int(np.argmax(nearest)))
+    return sorted(int(rows[one]) for one in set(chosen))

@@ -1,4 +1,4 @@
-"""Draw crops of the largest instances before and after masks were merged in 3D."""
+"""Draw crops of instances before and after masks were merged in 3D."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,12 +15,40 @@ _BACKGROUND = 0.12
 _SEARCHED = 60
 _LEAST_SHARE = 0.01
 
+# Instances, the largest, from which the most changed one is chosen.
+_LARGEST = 12
 
-def largest_wholes(instances: Artifact, most: int) -> list[int]:
-    """At most ``most`` instances of the coarsest level, those with the most Gaussians first."""
+
+def largest_and_most_changed(segments: Artifact, instances: Artifact) -> list[int]:
+    """The largest instance of the coarsest level, and of the next largest ones that whose masks were changed most.
+
+    Returns:
+        Two instances; fewer if there are not as many.
+    """
     owner = instances.read("gaussians/instance")[:, -1]
     counts = np.bincount(owner[owner >= 0])
-    return [int(one) for one in np.argsort(-counts, kind="stable")[:most] if counts[one]]
+    largest = [int(one) for one in np.argsort(-counts, kind="stable")[:_LARGEST] if counts[one]]
+    if len(largest) < 2:
+        return largest
+    kept = _kept(segments, instances)
+    return [largest[0], min(largest[1:], key=lambda one: kept.get(one, 1.0))]
+
+
+def _kept(segments: Artifact, instances: Artifact) -> dict[int, float]:
+    """Mean IoU of each instance, in frames that show enough of it, with the mask that holds most of it."""
+    prompted = np.unique(segments.read("instances/first_frame"))
+    found: dict[int, list[float]] = {}
+    for frame in prompted[evenly_spaced(len(prompted), _SEARCHED)].tolist():
+        before, after = _labels(segments, instances, frame)
+        sizes = np.bincount(before[before >= 0], minlength=1)
+        for instance, count in zip(*np.unique(after[after >= 0], return_counts=True), strict=True):
+            within = before[(after == instance) & (before >= 0)]
+            if count >= _LEAST_SHARE * after.size and len(within):
+                common = np.bincount(within)
+                mask = int(common.argmax())
+                iou = common[mask] / (count + sizes[mask] - common[mask])
+                found.setdefault(int(instance), []).append(float(iou))
+    return {instance: float(np.mean(values)) for instance, values in found.items()}
 
 
 def draw_merged_crops(

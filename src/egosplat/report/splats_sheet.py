@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
 from egosplat.alarms.artifact_alarms import warnings_of
@@ -39,7 +40,7 @@ def run(frames_path: Path, splats_path: Path, output: Path, *, title: str) -> No
     _, height, width, _ = frames.shape("rgb")
     cell = CELL * float(np.clip(width / height, 0.6, 1.8))
     more = 4.0 if has_corrections(splats) else 0.0
-    figure = plt.figure(figsize=(4.6 + columns * cell, 3 * CELL + 1.2 + more), layout="constrained")
+    figure = plt.figure(figsize=(5.4 + columns * cell, 3 * CELL + 1.2 + more), layout="constrained")
     summary = _summary(frames, splats)
     draw_heading(figure, f"{title}: {summary}", warnings_of(splats), 13)
     page = figure
@@ -48,14 +49,17 @@ def run(frames_path: Path, splats_path: Path, output: Path, *, title: str) -> No
         from_above, over_time = below.subplots(1, 2)
         draw_poses(from_above, splats)
         draw_gains(over_time, splats)
-    left, right = page.subfigures(1, 2, width_ratios=(4.6, columns * cell))
+    left, right = page.subfigures(1, 2, width_ratios=(4.6, columns * cell + 0.8))
     _draw_curves(left.subplots(3, 1, sharex=True), splats)
     grid = right.subplots(3, columns, squeeze=False)
     for axes in grid.flat:
         axes.set_axis_off()
-    for column, row in enumerate(shown):
-        _draw_frame(grid[:, column], frames, splats, row)
-    if not shown:
+    errors = [_draw_frame(grid[:, column], frames, splats, row) for column, row in enumerate(shown)]
+    if errors:
+        limit = f"{ERROR_LIMIT:.0%} and more"
+        bar = right.colorbar(errors[0], ax=grid[2].tolist(), label="error, mean over the channels")
+        bar.set_ticks([0.0, ERROR_LIMIT / 2, ERROR_LIMIT], labels=["0%", f"{ERROR_LIMIT / 2:.0%}", limit])
+    else:
         grid[0, 0].set_title("no frame was held out", loc="left")
     save_figure(figure, output, PAGE)
 
@@ -113,8 +117,8 @@ def _smoothed(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return (sums[high] - sums[low]) / (high - low)
 
 
-def _draw_frame(cells: NDArray[np.object_], frames: Artifact, splats: Artifact, row: int) -> None:
-    """Draw a photograph, its render and their difference in one column."""
+def _draw_frame(cells: NDArray[np.object_], frames: Artifact, splats: Artifact, row: int) -> AxesImage:
+    """Draw a photograph, its render and their difference in one column; returns the difference."""
     frame = splats.read("held_out/frame")[row]
     photograph, render = frames.row("rgb", frame), splats.row("held_out/render", row)
     error = error_map(photograph, render, frames.read("valid"))
@@ -123,7 +127,7 @@ def _draw_frame(cells: NDArray[np.object_], frames: Artifact, splats: Artifact, 
     show(above, photograph, f"held out, frame {frame}", 10)
     show(middle, render, f"rendered: {psnr:.2f} dB, SSIM {ssim:.3f}", 10)
     mean = 100 * np.nanmean(error) if np.isfinite(error).any() else 0
-    show(below, error, f"mean error {mean:.1f} %", 10, cmap="inferno", vmin=0.0, vmax=ERROR_LIMIT)
+    return show(below, error, f"mean error {mean:.1f} %", 10, cmap="inferno", vmin=0.0, vmax=ERROR_LIMIT)
 
 
 def error_map(

@@ -8,12 +8,19 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from egosplat.errors import UserError
-from egosplat.geometry import Camera, is_rigid, make_pose
-from egosplat.report.language_sheet import UNKNOWN, choose_place, principal_colours, run, turned_right
-from tests.support.scenes import LEVELS, UP, put_scene
+from egosplat.geometry import Camera
+from egosplat.report.language_sheet import UNKNOWN, choose_frames, principal_colours, run
+from tests.support.scenes import LEVELS, put_scene
 
 CAMERA = Camera(36, 24, 18.0, 18.0, 18.0, 12.0)
 OPTIONS = {"near_plane": 0.1, "antialiased": False, "background": "black"}
+
+
+def looking_around(count: int) -> np.ndarray:
+    """(count, 4, 4) camera_to_world, each a sixth of a turn after the one before."""
+    poses = np.tile(np.eye(4), (count, 1, 1))
+    poses[:, :3, :3] = Rotation.from_euler("y", 60 * np.arange(count)[:, None], degrees=True).as_matrix()
+    return poses
 
 
 def scene(folder, channels: int, share: float, seed: int = 0, count: int = 60):
@@ -24,7 +31,8 @@ def scene(folder, channels: int, share: float, seed: int = 0, count: int = 60):
     shares[:, 0] = share
     code = rng.normal(size=(count, 2, channels)).astype(np.float32) * (shares[..., None] > 0)
     arrays = {
-        "registered": np.array([False, True, True, True]),
+        "registered": np.arange(7) > 0,
+        "camera_to_world": looking_around(7),
         "intrinsics": CAMERA.matrix,
         "means": (3.0 * around / np.linalg.norm(around, axis=1, keepdims=True)).astype(np.float32),
         "log_scales": np.full((count, 3), -0.7, np.float32),
@@ -128,28 +136,31 @@ def test_half_covered_pixels_are_half_grey():
     np.testing.assert_allclose(half, (full + none) / 2)
 
 
-def test_a_turn_to_the_right_is_in_place_and_level():
-    tilted = make_pose(Rotation.from_euler("x", -20, degrees=True).as_matrix(), np.array([1.0, 2.0, 3.0]))
-    turned = turned_right(tilted, UP, 90.0)
-    assert is_rigid(turned)
-    np.testing.assert_allclose(turned[:3, 3], [1.0, 2.0, 3.0])
-    # To the right of one who looks along z with y down is x.
-    ahead = np.cos(np.radians(20))
-    np.testing.assert_allclose(turned[:3, 2], [ahead, tilted[1, 2], 0.0], atol=1e-12)
-    np.testing.assert_allclose(turned_right(turned, UP, 270.0), tilted, atol=1e-12)
-
-
-def test_the_place_is_in_the_middle_of_the_walk_and_looks_level():
-    count = 41
+def test_frames_are_chosen_that_see_different_things():
+    """A walk that looks ahead, then turns round, then walks on: one frame of each part."""
+    count = 30
     poses = np.tile(np.eye(4), (count, 1, 1))
-    poses[:, 0, 3] = np.linspace(-5, 5, count)
-    poses[:, :3, :3] = Rotation.from_euler("x", -60, degrees=True).as_matrix()
-    poses[[0, 21], :3, :3] = np.eye(3)
+    poses[10:20, :3, :3] = Rotation.from_euler("y", 180, degrees=True).as_matrix()
+    poses[20:, 0, 3] = 4.0
     registered = np.ones(count, bool)
-    assert choose_place(poses, registered, UP) == 21  # 20 is the middle, 0 is as level but far away
-    registered[18:23] = False
+    chosen = choose_frames(poses, registered, 3)
+    assert [frame // 10 for frame in chosen] == [0, 1, 2]
+    registered[10:20] = False
     poses[~registered] = np.nan
-    assert choose_place(poses, registered, UP) in (16, 17, 23, 24)
-    one = np.zeros(count, bool)
-    one[3] = True
-    assert choose_place(poses, one, UP) == 3
+    assert [frame // 10 for frame in choose_frames(poses, registered, 2)] == [0, 2]
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_frames_of_a_still_camera_are_few(count):
+    """Equal views say no more than one."""
+    assert choose_frames(np.tile(np.eye(4), (count, 1, 1)), np.ones(count, bool), 6) == [0]
+
+
+def test_the_unit_of_the_world_does_not_matter():
+    rng = np.random.default_rng(0)
+    poses = np.tile(np.eye(4), (40, 1, 1))
+    poses[:, :3, :3] = Rotation.random(40, random_state=1).as_matrix()
+    poses[:, :3, 3] = rng.normal(size=(40, 3))
+    chosen = choose_frames(poses, np.ones(40, bool), 6)
+    poses[:, :3, 3] *= 1e6
+    assert choose_frames(poses, np.ones(40, bool), 6) == chosen and len(chosen) == 6
