@@ -56,9 +56,11 @@ def run(frames_path: Path, splats_path: Path, output: Path, *, title: str) -> No
         axes.set_axis_off()
     errors = [_draw_frame(grid[:, column], frames, splats, row) for column, row in enumerate(shown)]
     if errors:
-        limit = f"{ERROR_LIMIT:.0%} and more"
-        bar = right.colorbar(errors[0], ax=grid[2].tolist(), label="error, mean over the channels")
-        bar.set_ticks([0.0, ERROR_LIMIT / 2, ERROR_LIMIT], labels=["0%", f"{ERROR_LIMIT / 2:.0%}", limit])
+        bar = right.colorbar(
+            errors[0], ax=grid[2].tolist(), extend="max", label="error, mean over the channels"
+        )
+        ticks = [0.0, ERROR_LIMIT / 2, ERROR_LIMIT]
+        bar.set_ticks(ticks, labels=[f"{tick:.0%}" for tick in ticks])
     else:
         grid[0, 0].set_title("no frame was held out", loc="left")
     save_figure(figure, output, PAGE)
