@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from viser import ClientHandle
 
 # Time without a key after which a text is taken as a question [s].
-TYPING_S = 0.4
+TYPING_S = 0.2
 
 # Distance from which an answer is looked at, relative to the diagonal of its box; at least this share of the reach.
 STEP_BACK, NEAREST = 1.6, 0.25

@@ -1,0 +1,1 @@
+"""Times of the scene page and of the viewer in a real browser."""

@@ -1,0 +1,42 @@
+"""Times of the scene page and of the viewer, in a headless Chromium without a GPU.
+
+    python -m benchmarks.viewing results/adt/scene1
+
+Needs Chromium, and the packages playwright, psutil and viser.
+"""
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import click
+
+from benchmarks.common import command, scene_name
+from benchmarks.viewing import pages, viewers
+from benchmarks.viewing.multiplied import multiply
+from egosplat.artifacts import usage
+from egosplat.pipeline.config import defaults
+
+# Sizes of the page; the last is the default limit.
+SIZES = (10_000, 50_000, defaults()["scene_page"]["max_gaussians"])
+
+# Copies of each Gaussian in the scene of many: a million where a scene has 100,000.
+COPIES = 10
+
+WORDS = ("couch", "desk lamp", "carpet", "television", "window")
+
+
+@command(__doc__)
+@click.argument("scene", type=click.Path(exists=True, file_okay=False, path_type=Path))
+def main(scene: Path) -> None:
+    """Print both tables."""
+    with TemporaryDirectory() as work:
+        folder = Path(work)
+        rows = [pages.measured(scene, folder / f"{most}.html", most, WORDS) for most in SIZES]
+        many = multiply(scene, folder / "results" / "many" / "scene", COPIES)
+        rows.append(pages.measured(many, folder / "many.html", SIZES[-1], WORDS))
+        viewed = viewers.table(scene, WORDS)
+    click.echo(f"{scene_name(scene)}, {usage.machine()}\n\n{pages.table(rows)}\n\n{viewed}")
+
+
+if __name__ == "__main__":
+    main()
