@@ -93,7 +93,7 @@ def fit_autoencoder(
 def _trained(model: Autoencoder, rows: Tensor, epochs: int, seed: int) -> dict[str, Tensor]:
     """Return the best weights of the last epochs, by the error on all rows."""
     order = torch.Generator().manual_seed(seed)
-    optimizer = torch.optim.Adam(model.parameters(), lr=LEARNING_RATE)
+    optimizer = torch.optim.Adam(model.parameters(), lr=LEARNING_RATE, fused=True)
     least, best = math.inf, None
     judged = epochs - max(1, round(_JUDGED * epochs))
     for epoch in track(range(epochs), "training the autoencoder", unit="epoch"):
