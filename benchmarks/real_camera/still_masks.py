@@ -1,0 +1,53 @@
+"""What is masked in scenes in which nothing moves, with masks forced.
+
+snakemake --cores 2 --configfile benchmarks/real_camera/config.yaml --config splats='{masking: refined}' -- \\
+    results/real_camera/{poses,exposure,shutter,sensor,all}_{half,once,twice,4times}_still/masks.zarr
+python -m benchmarks.real_camera.still_masks results/real_camera/*_still
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.common import command, markdown, scene_folders, scene_name
+from egosplat.artifacts.masks import MASKS
+from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.transient import TRANSIENT
+from egosplat.pipeline.survey_file import read_survey
+
+COLUMNS = (
+    "scene",
+    "probability that something moves",
+    "mean transient probability",
+    "instances masked",
+    "pixels masked",
+)
+
+
+def row(folder: Path) -> list[object]:
+    """A row of the table: the survey, the network, and the masks of a still scene."""
+    masks, transient = (
+        open_artifact(folder / f"{schema.name}.zarr", schema) for schema in (MASKS, TRANSIENT)
+    )
+    count = masks.shape("refined")[0]
+    share = float(np.mean([masks.row("refined", frame).mean() for frame in range(count)]))
+    moving = masks.read("instances/transient")
+    survey = read_survey(folder / "survey.json")["motion"]["probability"]
+    return [
+        scene_name(folder),
+        f"{survey:.2f}",
+        f"{transient.facts['mean_probability']:.3f}",
+        f"{int(moving.sum())} of {len(moving)}",
+        f"{share:.2%}",
+    ]
+
+
+@command(__doc__)
+@scene_folders
+def main(folders: Sequence[Path]) -> None:
+    print(markdown(COLUMNS, [row(folder) for folder in folders]))
+
+
+if __name__ == "__main__":
+    main()
