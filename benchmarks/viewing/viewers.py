@@ -60,6 +60,8 @@ def measured(scene: Path, cache: Path, words: Sequence[str]) -> Iterator[tuple[s
                 page.wait_for_function(
                     "word => new RegExp('(^|\\\\W)' + word + '\\\\W.*(found|\\\\d\\\\.\\\\d\\\\d)').test(document.body.innerText)",
                     arg=word,
+                    # By the clock: the drawing of a browser without a GPU may wait for seconds.
+                    polling=50,
                 )
                 yield f'an answer: "{word}"', *since(used.user + used.system)
     finally:

@@ -135,6 +135,8 @@ class Session:
             if found and not self._in_view(found[0].centre):
                 told += plain(OUTSIDE)
             self._panel.ask.answer.content = told
+            # Without a GPU, a browser takes seconds to draw the first label with new letters.
+            self._client.flush()
             self._panel.ask.jump.disabled = not found
             self._panel.ask.colours.value = FIT if found else OWN
             self._mark(found)
