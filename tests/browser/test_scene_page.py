@@ -84,6 +84,20 @@ def test_the_page_opens_without_an_error_or_a_request(scene, size):
         assert box["x"] >= 0 and box["x"] + box["width"] <= size[0] and box["y"] + box["height"] <= size[1]
 
 
+def test_the_first_view_is_the_one_that_shows_most(scene):
+    """Frame 2 is in the middle of the wall; the views at its ends show less of it. Frame 3 has no pose."""
+    tab = scene()
+    counts = tab.page.evaluate(
+        "egosplat.scene.views.map(({ frame, share }) => [frame, share.filter((one) => one > 0).length])"
+    )
+    most = max(counts, key=lambda pair: pair[1])[0]
+    assert most == 2 and {frame for frame, _ in counts} <= {0, 1, 2, 4}
+    assert (
+        tab.page.evaluate("egosplat.scene.facts.frames[Number(document.getElementById('frame').value)]")
+        == most
+    )
+
+
 def test_the_title_is_shown_as_text(scene):
     """HTML in a title stays text."""
     tab = scene()

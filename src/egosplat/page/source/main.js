@@ -21,7 +21,7 @@ class Page {
     this.idle = Promise.resolve();
     this.fill();
     this.listen();
-    this.showFrame(Math.floor(facts.frames.length / 2));
+    this.showFrame(Math.max(0, facts.frames.indexOf(mostSeen(scene.views))));
   }
 
   findNeighbours(source) {

@@ -81,6 +81,12 @@ function shapes(scene, logScale, rotation) {
   }
 }
 
+// The frame of the view that shows most Gaussians: a view of much of the scene, and not of a wall.
+function mostSeen(views) {
+  const counts = views.map(({ share }) => share.reduce((count, one) => count + (one > 0), 0));
+  return views[counts.indexOf(Math.max(...counts))]?.frame;
+}
+
 // The mean share of the views that each Gaussian fills, and for each stored view its Gaussians with their shares.
 function seenShares(scene, visible, bits, shares) {
   const { count, facts } = scene, stride = Math.ceil(count / 8);
