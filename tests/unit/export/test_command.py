@@ -107,6 +107,31 @@ def test_nerfstudio_cameras(scene, export, tmp_path):
     assert all(name is None or (tmp_path / "x" / name).is_file() for name in masks)
 
 
+def test_nerfstudio_cameras_in_a_program_for_them(scene, export, tmp_path):
+    """NerfBaselines reads nerfstudio's format for many methods. Its release asks for NumPy 1, so CI does not install it."""
+    reader = pytest.importorskip(
+        "nerfbaselines.datasets.nerfstudio",
+        reason="NerfBaselines is absent: pip install --no-deps nerfbaselines",
+    )
+    status, said = export("--format", "nerfstudio", "--output", tmp_path / "x")
+    assert status == 0, said
+    folder = str(tmp_path / "x")
+    read = [
+        reader.load_nerfstudio_dataset(folder, split, features=frozenset()) for split in ("train", "test")
+    ]
+    found = {
+        path: pose
+        for one in read
+        for path, pose in zip(one["image_paths"], one["cameras"].poses, strict=True)
+    }
+    assert sorted(path[-10:-4] for path in found) == [f"{frame:06d}" for frame in POSED]
+    for (_, pose), truth in zip(sorted(found.items()), poses(scene), strict=True):
+        np.testing.assert_allclose(pose, truth[:3], atol=1e-6)
+    intrinsics = np.array([CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy])
+    np.testing.assert_allclose(read[0]["cameras"].intrinsics[0], intrinsics, rtol=1e-6)
+    assert read[0]["cameras"].image_sizes[0].tolist() == [CAMERA.width, CAMERA.height]
+
+
 def test_colmap_cameras(scene, export, tmp_path):
     status, said = export("--format", "colmap", "--output", tmp_path / "x")
     assert status == 0, said
