@@ -15,6 +15,7 @@ from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.pipeline.survey_file import read_survey
+from egosplat.viewer.scene import artifact_path
 
 COLUMNS = (
     "scene",
@@ -28,7 +29,7 @@ COLUMNS = (
 def row(folder: Path) -> list[object]:
     """A row of the table: the survey, the network, and the masks of a still scene."""
     masks, transient = (
-        open_artifact(folder / f"{schema.name}.zarr", schema) for schema in (MASKS, TRANSIENT)
+        open_artifact(artifact_path(folder, schema.name), schema) for schema in (MASKS, TRANSIENT)
     )
     count = masks.shape("refined")[0]
     share = float(np.mean([masks.row("refined", frame).mean() for frame in range(count)]))
