@@ -15,7 +15,6 @@ from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.pipeline.survey_file import read_survey
-from egosplat.viewer.scene import artifact_path
 
 COLUMNS = (
     "scene",
@@ -26,15 +25,21 @@ COLUMNS = (
 )
 
 
+def _file(folder: Path, name: str) -> Path:
+    """A file of a scene, or of the scene of which the folder is a variant."""
+    own = folder / name
+    return own if own.exists() else folder.parents[1] / name
+
+
 def row(folder: Path) -> list[object]:
     """A row of the table: the survey, the network, and the masks of a still scene."""
     masks, transient = (
-        open_artifact(artifact_path(folder, schema.name), schema) for schema in (MASKS, TRANSIENT)
+        open_artifact(_file(folder, f"{schema.name}.zarr"), schema) for schema in (MASKS, TRANSIENT)
     )
     count = masks.shape("refined")[0]
     share = float(np.mean([masks.row("refined", frame).mean() for frame in range(count)]))
     moving = masks.read("instances/transient")
-    survey = read_survey(folder / "survey.json")["motion"]["probability"]
+    survey = read_survey(_file(folder, "survey.json"))["motion"]["probability"]
     return [
         scene_name(folder),
         f"{survey:.2f}",
