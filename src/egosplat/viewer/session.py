@@ -54,6 +54,7 @@ class Session:
         self._show_world()
         self._panel.frames.frame.value = self._world.first_frame()
         self._show_photograph()
+        self._prepare_marks()
         self._connect()
         self._renderer.start()
         self._renderer.camera_moved()
@@ -170,6 +171,19 @@ class Session:
             text = f"{number} {self._phrase}" if len(things) > 1 else self._phrase
             label = scene.add_label(f"/answers/{number}/label", text[:40], position=thing.centre)
             self._marks += [ball, label]
+
+    def _prepare_marks(self) -> None:
+        """Show a mark too small to be seen, until the first answer."""
+        # Without a GPU, a browser stops for seconds when it first draws a ball and a label: not while a user waits for an answer.
+        pose = self._world.viewed.camera_to_world[self._world.first_frame()]
+        ahead, scene = pose[:3, 3] + pose[:3, 2] * self._world.depth_ahead(pose), self._client.scene
+        radius = 1e-3 * self._world.viewed.size_of_markers
+        self._marks = [
+            scene.add_icosphere("/answers/0/ball", radius=radius, position=ahead),
+            scene.add_label(
+                "/answers/0/label", " ", position=ahead, font_size_mode="scene", font_scene_height=radius
+            ),
+        ]
 
     def _jump(self) -> None:
         """Look at the answer; the next time at the next one."""
