@@ -73,7 +73,7 @@ def report(folder: Path) -> str:
         UserError: scores are missing, or cannot be compared.
     """
     scenes = {name: read_scored_scene(folder / metrics_of(name)) for name in RUNS}
-    return "\n\n".join([costs(scenes), f"{METHOD}", scores(scenes)])
+    return "\n\n".join([costs(scenes), METHOD, scores(scenes)])
 
 
 def costs(scenes: Mapping[str, ScoredScene]) -> str:

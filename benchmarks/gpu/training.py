@@ -7,6 +7,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -24,6 +25,7 @@ from egosplat.gaussians.pixel_weights import Masking
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.starting_points import starting_gaussians
 from egosplat.gaussians.training_views import Views, read_views, split_views
+from egosplat.geometry import invert
 from egosplat.pipeline.config import defaults
 from egosplat.progress import track
 from egosplat.splats import stage as splats
@@ -181,7 +183,9 @@ class GsplatTraining:
         self._strategy.check_sanity(self._parameters, self._optimizers)
         self._state = self._strategy.initialize_state(scene_scale=extent)
         device = views.device
-        self._cameras = torch.linalg.inv(torch.from_numpy(views.camera_to_world)).float().to(device)
+        self._cameras = (
+            torch.from_numpy(np.stack([invert(pose) for pose in views.camera_to_world])).float().to(device)
+        )
         self._matrix = torch.from_numpy(views.camera.matrix).float().to(device)[None]
 
     def run(self, held_out: Views, every: int) -> Curve:

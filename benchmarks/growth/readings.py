@@ -8,7 +8,7 @@ from typing import Any
 
 from egosplat.artifacts.reader import Artifact, open_any
 from egosplat.artifacts.registry import SCHEMAS
-from egosplat.cost_model.sizes import LARGE_PIXELS
+from egosplat.cost_model.sizes import LARGE_PIXELS, MASK_BYTES
 from egosplat.pipeline.survey_file import read_survey
 from egosplat.survey.motion import SIDE
 
@@ -145,7 +145,7 @@ def _splats(one: Artifact) -> Sizes:
         "gaussians": gaussians,
         "mean_gaussians": float(one.read("curve/gaussians").mean()),
         "joint": joint,
-        "mask_bytes": {"none": 0, "refined": 1, "initial": 2}[one.provenance["options"]["masking"]],
+        "mask_bytes": MASK_BYTES[one.provenance["options"]["masking"]],
     }
 
 

@@ -16,6 +16,11 @@ SIZE = {"width": 800, "height": 500}
 PATIENCE_MS = 300_000
 
 
+def chromium() -> str | None:
+    """Path of the machine's Chromium; None if there is none."""
+    return shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+
+
 @contextlib.contextmanager
 def open_tab() -> "Iterator[Page]":
     """Open an empty tab.
@@ -25,7 +30,7 @@ def open_tab() -> "Iterator[Page]":
     """
     from playwright.sync_api import sync_playwright
 
-    program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    program = chromium()
     if program is None:
         raise UserError("there is no Chromium: apt-get install chromium")
     with sync_playwright() as playwright:

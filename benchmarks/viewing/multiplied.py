@@ -15,8 +15,8 @@ from egosplat.artifacts.writer import create
 # Standard deviation of the displacement of a copy, in standard deviations of the Gaussian.
 SPREAD = 0.5
 
-# By schema: the artifacts that it names as its inputs.
-INPUTS = {"splats": ("frames", "poses"), "language": ("frames", "poses", "instances", "features", "splats")}
+# Artifacts with a row for each Gaussian of the training, in the order in which they are made.
+OF_GAUSSIANS = {schema.name: schema for schema in (SPLATS, LANGUAGE)}
 
 
 def multiply(scene: Path, folder: Path, copies: int) -> Path:
@@ -28,10 +28,10 @@ def multiply(scene: Path, folder: Path, copies: int) -> Path:
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     for path in scene.glob("*.zarr"):
-        if path.stem not in INPUTS:
+        if path.stem not in OF_GAUSSIANS:
             (folder / path.name).symlink_to(path.resolve(), target_is_directory=True)
-    for schema in (SPLATS, LANGUAGE):
-        _write(open_artifact(scene / f"{schema.name}.zarr", schema), schema, folder, copies)
+    for name, schema in OF_GAUSSIANS.items():
+        _write(open_artifact(scene / f"{name}.zarr", schema), schema, folder, copies)
     return folder
 
 

@@ -1,11 +1,12 @@
 """A headless Chromium with software WebGL, and tabs that record what goes wrong in them."""
 
-import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import pytest
+
+from benchmarks.viewing.browser import chromium
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -47,7 +48,7 @@ def browser() -> "Iterator[Browser]":
     """Debian's Chromium, headless; the tests are skipped where it or playwright is absent."""
     # Scope: playwright keeps an event loop in its thread, which tests of other files must not meet.
     api = pytest.importorskip("playwright.sync_api", reason="playwright is absent: pip install playwright")
-    program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    program = chromium()
     if program is None:
         pytest.skip("there is no Chromium: apt-get install chromium")
     with api.sync_playwright() as playwright:

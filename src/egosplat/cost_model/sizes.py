@@ -29,6 +29,9 @@ RECORDED_PIXELS = 1408**2
 # The laws were fitted to pictures of the temporary Gaussians with at most so many pixels.
 LARGE_PIXELS = 512**2
 
+# Bytes for each pixel of the array that ``splats.masking`` reads; ``auto`` may read refined masks.
+MASK_BYTES = {"none": 0, "initial": 2, "refined": 1, "auto": 1}
+
 # By size: the artifacts that have it, the array, and the axes whose product it is.
 _IN_ARTIFACTS: dict[str, tuple[tuple[str, str, slice], ...]] = {
     "frames": (("frames", "rgb", slice(0, 1)), ("instances", "labels", slice(0, 1))),
@@ -151,11 +154,6 @@ def _network_iterations(config: Config, _: Sizes) -> float:
     return keys["iterations"] - round(keys["warmup"] * keys["iterations"])
 
 
-def _mask_bytes(config: Config, _: Sizes) -> float:
-    """Bytes for each pixel of the array that ``splats.masking`` reads; ``auto`` may read refined masks."""
-    return {"none": 0, "initial": 2}.get(config["splats"]["masking"], 1)
-
-
 def _autoencoder(config: Config, _: Sizes) -> float:
     return float(config["features"]["compression"] == "autoencoder")
 
@@ -203,7 +201,7 @@ _FROM_CONFIG: dict[str, Callable[[Config, Sizes], float]] = {
     "iterations": lambda config, _: config["splats"]["iterations"],
     "gaussians": lambda config, _: config["splats"]["max_gaussians"],
     "mean_gaussians": lambda _, sizes: sizes["gaussians"],
-    "mask_bytes": _mask_bytes,
+    "mask_bytes": lambda config, _: MASK_BYTES[config["splats"]["masking"]],
     "joint": lambda config, sizes: sizes["codes"] if config["splats"]["language"] == "joint" else 0,
     "language_iterations": lambda config, _: config["language"]["iterations"],
 }

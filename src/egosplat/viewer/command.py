@@ -60,11 +60,11 @@ class Viewer:
 
     def _place_camera(self, world: World) -> None:
         viewed, start = world.viewed, self._server.initial_camera
-        pose = viewed.camera_to_world[world.first_frame()]
+        pose = viewed.camera_to_world[world.first_frame]
         start.up, start.fov = viewed.up, FIELD_OF_VIEW
         start.position = pose[:3, 3]
         # The camera orbits around this point, so it is on the surface in view.
-        start.look_at = pose[:3, 3] + pose[:3, 2] * world.depth_ahead(pose)
+        start.look_at = world.point_ahead(pose)
         self._server.scene.set_up_direction(viewed.up)
 
     def _opened(self, client: "ClientHandle") -> None:

@@ -52,7 +52,7 @@ class Session:
         self._painter = Painter(self._panel.ask)
         self._renderer = Renderer(client, self._draw)
         self._show_world()
-        self._panel.frames.frame.value = self._world.first_frame()
+        self._panel.frames.frame.value = self._world.first_frame
         self._show_photograph()
         self._prepare_marks()
         self._connect()
@@ -136,8 +136,6 @@ class Session:
             if found and not self._in_view(found[0].centre):
                 told += plain(OUTSIDE)
             self._panel.ask.answer.content = told
-            # Without a GPU, a browser takes seconds to draw the first label with new letters.
-            self._client.flush()
             self._panel.ask.jump.disabled = not found
             self._panel.ask.colours.value = FIT if found else OWN
             self._mark(found)
@@ -175,8 +173,8 @@ class Session:
     def _prepare_marks(self) -> None:
         """Show a mark too small to be seen, until the first answer."""
         # Without a GPU, a browser stops for seconds when it first draws a ball and a label: not while a user waits for an answer.
-        pose = self._world.viewed.camera_to_world[self._world.first_frame()]
-        ahead, scene = pose[:3, 3] + pose[:3, 2] * self._world.depth_ahead(pose), self._client.scene
+        pose = self._world.viewed.camera_to_world[self._world.first_frame]
+        ahead, scene = self._world.point_ahead(pose), self._client.scene
         radius = 1e-3 * self._world.viewed.size_of_markers
         self._marks = [
             scene.add_icosphere("/answers/0/ball", radius=radius, position=ahead),
@@ -251,7 +249,7 @@ class Session:
 
     def _look_from(self, pose: Array) -> None:
         """Look as a frame does, without its roll."""
-        self.look(pose[:3, 3], pose[:3, 3] + pose[:3, 2] * self._world.depth_ahead(pose))
+        self.look(pose[:3, 3], self._world.point_ahead(pose))
 
     def _show_photograph(self) -> None:
         frames = self._panel.frames
@@ -279,7 +277,7 @@ class Session:
         viewed = self._world.viewed
         self._show_world()
         self._panel.frames.frame.max = max(1, len(viewed.camera_to_world) - 1)
-        frame = self._world.first_frame()
+        frame = self._world.first_frame
         self._panel.frames.frame.value = frame
         self._look_from(viewed.camera_to_world[frame])
         self._show_cameras()

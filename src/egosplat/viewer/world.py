@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,6 +93,11 @@ class World:
         middle = float(np.median(depth[third:-third, third:-third]))
         return min(middle, self.viewed.reach)
 
+    def point_ahead(self, pose: Array) -> Array:
+        """(3,) place on the surface that the middle of a view shows."""
+        return pose[:3, 3] + pose[:3, 2] * self.depth_ahead(pose)
+
+    @cached_property
     def first_frame(self) -> int:
         """The frame, among a few, that sees farthest: a view of much of the scene."""
         registered = self.viewed.registered

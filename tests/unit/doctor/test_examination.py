@@ -238,9 +238,13 @@ def test_a_gpu_without_gsplat_comes_with_a_remedy(folder, monkeypatch):
 def test_an_unsupported_gsplat_comes_with_the_supported_one(version, problem, monkeypatch):
     """A wrong version is found before training starts."""
     monkeypatch.setattr(metadata, "version", lambda name: version)
-    for backend, mark in (("cuda", Mark.MISSING), ("auto", Mark.NOTE)):
+    for backend, gpu, mark in (
+        ("cuda", True, Mark.MISSING),
+        ("auto", True, Mark.NOTE),
+        ("auto", False, Mark.NOTE),
+    ):
         config = {"splats": {"backend": backend}}
-        monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+        monkeypatch.setattr(torch.cuda, "is_available", lambda gpu=gpu: gpu)
         finding = machine._gsplat(config)
         assert finding.mark == mark and version in finding.value and problem in finding.value
         assert "gsplat>=1.5.3,<1.6" in finding.advice

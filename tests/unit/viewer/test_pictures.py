@@ -107,6 +107,6 @@ def test_what_moves_is_tinted(word_scene):
 
 def test_the_first_view_is_a_frame_with_a_pose(world):
     """Frame 3 has none. What is ahead of frame 0 is the wall, unless the reach of the scene is shorter."""
-    assert world.first_frame() in (0, 1, 2)
+    assert world.first_frame in (0, 1, 2)
     ahead = world.depth_ahead(world.viewed.camera_to_world[0])
     assert ahead == pytest.approx(min(2.0, world.viewed.reach), abs=0.02)
