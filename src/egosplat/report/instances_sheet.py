@@ -15,7 +15,7 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.output_files import check_output, picture_kind
 from egosplat.report.figure import draw_heading, ground_axes, plt, save_figure, show
-from egosplat.report.merged_crops import draw_merged_crops, largest_and_most_changed
+from egosplat.report.merged_crops import draw_merged_crops, largest_and_most_changed, shown_in
 from egosplat.sampling import evenly_spaced
 
 PAGE = picture_kind("egosplat instances-sheet")
@@ -61,7 +61,8 @@ def run(
     in_3d = instances.shape("gaussians/xyz")[0] > 0
     columns = len(shown) + in_3d
     # Tracks are what they were before.
-    cropped = largest_and_most_changed(segments, instances) if in_3d else []
+    seen = shown_in(segments, instances) if in_3d else {}
+    cropped = largest_and_most_changed(instances, seen) if in_3d else []
     heights = [1.0] * (1 + len(levels)) + [CROP] * (2 * len(cropped))
     size = (CELL * columns, sum(CELL * height / width * part + 0.25 for part in heights) + 0.9)
     figure, grid = plt.subplots(
@@ -83,7 +84,7 @@ def run(
     for place, instance in enumerate(cropped):
         rows = grid[1 + len(levels) + 2 * place :][:2]
         rows[0, -1].set_axis_off(), rows[1, -1].set_axis_off()
-        draw_merged_crops(rows[:, :-1], frames, segments, instances, instance)
+        draw_merged_crops(rows[:, :-1], frames, segments, instances, instance, seen)
     save_figure(figure, output, PAGE)
 
 

@@ -1,5 +1,7 @@
 """Draw crops of instances before and after masks were merged in 3D."""
 
+from collections.abc import Mapping
+
 import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
@@ -19,7 +21,29 @@ _LEAST_SHARE = 0.01
 _LARGEST = 12
 
 
-def largest_and_most_changed(segments: Artifact, instances: Artifact) -> list[int]:
+# By instance of the coarsest level: the frames that show enough of it, each with the IoU of the instance and the mask of
+# segments.zarr that holds most of it.
+Shown = Mapping[int, Mapping[int, float]]
+
+
+def shown_in(segments: Artifact, instances: Artifact) -> Shown:
+    """Search frames through the video for the instances of the coarsest level, some of each in masks of segments.zarr."""
+    prompted = np.unique(segments.read("instances/first_frame"))
+    found: dict[int, dict[int, float]] = {}
+    for frame in prompted[evenly_spaced(len(prompted), _SEARCHED)].tolist():
+        before, after = _labels(segments, instances, frame)
+        sizes = np.bincount(before[before >= 0], minlength=1)
+        for instance, count in zip(*np.unique(after[after >= 0], return_counts=True), strict=True):
+            within = before[(after == instance) & (before >= 0)]
+            if count >= _LEAST_SHARE * after.size and len(within):
+                common = np.bincount(within)
+                mask = int(common.argmax())
+                iou = common[mask] / (count + sizes[mask] - common[mask])
+                found.setdefault(int(instance), {})[frame] = float(iou)
+    return found
+
+
+def largest_and_most_changed(instances: Artifact, shown: Shown) -> list[int]:
     """The largest instance of the coarsest level, and of the next largest ones that whose masks were changed most.
 
     Returns:
@@ -30,29 +54,17 @@ def largest_and_most_changed(segments: Artifact, instances: Artifact) -> list[in
     largest = [int(one) for one in np.argsort(-counts, kind="stable")[:_LARGEST] if counts[one]]
     if len(largest) < 2:
         return largest
-    kept = _kept(segments, instances)
+    kept = {instance: np.mean([*ious.values()]) for instance, ious in shown.items()}
     return [largest[0], min(largest[1:], key=lambda one: kept.get(one, 1.0))]
 
 
-def _kept(segments: Artifact, instances: Artifact) -> dict[int, float]:
-    """Mean IoU of each instance, in frames that show enough of it, with the mask that holds most of it."""
-    prompted = np.unique(segments.read("instances/first_frame"))
-    found: dict[int, list[float]] = {}
-    for frame in prompted[evenly_spaced(len(prompted), _SEARCHED)].tolist():
-        before, after = _labels(segments, instances, frame)
-        sizes = np.bincount(before[before >= 0], minlength=1)
-        for instance, count in zip(*np.unique(after[after >= 0], return_counts=True), strict=True):
-            within = before[(after == instance) & (before >= 0)]
-            if count >= _LEAST_SHARE * after.size and len(within):
-                common = np.bincount(within)
-                mask = int(common.argmax())
-                iou = common[mask] / (count + sizes[mask] - common[mask])
-                found.setdefault(int(instance), []).append(float(iou))
-    return {instance: float(np.mean(values)) for instance, values in found.items()}
-
-
 def draw_merged_crops(
-    cells: NDArray[np.object_], frames: Artifact, segments: Artifact, instances: Artifact, instance: int
+    cells: NDArray[np.object_],
+    frames: Artifact,
+    segments: Artifact,
+    instances: Artifact,
+    instance: int,
+    shown: Shown,
 ) -> None:
     """Draw crops of one instance in frames through the video.
 
@@ -60,29 +72,18 @@ def draw_merged_crops(
         cells: (2, C) axes. Above, the mask of segments.zarr that holds most of the instance; below, the instance.
         frames, segments, instances: artifacts.
         instance: number of a merged instance of the coarsest level.
+        shown: of ``shown_in``.
     """
     for cell in cells.flat:
         cell.set_axis_off()
     merged = int(instances.read("instances/masks")[instance])
-    chosen = _frames_with_both(segments, instances, instance)
+    chosen = [*shown.get(instance, ())]
     for column, place in enumerate(evenly_spaced(len(chosen), cells.shape[1])):
         frame = chosen[place]
         rgb, before, after = frames.row("rgb", frame), *_labels(segments, instances, frame)
         mask = int(np.bincount(before[(after == instance) & (before >= 0)]).argmax())
         _draw(cells[0, column], rgb, before == mask, f"frame {frame}: mask {mask} of segments.zarr")
         _draw(cells[1, column], rgb, after == instance, f"instance {instance}, merged from {merged} masks")
-
-
-def _frames_with_both(segments: Artifact, instances: Artifact, instance: int) -> list[int]:
-    """Frames that show enough of the instance, some of it in masks of segments.zarr."""
-    found = []
-    prompted = np.unique(segments.read("instances/first_frame"))
-    for frame in prompted[evenly_spaced(len(prompted), _SEARCHED)].tolist():
-        before, after = _labels(segments, instances, frame)
-        shown = after == instance
-        if shown.mean() >= _LEAST_SHARE and (before[shown] >= 0).any():
-            found.append(frame)
-    return found
 
 
 def _labels(
