@@ -28,6 +28,7 @@ from egosplat.gaussians.training_views import Views, read_views, split_views
 from egosplat.geometry import invert
 from egosplat.pipeline.config import defaults
 from egosplat.progress import track
+from egosplat.rasterize.contract import MAX_SH_DEGREE
 from egosplat.splats import stage as splats
 
 ITERATIONS, EVALUATE_EVERY = 7000, 500
@@ -149,9 +150,14 @@ def of_gsplat(
         poses,
         views,
         **{key: KEYS[key] for key in ("max_points", "densify_init", "near_plane", "seed")},
-        sh_degree=3,
+        sh_degree=MAX_SH_DEGREE,
     )
     return GsplatTraining(rasterize, views, start, iterations).run(held_out, every)
+
+
+def _sh_degree(step: int) -> int:
+    """Active degree of the spherical harmonics after ``step`` iterations."""
+    return min(step // SH_EVERY, MAX_SH_DEGREE)
 
 
 class GsplatTraining:
@@ -202,7 +208,7 @@ class GsplatTraining:
             if (step + 1) % every == 0 or step + 1 == self._iterations:
                 self._wait()
                 spent += time.perf_counter() - began
-                degree = min(step // SH_EVERY, 3)
+                degree = _sh_degree(step)
                 seconds.append(spent)
                 psnr.append(evaluate(self._gaussians, held_out, settings, degree).mean_psnr)
                 self._wait()
@@ -222,7 +228,7 @@ class GsplatTraining:
             width=camera.width,
             height=camera.height,
             near_plane=KEYS["near_plane"],
-            sh_degree=min(step // SH_EVERY, 3),
+            sh_degree=_sh_degree(step),
             packed=False,
         )
         following = (self._parameters, self._optimizers, self._state, step, info)
