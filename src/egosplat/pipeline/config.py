@@ -112,7 +112,7 @@ def resolve(user: Mapping[str, Any], presets: Path) -> Config:
 
     Args:
         user: keys from the configuration files and the command line.
-        presets: folder of ``fast.yaml``, ``balanced.yaml`` and ``paper.yaml``.
+        presets: folder with one file for each preset.
 
     Raises:
         UserError: a key is unknown or has a forbidden value; names the first one.

@@ -7,7 +7,7 @@ from pathlib import Path
 from egosplat.pipeline.config import Config, of_format, read_yaml, resolve
 
 # Preset file by name of the variant.
-FILES = {"fast": "fast", "balanced": "balanced", "paper_scaled": "paper"}
+FILES = {name: name for name in ("draft", "fast", "balanced", "accurate")} | {"paper_scaled": "paper"}
 
 # Sections and keys that define frames and queries. Scores with different values cannot be compared.
 QUESTIONS = {

@@ -14,6 +14,7 @@ from egosplat.doctor.examination import examine
 from egosplat.doctor.findings import Finding, Mark
 from egosplat.errors import UserError
 from egosplat.kernels import compiling, library
+from egosplat.pipeline.validation import schema
 from egosplat.rasterize import cuda
 from egosplat.rays import library as rays
 
@@ -332,7 +333,7 @@ def test_the_shipped_presets_are_examined(monkeypatch):
     """Each preset can be examined in the source tree."""
     root = Path(__file__).resolve().parents[3]
     monkeypatch.chdir(root)
-    for preset in ("fast", "balanced", "paper"):
+    for preset in schema("config")["properties"]["preset"]["enum"]:
         assert f"preset {preset}" in found(f"preset={preset}")["configuration"].value
 
 

@@ -63,7 +63,7 @@ def test_the_schema_names_these_keys():
     }
 
 
-@pytest.mark.parametrize("preset", ["fast", "balanced", "paper"])
+@pytest.mark.parametrize("preset", config.schema("config")["properties"]["preset"]["enum"])
 def test_the_set_decides_with_every_preset(preset):
     """Switching models is one word, whatever the preset; nothing else changes with it."""
     published, small = (resolved(preset=preset, models={"set": name}) for name in ("published", "small"))

@@ -103,11 +103,11 @@ def test_another_preset_is_named_with_its_variant(scene):
 
 
 def test_a_synthetic_recording_of_another_preset_is_replaced_too(scene):
-    asked = scene({"preset": "fast"})
+    asked = scene({"preset": "paper"})
     assert "recording" not in replacement_notices([asked])[0].partition("replaces")[2]
     (asked.folder / "recording").mkdir()
     told = replacement_notices([asked])[0]
-    assert "this run replaces recording, frames.zarr" in told and "synthetic.size 704 -> 352" in told
+    assert "this run replaces recording, frames.zarr" in told and "synthetic.size 704 -> 1408" in told
 
 
 def test_the_variant_that_is_named_is_one_that_there_is(scene):

@@ -107,8 +107,8 @@ def test_presets_leave_recording_models_and_questions_to_the_scene():
     assert paper["transient"]["encoder_weights"] is None
 
 
-@pytest.mark.parametrize("name", ["fast", "balanced"])
-@pytest.mark.parametrize("below", ["fast", "balanced", "paper"])
+@pytest.mark.parametrize("name", ["draft", "balanced"])
+@pytest.mark.parametrize("below", ["draft", "fast", "balanced", "accurate", "paper"])
 def test_presets_replace_the_scenes_own_preset(name, below):
     left_to_the_scene = {"formats", "segments", "transient", "frames", "models", "synthetic", "metrics"}
     base = resolve({"preset": below}, PRESETS)
