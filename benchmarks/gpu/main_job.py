@@ -88,7 +88,7 @@ def costs(scenes: Mapping[str, ScoredScene]) -> str:
     ]
     total = ["together"]
     for own in records.values():
-        total += [f"{sum(record['wall_s'] for record in own.values()):.0f}", "", ""]
+        total += [f"{sum(record['wall_s'] for record in own.values()):.1f}", "", ""]
     return markdown(header, [*rows, total])
 
 
@@ -103,7 +103,7 @@ def _cells(record: Mapping[str, Any] | None) -> list[str]:
         return ["", "", ""]
     gpu = record["peak_gpu_memory_mb"]
     return [
-        f"{record['wall_s']:.0f}",
+        f"{record['wall_s']:.1f}",
         f"{record['peak_memory_mb'] / 1024:.1f}",
         "" if gpu is None else f"{gpu / 1024:.1f}",
     ]

@@ -1,5 +1,6 @@
 """The benchmark of a GPU: its code runs whole on the pretended one, whose kernels are those for the CPU."""
 
+import json
 import subprocess
 import sys
 
@@ -113,14 +114,17 @@ def test_the_main_job_is_asked_for_at_both_sizes_and_on_the_cpu(tmp_path):
 
 
 def test_the_tables_of_the_main_job_have_every_stage(finished, monkeypatch):
-    """Costs and scores are read from metrics.json."""
+    """Costs and scores are those of metrics.json."""
     (name, changed), *_ = main_job.RUNS.items()
     monkeypatch.setattr(main_job, "RUNS", {name: changed})
     page = main_job.report(finished.folder)
     rows = {line.split("|")[1].strip(): line.split("|")[2:-1] for line in page.splitlines() if "|" in line}
     assert {"frames", "segments", "instances", "transient", "splats", "metrics", "together", name} < set(rows)
+    recorded = json.loads((finished.folder / main_job.metrics_of(name)).read_text())
+    cost = recorded["artifacts"]["splats.zarr"]
     seconds, memory, gpu = (cell.strip() for cell in rows["splats"])
-    assert float(seconds) > 0 and float(memory) > 0 and gpu == ""
+    assert float(seconds) == pytest.approx(cost["wall_s"], abs=0.05 + 1e-9)
+    assert float(memory) == pytest.approx(cost["peak_memory_mb"] / 1024, abs=0.05 + 1e-9) and gpu == ""
     assert float(rows[name][-1]) > 10, "PSNR"
 
 
