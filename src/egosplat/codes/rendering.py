@@ -1,5 +1,6 @@
 """Render codes of Gaussians: alpha compositing, as for colors, weighted by share."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,6 +91,40 @@ def sum_over_pixels(
         image,
         torch.from_numpy(invert(camera_to_world)).to(device, torch.float32),
         torch.from_numpy(camera.matrix).to(device, torch.float32),
+        near_plane=settings.near_plane,
+        rasterize_mode="antialiased" if settings.antialiased else "classic",
+        backend=settings.backend,
+    )
+
+
+def pixel_renderer(
+    gaussians: Gaussians,
+    pixels: Tensor,
+    camera: Camera,
+    camera_to_world: NDArray[np.float64],
+    settings: RenderSettings,
+) -> Callable[[Tensor], Tensor]:
+    """Prepare ``render_values`` of single pixels.
+
+    Args:
+        gaussians: their geometry is used.
+        pixels: (P, 2) integers, column and row, on the CPU.
+        camera, camera_to_world, settings: as in ``render_values``.
+
+    Returns:
+        A function of (N, X) values that gives (P, X), differentiable by the values.
+    """
+    device = gaussians.means.device
+    return rasterize.pixel_renderer(
+        gaussians.means,
+        gaussians.quats,
+        gaussians.scales,
+        gaussians.opacities,
+        pixels,
+        torch.from_numpy(invert(camera_to_world)).to(device, torch.float32),
+        torch.from_numpy(camera.matrix).to(device, torch.float32),
+        camera.width,
+        camera.height,
         near_plane=settings.near_plane,
         rasterize_mode="antialiased" if settings.antialiased else "classic",
         backend=settings.backend,

@@ -6,6 +6,7 @@ from functools import cache
 
 import torch
 from torch import Tensor
+from torch.nn.functional import embedding_bag
 
 from egosplat.kernels import library
 from egosplat.progress import log
@@ -130,6 +131,51 @@ def sum_over_pixels(
     with torch.enable_grad():
         images, _, _ = _backend(backend, means)(replace(arguments, colors=values))
     return torch.autograd.grad(images, values, image[None])[0]
+
+
+def pixel_renderer(
+    means: Tensor,
+    quats: Tensor,
+    scales: Tensor,
+    opacities: Tensor,
+    pixels: Tensor,
+    viewmat: Tensor,
+    K: Tensor,
+    width: int,
+    height: int,
+    *,
+    near_plane: float = 0.1,
+    rasterize_mode: str = "classic",
+    backend: str = "auto",
+) -> Callable[[Tensor], Tensor]:
+    """Prepare to render single pixels: ``rasterization`` without the rest of the image.
+
+    The backend cpu lists what each pixel shows once, so that a render takes time by its pixels and no longer by the
+    image; the others render the whole image.
+
+    Args:
+        means, quats, scales, opacities, near_plane, rasterize_mode, backend: as in ``rasterization``.
+        pixels: (P, 2) integers, column and row, on the CPU.
+        viewmat: (4, 4) world_to_camera; K: (3, 3) intrinsics [px].
+
+    Returns:
+        A function of (N, X) values that gives (P, X) on background 0, differentiable by the values alone.
+
+    Raises: as ``rasterization``; and ValueError if a pixel lies outside the image.
+    """
+    unused = means.new_zeros(1, 1).expand(len(means), -1)
+    geometry = (means, quats, scales, opacities, unused, viewmat[None], K[None], width, height)
+    arguments = Arguments(*geometry, near_plane=near_plane, rasterize_mode=rasterize_mode)
+    check(arguments)
+    if _name(backend, means) == "cpu":
+        from egosplat.rasterize.cpu import pixel_weights
+
+        begin, gaussians, weights = pixel_weights(arguments, pixels)
+        options = {"mode": "sum", "include_last_offset": True, "per_sample_weights": weights}
+        return lambda values: embedding_bag(gaussians, values, begin, **options)
+    columns, rows = pixels.to(means.device).unbind(1)
+    chosen = _backend(backend, means)
+    return lambda values: chosen(replace(arguments, colors=values))[0][0, rows, columns]
 
 
 def _backend(name: str, means: Tensor) -> Callable[[Arguments], Render]:

@@ -7,6 +7,7 @@ from torch import Tensor
 
 from egosplat.errors import UserError
 from egosplat.kernels import library
+from egosplat.kernels.pixel_weights import list_weights
 from egosplat.kernels.raster import Projection, composite, project, sum_pixels
 from egosplat.rasterize.contract import (
     MIN_DEPTH_ALPHA,
@@ -46,12 +47,23 @@ def rasterization(arguments: Arguments) -> Render:
 @torch.no_grad()
 def sum_over_pixels(arguments: Arguments, image: Tensor) -> Tensor:
     """``api.sum_over_pixels`` with the compiled kernels, for one camera; colours are not used. Errors are as above."""
+    return sum_pixels(*_projected_geometry(arguments), image.permute(2, 0, 1))
+
+
+@torch.no_grad()
+def pixel_weights(arguments: Arguments, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """``kernels.pixel_weights.list_weights`` for one camera; colours are not used. Errors are as above."""
     a = arguments
+    return list_weights(*_projected_geometry(a), pixels, a.width, a.height)
+
+
+def _projected_geometry(a: Arguments) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
+    """Centres, conics, depths, opacities, variances in y and radii in the image of the one camera."""
     _check_usable(a)
     means2d, conics, depths, seen, _, variances_y, radii = project(
         a.means, a.quats, a.scales, a.opacities, None, None, a.viewmats[0], _projection(a, a.Ks[0])
     )
-    return sum_pixels(means2d, conics, depths, seen, variances_y, radii, image.permute(2, 0, 1))
+    return means2d, conics, depths, seen, variances_y, radii
 
 
 def _check_usable(a: Arguments) -> None:

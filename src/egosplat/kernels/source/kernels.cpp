@@ -1,6 +1,7 @@
 // The C interface of the library. Arrays are float32, contiguous, row-major; the callers check sizes.
 #include "adam.h"
 #include "loss.h"
+#include "pixel_weights.h"
 #include "project_backward.h"
 #include "raster.h"
 
@@ -78,6 +79,15 @@ void egosplat_raster_sum(int n, int channels, int width, int height, int threads
                          const float* conics, const float* spreads, const float* opacities, const float* depths,
                          const int32_t* radii, const float* image, float* sums) {
     raster_sum(n, channels, width, height, threads, means2d, conics, spreads, opacities, depths, radii, image, sums);
+}
+
+// pixels (count, 2) column and row, inside the image; begin (count + 1,); ids and weights (room,).
+void egosplat_pixel_weights(int n, int width, int height, int threads, const float* means2d, const float* conics,
+                            const float* spreads, const float* opacities, const float* depths, const int32_t* radii,
+                            int count, const int32_t* pixels, int64_t room, int64_t* begin, int64_t* ids,
+                            float* weights) {
+    pixel_weights(n, width, height, threads, means2d, conics, spreads, opacities, depths, radii, count, pixels, room,
+                  begin, ids, weights);
 }
 
 void egosplat_raster_free(void* raster) { POOL.give(static_cast<Raster*>(raster)); }

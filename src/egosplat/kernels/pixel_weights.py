@@ -1,0 +1,67 @@
+"""Compositing weights of single pixels, with the compiled kernels. float32 on the CPU."""
+
+import ctypes
+import functools
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from egosplat.kernels import library
+
+# Gaussians that a pixel shows, of a first guess; a scene with more takes a second call.
+_USUAL = 48
+
+
+def list_weights(
+    means2d: Tensor,
+    conics: Tensor,
+    depths: Tensor,
+    opacities: Tensor,
+    variances_y: Tensor,
+    radii: Tensor,
+    pixels: Tensor,
+    width: int,
+    height: int,
+) -> tuple[Tensor, Tensor, Tensor]:
+    """List what pixels show, without rendering an image.
+
+    Args:
+        means2d, conics, depths, opacities, variances_y, radii: as ``kernels.raster.project`` returns them.
+        pixels: (P, 2) integers, column and row, inside the image.
+        width, height: image size [px].
+
+    Returns:
+        begin (P + 1,) int64: where each pixel's list begins, and the end; Gaussians (M,) int64, nearest first; and
+        their weights (M,) float32, alpha times transmittance, as ``kernels.raster.composite`` uses them.
+
+    Raises:
+        ValueError: a pixel lies outside the image.
+    """
+    size = torch.tensor([width, height])
+    if ((pixels < 0) | (pixels >= size)).any():
+        raise ValueError(f"a pixel lies outside the image of {width} x {height}")
+    given = (means2d, conics, variances_y, opacities, depths, radii)
+    # The names keep copies alive during the call.
+    arrays = [tensor.detach().contiguous() for tensor in given]
+    wanted = pixels.to(torch.int32).contiguous()
+    begin = torch.zeros(len(wanted) + 1, dtype=torch.int64)
+    room = _USUAL * len(wanted)
+    while True:
+        ids, weights = torch.empty(room, dtype=torch.int64), torch.empty(room)
+        addresses = [tensor.data_ptr() for tensor in arrays]
+        results = (begin.data_ptr(), ids.data_ptr(), weights.data_ptr())
+        sizes = (len(means2d), width, height, torch.get_num_threads())
+        _function()(*sizes, *addresses, len(wanted), wanted.data_ptr(), room, *results)
+        if (found := int(begin[-1])) <= room:
+            return begin, ids[:found], weights[:found]
+        room = found
+
+
+@functools.cache
+def _function() -> Any:
+    integer, pointer = ctypes.c_int, ctypes.c_void_p
+    function = library.load().egosplat_pixel_weights
+    function.argtypes = [*[integer] * 4, *[pointer] * 6, integer, pointer, ctypes.c_int64, *[pointer] * 3]
+    function.restype = None
+    return function
