@@ -10,13 +10,20 @@ LANGUAGE = Schema(
             ("gaussian", "level", "channel"),
             "float32",
             "-",
-            "code, for the decoder of features.zarr; 0 where the share is 0; levels as the facts name them",
+            "code, for the artifact's own decoder or that of features.zarr; 0 where the share is 0; levels as the facts name them",
         ),
         "share": Field(
             ("gaussian", "level"),
             "float32",
             "0..1",
             "share of what the Gaussian shows in the training views at which the level has an instance with a code",
+        ),
+        "decoder/values": Field(
+            ("number",),
+            "float32",
+            "-",
+            "as in features.zarr, of a decoder that the method learns",
+            optional=True,
         ),
         "curve/iteration": Field(
             ("record",), "int64", "iteration", "last iteration of each record of training"

@@ -1,9 +1,10 @@
 """Decode codes to features, with a decoder stored as a plain array.
 
-A decoder is a chain of affine layers with ReLU in between, followed by normalization: the decoder of LangSplat's
-autoencoder. One layer is a basis with a mean; no layer leaves codes as they are.
+A decoder is a chain of affine layers, each followed by a named function, and a normalization at the end. With ReLU in
+between it is the decoder of LangSplat's autoencoder. One layer is a basis with a mean; no layer leaves codes as they are.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
@@ -16,6 +17,13 @@ from torch.nn import functional as F
 
 from egosplat.artifacts.reader import Artifact
 
+# What may follow a layer, by name; softmax is over channels.
+_AFTER: dict[str, Callable[[Tensor], Tensor]] = {
+    "relu": F.relu,
+    "softmax": lambda values: values.softmax(dim=-1),
+    "none": lambda values: values,
+}
+
 
 @dataclass(frozen=True)
 class Decoder:
@@ -24,13 +32,36 @@ class Decoder:
     Attributes:
         widths: channels from the code to the feature, one more than there are layers.
         values: (P,) float32, for each layer the (out, in) weights, then the (out,) biases.
+        after: what follows each layer, ``relu``, ``softmax`` or ``none``; always none after the last. Empty: ReLU between
+            layers.
+        unit_input: whether the code is normalized first; a zero code stays 0.
+        skips: pairs (early, late) of layers, counted from 0: what the early one passes on is added to what the late
+            one passes on, both with what follows them. The last layer takes no part.
+
+    Raises:
+        ValueError: the fields do not agree.
     """
 
     widths: tuple[int, ...]
     values: NDArray[np.float32]
+    after: tuple[str, ...] = ()
+    unit_input: bool = False
+    skips: tuple[tuple[int, int], ...] = ()
     _layers: dict[tuple[torch.dtype, torch.device], list[tuple[Tensor, Tensor]]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
+
+    def __post_init__(self) -> None:
+        count = len(self.widths) - 1
+        if self.after and (len(self.after) != count or {*self.after} - {*_AFTER} or self.after[-1] != "none"):
+            raise ValueError(
+                f"{count} layers cannot be followed by {self.after}; each takes one of {[*_AFTER]}, the last one none"
+            )
+        for early, late in self.skips:
+            if not 0 <= early < late < count - 1 or self.widths[early + 1] != self.widths[late + 1]:
+                raise ValueError(
+                    f"layer {late} of widths {self.widths} cannot take a skip from layer {early}"
+                )
 
     def layers(self, like: Tensor) -> list[tuple[Tensor, Tensor]]:
         """Return (out, in) weights and (out,) biases of each layer, with dtype and device of ``like``.
@@ -69,18 +100,42 @@ def decode(codes: Tensor, decoder: Decoder) -> Tensor:
     """
     if codes.shape[-1] != decoder.widths[0]:
         raise ValueError(f"codes have {codes.shape[-1]} channels, the decoder takes {decoder.widths[0]}")
-    values = codes
+    layers, passed = decoder.layers(codes), []
     # ReLU stands between layers only: neither the code nor the feature is clamped.
-    for number, (weights, biases) in enumerate(decoder.layers(codes)):
-        values = F.linear(values if number == 0 else values.relu(), weights, biases)
+    after = decoder.after or ("relu",) * (len(layers) - 1) + ("none",)
+    values = F.normalize(codes, dim=-1) if decoder.unit_input else codes
+    for number, (weights, biases) in enumerate(layers):
+        values = _AFTER[after[number]](F.linear(values, weights, biases))
+        for early, late in decoder.skips:
+            if late == number:
+                values = values + passed[early]
+        passed.append(values)
     return F.normalize(values, dim=-1)
 
 
-def read_decoder(features: Artifact) -> Decoder:
-    """Read the decoder of a features artifact."""
-    return Decoder(tuple(features.facts["decoder"]["widths"]), features.read("decoder/values"))
+def read_decoder(artifact: Artifact) -> Decoder:
+    """Read the decoder of a features artifact, or of a language artifact that has one of its own."""
+    stored = artifact.facts["decoder"]
+    # Widths alone describe a decoder with ReLU between layers.
+    return Decoder(
+        tuple(stored["widths"]),
+        artifact.read("decoder/values"),
+        tuple(stored.get("after", ())),
+        stored.get("unit_input", False),
+        tuple((early, late) for early, late in stored.get("skips", ())),
+    )
+
+
+def read_scene_decoder(language: Artifact, features: Artifact) -> Decoder:
+    """Read the decoder of a scene's codes: that of its language artifact if it has one, else that of its features."""
+    return read_decoder(language if language.has("decoder/values") else features)
 
 
 def decoder_metadata(decoder: Decoder) -> dict[str, Any]:
     """Return the decoder's metadata, for ``read_decoder``."""
-    return {"widths": list(decoder.widths)}
+    return {
+        "widths": list(decoder.widths),
+        "after": list(decoder.after),
+        "unit_input": decoder.unit_input,
+        "skips": [list(pair) for pair in decoder.skips],
+    }

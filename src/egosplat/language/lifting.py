@@ -6,8 +6,10 @@ import torch
 from torch import Tensor
 
 from egosplat.codes.rendering import sum_over_pixels
+from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
+from egosplat.language.result import Coded
 from egosplat.language.views import CodeViews
 from egosplat.progress import track
 
@@ -21,6 +23,14 @@ class Lifted:
 
     code: Tensor
     share: Tensor
+
+
+def lifted(
+    gaussians: Gaussians, views: CodeViews, settings: RenderSettings, targets: CodeTargets, *_: object
+) -> Coded:
+    """Method ``lifted``: codes and shares of ``lift``."""
+    means = lift(gaussians, views, settings)
+    return Coded(means.code, means.share, targets.levels)
 
 
 def lift(gaussians: Gaussians, views: CodeViews, settings: RenderSettings) -> Lifted:

@@ -1,12 +1,11 @@
 """Stage ``language``: give each Gaussian a language code at every level."""
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
@@ -18,29 +17,20 @@ from egosplat.artifacts.kept_frames import kept_frames
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.provenance import Provenance
-from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.splats import SPLATS, camera_poses
 from egosplat.artifacts.writer import create
+from egosplat.codes.decoder import decoder_metadata
 from egosplat.codes.targets import CodeTargets
-from egosplat.errors import UserError
 from egosplat.gaussians.device import training_device
 from egosplat.gaussians.io import read_gaussians, read_render_settings
-from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.pixel_weights import open_masking
-from egosplat.gaussians.render import RenderSettings
-from egosplat.language.lifting import Lifted, lift
-from egosplat.language.training import CodeOptions, CodeTraining, Curve, codes_to_render
-from egosplat.language.views import CodeViews, select_code_views
+from egosplat.language.joint import joint
+from egosplat.language.methods import METHODS
+from egosplat.language.options import LanguageOptions
+from egosplat.language.result import Coded
+from egosplat.language.views import select_code_views
 from egosplat.progress import log
-
-
-@dataclass(frozen=True)
-class LanguageOptions(CodeOptions):
-    """Configuration keys of the stage; ``config.schema.yaml`` describes each."""
-
-    method: str
-    checkpoint_s: float
-    backend: str
 
 
 def run(
@@ -67,8 +57,8 @@ def run(
         masks_path: required if the splats' masking is ``refined``.
 
     Raises:
-        UserError: an input is missing or does not belong to the others, the backend cannot run, or training
-            diverges.
+        UserError: an input is missing or does not belong to the others, jointly trained codes are of other features,
+            the backend cannot run, or training diverges.
     """
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
     instances, features = open_artifact(instances_path, INSTANCES), open_artifact(features_path, FEATURES)
@@ -86,71 +76,33 @@ def run(
     views = replace(views, camera_to_world=camera_poses(poses, splats)[views.frame])
     gaussians = read_gaussians(splats).to(device)
     settings = read_render_settings(splats, options.backend)
-    # Every method needs the shares, which only lifting computes.
-    lifted = lift(gaussians, views, settings)
     checkpoint = Checkpoint(output, provenance.key_of(record), options.checkpoint_s)
-    method, code, curve = options.method, lifted.code, Curve()
-    if _is_joint(splats):
-        method, code = "joint", _joint_codes(splats, features, lifted)
-    elif method == "trained":
-        code, curve = _trained(gaussians, views, settings, lifted, options, checkpoint)
-    facts = {"levels": targets.levels, "method": method, "views": len(views)}
-    _write(output, record, code, lifted.share, curve, facts)
+    if splats.provenance["options"]["language"] == "joint":
+        check_made_from(splats, features)
+        method = "joint"
+        coded = joint(gaussians, views, settings, targets.levels, splats.read("features"))
+    else:
+        method = options.method
+        coded = METHODS[method](gaussians, views, settings, targets, options, checkpoint)
+    _write(output, record, coded, {"method": method, "views": len(views)})
     checkpoint.remove()
 
 
-def _is_joint(splats: Artifact) -> bool:
-    return splats.provenance["options"]["language"] == "joint"
-
-
-def _joint_codes(splats: Artifact, features: Artifact, lifted: Lifted) -> Tensor:
-    """Read the codes that the splats were trained with, unnormalized, as rendered there (docs/method.md#code-norm).
-
-    Raises:
-        UserError: they were trained with other features.
-    """
-    check_made_from(splats, features)
-    stored = torch.from_numpy(splats.read("features")).to(lifted.code.device)
-    return stored.reshape(lifted.code.shape)
-
-
-def _trained(
-    gaussians: Gaussians,
-    views: CodeViews,
-    settings: RenderSettings,
-    lifted: Lifted,
-    options: CodeOptions,
-    checkpoint: Checkpoint,
-) -> tuple[Tensor, Curve]:
-    """Train codes, from the last checkpoint if there is one. A UserError removes the checkpoint."""
-    training = CodeTraining(gaussians, *lifted.code.shape[1:], options)
-    if (saved := checkpoint.load()) is not None:
-        training.load_state_dict(saved)
-        log(f"training of codes resumes after iteration {training.iteration}")
-    try:
-        training.run(gaussians, views, settings, checkpoint)
-    except UserError:
-        # Resuming would diverge again.
-        checkpoint.remove()
-        raise
-    # Stored as they are rendered, so that queries need not know whether codes are normalized.
-    return codes_to_render(training.code.detach(), options.normalize_codes), training.curve
-
-
-def _write(
-    output: Path, record: Provenance, code: Tensor, share: Tensor, curve: Curve, facts: dict[str, Any]
-) -> None:
-    labeled = share > 0
+def _write(output: Path, record: Provenance, coded: Coded, facts: dict[str, Any]) -> None:
+    labeled = coded.share > 0
     # Gaussians that no labeled pixel shows have no code.
-    code = torch.where(labeled[..., None], code, 0.0)
+    code = torch.where(labeled[..., None], coded.code, 0.0)
+    facts = facts | {"levels": coded.levels, "stands_in": list(coded.stands_in)}
     with create(output, LANGUAGE, record) as artifact:
         artifact.put("code", code.cpu().numpy())
-        artifact.put("share", share.cpu().numpy())
-        artifact.put("curve/iteration", np.array(curve.iteration, np.int64))
-        artifact.put("curve/loss", np.array(curve.loss, np.float64))
+        artifact.put("share", coded.share.cpu().numpy())
+        artifact.put("curve/iteration", np.array(coded.curve.iteration, np.int64))
+        artifact.put("curve/loss", np.array(coded.curve.loss, np.float64))
+        if coded.decoder is not None:
+            artifact.put("decoder/values", coded.decoder.values)
+            facts["decoder"] = decoder_metadata(coded.decoder)
         artifact.facts = facts
     shares = ", ".join(
-        f"{name} {float(part):.0%}"
-        for name, part in zip(facts["levels"], labeled.float().mean(0), strict=True)
+        f"{name} {float(part):.0%}" for name, part in zip(coded.levels, labeled.float().mean(0), strict=True)
     )
     log(f"Gaussians with a code: {shares}")

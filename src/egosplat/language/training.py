@@ -1,7 +1,7 @@
 """Train codes by gradient descent with fixed geometry: LangSplat's second stage, for all levels at once."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -10,11 +10,14 @@ from torch import Tensor
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.codes.joint_objective import code_l1
 from egosplat.codes.rendering import render_values
+from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
+from egosplat.language.lifting import lift
+from egosplat.language.result import Coded, Curve
 from egosplat.language.views import CodeViews
-from egosplat.progress import track
+from egosplat.progress import log, track
 
 # Iterations per record. Checkpoints are written at records only.
 RECORD_EVERY = 10
@@ -37,12 +40,32 @@ class CodeOptions:
     seed: int
 
 
-@dataclass(frozen=True)
-class Curve:
-    """Last iteration and mean loss of each record."""
+def trained(
+    gaussians: Gaussians,
+    views: CodeViews,
+    settings: RenderSettings,
+    targets: CodeTargets,
+    options: CodeOptions,
+    checkpoint: Checkpoint,
+) -> Coded:
+    """Method ``trained``: codes by gradient descent, from the last checkpoint if there is one; shares of ``lift``.
 
-    iteration: list[int] = field(default_factory=list)
-    loss: list[float] = field(default_factory=list)
+    Raises:
+        UserError: training diverges. The checkpoint is removed, because resuming would diverge again.
+    """
+    share = lift(gaussians, views, settings).share
+    training = CodeTraining(gaussians, len(targets.levels), targets.channels, options)
+    if (saved := checkpoint.load()) is not None:
+        training.load_state_dict(saved)
+        log(f"training of codes resumes after iteration {training.iteration}")
+    try:
+        training.run(gaussians, views, settings, checkpoint)
+    except UserError:
+        checkpoint.remove()
+        raise
+    # Stored as they are rendered, so that queries need not know whether codes are normalized.
+    code = codes_to_render(training.code.detach(), options.normalize_codes)
+    return Coded(code, share, targets.levels, curve=training.curve)
 
 
 class CodeTraining:

@@ -1,5 +1,7 @@
 """Relevancy of features to queries (paper, "Open-Vocabulary Querying"; LERF; docs/method.md#relevancy)."""
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -36,7 +38,8 @@ def fold(decoder: Decoder, directions: Tensor) -> tuple[Decoder, Tensor]:
     weights, biases = np.split(decoder.values[-last:].astype(np.float64), [channels * hidden])
     q, r = np.linalg.qr(np.column_stack([weights.reshape(channels, hidden), biases]))
     values = [decoder.values[:-last], r[:, :hidden].ravel(), r[:, hidden]]
-    folded = Decoder((*before, hidden, len(r)), np.concatenate(values).astype(np.float32))
+    widths = (*before, hidden, len(r))
+    folded = replace(decoder, widths=widths, values=np.concatenate(values).astype(np.float32))
     projected = directions.double() @ torch.from_numpy(q).to(directions.device)
     return folded, projected.to(directions.dtype)
 

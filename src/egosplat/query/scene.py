@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.codes.decoder import Decoder, read_decoder
+from egosplat.codes.decoder import Decoder, read_scene_decoder
 from egosplat.gaussians.device import training_device
 from egosplat.gaussians.io import read_gaussians, read_render_settings
 from egosplat.gaussians.model import Gaussians
@@ -96,5 +96,5 @@ def with_codes(trained: TrainedScene, language: Artifact, features: Artifact) ->
         **vars(trained),
         code=torch.from_numpy(language.read("code")).to(device),
         share=torch.from_numpy(language.read("share")).to(device),
-        decoder=read_decoder(features),
+        decoder=read_scene_decoder(language, features),
     )

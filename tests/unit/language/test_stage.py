@@ -8,8 +8,10 @@ import pytest
 
 from egosplat.artifacts.reader import verify
 from egosplat.artifacts.registry import SCHEMAS
+from egosplat.codes.decoder import Decoder, read_scene_decoder
 from egosplat.errors import UserError
-from egosplat.language import stage
+from egosplat.language import joint, lifting, methods, stage
+from egosplat.language.result import Coded
 from egosplat.pipeline.config import defaults
 from egosplat.splats import stage as splats_stage
 
@@ -62,7 +64,7 @@ def test_artifact_holds_the_expected_facts_and_inputs(scene):
     assert found.origin == "synthetic" and set(found.provenance["inputs"]) == {
         f"{name}.zarr" for name in ("frames", "poses", "instances", "features", "splats", "masks")
     }
-    assert found.facts == {"levels": ["part", "whole"], "method": "lifted", "views": 4}
+    assert found.facts == {"levels": ["part", "whole"], "method": "lifted", "views": 4, "stands_in": []}
     assert found.shape("code")[1:] == (2, 3) and found.shape("curve/loss") == (0,)
     assert not found.read("code")[found.read("share") == 0].any()
 
@@ -70,13 +72,14 @@ def test_artifact_holds_the_expected_facts_and_inputs(scene):
 @pytest.mark.parametrize("language", ["after", "joint"])
 def test_codes_are_lifted_with_the_poses_that_training_refined(scene, monkeypatch, language):
     """Protects the poses behind codes, and corrections in joint training."""
-    used, lift = {}, stage.lift
+    used, lift = {}, lifting.lift
 
     def lifted(gaussians, views, settings):
         used["views"] = views
         return lift(gaussians, views, settings)
 
-    monkeypatch.setattr(stage, "lift", lifted)
+    for module in (lifting, joint):
+        monkeypatch.setattr(module, "lift", lifted)
     folder = scene()
     train(folder, refine_poses="on", compensate_exposure="on", language=language)
     run(folder)
@@ -84,6 +87,26 @@ def test_codes_are_lifted_with_the_poses_that_training_refined(scene, monkeypatc
     refined = splats.read("corrections/camera_to_world")
     np.testing.assert_array_equal(views.camera_to_world, refined[views.frame])
     assert np.linalg.norm(splats.read("corrections/shift")[views.frame], axis=1).min() > 0.0
+
+
+def test_a_method_s_own_decoder_and_stand_ins_are_stored_and_the_scene_decodes_with_it(scene, monkeypatch):
+    own = Decoder((3, 4), np.arange(16, dtype=np.float32), ("none",), unit_input=True)
+
+    def learned(gaussians, views, settings, targets, options, checkpoint):
+        plain = lifting.lifted(gaussians, views, settings, targets)
+        return Coded(plain.code, plain.share, plain.levels, own, stands_in=("sand in place of water",))
+
+    monkeypatch.setitem(methods.METHODS, "learned", learned)
+    folder = scene()
+    train(folder)
+    features = verify(folder / "features.zarr", SCHEMAS)
+    without, found = run(folder), run(folder, "learned.zarr", method="learned")
+    assert found.facts["stands_in"] == ["sand in place of water"] and found.facts["method"] == "learned"
+    decoder = read_scene_decoder(found, features)
+    assert vars(decoder) | {"values": None} == vars(own) | {"values": None}
+    np.testing.assert_array_equal(decoder.values, own.values)
+    shared = read_scene_decoder(without, features)
+    assert shared.widths == tuple(features.facts["decoder"]["widths"]) != own.widths
 
 
 def test_frames_left_out_by_the_survey_are_not_used(scene, survey_that_keeps):

@@ -1,5 +1,6 @@
 """Folded decoders give the same cosines."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -28,6 +29,18 @@ def test_folding_changes_no_cosine(widths, folded, scale):
     expected = decode(codes, whole) @ directions.T
     torch.testing.assert_close(decode(codes, small) @ projected.T, expected, rtol=0, atol=2e-6)
     assert (expected.abs() > 0.05).any()
+
+
+def test_folding_keeps_what_stands_before_the_last_layer():
+    """A softmax over code words, a skip, and codes of any norm."""
+    before = ("relu", "relu", "softmax", "none")
+    whole = replace(decoder(3, 8, 8, 16, 64), after=before, unit_input=True, skips=((0, 1),))
+    codes, directions = torch.randn(50, 3), torch.randn(6, 64)
+    small, projected = fold(whole, directions)
+    assert small.widths == (3, 8, 8, 16, 17) and (small.after, small.skips) == (before, ((0, 1),))
+    expected = decode(codes, whole) @ directions.T
+    torch.testing.assert_close(decode(codes, small) @ projected.T, expected, rtol=0, atol=2e-5)
+    torch.testing.assert_close(decode(3 * codes, small), decode(codes, small))
 
 
 def test_features_without_a_direction_stay_without():

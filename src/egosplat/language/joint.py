@@ -1,0 +1,25 @@
+"""Codes that were trained together with the Gaussians, the paper's way."""
+
+from collections.abc import Sequence
+
+import torch
+from numpy.typing import NDArray
+
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import RenderSettings
+from egosplat.language.lifting import lift
+from egosplat.language.result import Coded
+from egosplat.language.views import CodeViews
+
+
+def joint(
+    gaussians: Gaussians, views: CodeViews, settings: RenderSettings, levels: Sequence[str], stored: NDArray
+) -> Coded:
+    """Take codes unnormalized, as training rendered them (docs/method.md#code-norm); lifting gives the shares.
+
+    Args:
+        stored: (N, L * C) float32, ``features`` of splats.zarr.
+    """
+    share = lift(gaussians, views, settings).share
+    code = torch.from_numpy(stored).to(share.device).unflatten(1, (len(levels), -1))
+    return Coded(code, share, list(levels))

@@ -1,0 +1,22 @@
+"""The ways to give Gaussians codes, by value of ``language.method``; docs/methods.md says how to add one."""
+
+from collections.abc import Callable
+
+from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.codes.targets import CodeTargets
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import RenderSettings
+from egosplat.language.lifting import lifted
+from egosplat.language.options import LanguageOptions
+from egosplat.language.result import Coded
+from egosplat.language.training import trained
+from egosplat.language.views import CodeViews
+
+# Gives codes to Gaussians that require no gradients, from views with targets. A method that trains resumes from the
+# checkpoint, and raises UserError if it diverges.
+Method = Callable[
+    [Gaussians, CodeViews, RenderSettings, CodeTargets, LanguageOptions, Checkpoint],
+    Coded,
+]
+
+METHODS: dict[str, Method] = {"lifted": lifted, "trained": trained}

@@ -1,0 +1,14 @@
+"""Configuration keys of the stage ``language``."""
+
+from dataclasses import dataclass
+
+from egosplat.language.training import CodeOptions
+
+
+@dataclass(frozen=True)
+class LanguageOptions(CodeOptions):
+    """Configuration keys of the stage; ``config.schema.yaml`` describes each."""
+
+    method: str
+    checkpoint_s: float
+    backend: str
