@@ -35,7 +35,8 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.pixel_weights import open_masking
 from egosplat.gaussians.render import RenderSettings
 from egosplat.language.lifting import lift
-from egosplat.language.training import CodeOptions, CodeTraining
+from egosplat.language.loop import train
+from egosplat.language.training import CodeOptions, PlainCodes
 from egosplat.language.views import CodeViews, select_code_views
 from egosplat.pipeline.config import defaults
 from egosplat.progress import log
@@ -107,10 +108,10 @@ def trained(scene: Scene, views: CodeViews, levels: int, iterations: int) -> Ten
     options = CodeOptions(
         iterations=iterations, lr=keys["lr"], normalize_codes=keys["normalize_codes"], seed=keys["seed"]
     )
-    training = CodeTraining(scene.gaussians, levels, scene.targets.channels, options)
+    found = PlainCodes(scene.gaussians, views, scene.settings, (levels, scene.targets.channels), options)
     with TemporaryDirectory() as folder:
-        training.run(scene.gaussians, views, scene.settings, Checkpoint(Path(folder) / "x", "", 1e9))
-    return training.code.detach()
+        train(found, len(views), iterations, options.seed, Checkpoint(Path(folder) / "x", "", 1e9))
+    return found.code.detach()
 
 
 def codes(scene: Scene, way: str, iterations: int) -> Tensor:

@@ -71,19 +71,24 @@ class Decoder:
         """
         # Kept, because a picture is decoded in thousands of parts.
         if (kind := (like.dtype, like.device)) not in self._layers:
-            self._layers[kind] = self._made_layers(like)
+            self._layers[kind] = split_layers(torch.from_numpy(self.values).to(like), self.widths)
         return self._layers[kind]
 
-    def _made_layers(self, like: Tensor) -> list[tuple[Tensor, Tensor]]:
-        sizes = [size for narrow, wide in pairwise(self.widths) for size in (wide * narrow, wide)]
-        if sum(sizes) != len(self.values):
-            raise ValueError(f"widths {self.widths} need {sum(sizes)} numbers, not {len(self.values)}")
-        parts = torch.from_numpy(self.values).to(like).split(sizes)
-        shapes = list(pairwise(self.widths))
-        return [
-            (parts[2 * number].reshape(wide, narrow), parts[2 * number + 1])
-            for number, (narrow, wide) in enumerate(shapes)
-        ]
+
+def split_layers(values: Tensor, widths: tuple[int, ...]) -> list[tuple[Tensor, Tensor]]:
+    """Split the numbers of a decoder into (out, in) weights and (out,) biases of each layer, views of ``values``.
+
+    Raises:
+        ValueError: the number of values does not match the widths.
+    """
+    sizes = [size for narrow, wide in pairwise(widths) for size in (wide * narrow, wide)]
+    if sum(sizes) != len(values):
+        raise ValueError(f"widths {widths} need {sum(sizes)} numbers, not {len(values)}")
+    parts = values.split(sizes)
+    return [
+        (parts[2 * number].reshape(wide, narrow), parts[2 * number + 1])
+        for number, (narrow, wide) in enumerate(pairwise(widths))
+    ]
 
 
 def decode(codes: Tensor, decoder: Decoder) -> Tensor:
@@ -100,9 +105,19 @@ def decode(codes: Tensor, decoder: Decoder) -> Tensor:
     """
     if codes.shape[-1] != decoder.widths[0]:
         raise ValueError(f"codes have {codes.shape[-1]} channels, the decoder takes {decoder.widths[0]}")
-    layers, passed = decoder.layers(codes), []
+    return F.normalize(apply_layers(codes, decoder.layers(codes), decoder), dim=-1)
+
+
+def apply_layers(codes: Tensor, layers: list[tuple[Tensor, Tensor]], decoder: Decoder) -> Tensor:
+    """Apply a decoder with other weights than its own, without the normalization at the end.
+
+    Args:
+        codes: (..., C).
+        layers: weights and biases of each layer, as ``Decoder.layers``.
+        decoder: says what follows the layers.
+    """
     # ReLU stands between layers only: neither the code nor the feature is clamped.
-    after = decoder.after or ("relu",) * (len(layers) - 1) + ("none",)
+    after, passed = decoder.after or ("relu",) * (len(layers) - 1) + ("none",), []
     values = F.normalize(codes, dim=-1) if decoder.unit_input else codes
     for number, (weights, biases) in enumerate(layers):
         values = _AFTER[after[number]](F.linear(values, weights, biases))
@@ -110,7 +125,7 @@ def decode(codes: Tensor, decoder: Decoder) -> Tensor:
             if late == number:
                 values = values + passed[early]
         passed.append(values)
-    return F.normalize(values, dim=-1)
+    return values
 
 
 def read_decoder(artifact: Artifact) -> Decoder:

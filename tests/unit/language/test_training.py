@@ -1,5 +1,7 @@
 """Training of codes converges, resumes identically, and reports divergence."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -8,7 +10,8 @@ from egosplat.codes.joint_objective import code_l1
 from egosplat.codes.targets import CodeTargets, Targets
 from egosplat.errors import UserError
 from egosplat.gaussians.pixel_weights import Masking
-from egosplat.language.training import CodeOptions, CodeTraining, codes_to_render
+from egosplat.language.loop import Training, train
+from egosplat.language.training import CodeOptions, PlainCodes, codes_to_render
 from egosplat.language.views import select_code_views
 
 CPU = torch.device("cpu")
@@ -26,31 +29,41 @@ def checkpoint(tmp_path):
     return Checkpoint(tmp_path / "language.zarr", "key", 1e9)
 
 
-def test_the_loss_falls_and_each_half_learns_its_code(wall, views, settings, checkpoint):
-    training = CodeTraining(wall, 2, 3, OPTIONS)
-    training.run(wall, views, settings, checkpoint)
-    assert training.curve.iteration == [10, 20, 30, 40, 50, 60]
-    assert training.curve.loss[-1] < 0.2 * training.curve.loss[0]
+@pytest.fixture
+def codes(wall, views, settings):
+    """``codes(lr)``: new codes of two levels."""
+
+    def make(lr: float = 0.05) -> PlainCodes:
+        return PlainCodes(wall, views, settings, (2, 3), replace(OPTIONS, lr=lr))
+
+    return make
+
+
+def test_the_loss_falls_and_each_half_learns_its_code(wall, views, codes, checkpoint):
+    found = codes()
+    curve = train(found, len(views), 60, 0, checkpoint)
+    assert curve.iteration == [10, 20, 30, 40, 50, 60]
+    assert curve.loss[-1] < 0.2 * curve.loss[0]
     left = (wall.means[:, 0] < -0.4) & (wall.means[:, :2].abs() < 0.9).all(dim=1)
     expected = torch.tensor([1.0, 0.0, 0.5])
-    assert float((training.code.detach()[left, 1].mean(dim=0) - expected).abs().max()) < 0.2
+    assert float((found.code.detach()[left, 1].mean(dim=0) - expected).abs().max()) < 0.2
 
 
-def test_a_run_resumes_to_the_same_codes(wall, views, settings, checkpoint):
-    whole = CodeTraining(wall, 2, 3, OPTIONS)
-    whole.run(wall, views, settings, checkpoint)
-    half = CodeTraining(wall, 2, 3, CodeOptions(30, 0.05, False, 0))
-    half.run(wall, views, settings, checkpoint)
-    rest = CodeTraining(wall, 2, 3, OPTIONS)
-    rest.load_state_dict(half.state_dict())
-    rest.run(wall, views, settings, checkpoint)
-    assert torch.equal(whole.code, rest.code) and whole.curve == rest.curve
+def test_a_run_resumes_to_the_same_codes(views, codes, checkpoint):
+    whole, begun, rest = codes(), codes(), codes()
+    curve = train(whole, len(views), 60, 0, checkpoint)
+    half = Training(begun, len(views), 30, 0)
+    half.run(checkpoint)
+    saved = Checkpoint(checkpoint.file.parent.parent / "language.zarr", "key", 0.0)
+    saved.save_if_due(half.state_dict)
+    assert train(rest, len(views), 60, 0, saved) == curve and torch.equal(whole.code, rest.code)
 
 
-def test_a_learning_rate_far_too_large_ends_training(wall, views, settings, checkpoint):
-    training = CodeTraining(wall, 2, 3, CodeOptions(20, 3e37, False, 0))
+def test_a_learning_rate_far_too_large_ends_training_and_its_checkpoint(views, codes, tmp_path):
+    checkpoint = Checkpoint(tmp_path / "language.zarr", "key", 0.0)
     with pytest.raises(UserError, match=r"language\.lr"):
-        training.run(wall, views, settings, checkpoint)
+        train(codes(3e37), len(views), 40, 0, checkpoint)
+    assert checkpoint.load() is None
 
 
 def test_normalized_codes_have_unit_norm():

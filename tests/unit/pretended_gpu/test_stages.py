@@ -13,8 +13,8 @@ from egosplat.artifacts.reader import Artifact, verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.compute import Compute
 from egosplat.gaussians import trainer
+from egosplat.language import loop
 from egosplat.language import stage as language
-from egosplat.language import training as code_training
 from egosplat.models.sam2_loader import Sam2
 from egosplat.pipeline.config import defaults
 from egosplat.segments.tracker import Tracker
@@ -146,7 +146,7 @@ def test_language(scene, gpu, monkeypatch, method):
     folder = scene()
     train(folder, iterations=10)
     on_gpu(monkeypatch, language)
-    calls = counted(gpu, monkeypatch, code_training.CodeTraining, "_iterate")
+    calls = counted(gpu, monkeypatch, loop.Training, "_iterate")
     options = language.LanguageOptions(**LANGUAGE | {"method": method})
     inputs = [folder / f"{kind}.zarr" for kind in ("frames", "poses", "instances", "features", "splats")]
     language.run(*inputs, folder / "language.zarr", options, masks_path=None, transient_path=None)
