@@ -155,6 +155,16 @@ def tradeoff(points: list[dict[str, Any]], output: Path) -> None:
 
 
 @cli.command()
+@click.argument("documents", nargs=-1, required=True, type=ARTIFACT)
+@click.option("--output", type=ARTIFACT, required=True, help="Output folder of the page.")
+def tradeoff_scenes(documents: tuple[Path, ...], output: Path) -> None:
+    """Compare cost and accuracy over several scenes: DOCUMENTS are their files tradeoff.json."""
+    from egosplat.tradeoff.stage import run_scenes
+
+    run_scenes(documents, output)
+
+
+@cli.command()
 @click.argument("files", nargs=-1, required=True, type=ARTIFACT)
 @click.option("--title", required=True, help="Name of the scene.")
 @click.option("--output", type=ARTIFACT, required=True, help="Output page, .html.")

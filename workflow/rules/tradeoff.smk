@@ -1,8 +1,9 @@
 """
-Speed against accuracy of a scene: presets and single-parameter changes.
+Speed against accuracy of a scene, and of several: presets and single-parameter changes.
 
 REQUIRED INPUTS: metrics.json of the scene and of the variants that the configuration's section tradeoff names.
-OUTPUTS: tradeoff/tradeoff.html, .csv, .json and .png.
+OUTPUTS: tradeoff/tradeoff.html, .csv, .json and .png of a scene; results/benchmark/tradeoff.html, .csv and .png of the
+scenes that tradeoff.scenes names.
 TOOLS: SciPy, pandas, matplotlib, Jinja2.
 """
 
@@ -28,8 +29,16 @@ def get_points_flag(wildcards):
     return shlex.quote(json.dumps(points_named(wildcards.dataset, wildcards.scene)))
 
 
+def get_scenes_of_tradeoff(_):
+    """Get tradeoff.json of each scene of the joint page."""
+    wanted = configuration.resolve(config, PRESETS)["tradeoff"]["scenes"]
+    found = [find_scene(scenes, *name.split("/")) for name in wanted]
+    return [f"{scene.results}/tradeoff/tradeoff.json" for scene in found]
+
+
 localrules:
     tradeoff,
+    tradeoff_scenes,
 
 
 rule tradeoff:
@@ -57,4 +66,31 @@ rule tradeoff:
         "egosplat tradeoff"
         " --output results/{wildcards.dataset}/{wildcards.scene}/tradeoff"
         " --points {params.points}"
+        " 2>&1 | tee {log:q}"
+
+
+rule tradeoff_scenes:
+    """Compare cost and accuracy of the points over several scenes."""
+    input:
+        documents=get_scenes_of_tradeoff,
+        page=PACKAGE / "tradeoff/tradeoff.html.j2",
+    output:
+        multiext("results/benchmark/tradeoff", ".csv", ".png"),
+        page=report(
+            "results/benchmark/tradeoff.html",
+            caption="../report/tradeoff.rst",
+            category="Speed against accuracy",
+            labels={"page": "trade-off of several scenes"},
+        ),
+    log:
+        "logs/benchmark/tradeoff.log",
+    resources:
+        mem_mb=2000,
+        runtime="10m",
+    params:
+        code=code_hash("egosplat.tradeoff.stage", TRADEOFF_LIBRARIES),
+    shell:
+        "egosplat tradeoff-scenes"
+        " {input.documents:q}"
+        " --output results/benchmark"
         " 2>&1 | tee {log:q}"

@@ -10,6 +10,7 @@ from egosplat.tables.scored_scenes import ScoredScene, check_protocol, read_scor
 from egosplat.tables.series import find_series
 from egosplat.tradeoff.estimates import Chance, Sample, pooled
 from egosplat.tradeoff.points import PRESET, Setting, shown
+from egosplat.tradeoff.recipes import Recipe
 
 
 @dataclass(frozen=True)
@@ -88,11 +89,13 @@ class MeasuredPoint:
     Attributes:
         settings: all settings that give this point.
         runs: one run per seed.
+        recipe: keys and command that make it.
         about: data and checkpoints.
     """
 
     settings: tuple[Setting, ...]
     runs: tuple[Run, ...]
+    recipe: Recipe
     about: str
 
     @property
@@ -136,7 +139,7 @@ def read_points(points: Sequence[Mapping[str, Any]]) -> list[MeasuredPoint]:
     """Read the scores of points.
 
     Args:
-        points: ``settings``, pairs of a key and a value, and ``metrics``, paths of files, of each point.
+        points: ``settings``, pairs of a key and a value, ``recipe``, and ``metrics``, paths of files, of each point.
 
     Raises:
         UserError: a file cannot be read, misses an artifact, or cannot be compared with the others.
@@ -153,6 +156,7 @@ def read_points(points: Sequence[Mapping[str, Any]]) -> list[MeasuredPoint]:
         MeasuredPoint(
             settings=tuple(Setting(*pair) for pair in point["settings"]),
             runs=tuple(runs),
+            recipe=Recipe(**point["recipe"]),
             about=about[runs[0].scored.path],
         )
         for point, runs in zip(points, read, strict=True)

@@ -1,4 +1,4 @@
-"""Write the files of a trade-off: ``tradeoff.json``, CSV and HTML."""
+"""Write the files of a trade-off: ``tradeoff.json`` of a scene; CSV and HTML of one or more."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
@@ -15,10 +15,20 @@ from egosplat.pipeline.stages import STAGES
 from egosplat.tables.page import read_picture
 from egosplat.tables.scored_scenes import CHANCE
 from egosplat.tradeoff.estimates import Chance, Estimate, Sample, front, mean, positive_mean
-from egosplat.tradeoff.measured import ACCURACY, EVALUATION, MEASURES, WALL, Measure, MeasuredPoint, chances
+from egosplat.tradeoff.measured import (
+    ACCURACY,
+    CPU,
+    EVALUATION,
+    MEASURES,
+    WALL,
+    Measure,
+    MeasuredPoint,
+    chances,
+)
 from egosplat.tradeoff.points import shown
+from egosplat.tradeoff.scenes import bought, mean_of, mean_points
 
-FORMAT_VERSION = 4
+FORMAT_VERSION = 5
 
 _COLUMNS = ("scene", "point", "about", "front", "stage", "measure", "mean", "low", "high", "runs")
 
@@ -63,7 +73,7 @@ def write_document(path: Path, document: dict[str, Any]) -> None:
     write_json(path, document, TRADEOFF)
 
 
-def to_csv(document: Mapping[str, Any]) -> str:
+def to_csv(documents: Sequence[Mapping[str, Any]]) -> str:
     """Write all numbers of ``tradeoff.json`` as CSV, in its units; ``stage`` is empty for totals of all stages."""
     lines = (
         {
@@ -73,14 +83,15 @@ def to_csv(document: Mapping[str, Any]) -> str:
             "front": point["front"],
         }
         | line
+        for document in documents
         for point in document["points"]
         for line in (*_measures(point), *_stages(point))
     )
     return pd.DataFrame(lines, columns=list(_COLUMNS)).astype({"runs": "Int64"}).to_csv(index=False)
 
 
-def to_html(document: Mapping[str, Any], picture: Path) -> str:
-    """Write the page of ``tradeoff.json``, with its plot.
+def to_html(documents: Sequence[Mapping[str, Any]], picture: Path) -> str:
+    """Write the page of one or more ``tradeoff.json``, with their plot.
 
     Raises:
         UserError: the picture cannot be read.
@@ -89,21 +100,27 @@ def to_html(document: Mapping[str, Any], picture: Path) -> str:
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    points = document["points"]
-    own = [f"{one['knob']}={shown(one['value'])}" for one in points[0]["settings"]]
+    first, points = documents[0], mean_points(documents)
     measured = {stage for point in points for stage in point["stages"]}
     stages = [name for name in STAGES if name in measured and name not in EVALUATION]
     return environment.from_string(template).render(
-        document=document,
+        documents=documents,
+        first=first,
+        title=", ".join(document["scene"] for document in documents),
+        machines=sorted({name for document in documents for name in document["machines"]}),
         generator=GENERATOR,
         points=points,
-        own=own,
+        bought=bought(points),
+        mean_of=mean_of,
+        shown=shown,
+        own=[f"{one['knob']}={shown(one['value'])}" for one in points[0]["settings"]],
         measures=MEASURES,
-        wall=WALL,
+        gains=tuple(one for one in MEASURES if one.more_is_better),
+        times=(WALL, CPU),
         stages=stages + [name for name in EVALUATION if name in measured],
         evaluation=EVALUATION,
-        chances={name: document["chance"][key] for key, name in CHANCE.items()},
-        confidence=f"{100 * document['confidence']:g} %",
+        chances={name: first["chance"][key] for key, name in CHANCE.items()},
+        confidence=f"{100 * first['confidence']:g} %",
         picture=read_picture(picture),
         asked_otherwise=[one["label"] for one in points if one["queries"] != points[0]["queries"]],
     )
@@ -124,6 +141,7 @@ def _entry(
         "label": point.label,
         "variant": point.variant,
         "settings": [asdict(one) for one in point.settings],
+        "recipe": point.recipe.as_json(),
         "about": point.about,
         "front": on_front,
         "queries": point.queries,

@@ -18,6 +18,7 @@ from egosplat.pipeline.config import Config, section_keys
 from egosplat.pipeline.presets import QUESTIONS, preset_keys
 from egosplat.pipeline.scenes import Scene, read_scenes
 from egosplat.pipeline.variants import EXTENDS, reaches, variant_config, variant_folder
+from egosplat.tradeoff.recipes import recipe_of
 
 # The knob whose values are presets.
 PRESET = "preset"
@@ -60,10 +61,11 @@ def read_scenes_with_points(config: Config, presets: Path) -> dict[tuple[str, st
 
 
 def measured_points(scene: Scene) -> list[dict[str, Any]]:
-    """The points of a scene for ``egosplat tradeoff``: settings, and the metrics.json of each run."""
+    """The points of a scene for ``egosplat tradeoff``: settings, recipe, and the metrics.json of each run."""
     return [
         {
             "settings": [[one.knob, one.value] for one in point.settings],
+            "recipe": recipe_of(scene, point.variants[0]).as_json(),
             "metrics": [
                 f"{scene.results}/{variant_folder(variant)}metrics.json" for variant in point.variants
             ],

@@ -73,6 +73,7 @@ def scored(tmp_path: Path) -> Callable[..., str]:
         minutes: float = 10.0,
         psnr: float | None = 25.0,
         options: Mapping[str, dict] | None = None,
+        place: str = SCENE,
         **more: Any,
     ) -> str:
         stages = {
@@ -82,11 +83,10 @@ def scored(tmp_path: Path) -> Callable[..., str]:
         }
         for stage, own in (options or {}).items():
             stages[stage]["options"] = own
-        folder = tmp_path / SCENE / (f"variants/{variant}" if variant else "")
+        folder = tmp_path / place / (f"variants/{variant}" if variant else "")
         folder.mkdir(parents=True, exist_ok=True)
-        content = document("adt/scene1", accuracy, psnr, stages)
-        if variant:
-            content["scene"] = f"adt/scene1, {variant}"
+        name = place.partition("/")[2]
+        content = document(f"{name}, {variant}" if variant else name, accuracy, psnr, stages)
         (folder / "metrics.json").write_text(json.dumps(content | more))
         return str(folder / "metrics.json")
 
@@ -111,7 +111,9 @@ def point(scored) -> Callable[..., dict[str, Any]]:
                 (None if scene else name) if seed == 0 else f"seed-{seed}" if scene else f"{name}-seed-{seed}"
             )
             paths.append(scored(variant, accuracy, time, **more))
-        return {"settings": [list(one) for one in settings], "metrics": paths}
+        keys = {knob: value for knob, value in settings if knob != "preset"}
+        recipe = {"keys": keys, "command": f"snakemake --cores 2 {paths[0]}"}
+        return {"settings": [list(one) for one in settings], "recipe": recipe, "metrics": paths}
 
     return make
 

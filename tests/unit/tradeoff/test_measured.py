@@ -8,6 +8,8 @@ import pytest
 from egosplat.errors import UserError
 from egosplat.tradeoff.measured import ACCURACY, CPU, DISK, MEMORY, PSNR, WALL, read_points
 
+NO_RECIPE = {"keys": {}, "command": "snakemake"}
+
 
 def change(path: str, **changes) -> None:
     """Put values into the record of the splats."""
@@ -17,7 +19,7 @@ def change(path: str, **changes) -> None:
 
 
 def test_costs_are_of_what_makes_the_scene(scored):
-    (one,) = read_points([{"settings": [], "metrics": [scored(None, minutes=10.0)]}])
+    (one,) = read_points([{"settings": [], "recipe": NO_RECIPE, "metrics": [scored(None, minutes=10.0)]}])
     values = {measure.name: one.sample(measure).values for measure in (WALL, CPU, MEMORY, DISK)}
     # The reading of annotations, ten minutes, and the asking are no part of it.
     assert values == {"wall_s": (601.0,), "cpu_s": (1202.0,), "peak_memory_mb": (1100.0,), "disk_mb": (20.0,)}
@@ -28,7 +30,7 @@ def test_costs_are_of_what_makes_the_scene(scored):
 def test_an_interrupted_training_counts_whole(scored):
     path = scored(None, minutes=1.0)
     change(path, training_s=500.0)
-    (one,) = read_points([{"settings": [], "metrics": [path]}])
+    (one,) = read_points([{"settings": [], "recipe": NO_RECIPE, "metrics": [path]}])
     assert one.sample(WALL).values == (501.0,)
 
 
@@ -37,7 +39,7 @@ def test_missing_costs_are_unknown(scored):
     content = json.loads(Path(path).read_text())
     del content["artifacts"]["splats.zarr"]["cpu_s"]
     Path(path).write_text(json.dumps(content))
-    (one,) = read_points([{"settings": [], "metrics": [path]}])
+    (one,) = read_points([{"settings": [], "recipe": NO_RECIPE, "metrics": [path]}])
     assert one.sample(CPU) is None and one.sample(PSNR) is None
     assert one.stage_costs()["splats"]["cpu_s"] is None
     assert one.sample(ACCURACY).step == 1 / 80
@@ -54,7 +56,7 @@ def test_a_missing_artifact_is_named(scored):
     content["artifacts"]["masks.zarr"] = None
     Path(path).write_text(json.dumps(content))
     with pytest.raises(UserError, match="masks.zarr"):
-        read_points([{"settings": [], "metrics": [path]}])
+        read_points([{"settings": [], "recipe": NO_RECIPE, "metrics": [path]}])
 
 
 def test_scores_of_other_scenes_or_questions_are_rejected(scored, tmp_path):
@@ -63,10 +65,10 @@ def test_scores_of_other_scenes_or_questions_are_rejected(scored, tmp_path):
     other.parent.mkdir(parents=True)
     other.write_text(Path(first).read_text().replace("adt/scene1", "adt/scene2"))
     with pytest.raises(UserError, match="another scene"):
-        read_points([{"settings": [], "metrics": [first, str(other)]}])
+        read_points([{"settings": [], "recipe": NO_RECIPE, "metrics": [first, str(other)]}])
     stricter = Path(scored("strict"))
     stricter.write_text(stricter.read_text().replace('"hit_region": "box"', '"hit_region": "mask"'))
     with pytest.raises(UserError, match="metrics.hit_region"):
-        read_points([{"settings": [], "metrics": [first, str(stricter)]}])
+        read_points([{"settings": [], "recipe": NO_RECIPE, "metrics": [first, str(stricter)]}])
     with pytest.raises(UserError, match="does not exist"):
-        read_points([{"settings": [], "metrics": [str(tmp_path / "metrics.json")]}])
+        read_points([{"settings": [], "recipe": NO_RECIPE, "metrics": [str(tmp_path / "metrics.json")]}])

@@ -8,8 +8,9 @@ import pytest
 from PIL import Image
 
 from egosplat import cli
+from egosplat.errors import UserError
 from egosplat.models.suitability import BRIEF, notice
-from egosplat.tradeoff.stage import run
+from egosplat.tradeoff.stage import run, run_scenes
 
 
 @pytest.fixture
@@ -27,6 +28,7 @@ def test_all_files_are_written_and_name_their_scene(page):
     ]
     assert (document["seeds"], document["origin"], document["confidence"]) == (3, "synthetic", 0.95)
     text = (page / "tradeoff.html").read_text()
+    assert "snakemake --cores 2" in text and "<tr><th>splats.iterations</th><td>1500</td></tr>" in text
     assert (
         "<title>Speed against accuracy: adt/scene1, synthetic apartments, small checkpoints</title>" in text
     )
@@ -101,3 +103,38 @@ def test_points_have_to_be_json(monkeypatch, capsys):
     with pytest.raises(SystemExit) as stop:
         cli.main()
     assert stop.value.code == 2 and "is not JSON" in capsys.readouterr().err
+
+
+@pytest.fixture
+def two_scenes(point, tmp_path):
+    """tradeoff.json of two scenes; the second takes twice the time, and lacks the paper's settings."""
+    files = []
+    for place, factor in (("results/adt/scene1", 1.0), ("results/adt/scene2", 2.0)):
+        points = [
+            point([("preset", "balanced")], [0.5], [10.0 * factor], scene=True, place=place),
+            point([("preset", "draft")], [0.4 + 0.1 * factor], [1.0 * factor], place=place),
+        ]
+        if factor == 1.0:
+            points.append(point([("preset", "paper_scaled")], [0.9], [300.0], place=place))
+        run(points, tmp_path / place / "tradeoff")
+        files.append(tmp_path / place / "tradeoff/tradeoff.json")
+    return files
+
+
+def test_several_scenes_are_one_page_with_their_mean(two_scenes, tmp_path):
+    """Points that one scene lacks have no mean, but stay in the table of the scene that has them."""
+    run_scenes(two_scenes, tmp_path / "all")
+    text = (tmp_path / "all/tradeoff.html").read_text()
+    assert "<title>Speed against accuracy: adt/scene1, adt/scene2," in text
+    means, scenes = text.split("<h2>adt/scene1</h2>")
+    assert "<summary>paper_scaled" not in means and "<summary>paper_scaled" in scenes
+    assert "<td>55.0</td>" in means, "the mean of 50 and 60 percent"
+    table = pd.read_csv(tmp_path / "all/tradeoff.csv")
+    assert set(table.scene) == {"adt/scene1", "adt/scene2"}
+    assert not (tmp_path / "all/tradeoff.json").exists()
+
+
+def test_a_file_that_is_no_trade_off_is_named(tmp_path):
+    (tmp_path / "other.json").write_text("{}")
+    with pytest.raises(UserError, match="other.json"):
+        run_scenes([tmp_path / "other.json"], tmp_path / "all")

@@ -1,0 +1,63 @@
+"""How to make a point of the trade-off: the keys that differ from the defaults, and the command."""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from egosplat.pipeline.config import Config, defaults, schema
+from egosplat.pipeline.scenes import Scene
+from egosplat.pipeline.stages import STAGES
+from egosplat.pipeline.variants import variant_config, variant_folder
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How to make a point.
+
+    Attributes:
+        keys: value by key, such as ``splats.iterations``, of all keys of stages that differ from their defaults.
+        command: command line that makes the point's scores.
+    """
+
+    keys: dict[str, Any]
+    command: str
+
+    def as_json(self) -> dict[str, Any]:
+        """The recipe as in ``tradeoff.schema.yaml``."""
+        return asdict(self)
+
+
+def recipe_of(scene: Scene, variant: str | None) -> Recipe:
+    """Get the recipe of a scene or one of its variants.
+
+    Raises:
+        UserError: see ``egosplat.pipeline.variants.variant_config``.
+    """
+    config = variant_config(scene.config, variant, scene.name) if variant else scene.config
+    preset = (
+        ""
+        if scene.config["preset"] == defaults()["preset"]
+        else f"--config preset={scene.config['preset']} -- "
+    )
+    target = f"{scene.results}/{variant_folder(variant)}metrics.json"
+    return Recipe(changed_keys(config), f"snakemake --cores 2 {preset}{target}")
+
+
+def changed_keys(config: Config) -> dict[str, Any]:
+    """Get the keys of stages that differ from the defaults, without those of the recording."""
+    usual = defaults()
+    sections = [name for name in schema("config")["properties"] if name in _SECTIONS]
+    return {
+        f"{section}.{key}": value
+        for section in sections
+        for key, value in config[section].items()
+        if value != usual[section][key]
+    }
+
+
+# Sections of stages, and those that stages share; all points have the recording of the scene.
+_SECTIONS = {
+    section
+    for stage, about in STAGES.items()
+    for section in (stage, *about.sections, *about.keys)
+    if stage != "synthetic"
+}
