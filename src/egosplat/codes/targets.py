@@ -57,8 +57,19 @@ class CodeTargets:
 
     def of(self, frame: int) -> Targets:
         """Return the targets of a frame, by its index in frames.zarr."""
-        table, usable = self._table(frame)
+        return self._look_up(frame, self._instances.row("labels", frame)[self._levels])
+
+    def at(self, frame: int, pixels: NDArray[np.int64]) -> Targets:
+        """Return the targets of some pixels of a frame, codes (L, C, P) and known (L, P).
+
+        Args:
+            pixels: (P, 2) column and row.
+        """
         rows = self._instances.row("labels", frame)[self._levels]
+        return self._look_up(frame, rows[:, pixels[:, 1], pixels[:, 0]])
+
+    def _look_up(self, frame: int, rows: NDArray[np.int32]) -> Targets:
+        table, usable = self._table(frame)
         # Half the bytes to copy to a GPU; the labels of nearly all scenes fit.
         small = rows.astype(np.int16) if len(self._named) <= np.iinfo(np.int16).max else rows
         labels = torch.from_numpy(small).to(self._device).long()

@@ -6,8 +6,10 @@ from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
+from egosplat.language.centres import centred
 from egosplat.language.lifting import lifted
 from egosplat.language.options import LanguageOptions
+from egosplat.language.projection import projected
 from egosplat.language.result import Coded
 from egosplat.language.training import trained
 from egosplat.language.views import CodeViews
@@ -19,4 +21,9 @@ Method = Callable[
     Coded,
 ]
 
-METHODS: dict[str, Method] = {"lifted": lifted, "trained": trained}
+METHODS: dict[str, Method] = {
+    "lifted": lifted,
+    "trained": trained,
+    "projected": projected,
+    "centre": centred,
+}

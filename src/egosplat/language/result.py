@@ -6,6 +6,9 @@ from torch import Tensor
 
 from egosplat.codes.decoder import Decoder
 
+# Stand-in of all methods whose authors segment with SAM.
+SEGMENTER = "SAM2 in place of SAM"
+
 
 @dataclass(frozen=True)
 class Curve:

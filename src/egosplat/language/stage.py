@@ -84,7 +84,9 @@ def run(
     else:
         method = options.method
         coded = METHODS[method](gaussians, views, settings, targets, options, checkpoint)
-    _write(output, record, coded, {"method": method, "views": len(views)})
+    geometry = f"geometry shared, of {splats.provenance['options']['iterations']:,} iterations"
+    stands_in = [*coded.stands_in, geometry]
+    _write(output, record, coded, {"method": method, "views": len(views), "stands_in": stands_in})
     checkpoint.remove()
 
 
@@ -92,7 +94,7 @@ def _write(output: Path, record: Provenance, coded: Coded, facts: dict[str, Any]
     labeled = coded.share > 0
     # Gaussians that no labeled pixel shows have no code.
     code = torch.where(labeled[..., None], coded.code, 0.0)
-    facts = facts | {"levels": coded.levels, "stands_in": list(coded.stands_in)}
+    facts = facts | {"levels": coded.levels}
     with create(output, LANGUAGE, record) as artifact:
         artifact.put("code", code.cpu().numpy())
         artifact.put("share", coded.share.cpu().numpy())

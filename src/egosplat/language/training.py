@@ -13,8 +13,11 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.language.lifting import lift
 from egosplat.language.loop import Step, Trainee, train
-from egosplat.language.result import Coded
+from egosplat.language.result import SEGMENTER, Coded
 from egosplat.language.views import CodeViews
+
+# LangSplat's iterations.
+PUBLISHED = 30_000
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,9 @@ def trained(
     curve = train(codes, len(views), options.iterations, options.seed, checkpoint)
     # Stored as they are rendered, so that queries need not know whether codes are normalized.
     code = codes_to_render(codes.code.detach(), options.normalize_codes)
-    return Coded(code, share, targets.levels, curve=curve)
+    fewer = f"{options.iterations:,} of {PUBLISHED:,} iterations"
+    stands_in = (SEGMENTER, *([fewer] if options.iterations < PUBLISHED else []))
+    return Coded(code, share, targets.levels, curve=curve, stands_in=stands_in)
 
 
 class PlainCodes(Trainee):

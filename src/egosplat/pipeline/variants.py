@@ -14,6 +14,9 @@ from egosplat.pipeline.stages import STAGES
 # Key of a variant that names one or more variants to inherit keys from. Later ones win.
 EXTENDS = "extends"
 
+# Key of a variant with the name of the published method that it stands for. Variants that extend it inherit it.
+METHOD = "method"
+
 # Largest number of variants listed in a message.
 NAMED = 8
 
@@ -54,7 +57,7 @@ def variant_config(base: Config, name: str, where: str) -> Config:
     """
     merged = base
     for one in _ancestry(base["variants"], name, where):
-        keys = {key: value for key, value in base["variants"][one].items() if key != EXTENDS}
+        keys = {key: value for key, value in base["variants"][one].items() if key not in (EXTENDS, METHOD)}
         merged = configuration.overlaid(merged, keys)
     configuration.check(merged, f"variant {name}")
     if merged["synthetic"] != base["synthetic"]:
@@ -73,6 +76,16 @@ def scene_config(scene: Scene, variant: str | None) -> Config:
         UserError: as ``variant_config``; or a published checkpoint is not in the catalogue.
     """
     return located(variant_config(scene.config, variant, scene.name) if variant else scene.config)
+
+
+def method_of(base: Config, name: str, where: str) -> str | None:
+    """Get the published method that a variant stands for; None for EgoSplat.
+
+    Raises:
+        UserError: see ``variant_config``.
+    """
+    named = [base["variants"][one].get(METHOD) for one in _ancestry(base["variants"], name, where)]
+    return next(filter(None, reversed(named)), None)
 
 
 def variant_folder(variant: str | None) -> str:

@@ -178,6 +178,55 @@ def pixel_renderer(
     return lambda values: chosen(replace(arguments, colors=values))[0][0, rows, columns]
 
 
+def pixel_lists(
+    means: Tensor,
+    quats: Tensor,
+    scales: Tensor,
+    opacities: Tensor,
+    pixels: Tensor,
+    viewmat: Tensor,
+    K: Tensor,
+    width: int,
+    height: int,
+    *,
+    near_plane: float = 0.1,
+    rasterize_mode: str = "classic",
+    backend: str = "auto",
+) -> tuple[Tensor, Tensor, Tensor]:
+    """List what single pixels show.
+
+    The compiled kernels make the list on the CPU also for the backend cuda, because gsplat has none. The reference
+    renders every Gaussian by itself, so it suits small scenes.
+
+    Args:
+        means, quats, scales, opacities, near_plane, rasterize_mode, backend: as in ``rasterization``.
+        pixels: (P, 2) integers, column and row, on the CPU.
+        viewmat: (4, 4) world_to_camera; K: (3, 3) intrinsics [px].
+
+    Returns:
+        On the CPU: begin (P + 1,) int64, where each pixel's list begins, and the end; Gaussians (M,) int64, nearest
+        first; and their weights (M,), alpha times transmittance.
+
+    Raises: as ``rasterization``; and ValueError if a pixel lies outside the image.
+    """
+    name = _name(backend, means)
+    on_cpu = [one.cpu() for one in (means, quats, scales, opacities)]
+    colors = torch.eye(len(means), dtype=means.dtype) if name == "reference" else on_cpu[3][:, None]
+    geometry = (*on_cpu, colors, viewmat.cpu()[None], K.cpu()[None], width, height)
+    arguments = Arguments(*geometry, near_plane=near_plane, rasterize_mode=rasterize_mode)
+    check(arguments)
+    if name != "reference":
+        from egosplat.rasterize.cpu import pixel_weights
+
+        return pixel_weights(arguments, pixels)
+    images, _, meta = _backend("reference", on_cpu[0])(arguments)
+    order = meta["depths"][0].argsort(stable=True)
+    shown = images[0, pixels[:, 1], pixels[:, 0]][:, order]
+    pixel, place = shown.nonzero(as_tuple=True)
+    counts = torch.bincount(pixel, minlength=len(pixels))
+    return torch.cat([counts.new_zeros(1), counts.cumsum(0)]), order[place], shown[pixel, place]
+
+
 def _backend(name: str, means: Tensor) -> Callable[[Arguments], Render]:
     """The function of a backend, imported on first use, because each has its own dependencies."""
     name = _name(name, means)

@@ -27,6 +27,7 @@ SPLATS = (
         "masking": "none",
     }
 )
+GEOMETRY = "geometry shared, of 20 iterations"
 
 
 def train(folder: Path, **changes: object) -> None:
@@ -64,7 +65,12 @@ def test_artifact_holds_the_expected_facts_and_inputs(scene):
     assert found.origin == "synthetic" and set(found.provenance["inputs"]) == {
         f"{name}.zarr" for name in ("frames", "poses", "instances", "features", "splats", "masks")
     }
-    assert found.facts == {"levels": ["part", "whole"], "method": "lifted", "views": 4, "stands_in": []}
+    assert found.facts == {
+        "levels": ["part", "whole"],
+        "method": "lifted",
+        "views": 4,
+        "stands_in": [GEOMETRY],
+    }
     assert found.shape("code")[1:] == (2, 3) and found.shape("curve/loss") == (0,)
     assert not found.read("code")[found.read("share") == 0].any()
 
@@ -101,7 +107,10 @@ def test_a_method_s_own_decoder_and_stand_ins_are_stored_and_the_scene_decodes_w
     train(folder)
     features = verify(folder / "features.zarr", SCHEMAS)
     without, found = run(folder), run(folder, "learned.zarr", method="learned")
-    assert found.facts["stands_in"] == ["sand in place of water"] and found.facts["method"] == "learned"
+    assert (
+        found.facts["stands_in"] == ["sand in place of water", GEOMETRY]
+        and found.facts["method"] == "learned"
+    )
     decoder = read_scene_decoder(found, features)
     assert vars(decoder) | {"values": None} == vars(own) | {"values": None}
     np.testing.assert_array_equal(decoder.values, own.values)
@@ -117,7 +126,7 @@ def test_frames_left_out_by_the_survey_are_not_used(scene, survey_that_keeps):
     assert "kept_frames" in found.provenance["options"]
 
 
-@pytest.mark.parametrize("method", ["lifted", "trained"])
+@pytest.mark.parametrize("method", methods.METHODS)
 def test_equal_runs_are_equal_and_leave_no_other_files(scene, method):
     folder = scene()
     train(folder)

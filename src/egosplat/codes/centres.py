@@ -1,0 +1,124 @@
+"""What a view shows where the centres of Gaussians are projected."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import RenderSettings
+from egosplat.geometry import Camera, invert, transform
+from egosplat.rasterize.api import pixel_lists
+
+# Pixels listed at a time: their lists take about 100 MiB.
+_PIXELS_AT_ONCE = 2**16
+
+
+@dataclass(frozen=True, eq=False)
+class Centres:
+    """The M Gaussians whose centre lies in a view, and the pixels that hold the centres.
+
+    Attributes:
+        gaussian: (M,) int64 index of each.
+        pixel: (M, 2) int64, column and row.
+        depth: (M,) float64 camera z of the centre [m].
+        weight: (M,) float32 alpha times transmittance of the Gaussian at its pixel; 0 if the pixel ends before it.
+        median_depth: (M,) float64 [m], see ``median_depths``.
+    """
+
+    gaussian: NDArray[np.int64]
+    pixel: NDArray[np.int64]
+    depth: NDArray[np.float64]
+    weight: NDArray[np.float32]
+    median_depth: NDArray[np.float64]
+
+
+def look_at_centres(
+    gaussians: Gaussians, camera: Camera, camera_to_world: NDArray[np.float64], settings: RenderSettings
+) -> Centres:
+    """Find what a view shows at the centres of the Gaussians in front of the near plane.
+
+    Args:
+        camera_to_world: (4, 4) float64, OpenCV axes, meters.
+    """
+    local = transform(invert(camera_to_world), gaussians.means.double().cpu().numpy())
+    projected = camera.project(local)
+    inside = camera.contains(projected) & (local[:, 2] >= settings.near_plane)
+    chosen = np.flatnonzero(inside)
+    # Pixel centres lie at integers + 0.5.
+    pixel = np.floor(projected[chosen]).astype(np.int64)
+    weights, depths = [], []
+    for begin in range(0, len(chosen), _PIXELS_AT_ONCE):
+        part = slice(begin, begin + _PIXELS_AT_ONCE)
+        shown = list_pixels(gaussians, pixel[part], camera, camera_to_world, settings)
+        weights.append(own_weights(*shown, torch.from_numpy(chosen[part])).numpy())
+        depths.append(median_depths(*shown, torch.from_numpy(local[:, 2])).numpy())
+    nothing = [np.zeros(0, np.float32)]
+    return Centres(
+        chosen,
+        pixel,
+        local[chosen, 2],
+        np.concatenate(weights or nothing),
+        np.concatenate(depths or nothing).astype(np.float64),
+    )
+
+
+def list_pixels(
+    gaussians: Gaussians,
+    pixels: NDArray[np.int64],
+    camera: Camera,
+    camera_to_world: NDArray[np.float64],
+    settings: RenderSettings,
+) -> tuple[Tensor, Tensor, Tensor]:
+    """List what (P, 2) pixels, column and row, show; returns as ``egosplat.rasterize.api.pixel_lists``."""
+    return pixel_lists(
+        gaussians.means,
+        gaussians.quats,
+        gaussians.scales,
+        gaussians.opacities,
+        torch.from_numpy(pixels),
+        torch.from_numpy(invert(camera_to_world)).float(),
+        torch.from_numpy(camera.matrix).float(),
+        camera.width,
+        camera.height,
+        near_plane=settings.near_plane,
+        rasterize_mode="antialiased" if settings.antialiased else "classic",
+        backend=settings.backend,
+    )
+
+
+def own_weights(begin: Tensor, gaussians: Tensor, weights: Tensor, owner: Tensor) -> Tensor:
+    """Weight of one Gaussian in each pixel's list; 0 if the list lacks it.
+
+    Args:
+        begin, gaussians, weights: P lists, see ``list_pixels``.
+        owner: (P,) int64 Gaussian of each pixel.
+
+    Returns:
+        (P,), dtype of the weights.
+    """
+    pixel = torch.repeat_interleave(begin.diff())
+    own = gaussians == owner[pixel]
+    return weights.new_zeros(len(owner)).index_put((pixel[own],), weights[own])
+
+
+def median_depths(begin: Tensor, gaussians: Tensor, weights: Tensor, depth: Tensor) -> Tensor:
+    """Depth of the Gaussian at which the transmittance of each pixel falls below 0.5.
+
+    Args:
+        begin, gaussians, weights: P lists, see ``list_pixels``.
+        depth: (N,) float64 camera z of all Gaussians [m].
+
+    Returns:
+        (P,) float64 [m]; NaN where the transmittance stays at 0.5 or above.
+    """
+    pixel = torch.repeat_interleave(begin.diff())
+    # float64: the sum runs over the lists of all pixels.
+    total = torch.cat([weights.new_zeros(1, dtype=torch.float64), weights.double().cumsum(0)])
+    falls = (1.0 - (total[1:] - total[begin[:-1]][pixel]) < 0.5).nonzero()[:, 0]
+    first = torch.full((len(begin) - 1,), len(gaussians))
+    first.scatter_reduce_(0, pixel[falls], falls, "amin")
+    padded = torch.cat([depth[gaussians], depth.new_full((1,), float("nan"))])
+    return padded[first]

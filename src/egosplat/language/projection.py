@@ -1,0 +1,69 @@
+"""Semantic Gaussians (Guo et al., 2024): project each Gaussian into views, and average the features that it meets."""
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.nn.functional import normalize
+
+from egosplat.codes.centres import Centres, look_at_centres
+from egosplat.codes.targets import CodeTargets
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import RenderSettings
+from egosplat.language.result import Coded
+from egosplat.language.views import CodeViews
+from egosplat.progress import track
+
+# Every how manieth training view is used.
+EVERY = 5
+
+# A Gaussian this close to the border of a view, as a share of its width, is not seen there.
+BORDER = 10 / 648
+
+# Largest distance between a Gaussian and the surface at its pixel, as a share of the surface's depth.
+TOLERANCE = 0.05
+
+
+def projected(
+    gaussians: Gaussians, views: CodeViews, settings: RenderSettings, targets: CodeTargets, *_: object
+) -> Coded:
+    """Method ``projected``: the mean feature of the pixels that show a Gaussian's centre, over views, at one level.
+
+    A pixel's feature is the sum of those of all masks that cover it, as a unit vector, or 0 without a mask. The mean is not
+    normalized, and opacities play no part.
+    """
+    sums = torch.zeros(gaussians.count, targets.channels, device=views.device)
+    seen = torch.zeros(gaussians.count, device=views.device)
+    for index in track(range(0, len(views), EVERY), "projecting", unit="view"):
+        centres = look_at_centres(gaussians, views.camera, views.camera_to_world[index], settings)
+        shown = is_seen(centres, views.camera.width, views.camera.height) & is_valid(views, index, centres)
+        rows = torch.from_numpy(centres.gaussian[shown]).to(views.device)
+        found = targets.at(int(views.frame[index]), centres.pixel[shown])
+        sums[rows] += pixel_features(found.codes)
+        seen[rows] += 1
+    code = sums / seen.clamp(min=1)[:, None]
+    stands_in = ("SAM2 + OpenCLIP features in place of OpenSeg",)
+    return Coded(code[:, None], (code != 0).any(1).float()[:, None], ["all"], stands_in=stands_in)
+
+
+def is_seen(centres: Centres, width: int, height: int) -> NDArray[np.bool_]:
+    """(M,) bool: Gaussians away from the border whose depth is the median depth, up to ``TOLERANCE``.
+
+    A Gaussian at a pixel without a median depth is not seen.
+    """
+    border, size = BORDER * width, np.array([width, height])
+    inside = (np.minimum(centres.pixel, size - 1 - centres.pixel) >= border).all(axis=1)
+    return inside & (abs(centres.median_depth - centres.depth) <= TOLERANCE * centres.median_depth)
+
+
+def is_valid(views: CodeViews, index: int, centres: Centres) -> NDArray[np.bool_]:
+    """(M,) bool: Gaussians whose pixel counts in a view."""
+    weight = views.weight(index)
+    if weight is None:
+        return np.ones(len(centres.pixel), bool)
+    return weight.cpu().numpy()[centres.pixel[:, 1], centres.pixel[:, 0]] > 0
+
+
+def pixel_features(codes: Tensor) -> Tensor:
+    """(P, C) unit sums over the levels of (L, C, P) features; 0 where all are 0."""
+    return normalize(codes.sum(dim=0).T, dim=-1)

@@ -1,0 +1,99 @@
+"""Weights and median depths at projected centres, against the definition in float64 and by hand."""
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.codes.centres import list_pixels, look_at_centres, median_depths, own_weights
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import RenderSettings
+from egosplat.geometry import Camera
+from egosplat.rasterize.api import pixel_lists
+from tests.support.blobs import blobs
+
+CAMERA = Camera(60, 40, 50.0, 50.0, 30.0, 20.0)
+
+
+def settings(backend: str = "auto") -> RenderSettings:
+    return RenderSettings(near_plane=0.1, background="black", antialiased=False, backend=backend)
+
+
+@pytest.fixture(scope="module")
+def crowd() -> Gaussians:
+    """300 Gaussians, some behind the camera and some outside the image."""
+    generator = torch.Generator().manual_seed(3)
+    means = torch.randn(300, 3, generator=generator) + torch.tensor([0.0, 0.0, 2.5])
+    opacities = 0.05 + 0.9 * torch.rand(300, generator=generator)
+    return blobs(means.tolist(), opacities.tolist(), size=0.1)
+
+
+def test_kernels_list_what_the_reference_shows(crowd):
+    """Against the definition in float64: one image for each Gaussian."""
+    pixels = torch.stack(torch.meshgrid(torch.arange(0, 60, 7), torch.arange(0, 40, 6), indexing="ij"), -1)
+    pixels = pixels.reshape(-1, 2)
+    geometry = [one.double() for one in (crowd.means, crowd.quats, crowd.scales, crowd.opacities)]
+    matrices = torch.eye(4).double(), torch.from_numpy(CAMERA.matrix)
+    begin, ids, weights = pixel_lists(*geometry, pixels, *matrices, 60, 40, backend="reference")
+    wanted = torch.zeros(len(pixels), 300).double()
+    wanted[torch.repeat_interleave(begin.diff()), ids] = weights
+    mine = list_pixels(crowd, pixels.numpy(), CAMERA, np.eye(4), settings("cpu"))
+    found = torch.zeros(len(pixels), 300)
+    found[torch.repeat_interleave(mine[0].diff()), mine[1]] = mine[2]
+    assert int((wanted > 0).sum()) > 300
+    torch.testing.assert_close(found.double(), wanted, rtol=1e-4, atol=1e-5)
+    depth = crowd.means[:, 2].double()
+    pair = [median_depths(*lists, depth) for lists in (mine, (begin, ids, weights))]
+    assert 5 < int(pair[0].isnan().sum()) < len(pixels) - 5
+    torch.testing.assert_close(*pair, equal_nan=True)
+
+
+def test_what_a_view_shows_is_the_same_with_both_backends(crowd):
+    found, wanted = (
+        look_at_centres(crowd, CAMERA, np.eye(4), settings(name)) for name in ("cpu", "reference")
+    )
+    np.testing.assert_array_equal(found.gaussian, wanted.gaussian)
+    np.testing.assert_allclose(found.weight, wanted.weight, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(found.median_depth, wanted.median_depth)
+    assert (crowd.means[found.gaussian, 2] >= 0.1).all() and 50 < len(found.gaussian) < 250
+
+
+def test_weights_and_median_depth_of_two_blobs_in_a_row():
+    """Opacity 0.4 leaves a transmittance of 0.6, and 0.9 behind it leaves 0.06: the second is the median."""
+    row = blobs([[0.0, 0.0, 2.0], [0.0, 0.0, 3.0]], [0.4, 0.9])
+    found = look_at_centres(row, CAMERA, np.eye(4), settings())
+    np.testing.assert_array_equal(found.pixel, [[30, 20], [30, 20]])
+    # The centre lies at the corner of its pixel, half a pixel from the pixel's centre.
+    np.testing.assert_allclose(found.weight, [0.4, 0.6 * 0.9], rtol=0.02)
+    np.testing.assert_allclose(found.median_depth, [3.0, 3.0])
+
+
+def test_a_lone_gaussian_of_opacity_0_4_has_no_median_depth():
+    found = look_at_centres(blobs([[0.0, 0.0, 2.0]], [0.4]), CAMERA, np.eye(4), settings())
+    assert np.isnan(found.median_depth).all() and found.weight[0] == pytest.approx(0.4, rel=0.02)
+
+
+def test_a_gaussian_behind_an_opaque_stack_has_weight_0():
+    """Two opacities of 0.995 end the pixel: their transmittance is below 1e-4."""
+    stack = blobs([[0.0, 0.0, 2.0], [0.0, 0.0, 2.1], [0.0, 0.0, 2.2], [0.0, 0.0, 3.0]], [0.995] * 3 + [0.9])
+    found = look_at_centres(stack, CAMERA, np.eye(4), settings())
+    assert found.weight[0] > 0.9 and found.weight[3] == 0.0
+
+
+def test_centres_behind_the_camera_and_outside_the_image_are_left_out():
+    found = look_at_centres(
+        blobs([[0.0, 0.0, -2.0], [9.0, 0.0, 2.0], [0.2, 0.0, 2.0]], [0.9] * 3), CAMERA, np.eye(4), settings()
+    )
+    np.testing.assert_array_equal(found.gaussian, [2])
+    np.testing.assert_array_equal(found.pixel, [[35, 20]])
+
+
+def test_a_view_without_centres_is_empty():
+    found = look_at_centres(blobs([[0.0, 0.0, -2.0]], [0.9]), CAMERA, np.eye(4), settings())
+    assert found.pixel.shape == (0, 2) and found.weight.shape == found.median_depth.shape == (0,)
+
+
+def test_a_pixel_that_lacks_its_gaussian_gives_weight_0():
+    begin, ids, weights = torch.tensor([0, 2, 2]), torch.tensor([4, 1]), torch.tensor([0.5, 0.25])
+    torch.testing.assert_close(
+        own_weights(begin, ids, weights, torch.tensor([1, 4])), torch.tensor([0.25, 0.0])
+    )
