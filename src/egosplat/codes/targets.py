@@ -1,5 +1,6 @@
 """Target codes for Gaussians: the code of each pixel's instance, at every level."""
 
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,7 +41,7 @@ class CodeTargets:
         Raises:
             UserError: the features were made from other instances.
         """
-        self._instances, self._device = instances, device
+        self._instances, self._features, self._device = instances, features, device
         check_made_from(features, instances, axes=("instance",))
         self._instance, self._frame = features.read("instance"), features.read("frame")
         self._code = features.read("code")
@@ -55,9 +56,26 @@ class CodeTargets:
         self.levels = [names[level] for level in self._levels]
         self.channels = self._code.shape[1]
 
+    def uncompressed(self) -> "CodeTargets":
+        """Return the same targets as features instead of codes, for methods that learn a compression of their own."""
+        found = copy(self)
+        found._code, found._common = self._features.read("supervision"), self._features.read("consistent")
+        found.channels = found._code.shape[1]
+        return found
+
+    @property
+    def rows(self) -> NDArray[np.float32]:
+        """(R, C) codes of all views of all instances that have a feature."""
+        return self._code[self._named[self._instance]]
+
     def of(self, frame: int) -> Targets:
         """Return the targets of a frame, by its index in frames.zarr."""
-        return self._look_up(frame, self._instances.row("labels", frame)[self._levels])
+        table, flags = self._table(frame)
+        usable = torch.from_numpy(flags).to(self._device)
+        by_channel = torch.from_numpy(np.ascontiguousarray(table.T)).to(self._device)
+        labels = self.labels(frame)
+        # Label -1 indexes the last entry of both, which is empty.
+        return Targets(torch.stack([by_channel[:, level] for level in labels]), usable[labels])
 
     def at(self, frame: int, pixels: NDArray[np.int64]) -> Targets:
         """Return the targets of some pixels of a frame, codes (L, C, P) and known (L, P).
@@ -65,28 +83,39 @@ class CodeTargets:
         Args:
             pixels: (P, 2) column and row.
         """
-        rows = self._instances.row("labels", frame)[self._levels]
-        return self._look_up(frame, rows[:, pixels[:, 1], pixels[:, 0]])
+        codes, known = self.of_labels(frame, self.labels(frame)[:, pixels[:, 1], pixels[:, 0]])
+        return Targets(codes.movedim(-1, 1), known)
 
-    def _look_up(self, frame: int, rows: NDArray[np.int32]) -> Targets:
-        table, usable = self._table(frame)
+    def labels(self, frame: int) -> Tensor:
+        """(L, H, W) int64 instance of each pixel of a frame, -1 for none."""
+        rows = self._instances.row("labels", frame)[self._levels]
         # Half the bytes to copy to a GPU; the labels of nearly all scenes fit.
         small = rows.astype(np.int16) if len(self._named) <= np.iinfo(np.int16).max else rows
-        labels = torch.from_numpy(small).to(self._device).long()
-        # Label -1 indexes the last entry of both, which is empty.
-        known = usable[labels]
-        codes = torch.stack([table[:, level] for level in labels])
-        return Targets(codes, known)
+        return torch.from_numpy(small).to(self._device).long()
 
-    def _table(self, frame: int) -> tuple[Tensor, Tensor]:
-        """Return the (C, N + 1) code of each instance in the frame, and (N + 1,) whether it has one."""
-        # The consistent code first; the code of the frame's own view replaces it where there is one.
-        codes, usable = self._common.copy(), self._usable.copy()
-        rows: NDArray[np.intp] = np.flatnonzero(self._frame == frame)
-        owners = self._instance[rows]
-        codes[owners] = self._code[rows]
+    def of_labels(self, frame: int, labels: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the (..., C) target codes of (...) labels in a frame, and (...) whether there is one."""
+        table, flags = self._table(frame)
+        wanted = labels.cpu().numpy()
+        return tuple(torch.from_numpy(part[wanted]).to(self._device) for part in (table, flags))
+
+    def known(self, frame: int) -> Tensor:
+        """(L, H, W) bool pixels of a frame with a target."""
+        usable = torch.from_numpy(np.append(self._usable_in(frame), False)).to(self._device)
+        return usable[self.labels(frame)]
+
+    def _usable_in(self, frame: int) -> NDArray[np.bool_]:
+        """(N,) instances with a target in the frame."""
+        usable = self._usable.copy()
+        owners = self._instance[self._frame == frame]
         usable[owners] = self._named[owners]
+        return usable
+
+    def _table(self, frame: int) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Return the (N + 1, C) code of each instance in the frame, and (N + 1,) whether it has one; no label is last."""
+        # The consistent code first; the code of the frame's own view replaces it where there is one.
+        codes, usable = self._common.copy(), self._usable_in(frame)
+        rows: NDArray[np.intp] = np.flatnonzero(self._frame == frame)
+        codes[self._instance[rows]] = self._code[rows]
         codes[~usable] = 0.0
-        table = np.concatenate([codes, np.zeros((1, codes.shape[1]), codes.dtype)])
-        flags = torch.from_numpy(np.append(usable, False))
-        return torch.from_numpy(np.ascontiguousarray(table.T)).to(self._device), flags.to(self._device)
+        return np.concatenate([codes, np.zeros((1, codes.shape[1]), codes.dtype)]), np.append(usable, False)

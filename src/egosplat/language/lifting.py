@@ -1,12 +1,13 @@
 """Closed-form lifting: each Gaussian gets the rendering-weighted mean code of its pixels (docs/method.md#lifting)."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
 from egosplat.codes.rendering import sum_over_pixels
-from egosplat.codes.targets import CodeTargets
+from egosplat.codes.targets import CodeTargets, Targets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.language.result import Coded
@@ -58,6 +59,23 @@ def lift(gaussians: Gaussians, views: CodeViews, settings: RenderSettings) -> Li
     levels, channels = seen.codes.shape[:2]
     code, known, all_ = sums.split([levels * channels, levels, 1], dim=1)
     return _means(code.unflatten(1, (levels, channels)), known, all_)
+
+
+def shares(
+    gaussians: Gaussians, views: CodeViews, settings: RenderSettings, known: Callable[[int], Tensor]
+) -> Tensor:
+    """(N, L) shares alone, see ``Lifted``.
+
+    Args:
+        gaussians, views, settings: as in ``lift``.
+        known: gives the (L, H, W) bool pixels of a frame with a target.
+    """
+
+    def without_codes(frame: int) -> Targets:
+        pixels = known(frame)
+        return Targets(pixels.new_zeros(len(pixels), 0, *pixels.shape[1:], dtype=torch.float32), pixels)
+
+    return lift(gaussians, replace(views, targets=without_codes), settings).share
 
 
 def _means(code: Tensor, known: Tensor, seen: Tensor) -> Lifted:

@@ -7,10 +7,12 @@ from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.language.centres import centred
+from egosplat.language.granular import granular
 from egosplat.language.lifting import lifted
 from egosplat.language.options import LanguageOptions
 from egosplat.language.projection import projected
 from egosplat.language.result import Coded
+from egosplat.language.sparse import sparse
 from egosplat.language.training import trained
 from egosplat.language.views import CodeViews
 
@@ -26,4 +28,6 @@ METHODS: dict[str, Method] = {
     "trained": trained,
     "projected": projected,
     "centre": centred,
+    "granular": granular,
+    "sparse": sparse,
 }

@@ -10,5 +10,6 @@ class LanguageOptions(CodeOptions):
     """Configuration keys of the stage; ``config.schema.yaml`` describes each."""
 
     method: str
+    pixels: int
     checkpoint_s: float
     backend: str

@@ -11,7 +11,7 @@ from egosplat.codes.rendering import render_values
 from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
-from egosplat.language.lifting import lift
+from egosplat.language.lifting import shares
 from egosplat.language.loop import Step, Trainee, train
 from egosplat.language.result import SEGMENTER, Coded
 from egosplat.language.views import CodeViews
@@ -45,12 +45,12 @@ def trained(
     options: CodeOptions,
     checkpoint: Checkpoint,
 ) -> Coded:
-    """Method ``trained``: codes by gradient descent, from the last checkpoint if there is one; shares of ``lift``.
+    """Method ``trained``: codes by gradient descent, from the last checkpoint if there is one; shares of ``shares``.
 
     Raises:
         UserError: training diverges.
     """
-    share = lift(gaussians, views, settings).share
+    share = shares(gaussians, views, settings, targets.known)
     codes = PlainCodes(gaussians, views, settings, (len(targets.levels), targets.channels), options)
     curve = train(codes, len(views), options.iterations, options.seed, checkpoint)
     # Stored as they are rendered, so that queries need not know whether codes are normalized.

@@ -188,7 +188,7 @@ _STAGES = (
         output="language.zarr",
         inputs=("frames", "poses", "instances", "features", "splats"),
         optional=_TRAINING_FRAMES | _MASKING,
-        libraries=("numpy", "torch", "zarr"),
+        libraries=("numpy", "scipy", "torch", "zarr"),
     ),
     Stage(
         "metrics",
