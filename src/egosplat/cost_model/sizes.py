@@ -129,6 +129,13 @@ def _prompts(config: Config, sizes: Sizes) -> float:
     return (1 + sizes["frames"] / keys["key_frame_stride"]) * keys["points_per_side"] ** 2
 
 
+def _tracked(config: Config, sizes: Sizes) -> int:
+    """None where masks of single frames are all that is asked for."""
+    keys = config["segments"]
+    single = keys["prompting"] == "each_frame" and keys["track_moving"] == "never"
+    return 0 if single else sizes.tracked
+
+
 def _views(config: Config, sizes: Sizes) -> float:
     """An instance is seen in half of the frames; 0.55 in adt/scene1."""
     most = config["view_features"]["max_views"] or sizes["frames"]
@@ -180,7 +187,7 @@ _FROM_CONFIG: dict[str, Callable[[Config, Sizes], float]] = {
     "points": lambda *_: 1_000_000,
     # Instances and their features.
     "prompts": _prompts,
-    "tracked": lambda _, sizes: sizes.tracked,
+    "tracked": _tracked,
     "instances": lambda _, sizes: sizes.tracked / 2,  # 72 of 134 in adt/scene1
     "sam2_area": _sam2_area,
     "views": _views,

@@ -7,7 +7,7 @@ import pytest
 import zarr
 
 from egosplat.cost_model.sizes import _IN_ARTIFACTS, Sizes
-from egosplat.pipeline.config import defaults
+from egosplat.pipeline.config import defaults, merge
 from egosplat.survey.motion import SIDE
 
 ARRAYS = {
@@ -80,6 +80,18 @@ def test_the_configuration_limits_what_is_not_known():
     assert Sizes(config)["gaussians"] == 5
     config["segments"]["max_instances"] = 2
     assert Sizes(config)["tracked"] == Sizes(config, at_most=True)["tracked"] == 6
+
+
+def test_nothing_is_tracked_where_only_single_frames_are_segmented():
+    """Tracks take most of the time of segments; the preset draft has none."""
+    sizes = {
+        moving: Sizes(merge(defaults(), {"segments": {"track_moving": moving}}))
+        for moving in ("never", "auto")
+    }
+    assert sizes["never"]["tracked"] == 0 < sizes["auto"]["tracked"]
+    assert sizes["never"]["instances"] == sizes["auto"]["instances"], (
+        "masks are merged into instances all the same"
+    )
 
 
 def test_poses_come_from_colmap_where_the_recording_has_no_trajectory(tmp_path):

@@ -63,13 +63,22 @@ def record(folder, stage, attributes):
     file.write_text(json.dumps(attributes))
 
 
+# What the preset fast makes otherwise than balanced.
+FAST = {"frames", "segments", "view_features", "transient", "splats"}
+
+
 @pytest.mark.parametrize(
     "made, now, goals, replaced",
     [
-        ({}, {"preset": "fast"}, ALL, {"frames", "transient", "splats"}),
-        ({"preset": "fast"}, {}, ALL, {"frames", "transient", "splats"}),
-        (TRACKS, {"preset": "fast"} | TRACKS, ("instances.png",), {"frames"}),
-        (SINGLE_FRAMES, {"preset": "fast"} | SINGLE_FRAMES, ("instances.png",), {"frames", "transient"}),
+        ({}, {"preset": "fast"}, ALL, FAST),
+        ({"preset": "fast"}, {}, ALL, FAST),
+        (TRACKS, {"preset": "fast"} | TRACKS, ("instances.png",), {"frames", "segments"}),
+        (
+            SINGLE_FRAMES,
+            {"preset": "fast"} | SINGLE_FRAMES,
+            ("instances.png",),
+            {"frames", "segments", "transient"},
+        ),
         ({}, {"preset": "fast"}, ("contact_sheet.png",), {"frames"}),
         ({}, {"splats": {"iterations": 9}}, ALL, {"splats"}),
         ({}, {"splats": {"iterations": 9}}, ("features.zarr",), set()),
@@ -93,7 +102,7 @@ def test_the_artifacts_that_were_made_with_other_keys_are_named(scene, made, now
 def test_another_preset_is_named_with_its_variant(scene):
     asked = scene({"preset": "fast"})
     told, way = replacement_notices([asked])
-    assert told.startswith(f"{asked.folder}: this run replaces frames.zarr, transient.zarr, splats.zarr,")
+    assert told.startswith(f"{asked.folder}: this run replaces frames.zarr, transient.zarr, segments.zarr,")
     assert (
         "preset balanced -> fast" in told and "frames.resolution 512 -> 256" in told and "more keys" in told
     )
