@@ -142,11 +142,6 @@ class Corrections:
         own = self.values[self.steps > 0].numpy()
         return torch.from_numpy(interpolated(self.trained_frames, own, frames))
 
-    def begin(self, usable: NDArray[np.integer]) -> None:
-        """Let views that join the training start from the corrections of their neighbours."""
-        new = [int(index) for index in usable if self.steps[index] == 0]
-        self.values[new] = self.values_at(self._frame[new])
-
     def state_dict(self) -> dict[str, Any]:
         """Return the state for ``load_state_dict``."""
         return {

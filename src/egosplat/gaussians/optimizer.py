@@ -117,11 +117,6 @@ class Adam:
                 moments[name] = _with_zero_rows(moments[name], count)
         self._ever_visible = _with_zero_rows(self._ever_visible, count)
 
-    def truncate_sh(self, coefficients: int) -> None:
-        """Keep the moments of the first SH coefficients only; ``attach`` must follow."""
-        for moments in (self._exp_avg, self._exp_avg_sq):
-            moments["sh"] = moments["sh"][:, :coefficients].contiguous()
-
     def reset_moments(self, name: str, index: Tensor | None = None) -> None:
         """Zero the moments of one parameter, in all rows or at ``index``."""
         for moments in (self._exp_avg, self._exp_avg_sq):

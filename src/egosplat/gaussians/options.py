@@ -45,8 +45,7 @@ class TrainingOptions(GrowthOptions):
             no limit.
         evaluate_every: iterations between two evaluations.
         patience: evaluations without improvement that end the run; 0 disables early stopping.
-        min_improvement: smallest rise of the validation PSNR that counts [dB]; also the tolerance of the SH search.
-        search_sh_degree: reduce the SH degree to the least that renders held-out photographs equally well.
+        min_improvement: smallest rise of the validation PSNR that counts [dB].
     """
 
     render: RenderSettings
@@ -57,7 +56,6 @@ class TrainingOptions(GrowthOptions):
     reset_opacity: float = 0.05
     reset_at_start: bool = False
     prune_screen_px: float | None = None
-    search_sh_degree: bool = False
     cuts_schedule: bool = False
 
     @property

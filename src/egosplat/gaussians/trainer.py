@@ -2,12 +2,10 @@
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.artifacts.checkpoint import Checkpoint
@@ -20,7 +18,6 @@ from egosplat.gaussians.render import render
 from egosplat.gaussians.schedule import Schedule
 from egosplat.gaussians.training_state import TrainingState
 from egosplat.gaussians.training_views import Views
-from egosplat.gaussians.view_dependence import reduce_degree
 from egosplat.progress import log, track
 
 # Iterations per record. Checkpoints are written at records only. On a GPU, reading the loss more often
@@ -33,21 +30,11 @@ _BAD_RECORDS = 3
 
 @dataclass(frozen=True)
 class ViewSets:
-    """The views by role; see ``egosplat.gaussians.training_views.Split``.
-
-    Attributes:
-        degree_validation: views that decide the SH degree, if it is searched: the validation views, or some of the training
-            views, which are not trained on until the degree is decided. Otherwise empty.
-    """
+    """The views by role; see ``egosplat.gaussians.training_views.Split``."""
 
     training: Views
     validation: Views
     held_out: Views
-    degree_validation: Views
-
-    def trained_on(self, *, all_views: bool) -> NDArray[np.intp]:
-        """Return the indices of the training views to train on: all, or those outside the degree search."""
-        return np.flatnonzero(all_views | ~np.isin(self.training.frame, self.degree_validation.frame))
 
 
 def resume_and_train(
@@ -79,15 +66,8 @@ def train(
     schedule = options.schedule
     started = time.perf_counter() - state.seconds
     rest = range(state.iteration + 1, options.iterations + 1)
-    # Views of the degree search join training once the degree is decided.
-    usable = view_sets.trained_on(all_views=not state.degree_search.open)
     for iteration in track(rest, "training", unit="iteration"):
-        iterate(state, view_sets.training, usable, options, schedule)
-        if state.degree_search.open and iteration >= schedule.densify_until:
-            decide_degree(state, view_sets, options, schedule)
-            usable = view_sets.trained_on(all_views=True)
-            if state.corrections is not None:
-                state.corrections.begin(usable)
+        iterate(state, view_sets.training, options, schedule)
         last = iteration == options.iterations
         recorded = iteration % RECORD_EVERY == 0 or last
         if recorded:
@@ -105,13 +85,12 @@ def train(
 def iterate(
     state: TrainingState,
     views: Views,
-    usable: Sequence[int],
     options: TrainingOptions,
     schedule: Schedule,
 ) -> None:
-    """Run one iteration with one of the ``usable`` views; changes ``state`` and adds the loss to ``state.loss_sum``."""
+    """Run one iteration with one of the views; changes ``state`` and adds the loss to ``state.loss_sum``."""
     iteration, corrections = state.iteration + 1, state.corrections
-    index = state.next_view(usable)
+    index = state.next_view(len(views))
     state.optimizer.means_lr = schedule.position_lr(iteration, state.extent)
     state.optimizer.zero_grad()
     image, _, meta = render(
@@ -142,25 +121,6 @@ def iterate(
     state.gaussians = state.strategy.step(iteration, state.gaussians, state.optimizer, state.generator)
     state.loss_sum += total.detach()
     state.iteration = iteration
-
-
-def decide_degree(
-    state: TrainingState, view_sets: ViewSets, options: TrainingOptions, schedule: Schedule
-) -> None:
-    """Decide the SH degree on the views held out for it, then train on those views too."""
-    kept = reduce_degree(
-        state.degree_search,
-        state.gaussians,
-        schedule.sh_degree(state.iteration, state.gaussians.sh_degree),
-        view_sets.training,
-        _corrected(state, view_sets.degree_validation),
-        options.render,
-        options.min_improvement,
-    )
-    if kept is not state.gaussians:
-        state.replace_sh(kept)
-    # The next epoch begins at once, with the views that join.
-    state.order.clear()
 
 
 def draw_background(kind: str, generator: torch.Generator) -> Tensor | None:

@@ -1,7 +1,6 @@
 """The complete state of a training run, for checkpoints; early stopping on the validation PSNR is part of it."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -14,7 +13,6 @@ from egosplat.gaussians.objective import Objective
 from egosplat.gaussians.optimizer import Adam, LearningRates
 from egosplat.gaussians.options import TrainingOptions
 from egosplat.gaussians.strategy import Strategy
-from egosplat.gaussians.view_dependence import DegreeSearch
 
 
 @dataclass
@@ -119,7 +117,6 @@ class TrainingState:
         self.generator = torch.Generator().manual_seed(options.seed)
         self.order: list[int] = []
         self.early_stop = EarlyStop(options.patience, options.min_improvement)
-        self.degree_search = DegreeSearch(open=options.search_sh_degree)
         self.curves = Curves()
         self.iteration = 0
         self.seconds = 0.0
@@ -127,18 +124,11 @@ class TrainingState:
         self.bad_records = 0
         self.extent = extent
 
-    def next_view(self, views: Sequence[int]) -> int:
-        """Return the next view of this epoch's random permutation of ``views``."""
+    def next_view(self, views: int) -> int:
+        """Return the next view of this epoch's random permutation of so many ``views``."""
         if not self.order:
-            order = torch.randperm(len(views), generator=self.generator)
-            self.order = [int(views[position]) for position in order]
+            self.order = torch.randperm(views, generator=self.generator).tolist()
         return self.order.pop()
-
-    def replace_sh(self, gaussians: Gaussians) -> None:
-        """Continue with Gaussians that differ only in having fewer SH coefficients."""
-        self.gaussians = gaussians.requires_grad_()
-        self.optimizer.truncate_sh(gaussians.sh.shape[1])
-        self.optimizer.attach(self.gaussians)
 
     def state_dict(self) -> dict[str, Any]:
         """Return tensors and numbers, nested in lists and dictionaries, for ``load_state_dict``."""
@@ -151,7 +141,6 @@ class TrainingState:
             "generator": self.generator.get_state(),
             "order": list(self.order),
             "early_stop": self.early_stop.state_dict(),
-            "degree_search": asdict(self.degree_search),
             "curves": asdict(self.curves),
             "loss_sum": self.loss_sum,
             **{name: getattr(self, name) for name in _NUMBERS},
@@ -171,7 +160,6 @@ class TrainingState:
         self.generator.set_state(state["generator"].cpu())
         self.order = state["order"]
         self.early_stop.load_state_dict(state["early_stop"])
-        self.degree_search = DegreeSearch(**state["degree_search"])
         self.curves = Curves(**state["curves"])
         self.loss_sum = state["loss_sum"]
         for name in _NUMBERS:

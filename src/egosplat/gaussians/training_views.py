@@ -106,18 +106,13 @@ def split_views(train: Mask, evaluation: Mask, registered: Mask, *, validate: bo
             f"none of {int(train.sum())} training frames has a pose; see the log of the stage poses"
         )
     if validate:
-        validation = hold_out(training, "splats.patience", "0")
+        validation = _hold_out(training)
     # With frames.holdout false, evaluation frames are trained on: scores on them would not be held out.
     return Split(training & ~validation, validation, evaluation & ~train & registered)
 
 
-def hold_out(training: Mask, key: str, instead: str) -> Mask:
+def _hold_out(training: Mask) -> Mask:
     """Select every eighth training frame (F,), at least one, as (F,) bool.
-
-    Args:
-        training: frames to choose from.
-        key: configuration key that requires it, for the error.
-        instead: value that does not require it, for the error.
 
     Raises:
         UserError: no frame would be left to train on.
@@ -125,7 +120,7 @@ def hold_out(training: Mask, key: str, instead: str) -> Mask:
     rows = np.flatnonzero(training)
     if len(rows) < 2:
         raise UserError(
-            f"{key}: needs 2 training frames with a pose, there is {len(rows)}; set it to {instead}"
+            f"splats.patience: needs 2 training frames with a pose, there is {len(rows)}; set it to 0"
         )
     held_out = rows[_HOLD_OUT_EVERY // 2 :: _HOLD_OUT_EVERY]
     chosen = np.zeros_like(training)

@@ -4,8 +4,6 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.consistency import check_made_from
@@ -36,14 +34,11 @@ from egosplat.gaussians.trainer import ViewSets, resume_and_train
 from egosplat.gaussians.training_state import TrainingState
 from egosplat.gaussians.training_views import (
     Mask,
-    Split,
     Views,
-    hold_out,
     read_views,
     split_views,
 )
 from egosplat.progress import log
-from egosplat.rasterize.contract import MAX_SH_DEGREE
 from egosplat.splats.corrections import kept_corrections, put_corrections
 from egosplat.splats.held_out import put_held_out
 
@@ -57,7 +52,7 @@ class SplatsOptions(GrowthOptions, RenderSettings, CameraOptions):
     feature_weight: float
     max_points: int
     densify_init: bool
-    sh_degree: int | str
+    sh_degree: int
     ssim_lambda: float
     position_lr: float
     evaluate_every: int
@@ -74,7 +69,6 @@ class SplatsOptions(GrowthOptions, RenderSettings, CameraOptions):
             evaluate_every=self.evaluate_every,
             patience=self.patience,
             min_improvement=self.min_improvement,
-            search_sh_degree=self.sh_degree == "auto",
         )
 
 
@@ -121,8 +115,7 @@ def run(
         view_sets.training,
         max_points=min(options.max_points, options.max_gaussians),
         densify_init=options.densify_init,
-        # ``auto`` starts with all degrees and drops those that the scene does not need.
-        sh_degree=MAX_SH_DEGREE if isinstance(options.sh_degree, str) else options.sh_degree,
+        sh_degree=options.sh_degree,
         near_plane=options.near_plane,
         seed=options.seed,
     )
@@ -165,21 +158,11 @@ def _view_sets(
         read_views(frames, poses, split.validation, masking, device),
         # Held-out frames are scored on all pixels: masks must not make a score better.
         read_views(frames, poses, split.held_out, Masking(None, ""), device),
-        read_views(frames, poses, _degree_validation(split, options), masking, device),
     )
     _check_left(view_sets.training)
     counts = ", ".join(f"{len(views)} {name}" for name, views in _named(view_sets).items())
     log(f"views: {counts}; on {rasterizer_used(options.render.backend, device)}")
     return view_sets
-
-
-def _degree_validation(split: Split, options: TrainingOptions) -> Mask:
-    """Select the frames that decide the SH degree: validation frames, or else some training frames."""
-    if not options.search_sh_degree:
-        return np.zeros_like(split.training)
-    if split.validation.any():
-        return split.validation
-    return hold_out(split.training, "splats.sh_degree = auto", "a number from 0 to 3")
 
 
 def _check_left(views: Views) -> None:
@@ -253,7 +236,6 @@ def _facts(
         "iterations_done": state.iteration,
         "stopped_early": state.iteration < options.iterations,
         "sh_degree_in_use": options.schedule.sh_degree(iteration, gaussians.sh_degree),
-        "sh_degree_psnr": state.degree_search.psnr,
         "skipped_rows": state.optimizer.skipped_rows,
         "training_s": round(state.seconds, 3),
         "history_s": state.curves.seconds,

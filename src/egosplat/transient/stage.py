@@ -161,14 +161,14 @@ def _view_sets(
     """Read the training views."""
     flags = frames.read("train") & kept, frames.read("evaluation"), poses.read("registered")
     training = split_views(*flags, validate=False).training
-    # The trainer takes four sets; nothing is validated or held out, because the Gaussians are discarded.
+    # The trainer takes three sets; nothing is validated or held out, because the Gaussians are discarded.
     views, none = (
         read_reduced_views(frames, poses, chosen, resolution, device)
         for chosen in (training, np.zeros_like(training))
     )
     camera = views.camera
     log(f"{len(views)} training views of {camera.width} x {camera.height} pixels")
-    return ViewSets(views, validation=none, held_out=none, degree_validation=none)
+    return ViewSets(views, validation=none, held_out=none)
 
 
 def _put_curves(artifact: Writer, state: TrainingState, objective: InitialObjective) -> None:

@@ -44,9 +44,7 @@ def view_sets(pictures, camera_to_world) -> ViewSets:
         some = torch.from_numpy(pictures[frame])
         return Views(frame, some, camera_to_world[frame], None, None, camera, device)
 
-    return ViewSets(
-        training=views(0, 1, 3, 5, 7, 8), validation=views(), held_out=views(4), degree_validation=views()
-    )
+    return ViewSets(training=views(0, 1, 3, 5, 7, 8), validation=views(), held_out=views(4))
 
 
 @pytest.fixture
@@ -115,16 +113,13 @@ class StoppingCheckpoint(Checkpoint):
         {},
         {"strategy": "mcmc"},
         {"patience": 5, "min_improvement": 0.0},
-        {"search_sh_degree": True, "min_improvement": 100.0},
     ],
-    ids=["default", "mcmc", "early stopping", "SH degree searched"],
+    ids=["default", "mcmc", "early stopping"],
 )
 def test_a_resumed_run_equals_an_uninterrupted_one(trained, start, view_sets, tmp_path, changes):
     changes |= {"render": replace(OPTIONS.render, background="random")}
     if "patience" in changes:
         view_sets = replace(view_sets, validation=view_sets.held_out)
-    if "search_sh_degree" in changes:
-        view_sets = replace(view_sets, degree_validation=view_sets.held_out)
     unbroken = trained(view_sets, **changes)
     with pytest.raises(Stopped):
         trained(view_sets, StoppingCheckpoint(tmp_path, at=40), **changes)
@@ -143,7 +138,7 @@ def test_a_resumed_run_equals_an_uninterrupted_one(trained, start, view_sets, tm
 
 def test_every_view_comes_once_an_epoch(start):
     state = TrainingState(start, OPTIONS, EXTENT, L1Ssim(0.2))
-    epochs = [[state.next_view(range(6)) for _ in range(6)] for _ in range(3)]
+    epochs = [[state.next_view(6) for _ in range(6)] for _ in range(3)]
     assert all(sorted(epoch) == list(range(6)) for epoch in epochs)
     assert epochs[0] != epochs[1] or epochs[1] != epochs[2]
 

@@ -18,7 +18,7 @@ PRESETS = Path(__file__).resolve().parents[3] / "config" / "presets"
         ("splats", "position_lr", "0.002", 0.002),
         ("splats", "densify_init", "false", False),
         ("splats", "sh_degree", "2", 2),
-        ("splats", "sh_degree", "auto", "auto"),
+        ("features", "dims", "auto", "auto"),
         ("frames", "end_s", "null", None),
         ("frames", "end_s", "4", 4),
         ("data_root", "adt", "null", None),

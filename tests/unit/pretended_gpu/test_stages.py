@@ -83,7 +83,7 @@ def train(folder: Path, name: str = "splats.zarr", **changes: object) -> Artifac
         # So short a run looks for dead Gaussians after every iteration.
         ({"strategy": "mcmc", "background": "random", "antialiased": True}, 3),
         ({"masking": "refined", "language": "joint", "ssim_lambda": 0.0}, 2),
-        ({"masking": "initial", "patience": 2, "evaluate_every": 10, "sh_degree": "auto", **CORRECTED}, 4),
+        ({"masking": "initial", "patience": 2, "evaluate_every": 10, "sh_degree": 3, **CORRECTED}, 4),
     ],
     ids=["default", "mcmc", "joint", "corrected"],
 )
