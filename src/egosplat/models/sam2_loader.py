@@ -1,6 +1,7 @@
 """Load SAM2 from a configuration and a checkpoint, as a video predictor."""
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -43,10 +44,22 @@ class Sam2:
         video_predictor: tracks objects through a video. Its ``image_size`` is the side of the square to which
             every image is resized [px].
         compute: device and precision; run the model within ``compute.inference()``.
+        own_side: the configuration's side of that square [px].
     """
 
     video_predictor: "VideoPredictor"
     compute: Compute
+    own_side: int
+
+    @contextmanager
+    def own_size(self) -> Iterator[None]:
+        """Resize images to ``own_side`` inside this context."""
+        side = self.video_predictor.image_size
+        set_image_size(self.video_predictor, self.own_side)
+        try:
+            yield
+        finally:
+            set_image_size(self.video_predictor, side)
 
 
 def load_sam2(
@@ -67,9 +80,10 @@ def load_sam2(
     tensors = read_tensors(path)
     predictor = build_predictor(file)
     load_weights(predictor, tensors, path, SAM2)
+    own_side = predictor.image_size
     if image_size is not None:
         set_image_size(predictor, image_size)
-    return Sam2(predictor.to(compute.device).eval().requires_grad_(False), compute)
+    return Sam2(predictor.to(compute.device).eval().requires_grad_(False), compute, own_side)
 
 
 def set_image_size(model: "SAM2Base", side: int) -> None:

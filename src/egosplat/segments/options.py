@@ -18,6 +18,7 @@ class SegmentsOptions:
 
     # Which masks of a frame are kept (docs/method.md#mask-filters).
     points_per_side: int
+    crops_per_side: int
     pred_iou_thresh: float
     stability_score_thresh: float
     stability_score_offset: float

@@ -12,8 +12,9 @@ from egosplat.segments.image_encoder import EncodedImage
 from egosplat.segments.nms import areas, box_nms, intersections, mask_iou, mask_nms, stability_score
 from egosplat.segments.options import LEVELS, SegmentsOptions
 
-# Points per call of the mask decoder, as in SAM2's automatic mask generator.
-_POINTS_A_BATCH = 64
+# Points per call of the mask decoder. On a GPU as in SAM2's automatic mask generator; on a CPU, a batch that allocates
+# more than its cache holds takes up to twice the time.
+_POINTS_A_BATCH = {"cuda": 64, "cpu": 16}
 
 
 @dataclass(frozen=True)
@@ -58,16 +59,30 @@ def grid_points(points_per_side: int) -> Tensor:
     return torch.cartesian_prod(steps, steps).flip(1).contiguous()
 
 
-def prompt(sam2: Sam2, encoded: EncodedImage, points: Tensor, options: SegmentsOptions) -> list[Candidates]:
+def join(parts: list[Candidates]) -> Candidates:
+    """Concatenate candidates whose logits have the same size."""
+    return Candidates(
+        torch.cat([one.logits for one in parts]),
+        torch.cat([one.predicted_iou for one in parts]),
+        torch.cat([one.stability for one in parts]),
+    )
+
+
+def prompt(
+    sam2: Sam2, encoded: EncodedImage, points: Tensor, options: SegmentsOptions, frame_share: float = 1.0
+) -> list[Candidates]:
     """Prompt SAM2 with points; each gives one mask per level. Masks of low quality are dropped.
 
     Args:
         points: (P, 2) x, y in [0, 1], relative to the image's sides.
+        frame_share: share of the frame that the image covers.
 
     Returns:
         Candidates of each level, in the order of the points.
     """
-    batches = [_decode(sam2, encoded, batch, options) for batch in points.split(_POINTS_A_BATCH)]
+    min_area = options.min_area / frame_share
+    size = _POINTS_A_BATCH[sam2.compute.device.type]
+    batches = [_decode(sam2, encoded, batch, options, min_area) for batch in points.split(size)]
     return [
         Candidates(*(torch.cat([batch[name][level] for batch in batches]) for name in range(3)))
         for level in range(len(LEVELS))
@@ -75,9 +90,12 @@ def prompt(sam2: Sam2, encoded: EncodedImage, points: Tensor, options: SegmentsO
 
 
 def _decode(
-    sam2: Sam2, encoded: EncodedImage, points: Tensor, options: SegmentsOptions
+    sam2: Sam2, encoded: EncodedImage, points: Tensor, options: SegmentsOptions, min_area: float
 ) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:
-    """Logits, predicted IoU and stability of each level, for a batch of points; only masks of sufficient quality."""
+    """Logits, predicted IoU and stability of each level, for a batch of points; only masks of sufficient quality.
+
+    ``min_area``: least share of the image.
+    """
     model, device = sam2.video_predictor, sam2.compute.device
     places = (points * model.image_size)[:, None].to(device)
     foreground = torch.ones(len(points), 1, dtype=torch.int32, device=device)
@@ -100,7 +118,7 @@ def _decode(
         mask, iou = logits[:, level].float(), ious[:, level].float()
         stable = stability_score(mask, options.stability_score_offset)
         # Areas are compared on the small masks, relative to their size.
-        large = areas(mask > 0) >= max(1.0, options.min_area * mask[0].numel())
+        large = areas(mask > 0) >= max(1.0, min_area * mask[0].numel())
         good = (iou > options.pred_iou_thresh) & (stable >= options.stability_score_thresh) & large
         for values, each in zip(kept, (mask, iou, stable), strict=True):
             values.append(each[good])
@@ -138,6 +156,13 @@ def drop_covered(found: Candidates, tracked: Tensor, cover_thresh: float, iou_th
     covered = intersections(found.masks, tracked.any(0)[None])[:, 0] / areas(found.masks).clamp(min=1.0)
     repeats = mask_iou(found.masks, tracked).amax(1) > iou_thresh
     return found.take((covered <= cover_thresh) & ~repeats)
+
+
+def drop_repeated(found: Candidates, others: Tensor, iou_thresh: float) -> Candidates:
+    """Drop candidates whose IoU with one of the (K, M, M) bool masks is larger than ``iou_thresh``."""
+    if len(found) == 0 or len(others) == 0:
+        return found
+    return found.take(mask_iou(found.masks, others).amax(1) <= iou_thresh)
 
 
 def match_masks(masks: Tensor, others: Tensor, least_iou: float) -> Tensor:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from egosplat.artifacts.checkpoint import Checkpoint, State
 from egosplat.models.sam2_loader import Sam2
 from egosplat.progress import log, track
+from egosplat.segments.crops import prompt_with_crops
 from egosplat.segments.image_encoder import encode
 from egosplat.segments.instances import Segmented, Track
 from egosplat.segments.label_maps import DamagedLabels, LabelMaps, paint
@@ -94,8 +95,11 @@ class SingleFrames:
         self._instances = [Track(**values) for values in state["instances"]]
 
     def _segment(self, frame: int) -> None:
-        encoded = encode(self._sam2, self._images(frame))
-        found = prompt(self._sam2, encoded, grid_points(self._options.points_per_side), self._options)
+        image = self._images(frame)
+        points = grid_points(self._options.points_per_side)
+        found = prompt(self._sam2, encode(self._sam2, image), points, self._options)
+        if self._options.crops_per_side > 1:
+            found = prompt_with_crops(self._sam2, image, found, self._options)
         labels = []
         for level, candidates in enumerate(found):
             masks = filter_masks(candidates, self._options)

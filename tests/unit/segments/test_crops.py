@@ -1,0 +1,104 @@
+"""Crops of a frame: where they lie, which of their masks are used, and where these land on the frame."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.pipeline.config import defaults, stage_values
+from egosplat.segments import crops
+from egosplat.segments.crops import Crop, crops_of, prompt_with_crops
+from egosplat.segments.image_encoder import encode
+from egosplat.segments.options import SegmentsOptions
+from egosplat.segments.prompts import Candidates, grid_points, prompt
+
+SHAPE = (48, 64, 3)
+
+
+def candidates(masks):
+    """Candidates with logits 1 inside (N, M, M) masks and -1 outside, and equal scores."""
+    logits = torch.as_tensor(masks).float() * 2 - 1
+    return Candidates(logits, torch.full((len(logits),), 0.9), torch.full((len(logits),), 0.9))
+
+
+@pytest.mark.parametrize("per_side", [1, 2, 3, 4])
+def test_crops_cover_the_frame_and_overlap(per_side):
+    """Each pixel is in a crop, all crops have one size, and neighbours share a part of the frame."""
+    found = crops_of(480, 640, per_side)
+    assert len(found) == per_side**2
+    seen = np.zeros((480, 640), int)
+    for crop in found:
+        seen[crop.top : crop.bottom, crop.left : crop.right] += 1
+    assert seen.min() == 1 and (seen.max() > 1) == (per_side > 1)
+    assert len({(crop.bottom - crop.top, crop.right - crop.left) for crop in found}) == 1
+
+
+def test_one_crop_is_the_frame():
+    """A grid of one crop is the frame itself."""
+    assert crops_of(30, 50, 1) == [Crop(0, 0, 30, 50)]
+
+
+def test_a_mask_lands_at_its_place_in_the_frame():
+    """A disc in a crop of a frame that is not square covers the same pixels on the canvas."""
+    crop, canvas = Crop(12, 20, 44, 60), 128
+    rows, columns = (np.arange(80) + 0.5) / 80 * 32 + 12, (np.arange(80) + 0.5) / 80 * 40 + 20
+    disc = (rows[:, None] - 30) ** 2 + (columns[None] - 42) ** 2 < 9**2
+    landed = crops._to_canvas(candidates(disc[None]), crop, SHAPE, canvas).masks[0].numpy()
+    rows, columns = (np.arange(canvas) + 0.5) / canvas * 48, (np.arange(canvas) + 0.5) / canvas * 64
+    true = (rows[:, None] - 30) ** 2 + (columns[None] - 42) ** 2 < 9**2
+    assert (landed & true).sum() / (landed | true).sum() > 0.95
+
+
+def test_masks_that_a_border_inside_the_frame_cuts_off_are_dropped():
+    """A mask at the frame's own border stays; one at a crop's inner border goes."""
+    masks = np.zeros((3, 40, 40), bool)
+    masks[0, :4, 10:14] = True  # the frame's top border
+    masks[1, 10:14, -4:] = True  # an inner border
+    masks[2, 20:24, 20:24] = True  # inside
+    kept = crops._whole_and_small(candidates(masks), Crop(0, 0, 32, 40), SHAPE, 40)
+    assert kept.masks.numpy().any(2).argmax(1).tolist() == [0, 20]
+
+
+def test_large_masks_come_from_the_whole_frame():
+    """A crop's mask is dropped if it covers more than 100 cells of the whole frame's logits."""
+    masks = np.zeros((2, 40, 40), bool)
+    masks[0, 5:30, 5:30] = True
+    masks[1, 5:10, 5:10] = True
+    kept = crops._whole_and_small(candidates(masks), Crop(0, 0, 32, 40), SHAPE, 40)
+    assert kept.masks.flatten(1).sum(1).tolist() == [25]
+
+
+def test_a_mask_from_a_crop_replaces_the_same_mask_of_the_frame():
+    """One thing is kept once, in its sharper outline; other masks of the frame stay."""
+    coarse = np.zeros((2, 20, 20), bool)
+    coarse[0, 4:8, 4:8] = True
+    coarse[1, 10:18, 10:18] = True
+    fine = np.zeros((1, 40, 40), bool)
+    fine[0, 8:16, 8:16] = True
+    merged = crops._merge(candidates(coarse), candidates(fine), 40, SimpleNamespace(box_nms_thresh=0.7))
+    assert len(merged) == 2
+    assert torch.equal(merged.masks[0], torch.from_numpy(fine[0]))
+
+
+def test_crops_without_masks_leave_those_of_the_frame():
+    """If no mask of a crop is good enough, the frame's masks are as they were, on the larger canvas."""
+    coarse = np.zeros((1, 20, 20), bool)
+    coarse[0, 4:8, 4:8] = True
+    none = candidates(np.zeros((0, 40, 40), bool))
+    merged = crops._merge(candidates(coarse), none, 40, SimpleNamespace(box_nms_thresh=0.7))
+    assert len(merged) == 1 and merged.masks[0].float().mean() == pytest.approx(16 / 400, rel=0.2)
+
+
+def test_crops_are_prompted_at_the_models_own_side(sam2):
+    """The frame's image size holds again afterwards; candidates of all levels have one canvas."""
+    image = np.random.default_rng(0).integers(0, 255, (96, 128, 3), dtype=np.uint8)
+    own = replace(sam2, own_side=128)
+    keys = {"crops_per_side": 2, "points_per_side": 2, "pred_iou_thresh": 0.0, "stability_score_thresh": 0.0}
+    options = SegmentsOptions(**stage_values("segments", defaults()) | keys)
+    with own.compute.inference():
+        found = prompt(own, encode(own, image), grid_points(2), options)
+        merged = prompt_with_crops(own, image, found, options)
+    assert own.video_predictor.image_size == 256
+    assert [one.logits.shape[1:] for one in merged] == [(64, 64)] * 3
