@@ -124,9 +124,11 @@ def _evaluated(config: Config, sizes: Sizes) -> float:
 
 
 def _prompts(config: Config, sizes: Sizes) -> float:
-    """A grid of points in each frame that is searched for new instances."""
+    """A grid of points in each frame that is searched for new instances, and in each of its crops."""
     keys = config["segments"]
-    return (1 + sizes["frames"] / keys["key_frame_stride"]) * keys["points_per_side"] ** 2
+    frames = 1 + sizes["frames"] / keys["key_frame_stride"]
+    crops = keys["crops_per_side"] ** 2 if keys["crops_per_side"] > 1 else 0
+    return frames * (1 + crops) * keys["points_per_side"] ** 2
 
 
 def _tracked(config: Config, sizes: Sizes) -> int:

@@ -12,9 +12,9 @@ from egosplat.segments.image_encoder import EncodedImage
 from egosplat.segments.nms import areas, box_nms, intersections, mask_iou, mask_nms, stability_score
 from egosplat.segments.options import LEVELS, SegmentsOptions
 
-# Points per call of the mask decoder. On a GPU as in SAM2's automatic mask generator; on a CPU, a batch that allocates
-# more than its cache holds takes up to twice the time.
-_POINTS_A_BATCH = {"cuda": 64, "cpu": 16}
+# Points per call of the mask decoder: as in SAM2's automatic mask generator; on a CPU, where larger batches take up to
+# twice the time, because the system has to find memory for them each time.
+_POINTS_A_BATCH, _POINTS_A_BATCH_ON_CPU = 64, 16
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def prompt(
         Candidates of each level, in the order of the points.
     """
     min_area = options.min_area / frame_share
-    size = _POINTS_A_BATCH[sam2.compute.device.type]
+    size = _POINTS_A_BATCH_ON_CPU if sam2.compute.device.type == "cpu" else _POINTS_A_BATCH
     batches = [_decode(sam2, encoded, batch, options, min_area) for batch in points.split(size)]
     return [
         Candidates(*(torch.cat([batch[name][level] for batch in batches]) for name in range(3)))
