@@ -88,7 +88,7 @@ def score(folder: Path, work: Path, target: str) -> ScoredScene:
         output=made["language"],
     )
     scores = work / target / "metrics.json"
-    run("metrics", config, **own, **made, title=scene_name(folder), output=scores)
+    run("metrics", config, **own, **made, title=scene_name(folder), method=None, output=scores)
     return read_scored_scene(scores)
 
 

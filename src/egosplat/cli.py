@@ -29,6 +29,9 @@ ARTIFACT = click.Path(path_type=Path)
 # Flags that come from the table of scenes.
 SCENE = {
     "title": click.Option(["--title"], default="scene", show_default=True, help="Title of the scene."),
+    "method": click.Option(
+        ["--method"], help="Published method that the codes stand for. [default: EgoSplat]"
+    ),
     "format": click.Option(
         ["--format"],
         type=click.Choice(schema("scenes")["properties"]["format"]["enum"]),

@@ -13,7 +13,12 @@ from egosplat.pipeline.results import default_results, default_scenes
 from egosplat.pipeline.scenes import check_recording
 from egosplat.pipeline.stages import STAGES, code_of
 from egosplat.pipeline.survey_file import read_survey
-from egosplat.pipeline.variants import artifact_folder, artifact_path, scene_config
+from egosplat.pipeline.variants import (
+    artifact_folder,
+    artifact_path,
+    method_of,
+    scene_config,
+)
 
 
 def names_of(wildcards):
@@ -142,6 +147,14 @@ def get_title(wildcards):
     variant = names_of(wildcards)[2]
     name = scene_of(wildcards).name
     return f"{name}, {variant}" if variant else name
+
+
+def method_flag(wildcards):
+    """Get the published method that a variant stands for as a command line flag; empty for EgoSplat."""
+    variant = names_of(wildcards)[2]
+    scene = scene_of(wildcards)
+    name = variant and method_of(scene.config, variant, scene.name)
+    return f"--method {shlex.quote(name)}" if name else ""
 
 
 def labels(page):

@@ -2,14 +2,14 @@
 Scores of a scene: localization, masks and rendering.
 
 REQUIRED INPUTS: frames.zarr, poses.zarr, annotations.zarr, features.zarr, splats.zarr, language.zarr. The stage also
-reads the time and memory of the artifacts that these were made from.
+reads the time and memory of the artifacts that these were made from. For methods that were run elsewhere, their maps.
 OUTPUTS: metrics.json, as src/egosplat/pipeline/schemas/metrics.schema.yaml describes it; results/benchmark/ for all scenes.
 TOOLS: OpenCLIP, PyTorch, egosplat's kernels or gsplat; Jinja2.
 """
 
 import egosplat
 from egosplat.pipeline.code_hash import code_hash
-from egosplat.pipeline.results import table_pictures, table_scores
+from egosplat.pipeline.results import maps_of, table_pictures, table_scores
 
 PACKAGE = Path(egosplat.__file__).parent
 
@@ -21,6 +21,11 @@ def get_picture_flags(_):
     return " ".join(
         f"--picture {shlex.quote(path)}" for path in table_pictures(scenes.values())
     )
+
+
+def get_maps(wildcards):
+    """Get the relevancy maps of a method that was run elsewhere."""
+    return str(maps_of(scene_of(wildcards), wildcards.method))
 
 
 rule metrics:
@@ -50,6 +55,7 @@ rule metrics:
         gpu=gpus("metrics"),
     params:
         title=get_title,
+        method=method_flag,
         flags=flags("metrics"),
         models=models("metrics"),
         code=code_of("metrics"),
@@ -61,6 +67,42 @@ rule metrics:
         " --features {input.features:q}"
         " --splats {input.splats:q}"
         " --language {input.language:q}"
+        " --title {params.title:q}"
+        " {params.method}"
+        " --output {output:q}"
+        " {params.flags}"
+        " 2>&1 | tee {log:q}"
+
+
+rule method_metrics:
+    """Score the relevancy maps of a method that was run elsewhere; tables.maps is their folder."""
+    input:
+        frames=artifact("frames"),
+        poses=artifact("poses"),
+        annotations=artifact("annotations"),
+        relevancy=get_maps,
+    output:
+        report(
+            "results/{dataset}/{scene}/methods/{method}/metrics.json",
+            caption="../report/metrics.rst",
+            category="Scenes",
+            labels=labels("scores"),
+        ),
+    log:
+        "logs/{dataset}/{scene}/methods/{method}/metrics.log",
+    resources:
+        mem_mb=4000,
+        runtime=60,
+    params:
+        title=get_title,
+        flags=flags("method_metrics"),
+        code=code_of("method_metrics"),
+    shell:
+        "egosplat method-metrics"
+        " --frames {input.frames:q}"
+        " --poses {input.poses:q}"
+        " --annotations {input.annotations:q}"
+        " --relevancy {input.relevancy:q}"
         " --title {params.title:q}"
         " --output {output:q}"
         " {params.flags}"

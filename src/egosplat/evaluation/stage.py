@@ -76,8 +76,12 @@ def run(
     options: MetricsOptions,
     *,
     title: str,
+    method: str | None,
 ) -> None:
     """Write the scores of a scene as JSON, see ``metrics.schema.yaml``.
+
+    Args:
+        method: name of the published method that the codes stand for; None for EgoSplat.
 
     Raises:
         UserError: the inputs do not match, the model did not make the features, or the backend cannot run.
@@ -107,6 +111,8 @@ def run(
     notice, alarms = notice_of_artifacts(used), [*alarms_of_all(used), *_alarms(scores["all"])]
     document = {
         "scene": title,
+        **({} if method is None else {"method": method}),
+        "stands_in": language.facts.get("stands_in", []),
         "notice": notice,
         "alarms": [asdict(alarm) for alarm in alarms],
         "counts": _counts(evaluation, features, language, made_from),

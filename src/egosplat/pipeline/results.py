@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from pathlib import Path
 
+from egosplat.errors import UserError
 from egosplat.pipeline.dag import default_pages
 from egosplat.pipeline.scenes import Scene
 
@@ -21,7 +22,7 @@ def default_results(scene: Scene) -> list[str]:
 
 
 def table_scores(scenes: Iterable[Scene]) -> list[str]:
-    """Get metrics.json of scenes and their ablations; for scenes that must be named, only existing files."""
+    """Get metrics.json of scenes, their ablations and other methods; of scenes that must be named, only existing files."""
     scenes = list(scenes)
     own = [path for scene in default_scenes(scenes) for path in _scores(scene)]
     by_name = [path for scene in scenes if scene.by_name for path in _scores(scene) if path.exists()]
@@ -34,6 +35,24 @@ def table_pictures(scenes: Iterable[Scene]) -> list[str]:
     return [str(scene.results / name) for scene in default_scenes(scenes) for name in names]
 
 
+def maps_of(scene: Scene, method: str) -> Path:
+    """Get the path of a method's relevancy maps of a scene.
+
+    Raises:
+        UserError: the configuration names no folder of maps.
+    """
+    folder = scene.config["tables"]["maps"]
+    if folder is None:
+        raise UserError(
+            f"{scene.name}: no folder of relevancy maps is configured; set tables.maps, as in "
+            f"--config 'tables={{maps: FOLDER}}' with FOLDER/{scene.name}/{method}.zarr"
+        )
+    return Path(folder) / scene.dataset / scene.scene / f"{method}.zarr"
+
+
 def _scores(scene: Scene) -> list[Path]:
-    folders = ("", *(f"variants/{name}" for name in ABLATIONS))
+    keys = scene.config["tables"]
+    folders = ["", *(f"variants/{name}" for name in (*ABLATIONS, *keys["methods"]))]
+    if keys["maps"] is not None:
+        folders += [f"methods/{path.stem}" for path in sorted(maps_of(scene, "*").parent.glob("*.zarr"))]
     return [scene.results / folder / "metrics.json" for folder in folders]

@@ -27,7 +27,8 @@ class Stage:
         libraries: distributions whose version changes the output.
         sections: further configuration sections; the stage takes all their keys.
         keys: single keys from other sections, by section.
-        scene: values that it takes from the table of scenes: ``format`` of the recording, ``title`` for pages.
+        scene: values that it takes from the table of scenes and the variant: ``format`` of the recording, ``title`` for
+            pages, ``method``, the published method that a variant stands for.
     """
 
     name: str
@@ -207,7 +208,7 @@ _STAGES = (
         ),
         sections=("query", "presence"),
         keys=_CLIP,
-        scene=("title",),
+        scene=("title", "method"),
     ),
     Stage(
         "method_metrics",

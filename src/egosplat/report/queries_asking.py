@@ -72,7 +72,7 @@ def open_sources(paths: Sequence[Path], scored: ScoredScene) -> Sources:
     """
     opened = [open_artifact(path, schema) for path, schema in zip(paths, _SCHEMAS, strict=True)]
     lineage(opened)
-    if scored.method is not None:
+    if scored.foreign:
         raise UserError(
             f"{scored.path}: holds the scores of {scored.method}; only egosplat's own queries can be answered again. "
             "Give the scene's metrics.json"

@@ -91,7 +91,8 @@ def to_csv(table: Table) -> str:
 
     Columns: ``kind`` is ``printed``, ``real`` or ``synthetic``; ``percent``, ``low`` and ``high`` are a score and its
     interval [%]; ``queries`` and ``categories`` are their numbers; ``scenes`` are the scenes of a measured average;
-    ``steps`` are the enabled components of an ablation.
+    ``steps`` are the enabled components of an ablation; ``cpu_min`` and ``memory_gib`` are the row's cost of a scene;
+    ``stands_in`` is what replaces parts of a method.
     """
     lines = pd.DataFrame(
         _csv_line(table, block, row, column, cell)
@@ -100,7 +101,8 @@ def to_csv(table: Table) -> str:
         for column, cell in zip(table.columns, row.cells, strict=True)
     )
     lines = lines.astype({"queries": "Int64", "categories": "Int64"})
-    return lines.astype(dict.fromkeys(("percent", "low", "high"), float)).round(DECIMALS).to_csv(index=False)
+    floats = ("percent", "low", "high", "cpu_min", "memory_gib")
+    return lines.astype(dict.fromkeys(floats, float)).round(DECIMALS).to_csv(index=False)
 
 
 def _csv_line(table: Table, block: Block, row: Row, column: Column, cell: Cell) -> dict[str, Any]:
@@ -123,6 +125,9 @@ def _csv_line(table: Table, block: Block, row: Row, column: Column, cell: Cell) 
         "queries": cell.queries,
         "categories": cell.categories,
         "scenes": " ".join(cell.scenes),
+        "cpu_min": row.cost and row.cost.cpu_min,
+        "memory_gib": row.cost and row.cost.memory_gib,
+        "stands_in": "; ".join(row.stands_in),
     }
 
 

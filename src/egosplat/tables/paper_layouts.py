@@ -17,7 +17,7 @@ class Line:
 
     Attributes:
         printed: name of the method in the paper's numbers.
-        variant: the corresponding variant of egosplat, or None.
+        variant: the corresponding variant of EgoSplat; None for another method.
         steps: enabled components, in an ablation.
     """
 
@@ -46,11 +46,6 @@ class Layout:
     columns: tuple[Column, ...]
     lines: tuple[Line, ...]
     components: tuple[str, ...] = ()
-
-    @property
-    def own_lines(self) -> tuple[Line, ...]:
-        """The lines of egosplat."""
-        return tuple(line for line in self.lines if line.variant is not None)
 
     def scenes_of(self, untouched: bool) -> tuple[str, ...]:
         """The scenes of the table; untouched apartments appear only in averages."""
@@ -144,6 +139,13 @@ def in_a_table(scene: ScoredScene) -> bool:
     return any(
         layout.dataset == scene.dataset
         and scene.scene in layout.scenes_of(scene.untouched)
-        and scene.variant in {line.variant for line in layout.own_lines}
+        and _has_line(layout, scene)
         for layout in LAYOUTS
     )
+
+
+def _has_line(layout: Layout, scene: ScoredScene) -> bool:
+    """Whether a table has a line for a scene's variant, or a row for another method: an ablation of EgoSplat has none."""
+    if scene.method is not None:
+        return not layout.components
+    return scene.variant in {line.variant for line in layout.lines}

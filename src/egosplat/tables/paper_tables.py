@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import count, islice, product
 from string import ascii_lowercase
 
 from egosplat.evaluation.intervals import RESAMPLING, clustered_interval, mean_of_scenes, scaled
@@ -9,7 +10,19 @@ from egosplat.tables.paper_layouts import LAYOUTS, Layout, Line
 from egosplat.tables.paper_numbers import AVERAGE, PAPER_NOTES, printed
 from egosplat.tables.scored_scenes import CHANCE, FULL, UNTOUCHED, ScoredScene
 from egosplat.tables.series import APARTMENTS, NAMES, OWN, UNTOUCHED_APARTMENTS, Series
-from egosplat.tables.table import PRINTED, REAL, SYNTHETIC, Block, Cell, Column, Note, Row, Table, ranked
+from egosplat.tables.table import (
+    PRINTED,
+    REAL,
+    SYNTHETIC,
+    Block,
+    Cell,
+    Column,
+    Cost,
+    Note,
+    Row,
+    Table,
+    ranked,
+)
 
 INTERVALS = (
     "Intervals are for other categories, and for averages also for other scenes. Categories are resampled, not queries, "
@@ -24,7 +37,12 @@ def paper_tables(series: Sequence[Series]) -> list[Table]:
 
 def _table(layout: Layout, series: Sequence[Series]) -> Table:
     own = [one for one in series if one.dataset == layout.dataset and _scenes_of(layout, one)]
-    measured = _measured_blocks(layout, own)
+    if layout.components:  # an ablation of EgoSplat
+        own = [one for one in own if one.own]
+    on_the_paper = _notes_on_the_paper(layout)
+    measured, footnotes = _with_footnotes(
+        _measured_blocks(layout, own), sum(bool(one.mark) for one in on_the_paper)
+    )
     synthetic = f" The last rows are of {APARTMENTS}, not of {NAMES[layout.dataset]}."
     return Table(
         name=layout.name,
@@ -32,7 +50,7 @@ def _table(layout: Layout, series: Sequence[Series]) -> Table:
         components=layout.components,
         columns=layout.columns,
         blocks=(_printed_block(layout), *measured),
-        notes=(*_notes_on_the_paper(layout), *_notes_on(measured), *_presence_notes(layout, own)),
+        notes=(*on_the_paper, *footnotes, *_notes_on(measured), *_presence_notes(layout, own)),
         scenes=layout.scenes,
     )
 
@@ -57,7 +75,7 @@ def _printed_cell(layout: Layout, line: Line, column: Column) -> Cell:
 
 def _notes_on_the_paper(layout: Layout) -> list[Note]:
     """Notes on a table's printed numbers; notes on single cells have a letter."""
-    letters = iter(ascii_lowercase)
+    letters = _letters()
     return [Note(next(letters) if one.cells else "", one.text) for one in PAPER_NOTES[layout.name]]
 
 
@@ -75,20 +93,25 @@ def _measured_blocks(layout: Layout, series: Sequence[Series]) -> list[Block]:
         kind: _rows(layout, [one for one in series if (one.origin, one.untouched) == kind]) for kind in titles
     }
     if not any(rows.values()):
-        rows[REAL, False] = [_empty_row(layout, line, name) for line in layout.own_lines]
+        rows[REAL, False] = [_empty_row(layout, line, name) for line in layout.lines]
     return [Block(kind[0], titles[kind], own) for kind, own in rows.items() if own]
 
 
 def _rows(layout: Layout, series: Sequence[Series]) -> tuple[Row, ...]:
-    """Rows of one block, then the chance level; a line of an ablation without scores gets an empty row."""
-    known = {line: [one for one in series if _belongs(one, line)] for line in layout.own_lines}
+    """Rows of one block in the paper's order, methods that it lacks, then the chance level.
+
+    A line without scores gets an empty row.
+    """
+    known = {line: [one for one in series if _belongs(one, line)] for line in layout.lines}
+    more = [
+        one for one in series if not one.own and one.method not in {line.printed for line in layout.lines}
+    ]
+    if not more and not any(known.values()):
+        return ()
     rows: list[Row] = []
     for line, own in known.items():
-        rows += [_row(layout, line, one) for one in own]
-        if not own and any(known.values()):
-            rows.append(_empty_row(layout, line, series[0].data))
-    if not rows:
-        return ()
+        rows += [_row(layout, line.steps, one) for one in own] or [_empty_row(layout, line, series[0].data)]
+    rows += [_row(layout, (), one) for one in more]
     # A mark on the best synthetic row could be mistaken for the best row of the table.
     own = tuple(rows) if series[0].origin == SYNTHETIC else ranked(rows)
     return (*own, *_chance_rows(layout, series))
@@ -117,11 +140,11 @@ def _chance_cell(column: Column, scenes: Mapping[str, ScoredScene], answerer: st
 
 
 def _belongs(series: Series, line: Line) -> bool:
-    """Whether a series belongs to a line; other methods have no line in an ablation of egosplat."""
-    return series.variant == line.variant and (series.own or not line.steps)
+    """Whether a series belongs to a line: EgoSplat's by its variant, another method's by its name."""
+    return series.variant == line.variant if series.own else series.method == line.printed
 
 
-def _row(layout: Layout, line: Line, series: Series) -> Row:
+def _row(layout: Layout, steps: tuple[bool, ...], series: Series) -> Row:
     scenes = _scenes_of(layout, series)
     cells = tuple(_cell(column, scenes) for column in layout.columns)
     return Row(
@@ -130,9 +153,21 @@ def _row(layout: Layout, line: Line, series: Series) -> Row:
         data=series.data,
         checkpoints=series.checkpoints,
         variant=series.variant,
-        steps=line.steps,
+        steps=steps,
         cells=cells,
         notice=series.notice or "",
+        cost=_mean_cost([scene.cost for scene in scenes.values()]),
+        stands_in=tuple(dict.fromkeys(text for scene in scenes.values() for text in scene.stands_in)),
+    )
+
+
+def _mean_cost(costs: Sequence[Cost | None]) -> Cost | None:
+    """The mean of the costs of scenes; None if one is not known."""
+    known = [cost for cost in costs if cost is not None]
+    if not known or len(known) < len(costs):
+        return None
+    return Cost(
+        sum(cost.cpu_min for cost in known) / len(known), sum(cost.memory_gib for cost in known) / len(known)
     )
 
 
@@ -151,8 +186,32 @@ def _scenes_of(layout: Layout, series: Series) -> dict[str, ScoredScene]:
 
 def _empty_row(layout: Layout, line: Line, data: str) -> Row:
     cells = tuple(Cell() for _ in layout.columns)
+    if line.variant is None:
+        return Row(f"{line.printed} ({data}: not measured)", line.printed, data, "", "", line.steps, cells)
     label = f"{OWN} (egosplat, {data}: not measured)"
-    return Row(label, OWN, data, "", line.variant or "", line.steps, cells)
+    return Row(label, OWN, data, "", line.variant, line.steps, cells)
+
+
+def _with_footnotes(blocks: Sequence[Block], taken: int) -> tuple[list[Block], list[Note]]:
+    """Give each sentence of the rows a letter, after the first ``taken`` ones, and the rows their letters."""
+    texts = dict.fromkeys(text for block in blocks for row in block.rows for text in row.stands_in)
+    marks = dict(zip(texts, islice(_letters(), taken, None), strict=False))
+    marked = [
+        replace(
+            block,
+            rows=tuple(
+                replace(row, mark=",".join(marks[text] for text in row.stands_in)) for row in block.rows
+            ),
+        )
+        for block in blocks
+    ]
+    return marked, [Note(mark, f"{text[0].upper()}{text[1:]}.") for text, mark in marks.items()]
+
+
+def _letters() -> Iterator[str]:
+    """a to z, then aa, ab and so on."""
+    for length in count(1):
+        yield from map("".join, product(ascii_lowercase, repeat=length))
 
 
 def _notes_on(blocks: Sequence[Block]) -> Iterator[Note]:

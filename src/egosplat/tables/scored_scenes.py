@@ -10,10 +10,13 @@ from egosplat.alarms.alarm import Alarm, warning_lines
 from egosplat.errors import UserError
 from egosplat.evaluation.intervals import Clusters, cluster, scaled
 from egosplat.pipeline.validation import read_document
-from egosplat.tables.table import Cell
+from egosplat.tables.table import Cell, Cost
 
 # Name of the variant in a scene's own folder.
 FULL = "full"
+
+# Stage that scores what egosplat computed itself.
+STAGE = "metrics"
 
 # Keys of the section ``metrics`` that decide queries and scores; they must be equal within a table.
 PROTOCOL = ("min_area", "excluded", "people", "hit_region", "confidence")
@@ -50,8 +53,8 @@ class ScoredScene:
     """A scene's scores.
 
     Attributes:
-        dataset, scene, variant: names of the scene; scores of another method have the variant ``FULL``.
-        method: name of another method, or None for egosplat.
+        dataset, scene, variant: names of the scene; scores of maps from elsewhere have the variant ``FULL``.
+        method: name of another method, or None for EgoSplat.
         origin: ``real`` or ``synthetic``.
         models: models, sorted by key.
     """
@@ -64,6 +67,27 @@ class ScoredScene:
     origin: str
     models: tuple[Model, ...]
     document: Mapping[str, Any]
+
+    @property
+    def foreign(self) -> bool:
+        """Whether another program ran the method, and egosplat scored its maps."""
+        return self.method is not None and self.document["provenance"]["stage"] != STAGE
+
+    @property
+    def stands_in(self) -> tuple[str, ...]:
+        """Sentences on what replaces a part of the method."""
+        return tuple(self.document.get("stands_in", ())) if self.method is not None else ()
+
+    @property
+    def cost(self) -> Cost | None:
+        """What the making of the codes took, from the frames on; None if an artifact is lost or another program ran."""
+        made = {name: one for name, one in self.document["artifacts"].items() if name != "annotations.zarr"}
+        if self.foreign or not made or None in made.values():
+            return None
+        return Cost(
+            cpu_min=sum(one["cpu_s"] for one in made.values()) / 60,
+            memory_gib=max(one["peak_memory_mb"] for one in made.values()) / 1024,
+        )
 
     @property
     def untouched(self) -> bool:
@@ -120,7 +144,7 @@ def read_scored_scene(path: Path) -> ScoredScene:
         path=path,
         dataset=dataset,
         scene=scene,
-        variant=variant if method is None else FULL,
+        variant=FULL if method is not None and document["provenance"]["stage"] != STAGE else variant,
         method=None if method is None else one_line(method),
         origin=document["origin"],
         models=tuple(

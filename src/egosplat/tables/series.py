@@ -25,7 +25,8 @@ class Series:
     Attributes:
         dataset, variant, origin: common to all scenes.
         untouched: whether the scenes are ``UNTOUCHED`` apartments.
-        own: whether the method is egosplat.
+        own: whether the method is EgoSplat.
+        foreign: whether another program ran the method.
         scenes: scores by name of the scene.
     """
 
@@ -35,6 +36,7 @@ class Series:
     untouched: bool
     method: str
     own: bool
+    foreign: bool
     checkpoints: str
     scenes: Mapping[str, ScoredScene]
 
@@ -60,7 +62,8 @@ class Series:
     @property
     def label(self) -> str:
         """Method, data and checkpoints."""
-        return f"{self.method} ({'egosplat' if self.own else 'scored by egosplat'}, {self.about})"
+        by = "egosplat" if self.own else "scored by egosplat" if self.foreign else "reimplemented by egosplat"
+        return f"{self.method} ({by}, {self.about})"
 
 
 def find_series(scenes: Sequence[ScoredScene]) -> list[Series]:
@@ -72,7 +75,7 @@ def find_series(scenes: Sequence[ScoredScene]) -> list[Series]:
     found: dict[tuple, dict[str, ScoredScene]] = {}
     # Scores of different data, variants or models must not be averaged.
     for one in scenes:
-        key = (one.dataset, one.variant, one.origin, one.untouched, one.method, one.models)
+        key = (one.dataset, one.variant, one.origin, one.untouched, one.method, one.foreign, one.models)
         other = found.setdefault(key, {}).setdefault(one.scene, one)
         if other is not one:
             raise UserError(f"{one.path} and {other.path}: are scores of the same scene; give one of them")
@@ -85,12 +88,13 @@ def find_series(scenes: Sequence[ScoredScene]) -> list[Series]:
             untouched,
             method or OWN,
             method is None,
+            foreign,
             names[models],
             dict(sorted(own.items())),
         )
-        for (dataset, variant, origin, untouched, method, models), own in found.items()
+        for (dataset, variant, origin, untouched, method, foreign, models), own in found.items()
     ]
-    return sorted(series, key=lambda one: (not one.own, one.method, one.checkpoints))
+    return sorted(series, key=lambda one: (not one.own, one.method, one.variant, one.checkpoints))
 
 
 def _checkpoint_names(kinds: set[tuple[Model, ...]]) -> dict[tuple[Model, ...], str]:

@@ -51,6 +51,14 @@ class Cell:
 
 
 @dataclass(frozen=True)
+class Cost:
+    """CPU time of all threads [min] and the largest memory [GiB] that a scene takes, from its frames to its codes."""
+
+    cpu_min: float
+    memory_gib: float
+
+
+@dataclass(frozen=True)
 class Row:
     """The numbers of one method on one kind of data.
 
@@ -60,6 +68,9 @@ class Row:
         steps: enabled components of an ablation; else empty.
         cells: one per column.
         notice: notice that the models do not suit the data, and what to do; else empty.
+        cost: mean over its scenes; None for a printed row, or if it is not known.
+        stands_in: sentences on what replaces a part of the method.
+        mark: letters of its footnotes, or empty.
     """
 
     label: str
@@ -70,6 +81,9 @@ class Row:
     steps: tuple[bool, ...]
     cells: tuple[Cell, ...]
     notice: str = ""
+    cost: Cost | None = None
+    stands_in: tuple[str, ...] = ()
+    mark: str = ""
 
     @property
     def scenes(self) -> tuple[str, ...]:
@@ -115,6 +129,11 @@ class Table:
     blocks: tuple[Block, ...]
     notes: tuple[Note, ...]
     scenes: tuple[str, ...]
+
+    @property
+    def has_costs(self) -> bool:
+        """Whether any row has a cost."""
+        return any(row.cost for block in self.blocks for row in block.rows)
 
     def spans(self) -> list[tuple[str, int]]:
         """Shared headings in order, each with its number of columns; empty without shared headings."""

@@ -24,15 +24,22 @@ NAMES = ("frames", "poses", "annotations", "features", "splats", "language")
 def scored(tmp_path):
     """``scored(folder, **keys)``: what the stage writes."""
 
-    def run(folder, **keys):
+    def run(folder, method=None, **keys):
         paths = {f"{name}_path": folder / f"{name}.zarr" for name in NAMES}
         defaults = {name: key["default"] for name, key in stage_keys("metrics").items()}
         output = tmp_path / "metrics.json"
         options = stage.MetricsOptions(**defaults | {"resamples": 50} | keys)
-        stage.run(**paths, output=output, options=options, title="a/scene")
+        stage.run(**paths, output=output, options=options, title="a/scene", method=method)
         return json.loads(output.read_text())
 
     return run
+
+
+def test_a_method_and_what_stands_in_for_it_are_told(word_scene, scored):
+    found = scored(word_scene(), method="LangSplat")
+    Draft202012Validator(schema("metrics")).validate(found)
+    assert found["method"] == "LangSplat" and found["stands_in"] == []
+    assert "method" not in scored(word_scene())
 
 
 def test_perfect_codes_score_perfectly(word_scene, scored):

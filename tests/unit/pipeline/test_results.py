@@ -1,12 +1,20 @@
 """Results of a run without a target, and inputs of the tables."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from egosplat.errors import UserError
 from egosplat.pipeline.config import defaults, merge
 from egosplat.pipeline.replacements import asked_results
-from egosplat.pipeline.results import default_results, default_scenes, table_pictures, table_scores
+from egosplat.pipeline.results import (
+    default_results,
+    default_scenes,
+    maps_of,
+    table_pictures,
+    table_scores,
+)
 from egosplat.pipeline.scenes import Scene, Target
 
 CONFIG = merge(defaults(), {"variants": {"v": {"features": {"dims": 4}}}})
@@ -41,6 +49,25 @@ def test_the_tables_hold_ablations_and_scores_by_name_that_exist(scenes):
     Path("results/adt/named/metrics.json").touch()
     assert set(table_scores(scenes.values())) - set(before) == {"results/adt/named/metrics.json"}
     assert "results/mine/here/splats.png" in table_pictures(scenes.values())
+
+
+def test_the_tables_wait_for_the_methods_of_the_configuration_and_for_maps_that_exist(scenes, tmp_path):
+    """A run without a target makes neither."""
+    before = table_scores(scenes.values())
+    assert "results/adt/one/variants/langsplat/metrics.json" in before
+    assert not [path for path in default_results(scenes["adt", "one"]) if "variants" in path]
+    (tmp_path / "maps/adt/one/theirs.zarr").mkdir(parents=True)
+    keys = {"tables": {"maps": str(tmp_path / "maps"), "methods": []}}
+    told = [replace(scene, config=merge(scene.config, keys)) for scene in scenes.values()]
+    after = table_scores(told)
+    assert "results/adt/one/methods/theirs/metrics.json" in after
+    assert not [path for path in after if "langsplat" in path or "here/methods" in path]
+    assert maps_of(told[0], "theirs") == tmp_path / "maps/adt/one/theirs.zarr"
+
+
+def test_maps_without_a_folder_are_an_error_that_names_the_key(scenes):
+    with pytest.raises(UserError, match=r"tables\.maps.*FOLDER/adt/one/theirs\.zarr"):
+        maps_of(scenes["adt", "one"], "theirs")
 
 
 def test_what_is_asked_for_is_grouped_by_scene_and_variant(scenes):

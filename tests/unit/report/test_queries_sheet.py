@@ -26,7 +26,8 @@ def score(folder: Path, **keys) -> Path:
     defaults = {name: key["default"] for name, key in stage_keys("metrics").items()} | {"resamples": 50}
     output = folder / "metrics.json"
     paths = {f"{name}_path": folder / f"{name}.zarr" for name in NAMES}
-    stage.run(**paths, output=output, options=stage.MetricsOptions(**defaults | keys), title="a/scene")
+    options = stage.MetricsOptions(**defaults | keys)
+    stage.run(**paths, output=output, options=options, title="a/scene", method=None)
     return output
 
 
@@ -145,7 +146,9 @@ def test_scores_of_other_artifacts_are_rejected(word_scene):
 
 def test_scores_of_another_method_are_rejected(word_scene):
     folder = word_scene()
-    change(score(folder), method="another")
+    scored = score(folder)
+    made = json.loads(scored.read_text())["provenance"]
+    change(scored, method="another", provenance=made | {"stage": "method_metrics"})
     with pytest.raises(UserError, match="metrics.json"):
         draw(folder)
 
