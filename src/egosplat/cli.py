@@ -168,6 +168,17 @@ def tradeoff_scenes(documents: tuple[Path, ...], output: Path) -> None:
 
 
 @cli.command()
+@click.argument("metrics", nargs=-1, required=True, type=ARTIFACT)
+@click.option("--title", required=True, help="Name of the scene.")
+@click.option("--output", type=ARTIFACT, required=True, help="Output picture, .png.")
+def methods_sheet(metrics: tuple[Path, ...], title: str, output: Path) -> None:
+    """Draw answers of methods side by side: METRICS are metrics.json of one scene's variants."""
+    from egosplat.report.methods_sheet import run
+
+    run(metrics, output, title)
+
+
+@cli.command()
 @click.argument("files", nargs=-1, required=True, type=ARTIFACT)
 @click.option("--title", required=True, help="Name of the scene.")
 @click.option("--output", type=ARTIFACT, required=True, help="Output page, .html.")

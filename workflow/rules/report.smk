@@ -3,12 +3,13 @@ Figures of a scene, and the scene as one page that answers queries.
 
 REQUIRED INPUTS: frames.zarr, annotations.zarr, poses.zarr, segments.zarr, view_features.zarr, features.zarr,
 transient.zarr, masks.zarr, splats.zarr, language.zarr, metrics.json.
-OUTPUTS: contact_sheet.png, instances.png, crops.png, splats.png, transient.png, language.png, queries.png, scene.html,
-story.html.
+OUTPUTS: contact_sheet.png, instances.png, crops.png, splats.png, transient.png, language.png, queries.png, methods.png,
+scene.html, story.html.
 TOOLS: matplotlib; egosplat's kernels or gsplat; OpenCLIP; Jinja.
 """
 
 from egosplat.pipeline.code_hash import code_hash
+from egosplat.pipeline.results import compared_methods
 
 
 def get_story_files(wildcards):
@@ -250,6 +251,33 @@ rule queries_sheet:
         " --metrics {input.metrics:q}"
         " --title {params.title:q}"
         " --output {output:q}"
+        " 2>&1 | tee {log:q}"
+
+
+rule methods_sheet:
+    """Draw the answers of the compared methods to the same queries side by side."""
+    input:
+        metrics=lambda wildcards: compared_methods(scene_of(wildcards)),
+    output:
+        report(
+            "results/{dataset}/{scene}/methods.png",
+            caption="../report/methods.rst",
+            category="Scenes",
+            labels=labels("methods"),
+        ),
+    log:
+        "logs/{dataset}/{scene}/methods_sheet.log",
+    resources:
+        mem_mb=memory("queries_sheet"),
+        runtime=runtime("queries_sheet"),
+    params:
+        title=get_title,
+        code=code_hash("egosplat.report.methods_sheet", ("matplotlib", "torch")),
+    shell:
+        "egosplat methods-sheet"
+        " --title {params.title:q}"
+        " --output {output:q}"
+        " {input.metrics:q}"
         " 2>&1 | tee {log:q}"
 
 

@@ -31,8 +31,18 @@ def table_scores(scenes: Iterable[Scene]) -> list[str]:
 
 def table_pictures(scenes: Iterable[Scene]) -> list[str]:
     """Get the figures on the tables page."""
-    names = ("splats.png", "language.png")
-    return [str(scene.results / name) for scene in default_scenes(scenes) for name in names]
+    return [
+        str(scene.results / name)
+        for scene in default_scenes(scenes)
+        for name in ("splats.png", "language.png", *(["methods.png"] if compared_methods(scene) else []))
+    ]
+
+
+def compared_methods(scene: Scene) -> list[str]:
+    """Get metrics.json of a scene and of its variants for other methods; empty without any."""
+    variants = scene.config["tables"]["methods"]
+    folders = ["", *(f"variants/{name}" for name in variants)] if variants else []
+    return [str(scene.results / folder / "metrics.json") for folder in folders]
 
 
 def maps_of(scene: Scene, method: str) -> Path:

@@ -10,6 +10,9 @@ DIMMED = 0.35
 # Opacity of the heat map.
 HEAT = 0.65
 
+# Word, marker and colour of a hit and of a miss.
+HIT, MISS = ("hit", "o", "forestgreen"), ("miss", "X", "red")
+
 
 def draw_heat(axes: Axes, picture: NDArray[np.float32], relevancy: NDArray[np.float32]) -> None:
     """Draw an (H, W) relevancy in 0..1 over the (H, W, 3) view in 0..1, shown in grey."""
@@ -20,3 +23,10 @@ def draw_heat(axes: Axes, picture: NDArray[np.float32], relevancy: NDArray[np.fl
 def draw_mask(axes: Axes, picture: NDArray[np.float32], mask: NDArray[np.bool_]) -> None:
     """Draw the (H, W, 3) view in 0..1, dimmed outside the (H, W) mask."""
     axes.imshow(np.where(mask[..., None], picture, DIMMED * picture))
+
+
+def draw_outline(axes: Axes, mask: NDArray[np.bool_]) -> None:
+    """Draw the outline of an (H, W) mask in white on black."""
+    if mask.any() and not mask.all():
+        axes.contour(mask, levels=[0.5], colors="black", linewidths=1.8)
+        axes.contour(mask, levels=[0.5], colors="white", linewidths=0.9)

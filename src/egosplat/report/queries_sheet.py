@@ -10,7 +10,7 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from egosplat.output_files import check_output, picture_kind
-from egosplat.report.answer_drawing import draw_heat, draw_mask
+from egosplat.report.answer_drawing import HIT, MISS, draw_heat, draw_mask, draw_outline
 from egosplat.report.figure import draw_heading, plt, save_figure
 from egosplat.report.queries_asking import ShownQuery, ask_again, open_sources
 from egosplat.report.queries_choice import best_and_worst, scored_queries
@@ -25,9 +25,6 @@ ROWS = 4
 
 # Width of an image on the page [inches].
 CELL = 2.9
-
-# Word, marker and colour of a hit and of a miss.
-HIT, MISS = ("hit", "o", "forestgreen"), ("miss", "X", "red")
 
 BEST = "best: hits with the highest IoU, one per category"
 # Titles of the two blocks.
@@ -128,19 +125,12 @@ def _draw_query(cells: NDArray[np.object_], query: ShownQuery, boxes: bool) -> N
     draw_mask(mask, query.view, answer.mask)
     mask.set_title(f"mask: IoU {scored.iou:.2f}", fontsize=9)
     for axes in cells:
-        _outline(axes, query.target)
+        draw_outline(axes, query.target)
     if boxes:
         _draw_boxes(photograph, query.boxes)
         _draw_boxes(heat, query.boxes)
     if answer.pixel is not None:
         heat.scatter(*answer.pixel, s=110, marker=marker, color=colour, edgecolors="white", linewidths=1.5)
-
-
-def _outline(axes: Axes, mask: NDArray[np.bool_]) -> None:
-    """Draw the outline of a mask in white on black."""
-    if mask.any() and not mask.all():
-        axes.contour(mask, levels=[0.5], colors="black", linewidths=1.8)
-        axes.contour(mask, levels=[0.5], colors="white", linewidths=0.9)
 
 
 def _draw_boxes(axes: Axes, boxes: NDArray[np.int64]) -> None:

@@ -61,6 +61,8 @@ def test_the_tables_wait_for_the_methods_of_the_configuration_and_for_maps_that_
     told = [replace(scene, config=merge(scene.config, keys)) for scene in scenes.values()]
     after = table_scores(told)
     assert "results/adt/one/methods/theirs/metrics.json" in after
+    drawn = "results/adt/one/methods.png"
+    assert drawn in table_pictures(scenes.values()) and drawn not in table_pictures(told)
     assert not [path for path in after if "langsplat" in path or "here/methods" in path]
     assert maps_of(told[0], "theirs") == tmp_path / "maps/adt/one/theirs.zarr"
 

@@ -1,0 +1,56 @@
+"""The page of methods: which queries it shows, and a column for each method."""
+
+import shutil
+
+import matplotlib.image
+import pytest
+
+from egosplat.errors import UserError
+from egosplat.evaluation import stage
+from egosplat.pipeline.config import stage_keys
+from egosplat.report.methods_sheet import over_methods, run
+from egosplat.report.queries_choice import ScoredQuery
+
+NAMES = ("frames", "poses", "annotations", "features", "splats", "language")
+
+
+def scored(folder, home, method=None):
+    """The metrics.json of a method in ``home``, with language.zarr beside it."""
+    home.mkdir(exist_ok=True, parents=True)
+    if home != folder:
+        shutil.copytree(folder / "language.zarr", home / "language.zarr")
+    keys = {name: key["default"] for name, key in stage_keys("metrics").items()} | {"resamples": 50}
+    paths = {f"{name}_path": folder / f"{name}.zarr" for name in NAMES}
+    output = home / "metrics.json"
+    options = stage.MetricsOptions(**keys)
+    stage.run(**paths, output=output, options=options, title="adt/scene1", method=method)
+    return output
+
+
+def test_each_method_has_a_column(word_scene, tmp_path):
+    folder = word_scene()
+    paths = [scored(folder, folder), scored(folder, folder / "variants" / "occam", "Occam's LGS")]
+    widths = []
+    for count in (1, 2):
+        run(paths[:count], tmp_path / f"{count}.png", "adt/scene1")
+        widths.append(matplotlib.image.imread(tmp_path / f"{count}.png").shape[1])
+    assert widths[1] == pytest.approx(1.5 * widths[0], rel=0.02)
+
+
+def test_a_lost_input_is_named(word_scene, tmp_path):
+    folder = word_scene()
+    path = scored(folder, folder)
+    shutil.rmtree(folder / "poses.zarr")
+    with pytest.raises(UserError, match=r"poses\.zarr is gone; rebuild .*metrics\.json"):
+        run([path], tmp_path / "page.png", "adt/scene1")
+
+
+def asked(**rows):
+    return {(0, name): ScoredQuery(0, name, 0.5, hit, iou) for name, (hit, iou) in rows.items()}
+
+
+def test_queries_count_by_what_most_methods_answer():
+    one = asked(cup=(True, 0.8), sofa=(False, 0.1), rug=(True, 0.4), alone=(True, 1.0))
+    two = asked(cup=(False, 0.2), sofa=(False, 0.3), rug=(True, 0.6))
+    found = {query.category: (query.hit, round(query.iou, 6)) for query in over_methods([one, two])}
+    assert found == {"cup": (True, 0.5), "rug": (True, 0.5), "sofa": (False, 0.2)}
