@@ -14,6 +14,7 @@ import pytest
 from filelock import FileLock
 
 from egosplat.progress import show_log
+from tests.support.warm_snakemake import run_snakemake
 
 ROOT = Path(__file__).resolve().parent.parent
 REAL_DATA = Path(os.environ.get("EGOSPLAT_REAL_DATA", ROOT.parent / "shared" / "data"))
@@ -59,32 +60,22 @@ class Workdir:
     """The outputs in ``finished``: scores and every page."""
 
     snakefile = ROOT / "workflow/Snakefile"
-    program: tuple[str | Path, ...] = ("-m", "snakemake")
 
     def __init__(self, folder: Path, code: Path | None = None) -> None:
         self.folder = folder
         self.code = code or folder / "src"
 
-    def command(self, *arguments: object) -> list[str]:
-        """Command line of Snakemake with the tiny settings; options go before ``--``, targets after it.
+    def options(self, *arguments: object) -> list[str]:
+        """Arguments of Snakemake with the tiny settings; options go before ``--``, targets after it.
 
         Each job has one thread: a job's result then depends neither on the machine nor on other jobs.
         """
         options = ["--snakefile", self.snakefile, "--cores", "2", "--max-threads", "1"]
-        words = (sys.executable, *self.program, *options, "--configfile", "tiny.yaml", *arguments)
-        return [str(word) for word in words]
+        return [str(word) for word in (*options, "--configfile", "tiny.yaml", *arguments)]
 
-    def snakemake(self, *arguments: object, timeout: float = 600) -> subprocess.CompletedProcess[str]:
+    def snakemake(self, *arguments: object) -> subprocess.CompletedProcess[str]:
         """Run Snakemake in the folder."""
-        return subprocess.run(
-            check=False,
-            args=self.command(*arguments),
-            cwd=self.folder,
-            env=self.environment,
-            capture_output=True,
-            text=True,
-            timeout=timeout,
-        )
+        return run_snakemake(self.options(*arguments), self.folder, self.environment)
 
     def start(
         self, *arguments: object, transcript: Path, before: tuple[str, ...] = ()
@@ -92,7 +83,7 @@ class Workdir:
         """Start Snakemake in its own process group, with the words ``before`` in front; its output goes to ``transcript``."""
         with transcript.open("w") as said:
             return subprocess.Popen(
-                [*before, *self.command(*arguments)],
+                [*before, sys.executable, "-m", "snakemake", *self.options(*arguments)],
                 cwd=self.folder,
                 env=self.environment,
                 stdout=said,

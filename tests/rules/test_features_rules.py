@@ -1,8 +1,7 @@
 """The rules view_features and features run on existing frames and segments, with the user's own OpenCLIP model."""
 
+import os
 import shutil
-import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from egosplat.artifacts.reader import verify
 from egosplat.artifacts.registry import SCHEMAS
 from tests.support.scenes import put_scene
 from tests.support.tiny_clip import CHECKPOINT, write_tiny_clip
+from tests.support.warm_snakemake import run_snakemake
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = "results/mine/scene"
@@ -36,13 +36,8 @@ class Work:
         models = {"clip_model": "model", "clip_checkpoint": str(self.weights), "device": "cpu"}
         (self.folder / "mine.yaml").write_text(yaml.safe_dump({"models": models, **config}))
         options = ["--snakefile", "workflow/Snakefile", "--cores", "1", "--configfile", "mine.yaml"]
-        done = subprocess.run(
-            [sys.executable, "-m", "snakemake", *options, *arguments, "--", f"{SCENE}/features.zarr"],
-            check=False,
-            cwd=self.folder,
-            capture_output=True,
-            text=True,
-        )
+        words = [*options, *arguments, "--", f"{SCENE}/features.zarr"]
+        done = run_snakemake(words, self.folder, os.environ)
         assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout + done.stderr
 

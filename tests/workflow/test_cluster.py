@@ -3,6 +3,8 @@
 import json
 import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -36,8 +38,9 @@ def on_cluster(slurm, monkeypatch):
     before = set(slurm.states())
 
     def submit(workdir, *arguments: str):
-        workdir.program = (IMPATIENT,)
-        done = workdir.snakemake("--profile", PROFILE, *HERE, *arguments, timeout=1800)
+        words = [sys.executable, IMPATIENT, *workdir.options("--profile", PROFILE, *HERE, *arguments)]
+        where = {"cwd": workdir.folder, "env": workdir.environment}
+        done = subprocess.run(words, **where, check=False, capture_output=True, text=True, timeout=1800)
         return done, sorted(set(slurm.states()) - before, key=int)
 
     return submit

@@ -1,8 +1,7 @@
 """The benchmark of a GPU: its code runs whole on the pretended one, whose kernels are those for the CPU."""
 
 import json
-import subprocess
-import sys
+import os
 
 import pytest
 import torch
@@ -16,6 +15,7 @@ from egosplat.errors import UserError
 from egosplat.rasterize.api import rasterization
 from egosplat.splats import stage as splats
 from tests.support.pretended_gpu import DEVICE
+from tests.support.warm_snakemake import run_snakemake
 
 
 def test_agreement_is_measured_on_the_device(gpu, monkeypatch):
@@ -82,23 +82,9 @@ def test_the_time_to_a_psnr_is_that_of_the_first_evaluation_that_reaches_it():
 def test_the_main_job_is_asked_for_at_both_sizes_and_on_the_cpu(tmp_path):
     """A dry run of the real workflow: one recording, and frames at two sizes."""
     main_job.write_configuration(tmp_path)
-    command = [
-        sys.executable,
-        "-m",
-        "snakemake",
-        "--snakefile",
-        str(ROOT / "workflow/Snakefile"),
-        "--cores",
-        "2",
-    ]
     wanted = [str(main_job.metrics_of(name)) for name in main_job.RUNS]
-    done = subprocess.run(
-        [*command, "--dry-run", "--quiet", "host", "--", *wanted],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    words = ["--snakefile", str(ROOT / "workflow/Snakefile"), "--cores", "2", "--dry-run", "--quiet", "host"]
+    done = run_snakemake([*words, "--", *wanted], tmp_path, os.environ)
     told = done.stdout + done.stderr
     assert done.returncode == 0, told
     counts = dict(
