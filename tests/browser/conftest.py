@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
 # Milliseconds that a test waits for a condition: software rendering on a busy machine is slow.
-PATIENCE_MS = 60_000
+PATIENCE_MS = 180_000
 
 WIDE, PHONE = (800, 500), (390, 844)
 """Window sizes [px] that a page must fit."""

@@ -228,7 +228,7 @@ def test_ctrl_c_ends_the_command(word_scene):  # noqa: F811
             told = command.stderr.readline()
             assert "http://127.0.0.1:" in told and "Ctrl-C" in told, told
             command.send_signal(signal.SIGINT)
-            out, rest = command.communicate(timeout=60)
+            out, rest = command.communicate(timeout=PATIENCE_MS / 1000)
         finally:
             command.kill()
     assert (command.returncode, out) == (0, "") and "ended" in rest and "Traceback" not in rest

@@ -54,7 +54,7 @@ NodeName=localhost Name=gpu File=/dev/null
 NodeName=localhost Name=gpu File=/dev/zero
 """
 
-START_S = 60.0
+START_S = 120.0
 
 UNDER_WAY = {"PENDING", "CONFIGURING", "RUNNING", "COMPLETING"}
 """States that a job leaves again: it is COMPLETING until its node has been cleared up, however it ended."""
@@ -100,7 +100,12 @@ class LocalSlurm:
     def ask(self, *command: str) -> str:
         """Output of a SLURM command."""
         done = subprocess.run(
-            command, env=os.environ | self.environment, check=True, capture_output=True, text=True, timeout=30
+            command,
+            env=os.environ | self.environment,
+            check=True,
+            capture_output=True,
+            text=True,
+            timeout=120,
         )
         return done.stdout
 

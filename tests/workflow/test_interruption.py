@@ -49,7 +49,7 @@ def test_an_interrupted_stage_leaves_no_partial_artifact(workdir, how):
             stage.kill()
     else:
         os.killpg(process.pid, signal.SIGINT)  # as Ctrl-C on a terminal does
-    assert process.wait(timeout=60) != 0
+    assert process.wait(timeout=300) != 0
     told = "most likely for lack of memory" in (workdir.folder / "said.txt").read_text()
     assert told == (how == "the stage is killed")
     assert not (workdir.folder / target).exists()

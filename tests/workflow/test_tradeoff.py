@@ -74,9 +74,7 @@ def test_a_page_of_one_knob_is_made_and_then_up_to_date(workdir):
     assert own["settings"] == [{"knob": "features.dims", "value": DIMS}]
     assert set(small["stages"]) == {*ARTIFACTS, "metrics"}
     assert small["stages"]["splats"] == own["stages"]["splats"] != small["stages"]["features"]
-    assert all(
-        one > 0 for costs in small["stages"].values() for name, one in costs.items() if name != "disk_mb"
-    )
+    assert not any(one is None for costs in small["stages"].values() for one in costs.values())
     assert planned(workdir, narrow) == {}
     workdir.edit("tradeoff/estimates.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ")
     assert planned(workdir, narrow) == {"tradeoff": 1}

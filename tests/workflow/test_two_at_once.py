@@ -15,7 +15,7 @@ def test_two_concurrent_runs_do_the_work_once(workdir, tmp_path):
     remove(workdir.folder / target)
     transcripts = [tmp_path / "first.txt", tmp_path / "second.txt"]
     both = [workdir.start("--cores", "1", "--", target, transcript=said) for said in transcripts]
-    statuses = [process.wait(timeout=300) for process in both]
+    statuses = [process.wait(timeout=600) for process in both]
     assert 0 in statuses, [said.read_text() for said in transcripts]
     for status, said in zip(statuses, transcripts, strict=True):
         text = said.read_text()

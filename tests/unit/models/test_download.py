@@ -5,7 +5,6 @@ import random
 import subprocess
 import sys
 import threading
-import time
 from collections import namedtuple
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from egosplat.errors import UserError
 from egosplat.models import download
 from egosplat.models.download import OfflineError, fetch, fetched_bytes, stored_digest
 from tests.support.file_server import FileServer
+from tests.support.waiting import wait_for
 
 CONTENT = random.Random(0).randbytes(3 * 2**20 + 12345)
 SHA256 = hashlib.sha256(CONTENT).hexdigest()
@@ -84,9 +84,7 @@ def test_a_killed_download_continues(server, path, expected):
     words = [sys.executable, "-c", code, server.address, str(path), expected or ""]
     process = subprocess.Popen(words, stderr=subprocess.DEVNULL)
     try:
-        deadline = time.monotonic() + 30
-        while fetched_bytes(path) < 2**20 and time.monotonic() < deadline:
-            time.sleep(0.02)
+        wait_for(lambda: fetched_bytes(path) >= 2**20)
     finally:
         process.kill()
         process.wait()
@@ -214,9 +212,7 @@ def test_two_downloads_of_one_file_do_not_mix(server, path):
     server.breaks, server.stall = [2**20], threading.Event()
     first = threading.Thread(target=fetch, args=(server.address, path, SHA256))
     first.start()
-    deadline = time.monotonic() + 30
-    while fetched_bytes(path) < 2**20 and time.monotonic() < deadline:
-        time.sleep(0.02)
+    wait_for(lambda: fetched_bytes(path) >= 2**20)
     with pytest.raises(UserError, match="another process"):
         fetch(server.address, path, SHA256)
     server.stall.set()

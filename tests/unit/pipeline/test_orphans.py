@@ -14,7 +14,7 @@ from egosplat.progress import show_log
 show_log()
 end_with_snakemake()
 print("begun", flush=True)
-time.sleep(30)
+time.sleep(600)
 """
 
 
@@ -31,20 +31,20 @@ def stage(started_by: str) -> subprocess.Popen[str]:
 
 
 def test_a_stage_exits_with_its_snakemake():
-    snakemake = subprocess.Popen(["sleep", "30"])
+    snakemake = subprocess.Popen(["sleep", "600"])
     process = stage(str(snakemake.pid))
     time.sleep(0.2)
     assert process.poll() is None
     snakemake.kill()
     snakemake.wait()
-    assert process.wait(timeout=20) == 1
+    assert process.wait(timeout=120) == 1
     assert "continues from here" in process.stderr.read()
 
 
 def test_a_stage_without_snakemake_keeps_running():
-    for started_by in ("", "rubbish", str(os.getpid())):
-        process = stage(started_by)
-        time.sleep(1.5)
+    processes = [stage(started_by) for started_by in ("", "rubbish", str(os.getpid()))]
+    time.sleep(1.5)
+    for process in processes:
         assert process.poll() is None
         process.kill()
         process.wait()

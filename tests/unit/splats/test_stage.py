@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +22,7 @@ from egosplat.gaussians import stored_rows
 from egosplat.gaussians.io import STORED, read_gaussians
 from egosplat.pipeline.config import defaults
 from egosplat.splats import stage
+from tests.support.waiting import wait_for
 
 KEYS = (
     defaults()["camera"]
@@ -136,10 +136,7 @@ def test_a_killed_run_resumes_to_the_same_gaussians(scene, capsys):
         env=os.environ | {"OMP_NUM_THREADS": str(torch.get_num_threads())},
         stderr=subprocess.DEVNULL,
     )
-    end = time.monotonic() + 60
-    while not written.exists():
-        assert process.poll() is None and time.monotonic() < end
-        time.sleep(0.005)
+    wait_for(lambda: written.exists() or process.poll() is not None)
     process.send_signal(signal.SIGKILL)
     assert process.wait() == -signal.SIGKILL and not (folder / "splats.zarr").exists()
     capsys.readouterr()
