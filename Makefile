@@ -45,9 +45,9 @@ demo: install
 	@echo "  egosplat query results/adt/scene1 couch \"coffee table\" cup         where is it? draws results/adt/scene1/query.png"
 	@echo "  snakemake --cores $(CORES) results/adt/scene2/metrics.json              the next apartment, to its scores"
 
-# One process a core, and one thread each: more would wait for one another. The longest files come first.
+# One process more than cores, because some tests wait for SLURM or a browser. One thread each. The longest files come first.
 test: install
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses $(CORES) --dist loadfile --no-loadscope-reorder
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses $$(( $(CORES) + 1 )) --dist loadfile --no-loadscope-reorder
 
 numerics: install
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests/numerics --numerics-table docs/numerics.md

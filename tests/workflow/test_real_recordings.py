@@ -52,7 +52,7 @@ def test_a_real_adt_recording(workflow, real_data):
 
 def test_real_photographs(workflow, real_data):
     results = workflow(
-        "plain", real_data("tum_fr3_office"), "frames.resolution=640 frames.evaluation_frames=3"
+        "plain", real_data("tum_fr3_office"), "frames.resolution=400 frames.evaluation_frames=3"
     )
     poses = open_artifact(results / "poses.zarr", POSES)
     notes = poses.facts["notes"]
