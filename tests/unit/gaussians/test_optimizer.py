@@ -116,7 +116,7 @@ def test_a_row_moves_if_it_has_a_gradient_or_moments() -> None:
         assert not torch.equal(start[1], middle[1]) and not torch.equal(middle[1], end[1])
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e30, -1e30])
+@pytest.mark.parametrize("value", [math.nan, -math.inf, 1e30])
 @pytest.mark.parametrize("name", PARAMETERS)
 @pytest.mark.parametrize("gathered", [False, True])
 def test_a_broken_gradient_leaves_its_row_alone(value: float, name: str, gathered: bool) -> None:
