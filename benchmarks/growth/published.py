@@ -14,9 +14,9 @@ import torch
 from benchmarks.common import timed
 from benchmarks.published_models.weights import CLIP, SAM2, save_clip, save_sam2
 from benchmarks.segments_growth.__main__ import keep_all
+from egosplat.models.image_encoder import EncodedImage, encode
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.models.sam2_loader import Sam2, load_sam2
-from egosplat.segments.image_encoder import EncodedImage, encode
 from egosplat.segments.prompts import prompt
 from egosplat.segments.propagation import Propagator
 

@@ -1,10 +1,11 @@
 """
-OpenCLIP features of each instance: per view, aggregated over the views, and compressed to codes.
+OpenCLIP features of each instance: per view, aggregated over the views, and compressed to codes. OpenCLIP features of tiles
+of frames, for methods that use no masks.
 
 REQUIRED INPUTS: frames.zarr, instances.zarr. Never annotations.zarr.
-OUTPUTS: view_features.zarr, features.zarr. While view_features runs, .view_features.zarr.checkpoint, from which a killed
-run resumes.
-TOOLS: OpenCLIP, PyTorch.
+OUTPUTS: view_features.zarr, features.zarr, tiles.zarr. While view_features and tiles run, .view_features.zarr.checkpoint and
+.tiles.zarr.checkpoint, from which a killed run resumes.
+TOOLS: OpenCLIP, PyTorch; SAM2 for tiles.
 """
 
 
@@ -57,6 +58,37 @@ rule features:
     shell:
         "egosplat features"
         " --view-features {input.view_features:q}"
+        " --output {output:q}"
+        " {params.flags}"
+        " 2>&1 | tee {log:q}"
+
+
+rule tiles:
+    """Encode the tiles of each training frame with OpenCLIP, for the methods of others that need them."""
+    input:
+        frames=artifact("frames"),
+        others=optional_artifacts("tiles"),
+    output:
+        directory("results/{dataset}/{scene}/{variant}tiles.zarr"),
+    log:
+        "logs/{dataset}/{scene}/{variant}tiles.log",
+    benchmark:
+        "logs/{dataset}/{scene}/{variant}tiles.tsv"
+    threads: 8
+    resources:
+        mem_mb=8000,
+        runtime=240,
+        gpu=gpus("tiles"),
+    params:
+        others=optional_flags("tiles"),
+        kept=training_frames("tiles"),
+        flags=flags("tiles"),
+        models=models("tiles"),
+        code=code_of("tiles"),
+    shell:
+        "egosplat tiles"
+        " --frames {input.frames:q}"
+        " {params.others}"
         " --output {output:q}"
         " {params.flags}"
         " 2>&1 | tee {log:q}"

@@ -10,6 +10,7 @@ from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.schema import Schema
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.tiles import TILES
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.artifacts.view_features import VIEW_FEATURES
 
@@ -24,6 +25,7 @@ _ALL = (
     FEATURES,
     MASKS,
     SPLATS,
+    TILES,
     LANGUAGE,
 )
 # Every kind of artifact, by name.

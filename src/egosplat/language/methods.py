@@ -7,12 +7,15 @@ from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.language.centres import centred
+from egosplat.language.field import field
 from egosplat.language.granular import granular
 from egosplat.language.lifting import lifted
 from egosplat.language.options import LanguageOptions
 from egosplat.language.projection import projected
+from egosplat.language.quantised import quantised
 from egosplat.language.result import Coded
 from egosplat.language.sparse import sparse
+from egosplat.language.tile_views import TileViews
 from egosplat.language.training import trained
 from egosplat.language.views import CodeViews
 
@@ -31,3 +34,11 @@ METHODS: dict[str, Method] = {
     "granular": granular,
     "sparse": sparse,
 }
+
+# The same, from the tiles of views instead of instances.
+TileMethod = Callable[
+    [Gaussians, CodeViews, RenderSettings, TileViews, LanguageOptions, Checkpoint],
+    Coded,
+]
+
+TILE_METHODS: dict[str, TileMethod] = {"field": field, "quantised": quantised}

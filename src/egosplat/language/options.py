@@ -11,5 +11,7 @@ class LanguageOptions(CodeOptions):
 
     method: str
     pixels: int
+    scales: int
+    channels: int
     checkpoint_s: float
     backend: str

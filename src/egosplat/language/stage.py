@@ -17,18 +17,21 @@ from egosplat.artifacts.kept_frames import kept_frames
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.provenance import Provenance
-from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS, camera_poses
+from egosplat.artifacts.tiles import TILES
 from egosplat.artifacts.writer import create
 from egosplat.codes.decoder import decoder_metadata
 from egosplat.codes.targets import CodeTargets
+from egosplat.errors import UserError
 from egosplat.gaussians.device import training_device
 from egosplat.gaussians.io import read_gaussians, read_render_settings
 from egosplat.gaussians.pixel_weights import open_masking
 from egosplat.language.joint import joint
-from egosplat.language.methods import METHODS
+from egosplat.language.methods import METHODS, TILE_METHODS
 from egosplat.language.options import LanguageOptions
 from egosplat.language.result import Coded
+from egosplat.language.tile_views import TileViews
 from egosplat.language.views import select_code_views
 from egosplat.progress import log
 
@@ -45,6 +48,7 @@ def run(
     survey_path: Path | None = None,
     transient_path: Path | None = None,
     masks_path: Path | None = None,
+    tiles_path: Path | None = None,
 ) -> None:
     """Write the language artifact of ``splats``.
 
@@ -55,6 +59,7 @@ def run(
         survey_path: excludes frames from training.
         transient_path: required if the splats' masking is ``initial``.
         masks_path: required if the splats' masking is ``refined``.
+        tiles_path: required if the method learns from tiles of the frames.
 
     Raises:
         UserError: an input is missing or does not belong to the others, jointly trained codes are of other features,
@@ -68,7 +73,8 @@ def run(
         splats.provenance["options"]["masking"], frames, transient_path=transient_path, masks_path=masks_path
     )
     kept, by_survey = kept_frames(frames, survey_path)
-    used = [frames, poses, instances, features, splats, *masking.artifacts]
+    tiles = _open_tiles(tiles_path, options.method)
+    used = [frames, poses, instances, features, splats, *masking.artifacts, *([tiles] if tiles else [])]
     record = provenance.begin_from("language", asdict(options) | by_survey, used)
     device = training_device(options.backend)
     targets = CodeTargets(instances, features, device)
@@ -81,6 +87,10 @@ def run(
         check_made_from(splats, features)
         method = "joint"
         coded = joint(gaussians, views, settings, targets.levels, splats.read("features"))
+    elif tiles:
+        method = options.method
+        views_of_tiles = TileViews(tiles, frames)
+        coded = TILE_METHODS[method](gaussians, views, settings, views_of_tiles, options, checkpoint)
     else:
         method = options.method
         coded = METHODS[method](gaussians, views, settings, targets, options, checkpoint)
@@ -88,6 +98,15 @@ def run(
     stands_in = [*coded.stands_in, geometry]
     _write(output, record, coded, {"method": method, "views": len(views), "stands_in": stands_in})
     checkpoint.remove()
+
+
+def _open_tiles(path: Path | None, method: str) -> Artifact | None:
+    """Open the tiles if the method learns from them."""
+    if method not in TILE_METHODS:
+        return None
+    if path is None:
+        raise UserError(f"language.method = {method} needs the tiles artifact: give --tiles")
+    return open_artifact(path, TILES)
 
 
 def _write(output: Path, record: Provenance, coded: Coded, facts: dict[str, Any]) -> None:

@@ -27,6 +27,9 @@ _MASKS: dict[str, tuple[str, ...]] = {
 # Artifacts needed to train codes with the geometry, by splats.language.
 _CODES: dict[str, tuple[str, ...]] = {"after": (), "joint": ("instances", "features")}
 
+# Artifacts that a method of giving codes needs beside the usual ones, by language.method.
+_LEARNT_FROM: dict[str, tuple[str, ...]] = {"field": ("tiles",), "quantised": ("tiles",)}
+
 
 def leaves_frames_out(config: Config) -> bool:
     """Whether training follows the survey's list of frames."""
@@ -95,6 +98,7 @@ def optional_inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     if stage == "segments":  # the same for every splats.masking, so that variants share the segments
         return (*views, "transient") if tracks_what_moves(config) else views
     wanted = views + _MASKS[config["splats"]["masking"]] + _CODES[config["splats"]["language"]]
+    wanted += _LEARNT_FROM.get(config["language"]["method"], ())
     return tuple(name for name in wanted if name in STAGES[stage].optional)
 
 

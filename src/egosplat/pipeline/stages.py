@@ -64,6 +64,7 @@ _JOINT = {
     "instances": "if splats.language is joint",
     "features": "if splats.language is joint",
 }
+_TILES = {"tiles": "if language.method is field or quantised"}
 _CLIP = {"models": ("clip_checkpoint", "clip_model", "device", "precision")}
 _CAMERA = {"camera": ("refine_poses", "compensate_exposure")}
 _SAM2 = {"models": ("sam2_config", "sam2_checkpoint", "device", "precision")}
@@ -183,12 +184,22 @@ _STAGES = (
         keys=_CAMERA,
     ),
     Stage(
+        "tiles",
+        "egosplat.features.tiles_stage",
+        "Encode the tiles of each training frame with OpenCLIP, for the methods of others that need them.",
+        output="tiles.zarr",
+        inputs=("frames",),
+        optional=_TRAINING_FRAMES,
+        libraries=("numpy", "open_clip_torch", "pillow", "torch", "torchvision", "sam2", "zarr"),
+        keys={"models": (*_CLIP["models"][:2], *_SAM2["models"])},
+    ),
+    Stage(
         "language",
         "egosplat.language.stage",
         "Assign each Gaussian the code of its instance, at every level.",
         output="language.zarr",
         inputs=("frames", "poses", "instances", "features", "splats"),
-        optional=_TRAINING_FRAMES | _MASKING,
+        optional=_TRAINING_FRAMES | _MASKING | _TILES,
         libraries=("numpy", "scipy", "torch", "zarr"),
     ),
     Stage(
@@ -307,8 +318,11 @@ ARTIFACTS = tuple(name for name, stage in STAGES.items() if stage.output.endswit
 # The stages that draw a page.
 PAGES = tuple(name for name, stage in STAGES.items() if stage.output.endswith((".png", ".html")))
 
+# The stages that only methods of others need.
+OF_OTHERS = ("tiles", "method_metrics")
+
 # The stages from a scene's recording to its scores.
-PIPELINE = tuple(name for name in STAGES if name not in (*PAGES, "method_metrics"))
+PIPELINE = tuple(name for name in STAGES if name not in (*PAGES, *OF_OTHERS))
 
 
 def path_help(stage: Stage) -> dict[str, str]:

@@ -9,8 +9,8 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor
 
+from egosplat.models.image_encoder import encode
 from egosplat.models.sam2_loader import Sam2
-from egosplat.segments.image_encoder import encode
 from egosplat.segments.nms import areas
 from egosplat.segments.options import SegmentsOptions
 from egosplat.segments.prompts import Candidates, drop_repeated, filter_masks, grid_points, join, prompt

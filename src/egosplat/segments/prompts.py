@@ -7,8 +7,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from egosplat.models.image_encoder import EncodedImage
 from egosplat.models.sam2_loader import Sam2
-from egosplat.segments.image_encoder import EncodedImage
 from egosplat.segments.nms import areas, box_nms, intersections, mask_iou, mask_nms, stability_score
 from egosplat.segments.options import LEVELS, SegmentsOptions
 

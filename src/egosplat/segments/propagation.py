@@ -13,9 +13,9 @@ import torch.nn.functional as F
 from sam2.modeling.sam2_base import NO_OBJ_SCORE
 from torch import Tensor
 
+from egosplat.models.image_encoder import EncodedImage
 from egosplat.models.mask_holes import fill_holes
 from egosplat.models.sam2_loader import Sam2
-from egosplat.segments.image_encoder import EncodedImage
 
 # ``maskmem_features`` (K, C, h, w) bfloat16, ``maskmem_pos_enc`` one (K, C, h, w), and ``obj_ptr`` (K, C), as
 # SAM2 names them. Memories of older frames hold ``obj_ptr`` only.

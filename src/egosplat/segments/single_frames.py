@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.artifacts.checkpoint import Checkpoint, State
+from egosplat.models.image_encoder import encode
 from egosplat.models.sam2_loader import Sam2
 from egosplat.progress import log, track
 from egosplat.segments.crops import prompt_with_crops
-from egosplat.segments.image_encoder import encode
 from egosplat.segments.instances import Segmented, Track
 from egosplat.segments.label_maps import DamagedLabels, LabelMaps, paint
 from egosplat.segments.moving import MovingTracker, add_tracks

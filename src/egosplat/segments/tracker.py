@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.artifacts.checkpoint import Checkpoint, State
+from egosplat.models.image_encoder import EncodedImage, encode
 from egosplat.models.sam2_loader import Sam2
 from egosplat.progress import log, track
-from egosplat.segments.image_encoder import EncodedImage, encode
 from egosplat.segments.instances import Segmented, Track
 from egosplat.segments.label_maps import DamagedLabels, LabelMaps, paint
 from egosplat.segments.levels import Level, LevelMasks, add_shared, stack_masks

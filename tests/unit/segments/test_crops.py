@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import torch
 
+from egosplat.models.image_encoder import encode
 from egosplat.pipeline.config import defaults, stage_values
 from egosplat.segments import crops
 from egosplat.segments.crops import Crop, crops_of, prompt_with_crops
-from egosplat.segments.image_encoder import encode
 from egosplat.segments.options import SegmentsOptions
 from egosplat.segments.prompts import Candidates, grid_points, prompt
 

@@ -9,8 +9,8 @@ from PIL import Image
 
 from egosplat.compute import choose_compute
 from egosplat.models.configs import SMALL_SAM2
+from egosplat.models.image_encoder import EncodedImage, encode
 from egosplat.models.sam2_loader import Sam2, build_predictor, set_image_size
-from egosplat.segments.image_encoder import EncodedImage, encode
 from egosplat.segments.propagation import Propagator, restart
 
 FRAMES = 5

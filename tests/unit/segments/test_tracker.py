@@ -9,11 +9,11 @@ import torch
 
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.compute import choose_compute
+from egosplat.models.image_encoder import encode
 from egosplat.models.sam2_loader import Sam2
 from egosplat.pipeline.config import defaults, stage_values
 from egosplat.segments import instances as instances_module
 from egosplat.segments import tracker as tracking
-from egosplat.segments.image_encoder import encode
 from egosplat.segments.label_maps import DamagedLabels, LabelMaps
 from egosplat.segments.nms import intersections
 from egosplat.segments.options import LEVELS, SegmentsOptions
