@@ -69,3 +69,17 @@ def test_a_rule_alone_makes_the_output_of_the_full_run(rules, finished, workdir)
     assert done.returncode == 0, done.stdout + done.stderr
     for target in targets:
         assert same(finished.folder / SCENE / target.name, target), target.name
+
+
+def test_tiles_are_made_for_a_method_that_learns_from_them(workdir):
+    (workdir.folder / "field.yaml").write_text("language: {method: field, iterations: 10, pixels: 50}")
+    target = f"{SCENE}/language.zarr"
+    done = workdir.snakemake(
+        "--allowed-rules", "tiles", "language", "--configfile", "tiny.yaml", "field.yaml", "--", target
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    tiles, found = (
+        verify(workdir.folder / SCENE / f"{name}.zarr", SCHEMAS) for name in ("tiles", "language")
+    )
+    assert found.facts["method"] == "field" and found.provenance["inputs"]["tiles.zarr"] == tiles.digest
+    assert found.has("decoder/values") and len(found.facts["levels"]) == 8

@@ -42,6 +42,9 @@ _HELD = frozenset(
 )
 HELD_MIB = 1536
 
+# Values of language.method that train nothing.
+_CLOSED_FORM = frozenset({"lifted", "projected", "centre"})
+
 
 def law_of(stage: str, config: Config, *, colmap: bool = False) -> str:
     """The name of the law of a stage under a configuration.
@@ -58,7 +61,7 @@ def law_of(stage: str, config: Config, *, colmap: bool = False) -> str:
         return "segments_classical"
     if stage == "segments" and models["sam2_config"] != SMALL:
         return "segments_published"
-    if stage == "language" and config["language"]["method"] == "trained":
+    if stage == "language" and config["language"]["method"] not in _CLOSED_FORM:
         return "language_trained"
     if stage == "queries_sheet":  # answers queries as metrics does
         stage = "metrics"
