@@ -24,7 +24,6 @@ _NO_DENSITY_CONTROL = Schedule(densify_from=30_000, densify_until=30_000, reset_
 _OPTIONS = TrainingOptions(
     render=RenderSettings(near_plane=NEAR_PLANE, background="black", antialiased=False, backend="cpu"),
     iterations=30_000,
-    strategy="default",
     max_gaussians=1_000_000,
     position_lr=1.6e-4,
     grow_grad2d=2e-4,

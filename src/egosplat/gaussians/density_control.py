@@ -12,8 +12,8 @@ from torch import Tensor
 
 from egosplat.gaussians.model import Gaussians, rotation_matrices
 from egosplat.gaussians.optimizer import Adam
+from egosplat.gaussians.rows import random_normal, replace_rows
 from egosplat.gaussians.schedule import Schedule
-from egosplat.gaussians.strategy import Strategy, random_normal, replace_rows
 from egosplat.rasterize.contract import ALPHA_THRESHOLD
 
 _CHILDREN = 2
@@ -62,8 +62,8 @@ class DensityOptions:
             )
 
 
-class DensityControl(Strategy):
-    """The ``Strategy`` of 3DGS: grows Gaussians with large image position gradients."""
+class DensityControl:
+    """Decides after each iteration which Gaussians exist: grows those with large image position gradients."""
 
     def __init__(self, options: DensityOptions, schedule: Schedule, extent: float) -> None:
         """Take the options, the schedule and ``scene_extent`` [m]."""
@@ -74,7 +74,13 @@ class DensityControl(Strategy):
 
     @torch.no_grad()
     def observe(self, means2d_grad: Tensor | None, radii: Tensor, width: int, height: int) -> None:
-        """Collect gradients and radii. See ``Strategy.observe``. Gradients that are not finite are skipped.
+        """Collect the statistics of one iteration; called after ``backward``, before ``step``.
+
+        Args:
+            means2d_grad: (C, N, 2) float32, d loss / d means2d in pixels, for a loss that is the mean over the C cameras;
+                None if the loss does not depend on any Gaussian. Values that are not finite are skipped.
+            radii: (C, N, 2) int32 screen radii of the rasterizer [px]; 0 if culled.
+            width, height: image size [px].
 
         Raises:
             ValueError: wrong shape, or another number of Gaussians than at the last call.
@@ -99,7 +105,19 @@ class DensityControl(Strategy):
     def step(
         self, iteration: int, gaussians: Gaussians, optimizer: Adam, generator: torch.Generator
     ) -> Gaussians:
-        """Grow, prune and reset when scheduled. See ``Strategy.step``."""
+        """Grow, prune and reset when scheduled; called after the optimizer's step.
+
+        Args:
+            iteration: the iteration just done, from 1.
+            gaussians: leaves, attached to ``optimizer``.
+            optimizer: optimizer of these Gaussians.
+
+        Returns:
+            Gaussians attached to ``optimizer``; the same object if no row was added or removed.
+
+        Raises:
+            UserError: no Gaussian would be left.
+        """
         if self.schedule.densifies(iteration):
             gaussians = self._densify(iteration, gaussians, optimizer, generator)
         if self.schedule.resets_opacity(iteration):
@@ -107,11 +125,11 @@ class DensityControl(Strategy):
         return gaussians
 
     def state_dict(self) -> dict[str, Any]:
-        """Return copies of the statistics. See ``Strategy.state_dict``."""
+        """Return copies of the statistics by name, for ``load_state_dict``."""
         return {name: tensor.clone() for name, tensor in self._statistics.items()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore the statistics. See ``Strategy.load_state_dict``."""
+        """Restore the statistics from ``state_dict``; its tensors may be on any device."""
         self._statistics = {name: tensor.clone() for name, tensor in state.items()}
 
     def _statistics_of(self, n: int, device: torch.device) -> dict[str, Tensor]:

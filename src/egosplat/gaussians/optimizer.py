@@ -64,9 +64,8 @@ class Adam:
         """Update all parameters from their ``grad``; a gradient of None counts as zero.
 
         Args:
-            visible: (N,) bool, a superset of the rows with a gradient, or None if all rows may have one (a
-                regularizer reaches every row). Rows that were never visible have zero gradient and moments;
-                skipping them only saves time.
+            visible: (N,) bool, a superset of the rows with a gradient, or None if all rows may have one.
+                Rows that were never visible have zero gradient and moments; skipping them only saves time.
 
         Raises:
             ValueError: ``visible`` has the wrong shape.

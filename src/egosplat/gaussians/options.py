@@ -1,13 +1,11 @@
-"""Training options, and the schedule and strategy they select."""
+"""Training options, and the schedule and density control they select."""
 
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from egosplat.gaussians.density_control import DensityControl, DensityOptions
-from egosplat.gaussians.mcmc import Mcmc, McmcOptions
 from egosplat.gaussians.render import RenderSettings
-from egosplat.gaussians.schedule import STOCK, STOCK_MCMC, Schedule, cut, scaled
-from egosplat.gaussians.strategy import Strategy
+from egosplat.gaussians.schedule import STOCK, Schedule, cut, scaled
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -15,7 +13,6 @@ class GrowthOptions:
     """Keys that the stages ``splats`` and ``transient`` share."""
 
     iterations: int
-    strategy: str
     max_gaussians: int
     grow_grad2d: float
     reset_opacity: float
@@ -34,15 +31,13 @@ class TrainingOptions(GrowthOptions):
     """Options of one training run. ``config.schema.yaml`` describes each key and its trade-off.
 
     Attributes:
-        strategy: ``default`` (3DGS) or ``mcmc`` (3DGS-MCMC).
         max_gaussians: largest number of Gaussians.
         position_lr: initial learning rate of the means, per unit of scene extent; it decays to 1/100.
-        grow_grad2d: image position gradient above which ``default`` grows a Gaussian.
-        reset_opacity: largest opacity after a reset of ``default``.
-        reset_at_start: ``default`` also resets opacities when density control begins.
+        grow_grad2d: image position gradient above which a Gaussian grows.
+        reset_opacity: largest opacity after a reset.
+        reset_at_start: also reset opacities when density control begins.
         cuts_schedule: truncate the schedule of 3DGS at ``iterations``; else scale its milestones.
-        prune_screen_px: screen radius above which ``default`` prunes after the first regular reset [px]; None for
-            no limit.
+        prune_screen_px: screen radius above which Gaussians are pruned after the first regular reset [px]; None for no limit.
         evaluate_every: iterations between two evaluations.
         patience: evaluations without improvement that end the run; 0 disables early stopping.
         min_improvement: smallest rise of the validation PSNR that counts [dB].
@@ -60,18 +55,15 @@ class TrainingOptions(GrowthOptions):
 
     @property
     def schedule(self) -> Schedule:
-        """Return the strategy's schedule for ``iterations``."""
-        # 3DGS-MCMC has no resets, so ``reset_at_start`` does not apply to it.
-        stock = STOCK_MCMC if self.strategy == "mcmc" else replace(STOCK, reset_at_start=self.reset_at_start)
+        """Return the schedule for ``iterations``."""
+        stock = replace(STOCK, reset_at_start=self.reset_at_start)
         # 3DGS's ratio: 1.6e-4 to 1.6e-6.
         rates = {"position_lr_init": self.position_lr, "position_lr_final": self.position_lr / 100}
         fitted = cut if self.cuts_schedule else scaled
         return replace(fitted(stock, self.iterations), **rates)
 
-    def make_strategy(self, extent: float) -> Strategy:
-        """Return the selected strategy for a scene of ``extent`` [m]."""
-        if self.strategy == "mcmc":
-            return Mcmc(McmcOptions(self.max_gaussians), self.schedule)
+    def density_control(self, extent: float) -> DensityControl:
+        """Return the density control of a scene of ``extent`` [m]."""
         options = DensityOptions(
             self.max_gaussians,
             grow_grad2d=self.grow_grad2d,

@@ -85,9 +85,6 @@ class Schedule:
 # 3DGS: 30,000 iterations, density control in the first half.
 STOCK = Schedule()
 
-# 3DGS-MCMC (Kheradmand et al. 2024): relocation until 25,000 and no resets.
-STOCK_MCMC = Schedule(densify_until=25_000, reset_every=None)
-
 
 def scaled(schedule: Schedule, iterations: int) -> Schedule:
     """Scale a schedule to a run of another length.

@@ -12,7 +12,6 @@ from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.errors import UserError
 from egosplat.gaussians.corrections import applied
 from egosplat.gaussians.evaluation import evaluate
-from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.options import TrainingOptions
 from egosplat.gaussians.render import render
 from egosplat.gaussians.schedule import Schedule
@@ -104,22 +103,20 @@ def iterate(
     if corrections is not None:
         image = corrections.exposed(image, views.picture(index))
     loss = state.objective.loss(image, views, index)
-    regulariser = regularisation(state.gaussians, state.strategy.opacity_reg, state.strategy.scale_reg)
     # Density control needs this gradient; autograd keeps only those of leaves.
     meta["means2d"].retain_grad()
-    total = loss if regulariser is None else loss + regulariser
-    total.backward()
+    loss.backward()
     state.objective.step()
     if corrections is not None:
         corrections.step(index, iteration)
     radii = meta["radii"]
-    state.strategy.observe(meta["means2d"].grad, radii, views.camera.width, views.camera.height)
-    # A regularizer reaches every Gaussian, the image loss only visible ones.
-    state.optimizer.step((radii > 0).all(dim=-1).any(dim=0) if regulariser is None else None)
+    state.density.observe(meta["means2d"].grad, radii, views.camera.width, views.camera.height)
+    # The loss reaches visible Gaussians only.
+    state.optimizer.step((radii > 0).all(dim=-1).any(dim=0))
     # After the optimizer's step, as in EgoLifter and gsplat. The first 3DGS code runs density control before the step,
     # so that new Gaussians skip it.
-    state.gaussians = state.strategy.step(iteration, state.gaussians, state.optimizer, state.generator)
-    state.loss_sum += total.detach()
+    state.gaussians = state.density.step(iteration, state.gaussians, state.optimizer, state.generator)
+    state.loss_sum += loss.detach()
     state.iteration = iteration
 
 
@@ -128,14 +125,6 @@ def draw_background(kind: str, generator: torch.Generator) -> Tensor | None:
     if kind == "random":
         return torch.rand(3, generator=generator)
     return torch.ones(3) if kind == "white" else None
-
-
-def regularisation(gaussians: Gaussians, opacity_reg: float, scale_reg: float) -> Tensor | None:
-    """Return ``opacity_reg`` times the mean opacity plus ``scale_reg`` times the mean scale; None if both are 0."""
-    # None instead of 0, because a regularizer makes the optimizer step every Gaussian.
-    if not (opacity_reg or scale_reg):
-        return None
-    return opacity_reg * gaussians.opacities.mean() + scale_reg * gaussians.scales.mean()
 
 
 def record(state: TrainingState) -> None:

@@ -8,11 +8,11 @@ import torch
 from torch import Tensor
 
 from egosplat.gaussians.corrections import Corrections
+from egosplat.gaussians.density_control import DensityControl
 from egosplat.gaussians.model import PARAMETERS, Gaussians
 from egosplat.gaussians.objective import Objective
 from egosplat.gaussians.optimizer import Adam, LearningRates
 from egosplat.gaussians.options import TrainingOptions
-from egosplat.gaussians.strategy import Strategy
 
 
 @dataclass
@@ -110,7 +110,7 @@ class TrainingState:
         self.gaussians = start.requires_grad_()
         # 3DGS scales only the learning rate of the means, because only means have the unit of the scene.
         self.optimizer = Adam(start, LearningRates(means=options.position_lr * extent))
-        self.strategy: Strategy = options.make_strategy(extent)
+        self.density: DensityControl = options.density_control(extent)
         self.objective = objective
         self.corrections = corrections
         # On the CPU: a GPU's generator would draw other numbers from the same seed.
@@ -135,7 +135,7 @@ class TrainingState:
         return {
             "gaussians": self.gaussians.detach().parameters(),
             "optimizer": self.optimizer.state_dict(),
-            "strategy": self.strategy.state_dict(),
+            "density": self.density.state_dict(),
             "objective": self.objective.state_dict(),
             "corrections": self.corrections and self.corrections.state_dict(),
             "generator": self.generator.get_state(),
@@ -153,7 +153,7 @@ class TrainingState:
         self.gaussians = Gaussians(**{name: state["gaussians"][name] for name in PARAMETERS}).requires_grad_()
         self.optimizer = Adam(self.gaussians, self.optimizer.learning_rates)
         self.optimizer.load_state_dict(state["optimizer"])
-        self.strategy.load_state_dict(state["strategy"])
+        self.density.load_state_dict(state["density"])
         self.objective.load_state_dict(state["objective"])
         if self.corrections is not None:
             self.corrections.load_state_dict(state["corrections"])

@@ -109,7 +109,6 @@ def training_options(keys: InstancesOptions) -> TrainingOptions:
     return TrainingOptions(
         render=RenderSettings(keys.near_plane, background="black", antialiased=False, backend="auto"),
         iterations=keys.iterations,
-        strategy="default",
         max_gaussians=_MAX_GAUSSIANS,
         position_lr=_POSITION_LR,
         grow_grad2d=_GROW_GRAD2D,

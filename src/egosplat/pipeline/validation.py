@@ -146,7 +146,9 @@ _ALLOWED = {
 
 # Removed keys, with their replacement.
 _REMOVED = {
-    "budget": "set preset to fast, balanced or paper (docs/speed.md)",
+    "budget": "set preset (docs/speed.md)",
+    "transient.strategy": "3DGS's density control is the only strategy",
+    "splats.strategy": "3DGS's density control is the only strategy (benchmarks/training/README.md)",
     "survey.max_moving_share": "survey.max_moving_probability decides now; its default suits most cameras",
 }
 
@@ -162,10 +164,8 @@ _RENAMED = {
     "features.outliers": "outlier_target",
     "features.slipped": "mismatched_views",
     "transient.lambda2": "transient_penalty",
-    "transient.density": "strategy",
     "transient.cover": "densify_init",
     "splats.lambda1": "feature_weight",
-    "splats.density": "strategy",
     "splats.cover": "densify_init",
     "language.unit_codes": "normalize_codes",
     "query.smoothing": "box_filter",

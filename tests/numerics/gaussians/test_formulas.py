@@ -1,7 +1,6 @@
 """Loss, Adam, relocation and initialization against float64, up to the limits of float32."""
 
 import math
-from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from egosplat.gaussians.adam import BETA1, BETA2, EPS, LARGEST_GRADIENT, adam_st
 from egosplat.gaussians.density_control import reset_opacities
 from egosplat.gaussians.initialization import from_points, neighbour_distance
 from egosplat.gaussians.loss import LARGEST_VALUE, l1_ssim, l2, torch_l1_ssim
-from egosplat.gaussians.mcmc import add_noise, draw_hosts, most_copies, relocated
 from egosplat.gaussians.model import Gaussians, rotation_matrices
 from egosplat.gaussians.optimizer import Adam, LearningRates
 
@@ -158,58 +156,6 @@ def some(count: int, **changes: torch.Tensor) -> Gaussians:
         "features": torch.zeros(count, 0),
     }
     return Gaussians(**values | changes)
-
-
-@pytest.mark.numerics(
-    "relocation: opacities of 0.005 to 1 - 1e-6, 1 to 40 copies, against exact fractions",
-    within=1e-9,
-    outside="opacity 1 counts as 1 - 1e-6",
-)
-@given(opacity=st.floats(0.005, 1 - 1e-6), copies=st.integers(1, 40))
-def test_relocation(measured, opacity, copies):
-    stored = torch.tensor([opacity])
-    new, factor = relocated(stored, torch.tensor([copies]))
-    shared = Fraction(1) - Fraction(math.exp(math.log1p(-min(stored.double().item(), 1 - 1e-6)) / copies))
-    total = sum(
-        math.comb(copies, k + 1) * (-1) ** k * shared ** (k + 1) * Fraction(1 / math.sqrt(k + 1))
-        for k in range(copies)
-    )
-    measured(abs(new.item() - float(shared)) / float(shared))
-    measured(abs(factor.item() * float(total) / min(stored.double().item(), 1 - 1e-6) - 1))
-
-
-@pytest.mark.numerics(
-    "relocation: opacities of 0 and 1, a million copies", outside="finite; a host stays above 0.005"
-)
-def test_relocation_at_its_ends():
-    new, factor = relocated(torch.tensor([1.0, 1.0, 1e-30]), torch.tensor([1, 1_000_000, 3]))
-    assert new.isfinite().all() and factor.isfinite().all() and ((new > 0) & (new < 1)).all()
-    assert most_copies(torch.tensor([1.0]).double(), 0.005).isfinite().all()
-    generator = torch.Generator().manual_seed(0)
-    opacities = torch.tensor([1.0, 0.0, 0.006])
-    hosts = draw_hosts(opacities, opacities > 0.005, 10_000, 0.005, generator)
-    shared, _ = relocated(opacities[hosts], torch.bincount(hosts, minlength=3)[hosts] + 1)
-    assert len(hosts) and (shared > 0.005).all()
-    with pytest.raises(UserError, match="Gaussian"):
-        draw_hosts(opacities, opacities > 2, 1, 0.005, generator)
-
-
-@pytest.mark.numerics(
-    "noise on Gaussians with a diverged scale of 1e30 m or infinity", outside="they get no noise"
-)
-def test_noise_leaves_far_away_means_finite():
-    gaussians = some(
-        3,
-        log_scales=torch.tensor([[-2.0] * 3, [70.0] * 3, [1e3] * 3]),
-        logit_opacities=torch.full((3,), -9.0),
-    )
-    before = gaussians.means.clone()
-    add_noise(gaussians, 80.0, 0.005, torch.Generator().manual_seed(0))
-    assert gaussians.means.isfinite().all() and (gaussians.means != before).any(dim=1).tolist() == [
-        True,
-        False,
-        False,
-    ]
 
 
 @pytest.mark.numerics(

@@ -17,7 +17,6 @@ from egosplat.gaussians.optimizer import LearningRates
 from egosplat.gaussians.training_views import pixel_weight
 from egosplat.splats import stage
 
-DENSITY = pytest.mark.parametrize("strategy", ["default", "mcmc"])
 FRAMES, SIZE = 7, 20
 
 
@@ -53,17 +52,17 @@ def test_no_points(scene, run, capsys, xyz):
 @pytest.mark.numerics(
     "one point, and 40 points in one place", outside="Gaussians of 0.1 m and of 0.3 mm; training continues"
 )
-@pytest.mark.parametrize(("strategy", "count"), [("default", 1), ("mcmc", 40)])
-def test_points_in_one_place(scene, run, strategy, count):
+@pytest.mark.parametrize("count", [1, 40])
+def test_points_in_one_place(scene, run, count):
     xyz = np.tile([[0.0, 0.0, 2.0]], (count, 1))
-    made = run(scene(**{"points/xyz": xyz, "points/rgb": colours(count)}), strategy=strategy)
+    made = run(scene(**{"points/xyz": xyz, "points/rgb": colours(count)}))
     assert np.isfinite(made.read("curve/loss")).all() and made.read("curve/loss")[-1] < 1
 
 
 @pytest.mark.numerics("pictures of one colour: black, grey, white", outside="trains; the loss is finite")
-@pytest.mark.parametrize(("strategy", "colour"), [("default", 0), ("mcmc", 128), ("default", 255)])
-def test_pictures_of_one_colour(scene, run, strategy, colour):
-    made = run(scene(rgb=np.full((FRAMES, SIZE, SIZE, 3), colour, np.uint8)), strategy=strategy)
+@pytest.mark.parametrize("colour", [0, 128, 255])
+def test_pictures_of_one_colour(scene, run, colour):
+    made = run(scene(rgb=np.full((FRAMES, SIZE, SIZE, 3), colour, np.uint8)))
     loss = made.read("curve/loss")
     assert np.isfinite(loss).all() and loss[-1] < loss[0] and (made.read("held_out/psnr") > 0).all()
 
@@ -145,8 +144,7 @@ def test_a_render_that_is_broken_once(scene, run, monkeypatch):
 @pytest.mark.numerics(
     "Gaussians that are NaN or infinite from the start", outside="culled, pruned, and never stored"
 )
-@DENSITY
-def test_broken_gaussians(scene, run, monkeypatch, strategy):
+def test_broken_gaussians(scene, run, monkeypatch):
     real = stage.starting_gaussians
 
     def broken(*args, **keys) -> Gaussians:
@@ -157,16 +155,14 @@ def test_broken_gaussians(scene, run, monkeypatch, strategy):
         return start
 
     monkeypatch.setattr(stage, "starting_gaussians", broken)
-    # With mcmc the regularisers see them, until the first relocation: one record of the loss is NaN.
-    loss = run(scene(), strategy=strategy).read("curve/loss")
+    loss = run(scene()).read("curve/loss")
     assert np.isfinite(loss[1:]).all() and loss[-1] < loss[1]
     # Too short a run for density control to find them.
-    assert run(scene(), strategy=strategy, iterations=2).shape("means")[0] <= 40 - 10
+    assert run(scene(), iterations=2).shape("means")[0] <= 40 - 10
 
 
 @pytest.mark.numerics("no Gaussian is finite", outside="UserError; no artifact")
-@DENSITY
-def test_no_finite_gaussian(scene, run, left, monkeypatch, strategy):
+def test_no_finite_gaussian(scene, run, left, monkeypatch):
     real = stage.starting_gaussians
     monkeypatch.setattr(
         stage,
@@ -175,33 +171,32 @@ def test_no_finite_gaussian(scene, run, left, monkeypatch, strategy):
     )
     folder = scene()
     with pytest.raises(UserError, match="Gaussian"):
-        run(folder, strategy=strategy, iterations=20)
+        run(folder, iterations=20)
     assert not left(folder)
 
 
 @pytest.mark.numerics(
     "learning rate of the positions x100 and x1e4", outside="trains, or UserError that says why; all finite"
 )
-@pytest.mark.parametrize(("strategy", "factor"), [("default", 100), ("mcmc", 100), ("default", 10_000)])
-def test_position_rate(scene, run, left, strategy, factor):
+@pytest.mark.parametrize("factor", [100, 10_000])
+def test_position_rate(scene, run, left, factor):
     folder = scene()
     try:
-        run(folder, strategy=strategy, position_lr=1.6e-4 * factor)
+        run(folder, position_lr=1.6e-4 * factor)
     except UserError as error:
         assert "Gaussians" in str(error) or "diverged" in str(error)
         assert not left(folder)
 
 
 @pytest.mark.numerics("all learning rates x100", outside="trains, or UserError that says why; all finite")
-@DENSITY
-def test_all_rates(scene, run, left, monkeypatch, strategy):
+def test_all_rates(scene, run, left, monkeypatch):
     def hundredfold(means: float) -> LearningRates:
         return LearningRates(**{name: 100 * rate for name, rate in asdict(LearningRates(means)).items()})
 
     monkeypatch.setattr(state, "LearningRates", hundredfold)
     folder = scene()
     try:
-        run(folder, strategy=strategy, iterations=80, position_lr=1.6e-2)
+        run(folder, iterations=80, position_lr=1.6e-2)
     except UserError as error:
         assert "Gaussians" in str(error) or "diverged" in str(error)
         assert not left(folder)

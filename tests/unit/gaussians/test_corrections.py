@@ -38,7 +38,6 @@ SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False,
 OPTIONS = TrainingOptions(
     render=SETTINGS,
     iterations=60,
-    strategy="default",
     max_gaussians=60,
     position_lr=1.6e-4,
     grow_grad2d=2e-4,

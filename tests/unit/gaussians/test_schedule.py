@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from egosplat.gaussians.schedule import STOCK, STOCK_MCMC, Schedule, cut, scaled
+from egosplat.gaussians.schedule import STOCK, Schedule, cut, scaled
 
 
 def resets(schedule: Schedule) -> list[int]:
@@ -19,7 +19,6 @@ def test_stock_milestones_are_those_of_3dgs() -> None:
     assert densifications(STOCK) == list(range(600, 15_000, 100))
     assert resets(STOCK) == [3_000, 6_000, 9_000, 12_000]
     assert [STOCK.prunes_large(i) for i in (2_900, 3_000, 3_100)] == [False, False, True]
-    assert resets(STOCK_MCMC) == [] and densifications(STOCK_MCMC)[-1] == 24_900
 
 
 def test_position_learning_rate_falls_log_linearly_with_extent() -> None:

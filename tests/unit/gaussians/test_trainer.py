@@ -15,8 +15,8 @@ from egosplat.gaussians.model import PARAMETERS, Gaussians
 from egosplat.gaussians.objective import L1Ssim
 from egosplat.gaussians.options import TrainingOptions
 from egosplat.gaussians.render import RenderSettings, render
-from egosplat.gaussians.schedule import STOCK, STOCK_MCMC
-from egosplat.gaussians.trainer import ViewSets, draw_background, record, regularisation, train
+from egosplat.gaussians.schedule import STOCK
+from egosplat.gaussians.trainer import ViewSets, draw_background, record, train
 from egosplat.gaussians.training_state import TrainingState
 from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
@@ -24,7 +24,6 @@ from egosplat.geometry import Camera
 OPTIONS = TrainingOptions(
     render=RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto"),
     iterations=60,
-    strategy="default",
     max_gaussians=80,
     position_lr=1.6e-4,
     grow_grad2d=2e-4,
@@ -72,9 +71,8 @@ def same(left: Gaussians, right: Gaussians) -> bool:
     return left.count == right.count and all(torch.equal(*pair) for pair in pairs)
 
 
-@pytest.mark.parametrize("strategy", ["default", "mcmc"])
-def test_training_lowers_the_error_on_all_frames(trained, strategy):
-    state = trained(iterations=200, strategy=strategy, evaluate_every=100)
+def test_training_lowers_the_error_on_all_frames(trained):
+    state = trained(iterations=200, evaluate_every=100)
     curves = state.curves
     assert curves.evaluated == [100, 200] and curves.psnr[1] > curves.psnr[0]
     assert curves.psnr[1] > 24.0 and curves.ssim[1] > 0.8
@@ -111,10 +109,9 @@ class StoppingCheckpoint(Checkpoint):
     "changes",
     [
         {},
-        {"strategy": "mcmc"},
         {"patience": 5, "min_improvement": 0.0},
     ],
-    ids=["default", "mcmc", "early stopping"],
+    ids=["default", "early stopping"],
 )
 def test_a_resumed_run_equals_an_uninterrupted_one(trained, start, view_sets, tmp_path, changes):
     changes |= {"render": replace(OPTIONS.render, background="random")}
@@ -198,19 +195,9 @@ def test_the_background_is_black_white_or_random():
     assert first.shape == (3,) and not torch.equal(first, second)
 
 
-def test_regularisation_is_of_the_means(start):
-    assert regularisation(start, 0.0, 0.0) is None
-    expected = 0.5 * 0.1 + 2.0 * start.scales.mean()
-    assert float(regularisation(start, 0.5, 2.0)) == pytest.approx(float(expected))
-
-
-def test_options_scale_the_schedule_of_the_strategy():
-    stock, mcmc = (replace(OPTIONS, iterations=3000, strategy=kind).schedule for kind in ("default", "mcmc"))
-    assert (
-        stock.densify_until == STOCK.densify_until // 10
-        and mcmc.densify_until == STOCK_MCMC.densify_until // 10
-    )
-    assert mcmc.reset_every is None and stock.position_lr_init == 1.6e-4
+def test_options_scale_the_schedule():
+    stock = replace(OPTIONS, iterations=3000).schedule
+    assert stock.densify_until == STOCK.densify_until // 10 and stock.position_lr_init == 1.6e-4
     assert replace(OPTIONS, iterations=3000, cuts_schedule=True).schedule.densify_until == 3000
     faster = replace(OPTIONS, position_lr=1e-3).schedule
     assert faster.position_lr_init == 1e-3 and faster.position_lr_final == pytest.approx(1e-5)
@@ -221,13 +208,13 @@ def test_options_reach_density_control(trained):
     options = replace(
         OPTIONS, iterations=30_000, reset_at_start=True, reset_opacity=0.01, prune_screen_px=20.0
     )
-    found = options.make_strategy(EXTENT)
+    found = options.density_control(EXTENT)
     assert (found.options.reset_opacity, found.options.prune_screen_px) == (0.01, 20.0)
     resets = [i for i in range(1, 30_001) if found.schedule.resets_opacity(i)]
     assert resets == [500, 3_000, 6_000, 9_000, 12_000]
     stock = replace(OPTIONS, iterations=30_000)
     assert not stock.schedule.resets_opacity(500)
-    assert stock.make_strategy(EXTENT).options.prune_screen_px is None
+    assert stock.density_control(EXTENT).options.prune_screen_px is None
     # In training: opacities are lowered where density control begins, and not otherwise.
     short = {"iterations": 5, "evaluate_every": 5}
     begins = replace(OPTIONS, **short).schedule.densify_from
@@ -249,7 +236,7 @@ def test_screen_size_pruning_uses_the_renderer_s_radii(trained):
     )
     density = replace(
         OPTIONS, iterations=30_000, prune_screen_px=float(meta["radii"].max()) - 1
-    ).make_strategy(EXTENT)
+    ).density_control(EXTENT)
     density.observe(torch.zeros(1, state.gaussians.count, 2), meta["radii"], 24, 24)
     seen_large = (meta["radii"].amax(dim=(0, 2)) > meta["radii"].max() - 1).sum()
     left = density.step(3_100, state.gaussians, state.optimizer, state.generator)
