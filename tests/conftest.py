@@ -7,7 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -22,6 +22,20 @@ REAL_DATA = Path(os.environ.get("EGOSPLAT_REAL_DATA", ROOT.parent / "shared" / "
 
 # Tests read what a user would see.
 show_log()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def number_of_threads() -> Iterator[None]:
+    """Give PyTorch its number of threads back after each file.
+
+    numba, which reads .spz files, sets it to the number of cores, and so do scripts of training. Several test processes with
+    several threads each take ten times as long, because the threads wait for one another.
+    """
+    torch = sys.modules.get("torch")  # not imported for files that do not need it
+    before = torch.get_num_threads() if torch else None
+    yield
+    if torch:
+        torch.set_num_threads(before)
 
 
 @pytest.fixture(scope="session")
