@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional as F
 
@@ -15,7 +16,7 @@ from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import invert
 from egosplat.language.decoders import Layers, described
 from egosplat.language.hash_grid import FEATURES, RESOLUTIONS, HashGrid, contracted, exponential
-from egosplat.language.lifting import shares
+from egosplat.language.lifting import everywhere, shares
 from egosplat.language.loop import Step, Trainee, train
 from egosplat.language.options import LanguageOptions
 from egosplat.language.pixel_views import PixelViews
@@ -58,12 +59,9 @@ def field(
     pixels = PixelViews(gaussians, views, settings, options.pixels)
     trained = Field(pixels, tiles, options.seed)
     curve = train(trained, len(views), options.iterations, options.seed, checkpoint)
-    scales = torch.linspace(0.0, LARGEST_SCALE, options.scales)
+    scales = torch.linspace(0.0, LARGEST_SCALE, options.scales, device=gaussians.means.device)
     code, decoder = baked(trained, gaussians.means, scales, options.channels)
-    shape = (1, views.camera.height, views.camera.width)
-    share = shares(
-        gaussians, views, settings, lambda _: torch.ones(shape, dtype=torch.bool, device=views.device)
-    )
+    share = shares(gaussians, views, settings, everywhere(views))
     weight = f", with the weight {REGULARISER_WEIGHT:g}" if tiles.components else ""
     stands_in = (
         tiles.stands_in[0] + weight,
@@ -93,12 +91,12 @@ class World:
         return (points - self.center) / self.unit
 
 
-def world_of(camera_to_world: "np.typing.NDArray[np.float64]") -> World:
+def world_of(camera_to_world: NDArray[np.float64], device: torch.device) -> World:
     """World of (V, 4, 4) poses; of unit 1 m if all cameras stand at one place."""
     positions = camera_to_world[:, :3, 3]
     center = positions.mean(axis=0)
     most = float(np.abs(positions - center).max())
-    return World(torch.from_numpy(center).float(), most if most > 1e-6 else 1.0)
+    return World(torch.from_numpy(center).to(device, torch.float32), most if most > 1e-6 else 1.0)
 
 
 def feature_loss(found: Tensor, wanted: Tensor) -> Tensor:
@@ -138,7 +136,7 @@ class Field(Trainee):
             torch.optim.SparseAdam([self.grid.table], lr=_FIRST_RATE, eps=_EPSILON),
             torch.optim.RAdam(networks, lr=_FIRST_RATE, eps=_EPSILON, weight_decay=_DECAY),
         ]
-        self.world = world_of(pixels.views.camera_to_world)
+        self.world = world_of(pixels.views.camera_to_world, pixels.gaussians.means.device)
         self._pixels, self._tiles = pixels, tiles
 
     def forward(self, points: Tensor, scale: Tensor) -> Tensor:
@@ -159,12 +157,12 @@ class Field(Trainee):
         wanted = self._tiles.between(frame, pixels, number, part)
         scale = (number + part) / (len(self._tiles.scales) - 1)
         hashed = self.grid(contracted(self.world.local(points)))
-        sigma = input_scale(scale, distance / self.world.unit, camera.height, camera.fy)
-        loss = feature_loss(self._features(hashed, sigma), wanted)
+        sigma = input_scale(scale, distance / self.world.unit, camera.height, camera.fy).to(hashed)
+        loss = feature_loss(self._features(hashed, sigma), wanted.to(hashed))
         if self.regulariser is None:
             return loss
         image = nearest(self._tiles.regulariser(frame), pixels, camera.width, camera.height)
-        error = (self.regulariser(hashed) - image).square().sum(dim=1).mean()
+        error = (self.regulariser(hashed) - image.to(hashed)).square().sum(dim=1).mean()
         return loss + REGULARISER_WEIGHT * error
 
     def _features(self, hashed: Tensor, scale: Tensor) -> Tensor:
@@ -183,7 +181,7 @@ class Field(Trainee):
         rays = torch.cat([(at - middle) / focal, at.new_ones(len(at), 1)], dim=1) * depth[seen, None]
         to_world = torch.from_numpy(pose)
         points = rays @ to_world[:3, :3].T + to_world[:3, 3]
-        return points.float(), rays.norm(dim=1).float(), seen
+        return points.to(gaussians.means), rays.norm(dim=1).float(), seen
 
 
 @torch.no_grad()

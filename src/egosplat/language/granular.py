@@ -11,7 +11,7 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.language.decoders import Layers, described
 from egosplat.language.lifting import shares
-from egosplat.language.loop import Step, Trainee, train
+from egosplat.language.loop import Step, Trainee, adam, train
 from egosplat.language.options import LanguageOptions
 from egosplat.language.pixel_views import PixelViews
 from egosplat.language.regions import Sample, mean_over_regions, sample_regions, variance_within
@@ -99,8 +99,8 @@ class GranularCodes(Trainee):
         self.decoder = Layers(layers, options.seed, device)
         self.scales = Layers(described(SCALES), options.seed, device)
         self.optimizers = [
-            torch.optim.Adam([self.code], lr=_CODE_RATE, eps=1e-15, fused=True),
-            torch.optim.Adam([self.decoder.values, self.scales.values], lr=_LAYER_RATE, fused=True),
+            adam([([self.code], _CODE_RATE)]),
+            torch.optim.Adam([self.decoder.values, self.scales.values], lr=_LAYER_RATE),
         ]
         self._pixels, self._targets, self._half = pixels, targets, options.iterations / 2
 

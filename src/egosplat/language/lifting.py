@@ -78,6 +78,12 @@ def shares(
     return lift(gaussians, replace(views, targets=without_codes), settings).share
 
 
+def everywhere(views: CodeViews) -> Callable[[int], Tensor]:
+    """For ``shares``: one level, which every pixel has."""
+    shape = (1, views.camera.height, views.camera.width)
+    return lambda _: torch.ones(shape, dtype=torch.bool, device=views.device)
+
+
 def _means(code: Tensor, known: Tensor, seen: Tensor) -> Lifted:
     """Divide sums by sums of weights; 0 where the weight is negligible."""
     labeled = known > _LEAST_WEIGHT

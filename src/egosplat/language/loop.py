@@ -2,6 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -46,6 +47,14 @@ class Trainee(nn.Module, ABC):
     @abstractmethod
     def loss(self, step: Step) -> Tensor:
         """Return the () loss of an iteration; may set learning rates."""
+
+
+def adam(groups: Iterable[tuple[Iterable[nn.Parameter], float]]) -> torch.optim.Adam:
+    """Adam for numbers of Gaussians, from parameters and their learning rate."""
+    parts = [{"params": list(parameters), "lr": rate} for parameters, rate in groups]
+    fused = all(one.device.type in ("cpu", "cuda") for part in parts for one in part["params"])
+    # Epsilon as in 3DGS: gradients of single Gaussians are tiny.
+    return torch.optim.Adam(parts, eps=1e-15, fused=fused)
 
 
 def train(trainee: Trainee, views: int, iterations: int, seed: int, checkpoint: Checkpoint) -> Curve:

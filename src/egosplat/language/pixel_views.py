@@ -41,10 +41,12 @@ class PixelViews:
         weight, camera = self.views.weight(view), self.views.camera
         if weight is None:
             size = torch.tensor([camera.width, camera.height])
-            return (torch.rand(self.count, 2, generator=generator) * size).long(), torch.ones(self.count)
+            return (torch.rand(self.count, 2, generator=generator) * size).long(), torch.ones(
+                self.count, device=self.views.device
+            )
         allowed = weight.cpu().flatten().nonzero()[:, 0]
         if not len(allowed):
-            return torch.zeros(0, 2, dtype=torch.int64), torch.zeros(0)
+            return torch.zeros(0, 2, dtype=torch.int64), weight.new_zeros(0)
         chosen = allowed[torch.randint(len(allowed), (self.count,), generator=generator)]
         pixels = torch.stack([chosen % camera.width, chosen // camera.width], dim=1)
         return pixels, weight.flatten()[chosen.to(weight.device)]

@@ -12,8 +12,8 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.language.codebook import Codebook, dense_features
 from egosplat.language.decoders import Layers, described
-from egosplat.language.lifting import shares
-from egosplat.language.loop import Step, Trainee, train
+from egosplat.language.lifting import everywhere, shares
+from egosplat.language.loop import Step, Trainee, adam, train
 from egosplat.language.options import LanguageOptions
 from egosplat.language.pixel_views import PixelViews
 from egosplat.language.result import Coded
@@ -61,10 +61,7 @@ def quantised(
     codes = QuantisedCodes(pixels, tiles, options.seed)
     total = codes.first_phase + options.iterations
     curve = train(codes, len(views), total, options.seed, checkpoint)
-    shape = (1, views.camera.height, views.camera.width)
-    share = shares(
-        gaussians, views, settings, lambda _: torch.ones(shape, dtype=torch.bool, device=views.device)
-    )
+    share = shares(gaussians, views, settings, everywhere(views))
     stands_in = (
         *tiles.stands_in,
         f"{options.iterations:,} of {_ITERATIONS:,} iterations",
@@ -124,13 +121,9 @@ class QuantisedCodes(Trainee):
             described((CHANNELS, *HIDDEN, len(self.codebook.words)), unit_input=True), seed, device
         )
         self.positions = Layers(described(POSITIONS), seed, device)
-        groups = [
-            {"params": [self.code], "lr": _CODE_RATE},
-            {"params": [self.uncertainty], "lr": _UNCERTAINTY_RATE},
-        ]
         self.optimizers = [
             self.codebook.optimizer,
-            torch.optim.Adam(groups, eps=1e-15, fused=True),
+            adam([([self.code], _CODE_RATE), ([self.uncertainty], _UNCERTAINTY_RATE)]),
             torch.optim.AdamW([self.decoder.values], lr=_LAYER_RATE, weight_decay=_DECAY),
             torch.optim.AdamW([self.positions.values], lr=_LAYER_RATE),
         ]

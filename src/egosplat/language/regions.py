@@ -51,8 +51,8 @@ def sample_regions(region: Tensor, count: int, draw: torch.Generator) -> Sample:
 def mean_over_regions(values: Tensor, sample: Sample) -> Tensor:
     """() mean over regions of the mean of each region's (S,) values; 0 without regions."""
     regions = len(sample.size)
-    sums = values.new_zeros(regions).index_add(0, sample.region, values)
-    return (sums / _drawn(sample).clamp(min=1)).sum() / max(1, regions)
+    sums = values.new_zeros(regions).index_add(0, sample.region.to(values.device), values)
+    return (sums / _drawn(sample).to(values).clamp(min=1)).sum() / max(1, regions)
 
 
 def variance_within(values: Tensor, sample: Sample, pixels: int) -> Tensor:
@@ -62,12 +62,12 @@ def variance_within(values: Tensor, sample: Sample, pixels: int) -> Tensor:
         values: (S, C).
         pixels: of the whole image. A region of one pixel does not count.
     """
-    drawn = _drawn(sample)[:, None]
+    drawn, region = _drawn(sample).to(values)[:, None], sample.region.to(values.device)
     sums = values.new_zeros(len(sample.size), values.shape[1])
-    means = sums.index_add(0, sample.region, values) / drawn.clamp(min=1)
-    squares = sums.index_add(0, sample.region, (values - means[sample.region]).square())
+    means = sums.index_add(0, region, values) / drawn.clamp(min=1)
+    squares = sums.index_add(0, region, (values - means[region]).square())
     variance = torch.where(drawn > 1, squares / (drawn - 1).clamp(min=1), 0.0).mean(dim=1)
-    return (sample.size * variance).sum() / pixels
+    return (sample.size.to(values) * variance).sum() / pixels
 
 
 def _drawn(sample: Sample) -> Tensor:

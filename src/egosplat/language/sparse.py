@@ -14,7 +14,7 @@ from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.language.lifting import shares
-from egosplat.language.loop import Step, Trainee, train
+from egosplat.language.loop import Step, Trainee, adam, train
 from egosplat.language.options import LanguageOptions
 from egosplat.language.pixel_views import PixelViews
 from egosplat.language.result import Coded
@@ -94,11 +94,7 @@ class SparseCodes(Trainee):
         self.words = nn.Parameter(words)
         zeros = words.new_zeros(pixels.gaussians.count, len(words))
         self.logits = nn.ParameterList([nn.Parameter(zeros.clone()) for _ in targets.levels])
-        # Epsilon as in 3DGS: gradients of single Gaussians are tiny.
-        self.optimizers = [
-            torch.optim.Adam(self.logits, lr=lr, eps=1e-15, fused=True),
-            torch.optim.Adam([self.words], lr=lr),
-        ]
+        self.optimizers = [adam([(self.logits, lr)]), torch.optim.Adam([self.words], lr=lr)]
         self._pixels, self._targets = pixels, targets
 
     def loss(self, step: Step) -> Tensor:

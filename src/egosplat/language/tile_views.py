@@ -2,6 +2,7 @@
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.artifacts.consistency import check_made_from
@@ -39,7 +40,7 @@ class TileViews:
         if tiles.facts["clip"]["small"]:
             self.stands_in.append("its CLIP has never seen unmasked pictures")
 
-    def check_has(self, frames: "np.typing.NDArray[np.int64]") -> None:
+    def check_has(self, frames: NDArray[np.int64]) -> None:
         """Raise UserError unless all frames have tiles."""
         if missing := sorted(set(map(int, frames)) - set(self._row)):
             raise UserError(

@@ -12,7 +12,7 @@ from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.language.lifting import shares
-from egosplat.language.loop import Step, Trainee, train
+from egosplat.language.loop import Step, Trainee, adam, train
 from egosplat.language.result import SEGMENTER, Coded
 from egosplat.language.views import CodeViews
 
@@ -78,8 +78,7 @@ class PlainCodes(Trainee):
         """Start from zero codes of ``shape`` (L, C), as LangSplat does."""
         super().__init__()
         self.code = nn.Parameter(torch.zeros(gaussians.count, *shape, device=gaussians.means.device))
-        # Epsilon as in 3DGS: gradients of single Gaussians are tiny.
-        self.optimizers = [torch.optim.Adam([self.code], lr=options.lr, eps=1e-15)]
+        self.optimizers = [adam([([self.code], options.lr)])]
         self._gaussians, self._views, self._settings = gaussians, views, settings
         self._normalize = options.normalize_codes
 

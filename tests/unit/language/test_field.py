@@ -50,9 +50,9 @@ def test_contraction_of_far_points():
 def test_the_world_has_its_farthest_camera_at_one():
     poses = np.tile(np.eye(4), (3, 1, 1))
     poses[:, 0, 3] = [1.0, 3.0, 8.0]
-    world = world_of(poses)
+    world = world_of(poses, torch.device("cpu"))
     assert float(world.local(torch.tensor([8.0, 0, 0]))[0]) == pytest.approx(1.0)
-    assert world_of(poses[:1]).unit == 1.0  # cameras at one place
+    assert world_of(poses[:1], torch.device("cpu")).unit == 1.0  # cameras at one place
 
 
 def test_the_grid_has_its_resolutions_and_interpolates_between_corners():

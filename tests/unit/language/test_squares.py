@@ -23,8 +23,11 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.pixel_weights import Masking
 from egosplat.gaussians.render import RenderSettings
 from egosplat.language import loop
+from egosplat.language.field import Field, baked
+from egosplat.language.loop import train
 from egosplat.language.methods import METHODS, TILE_METHODS
 from egosplat.language.options import LanguageOptions
+from egosplat.language.pixel_views import PixelViews
 from egosplat.language.result import Coded
 from egosplat.language.tile_views import TileViews
 from egosplat.language.views import CodeViews, select_code_views
@@ -206,3 +209,23 @@ def test_no_gradient_reaches_the_gaussians(scene, tmp_path):
     scene.coded("field", Checkpoint(tmp_path / "language.zarr", "key", 1e9), iterations=10)
     for name, part in scene.gaussians.parameters().items():
         assert torch.equal(part, before[name]) and part.grad is None
+
+
+def test_baked_codes_answer_like_the_field_in_a_view_that_it_has_not_seen(scene, camera_to_world, tmp_path):
+    """Codes rendered from all Gaussians of a pixel against the field at the pixel's surface."""
+    options = options_of("field")
+    pixels = PixelViews(scene.gaussians, scene.views, scene.settings, options.pixels)
+    trained = Field(pixels, scene.tiles, 0)
+    train(trained, len(scene.views), 60, 0, Checkpoint(tmp_path / "language.zarr", "key", 1e9))
+    scales = torch.tensor([0.0, 0.5])
+    code, decoder = baked(trained, scene.gaussians.means, scales, 6)
+    pose = camera_to_world[HELD_OUT]
+    share = torch.ones(code.shape[:2])
+    found = render_codes(scene.gaussians, code, share, scene.views.camera, pose, scene.settings)
+    rows, columns = np.nonzero(square_of(pose, 0.1) >= 0)
+    at = (np.stack([columns, rows], axis=1) + 0.5 - SIZE / 2) / CAMERA.fx * 2.0
+    points = torch.tensor(np.column_stack([at, np.full(len(at), 2.0)]) + pose[:3, 3]).float()
+    for level, scale in enumerate(scales):
+        direct = (trained(points, scale.expand(len(points))) @ torch.from_numpy(FEATURE.T)).detach()
+        rendered = decode(found.codes[level][rows, columns], decoder) @ torch.from_numpy(FEATURE.T)
+        assert float(torch.corrcoef(torch.stack([direct.flatten(), rendered.flatten()]))[0, 1]) > 0.98
