@@ -49,6 +49,27 @@ def test_a_quick_start_imports_nothing_heavy(code, heavy):
     assert not heavy & imported_by(code)
 
 
+@pytest.mark.parametrize("module", ["segments.nms", "transient.network", "page.words"])
+def test_libraries_of_models_come_without_the_compiler_of_torch(module):
+    """It takes twice as long to import as the libraries, and nothing here compiles."""
+    assert not {"torch._dynamo", "torch._dynamo.utils"} & imported_by(f"import egosplat.{module}")
+
+
+def test_the_compiler_of_torch_can_be_imported_later():
+    """Its parts are its own, and it still excludes functions from compilation."""
+    code = """
+from egosplat.models.without_compiler import without_compiler
+import torch
+with without_compiler():
+    import torchvision
+    from torch._dynamo.utils import counters  # not in the stand-in
+from torch._dynamo.utils import is_compile_supported
+assert is_compile_supported.__module__ == "torch._dynamo.utils"
+assert torch.compiler.disable.__module__ == "torch.compiler"
+"""
+    assert "torch._dynamo" in imported_by(code)
+
+
 def test_reading_frames_never_imports_annotation_code():
     """A change of annotation code makes no frames stale."""
     modules = imported_by("import egosplat.frames.readers")

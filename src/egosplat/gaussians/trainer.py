@@ -103,14 +103,17 @@ def iterate(
     if corrections is not None:
         image = corrections.exposed(image, views.picture(index))
     loss = state.objective.loss(image, views, index)
-    # Density control needs this gradient; autograd keeps only those of leaves.
-    meta["means2d"].retain_grad()
+    observed = schedule.observes(iteration)
+    if observed:
+        # Density control needs this gradient; autograd keeps only those of leaves.
+        meta["means2d"].retain_grad()
     loss.backward()
     state.objective.step()
     if corrections is not None:
         corrections.step(index, iteration)
     radii = meta["radii"]
-    state.density.observe(meta["means2d"].grad, radii, views.camera.width, views.camera.height)
+    if observed:
+        state.density.observe(meta["means2d"].grad, radii, views.camera.width, views.camera.height)
     # The loss reaches visible Gaussians only.
     state.optimizer.step((radii > 0).all(dim=-1).any(dim=0))
     # After the optimizer's step, as in EgoLifter and gsplat. The first 3DGS code runs density control before the step,

@@ -4,12 +4,15 @@ from typing import Any
 
 import numpy as np
 import torch
-from open_clip import CLIP
 
 from egosplat.models.open_clip_loader import OpenClip
+from egosplat.models.without_compiler import without_compiler
 from egosplat.page.container import Arrays, Facts
 from egosplat.query.text import encode_phrases
 from egosplat.query.vocabulary import words_to_try
+
+with without_compiler():
+    from open_clip import CLIP
 
 # Numbers of the largest text tower that is put on the page, 4 MB in half precision. The small OpenCLIP has 204,160; that
 # of ViT-B-16 has 63 million.

@@ -1,8 +1,12 @@
 """Overlap of masks, and non-maximum suppression by boxes and by masks (docs/method.md#mask-filters)."""
 
 import torch
-import torchvision
 from torch import Tensor
+
+from egosplat.models.without_compiler import without_compiler
+
+with without_compiler():
+    import torchvision
 
 
 def intersections(first: Tensor, second: Tensor) -> Tensor:

@@ -6,13 +6,16 @@ As in EgoLifter: a U-Net on the features of MobileNetV3-Small at half width.
 from collections.abc import Sequence
 from pathlib import Path
 
-import timm
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
 from egosplat.errors import UserError
 from egosplat.models.weights import read_tensors
+from egosplat.models.without_compiler import without_compiler
+
+with without_compiler():
+    import timm
 
 # timm's name, and the default widths of segmentation_models_pytorch's U-Net.
 ENCODER = "mobilenetv3_small_050"

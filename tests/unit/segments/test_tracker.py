@@ -13,6 +13,7 @@ from egosplat.models.image_encoder import encode
 from egosplat.models.sam2_loader import Sam2
 from egosplat.pipeline.config import defaults, stage_values
 from egosplat.segments import instances as instances_module
+from egosplat.segments import prompts as prompting
 from egosplat.segments import tracker as tracking
 from egosplat.segments.label_maps import DamagedLabels, LabelMaps
 from egosplat.segments.nms import intersections
@@ -228,6 +229,18 @@ def test_grid_points_are_cell_centres_row_by_row():
     points = grid_points(2)
     assert points.tolist() == [[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]]
     assert len(grid_points(32)) == 1024
+
+
+def test_masks_do_not_depend_on_how_many_points_share_a_batch(sam2, images, monkeypatch):
+    with sam2.compute.inference():
+        encoded = encode(sam2, images[0])
+        found = prompt(sam2, encoded, grid_points(6), OPTIONS)
+        monkeypatch.setattr(prompting, "_POINTS_A_BATCH_ON_CPU", 36)
+        together = prompt(sam2, encoded, grid_points(6), OPTIONS)
+    assert all(len(one) for one in found)
+    for one, other in zip(found, together, strict=True):
+        torch.testing.assert_close(one.logits, other.logits)
+        torch.testing.assert_close(one.scores, other.scores)
 
 
 def test_candidates_are_filtered_per_level(sam2, images):

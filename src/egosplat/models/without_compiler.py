@@ -1,0 +1,54 @@
+"""Import libraries of models without torch's compiler, which takes twice as long to import as they do."""
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from types import ModuleType
+from typing import Any
+
+import torch
+
+_UTILS = "torch._dynamo.utils"
+
+
+class _StandIn(ModuleType):
+    """What torchvision asks of the compiler: whether it may compile RoI pooling, which nothing here uses."""
+
+    is_compile_supported = staticmethod(lambda device: False)
+
+    def __getattr__(self, name: str) -> Any:
+        """Import the compiler after all, because something else of it is needed.
+
+        Raises:
+            AttributeError: a name such as ``__file__``, which ``inspect`` asks of every module.
+        """
+        if name.startswith("__"):
+            raise AttributeError(name)
+        if sys.modules.get(_UTILS) is self:
+            del sys.modules[_UTILS]
+        return getattr(import_module(_UTILS), name)
+
+
+@contextmanager
+def without_compiler() -> Iterator[None]:
+    """Make imports inside the context leave torch's compiler alone, unless it is imported already.
+
+    Functions that a library excludes from compilation while it is imported are not excluded. Nothing here compiles any.
+    """
+    if "torch._dynamo" in sys.modules:
+        yield
+        return
+    stand_in, disable = _StandIn(_UTILS), torch.compiler.disable
+    sys.modules[_UTILS], torch.compiler.disable = stand_in, _unchanged
+    try:
+        yield
+    finally:
+        torch.compiler.disable = disable
+        if sys.modules.get(_UTILS) is stand_in:
+            del sys.modules[_UTILS]
+
+
+def _unchanged(fn: Callable | None = None, *_: Any, **__: Any) -> Callable:
+    """A decorator with or without arguments that changes nothing."""
+    return (lambda function: function) if fn is None else fn
