@@ -115,9 +115,9 @@ class Scene:
         held, settings = beliefs(self.masks, thing), training_options(keys).render
         for row in self.rows:
             shown = render_things(
-                self.gaussians, held, self.camera, self.pose[row], settings, self.valid.shape
+                self.gaussians, [held], self.camera, self.pose[row], settings, self.valid.shape
             )
-            yield np.where(self.valid, shown, -1)
+            yield np.where(self.valid, shown[0], -1)
 
 
 def row_of(scene: str, change: str, scores: VideoScores, seconds: float | None) -> list[str]:

@@ -48,7 +48,7 @@ rule features:
         "logs/{dataset}/{scene}/{variant}features.log",
     benchmark:
         "logs/{dataset}/{scene}/{variant}features.tsv"
-    threads: 2
+    threads: 1  # the autoencoder uses one, for reproducible results
     resources:
         mem_mb=memory("features"),
         runtime=runtime("features"),

@@ -1,50 +1,90 @@
 """Render things into frames as label maps."""
 
+from collections.abc import Callable, Iterator, Sequence
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy import sparse
+from torch import Tensor
 
 from egosplat.codes.rendering import render_values
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.render import RenderSettings, render
 from egosplat.geometry import Camera
 
 LEAST_BELIEF = 0.05
 
+# Things rendered in one pass: their images at the size of the label map are held.
+_AT_ONCE = 64
+
 
 def render_things(
     gaussians: Gaussians,
-    beliefs: sparse.csr_array,
+    beliefs: Sequence[sparse.csr_array],
     camera: Camera,
     camera_to_world: NDArray[np.float64],
     settings: RenderSettings,
     size: tuple[int, int],
 ) -> NDArray[np.int32]:
-    """Label each pixel with the strongest thing.
+    """Label each pixel with the strongest thing of each level.
 
     Args:
         gaussians: geometry of the scene.
-        beliefs: (N, K), see ``things.beliefs``.
+        beliefs: by level, (N, K), see ``things.beliefs``.
         camera, camera_to_world: of the frame, at the working size.
         settings: render settings.
-        size: height and width of the label map.
+        size: height and width of the label maps.
 
     Returns:
-        (H, W) int32, -1 where no thing is.
+        (L, H, W) int32, -1 where no thing is.
     """
+    seen = _seen(gaussians, camera, camera_to_world, settings)
+    view, rows = gaussians.select(seen), seen.numpy()
+
+    def image(values: NDArray[np.float32]) -> Tensor:
+        return render_values(view, torch.from_numpy(values), camera, camera_to_world, settings)[0]
+
+    return np.stack([_strongest(held[rows], image, size) for held in beliefs])
+
+
+def _seen(
+    gaussians: Gaussians, camera: Camera, camera_to_world: NDArray[np.float64], settings: RenderSettings
+) -> Tensor:
+    """(N,) bool, which Gaussians are not culled in a frame."""
+    _, _, meta = render(
+        gaussians, camera, camera_to_world, settings, sh_degree=0, background=None, render_mode="D"
+    )
+    return (meta["radii"][0] > 0).all(dim=-1)
+
+
+def _strongest(
+    beliefs: sparse.csr_array, image: Callable[[NDArray[np.float32]], Tensor], size: tuple[int, int]
+) -> NDArray[np.int32]:
+    """(H, W) strongest thing of one level, from (n, K) beliefs of the Gaussians that a frame shows and their rendering."""
     best = torch.full(size, LEAST_BELIEF)
     labels = torch.full(size, -1, dtype=torch.int32)
-    count = beliefs.shape[1]
-    for first in range(0, count, 64):
-        some = torch.from_numpy(beliefs[:, first : first + 64].toarray())
-        image, _ = render_values(gaussians, some, camera, camera_to_world, settings)
+    for things in _in_parts(_near(beliefs)):
+        images = image(beliefs[:, things].toarray())
         # Most things are outside the frame, and enlarging their images would take most of the time.
-        in_frame = torch.nonzero(image.amax((0, 1)) > LEAST_BELIEF)[:, 0]
+        in_frame = torch.nonzero(images.amax((0, 1)) > LEAST_BELIEF)[:, 0]
         if len(in_frame):
-            images = image.permute(2, 0, 1)[in_frame][None]
-            highest, which = torch.nn.functional.interpolate(images, size, mode="bilinear")[0].max(0)
+            small = images.permute(2, 0, 1)[in_frame][None]
+            highest, which = torch.nn.functional.interpolate(small, size, mode="bilinear")[0].max(0)
             better = highest > best
             best = torch.where(better, highest, best)
-            labels = torch.where(better, in_frame[which].int() + first, labels)
+            labels = torch.where(better, torch.from_numpy(things)[in_frame].int()[which], labels)
     return labels.numpy()
+
+
+def _near(beliefs: sparse.csr_array) -> NDArray[np.intp]:
+    """Things that some Gaussian of (n, K) holds enough of: a pixel, a weighted mean, shows no more than the largest."""
+    if 0 in beliefs.shape:
+        return np.zeros(0, np.intp)
+    # Rounding may lift a mean above the largest value, by less than a thousandth.
+    return np.flatnonzero(beliefs.max(axis=0).toarray().ravel() > 0.999 * LEAST_BELIEF)
+
+
+def _in_parts(things: NDArray[np.intp]) -> Iterator[NDArray[np.intp]]:
+    for first in range(0, len(things), _AT_ONCE):
+        yield things[first : first + _AT_ONCE]

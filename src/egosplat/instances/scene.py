@@ -54,11 +54,9 @@ class Scene:
 
     def render(self, camera_to_world: NDArray[np.float64], size: tuple[int, int]) -> Labels:
         """(L, H, W) int32 thing of each pixel at each level, -1 for none; ``size``: H and W."""
-        labels = np.full((len(self.beliefs), *size), -1, np.int32)
-        for level, held in enumerate(self.beliefs):
-            found = render_things(self.gaussians, held, self.camera, camera_to_world, self.settings, size)
-            labels[level] = np.where((found >= 0) & self.valid, found + self.first(level), -1)
-        return labels
+        found = render_things(self.gaussians, self.beliefs, self.camera, camera_to_world, self.settings, size)
+        firsts = np.array([self.first(level) for level in range(len(found))], np.int32)
+        return np.where((found >= 0) & self.valid, found + firsts[:, None, None], np.int32(-1))
 
     def strongest(self) -> Labels:
         """(N, L) int32 thing that each Gaussian belongs to most at each level, -1 for none."""

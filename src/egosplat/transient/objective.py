@@ -53,9 +53,11 @@ class InitialObjective(Objective):
     def __init__(self, net: TransientNet, options: InitialOptions, device: torch.device) -> None:
         """Move ``net`` to ``device``, the device of the Gaussians, and train it in place."""
         self.net = net.to(device).train()
+        # Listed once: a walk through all layers takes as long as a step of Adam.
+        self._weights = list(self.net.parameters())
         self._options = options
         # The tests' device has no fused step. Without it, a step on a CPU takes three times as long.
-        self._adam = torch.optim.Adam(net.parameters(), lr=options.lr, fused=device.type in ("cpu", "cuda"))
+        self._adam = torch.optim.Adam(self._weights, lr=options.lr, fused=device.type in ("cpu", "cuda"))
         self._probability = torch.zeros(options.iterations, device=device)
         self._iteration = 0
         self.residuals = ResidualScale(device)
@@ -81,7 +83,7 @@ class InitialObjective(Objective):
         """Update H, except during warm-up and if a gradient is not finite."""
         if self._warming_up:
             return
-        grads = [p.grad for p in self.net.parameters() if p.grad is not None]
+        grads = [weight.grad for weight in self._weights if weight.grad is not None]
         # One step with NaN would make all later predictions NaN.
         if bool(torch.nn.utils.get_total_norm(grads).isfinite()):
             self._adam.step()

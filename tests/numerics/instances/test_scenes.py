@@ -134,7 +134,7 @@ def test_gaussians_that_are_not_finite(measured, name, value):
     assert not found.seen[:, ::2].any() and not found.votes[::2].nnz
     measured(np.abs(found.seen[:, 1::2] - expected.seen).max())
     shown, alone = (
-        render_things(geometry_, beliefs(masks, np.arange(2)), CAMERA, np.eye(4), settings, (SIZE, SIZE))
+        render_things(geometry_, [beliefs(masks, np.arange(2))], CAMERA, np.eye(4), settings, (SIZE, SIZE))
         for geometry_, masks in ((some, found), (fewer, expected))
     )
     assert np.array_equal(shown, alone) and set(np.unique(shown)) >= {0, 1}

@@ -1,0 +1,62 @@
+"""Things are drawn where their Gaussians are: as if all things were rendered from all Gaussians at once."""
+
+import numpy as np
+import torch
+from scipy import sparse
+
+from egosplat.codes.rendering import render_values
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import RenderSettings
+from egosplat.geometry import Camera
+from egosplat.instances.rendering import LEAST_BELIEF, render_things
+
+COUNT, THINGS, SIZE = 400, 150, (24, 32)
+CAMERA = Camera(width=16, height=12, fx=10.0, fy=10.0, cx=8.0, cy=6.0)
+SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
+
+
+def scene() -> tuple[Gaussians, list[sparse.csr_array]]:
+    """Gaussians all around the camera, and things of two levels that hold a few of them each."""
+    noise = torch.Generator().manual_seed(0)
+    gaussians = Gaussians(
+        means=4.0 * torch.rand(COUNT, 3, generator=noise) - 2.0,
+        quats=torch.randn(COUNT, 4, generator=noise),
+        log_scales=torch.full((COUNT, 3), -2.0),
+        logit_opacities=torch.randn(COUNT, generator=noise),
+        sh=torch.zeros(COUNT, 1, 3),
+        features=torch.zeros(COUNT, 0),
+    )
+    held = [
+        sparse.random_array((COUNT, things), density=0.02, rng=level, dtype=np.float32).tocsr()
+        for level, things in enumerate((THINGS, THINGS // 2))
+    ]
+    return gaussians, held
+
+
+def expected(gaussians: Gaussians, held: sparse.csr_array, pose: np.ndarray) -> np.ndarray:
+    """The strongest thing of each pixel, from one image of all things."""
+    image, _ = render_values(gaussians, torch.from_numpy(held.toarray()), CAMERA, pose, SETTINGS)
+    large = torch.nn.functional.interpolate(image.permute(2, 0, 1)[None], SIZE, mode="bilinear")[0]
+    highest, which = large.max(0)
+    return torch.where(highest > LEAST_BELIEF, which, -1).numpy()
+
+
+def test_things_are_drawn_as_if_all_were_rendered_at_once() -> None:
+    gaussians, held = scene()
+    for turn in (0.0, 2.0):
+        pose = np.eye(4)
+        pose[:3, :3] = [[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]]
+        found = render_things(gaussians, held, CAMERA, pose, SETTINGS, SIZE)
+        assert found.shape == (2, *SIZE) and found.dtype == np.int32
+        for level, labels in enumerate(found):
+            assert np.array_equal(labels, expected(gaussians, held[level], pose))
+            assert len(np.unique(labels)) > 10
+
+
+def test_a_level_without_things_and_a_view_of_nothing_have_no_label() -> None:
+    gaussians, held = scene()
+    far = np.eye(4)
+    far[2, 3] = 100.0
+    nothing = sparse.csr_array((COUNT, 0), dtype=np.float32)
+    assert (render_things(gaussians, [held[0], nothing], CAMERA, far, SETTINGS, SIZE) == -1).all()
+    assert (render_things(gaussians, [nothing], CAMERA, np.eye(4), SETTINGS, SIZE) == -1).all()
