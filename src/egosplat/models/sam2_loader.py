@@ -44,22 +44,20 @@ class Sam2:
         video_predictor: tracks objects through a video. Its ``image_size`` is the side of the square to which
             every image is resized [px].
         compute: device and precision; run the model within ``compute.inference()``.
-        own_side: the configuration's side of that square [px].
     """
 
     video_predictor: "VideoPredictor"
     compute: Compute
-    own_side: int
 
     @contextmanager
-    def own_size(self) -> Iterator[None]:
-        """Resize images to ``own_side`` inside this context."""
-        side = self.video_predictor.image_size
-        set_image_size(self.video_predictor, self.own_side)
+    def at_side(self, side: int | None) -> Iterator[None]:
+        """Resize images to another side [px] inside this context; None keeps the model's."""
+        before = self.video_predictor.image_size
+        set_image_size(self.video_predictor, side or before)
         try:
             yield
         finally:
-            set_image_size(self.video_predictor, side)
+            set_image_size(self.video_predictor, before)
 
 
 def load_sam2(
@@ -80,10 +78,9 @@ def load_sam2(
     tensors = read_tensors(path)
     predictor = build_predictor(file)
     load_weights(predictor, tensors, path, SAM2)
-    own_side = predictor.image_size
     if image_size is not None:
         set_image_size(predictor, image_size)
-    return Sam2(predictor.to(compute.device).eval().requires_grad_(False), compute, own_side)
+    return Sam2(predictor.to(compute.device).eval().requires_grad_(False), compute)
 
 
 def set_image_size(model: "SAM2Base", side: int) -> None:

@@ -61,8 +61,6 @@ def prompt_with_crops(
 ) -> list[Candidates]:
     """Add masks of small things, from crops, to the candidates of the whole frame.
 
-    Crops are resized to the model's own side, whatever ``segments.image_size`` is.
-
     Args:
         image: (H, W, 3) uint8 RGB.
         found: candidates of the whole frame at each level.
@@ -72,8 +70,7 @@ def prompt_with_crops(
         crops', whichever is larger.
     """
     crops = crops_of(*image.shape[:2], options.crops_per_side)
-    with sam2.own_size():
-        by_crop = [_prompt_crop(sam2, image, crop, options) for crop in crops]
+    by_crop = [_prompt_crop(sam2, image, crop, options) for crop in crops]
     coarse_side, fine_side = (one[0].logits.shape[-1] for one in (found, by_crop[0]))
     canvas = max(coarse_side, options.crops_per_side * fine_side)
     merged = []

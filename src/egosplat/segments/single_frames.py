@@ -33,7 +33,8 @@ class SingleFrames:
         """Set up for a video.
 
         Args:
-            sam2: the model.
+            sam2: the model at its own image size. Only whole frames are prompted at that of the options: crops are
+                larger anyway, and tracking takes time by its fourth power.
             images: returns the (H, W, 3) uint8 RGB image of a frame index.
             frames: indices of the frames that may be prompted.
             length: number of frames of the video.
@@ -97,7 +98,8 @@ class SingleFrames:
     def _segment(self, frame: int) -> None:
         image = self._images(frame)
         points = grid_points(self._options.points_per_side)
-        found = prompt(self._sam2, encode(self._sam2, image), points, self._options)
+        with self._sam2.at_side(self._options.image_size):
+            found = prompt(self._sam2, encode(self._sam2, image), points, self._options)
         if self._options.crops_per_side > 1:
             found = prompt_with_crops(self._sam2, image, found, self._options)
         labels = []

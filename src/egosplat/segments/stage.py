@@ -111,7 +111,8 @@ def _track_with_sam2(video: _Video, options: SegmentsOptions, checkpoint: Checkp
     from egosplat.segments.tracker import Tracker
 
     model = (options.sam2_config, options.sam2_checkpoint, options.device, options.precision)
-    sam2, valid = load_sam2(*model, options.image_size), video.source.read("valid")
+    side = None if options.single_frames else options.image_size
+    sam2, valid = load_sam2(*model, side), video.source.read("valid")
     if not options.single_frames:
         return Tracker(sam2, video.image, len(video.frame), valid, options).run(checkpoint)
     train = np.flatnonzero(video.source.read("train")[video.frame])

@@ -160,7 +160,7 @@ def test_segments(sam2, gpu, monkeypatch):
     images = np.repeat(np.repeat(rng.integers(0, 255, (FRAMES, 5, 7, 3), dtype=np.uint8), 8, 1), 8, 2)
     predictor = sam2.video_predictor.to(DEVICE)
     tracker = Tracker(
-        Sam2(predictor, Compute(DEVICE, torch.float32), predictor.image_size),
+        Sam2(predictor, Compute(DEVICE, torch.float32)),
         lambda frame: images[frame],
         FRAMES,
         np.ones((HEIGHT, WIDTH), bool),

@@ -15,4 +15,4 @@ def sam2():
     predictor = build_predictor(SMALL_SAM2).eval().requires_grad_(False)
     set_image_size(predictor, 256)
     torch.nn.init.constant_(predictor.sam_mask_decoder.pred_obj_score_head.layers[-1].bias, 5.0)
-    return Sam2(predictor, choose_compute("cpu", "float32"), predictor.image_size)
+    return Sam2(predictor, choose_compute("cpu", "float32"))

@@ -1,6 +1,5 @@
 """Crops of a frame: where they lie, which of their masks are used, and where these land on the frame."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,10 +8,11 @@ import torch
 
 from egosplat.models.image_encoder import encode
 from egosplat.pipeline.config import defaults, stage_values
-from egosplat.segments import crops
-from egosplat.segments.crops import Crop, crops_of, prompt_with_crops
+from egosplat.segments import crops, single_frames
+from egosplat.segments.crops import Crop, crops_of
 from egosplat.segments.options import SegmentsOptions
-from egosplat.segments.prompts import Candidates, grid_points, prompt
+from egosplat.segments.prompts import Candidates
+from egosplat.segments.single_frames import SingleFrames
 
 SHAPE = (48, 64, 3)
 
@@ -91,14 +91,19 @@ def test_crops_without_masks_leave_those_of_the_frame():
     assert len(merged) == 1 and merged.masks[0].float().mean() == pytest.approx(16 / 400, rel=0.2)
 
 
-def test_crops_are_prompted_at_the_models_own_side(sam2):
-    """The frame's image size holds again afterwards; candidates of all levels have one canvas."""
+def test_the_whole_frame_alone_has_the_image_size_of_the_options(sam2, monkeypatch):
+    """Crops are prompted at the model's own side, and it has that side again afterwards."""
     image = np.random.default_rng(0).integers(0, 255, (96, 128, 3), dtype=np.uint8)
-    own = replace(sam2, own_side=128)
-    keys = {"crops_per_side": 2, "points_per_side": 2, "pred_iou_thresh": 0.0, "stability_score_thresh": 0.0}
+    sides = []
+
+    def recorded(sam2, image):
+        sides.append(sam2.video_predictor.image_size)
+        return encode(sam2, image)
+
+    for module in (crops, single_frames):
+        monkeypatch.setattr(module, "encode", recorded)
+    keys = {"crops_per_side": 2, "image_size": 512, "points_per_side": 2, "pred_iou_thresh": 0.0}
     options = SegmentsOptions(**stage_values("segments", defaults()) | keys)
-    with own.compute.inference():
-        found = prompt(own, encode(own, image), grid_points(2), options)
-        merged = prompt_with_crops(own, image, found, options)
-    assert own.video_predictor.image_size == 256
-    assert [one.logits.shape[1:] for one in merged] == [(64, 64)] * 3
+    found = SingleFrames(sam2, lambda _: image, np.array([0]), 1, np.ones((96, 128), bool), options).run()
+    assert sides == [512, 256, 256, 256, 256] and sam2.video_predictor.image_size == 256
+    assert found.labels[0].shape == (3, 96, 128)

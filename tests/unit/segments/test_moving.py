@@ -121,7 +121,7 @@ def test_a_mask_starts_a_track_by_the_mean_probability_inside_it(sam2, images):
     masks[0, :, :32], masks[1, :, 32:], masks[2, :, :48] = 1, 1, 1
     scores = torch.ones(3)
     for precision in ("float32", "bfloat16"):
-        of_precision = Sam2(sam2.video_predictor, choose_compute("cpu", precision), sam2.own_side)
+        of_precision = Sam2(sam2.video_predictor, choose_compute("cpu", precision))
         for threshold, expected in ((0.875, [0]), (0.58, [0, 2]), (0.6, [0]), (0.0, [0, 1, 2])):
             movers = tracker(of_precision, images, moves, replace(OPTIONS, threshold=threshold))
             with of_precision.compute.inference():

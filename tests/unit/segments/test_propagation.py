@@ -24,7 +24,7 @@ def sam2():
     set_image_size(predictor, 256)
     torch.nn.init.constant_(predictor.sam_mask_decoder.pred_obj_score_head.layers[-1].bias, 5.0)
     predictor.hole_area = 0
-    return Sam2(predictor, choose_compute("cpu", "float32"), predictor.image_size)
+    return Sam2(predictor, choose_compute("cpu", "float32"))
 
 
 @pytest.fixture(scope="module")

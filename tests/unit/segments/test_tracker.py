@@ -61,7 +61,7 @@ def tracked(sam2, images, options=OPTIONS, valid=None):
 
 def test_a_video_is_tracked_in_bfloat16_as_on_a_gpu(sam2, images):
     """Pixel counts in filters and merging stay exact under autocast."""
-    half = Sam2(sam2.video_predictor, choose_compute("cpu", "bfloat16"), sam2.own_side)
+    half = Sam2(sam2.video_predictor, choose_compute("cpu", "bfloat16"))
     counted = []
 
     def watched(first, second):
