@@ -95,7 +95,7 @@ class LocalSlurm:
         for process in reversed(self._running):
             process.terminate()
         for process in reversed(self._running):
-            process.wait(timeout=30)
+            process.wait(timeout=120)
 
     def ask(self, *command: str) -> str:
         """Output of a SLURM command."""
