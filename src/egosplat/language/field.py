@@ -100,8 +100,8 @@ def world_of(camera_to_world: NDArray[np.float64], device: torch.device) -> Worl
 
 
 def feature_loss(found: Tensor, wanted: Tensor) -> Tensor:
-    """() weighted mean over rays of the sum over channels of Huber's loss between (P, D) features."""
-    return FEATURE_WEIGHT * F.huber_loss(found, wanted, reduction="none", delta=_HUBER).sum(dim=1).mean()
+    """() weighted mean over rays of the sum over channels of Huber's loss between (P, D) features; 0 without rays."""
+    return FEATURE_WEIGHT * F.huber_loss(found, wanted, reduction="sum", delta=_HUBER) / max(1, len(found))
 
 
 def input_scale(scale: Tensor, distance: Tensor, height: int, focal: float) -> Tensor:
@@ -162,7 +162,7 @@ class Field(Trainee):
         if self.regulariser is None:
             return loss
         image = nearest(self._tiles.regulariser(frame), pixels, camera.width, camera.height)
-        error = (self.regulariser(hashed) - image.to(hashed)).square().sum(dim=1).mean()
+        error = (self.regulariser(hashed) - image.to(hashed)).square().sum() / max(1, len(points))
         return loss + REGULARISER_WEIGHT * error
 
     def _features(self, hashed: Tensor, scale: Tensor) -> Tensor:

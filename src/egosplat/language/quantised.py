@@ -72,14 +72,14 @@ def quantised(
 
 
 def uncertain_loss(entropy: Tensor, uncertainty: Tensor) -> Tensor:
-    """() mean of ``entropy (1 - u) - log(1 - u)``; gradients reach both.
+    """() mean of ``entropy (1 - u) - log(1 - u)``; gradients reach both. 0 without pixels.
 
     Args:
         entropy: (P,) cross entropy of the indices.
         uncertainty: (P,) u in [0, 1).
     """
     sure = 1 - uncertainty.clamp(max=_MOST_UNCERTAIN)
-    return (entropy * sure - sure.log()).mean()
+    return (entropy * sure - sure.log()).sum() / max(1, len(entropy))
 
 
 def smoothing(codes: Tensor, predicted: Tensor, uncertainty: Tensor) -> Tensor:

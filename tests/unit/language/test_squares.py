@@ -229,3 +229,15 @@ def test_baked_codes_answer_like_the_field_in_a_view_that_it_has_not_seen(scene,
         direct = (trained(points, scale.expand(len(points))) @ torch.from_numpy(FEATURE.T)).detach()
         rendered = decode(found.codes[level][rows, columns], decoder) @ torch.from_numpy(FEATURE.T)
         assert float(torch.corrcoef(torch.stack([direct.flatten(), rendered.flatten()]))[0, 1]) > 0.98
+
+
+@pytest.mark.parametrize("method", [*ITERATIONS])
+def test_a_view_that_shows_nothing_does_not_end_training(scene, tmp_path, method):
+    """No valid pixel, and no Gaussian before the camera."""
+    away = scene.views.camera_to_world.copy()
+    away[1, 2, 3] = 50.0
+    scene.views = replace(scene.views, camera_to_world=away)
+    checkpoint = Checkpoint(tmp_path / "language.zarr", "key", 1e9)
+    assert np.isfinite(scene.coded(method, checkpoint, iterations=10).curve.loss).all()
+    scene.views = replace(scene.views, valid=torch.zeros(SIZE, SIZE))
+    assert np.isfinite(scene.coded(method, checkpoint, iterations=10).curve.loss).all()
