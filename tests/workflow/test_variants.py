@@ -1,6 +1,11 @@
 """A variant makes the artifacts that its keys change, and shares the others."""
 
+import shutil
+
 import pytest
+
+from egosplat.tables.paper_layouts import in_a_table
+from egosplat.tables.scored_scenes import read_scored_scene
 
 SCENE = "results/adt/scene1"
 VARIANT = f"{SCENE}/variants"
@@ -12,10 +17,28 @@ VARIANT = f"{SCENE}/variants"
         ("baseline/language.zarr", {"features", "splats", "language"}),
         ("no_masks/language.zarr", {"splats", "language"}),
         ("network_masks/splats.zarr", {"splats"}),
+        ("occam/language.zarr", {"segments", "instances", "view_features", "features", "splats", "language"}),
     ],
 )
 def test_a_variant_makes_only_what_its_keys_change(workdir, target, expected):
     assert workdir.stale(f"{VARIANT}/{target}") == expected
+
+
+METHODS = {"langsplat": "LangSplat", "semantic_gaussians": "SG", "occam": "Occam's LGS"}
+
+
+def test_methods_end_in_scores_that_the_tables_place(workdir):
+    """Without its language.zarr, a method is made again from there on; other methods stay."""
+    scores = {name: f"{VARIANT}/{name}/metrics.json" for name in METHODS}
+    done = workdir.snakemake("--", *scores.values())
+    assert done.returncode == 0, done.stdout + done.stderr
+    for name, method in METHODS.items():
+        scored = read_scored_scene(workdir.folder / scores[name])
+        assert (scored.method, scored.foreign) == (method, False) and in_a_table(scored)
+        assert scored.cost.cpu_min > 0 and scored.stands_in
+    assert workdir.stale(*scores.values()) == set()
+    shutil.rmtree(workdir.folder / VARIANT / "occam/language.zarr")
+    assert workdir.stale(*scores.values()) == {"language", "metrics"}
 
 
 def test_a_user_variant_is_made_next_to_the_scene(workdir):

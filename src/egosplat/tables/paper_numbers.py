@@ -70,7 +70,8 @@ PAPER_NOTES: dict[str, tuple[PaperNote, ...]] = {
     ),
     "adt_ablation": (
         PaperNote(
-            "Equal to LangSplat's row in the tables by scene.",
+            "Equal to LangSplat's row in the tables by scene. egosplat's baseline is given masks that hold in 3D; its row "
+            "LangSplat in the other tables has the masks of single frames.",
             tuple(
                 (AVERAGE, "baseline", metric, group)
                 for metric in ("accuracy", "mean_iou")

@@ -3,6 +3,7 @@
 import json
 import math
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -40,6 +41,18 @@ def test_a_method_and_what_stands_in_for_it_are_told(word_scene, scored):
     Draft202012Validator(schema("metrics")).validate(found)
     assert found["method"] == "LangSplat" and found["stands_in"] == []
     assert "method" not in scored(word_scene())
+
+
+def test_with_the_words_exchanged_every_answer_is_wrong(word_scene, scored, monkeypatch):
+    """Protects the scores from annotations that leak into answers."""
+    encode = stage.encode_texts
+
+    def exchanged(*given):
+        texts = encode(*given)
+        return replace(texts, queries=texts.queries.flip(0))
+
+    monkeypatch.setattr(stage, "encode_texts", exchanged)
+    assert scored(word_scene())["scores"]["all"]["accuracy"] == 0.0
 
 
 def test_perfect_codes_score_perfectly(word_scene, scored):
