@@ -19,6 +19,11 @@ from egosplat.language.views import CodeViews
 # LangSplat's iterations.
 PUBLISHED = 30_000
 
+# Norm of the random codes that normalized ones start from (docs/methods.md#langsplat). From LangSplat's 0, divided by
+# 1e-9, the first gradient is a million times the next ones, and Adam hardly moves the codes until it has forgotten it,
+# 20,000 iterations later.
+_FIRST_NORM = 0.1
+
 
 @dataclass(frozen=True)
 class CodeOptions:
@@ -28,7 +33,7 @@ class CodeOptions:
         iterations: one view each.
         lr: Adam's learning rate.
         normalize_codes: normalize each Gaussian's code of a level before rendering (docs/method.md#code-norm).
-        seed: for the order of views.
+        seed: for the order of views, and for the first codes if they are normalized.
     """
 
     iterations: int
@@ -56,7 +61,12 @@ def trained(
     # Stored as they are rendered, so that queries need not know whether codes are normalized.
     code = codes_to_render(codes.code.detach(), options.normalize_codes)
     fewer = f"{options.iterations:,} of {PUBLISHED:,} iterations"
-    stands_in = (SEGMENTER, *([fewer] if options.iterations < PUBLISHED else []))
+    start = "random codes at the start in place of 0"
+    stands_in = (
+        SEGMENTER,
+        *([fewer] if options.iterations < PUBLISHED else []),
+        *([start] if options.normalize_codes else []),
+    )
     return Coded(code, share, targets.levels, curve=curve, stands_in=stands_in)
 
 
@@ -75,9 +85,13 @@ class PlainCodes(Trainee):
         shape: tuple[int, int],
         options: CodeOptions,
     ) -> None:
-        """Start from zero codes of ``shape`` (L, C), as LangSplat does."""
+        """Start from codes of ``shape`` (L, C): 0 as in LangSplat, or short random ones that are normalized."""
         super().__init__()
-        self.code = nn.Parameter(torch.zeros(gaussians.count, *shape, device=gaussians.means.device))
+        first = torch.zeros(gaussians.count, *shape)
+        if options.normalize_codes:
+            random = torch.Generator().manual_seed(options.seed)
+            first = _FIRST_NORM * codes_to_render(first.normal_(generator=random), True)
+        self.code = nn.Parameter(first.to(gaussians.means.device))
         self.optimizers = [adam([([self.code], options.lr)])]
         self._gaussians, self._views, self._settings = gaussians, views, settings
         self._normalize = options.normalize_codes
@@ -95,5 +109,4 @@ class PlainCodes(Trainee):
 
 def codes_to_render(code: Tensor, normalize_codes: bool) -> Tensor:
     """(N, L, C) codes as rendered: normalized if ``normalize_codes``; zero codes stay 0."""
-    # Codes start at 0, where the norm has no gradient; eps keeps it finite.
-    return torch.nn.functional.normalize(code, dim=-1, eps=1e-9) if normalize_codes else code
+    return torch.nn.functional.normalize(code, dim=-1) if normalize_codes else code

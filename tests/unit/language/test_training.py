@@ -31,10 +31,10 @@ def checkpoint(tmp_path):
 
 @pytest.fixture
 def codes(wall, views, settings):
-    """``codes(lr)``: new codes of two levels."""
+    """``codes(lr, normalize)``: new codes of two levels."""
 
-    def make(lr: float = 0.05) -> PlainCodes:
-        return PlainCodes(wall, views, settings, (2, 3), replace(OPTIONS, lr=lr))
+    def make(lr: float = 0.05, normalize: bool = False) -> PlainCodes:
+        return PlainCodes(wall, views, settings, (2, 3), replace(OPTIONS, lr=lr, normalize_codes=normalize))
 
     return make
 
@@ -47,6 +47,24 @@ def test_the_loss_falls_and_each_half_learns_its_code(wall, views, codes, checkp
     left = (wall.means[:, 0] < -0.4) & (wall.means[:, :2].abs() < 0.9).all(dim=1)
     expected = torch.tensor([1.0, 0.0, 0.5])
     assert float((found.code.detach()[left, 1].mean(dim=0) - expected).abs().max()) < 0.2
+
+
+def test_normalized_codes_leave_their_first_direction(wall, views, codes, checkpoint):
+    """The first view shows the opposite of all others; Adam must not be stuck with its gradient, as it is from 0."""
+    found = codes(0.01, normalize=True)
+    targets, turned = views.targets, [True]
+
+    def first_opposite(frame: int) -> Targets:
+        given = targets(frame)
+        sign = -1.0 if turned and turned.pop() else 1.0
+        return Targets(sign * given.codes, given.known)
+
+    object.__setattr__(views, "targets", first_opposite)
+    train(found, len(views), 100, 0, checkpoint)
+    left = (wall.means[:, 0] < -0.4) & (wall.means[:, :2].abs() < 0.9).all(dim=1)
+    code = codes_to_render(found.code.detach(), True)[left, 1]
+    wanted = torch.nn.functional.normalize(torch.tensor([1.0, 0.0, 0.5]), dim=0)
+    assert float((code @ wanted).mean()) > 0.9
 
 
 def test_a_run_resumes_to_the_same_codes(views, codes, checkpoint):
