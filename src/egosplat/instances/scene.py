@@ -62,10 +62,8 @@ class Scene:
         """(N, L) int32 thing that each Gaussian belongs to most at each level, -1 for none."""
         found = np.full((self.gaussians.count, len(self.beliefs)), -1, np.int32)
         for level, held in enumerate(self.beliefs):
-            if held.shape[1]:
-                best = np.asarray(held.argmax(axis=1)).ravel()
-                known = np.asarray(held.max(axis=1).todense()).ravel() > 0
-                found[:, level] = np.where(known, best + self.first(level), -1)
+            best = first_of_largest(held)
+            found[:, level] = np.where(best >= 0, best + self.first(level), -1)
         return found
 
     def parents(self) -> Labels:
@@ -81,6 +79,19 @@ class Scene:
             span = slice(self.first(level), self.first(level) + fine.shape[1])
             found[span] = np.where(holds, shared.argmax(axis=1) + self.first(level + 1), -1)
         return found
+
+
+def first_of_largest(values: sparse.csr_array) -> NDArray[np.int64]:
+    """(N,) column of the largest value of each row of (N, K) values, the first of equal ones; -1 if none is above 0."""
+    # SciPy's own argmax visits row by row in Python.
+    rows = np.repeat(np.arange(values.shape[0]), np.diff(values.indptr))
+    above = values.data > 0
+    rows, columns, data = rows[above], values.indices[above], values.data[above]
+    order = np.lexsort((columns, -data, rows))
+    owner, first = np.unique(rows[order], return_index=True)
+    found = np.full(values.shape[0], -1, np.int64)
+    found[owner] = columns[order][first]
+    return found
 
 
 def find_scene(lifter: MaskLifter, tracks: MovingTracks) -> Scene:

@@ -1,4 +1,4 @@
-"""Things are drawn where their Gaussians are: as if all things were rendered from all Gaussians at once."""
+"""Things are drawn where their Gaussians are: as if all things were rendered from all Gaussians at once; ties go to the first."""
 
 import numpy as np
 import torch
@@ -9,6 +9,7 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Camera
 from egosplat.instances.rendering import LEAST_BELIEF, render_things
+from egosplat.instances.scene import first_of_largest
 
 COUNT, THINGS, SIZE = 400, 150, (24, 32)
 CAMERA = Camera(width=16, height=12, fx=10.0, fy=10.0, cx=8.0, cy=6.0)
@@ -60,3 +61,12 @@ def test_a_level_without_things_and_a_view_of_nothing_have_no_label() -> None:
     nothing = sparse.csr_array((COUNT, 0), dtype=np.float32)
     assert (render_things(gaussians, [held[0], nothing], CAMERA, far, SETTINGS, SIZE) == -1).all()
     assert (render_things(gaussians, [nothing], CAMERA, np.eye(4), SETTINGS, SIZE) == -1).all()
+
+
+def test_the_largest_value_of_a_sparse_row_is_that_of_the_dense_row() -> None:
+    rng = np.random.default_rng(0)
+    dense = rng.integers(-1, 4, (200, 7)) * (rng.random((200, 7)) < 0.4)
+    dense[0] = 0.0
+    found = first_of_largest(sparse.csr_array(dense.astype(np.float32)))
+    assert np.array_equal(found, np.where(dense.max(1) > 0, dense.argmax(1), -1)) and found[0] == -1
+    assert first_of_largest(sparse.csr_array((3, 0), dtype=np.float32)).tolist() == [-1, -1, -1]
