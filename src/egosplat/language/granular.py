@@ -58,7 +58,6 @@ def granular(
         "distillation alone: the segments are shared, not prompted by depth",
         f"{options.iterations:,} of {_ITERATIONS:,} iterations",
         f"the loss of {options.pixels:,} pixels of a view, drawn by region",
-        "geometry shared, not its own",
     )
     return Coded(codes.code.detach()[:, None], share, ["granular"], codes.decoder.trained(), curve, stands_in)
 

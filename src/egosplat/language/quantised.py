@@ -66,7 +66,7 @@ def quantised(
         *tiles.stands_in,
         f"{options.iterations:,} of {_ITERATIONS:,} iterations",
         f"the loss of {options.pixels:,} pixels of a view, and of as many features a batch",
-        "geometry shared and fixed, not trained jointly",
+        "colour and geometry fixed, not trained along with it",
     )
     return Coded(codes.code.detach()[:, None], share, ["quantised"], codes.stored(), curve, stands_in)
 

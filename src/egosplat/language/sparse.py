@@ -53,7 +53,6 @@ def sparse(
         f"{options.iterations // len(targets.levels):,} of {_ITERATIONS:,} iterations a level",
         f"the loss of {options.pixels:,} pixels of a view",
         "one codebook for all levels",
-        "geometry shared, not its own",
     )
     return Coded(codes.code(), share, targets.levels, codes.decoder(), curve, stands_in)
 
