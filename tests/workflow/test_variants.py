@@ -37,8 +37,9 @@ def test_methods_end_in_scores_that_the_tables_place(workdir):
         assert (scored.method, scored.foreign) == (method, False) and in_a_table(scored)
         assert scored.cost.cpu_min > 0 and scored.stands_in
     assert workdir.stale(*scores.values()) == set()
-    shutil.rmtree(workdir.folder / VARIANT / "occam/language.zarr")
-    assert workdir.stale(*scores.values()) == {"language", "metrics"}
+    codes = f"{VARIANT}/occam/language.zarr"
+    shutil.rmtree(workdir.folder / codes)
+    assert workdir.stale(codes, *scores.values()) == {"language", "metrics"}
 
 
 def test_a_user_variant_is_made_next_to_the_scene(workdir):
