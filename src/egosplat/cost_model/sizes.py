@@ -124,18 +124,26 @@ def _evaluated(config: Config, sizes: Sizes) -> float:
 
 
 def _prompts(config: Config, sizes: Sizes) -> float:
-    """A grid of points in each frame that is searched for new instances, and in each of its crops."""
+    """A grid of points in each frame that is searched for new instances, and in each of its crops.
+
+    With masks of single frames the image size is that of whole frames alone, which then count as several.
+    """
     keys = config["segments"]
     frames = 1 + sizes["frames"] / keys["key_frame_stride"]
+    if not _single_frames(config):
+        return frames * keys["points_per_side"] ** 2
     crops = keys["crops_per_side"] ** 2 if keys["crops_per_side"] > 1 else 0
-    return frames * (1 + crops) * keys["points_per_side"] ** 2
+    return frames * (_area(config) + crops) * keys["points_per_side"] ** 2
+
+
+def _single_frames(config: Config) -> bool:
+    return config["segments"]["prompting"] == "each_frame"
 
 
 def _tracked(config: Config, sizes: Sizes) -> int:
     """None where masks of single frames are all that is asked for."""
-    keys = config["segments"]
-    single = keys["prompting"] == "each_frame" and keys["track_moving"] == "never"
-    return 0 if single else sizes.tracked
+    nothing = _single_frames(config) and config["segments"]["track_moving"] == "never"
+    return 0 if nothing else sizes.tracked
 
 
 def _views(config: Config, sizes: Sizes) -> float:
@@ -150,6 +158,12 @@ def _dims(config: Config, _: Sizes) -> float:
 
 
 def _sam2_area(config: Config, _: Sizes) -> float:
+    """Pixels of the images that are tracked, as a multiple of the architecture's own."""
+    return 1.0 if _single_frames(config) else _area(config)
+
+
+def _area(config: Config) -> float:
+    """Pixels of whole frames as SAM2 sees them, as a multiple of the architecture's own."""
     own = 320 if config["models"]["sam2_config"] == SMALL else SAM2_SIDE
     try:
         side = config["segments"]["image_size"] or sam2_side(config["models"]["sam2_config"])

@@ -79,7 +79,6 @@ def test_no_size_makes_a_stage_cheaper(stage):
         ("splats", "splats", "language", "joint"),
         ("transient", "transient", "max_gaussians", 200_000),
         ("transient", "transient", "resolution", 256),
-        ("segments", "segments", "image_size", 512),
         ("segments", "models", "sam2_config", "sam2.1_hiera_b+"),
         ("view_features", "models", "clip_model", "ViT-B-16"),
         ("metrics", "models", "clip_model", "ViT-B-16"),
@@ -128,11 +127,20 @@ def test_a_trajectory_takes_less_than_colmap():
 
 
 def test_the_time_of_sam2_grows_with_the_area_of_its_input():
-    """segments.image_size doubled: four times the time of tracking."""
+    """segments.image_size doubled: four times the time of tracking, where frames are not segmented by themselves."""
     law = {term: factor for term, factor in laws()["segments"]["cpu_s"].items() if "sam2_area" in term}
     assert law
-    areas = [Sizes(with_keys("segments", image_size=side))["sam2_area"] for side in (320, 640)]
+    keys = {"prompting": "key_frames"}
+    areas = [Sizes(with_keys("segments", image_size=side, **keys))["sam2_area"] for side in (320, 640)]
     assert areas == [1.0, 4.0]
+
+
+def test_a_frame_counts_as_many_prompts_as_it_has_pixels_and_crops():
+    """Masks of single frames: tracks keep SAM2's own size, whole frames have the image size, and four crops come on top."""
+    sizes = Sizes(with_keys("segments", image_size=640, crops_per_side=2), given=SCENE)
+    alone = Sizes(with_keys("segments", image_size=320, crops_per_side=1), given=SCENE)
+    assert sizes["sam2_area"] == 1.0
+    assert sizes["prompts"] / alone["prompts"] == pytest.approx(4 + 4)
 
 
 def test_slower_kernels_take_longer_only_where_gaussians_are_rendered():

@@ -23,6 +23,7 @@ VALUES = {
         "clip_checkpoint": "published",
     },
     "segments": {
+        "image_size": None,
         "pred_iou_thresh": 0.7,
         "stability_score_thresh": 0.85,
         "stability_score_offset": 1.0,
@@ -115,7 +116,7 @@ def test_exactly_the_stages_with_a_key_of_the_set_change():
         for stage in STAGES
         if config.stage_values(stage, small) != config.stage_values(stage, located(published))
     }
-    assert own == {"transient", "segments", "view_features", "features", "metrics", "scene_page"}
+    assert own == {"transient", "segments", "tiles", "view_features", "features", "metrics", "scene_page"}
     reached = {stage for stage in STAGES if reaches(stage, small, published)}
     assert {"frames", "annotations", "poses", "survey", "contact_sheet"} == set(STAGES) - reached - {
         "synthetic",
@@ -166,7 +167,9 @@ def test_the_page_lists_every_key_that_follows_the_set_and_every_model():
         (row,) = [line for line in lines if line.startswith("| `") and f"`{section}.{name}`" in line]
         cells = [cell.strip().replace("`", "") for cell in row.split("|")]
         for cell, value in zip(cells[2:4], (key["default"], key["published"]), strict=True):
-            assert {None: "null"}.get(value, f"{value:g}" if isinstance(value, float) else value) in cell, row
+            assert {None: "null"}.get(
+                value, f"{value:g}" if isinstance(value, float) else str(value)
+            ) in cell, row
     for one in CATALOGUE:
         (row,) = [line for line in lines if line.startswith(f"| `{one.architecture}` |")]
         digest = "yes" if one.sha256 else "no"
