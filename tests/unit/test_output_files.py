@@ -238,7 +238,7 @@ FOLDERS = {
 def test_a_folder_that_holds_files_of_others_is_rejected(monkeypatch, capfd, tmp_path, name, target):
     """Before any of the command's files is written."""
     command = next(command for command, names in FOLDERS.items() if name in names)
-    points = '[{"settings": [], "metrics": [], "keys": {}}]'
+    points = '[{"settings": [], "metrics": [], "recipe": {"keys": {}, "command": ""}}]'
     words = ["--points", points] if command == "tradeoff" else []
     make, said = OWN_NAME[target]
     make(tmp_path / name)

@@ -268,8 +268,8 @@ rule methods_sheet:
     log:
         "logs/{dataset}/{scene}/methods_sheet.log",
     resources:
-        mem_mb=memory("queries_sheet"),
-        runtime=runtime("queries_sheet"),
+        mem_mb=2000,
+        runtime=30,
     params:
         title=get_title,
         code=code_hash("egosplat.report.methods_sheet", ("matplotlib", "torch")),

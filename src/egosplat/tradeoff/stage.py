@@ -32,9 +32,10 @@ def run(points: Sequence[Mapping[str, Any]], output: Path) -> None:
     if not isinstance(points, Sequence) or not points or not all(map(_is_point, points)):
         raise UserError(
             "--points: must be a list of at least one point; each is an object with the lists settings and metrics and "
-            "the object recipe"
+            "the object recipe, of keys and command"
         )
     check_output(output / f"{NAME}.json", TRADEOFF)
+    _check_pages(output)
     document = tradeoff_document(read_points(points))
     _write_pages([document], output)
     write_document(output / f"{NAME}.json", document)
@@ -51,15 +52,20 @@ def run_scenes(documents: Sequence[Path], output: Path) -> None:
     Raises:
         UserError: a file cannot be read or is none of a trade-off, or a file would replace something else.
     """
+    _check_pages(output)
     read = [read_document(path, "tradeoff") for path in documents]
     _write_pages(read, output)
     log(f"{len(read)} scenes: {output / NAME}.html")
 
 
+def _check_pages(output: Path) -> None:
+    """Raise UserError if a page would replace another file, before anything is read."""
+    for suffix, kind in (("csv", TABLE), ("png", PICTURE), ("html", PAGE)):
+        check_output(output / f"{NAME}.{suffix}", kind)
+
+
 def _write_pages(documents: Sequence[Mapping[str, Any]], output: Path) -> None:
     csv, png, html = (output / f"{NAME}.{suffix}" for suffix in ("csv", "png", "html"))
-    for path, kind in ((csv, TABLE), (png, PICTURE), (html, PAGE)):
-        check_output(path, kind)
     write_text_file(csv, to_csv(documents), TABLE)
     draw(documents, png)
     write_text_file(html, to_html(documents, png), PAGE)
@@ -70,4 +76,5 @@ def _is_point(point: object) -> bool:
         isinstance(point, Mapping)
         and all(isinstance(point.get(name), list) for name in _LISTS)
         and isinstance(point.get("recipe"), Mapping)
+        and point["recipe"].keys() == {"keys", "command"}
     )
