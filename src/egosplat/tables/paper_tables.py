@@ -200,7 +200,8 @@ def _with_footnotes(blocks: Sequence[Block], taken: int) -> tuple[list[Block], l
         replace(
             block,
             rows=tuple(
-                replace(row, mark=",".join(sorted(marks[text] for text in row.stands_in))) for row in block.rows
+                replace(row, mark=",".join(sorted(marks[text] for text in row.stands_in)))
+                for row in block.rows
             ),
         )
         for block in blocks
