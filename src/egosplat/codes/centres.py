@@ -7,6 +7,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from egosplat.codes.rendering import geometry_of, view_arguments
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Camera, invert, transform
@@ -73,20 +74,9 @@ def list_pixels(
     settings: RenderSettings,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """List what (P, 2) pixels, column and row, show; returns as ``egosplat.rasterize.api.pixel_lists``."""
-    return pixel_lists(
-        gaussians.means,
-        gaussians.quats,
-        gaussians.scales,
-        gaussians.opacities,
-        torch.from_numpy(pixels),
-        torch.from_numpy(invert(camera_to_world)).float(),
-        torch.from_numpy(camera.matrix).float(),
-        camera.width,
-        camera.height,
-        near_plane=settings.near_plane,
-        rasterize_mode="antialiased" if settings.antialiased else "classic",
-        backend=settings.backend,
-    )
+    view = view_arguments(camera, camera_to_world, settings, gaussians.means.device)
+    size = {"width": camera.width, "height": camera.height}
+    return pixel_lists(*geometry_of(gaussians), torch.from_numpy(pixels), **view, **size)
 
 
 def own_weights(begin: Tensor, gaussians: Tensor, weights: Tensor, owner: Tensor) -> Tensor:

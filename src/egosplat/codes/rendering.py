@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -65,6 +66,24 @@ def render_values(
     return images[0], alphas[0, ..., 0]
 
 
+def geometry_of(gaussians: Gaussians) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Means, quaternions, scales and opacities, as the functions of ``egosplat.rasterize.api`` take them."""
+    return gaussians.means, gaussians.quats, gaussians.scales, gaussians.opacities
+
+
+def view_arguments(
+    camera: Camera, camera_to_world: NDArray[np.float64], settings: RenderSettings, device: torch.device
+) -> dict[str, Any]:
+    """Arguments of one view and of the settings, for the functions of ``egosplat.rasterize.api`` that take one camera."""
+    return {
+        "viewmat": torch.from_numpy(invert(camera_to_world)).to(device, torch.float32),
+        "K": torch.from_numpy(camera.matrix).to(device, torch.float32),
+        "near_plane": settings.near_plane,
+        "rasterize_mode": "antialiased" if settings.antialiased else "classic",
+        "backend": settings.backend,
+    }
+
+
 def sum_over_pixels(
     gaussians: Gaussians,
     image: Tensor,
@@ -82,19 +101,8 @@ def sum_over_pixels(
     Returns:
         (N, X) float32.
     """
-    device = gaussians.means.device
-    return rasterize.sum_over_pixels(
-        gaussians.means,
-        gaussians.quats,
-        gaussians.scales,
-        gaussians.opacities,
-        image,
-        torch.from_numpy(invert(camera_to_world)).to(device, torch.float32),
-        torch.from_numpy(camera.matrix).to(device, torch.float32),
-        near_plane=settings.near_plane,
-        rasterize_mode="antialiased" if settings.antialiased else "classic",
-        backend=settings.backend,
-    )
+    view = view_arguments(camera, camera_to_world, settings, gaussians.means.device)
+    return rasterize.sum_over_pixels(*geometry_of(gaussians), image, **view)
 
 
 def pixel_renderer(
@@ -114,21 +122,9 @@ def pixel_renderer(
     Returns:
         A function of (N, X) values that gives (P, X), differentiable by the values.
     """
-    device = gaussians.means.device
-    return rasterize.pixel_renderer(
-        gaussians.means,
-        gaussians.quats,
-        gaussians.scales,
-        gaussians.opacities,
-        pixels,
-        torch.from_numpy(invert(camera_to_world)).to(device, torch.float32),
-        torch.from_numpy(camera.matrix).to(device, torch.float32),
-        camera.width,
-        camera.height,
-        near_plane=settings.near_plane,
-        rasterize_mode="antialiased" if settings.antialiased else "classic",
-        backend=settings.backend,
-    )
+    view = view_arguments(camera, camera_to_world, settings, gaussians.means.device)
+    size = {"width": camera.width, "height": camera.height}
+    return rasterize.pixel_renderer(*geometry_of(gaussians), pixels, **view, **size)
 
 
 def render_codes(
