@@ -289,7 +289,8 @@ def query_command() -> click.Command:
         check_scene_folder(folder, ("frames", "poses", "features", "splats", "language"))
         asking, options = Asking(frame, pose, most, output), QueryOptions(**keys)
         how = {"backend": backend, "device": device, "precision": precision}
-        click.echo(run(folder, phrases, asking, options, **how))
+        for part in run(folder, phrases, asking, options, **how):
+            click.echo(part)
 
     return click.Command(
         "query",

@@ -5,14 +5,11 @@ from typing import Any
 import numpy as np
 import torch
 
+from egosplat.models.open_clip_import import open_clip
 from egosplat.models.open_clip_loader import OpenClip
-from egosplat.models.without_compiler import without_compiler
 from egosplat.page.container import Arrays, Facts
 from egosplat.query.text import encode_phrases
 from egosplat.query.vocabulary import words_to_try
-
-with without_compiler():
-    from open_clip import CLIP
 
 # Numbers of the largest text tower that is put on the page, 4 MB in half precision. The small OpenCLIP has 204,160; that
 # of ViT-B-16 has 63 million.
@@ -46,7 +43,7 @@ def pack_words(clip: OpenClip, canonical: tuple[str, ...]) -> tuple[Arrays, Fact
 def _tower(clip: OpenClip) -> tuple[Arrays, Facts] | None:
     """Weights and tokenizer of a text tower that ``source/text.js`` computes; None for one that is too large or differs."""
     model = clip.model
-    if not isinstance(model, CLIP) or model.text_pool_type != "argmax" or not _is_plain(model):
+    if not isinstance(model, open_clip.CLIP) or model.text_pool_type != "argmax" or not _is_plain(model):
         return None
     named = {name: values for name, values in model.state_dict().items() if not name.startswith("visual.")}
     weights = {f"text/{name}": _half(values) for name, values in named.items() if values.ndim}

@@ -1,7 +1,7 @@
 """Turn answers to queries, of the whole scene or of one view, into rows of a table and images."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,7 @@ from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.splats import camera_poses
 from egosplat.geometry import Array
+from egosplat.output_files import picture_kind
 from egosplat.progress import track
 from egosplat.query.answer import Answer, ask
 from egosplat.query.options import QueryOptions
@@ -19,10 +20,14 @@ from egosplat.query.text import Texts
 from egosplat.query.thing_view import view_thing
 from egosplat.query.things import Thing
 from egosplat.query.viewpoint import Viewpoint
-from egosplat.report.query_sheet import DrawnAnswer
+
+QUERY_PICTURE = picture_kind("egosplat query")
 
 # Maximum number of answers in the picture; the table has all of them.
 MOST_DRAWN = 8
+
+# Longer side [px] of the relevancy and the mask in the picture of a scene query, where an image is 360 px high.
+DRAWN_SIDE = 256
 
 _ABSENT = "-"
 
@@ -58,6 +63,33 @@ class Question:
 
 
 @dataclass(frozen=True, eq=False)
+class DrawnAnswer:
+    """An answer with its images; a query without an answer has only its phrase.
+
+    Attributes:
+        score: 0..1.
+        refusal: reason why there is no answer, or None.
+        where: name of the view, such as "frame 12".
+        picture: (H, W, 3) float32 in [0, 1], the rendered view, or None.
+        pixel: column and row of the location, or None.
+        relevancy: (H, W) float32 in 0..1.
+        level, mask_level: names of the levels of relevancy and mask.
+        mask: (H, W) bool.
+    """
+
+    phrase: str
+    score: float
+    refusal: str | None = None
+    where: str = ""
+    picture: NDArray[np.float32] | None = None
+    pixel: tuple[int, int] | None = None
+    relevancy: NDArray[np.float32] | None = None
+    level: str = ""
+    mask: NDArray[np.bool_] | None = None
+    mask_level: str = ""
+
+
+@dataclass(frozen=True, eq=False)
 class Answered:
     """All answers.
 
@@ -65,14 +97,14 @@ class Answered:
         place: the queried scene or view, for the title.
         columns: column names of the table.
         rows: rows of the table; the row of a refused query has its phrase, its score and the reason.
-        drawn: the first answers, for the picture.
+        drawn: the first answers, for the picture; those of a scene are rendered as they are read.
         left_out: number of answers outside the picture.
     """
 
     place: str
     columns: tuple[str, ...]
     rows: Sequence[tuple[str, ...]]
-    drawn: Sequence[DrawnAnswer]
+    drawn: Iterable[DrawnAnswer]
     left_out: int
 
 
@@ -86,8 +118,8 @@ def answer_in_scene(question: Question, sources: QuerySources, most: int) -> Ans
     answers = list(track(stream, "queries", unit="answer", total=len(question.texts.phrases)))
     levels = sources.language.facts["levels"]
     rows = [row for answer in answers for row in _scene_rows(answer, question, index, levels)]
-    drawn = [_draw_thing(answer, question, index, sources) for answer in answers[:MOST_DRAWN]]
-    return Answered("the whole scene", columns, rows, drawn, len(answers) - len(drawn))
+    drawn = (_draw_thing(answer, question, index, sources) for answer in answers[:MOST_DRAWN])
+    return Answered("the whole scene", columns, rows, drawn, max(0, len(answers) - MOST_DRAWN))
 
 
 def _scene_rows(
@@ -118,7 +150,8 @@ def _draw_thing(
     pose = camera_poses(sources.poses, sources.splats)[frame]
     texts, camera = question.texts.of([answer.phrase]), question.scene.camera
     valid = sources.frames.read("valid")
-    seen = view_thing(question.scene, thing, texts, camera, pose, valid, question.options)
+    options = replace(question.options, resolution=DRAWN_SIDE)
+    seen = view_thing(question.scene, thing, texts, camera, pose, valid, options)
     level = sources.language.facts["levels"][thing.level]
     return DrawnAnswer(
         answer.phrase,

@@ -1,6 +1,6 @@
 """Query a finished scene: ``egosplat query``."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,8 +19,14 @@ from egosplat.query.options import QueryOptions
 from egosplat.query.scene import read_scene
 from egosplat.query.text import encode_texts, load_clip_of, untaught_words
 from egosplat.query.viewpoint import Viewpoint, file_viewpoint, frame_viewpoint
-from egosplat.report.query_answers import Answered, QuerySources, Question, answer_in_scene, answer_in_view
-from egosplat.report.query_sheet import QUERY_PICTURE, draw_answers
+from egosplat.report.query_answers import (
+    MOST_DRAWN,
+    QUERY_PICTURE,
+    QuerySources,
+    Question,
+    answer_in_scene,
+    answer_in_view,
+)
 
 # Artifacts whose checksums are verified. frames.zarr may hold gigabytes, and queries read only little of it.
 _VERIFIED = {"poses": POSES, "features": FEATURES, "splats": SPLATS, "language": LANGUAGE}
@@ -52,8 +58,8 @@ def run(
     backend: str,
     device: str,
     precision: str,
-) -> str:
-    """Answer queries in a table and in a picture.
+) -> Iterator[str]:
+    """Answer queries in a table, then in a picture.
 
     Args:
         folder: folder with the artifacts of a scene.
@@ -62,8 +68,8 @@ def run(
         backend: renderer, as the key ``backend``.
         device, precision: of OpenCLIP, as the keys of the section ``models``.
 
-    Returns:
-        The table.
+    Yields:
+        The table as soon as it is known, then a line about the picture once it is drawn.
 
     Raises:
         UserError: an artifact is missing, damaged or does not belong to the others; its OpenCLIP is missing; the frame
@@ -80,7 +86,15 @@ def run(
         answered = answer_in_view(question, sources, viewpoint)
     notice = notice_of_artifacts(made_from.found.values())
     title = f"{folder}, {answered.place}, origin {sources.language.origin}"
-    return _draw_and_format(answered, "\n".join(filter(None, (title, notice))), output)
+    title = "\n".join(filter(None, (title, notice)))
+    yield f"{title}\n{answers_table(answered.columns, answered.rows)}"
+
+    # Here, because matplotlib takes as long to import as a query to answer.
+    from egosplat.report.query_sheet import draw_answers
+
+    draw_answers(list(answered.drawn), title, output)
+    more = f" (the first {MOST_DRAWN} answers; {answered.left_out} more are in the table only)"
+    yield f"picture: {output}{more if answered.left_out else ''}"
 
 
 def answers_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -95,16 +109,6 @@ def answers_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     widths = [max(len(row[place]) for row in cells if place < len(row)) for place in range(len(columns))]
     lines = ("  ".join(map(str.ljust, row, [*widths[: len(row) - 1], 0])).rstrip() for row in every)
     return "\n".join(lines)
-
-
-def _draw_and_format(answered: Answered, title: str, output: Path) -> str:
-    draw_answers(answered.drawn, title, output)
-    picture = f"picture: {output}"
-    if answered.left_out:
-        picture += (
-            f" (the first {len(answered.drawn)} answers; {answered.left_out} more are in the table only)"
-        )
-    return f"{title}\n{answers_table(answered.columns, answered.rows)}\n{picture}"
 
 
 def open_sources(folder: Path) -> tuple[QuerySources, Lineage]:

@@ -1,48 +1,18 @@
 """Draw answers on one page: for each query the location, the relevancy and the mask in the rendered view."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from egosplat.output_files import picture_kind
 from egosplat.report.answer_drawing import draw_heat, draw_mask
 from egosplat.report.figure import plt, save_figure
-
-QUERY_PICTURE = picture_kind("egosplat query")
+from egosplat.report.query_answers import QUERY_PICTURE, DrawnAnswer
 
 # Height of an image [inches].
 CELL = 4.0
-
-
-@dataclass(frozen=True, eq=False)
-class DrawnAnswer:
-    """An answer with its images; a query without an answer has only its phrase.
-
-    Attributes:
-        score: 0..1.
-        refusal: reason why there is no answer, or None.
-        where: name of the view, such as "frame 12".
-        picture: (H, W, 3) float32 in [0, 1], the rendered view, or None.
-        pixel: column and row of the location, or None.
-        relevancy: (H, W) float32 in 0..1.
-        level, mask_level: names of the levels of relevancy and mask.
-        mask: (H, W) bool.
-    """
-
-    phrase: str
-    score: float
-    refusal: str | None = None
-    where: str = ""
-    picture: NDArray[np.float32] | None = None
-    pixel: tuple[int, int] | None = None
-    relevancy: NDArray[np.float32] | None = None
-    level: str = ""
-    mask: NDArray[np.bool_] | None = None
-    mask_level: str = ""
 
 
 def draw_answers(answers: Sequence[DrawnAnswer], title: str, output: Path) -> None:

@@ -15,8 +15,9 @@ from PIL import Image
 from egosplat import cli
 from egosplat.artifacts.poses import length_unit
 from egosplat.models.suitability import notice
+from egosplat.query.options import LANGSPLAT
 from egosplat.query.scene_query import SceneAnswer
-from egosplat.report import query_answers
+from egosplat.report import query_answers, query_command
 
 
 @pytest.fixture
@@ -126,6 +127,16 @@ def test_a_scene_without_codes_has_no_answer_at_any_limit(word_scene, query, mon
 def test_one_frame_applies_the_same_threshold_as_the_scene(word_scene, query):
     _, out, _ = query(word_scene(), "basketball", "--frame", 1, "--min-score", 0.6)
     assert "not found" in out.splitlines()[2]
+
+
+def test_the_answer_in_words_comes_before_the_picture(word_scene):
+    """Words are there in half the time."""
+    folder = word_scene()
+    asking = query_command.Asking(None, None, 1, None)
+    how = {"backend": "auto", "device": "cpu", "precision": "float32"}
+    answers = query_command.run(folder, ["cup"], asking, LANGSPLAT, **how)
+    assert "cup" in next(answers) and not (folder / "query.png").exists()
+    assert next(answers).startswith("picture: ") and (folder / "query.png").exists()
 
 
 def test_lengths_have_no_metres_without_a_scale(word_scene, query, unscaled):

@@ -3,7 +3,8 @@
 import numpy as np
 from PIL import Image
 
-from egosplat.report.query_sheet import DrawnAnswer, draw_answers
+from egosplat.report.query_answers import DrawnAnswer
+from egosplat.report.query_sheet import draw_answers
 
 
 def answer(phrase: str) -> DrawnAnswer:
