@@ -18,7 +18,8 @@ def intersections(first: Tensor, second: Tensor) -> Tensor:
 
 def areas(masks: Tensor) -> Tensor:
     """(N, H, W) bool masks -> (N,) float32 pixels."""
-    return masks.flatten(1).sum(1).float()
+    # The sum of a bool tensor takes up to twenty times as long.
+    return masks.flatten(1).view(torch.uint8).sum(1, dtype=torch.int32).float()
 
 
 def union(masks: Tensor) -> Tensor:

@@ -8,13 +8,14 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.models.image_encoder import EncodedImage
+from egosplat.models.point_decoder import PointDecoder
 from egosplat.models.sam2_loader import Sam2
 from egosplat.segments.nms import areas, box_nms, intersections, mask_iou, mask_nms, stability_score
 from egosplat.segments.options import LEVELS, SegmentsOptions
 
 # Points per call of the mask decoder: as in SAM2's automatic mask generator; on a CPU, where larger batches take up to
 # twice the time, because the system has to find memory for them each time.
-_POINTS_A_BATCH, _POINTS_A_BATCH_ON_CPU = 64, 16
+_POINTS_A_BATCH, _POINTS_A_BATCH_ON_CPU = 64, 8
 
 
 @dataclass(frozen=True)
@@ -82,37 +83,23 @@ def prompt(
     """
     min_area = options.min_area / frame_share
     size = _POINTS_A_BATCH_ON_CPU if sam2.compute.device.type == "cpu" else _POINTS_A_BATCH
-    batches = [_decode(sam2, encoded, batch, options, min_area) for batch in points.split(size)]
+    decoder = PointDecoder.of(sam2, encoded)
+    batches = [_good_masks(*decoder.decode(batch), options, min_area) for batch in points.split(size)]
     return [
         Candidates(*(torch.cat([batch[name][level] for batch in batches]) for name in range(3)))
         for level in range(len(LEVELS))
     ]
 
 
-def _decode(
-    sam2: Sam2, encoded: EncodedImage, points: Tensor, options: SegmentsOptions, min_area: float
+def _good_masks(
+    logits: Tensor, ious: Tensor, options: SegmentsOptions, min_area: float
 ) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:
-    """Logits, predicted IoU and stability of each level, for a batch of points; only masks of sufficient quality.
+    """Logits, predicted IoU and stability of the masks of each level that are of sufficient quality.
 
-    ``min_area``: least share of the image.
+    Args:
+        logits, ious: of a batch of points, see ``PointDecoder.decode``.
+        min_area: least share of the image.
     """
-    model, device = sam2.video_predictor, sam2.compute.device
-    places = (points * model.image_size)[:, None].to(device)
-    foreground = torch.ones(len(points), 1, dtype=torch.int32, device=device)
-    sparse, dense = model.sam_prompt_encoder(points=(places, foreground), boxes=None, masks=None)
-    image = encoded.image(2)
-    # An image without memory gets SAM2's embedding of "no memory", as in its image predictor.
-    if model.directly_add_no_mem_embed:
-        image = image + model.no_mem_embed.reshape(1, -1, 1, 1)
-    logits, ious, _, _ = model.sam_mask_decoder(
-        image_embeddings=image,
-        image_pe=model.sam_prompt_encoder.get_dense_pe(),
-        sparse_prompt_embeddings=sparse,
-        dense_prompt_embeddings=dense,
-        multimask_output=True,
-        repeat_image=True,
-        high_res_features=[encoded.image(0), encoded.image(1)],
-    )
     kept: tuple[list[Tensor], list[Tensor], list[Tensor]] = ([], [], [])
     for level in range(len(LEVELS)):
         mask, iou = logits[:, level].float(), ious[:, level].float()
