@@ -21,6 +21,7 @@ rule synthetic:
         "logs/{dataset}/{scene}/synthetic.log",
     benchmark:
         "logs/{dataset}/{scene}/synthetic.tsv"
+    threads: 2  # each renders frames of its own, and needs memory for one
     resources:
         mem_mb=memory("synthetic"),
         runtime=runtime("synthetic"),

@@ -16,6 +16,7 @@ from egosplat.synthetic.camera.filming import Film
 from egosplat.synthetic.camera.lens import Lens, make_lens
 from egosplat.synthetic.camera.lighting import make_lights
 from egosplat.synthetic.camera.render import Renderer
+from egosplat.synthetic.in_order import in_order
 from egosplat.synthetic.world.world import World, make_world
 
 
@@ -117,14 +118,15 @@ def make_renderer(world: World, lens: Lens) -> Renderer:
 def render_frames(
     world: World, renderer: Renderer, captures: NDArray[np.int64], effects: Effects
 ) -> Iterator[Frame]:
-    """Yield the frames captured at (F,) nanoseconds."""
+    """Yield the frames captured at (F,) nanoseconds, in order; several are rendered at a time."""
     seconds = (captures + ROLLING_SHUTTER_MIDDLE_NS - world.start_ns) * 1e-9
     film = Film(world, renderer, seconds, effects)
-    for number, (capture_ns, moment) in enumerate(zip(captures.tolist(), seconds.tolist(), strict=True)):
-        shot, exposure = film.shoot(number), film.exposures[number]
+
+    def frame(number: int) -> Frame:
+        moment, shot, exposure = float(seconds[number]), film.shoot(number), film.exposures[number]
         moved = world.moved_things(moment)
-        yield Frame(
-            capture_ns=capture_ns,
+        return Frame(
+            capture_ns=int(captures[number]),
             exposure_s=exposure.open_s or _EXPOSURE_S,
             gain=_GAIN * exposure.gain,
             rgb=shot.rgb,
@@ -133,3 +135,5 @@ def render_frames(
             world_from_object=world.thing_poses(moment),
             skeletons={person.instance.instance_id: person.joints(moment, moved) for person in world.people},
         )
+
+    return in_order(frame, range(len(captures)))

@@ -148,9 +148,9 @@ class RayScene:
         distance = float(np.linalg.norm(way, axis=-1))
         if distance <= reach * 1.001:
             return np.ones(len(directions), dtype=bool)
-        return (directions * (way / distance).astype(np.float32)).sum(axis=1) >= np.sqrt(
-            1 - (reach / distance) ** 2
-        ) - 1e-4
+        # Column by column: a sum over three numbers a row takes several times as long.
+        x, y, z = directions.T * (way / distance).astype(np.float32)[:, None]
+        return x + y + z >= np.sqrt(1 - (reach / distance) ** 2) - 1e-4
 
 
 def static_scene(geometry: Geometry) -> RayScene:
