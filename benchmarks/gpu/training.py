@@ -140,7 +140,7 @@ def of_gsplat(
     """
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
     flags = frames.read("train"), frames.read("evaluation"), poses.read("registered")
-    split = split_views(*flags, validate=False)
+    split = split_views(*flags)
     device = training_device(KEYS["backend"])
     views, held_out = (
         read_views(frames, poses, chosen, Masking(None, ""), device)

@@ -71,7 +71,7 @@ class Scene:
         self.keys = replace(InstancesOptions(**stage_values("instances", defaults())), source="masks")
         kept, _ = kept_frames(frames, folder / "survey.json")
         flags = frames.read("train") & kept, frames.read("evaluation"), poses.read("registered")
-        training = split_views(*flags, validate=False).training
+        training = split_views(*flags).training
         self.valid, self.pose = frames.read("valid"), poses.read("camera_to_world")
         self.rows = np.flatnonzero(kept & poses.read("registered"))[::FRAME_STEP]
         tracks = MovingTracks(self.segments)

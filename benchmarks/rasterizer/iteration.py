@@ -28,8 +28,6 @@ _OPTIONS = TrainingOptions(
     position_lr=1.6e-4,
     grow_grad2d=2e-4,
     evaluate_every=30_000,
-    patience=0,
-    min_improvement=0.0,
     seed=0,
 )
 

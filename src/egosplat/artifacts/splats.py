@@ -43,9 +43,6 @@ SPLATS = Schema(
         "history/ssim": Field(
             ("evaluation",), "float64", "-", "mean over the held-out frames; NaN without any"
         ),
-        "history/validation_psnr": Field(
-            ("evaluation",), "float64", "dB", "mean over the validation frames; NaN without early stopping"
-        ),
         "held_out/frame": Field(("frame",), "int64", "index", "held-out frame's index in frames.zarr"),
         "held_out/psnr": Field(
             ("frame",), "float64", "dB", "of the Gaussians stored here, valid pixels only"

@@ -42,7 +42,6 @@ def put_curves(artifact: Writer, curves: Curves) -> None:
     artifact.put("history/iteration", np.array(curves.evaluated, np.int64))
     artifact.put("history/psnr", np.array(curves.psnr, np.float64))
     artifact.put("history/ssim", np.array(curves.ssim, np.float64))
-    artifact.put("history/validation_psnr", np.array(curves.validation_psnr, np.float64))
 
 
 def read_render_settings(artifact: Artifact, backend: str) -> RenderSettings:

@@ -39,15 +39,11 @@ class TrainingOptions(GrowthOptions):
         cuts_schedule: truncate the schedule of 3DGS at ``iterations``; else scale its milestones.
         prune_screen_px: screen radius above which Gaussians are pruned after the first regular reset [px]; None for no limit.
         evaluate_every: iterations between two evaluations.
-        patience: evaluations without improvement that end the run; 0 disables early stopping.
-        min_improvement: smallest rise of the validation PSNR that counts [dB].
     """
 
     render: RenderSettings
     position_lr: float
     evaluate_every: int
-    patience: int
-    min_improvement: float
     reset_opacity: float = 0.05
     reset_at_start: bool = False
     prune_screen_px: float | None = None

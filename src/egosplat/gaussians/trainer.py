@@ -32,7 +32,6 @@ class ViewSets:
     """The views by role; see ``egosplat.gaussians.training_views.Split``."""
 
     training: Views
-    validation: Views
     held_out: Views
 
 
@@ -57,7 +56,7 @@ def resume_and_train(
 def train(
     state: TrainingState, view_sets: ViewSets, options: TrainingOptions, checkpoint: Checkpoint
 ) -> None:
-    """Train until the last iteration or until early stopping; changes ``state``.
+    """Train until the last iteration; changes ``state``.
 
     Raises:
         UserError: training diverges, or no Gaussian is left.
@@ -74,9 +73,6 @@ def train(
         state.seconds = time.perf_counter() - started
         if iteration % options.evaluate_every == 0 or last:
             measure(state, view_sets, options, schedule)
-            if ends_early(state, schedule):
-                log(f"no improvement in {options.patience} evaluations: training ends")
-                return
         if recorded:
             checkpoint.save_if_due(state.state_dict)
 
@@ -154,15 +150,11 @@ def record(state: TrainingState) -> None:
 def measure(state: TrainingState, view_sets: ViewSets, options: TrainingOptions, schedule: Schedule) -> None:
     """Evaluate, append the scores to the curves and log them."""
     sh_degree = schedule.sh_degree(state.iteration, state.gaussians.sh_degree)
-    held_out, validation = (
-        evaluate(state.gaussians, _corrected(state, views), options.render, sh_degree)
-        for views in (view_sets.held_out, view_sets.validation)
-    )
+    held_out = evaluate(state.gaussians, _corrected(state, view_sets.held_out), options.render, sh_degree)
     curves = state.curves
     curves.evaluated.append(state.iteration)
     curves.psnr.append(held_out.mean_psnr)
     curves.ssim.append(held_out.mean_ssim)
-    curves.validation_psnr.append(validation.mean_psnr)
     curves.seconds.append(round(state.seconds, 3))
     log(_line(state))
 
@@ -174,22 +166,12 @@ def _corrected(state: TrainingState, views: Views) -> Views:
     return applied(views, state.corrections.values_at(views.frame), state.corrections.compression)
 
 
-def ends_early(state: TrainingState, schedule: Schedule) -> bool:
-    """Whether the last evaluation ends training; keeps the best Gaussians. Always False without patience."""
-    psnr = state.curves.validation_psnr[-1]
-    # During density control, opacity resets and new Gaussians lower the PSNR for a while.
-    if not state.early_stop.patience or state.iteration < schedule.densify_until:
-        return False
-    return state.early_stop.observe(state.iteration, psnr, state.gaussians, state.corrections)
-
-
 def _line(state: TrainingState) -> str:
     curves = state.curves
     loss = f"loss {curves.loss[-1]:.4f}, " if curves.loss else ""
     shown: list[tuple[str, float, Callable[[float], str]]] = [
         ("held-out PSNR", curves.psnr[-1], "{:.2f} dB".format),
         ("SSIM", curves.ssim[-1], "{:.3f}".format),
-        ("validation PSNR", curves.validation_psnr[-1], "{:.2f} dB".format),
     ]
     scores = "".join(f"{name} {form(value)}, " for name, value, form in shown if not math.isnan(value))
     return f"iteration {state.iteration}: {loss}{scores}{state.gaussians.count} Gaussians"

@@ -1,11 +1,9 @@
-"""The complete state of a training run, for checkpoints; early stopping on the validation PSNR is part of it."""
+"""The complete state of a training run, for checkpoints."""
 
-import math
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import torch
-from torch import Tensor
 
 from egosplat.gaussians.corrections import Corrections
 from egosplat.gaussians.density_control import DensityControl
@@ -16,55 +14,6 @@ from egosplat.gaussians.options import TrainingOptions
 
 
 @dataclass
-class EarlyStop:
-    """Track the best Gaussians and the number of evaluations without improvement.
-
-    Attributes:
-        patience: consecutive evaluations without improvement that end training.
-        min_improvement: smallest rise of the PSNR that counts as an improvement [dB].
-        best: copy of the best Gaussians; None before the first evaluation.
-        best_corrections: state of the corrections of its views; None without corrections.
-        best_psnr: their PSNR [dB].
-        best_iteration: the iteration that produced them.
-        waited: evaluations since the last improvement.
-    """
-
-    patience: int
-    min_improvement: float
-    best: Gaussians | None = None
-    best_corrections: dict[str, Tensor] | None = None
-    best_psnr: float = -math.inf
-    best_iteration: int = 0
-    waited: int = 0
-    _mark: float = -math.inf
-
-    def observe(
-        self, iteration: int, psnr: float, gaussians: Gaussians, corrections: Corrections | None = None
-    ) -> bool:
-        """Record an evaluation and return whether training should end. A PSNR of NaN is no improvement."""
-        # Copied, because training changes the tensors in place.
-        if psnr > self.best_psnr:
-            self.best = Gaussians(**{name: p.detach().clone() for name, p in gaussians.parameters().items()})
-            state = {} if corrections is None else corrections.state_dict()
-            self.best_corrections = {name: values.clone() for name, values in state.items()} or None
-            self.best_psnr, self.best_iteration = psnr, iteration
-        # Compared with the last improvement that counted, so that many small improvements add up.
-        improved = psnr >= self._mark + self.min_improvement
-        self.waited = 0 if improved else self.waited + 1
-        if improved:
-            self._mark = psnr
-        return self.waited >= self.patience
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return the state for ``load_state_dict``."""
-        return vars(self) | {"best": self.best and self.best.parameters()}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore a state from ``state_dict``."""
-        vars(self).update(state | {"best": state["best"] and Gaussians(**state["best"])})
-
-
-@dataclass
 class Curves:
     """Training curves: one list entry per record or per evaluation.
 
@@ -72,7 +21,6 @@ class Curves:
         iteration, loss, gaussians: of each record: last iteration, mean loss, number of Gaussians.
         evaluated: iteration of each evaluation.
         psnr, ssim: means over the held-out views; NaN if there are none.
-        validation_psnr: mean over the validation views; NaN if there are none.
         seconds: training time so far; the only numbers that differ between identical runs.
     """
 
@@ -82,7 +30,6 @@ class Curves:
     evaluated: list[int] = field(default_factory=list)
     psnr: list[float] = field(default_factory=list)
     ssim: list[float] = field(default_factory=list)
-    validation_psnr: list[float] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
 
 
@@ -116,7 +63,6 @@ class TrainingState:
         # On the CPU: a GPU's generator would draw other numbers from the same seed.
         self.generator = torch.Generator().manual_seed(options.seed)
         self.order: list[int] = []
-        self.early_stop = EarlyStop(options.patience, options.min_improvement)
         self.curves = Curves()
         self.iteration = 0
         self.seconds = 0.0
@@ -140,7 +86,6 @@ class TrainingState:
             "corrections": self.corrections and self.corrections.state_dict(),
             "generator": self.generator.get_state(),
             "order": list(self.order),
-            "early_stop": self.early_stop.state_dict(),
             "curves": asdict(self.curves),
             "loss_sum": self.loss_sum,
             **{name: getattr(self, name) for name in _NUMBERS},
@@ -159,7 +104,6 @@ class TrainingState:
             self.corrections.load_state_dict(state["corrections"])
         self.generator.set_state(state["generator"].cpu())
         self.order = state["order"]
-        self.early_stop.load_state_dict(state["early_stop"])
         self.curves = Curves(**state["curves"])
         self.loss_sum = state["loss_sum"]
         for name in _NUMBERS:

@@ -15,9 +15,6 @@ from egosplat.geometry import Camera
 
 Mask = NDArray[np.bool_]
 
-# The middle one of every eight training frames is held out for decisions during training.
-_HOLD_OUT_EVERY = 8
-
 
 @dataclass(frozen=True)
 class Views:
@@ -78,54 +75,30 @@ class Split:
 
     Attributes:
         training: frames to train on.
-        validation: frames that decide early stopping; none without it.
         held_out: evaluation frames outside the training frames; they are scored and decide nothing.
     """
 
     training: Mask
-    validation: Mask
     held_out: Mask
 
 
-def split_views(train: Mask, evaluation: Mask, registered: Mask, *, validate: bool) -> Split:
+def split_views(train: Mask, evaluation: Mask, registered: Mask) -> Split:
     """Assign each frame its role.
 
     Args:
         train, evaluation: (F,) bool of frames.zarr.
         registered: (F,) bool of poses.zarr.
-        validate: hold out training frames for validation: every eighth, at least one.
 
     Raises:
-        UserError: no training frame has a pose, or no frame would be left to train on.
+        UserError: no training frame has a pose.
     """
     training = train & registered
-    validation = np.zeros_like(training)
-    rows = np.flatnonzero(training)
-    if not len(rows):
+    if not training.any():
         raise UserError(
             f"none of {int(train.sum())} training frames has a pose; see the log of the stage poses"
         )
-    if validate:
-        validation = _hold_out(training)
     # With frames.holdout false, evaluation frames are trained on: scores on them would not be held out.
-    return Split(training & ~validation, validation, evaluation & ~train & registered)
-
-
-def _hold_out(training: Mask) -> Mask:
-    """Select every eighth training frame (F,), at least one, as (F,) bool.
-
-    Raises:
-        UserError: no frame would be left to train on.
-    """
-    rows = np.flatnonzero(training)
-    if len(rows) < 2:
-        raise UserError(
-            f"splats.patience: needs 2 training frames with a pose, there is {len(rows)}; set it to 0"
-        )
-    held_out = rows[_HOLD_OUT_EVERY // 2 :: _HOLD_OUT_EVERY]
-    chosen = np.zeros_like(training)
-    chosen[held_out if len(held_out) else rows[len(rows) // 2]] = True
-    return chosen
+    return Split(training, evaluation & ~train & registered)
 
 
 def read_views(

@@ -79,7 +79,7 @@ def train_geometry(
     corrections = make_corrections(keys.corrections, start, views, keys.near_plane, keys.iterations)
     extent = scene_extent(views.camera_to_world)
     state = TrainingState(start, options, extent, L1Ssim(ssim_lambda=0.2), corrections)
-    view_sets = ViewSets(views, validation=none, held_out=none)
+    view_sets = ViewSets(views, held_out=none)
     # Sums over several threads would differ from run to run.
     with single_thread():
         resume_and_train(state, view_sets, options, Checkpoint(output, key, _CHECKPOINT_S))
@@ -113,7 +113,5 @@ def training_options(keys: InstancesOptions) -> TrainingOptions:
         position_lr=_POSITION_LR,
         grow_grad2d=_GROW_GRAD2D,
         evaluate_every=keys.iterations,
-        patience=0,
-        min_improvement=0.0,
         seed=keys.seed,
     )

@@ -66,7 +66,7 @@ def run(
         _write_tracks(output, record, segments)
         return
     flags = frames.read("train") & kept, frames.read("evaluation"), poses.read("registered")
-    training = split_views(*flags, validate=False).training
+    training = split_views(*flags).training
     key = provenance.key_of(record)
     tracks = MovingTracks(segments)
     gaussians, views, cameras = train_geometry(

@@ -59,9 +59,8 @@ def select_code_views(
         UserError: there is none.
     """
     train = frames.read("train") if kept is None else frames.read("train") & kept
-    # Validation frames of the splats are used, too: codes have no early stopping.
     flags = train, frames.read("evaluation"), poses.read("registered")
-    rows = np.flatnonzero(split_views(*flags, validate=False).training)
+    rows = np.flatnonzero(split_views(*flags).training)
     _, height, width, _ = frames.shape("rgb")
     return CodeViews(
         frame=rows.astype(np.int64),

@@ -149,6 +149,8 @@ _REMOVED = {
     "budget": "set preset (docs/speed.md)",
     "transient.strategy": "3DGS's density control is the only strategy",
     "splats.strategy": "3DGS's density control is the only strategy (benchmarks/training/README.md)",
+    "splats.patience": "training always runs to its end: stopping early bought nothing (benchmarks/tradeoff/README.md)",
+    "splats.min_improvement": "training always runs to its end",
     "survey.max_moving_share": "survey.max_moving_probability decides now; its default suits most cameras",
 }
 

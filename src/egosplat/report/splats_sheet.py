@@ -98,13 +98,11 @@ def _draw_curves(axes: NDArray[np.object_], splats: Artifact) -> None:
 
 
 def _draw_psnr(axes: Axes, splats: Artifact) -> None:
-    iteration = splats.read("history/iteration")
-    for name, label in (("history/psnr", "held out"), ("history/validation_psnr", "validation")):
-        values = splats.read(name)
-        if np.isfinite(values).any():
-            axes.plot(iteration, values, marker="o", markersize=4, label=label)
-            axes.legend(loc="lower right")
-    if not axes.lines:
+    values = splats.read("history/psnr")
+    if np.isfinite(values).any():
+        axes.plot(splats.read("history/iteration"), values, marker="o", markersize=4, label="held out")
+        axes.legend(loc="lower right")
+    else:
         axes.set_yticks([])
         axes.text(0.5, 0.5, "no frame was held out", transform=axes.transAxes, ha="center", va="center")
     axes.set(ylabel="PSNR [dB]")

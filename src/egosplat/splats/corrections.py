@@ -15,17 +15,9 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.pixel_weights import Masking
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.rigid import angle_of
-from egosplat.gaussians.training_state import TrainingState
 from egosplat.gaussians.training_views import Views
 from egosplat.progress import log
 from egosplat.splats.held_out import put_held_out
-
-
-def kept_corrections(state: TrainingState) -> Corrections | None:
-    """The corrections that belong to the Gaussians that are kept: of the best with early stopping, else of the last."""
-    if state.corrections is not None and state.early_stop.best_corrections is not None:
-        state.corrections.load_state_dict(state.early_stop.best_corrections)
-    return state.corrections
 
 
 def put_corrections(

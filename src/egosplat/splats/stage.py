@@ -39,7 +39,7 @@ from egosplat.gaussians.training_views import (
     split_views,
 )
 from egosplat.progress import log
-from egosplat.splats.corrections import kept_corrections, put_corrections
+from egosplat.splats.corrections import put_corrections
 from egosplat.splats.held_out import put_held_out
 
 
@@ -56,8 +56,6 @@ class SplatsOptions(GrowthOptions, RenderSettings, CameraOptions):
     ssim_lambda: float
     position_lr: float
     evaluate_every: int
-    patience: int
-    min_improvement: float
     checkpoint_s: float
 
     @property
@@ -67,8 +65,6 @@ class SplatsOptions(GrowthOptions, RenderSettings, CameraOptions):
             render=self,
             position_lr=self.position_lr,
             evaluate_every=self.evaluate_every,
-            patience=self.patience,
-            min_improvement=self.min_improvement,
         )
 
 
@@ -151,11 +147,10 @@ def _view_sets(
 ) -> ViewSets:
     """Read the views by role."""
     flags = frames.read("train") & kept, frames.read("evaluation"), poses.read("registered")
-    split = split_views(*flags, validate=options.patience > 0)
+    split = split_views(*flags)
     device = training_device(options.render.backend)
     view_sets = ViewSets(
         read_views(frames, poses, split.training, masking, device),
-        read_views(frames, poses, split.validation, masking, device),
         # Held-out frames are scored on all pixels: masks must not make a score better.
         read_views(frames, poses, split.held_out, Masking(None, ""), device),
     )
@@ -177,7 +172,6 @@ def _check_left(views: Views) -> None:
 def _named(view_sets: ViewSets) -> dict[str, Any]:
     return {
         "training": view_sets.training,
-        "validation": view_sets.validation,
         "held out": view_sets.held_out,
     }
 
@@ -191,14 +185,10 @@ def _write(
     poses: Artifact,
     masking: Masking,
 ) -> None:
-    """Evaluate and write the Gaussians: the best with early stopping, else the last."""
-    # With early stopping, the last Gaussians are some evaluations past the best.
-    kept = state.early_stop.best
-    gaussians, iteration = (
-        (state.gaussians, state.iteration) if kept is None else (kept, state.early_stop.best_iteration)
-    )
+    """Evaluate and write the Gaussians."""
+    gaussians, iteration = state.gaussians, state.iteration
     sh_degree = options.schedule.sh_degree(iteration, gaussians.sh_degree)
-    corrections, held_out = kept_corrections(state), view_sets.held_out
+    corrections, held_out = state.corrections, view_sets.held_out
     with create(output, SPLATS, record) as artifact:
         facts: dict[str, Any] = {}
         if corrections is not None:
@@ -234,7 +224,6 @@ def _facts(
         "views": {name: len(some) for name, some in _named(view_sets).items()},
         "iteration": iteration,
         "iterations_done": state.iteration,
-        "stopped_early": state.iteration < options.iterations,
         "sh_degree_in_use": options.schedule.sh_degree(iteration, gaussians.sh_degree),
         "skipped_rows": state.optimizer.skipped_rows,
         "training_s": round(state.seconds, 3),

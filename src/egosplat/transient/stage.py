@@ -68,10 +68,8 @@ class TransientOptions(GrowthOptions, CameraOptions):
             render=RenderSettings(self.near_plane, self.background, antialiased=False, backend=self.backend),
             position_lr=POSITION_LR,
             cuts_schedule=self.schedule == "cut",
-            # Temporary Gaussians need neither intermediate evaluations nor early stopping.
+            # Temporary Gaussians need no intermediate evaluations.
             evaluate_every=self.iterations,
-            patience=0,
-            min_improvement=0.0,
         )
 
     @property
@@ -160,15 +158,15 @@ def _view_sets(
 ) -> ViewSets:
     """Read the training views."""
     flags = frames.read("train") & kept, frames.read("evaluation"), poses.read("registered")
-    training = split_views(*flags, validate=False).training
-    # The trainer takes three sets; nothing is validated or held out, because the Gaussians are discarded.
+    training = split_views(*flags).training
+    # The trainer takes two sets; nothing is held out, because the Gaussians are discarded.
     views, none = (
         read_reduced_views(frames, poses, chosen, resolution, device)
         for chosen in (training, np.zeros_like(training))
     )
     camera = views.camera
     log(f"{len(views)} training views of {camera.width} x {camera.height} pixels")
-    return ViewSets(views, validation=none, held_out=none)
+    return ViewSets(views, held_out=none)
 
 
 def _put_curves(artifact: Writer, state: TrainingState, objective: InitialObjective) -> None:

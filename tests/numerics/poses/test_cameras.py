@@ -131,18 +131,13 @@ def test_invalid_poses_are_rejected(broken):
         found.check()
 
 
-@pytest.mark.numerics(
-    "two frames, one frame, and no frame with a pose",
-    outside="two train; UserError if one has to validate, or if there is none",
-)
+@pytest.mark.numerics("two frames, one frame, and no frame with a pose", outside="UserError without any")
 def test_few_frames():
     two, none = np.ones(2, bool), np.zeros(2, bool)
-    assert split_views(two, none, two, validate=True).training.sum() == 1
-    assert split_views(two, none, two, validate=False).training.sum() == 2
+    assert split_views(two, none, two).training.sum() == 2
+    assert split_views(two, none, np.array([True, False])).training.sum() == 1
     with pytest.raises(UserError, match="2 training frames"):
-        split_views(two, none, np.array([True, False]), validate=True)
-    with pytest.raises(UserError, match="2 training frames"):
-        split_views(two, none, none, validate=False)
+        split_views(two, none, none)
 
 
 @pytest.mark.numerics(

@@ -42,8 +42,6 @@ OPTIONS = TrainingOptions(
     position_lr=1.6e-4,
     grow_grad2d=2e-4,
     evaluate_every=30,
-    patience=0,
-    min_improvement=0.05,
     seed=3,
 )
 
@@ -55,7 +53,7 @@ def views_of(pictures: np.ndarray, poses: np.ndarray, *rows: int) -> Views:
 
 
 def view_sets(pictures, poses) -> ViewSets:
-    sets = ((0, 1, 2, 3, 5, 6, 7, 8), (), (4,))
+    sets = ((0, 1, 2, 3, 5, 6, 7, 8), (4,))
     return ViewSets(*(views_of(pictures, poses, *rows) for rows in sets))
 
 
@@ -180,10 +178,9 @@ class StoppingCheckpoint(Checkpoint):
 
 
 def test_a_resumed_run_has_the_same_corrections(start, pictures, camera_to_world, tmp_path):
-    """Protects the checkpoint: values, steps and moments, and those of the best Gaussians."""
+    """Protects the checkpoint: values, steps and moments."""
     sets = view_sets(pictures, camera_to_world)
-    sets = replace(sets, validation=sets.held_out)
-    options = replace(OPTIONS, patience=5, min_improvement=0.0, evaluate_every=20)
+    options = replace(OPTIONS, evaluate_every=20)
 
     def run(checkpoint: Checkpoint) -> TrainingState:
         corrections = make_corrections(BOTH, start, sets.training, 0.1, 60)
@@ -199,8 +196,6 @@ def test_a_resumed_run_has_the_same_corrections(start, pictures, camera_to_world
     assert torch.equal(resumed.gaussians.means, unbroken.gaussians.means)
     for name, tensor in unbroken.corrections.state_dict().items():
         assert torch.equal(resumed.corrections.state_dict()[name], tensor), name
-    for name, tensor in unbroken.early_stop.best_corrections.items():
-        assert torch.equal(resumed.early_stop.best_corrections[name], tensor), name
     assert bool((unbroken.corrections.steps > 0).all())
 
 

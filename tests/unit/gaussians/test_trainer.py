@@ -28,8 +28,6 @@ OPTIONS = TrainingOptions(
     position_lr=1.6e-4,
     grow_grad2d=2e-4,
     evaluate_every=20,
-    patience=0,
-    min_improvement=0.05,
     seed=3,
 )
 EXTENT = 1.0
@@ -43,7 +41,7 @@ def view_sets(pictures, camera_to_world) -> ViewSets:
         some = torch.from_numpy(pictures[frame])
         return Views(frame, some, camera_to_world[frame], None, None, camera, device)
 
-    return ViewSets(training=views(0, 1, 3, 5, 7, 8), validation=views(), held_out=views(4))
+    return ViewSets(training=views(0, 1, 3, 5, 7, 8), held_out=views(4))
 
 
 @pytest.fixture
@@ -79,7 +77,6 @@ def test_training_lowers_the_error_on_all_frames(trained):
     assert curves.iteration == list(range(10, 201, 10)) and curves.loss[-1] < 0.3 * curves.loss[0]
     assert state.gaussians.count == curves.gaussians[-1] <= 80
     assert curves.gaussians[-1] > curves.gaussians[0]
-    assert all(math.isnan(psnr) for psnr in curves.validation_psnr)
 
 
 def test_results_depend_on_the_seed(trained):
@@ -105,18 +102,8 @@ class StoppingCheckpoint(Checkpoint):
             raise Stopped
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {},
-        {"patience": 5, "min_improvement": 0.0},
-    ],
-    ids=["default", "early stopping"],
-)
-def test_a_resumed_run_equals_an_uninterrupted_one(trained, start, view_sets, tmp_path, changes):
-    changes |= {"render": replace(OPTIONS.render, background="random")}
-    if "patience" in changes:
-        view_sets = replace(view_sets, validation=view_sets.held_out)
+def test_a_resumed_run_equals_an_uninterrupted_one(trained, start, view_sets, tmp_path):
+    changes = {"render": replace(OPTIONS.render, background="random")}
     unbroken = trained(view_sets, **changes)
     with pytest.raises(Stopped):
         trained(view_sets, StoppingCheckpoint(tmp_path, at=40), **changes)
@@ -128,9 +115,6 @@ def test_a_resumed_run_equals_an_uninterrupted_one(trained, start, view_sets, tm
     train(state, view_sets, options, checkpoint)
     assert same(state.gaussians, unbroken.gaussians)
     assert state.curves.loss == unbroken.curves.loss and state.curves.psnr == unbroken.curves.psnr
-    assert state.early_stop.best_psnr == unbroken.early_stop.best_psnr
-    if state.early_stop.best is not None:
-        assert same(state.early_stop.best, unbroken.early_stop.best)
 
 
 def test_every_view_comes_once_an_epoch(start):
@@ -151,19 +135,6 @@ def test_pixels_outside_the_lens_circle_do_not_matter(trained, view_sets):
     assert same(dark.gaussians, bright.gaussians)
     unmasked = trained(replace(view_sets, training=replace(views, valid=None, pictures=other)))
     assert not same(dark.gaussians, unmasked.gaussians)
-
-
-def test_it_stops_early_and_keeps_the_best(trained, view_sets, capsys):
-    watched = replace(view_sets, validation=view_sets.held_out)
-    state = trained(watched, iterations=400, evaluate_every=50, patience=2, min_improvement=100.0)
-    # Density control ends at 200: that evaluation is the first that counts.
-    assert state.iteration == 300 and "no improvement in 2 evaluations" in capsys.readouterr().err
-    assert state.early_stop.best_iteration in (200, 250, 300)
-    assert state.early_stop.best_psnr == max(state.curves.validation_psnr[-3:])
-
-
-def test_without_patience_no_best_state_is_kept(trained):
-    assert trained().early_stop.best is None
 
 
 def test_a_persistently_non_finite_loss_stops_training(start):

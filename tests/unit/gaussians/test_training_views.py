@@ -25,24 +25,14 @@ def opened(folder):
 
 
 def test_only_frames_with_a_pose_are_used_and_evaluated_frames_are_not_trained_on():
-    split = split_views(mask(6, 0, 1, 2, 5), mask(6, 3, 4, 5), mask(6, 0, 2, 3, 5), validate=False)
+    split = split_views(mask(6, 0, 1, 2, 5), mask(6, 3, 4, 5), mask(6, 0, 2, 3, 5))
     assert np.flatnonzero(split.training).tolist() == [0, 2, 5]
     assert np.flatnonzero(split.held_out).tolist() == [3]  # 4 has no pose, 5 is trained on
-    assert not split.validation.any()
-
-
-@pytest.mark.parametrize("count, aside", [(2, [1]), (4, [2]), (8, [4]), (20, [4, 12])])
-def test_validation_is_taken_from_the_training_frames(count, aside):
-    split = split_views(np.ones(count, bool), np.zeros(count, bool), np.ones(count, bool), validate=True)
-    assert np.flatnonzero(split.validation).tolist() == aside
-    assert (split.training ^ split.validation).all() and split.training.any()
 
 
 def test_too_few_views_are_rejected():
     with pytest.raises(UserError, match="2 training frames"):
-        split_views(mask(3, 0, 1), mask(3, 2), mask(3, 2), validate=False)
-    with pytest.raises(UserError, match="patience: .*2 training frames"):
-        split_views(mask(3, 0, 1), mask(3, 2), mask(3, 1, 2), validate=True)
+        split_views(mask(3, 0, 1), mask(3, 2), mask(3, 2))
 
 
 def test_views_are_the_chosen_frames(scene, pictures, camera_to_world):

@@ -131,6 +131,7 @@ def test_the_reference_page_holds_every_key_once_under_its_section():
         ({"frames": {"resolutoin": 3}}, "unknown key 'frames.resolutoin'; did you mean 'resolution'?"),
         ({"xyz": {}}, "unknown key 'xyz'; known keys: preset, scenes"),
         ({"budget": {"minutes": 3}}, "key 'budget' was removed; set preset"),
+        ({"splats": {"patience": 2}}, "key 'splats.patience' was removed; training always runs to its end"),
         ({"frames": {"resolution": "big"}}, "frames.resolution = 'big' .* whole number"),
         ({"frames": {"resolution": 3}}, "frames.resolution = 3 .* 32"),
         ({"frames": {"stride": 0}}, "frames.stride = 0 .* 1"),

@@ -82,7 +82,7 @@ def train(folder: Path, name: str = "splats.zarr", **changes: object) -> Artifac
         ({}, 2),
         ({"background": "random", "antialiased": True}, 2),
         ({"masking": "refined", "language": "joint", "ssim_lambda": 0.0}, 2),
-        ({"masking": "initial", "patience": 2, "evaluate_every": 10, "sh_degree": 3, **CORRECTED}, 4),
+        ({"masking": "initial", "evaluate_every": 10, "sh_degree": 3, **CORRECTED}, 4),
     ],
     ids=["default", "random background", "joint", "corrected"],
 )

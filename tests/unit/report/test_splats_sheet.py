@@ -11,7 +11,7 @@ from tests.support.scenes import camera_facts, put_scene
 HEIGHT, WIDTH = 20, 30
 
 
-def scene(folder, held_out: int, records: int, validation: bool, corrections: int):
+def scene(folder, held_out: int, records: int, corrections: int):
     rng = np.random.default_rng(0)
 
     def pictures(count: int) -> np.ndarray:
@@ -30,7 +30,6 @@ def scene(folder, held_out: int, records: int, validation: bool, corrections: in
         "history/iteration": np.array([5, 10]),
         "history/psnr": np.full(2, 20.0 if held_out else np.nan),
         "history/ssim": np.full(2, 0.8 if held_out else np.nan),
-        "history/validation_psnr": np.full(2, 21.0 if validation else np.nan),
         "held_out/frame": np.arange(held_out),
         "held_out/psnr": np.full(held_out, 21.5),
         "held_out/ssim": np.full(held_out, 0.85),
@@ -59,13 +58,13 @@ def scene(folder, held_out: int, records: int, validation: bool, corrections: in
 
 
 @pytest.mark.parametrize(
-    "held_out, records, validation, corrections",
-    [(8, 300, True, 0), (1, 1, False, 2), (0, 3, False, 1)],
+    "held_out, records, corrections",
+    [(8, 300, 0), (1, 1, 2), (0, 3, 1)],
     ids=["usual", "few, corrected", "nothing held out, corrections of 0"],
 )
-def test_the_page_is_written_as_one_picture(tmp_path, held_out, records, validation, corrections):
+def test_the_page_is_written_as_one_picture(tmp_path, held_out, records, corrections):
     output = tmp_path / "splats.png"
-    run(*scene(tmp_path, held_out, records, validation, corrections), output, title="a scene")
+    run(*scene(tmp_path, held_out, records, corrections), output, title="a scene")
     picture = np.asarray(Image.open(output).convert("L"))
     assert picture.shape[1] > 700 and picture.std() > 10
     assert sorted(path.name for path in tmp_path.iterdir() if path.suffix == ".png") == ["splats.png"]

@@ -47,9 +47,9 @@ def run(folder: Path, name: str = "splats.zarr", survey: Path | None = None, **c
 def test_artifact_holds_the_expected_facts_and_inputs(scene, pictures):
     splats = run(scene())
     assert splats.origin == "synthetic" and set(splats.provenance["inputs"]) == {"frames.zarr", "poses.zarr"}
-    assert splats.facts["views"] == {"training": 8, "validation": 0, "held out": 1}
+    assert splats.facts["views"] == {"training": 8, "held out": 1}
     assert splats.facts["iteration"] == splats.facts["iterations_done"] == 40
-    assert not splats.facts["stopped_early"] and len(splats.facts["history_s"]) == 2
+    assert len(splats.facts["history_s"]) == 2
     assert splats.read("held_out/frame").tolist() == [4]
     assert splats.read("history/psnr")[-1] == pytest.approx(splats.read("held_out/psnr").mean())
     assert splats.read("curve/gaussians")[-1] == splats.shape("means")[0]
@@ -69,7 +69,7 @@ def test_frames_left_out_by_the_survey_are_not_trained_on(scene, pictures, surve
     folder = scene()
     survey = survey_that_keeps(folder, [0, 2, 4, 6, 8])
     splats = run(folder, survey=survey)
-    assert splats.facts["views"] == {"training": 4, "validation": 0, "held out": 1}
+    assert splats.facts["views"] == {"training": 4, "held out": 1}
     assert splats.provenance["options"]["kept_frames"] == json.loads(survey.read_text())["views"]["digest"]
     blank = pictures.copy()
     blank[[1, 3, 5, 7]] = 0
@@ -152,17 +152,6 @@ def test_a_checkpoint_of_other_options_is_not_resumed(scene, monkeypatch):
     run(folder, seed=7, checkpoint_s=1e-9)
     assert (folder / ".splats.zarr.checkpoint" / "state").exists()
     assert run(folder).digest == expected
-
-
-def test_the_best_are_stored_where_training_stops_early(scene):
-    splats = run(scene(), iterations=200, evaluate_every=25, patience=1, min_improvement=100.0)
-    facts = splats.facts
-    assert facts["views"] == {"training": 7, "validation": 1, "held out": 1}
-    assert facts["stopped_early"] and facts["iterations_done"] == 125
-    at = splats.read("history/iteration").tolist().index(facts["iteration"])
-    counted = splats.read("history/iteration") >= 100
-    assert splats.read("history/validation_psnr")[at] == splats.read("history/validation_psnr")[counted].max()
-    assert splats.read("history/psnr")[at] == pytest.approx(splats.read("held_out/psnr").mean())
 
 
 def test_points_that_no_camera_sees_are_left_out(scene, points):
