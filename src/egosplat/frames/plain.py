@@ -32,6 +32,9 @@ from egosplat.sharpness import measure_sharpness
 # Guessed focal length in units of the longer side: COLMAP's default, a field of view of 45°.
 FOCAL_PRIOR = 1.2
 
+# Frames per second that show a walk well enough. COLMAP takes six times as long for three times as many (docs/speed.md).
+ENOUGH_PER_S = 3.0
+
 
 class PlainRecording:
     """A video or a folder of images; a ``Recording`` without a device frame."""
@@ -76,6 +79,8 @@ class PlainRecording:
         if pick == SHARPEST and stride > 1:
             every = select_frames(times, stride=1, **interval)
             self._frames = select_sharpest(every, self._sharpness(every, reduced), stride)
+        if kind is None and (line := stride_advice(times[self._frames], stride)):
+            log(f"{path.name}: {line}")
         self.capture = Capture.of_video(times[self._frames], guess.scaled_to(width, height), False, reduced)
         estimated, evidence = None, None
         if calibration is None:
@@ -149,6 +154,23 @@ def fit(full: Camera, resolution: int, path: Path) -> tuple[int, int]:
     if not 1 <= resolution <= longest:
         raise UserError(f"resolution: {resolution} px, but {path} has {longest}. Choose from 1 to {longest}.")
     return tuple(max(1, round(side * resolution / longest)) for side in (full.width, full.height))
+
+
+def stride_advice(timestamp_ns: NDArray[np.int64], stride: int) -> str | None:
+    """What to set if a recording whose poses COLMAP has to find has far more frames than it needs; None if it has not.
+
+    Args:
+        timestamp_ns: (N,) times of the selected frames.
+        stride: with which they were selected.
+    """
+    span_s = float(timestamp_ns[-1] - timestamp_ns[0]) * 1e-9
+    rate = (len(timestamp_ns) - 1) / span_s if span_s > 0 else 0.0
+    if rate < 2 * ENOUGH_PER_S:
+        return None
+    return (
+        f"{len(timestamp_ns)} frames, {rate:.0f} a second; frames.stride={stride * int(rate / ENOUGH_PER_S)} takes about "
+        f"{ENOUGH_PER_S:.0f} a second, for which COLMAP takes a fraction of the time"
+    )
 
 
 def _guess_camera(width: int, height: int) -> Camera:

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from egosplat.errors import UserError
-from egosplat.frames.plain import PlainRecording
+from egosplat.frames.plain import PlainRecording, stride_advice
 from egosplat.frames.readers import open_recording
 from egosplat.geometry import Camera
 
@@ -222,6 +222,18 @@ def test_video_frames_have_the_times_of_their_container(video):
     assert np.abs(recording.capture.timestamp_ns - np.array([0, 5, 10]) * 1e9 / 15).max() < 1000
     greens = [int(image[12, 28, 1]) for image in recording.read_frames(np.array([1, 2]))]
     assert np.abs(np.array(greens) - [50, 100]).max() <= 3
+
+
+@pytest.mark.parametrize("stride, advised", [(1, "12 frames, 15 a second; frames.stride=5"), (3, None)])
+def test_a_stride_is_advised_where_colmap_would_take_long(video, capsys, stride, advised):
+    """A video of 30 frames a second takes COLMAP many minutes for views that hardly differ."""
+    PlainRecording(video(), **(OPTIONS | {"stride": stride}))
+    said = capsys.readouterr().err
+    assert advised in said if advised else "frames.stride" not in said
+
+
+def test_one_frame_or_equal_times_advise_nothing():
+    assert stride_advice(np.zeros(1, np.int64), 1) is stride_advice(np.zeros(5, np.int64), 1) is None
 
 
 def test_a_variable_frame_rate_keeps_its_times(video):
