@@ -107,7 +107,11 @@ def paint(
     step = max(1, _PIXELS_AT_ONCE // valid.size)
     for ids, logits in objects:
         numbers = torch.tensor(ids, dtype=torch.int32, device=device)
-        for first in range(0, len(ids), step):
+        if device.type == "cpu":
+            # Most tracked objects are absent from a frame: enlarged, they would paint nothing. A GPU would have to wait.
+            present = (logits > 0).flatten(1).any(1)
+            numbers, logits = numbers[present], logits[present]
+        for first in range(0, len(numbers), step):
             some = logits[first : first + step, None]
             large = F.interpolate(some, valid.shape, mode="bilinear", align_corners=False)[:, 0]
             highest, which = large.max(dim=0)
