@@ -5,12 +5,16 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import zarr
+from jsonschema import Draft202012Validator
 from PIL import Image, ImageChops
 
 from egosplat.artifacts.reader import verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.pipeline.stages import PAGES, PIPELINE, STAGES
+from egosplat.pipeline.validation import schema
 
 SCENE = "results/adt/scene1"
 COSTS = {"created", "wall_s", "cpu_s", "peak_memory_mb", "peak_gpu_memory_mb", "training_s", "disk_mb"}
@@ -71,15 +75,72 @@ def test_a_rule_alone_makes_the_output_of_the_full_run(rules, finished, workdir)
         assert same(finished.folder / SCENE / target.name, target), target.name
 
 
-def test_tiles_are_made_for_a_method_that_learns_from_them(workdir):
-    (workdir.folder / "field.yaml").write_text("language: {method: field, iterations: 10, pixels: 50}")
-    target = f"{SCENE}/language.zarr"
-    done = workdir.snakemake(
-        "--allowed-rules", "tiles", "language", "--configfile", "tiny.yaml", "field.yaml", "--", target
-    )
+def run_rules(workdir, rules: tuple[str, ...], config: str, *targets: str) -> None:
+    """Make targets by these rules alone, with additional configuration."""
+    (workdir.folder / "more.yaml").write_text(config)
+    wanted = [f"{SCENE}/{target}" for target in targets]
+    done = workdir.snakemake("more.yaml", "--allowed-rules", *rules, "--", *wanted)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_a_method_that_learns_from_tiles_is_scored_without_instances(workdir):
+    for name in ("segments", "instances", "view_features", "features"):
+        shutil.rmtree(workdir.folder / SCENE / f"{name}.zarr")
+    rules = ("tiles", "splats", "language", "metrics", "queries_sheet")
+    config = """
+splats: {masking: none}
+language: {method: field, iterations: 10, pixels: 50}
+"""
+    run_rules(workdir, rules, config, "metrics.json", "queries.png")
     tiles, found = (
         verify(workdir.folder / SCENE / f"{name}.zarr", SCHEMAS) for name in ("tiles", "language")
     )
     assert found.facts["method"] == "field" and found.provenance["inputs"]["tiles.zarr"] == tiles.digest
     assert found.has("decoder/values") and len(found.facts["levels"]) == 8
+    scored = json.loads((workdir.folder / SCENE / "metrics.json").read_text())
+    made_from = {f"{name}.zarr" for name in ("frames", "poses", "annotations", "tiles", "splats", "language")}
+    assert set(scored["artifacts"]) == made_from and len(scored["queries"]) > 0
+
+
+def write_empty_maps(path: Path, queries: list[dict[str, Any]], name: str) -> None:
+    """Relevancy maps without a value, as a method of this name would write them."""
+    group = zarr.open_group(path, mode="w")
+    shape = (len(queries), 1, 12, 12)
+    maps = group.create_array("relevancy", shape=shape, chunks=(1, *shape[1:]), dtype="float16")
+    maps[...] = np.full(shape, np.nan)
+    frames = np.array([query["frame"] for query in queries])
+    group.create_array("frame", shape=frames.shape, dtype=frames.dtype)[...] = frames
+    about = {"schema": "relevancy", "format_version": 1, "method": name, "levels": ["all"]}
+    group.attrs.update(about | {"category": [query["category"] for query in queries]})
+
+
+def test_maps_of_a_method_are_scored_again_only_if_they_change(workdir):
+    own = json.loads((workdir.folder / SCENE / "metrics.json").read_text())
+    maps, target = workdir.folder / "maps/adt/scene1/mine.zarr", "methods/mine/metrics.json"
+    write_empty_maps(maps, own["queries"], "Mine")
+    config = "tables: {maps: maps}"
+    run_rules(workdir, ("method_metrics",), config, target)
+    found = json.loads((workdir.folder / SCENE / target).read_text())
+    Draft202012Validator(schema("metrics")).validate(found)
+    assert found["method"] == "Mine" and found["scores"]["all"]["accuracy"] == 0.0
+    assert found["scores"]["all"]["count"] == own["scores"]["all"]["count"] > 0
+    assert workdir.stale(f"{SCENE}/{target}", config=config) == set()
+    write_empty_maps(maps, own["queries"], "Another")
+    assert workdir.stale(f"{SCENE}/{target}", config=config) == {"method_metrics"}
+
+
+def test_methods_are_drawn_side_by_side(workdir):
+    """A column for each of tables.methods, beside EgoSplat's."""
+    config = """
+variants: {mine: {method: Mine, language: {method: centre}}}
+tables: {methods: [mine]}
+"""
+    run_rules(workdir, ("language", "metrics", "methods_sheet"), config, "methods.png")
+    wide = Image.open(workdir.folder / SCENE / "methods.png").width
+    assert workdir.stale(f"{SCENE}/methods.png", config=config) == set()
+    more = config.replace("variants: {", "variants: {other: {extends: mine, method: Other}, ").replace(
+        "[mine]", "[mine, other]"
+    )
+    assert workdir.stale(f"{SCENE}/methods.png", config=more) == {"metrics", "methods_sheet"}
+    run_rules(workdir, ("metrics", "methods_sheet"), more, "methods.png")
+    assert Image.open(workdir.folder / SCENE / "methods.png").width == pytest.approx(4 / 3 * wide, rel=0.02)

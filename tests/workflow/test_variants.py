@@ -17,6 +17,7 @@ VARIANT = f"{SCENE}/variants"
         ("baseline/language.zarr", {"features", "splats", "language"}),
         ("no_masks/language.zarr", {"splats", "language"}),
         ("network_masks/splats.zarr", {"splats"}),
+        ("lerf/metrics.json", {"tiles", "splats", "language", "metrics"}),
         ("occam/language.zarr", {"segments", "instances", "view_features", "features", "splats", "language"}),
     ],
 )

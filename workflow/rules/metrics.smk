@@ -1,7 +1,7 @@
 """
 Scores of a scene: localization, masks and rendering.
 
-REQUIRED INPUTS: frames.zarr, poses.zarr, annotations.zarr, features.zarr, splats.zarr, language.zarr. The stage also
+REQUIRED INPUTS: frames.zarr, poses.zarr, annotations.zarr, features.zarr or tiles.zarr, splats.zarr, language.zarr. The stage also
 reads the time and memory of the artifacts that these were made from. For methods that were run elsewhere, their maps.
 OUTPUTS: metrics.json, as src/egosplat/pipeline/schemas/metrics.schema.yaml describes it; results/benchmark/ for all scenes.
 TOOLS: OpenCLIP, PyTorch, egosplat's kernels or gsplat; Jinja2.
@@ -34,9 +34,9 @@ rule metrics:
         frames=artifact("frames"),
         poses=artifact("poses"),
         annotations=artifact("annotations"),
-        features=artifact("features"),
         splats=artifact("splats"),
         language=artifact("language"),
+        others=optional_artifacts("metrics"),
     output:
         report(
             "results/{dataset}/{scene}/{variant}metrics.json",
@@ -56,6 +56,7 @@ rule metrics:
     params:
         title=get_title,
         method=method_flag,
+        others=optional_flags("metrics"),
         flags=flags("metrics"),
         models=models("metrics"),
         code=code_of("metrics"),
@@ -64,9 +65,9 @@ rule metrics:
         " --frames {input.frames:q}"
         " --poses {input.poses:q}"
         " --annotations {input.annotations:q}"
-        " --features {input.features:q}"
         " --splats {input.splats:q}"
         " --language {input.language:q}"
+        " {params.others}"
         " --title {params.title:q}"
         " {params.method}"
         " --output {output:q}"

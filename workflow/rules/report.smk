@@ -2,7 +2,7 @@
 Figures of a scene, and the scene as one page that answers queries.
 
 REQUIRED INPUTS: frames.zarr, annotations.zarr, poses.zarr, segments.zarr, view_features.zarr, features.zarr,
-transient.zarr, masks.zarr, splats.zarr, language.zarr, metrics.json.
+tiles.zarr, transient.zarr, masks.zarr, splats.zarr, language.zarr, metrics.json.
 OUTPUTS: contact_sheet.png, instances.png, crops.png, splats.png, transient.png, language.png, queries.png, methods.png,
 scene.html, story.html.
 TOOLS: matplotlib; egosplat's kernels or gsplat; OpenCLIP; Jinja.
@@ -221,10 +221,10 @@ rule queries_sheet:
         frames=artifact("frames"),
         poses=artifact("poses"),
         annotations=artifact("annotations"),
-        features=artifact("features"),
         splats=artifact("splats"),
         language=artifact("language"),
         metrics=artifact("metrics"),
+        others=optional_artifacts("queries_sheet"),
     output:
         report(
             "results/{dataset}/{scene}/{variant}queries.png",
@@ -239,16 +239,17 @@ rule queries_sheet:
         runtime=runtime("queries_sheet"),
     params:
         title=get_title,
+        others=optional_flags("queries_sheet"),
         code=code_of("queries_sheet"),
     shell:
         "egosplat queries-sheet"
         " --frames {input.frames:q}"
         " --poses {input.poses:q}"
         " --annotations {input.annotations:q}"
-        " --features {input.features:q}"
         " --splats {input.splats:q}"
         " --language {input.language:q}"
         " --metrics {input.metrics:q}"
+        " {params.others}"
         " --title {params.title:q}"
         " --output {output:q}"
         " 2>&1 | tee {log:q}"

@@ -2,7 +2,7 @@
 3D Gaussians of the scene, and their language codes.
 
 REQUIRED INPUTS: frames.zarr, poses.zarr. By configuration and survey: masks.zarr or transient.zarr, instances.zarr and
-features.zarr, survey.json. Never annotations.zarr.
+features.zarr or tiles.zarr, survey.json. Never annotations.zarr.
 OUTPUTS: splats.zarr, language.zarr. While a stage runs, .{name}.checkpoint, from which a killed run resumes.
 TOOLS: PyTorch, egosplat's kernels or gsplat.
 """
@@ -45,8 +45,6 @@ rule language:
     input:
         frames=artifact("frames"),
         poses=artifact("poses"),
-        instances=artifact("instances"),
-        features=artifact("features"),
         splats=artifact("splats"),
         others=optional_artifacts("language"),
     output:
@@ -69,8 +67,6 @@ rule language:
         "egosplat language"
         " --frames {input.frames:q}"
         " --poses {input.poses:q}"
-        " --instances {input.instances:q}"
-        " --features {input.features:q}"
         " --splats {input.splats:q}"
         " {params.others}"
         " --output {output:q}"

@@ -49,7 +49,7 @@ from egosplat.output_files import check_output
 from egosplat.progress import log
 from egosplat.query.options import QueryOptions
 from egosplat.query.scene import read_scene
-from egosplat.query.text import encode_texts, load_clip_of
+from egosplat.query.text import encode_texts, load_clip_of, open_encoded
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,6 @@ def run(
     frames_path: Path,
     poses_path: Path,
     annotations_path: Path,
-    features_path: Path,
     splats_path: Path,
     language_path: Path,
     output: Path,
@@ -77,31 +76,35 @@ def run(
     *,
     title: str,
     method: str | None,
+    features_path: Path | None = None,
+    tiles_path: Path | None = None,
 ) -> None:
     """Write the scores of a scene as JSON, see ``metrics.schema.yaml``.
 
     Args:
         method: name of the published method that the codes stand for; None for EgoSplat.
+        features_path: required unless the codes were learnt from tiles.
+        tiles_path: required if they were.
 
     Raises:
         UserError: the inputs do not match, the model did not make the features, or the backend cannot run.
     """
     check_output(output, METRICS)
-    paths = (frames_path, poses_path, annotations_path, features_path, splats_path, language_path)
-    schemas = (FRAMES, POSES, ANNOTATIONS, FEATURES, SPLATS, LANGUAGE)
+    paths = (frames_path, poses_path, annotations_path, splats_path, language_path)
+    schemas = (FRAMES, POSES, ANNOTATIONS, SPLATS, LANGUAGE)
     artifacts = list(map(open_artifact, paths, schemas))
-    frames, poses, annotations, *rest = artifacts
-    features, splats, language = rest
-    made_from = lineage(artifacts)
+    frames, poses, annotations, splats, language = artifacts
+    encoded = open_encoded(features_path, tiles_path)
+    made_from = lineage([*artifacts, encoded])
     keys = asdict(options)
     models = {key: used["hash"] for key, used in models_used(made_from).items() if key in keys}
     record = provenance.begin_from("metrics", keys, made_from.found.values(), models)
     model = (options.clip_model, options.clip_checkpoint, options.device, options.precision)
-    clip = load_clip_of(features, *model)
+    clip = load_clip_of(encoded, *model)
     evaluation = read_evaluation(frames, poses, annotations, splats)
     queries = find_asked_queries(annotations, evaluation.valid, options, evaluation.frames)
     texts = encode_texts(clip, sorted({query.category for query in queries}), options.canonical)
-    scene = read_scene(splats, language, features, options.backend)
+    scene = read_scene(splats, language, encoded, options.backend)
     answered = list(run_queries(queries, evaluation, scene, texts, options, options.hit_region))
     phrases = presence_phrases(queries, evaluation.instances, options.negatives)
     presence_queries = ask_presence(*phrases, evaluation, scene, clip, options)
@@ -115,7 +118,7 @@ def run(
         "stands_in": language.facts.get("stands_in", []),
         "notice": notice,
         "alarms": [asdict(alarm) for alarm in alarms],
-        "counts": _counts(evaluation, features, language, made_from),
+        "counts": _counts(evaluation, encoded, language, made_from),
         "scores": {name: asdict(score) for name, score in scores.items()},
         "presence": presence,
         "length_unit": length_unit(poses),
@@ -131,22 +134,28 @@ def run(
 
 
 def _counts(
-    evaluation: Evaluation, features: Artifact, language: Artifact, made_from: Lineage
+    evaluation: Evaluation, encoded: Artifact, language: Artifact, made_from: Lineage
 ) -> dict[str, Any]:
-    """Counts of frames, instances, views and Gaussians."""
-    levels = features.facts["levels"]
-    by_level = np.bincount(features.read("instances/level"), minlength=len(levels))
+    """Counts of frames, Gaussians, and of instances and their views where codes were learnt from them."""
     # Without masks, the lineage has no masks artifact.
     masks = next((one for one in made_from.found.values() if one.schema.name == MASKS.name), None)
     with_code = (language.read("share") > 0).sum(axis=0)
     return count_frames(evaluation.frames_artifact, evaluation.frames, evaluation.instances) | {
         "training_frames": evaluation.splats.facts["views"]["training"],
-        "instances": dict(zip(levels, by_level.tolist(), strict=True)),
         "transient_instances": None if masks is None else masks.facts["transient"],
-        "views": features.shape("instance")[0],
         "gaussians": evaluation.splats.shape("means")[0],
         "gaussians_with_code": dict(zip(language.facts["levels"], with_code.tolist(), strict=True)),
         "code_channels": language.shape("code")[2],
+        **(_instance_counts(encoded) if encoded.schema.name == FEATURES.name else {}),
+    }
+
+
+def _instance_counts(features: Artifact) -> dict[str, Any]:
+    levels = features.facts["levels"]
+    by_level = np.bincount(features.read("instances/level"), minlength=len(levels))
+    return {
+        "instances": dict(zip(levels, by_level.tolist(), strict=True)),
+        "views": features.shape("instance")[0],
     }
 
 

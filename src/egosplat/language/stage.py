@@ -18,6 +18,7 @@ from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.schema import Schema
 from egosplat.artifacts.splats import SPLATS, camera_poses
 from egosplat.artifacts.tiles import TILES
 from egosplat.artifacts.writer import create
@@ -39,8 +40,6 @@ from egosplat.progress import log
 def run(
     frames_path: Path,
     poses_path: Path,
-    instances_path: Path,
-    features_path: Path,
     splats_path: Path,
     output: Path,
     options: LanguageOptions,
@@ -48,6 +47,8 @@ def run(
     survey_path: Path | None = None,
     transient_path: Path | None = None,
     masks_path: Path | None = None,
+    instances_path: Path | None = None,
+    features_path: Path | None = None,
     tiles_path: Path | None = None,
 ) -> None:
     """Write the language artifact of ``splats``.
@@ -59,40 +60,41 @@ def run(
         survey_path: excludes frames from training.
         transient_path: required if the splats' masking is ``initial``.
         masks_path: required if the splats' masking is ``refined``.
-        tiles_path: required if the method learns from tiles of the frames.
+        instances_path, features_path: required unless the method learns from tiles of the frames.
+        tiles_path: required if it does.
 
     Raises:
         UserError: an input is missing or does not belong to the others, jointly trained codes are of other features,
             the backend cannot run, or training diverges.
     """
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
-    instances, features = open_artifact(instances_path, INSTANCES), open_artifact(features_path, FEATURES)
     splats = open_artifact(splats_path, SPLATS)
+    method = "joint" if splats.provenance["options"]["language"] == "joint" else options.method
     check_made_from(poses, frames, axes=("frame",))
     masking = open_masking(
         splats.provenance["options"]["masking"], frames, transient_path=transient_path, masks_path=masks_path
     )
     kept, by_survey = kept_frames(frames, survey_path)
-    tiles = _open_tiles(tiles_path, options.method)
-    used = [frames, poses, instances, features, splats, *masking.artifacts, *([tiles] if tiles else [])]
+    if by_tiles := method in TILE_METHODS:
+        learnt_from = [_opened(tiles_path, TILES, method)]
+    else:
+        learnt_from = [_opened(instances_path, INSTANCES, method), _opened(features_path, FEATURES, method)]
+    used = [frames, poses, splats, *masking.artifacts, *learnt_from]
     record = provenance.begin_from("language", asdict(options) | by_survey, used)
     device = training_device(options.backend)
-    targets = CodeTargets(instances, features, device)
-    views = select_code_views(frames, poses, targets.of, masking, device, kept)
+    targets = None if by_tiles else CodeTargets(*learnt_from, device)
+    views = select_code_views(frames, poses, targets and targets.of, masking, device, kept)
     views = replace(views, camera_to_world=camera_poses(poses, splats)[views.frame])
     gaussians = read_gaussians(splats).to(device)
     settings = read_render_settings(splats, options.backend)
     checkpoint = Checkpoint(output, provenance.key_of(record), options.checkpoint_s)
-    if splats.provenance["options"]["language"] == "joint":
-        check_made_from(splats, features)
-        method = "joint"
+    if targets is None:
+        tiles = TileViews(*learnt_from, frames)
+        coded = TILE_METHODS[method](gaussians, views, settings, tiles, options, checkpoint)
+    elif method == "joint":
+        check_made_from(splats, learnt_from[1])
         coded = joint(gaussians, views, settings, targets.levels, splats.read("features"))
-    elif tiles:
-        method = options.method
-        views_of_tiles = TileViews(tiles, frames)
-        coded = TILE_METHODS[method](gaussians, views, settings, views_of_tiles, options, checkpoint)
     else:
-        method = options.method
         coded = METHODS[method](gaussians, views, settings, targets, options, checkpoint)
     geometry = f"geometry shared, of {splats.provenance['options']['iterations']:,} iterations"
     stands_in = [*coded.stands_in, geometry]
@@ -100,13 +102,11 @@ def run(
     checkpoint.remove()
 
 
-def _open_tiles(path: Path | None, method: str) -> Artifact | None:
-    """Open the tiles if the method learns from them."""
-    if method not in TILE_METHODS:
-        return None
+def _opened(path: Path | None, schema: Schema, method: str) -> Artifact:
+    """Open what the method learns from."""
     if path is None:
-        raise UserError(f"language.method = {method} needs the tiles artifact: give --tiles")
-    return open_artifact(path, TILES)
+        raise UserError(f"codes by method {method} need the {schema.name} artifact: give --{schema.name}")
+    return open_artifact(path, schema)
 
 
 def _write(output: Path, record: Provenance, coded: Coded, facts: dict[str, Any]) -> None:

@@ -22,7 +22,7 @@ class CodeViews:
     Attributes:
         frame: (V,) int64 index of each in frames.zarr.
         camera_to_world: (V, 4, 4) float64, OpenCV axes, meters.
-        targets: returns the targets of a frame.
+        targets: returns the targets of a frame; None for a method that learns from tiles.
         valid: see ``egosplat.gaussians.training_views.Views``.
         masking: transient pixels of each frame.
         device: device of targets and weights.
@@ -31,7 +31,7 @@ class CodeViews:
     frame: NDArray[np.int64]
     camera_to_world: NDArray[np.float64]
     camera: Camera
-    targets: Callable[[int], Targets]
+    targets: Callable[[int], Targets] | None
     valid: Tensor | None
     masking: Masking
     device: torch.device
@@ -48,7 +48,7 @@ class CodeViews:
 def select_code_views(
     frames: Artifact,
     poses: Artifact,
-    targets: Callable[[int], Targets],
+    targets: Callable[[int], Targets] | None,
     masking: Masking,
     device: torch.device,
     kept: NDArray[np.bool_] | None = None,

@@ -24,11 +24,9 @@ _MASKS: dict[str, tuple[str, ...]] = {
     AUTO: ("masks",),
 }
 
-# Artifacts needed to train codes with the geometry, by splats.language.
-_CODES: dict[str, tuple[str, ...]] = {"after": (), "joint": ("instances", "features")}
-
-# Artifacts that a method of giving codes needs beside the usual ones, by language.method.
+# Artifacts that codes are learnt from, by language.method; of every other method, and of joint training, _INSTANCES.
 _LEARNT_FROM: dict[str, tuple[str, ...]] = {"field": ("tiles",), "quantised": ("tiles",)}
+_INSTANCES = ("instances", "features")
 
 
 def leaves_frames_out(config: Config) -> bool:
@@ -97,8 +95,12 @@ def optional_inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     views = ("survey",) if leaves_frames_out(config) else ()
     if stage == "segments":  # the same for every splats.masking, so that variants share the segments
         return (*views, "transient") if tracks_what_moves(config) else views
-    wanted = views + _MASKS[config["splats"]["masking"]] + _CODES[config["splats"]["language"]]
-    wanted += _LEARNT_FROM.get(config["language"]["method"], ())
+    joint = config["splats"]["language"] == "joint"
+    if stage == "splats":
+        learnt = _INSTANCES if joint else ()
+    else:
+        learnt = _INSTANCES if joint else _LEARNT_FROM.get(config["language"]["method"], _INSTANCES)
+    wanted = views + _MASKS[config["splats"]["masking"]] + learnt
     return tuple(name for name in wanted if name in STAGES[stage].optional)
 
 

@@ -64,7 +64,12 @@ _JOINT = {
     "instances": "if splats.language is joint",
     "features": "if splats.language is joint",
 }
-_TILES = {"tiles": "if language.method is field or quantised"}
+_LEARNT_FROM = {
+    "instances": "unless language.method is field or quantised",
+    "features": "unless language.method is field or quantised",
+    "tiles": "if language.method is field or quantised",
+}
+_ENCODED = {name: _LEARNT_FROM[name] for name in ("features", "tiles")}
 _CLIP = {"models": ("clip_checkpoint", "clip_model", "device", "precision")}
 _CAMERA = {"camera": ("refine_poses", "compensate_exposure")}
 _SAM2 = {"models": ("sam2_config", "sam2_checkpoint", "device", "precision")}
@@ -198,8 +203,8 @@ _STAGES = (
         "egosplat.language.stage",
         "Assign each Gaussian the code of its instance, at every level.",
         output="language.zarr",
-        inputs=("frames", "poses", "instances", "features", "splats"),
-        optional=_TRAINING_FRAMES | _MASKING | _TILES,
+        inputs=("frames", "poses", "splats"),
+        optional=_TRAINING_FRAMES | _MASKING | _LEARNT_FROM,
         libraries=("numpy", "scipy", "torch", "zarr"),
     ),
     Stage(
@@ -207,7 +212,8 @@ _STAGES = (
         "egosplat.evaluation.stage",
         "Query every annotated category, and score the answers and the renders.",
         output="metrics.json",
-        inputs=("frames", "poses", "annotations", "features", "splats", "language"),
+        inputs=("frames", "poses", "annotations", "splats", "language"),
+        optional=_ENCODED,
         libraries=(
             "jsonschema",
             "numpy",
@@ -292,7 +298,8 @@ _STAGES = (
         "egosplat.report.queries_sheet",
         "Draw the queries with the best and the worst answers.",
         output="queries.png",
-        inputs=("frames", "poses", "annotations", "features", "splats", "language", "metrics"),
+        inputs=("frames", "poses", "annotations", "splats", "language", "metrics"),
+        optional=_ENCODED,
         libraries=("matplotlib", "open_clip_torch", "opencv-contrib-python-headless", "torch"),
         scene=("title",),
     ),

@@ -80,7 +80,8 @@ def read_scene(splats: Artifact, language: Artifact, features: Artifact, backend
     """Read what a query needs, onto the device of the backend.
 
     Args:
-        splats, language, features: artifacts that belong together, see ``egosplat.artifacts.lineage.lineage``.
+        splats, language, features: artifacts that belong together, see ``egosplat.artifacts.lineage.lineage``. Tiles in place
+            of features, if the codes were learnt from them.
         backend: see ``egosplat.rasterize.api.rasterization``.
 
     Raises:

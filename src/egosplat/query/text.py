@@ -4,11 +4,14 @@ import re
 import unicodedata
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import torch
 from torch import Tensor
 
-from egosplat.artifacts.reader import Artifact
+from egosplat.artifacts.features import FEATURES
+from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.tiles import TILES
 from egosplat.codes.vectors import unit, usable
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import CLIP, model_hash
@@ -101,10 +104,24 @@ def _check(clip: OpenClip, phrase: str) -> None:
         raise UserError(f"query {phrase[:80]!r}: has {tokens} tokens, the model reads {limit}; shorten it")
 
 
+def open_encoded(features: Path | None, tiles: Path | None) -> Artifact:
+    """Open what OpenCLIP encoded for a scene's codes: its features, or the tiles that its method learns from.
+
+    Raises:
+        UserError: neither is given, or it cannot be opened.
+    """
+    if features is not None:
+        return open_artifact(features, FEATURES)
+    if tiles is None:
+        raise UserError("needs the features artifact, or the tiles: give --features or --tiles")
+    return open_artifact(tiles, TILES)
+
+
 def load_clip_of(features: Artifact, model: str, checkpoint: str, device: str, precision: str) -> OpenClip:
     """Load OpenCLIP and check that it is the model that made the features.
 
     Args:
+        features: features or tiles.
         model, checkpoint, device, precision: see ``load_open_clip``.
 
     Raises:

@@ -99,11 +99,12 @@ def _sources(scene: ScoredScene) -> Sources:
     made_from = lineage([open_artifact(language, LANGUAGE), open_artifact(home / "frames.zarr", FRAMES)])
     if made_from.lost:
         raise UserError(f"{language}: {', '.join(made_from.lost)} is gone; rebuild {scene.path}")
-    frames, poses, features, splats = (
-        made_from.found[f"{name}.zarr"].path for name in ("frames", "poses", "features", "splats")
+    frames, poses, splats = (made_from.found[f"{name}.zarr"].path for name in ("frames", "poses", "splats"))
+    encoded = next(
+        made_from.found[name] for name in ("features.zarr", "tiles.zarr") if name in made_from.found
     )
-    paths = (frames, poses, frames.with_name("annotations.zarr"), features, splats, language)
-    return open_sources(paths, scene)
+    paths = (frames, poses, frames.with_name("annotations.zarr"), splats, language)
+    return open_sources(paths, encoded, scene)
 
 
 def _draw(

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.consistency import check_inputs
-from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.lineage import lineage
@@ -28,19 +27,19 @@ from egosplat.query.text import encode_texts, load_clip_of
 from egosplat.report.queries_choice import ScoredQuery
 from egosplat.tables.scored_scenes import ScoredScene
 
-_SCHEMAS = (FRAMES, POSES, ANNOTATIONS, FEATURES, SPLATS, LANGUAGE)
+_SCHEMAS = (FRAMES, POSES, ANNOTATIONS, SPLATS, LANGUAGE)
 
 
 @dataclass(frozen=True, eq=False)
 class Sources:
-    """The artifacts of a scored scene."""
+    """The artifacts of a scored scene; ``encoded`` is its features, or the tiles that its codes were learnt from."""
 
     frames: Artifact
     poses: Artifact
     annotations: Artifact
-    features: Artifact
     splats: Artifact
     language: Artifact
+    encoded: Artifact
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,13 +63,14 @@ class ShownQuery:
     answer: Answer
 
 
-def open_sources(paths: Sequence[Path], scored: ScoredScene) -> Sources:
-    """Open frames, poses, annotations, features, splats and language, in this order.
+def open_sources(paths: Sequence[Path], encoded: Artifact, scored: ScoredScene) -> Sources:
+    """Open frames, poses, annotations, splats and language, in this order.
 
     Raises:
         UserError: the artifacts do not belong together, or the scene was scored with others.
     """
     opened = [open_artifact(path, schema) for path, schema in zip(paths, _SCHEMAS, strict=True)]
+    opened.append(encoded)
     lineage(opened)
     if scored.foreign:
         raise UserError(
@@ -100,9 +100,9 @@ def ask_again(
     asked = {(one.frame, one.category): one for one in _asked(evaluation, options)}
     answering = query_options(options)
     model, checkpoint, precision = (options[key] for key in ("clip_model", "clip_checkpoint", "precision"))
-    clip = load_clip_of(sources.features, model, checkpoint, "auto", precision)
+    clip = load_clip_of(sources.encoded, model, checkpoint, "auto", precision)
     texts = encode_texts(clip, sorted({one.category for one in chosen}), answering.canonical)
-    scene = read_scene(sources.splats, sources.language, sources.features, "auto")
+    scene = read_scene(sources.splats, sources.language, sources.encoded, "auto")
     for frame in sorted({one.frame for one in chosen}):
         in_frame = [one for one in chosen if one.frame == frame]
         pose = evaluation.camera_to_world[frame]

@@ -10,6 +10,7 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from egosplat.output_files import check_output, picture_kind
+from egosplat.query.text import open_encoded
 from egosplat.report.answer_drawing import HIT, MISS, draw_heat, draw_mask, draw_outline
 from egosplat.report.figure import draw_heading, plt, save_figure
 from egosplat.report.queries_asking import ShownQuery, ask_again, open_sources
@@ -35,26 +36,30 @@ def run(
     frames_path: Path,
     poses_path: Path,
     annotations_path: Path,
-    features_path: Path,
     splats_path: Path,
     language_path: Path,
     metrics_path: Path,
     output: Path,
     *,
     title: str,
+    features_path: Path | None = None,
+    tiles_path: Path | None = None,
 ) -> None:
     """Draw the page as PNG, atomically.
 
     Queries are answered again with the options of ``metrics.json``; the scores are those of ``metrics.json``.
+
+    Args:
+        features_path: required unless the codes were learnt from tiles.
+        tiles_path: required if they were.
 
     Raises:
         UserError: the inputs do not belong together, or the features' OpenCLIP is missing.
     """
     check_output(output, PAGE)
     scored = read_scored_scene(metrics_path)
-    sources = open_sources(
-        (frames_path, poses_path, annotations_path, features_path, splats_path, language_path), scored
-    )
+    paths = (frames_path, poses_path, annotations_path, splats_path, language_path)
+    sources = open_sources(paths, open_encoded(features_path, tiles_path), scored)
     best, worst = best_and_worst(scored_queries(scored.document), ROWS)
     options = scored.document["provenance"]["options"]
     shown = {one.scored: one for one in ask_again([*best, *worst], sources, options)}

@@ -10,6 +10,10 @@ import pytest
 from jsonschema import Draft202012Validator, ValidationError
 
 from egosplat.artifacts.check import check_tree
+from egosplat.artifacts.features import FEATURES
+from egosplat.artifacts.language import LANGUAGE
+from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.splats import SPLATS
 from egosplat.errors import UserError
 from egosplat.evaluation import stage
 from egosplat.evaluation.document import METRICS, finite, write_metrics
@@ -17,7 +21,9 @@ from egosplat.evaluation.queries import GROUPS
 from egosplat.models.suitability import notice
 from egosplat.pipeline.config import stage_keys
 from egosplat.pipeline.validation import schema
+from tests.support.scenes import put
 
+KINDS = {"splats": SPLATS, "language": LANGUAGE}
 NAMES = ("frames", "poses", "annotations", "features", "splats", "language")
 
 
@@ -41,6 +47,35 @@ def test_a_method_and_what_stands_in_for_it_are_told(word_scene, scored):
     Draft202012Validator(schema("metrics")).validate(found)
     assert found["method"] == "LangSplat" and found["stands_in"] == []
     assert "method" not in scored(word_scene())
+
+
+def test_codes_from_tiles_are_scored_without_features(word_scene, tmp_path):
+    """Protects the text encoder, which is then that of the tiles, and the decoder, that of language.zarr."""
+    folder = word_scene()
+    splats, language = (open_artifact(folder / f"{name}.zarr", kind) for name, kind in KINDS.items())
+    clip = open_artifact(folder / "features.zarr", FEATURES).facts["clip"]
+    channels = language.shape("code")[2]
+    arrays = {name: language.read(name) for name in ("code", "share")} | {
+        "decoder/values": np.zeros(0, np.float32)
+    }
+    facts = language.facts | {"decoder": {"widths": [channels]}}
+    for name in ("features", "language"):
+        shutil.rmtree(folder / f"{name}.zarr")
+    put(folder, "tiles", {}, {"clip": clip}, made_from=["frames"])
+    put(folder, "language", arrays, facts, made_from=["frames", "poses", "tiles", "splats"])
+    keys = {name: key["default"] for name, key in stage_keys("metrics").items()} | {"resamples": 50}
+    paths = {f"{name}_path": folder / f"{name}.zarr" for name in NAMES if name != "features"}
+    options, output = stage.MetricsOptions(**keys), tmp_path / "metrics.json"
+    given = {"output": output, "options": options, "title": "a/scene", "method": "LERF"}
+    stage.run(**paths, **given, tiles_path=folder / "tiles.zarr")
+    found = json.loads(output.read_text())
+    Draft202012Validator(schema("metrics")).validate(found)
+    assert found["scores"]["all"]["accuracy"] == 1.0 and "views" not in found["counts"]
+    assert found["counts"]["gaussians"] == splats.shape("means")[0] and set(found["artifacts"]) == {
+        f"{name}.zarr" for name in (*NAMES, "tiles") if name != "features"
+    }
+    with pytest.raises(UserError, match="give --features or --tiles"):
+        stage.run(**paths, **given)
 
 
 def test_with_the_words_exchanged_every_answer_is_wrong(word_scene, scored, monkeypatch):

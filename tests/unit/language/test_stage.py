@@ -51,10 +51,11 @@ def run(
     **changes: object,
 ):
     """The verified artifact."""
-    inputs = [folder / f"{kind}.zarr" for kind in ("frames", "poses", "instances", "features", "splats")]
+    inputs = [folder / f"{kind}.zarr" for kind in ("frames", "poses", "splats")]
+    learnt = {f"{kind}_path": folder / f"{kind}.zarr" for kind in ("instances", "features")}
     moving = {f"{kind}_path": folder / f"{kind}.zarr" if masks else None for kind in ("masks", "transient")}
     options = stage.LanguageOptions(**KEYS | changes)
-    stage.run(*inputs, folder / name, options, survey_path=survey, **moving)
+    stage.run(*inputs, folder / name, options, survey_path=survey, **learnt, **moving)
     return verify(folder / name, SCHEMAS)
 
 

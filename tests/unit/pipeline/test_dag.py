@@ -2,7 +2,8 @@
 
 import pytest
 
-from egosplat.pipeline.config import defaults, merge
+from egosplat.language.methods import METHODS, TILE_METHODS
+from egosplat.pipeline.config import defaults, merge, section_keys
 from egosplat.pipeline.dag import (
     ALL_FRAMES,
     decided,
@@ -50,7 +51,26 @@ def test_the_inputs_of_splats_depend_on_their_keys(masking, language, expected):
     config = merge(EVERY_FRAME, {"splats": {"masking": masking, "language": language}})
     assert optional_inputs_of("splats", config) == expected
     assert inputs_of("splats", config) == ("frames", "poses", *expected)
-    assert optional_inputs_of("language", config) == tuple(n for n in expected if n in ("transient", "masks"))
+    moving = tuple(name for name in expected if name in ("transient", "masks"))
+    assert optional_inputs_of("language", config) == (*moving, "instances", "features")
+
+
+@pytest.mark.parametrize("method", [*METHODS, *TILE_METHODS])
+def test_codes_and_their_scores_read_what_the_method_learns_from(method):
+    """Protects the table of the DAG, which cannot import the methods, and joint training, which has its own codes."""
+    keys = {"language": {"method": method}, "splats": {"masking": "none"}}
+    config = merge(EVERY_FRAME, keys)
+    tiles = method in TILE_METHODS
+    assert optional_inputs_of("language", config) == (("tiles",) if tiles else ("instances", "features"))
+    for stage in ("metrics", "queries_sheet"):
+        assert optional_inputs_of(stage, config) == (("tiles",) if tiles else ("features",))
+    assert optional_inputs_of("splats", config) == ()
+    joint = merge(config, {"splats": {"language": "joint"}})
+    assert optional_inputs_of("language", joint) == ("instances", "features")
+
+
+def test_every_method_of_the_schema_has_a_function():
+    assert set(section_keys("language")["method"]["enum"]) == {*METHODS, *TILE_METHODS}
 
 
 @pytest.mark.parametrize("stage", ["segments", "transient", "splats", "language"])

@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.pipeline.config import defaults, merge
+from egosplat.language.methods import TILE_METHODS
+from egosplat.pipeline.config import defaults, merge, resolve
 from egosplat.pipeline.dag import inputs_of
 from egosplat.pipeline.scenes import Scene, Target
 from egosplat.pipeline.stages import PAGES, STAGES
@@ -20,6 +21,7 @@ from egosplat.pipeline.variants import (
 )
 
 BASE = defaults()
+PRESETS = Path(__file__).parents[3] / "config" / "presets"
 
 
 def reached(**keys: dict[str, object]) -> set[str]:
@@ -208,9 +210,21 @@ def test_other_methods_never_read_what_moves_and_share_the_geometry_without_mask
             if stage not in read:
                 read.add(stage)
                 todo.append(stage)
-    assert read.isdisjoint({"annotations", "transient", "masks"}) and "segments" in read
+    assert read.isdisjoint({"annotations", "transient", "masks"})
+    learnt = (
+        {"tiles"} if config["language"]["method"] in TILE_METHODS else {"segments", "instances", "features"}
+    )
+    assert read & {"tiles", "segments", "instances", "features"} == learnt
     assert owner("splats", BASE, name, "adt/scene1") == "no_masks"
     assert owner("language", BASE, name, "adt/scene1") == name
+
+
+def test_other_methods_train_their_codes_after_geometry_that_they_share_also_where_egosplat_trains_both_together():
+    paper = resolve({"preset": "paper"}, PRESETS)
+    assert paper["splats"]["language"] == "joint"
+    for name in OTHERS:
+        assert variant_config(paper, name, "adt/scene1")["splats"]["language"] == "after"
+        assert owner("splats", paper, name, "adt/scene1") == "shared_geometry"
 
 
 def test_methods_on_masks_of_single_frames_share_them():

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from egosplat.artifacts.features import FEATURES
+from egosplat.artifacts.reader import open_artifact
 from egosplat.errors import UserError
 from egosplat.evaluation import stage
 from egosplat.evaluation.scores import iou
@@ -17,7 +19,7 @@ from egosplat.report.queries_choice import ScoredQuery, best_and_worst, scored_q
 from egosplat.report.queries_sheet import run, summary
 from egosplat.tables.scored_scenes import read_scored_scene
 
-NAMES = ("frames", "poses", "annotations", "features", "splats", "language")
+NAMES = ("frames", "poses", "annotations", "splats", "language", "features")
 GREEN, RED = (34, 139, 34), (255, 0, 0)
 
 
@@ -34,7 +36,8 @@ def score(folder: Path, **keys) -> Path:
 def draw(folder: Path) -> np.ndarray:
     """(H, W, 3) the page of a scored folder."""
     output = folder / "queries.png"
-    run(*(folder / f"{name}.zarr" for name in NAMES), folder / "metrics.json", output, title="a/scene")
+    paths = {f"{name}_path": folder / f"{name}.zarr" for name in NAMES}
+    run(**paths, metrics_path=folder / "metrics.json", output=output, title="a/scene")
     assert [path.name for path in folder.iterdir() if path.suffix == ".png"] == [output.name]
     return np.asarray(Image.open(output).convert("RGB"))
 
@@ -91,7 +94,8 @@ def test_what_was_found_is_on_the_left_and_what_was_missed_on_the_right(word_sce
 def test_the_maps_are_those_that_were_scored(word_scene):
     folder = word_scene()
     scored = read_scored_scene(score(folder, resolution=40, canonical=["thing"], box_filter=0.1))
-    sources = open_sources([folder / f"{name}.zarr" for name in NAMES], scored)
+    paths = [folder / f"{name}.zarr" for name in NAMES]
+    sources = open_sources(paths[:-1], open_artifact(paths[-1], FEATURES), scored)
     queries = scored_queries(scored.document)
     shown = {one.scored: one for one in ask_again(queries, sources, scored.document["provenance"]["options"])}
     assert len(shown) == len(queries) == 4
