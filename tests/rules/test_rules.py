@@ -138,9 +138,9 @@ tables: {methods: [mine]}
     run_rules(workdir, ("language", "metrics", "methods_sheet"), config, "methods.png")
     wide = Image.open(workdir.folder / SCENE / "methods.png").width
     assert workdir.stale(f"{SCENE}/methods.png", config=config) == set()
-    more = config.replace("variants: {", "variants: {other: {extends: mine, method: Other}, ").replace(
-        "[mine]", "[mine, other]"
-    )
-    assert workdir.stale(f"{SCENE}/methods.png", config=more) == {"metrics", "methods_sheet"}
-    run_rules(workdir, ("metrics", "methods_sheet"), more, "methods.png")
+    more = config.replace(
+        "variants: {", "variants: {other: {extends: mine, method: Other, language: {seed: 1}}, "
+    ).replace("[mine]", "[mine, other]")
+    assert workdir.stale(f"{SCENE}/methods.png", config=more) == {"language", "metrics", "methods_sheet"}
+    run_rules(workdir, ("language", "metrics", "methods_sheet"), more, "methods.png")
     assert Image.open(workdir.folder / SCENE / "methods.png").width == pytest.approx(4 / 3 * wide, rel=0.02)
