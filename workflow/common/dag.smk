@@ -88,10 +88,11 @@ def optional_paths(stage, wildcards):
 
 
 def optional_artifacts(stage):
-    """Get a function of the wildcards: the optional inputs of a stage."""
+    """Get a function of the wildcards: the optional inputs of a stage, without those of `learnt_artifacts`."""
 
     def paths(wildcards):
-        found = optional_paths(stage, wildcards)
+        learnt, every = learnt_paths(stage, wildcards), optional_paths(stage, wildcards)
+        found = {name: path for name, path in every.items() if name not in learnt}
         if "survey" in found:
             survey_named(*names_of(wildcards))
             # The decisions of a survey are parameters of the rule, so a newer file alone must not rerun it.
@@ -99,6 +100,22 @@ def optional_artifacts(stage):
         return list(found.values())
 
     return paths
+
+
+def learnt_paths(stage, wildcards):
+    """Get the paths of what codes are learnt from, by stage. A plan made before the survey knows them."""
+    names = dag.learnt_from(stage, config_of(wildcards))
+    return {name: path_named(name, *names_of(wildcards)) for name in names}
+
+
+def learnt_artifacts(stage):
+    """Get a function of the wildcards: what codes are learnt from, as far as a stage reads it."""
+    return lambda wildcards: list(learnt_paths(stage, wildcards).values())
+
+
+def learnt_flags(stage):
+    """Get a function of the wildcards: what codes are learnt from, as command line flags."""
+    return lambda wildcards: dag.input_flags(learnt_paths(stage, wildcards))
 
 
 def optional_flags(stage):

@@ -36,7 +36,7 @@ rule metrics:
         annotations=artifact("annotations"),
         splats=artifact("splats"),
         language=artifact("language"),
-        others=optional_artifacts("metrics"),
+        learnt=learnt_artifacts("metrics"),
     output:
         report(
             "results/{dataset}/{scene}/{variant}metrics.json",
@@ -56,7 +56,7 @@ rule metrics:
     params:
         title=get_title,
         method=method_flag,
-        others=optional_flags("metrics"),
+        learnt=learnt_flags("metrics"),
         flags=flags("metrics"),
         models=models("metrics"),
         code=code_of("metrics"),
@@ -67,7 +67,7 @@ rule metrics:
         " --annotations {input.annotations:q}"
         " --splats {input.splats:q}"
         " --language {input.language:q}"
-        " {params.others}"
+        " {params.learnt}"
         " --title {params.title:q}"
         " {params.method}"
         " --output {output:q}"

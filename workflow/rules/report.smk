@@ -224,7 +224,7 @@ rule queries_sheet:
         splats=artifact("splats"),
         language=artifact("language"),
         metrics=artifact("metrics"),
-        others=optional_artifacts("queries_sheet"),
+        learnt=learnt_artifacts("queries_sheet"),
     output:
         report(
             "results/{dataset}/{scene}/{variant}queries.png",
@@ -239,7 +239,7 @@ rule queries_sheet:
         runtime=runtime("queries_sheet"),
     params:
         title=get_title,
-        others=optional_flags("queries_sheet"),
+        learnt=learnt_flags("queries_sheet"),
         code=code_of("queries_sheet"),
     shell:
         "egosplat queries-sheet"
@@ -249,7 +249,7 @@ rule queries_sheet:
         " --splats {input.splats:q}"
         " --language {input.language:q}"
         " --metrics {input.metrics:q}"
-        " {params.others}"
+        " {params.learnt}"
         " --title {params.title:q}"
         " --output {output:q}"
         " 2>&1 | tee {log:q}"

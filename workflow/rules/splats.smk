@@ -13,6 +13,7 @@ rule splats:
     input:
         frames=artifact("frames"),
         poses=artifact("poses"),
+        learnt=learnt_artifacts("splats"),
         others=optional_artifacts("splats"),
     output:
         directory("results/{dataset}/{scene}/{variant}splats.zarr"),
@@ -46,6 +47,7 @@ rule language:
         frames=artifact("frames"),
         poses=artifact("poses"),
         splats=artifact("splats"),
+        learnt=learnt_artifacts("language"),
         others=optional_artifacts("language"),
     output:
         directory("results/{dataset}/{scene}/{variant}language.zarr"),

@@ -37,8 +37,6 @@ class TileViews:
         self.stands_in = [
             "SAM2's encoder in place of DINO" if self.components else "no regulariser in place of DINO"
         ]
-        if tiles.facts["clip"]["small"]:
-            self.stands_in.append("its CLIP has never seen unmasked pictures")
 
     def check_has(self, frames: NDArray[np.int64]) -> None:
         """Raise UserError unless all frames have tiles."""

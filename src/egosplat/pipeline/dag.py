@@ -95,12 +95,16 @@ def optional_inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     views = ("survey",) if leaves_frames_out(config) else ()
     if stage == "segments":  # the same for every splats.masking, so that variants share the segments
         return (*views, "transient") if tracks_what_moves(config) else views
-    joint = config["splats"]["language"] == "joint"
-    if stage == "splats":
-        learnt = _INSTANCES if joint else ()
+    wanted = views + _MASKS[config["splats"]["masking"]]
+    return tuple(name for name in wanted if name in STAGES[stage].optional) + learnt_from(stage, config)
+
+
+def learnt_from(stage: str, config: Config) -> tuple[str, ...]:
+    """Get the optional inputs of a stage that codes are learnt from. No survey decides them."""
+    if config["splats"]["language"] == "joint":
+        wanted = _INSTANCES
     else:
-        learnt = _INSTANCES if joint else _LEARNT_FROM.get(config["language"]["method"], _INSTANCES)
-    wanted = views + _MASKS[config["splats"]["masking"]] + learnt
+        wanted = () if stage == "splats" else _LEARNT_FROM.get(config["language"]["method"], _INSTANCES)
     return tuple(name for name in wanted if name in STAGES[stage].optional)
 
 

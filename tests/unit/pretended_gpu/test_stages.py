@@ -147,8 +147,9 @@ def test_language(scene, gpu, monkeypatch, method):
     on_gpu(monkeypatch, language)
     calls = counted(gpu, monkeypatch, loop.Training, "_iterate")
     options = language.LanguageOptions(**LANGUAGE | {"method": method})
-    inputs = [folder / f"{kind}.zarr" for kind in ("frames", "poses", "instances", "features", "splats")]
-    language.run(*inputs, folder / "language.zarr", options, masks_path=None, transient_path=None)
+    kinds = ("frames", "poses", "instances", "features", "splats")
+    inputs = {f"{kind}_path": folder / f"{kind}.zarr" for kind in kinds}
+    language.run(**inputs, output=folder / "language.zarr", options=options)
     if method == "trained":
         assert len(calls) == 12 and median(calls) <= 2
     assert gpu.waits and np.isfinite(verify(folder / "language.zarr", SCHEMAS).read("code")).all()
