@@ -24,7 +24,6 @@ from egosplat.gaussians.device import rasterizer_used, training_device
 from egosplat.gaussians.evaluation import Scores
 from egosplat.gaussians.initialization import scene_extent
 from egosplat.gaussians.io import put_curves, put_gaussians
-from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.objective import L1Ssim, Objective
 from egosplat.gaussians.options import GrowthOptions, TrainingOptions
 from egosplat.gaussians.pixel_weights import Masking, open_masking
@@ -186,8 +185,8 @@ def _write(
     masking: Masking,
 ) -> None:
     """Evaluate and write the Gaussians."""
-    gaussians, iteration = state.gaussians, state.iteration
-    sh_degree = options.schedule.sh_degree(iteration, gaussians.sh_degree)
+    gaussians = state.gaussians
+    sh_degree = options.schedule.sh_degree(state.iteration, gaussians.sh_degree)
     corrections, held_out = state.corrections, view_sets.held_out
     with create(output, SPLATS, record) as artifact:
         facts: dict[str, Any] = {}
@@ -199,8 +198,8 @@ def _write(
         put_gaussians(artifact, gaussians)
         put_curves(artifact, state.curves)
         artifact.put("held_out/frame", held_out.frame)
-        artifact.facts = _facts(state, gaussians, view_sets, options, iteration) | facts
-    log(f"{gaussians.count} Gaussians of iteration {iteration}; held out: {_summary(scores)}")
+        artifact.facts = _facts(state, view_sets, options, sh_degree) | facts
+    log(f"{gaussians.count} Gaussians of iteration {state.iteration}; held out: {_summary(scores)}")
 
 
 def _summary(scores: Scores) -> str:
@@ -210,11 +209,7 @@ def _summary(scores: Scores) -> str:
 
 
 def _facts(
-    state: TrainingState,
-    gaussians: Gaussians,
-    view_sets: ViewSets,
-    options: TrainingOptions,
-    iteration: int,
+    state: TrainingState, view_sets: ViewSets, options: TrainingOptions, sh_degree: int
 ) -> dict[str, Any]:
     views = view_sets.training
     return {
@@ -222,9 +217,9 @@ def _facts(
         "rasterizer": rasterizer_used(options.render.backend, views.device),
         "extent_m": state.extent,
         "views": {name: len(some) for name, some in _named(view_sets).items()},
-        "iteration": iteration,
+        "iteration": state.iteration,
         "iterations_done": state.iteration,
-        "sh_degree_in_use": options.schedule.sh_degree(iteration, gaussians.sh_degree),
+        "sh_degree_in_use": sh_degree,
         "skipped_rows": state.optimizer.skipped_rows,
         "training_s": round(state.seconds, 3),
         "history_s": state.curves.seconds,
