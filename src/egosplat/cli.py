@@ -15,7 +15,7 @@ from egosplat.errors import UserError, user_message
 from egosplat.pipeline.config import schema, section_keys, stage_keys
 from egosplat.pipeline.config_table import keys_page
 from egosplat.pipeline.process_guards import end_with_snakemake
-from egosplat.pipeline.scene_folder import check_scene_folder
+from egosplat.pipeline.scene_folder import check_scene_folder, title_of
 from egosplat.pipeline.stages import STAGES, path_help, run_stage
 from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml
 from egosplat.pipeline.validation import LARGEST_INTEGER
@@ -286,7 +286,7 @@ def query_command() -> click.Command:
         from egosplat.query.options import QueryOptions
         from egosplat.report.query_command import Asking, run
 
-        check_scene_folder(folder, ("frames", "poses", "features", "splats", "language"))
+        check_scene_folder(folder, ("frames", "poses", "splats", "language"))
         asking, options = Asking(frame, pose, most, output), QueryOptions(**keys)
         how = {"backend": backend, "device": device, "precision": precision}
         for part in run(folder, phrases, asking, options, **how):
@@ -327,10 +327,13 @@ def page_command() -> click.Command:
     stage = "scene_page"
 
     def call(folder: Path, output: Path | None, title: str | None, **keys: Any) -> None:
-        check_scene_folder(folder, STAGES[stage].inputs)
-        paths = {name: folder / STAGES[name].output for name in STAGES[stage].inputs}
+        from egosplat.artifacts.locating import locate
+
+        inputs = STAGES[stage].inputs
+        check_scene_folder(folder, inputs)
+        paths = dict(zip(inputs, locate(folder, *inputs), strict=True))
         target = output or folder / STAGES[stage].output
-        run_stage(stage, keys, **paths, output=target, title=title or "/".join(folder.absolute().parts[-2:]))
+        run_stage(stage, keys, **paths, output=target, title=title or title_of(folder))
 
     return click.Command(
         "page",
@@ -416,7 +419,7 @@ def export_command() -> click.Command:
         from egosplat.export.command import Exporting, run
         from egosplat.query.options import QueryOptions
 
-        asked = ("frames", "poses", "features", "language") if query is not None else ()
+        asked = ("frames", "poses", "language") if query is not None else ()
         coded = ("language",) if codes and format == "ply" else ()
         check_scene_folder(folder, dict.fromkeys((*needs[format], *asked, *coded)))
         how = {"backend": backend, "device": device, "precision": precision}
@@ -466,7 +469,7 @@ def movie_command() -> click.Command:
         precision: str,
         **keys: Any,
     ) -> None:
-        check_scene_folder(folder, ("frames", "poses", "features", "splats", "language"))
+        check_scene_folder(folder, ("frames", "poses", "splats", "language"))
         from egosplat.export.movie import run
         from egosplat.query.options import QueryOptions
 

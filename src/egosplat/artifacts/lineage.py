@@ -23,12 +23,12 @@ class Lineage:
 
 
 def lineage(artifacts: Sequence[Artifact]) -> Lineage:
-    """Find the inputs of artifacts by their recorded digests, in the folders of the artifacts and in all variants of the scene.
+    """Find the inputs of artifacts by their recorded digests, in their folders and those of ``searched_folders``.
 
     Raises:
         UserError: two artifacts were made from different inputs of one name, or an artifact is damaged.
     """
-    folders = _folders([artifact.path.parent for artifact in artifacts])
+    folders = searched_folders([artifact.path.parent for artifact in artifacts])
     found = {artifact.path.name: artifact for artifact in artifacts}
     lost: set[str] = set()
     todo = list(artifacts)
@@ -48,8 +48,9 @@ def lineage(artifacts: Sequence[Artifact]) -> Lineage:
     return Lineage(dict(sorted(found.items())), tuple(sorted(lost)))
 
 
-def _folders(own: Sequence[Path]) -> list[Path]:
-    """The folders to search, in order."""
-    # A variant shares inputs with the variants that it extends.
-    variants = (sorted(folder.parent.iterdir()) for folder in own if folder.parent.name == "variants")
-    return list(dict.fromkeys([*own, *(folder for folders in variants for folder in folders)]))
+def searched_folders(own: Sequence[Path]) -> list[Path]:
+    """List folders that may hold inputs, in order: ``own`` ones, then the scene and all variants of an own variant."""
+    # A variant shares inputs with its scene and with the variants that it extends.
+    variants = [folder.parent for folder in own if folder.parent.name == "variants"]
+    shared = [place for folder in variants for place in (folder.parent, *sorted(folder.iterdir()))]
+    return list(dict.fromkeys([*own, *shared]))

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.language import LANGUAGE
+from egosplat.artifacts.locating import locate
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS, camera_poses
 from egosplat.errors import UserError
@@ -118,7 +119,7 @@ def export_gaussians(folder: Path, output: Path, format: str, chosen: Tensor | N
     Raises:
         UserError: as ``run``.
     """
-    splats = open_artifact(folder / "splats.zarr", SPLATS)
+    splats = open_artifact(*locate(folder, "splats"), SPLATS)
     gaussians = read_gaussians(splats)
     rows = torch.arange(gaussians.count) if chosen is None else chosen
     some = gaussians.select(rows)
@@ -134,7 +135,7 @@ def export_gaussians(folder: Path, output: Path, format: str, chosen: Tensor | N
 
 
 def _codes(folder: Path, splats: Artifact, rows: Tensor) -> dict[str, np.ndarray]:
-    language = open_artifact(folder / "language.zarr", LANGUAGE)
+    language = open_artifact(*locate(folder, "language"), LANGUAGE)
     check_made_from(language, splats, axes=("gaussian",))
     code, share = (language.read(name)[rows.numpy()] for name in ("code", "share"))
     return code_columns(code, share, language.facts["levels"])

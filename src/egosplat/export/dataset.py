@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.locating import locate
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
@@ -54,7 +55,8 @@ def export_dataset(scene: Path, output: Path, write_cameras: Callable[[DataSet, 
     Masks are black where a pixel shows no scene or something that moves; there are none if nothing is to be masked.
 
     Args:
-        scene: folder with frames.zarr, poses.zarr and splats.zarr; masks.zarr is used if it is there.
+        scene: folder of a scene or variant with frames.zarr, poses.zarr and splats.zarr; masks.zarr is used if it is
+            there.
         output: folder to make.
         write_cameras: ``write_nerfstudio`` or ``write_colmap``.
 
@@ -63,9 +65,8 @@ def export_dataset(scene: Path, output: Path, write_cameras: Callable[[DataSet, 
     """
     if output.exists():
         raise UserError(f"{output}: is there already; give another --output, or remove it first")
-    frames, poses = open_artifact(scene / "frames.zarr", FRAMES), open_artifact(scene / "poses.zarr", POSES)
-    splats = open_artifact(scene / "splats.zarr", SPLATS)
-    found = scene / "masks.zarr"
+    *paths, found = locate(scene, "frames", "poses", "splats", "masks")
+    frames, poses, splats = map(open_artifact, paths, (FRAMES, POSES, SPLATS))
     masks = open_artifact(found, MASKS) if found.exists() else None
     every = camera_poses(poses, splats)
     height, width = frames.shape("rgb")[1:3]

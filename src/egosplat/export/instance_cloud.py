@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from egosplat.artifacts.instances import INSTANCES
+from egosplat.artifacts.locating import locate
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.errors import UserError
@@ -29,10 +30,7 @@ def export_instances(scene: Path, output: Path) -> None:
     Raises:
         UserError: an artifact is missing or damaged, the instances are tracks, or ``output`` exists and is no export.
     """
-    splats, instances = (
-        open_artifact(scene / "splats.zarr", SPLATS),
-        open_artifact(scene / "instances.zarr", INSTANCES),
-    )
+    splats, instances = map(open_artifact, locate(scene, "splats", "instances"), (SPLATS, INSTANCES))
     gaussians = read_gaussians(splats)
     on_surface = gaussians.opacities >= _LEAST_OPACITY
     xyz = gaussians.select(on_surface).means.numpy()

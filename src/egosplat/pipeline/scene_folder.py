@@ -21,16 +21,31 @@ def check_scene_folder(folder: Path, stages: Iterable[str]) -> None:
         raise UserError(f"{folder}: is a single artifact; give the folder of its scene, {folder.parent}")
     if folder.exists() and not folder.is_dir():
         raise UserError(f"{folder}: is a file; give the folder of a scene, such as {EXAMPLE}")
-    missing = [f"{stage}.zarr" for stage in stages if not (folder / f"{stage}.zarr").exists()]
+    places = [folder, *_shared_with(folder)] if folder.exists() else []
+    missing = [
+        f"{stage}.zarr" for stage in stages if not any((place / f"{stage}.zarr").exists() for place in places)
+    ]
     if missing:
         lack = f"lacks {', '.join(missing)}" if folder.exists() else "does not exist"
         raise UserError(f"{folder}: {lack}. {_advice(folder)}")
+
+
+def title_of(folder: Path) -> str:
+    """Title of a scene or variant, such as ``adt/scene1`` or ``adt/scene1, baseline``, from its folder."""
+    *_, dataset, scene, variants, name = ("", "", *folder.absolute().parts)
+    return f"{dataset}/{scene}, {name}" if variants == "variants" else f"{variants}/{name}"
 
 
 def _advice(folder: Path) -> str:
     found = requested_targets([f"{folder}/metrics.json"])
     if not found:
         return f"Give the folder of a finished scene, such as {EXAMPLE}"
-    if found[0].variant is not None:
-        return f"A variant shares artifacts with its scene; give the scene's folder, {folder.parent.parent}"
-    return f"Make the scene: snakemake --cores 2 {shlex.quote(f'{folder}/metrics.json')}"
+    what = "scene" if found[0].variant is None else "variant"
+    return f"Make the {what}: snakemake --cores 2 {shlex.quote(f'{folder}/metrics.json')}"
+
+
+def _shared_with(folder: Path) -> list[Path]:
+    """The other folders that may hold artifacts of a variant: those of its scene and of other variants."""
+    if folder.parent.name != "variants":
+        return []
+    return [folder.parent.parent, *folder.parent.iterdir()]

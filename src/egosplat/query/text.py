@@ -117,6 +117,11 @@ def open_encoded(features: Path | None, tiles: Path | None) -> Artifact:
     return open_artifact(tiles, TILES)
 
 
+def encoded_of(language: Artifact) -> str:
+    """Name of the artifact that codes were learnt from: ``features``, or ``tiles`` by methods without masks."""
+    return "tiles" if "tiles.zarr" in language.provenance["inputs"] else "features"
+
+
 def load_clip_of(features: Artifact, model: str, checkpoint: str, device: str, precision: str) -> OpenClip:
     """Load OpenCLIP and check that it is the model that made the features.
 

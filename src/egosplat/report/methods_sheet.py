@@ -7,12 +7,12 @@ from statistics import fmean
 from matplotlib.axes import Axes
 from matplotlib.figure import SubFigure
 
-from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.language import LANGUAGE
-from egosplat.artifacts.lineage import lineage
+from egosplat.artifacts.locating import locate
 from egosplat.artifacts.reader import open_artifact
-from egosplat.errors import UserError
+from egosplat.artifacts.registry import SCHEMAS
 from egosplat.output_files import check_output, picture_kind
+from egosplat.query.text import encoded_of
 from egosplat.report.answer_drawing import HIT, MISS, draw_heat, draw_outline
 from egosplat.report.figure import draw_heading, plt, save_figure
 from egosplat.report.queries_asking import ShownQuery, Sources, ask_again, open_sources
@@ -91,20 +91,12 @@ def _answers(scene: ScoredScene, queries: Sequence[ScoredQuery]) -> dict[Asked, 
 
 
 def _sources(scene: ScoredScene) -> Sources:
-    """Open what the scores were made from, by the language artifact beside them."""
-    folder = scene.path.parent
-    language = folder / "language.zarr"
-    # A variant shares artifacts with the scene, whose folder the lineage searches for the sake of the frames.
-    home = folder.parents[1] if folder.parent.name == "variants" else folder
-    made_from = lineage([open_artifact(language, LANGUAGE), open_artifact(home / "frames.zarr", FRAMES)])
-    if made_from.lost:
-        raise UserError(f"{language}: {', '.join(made_from.lost)} is gone; rebuild {scene.path}")
-    frames, poses, splats = (made_from.found[f"{name}.zarr"].path for name in ("frames", "poses", "splats"))
-    encoded = next(
-        made_from.found[name] for name in ("features.zarr", "tiles.zarr") if name in made_from.found
-    )
+    """Open what the scores were made from."""
+    (language,) = locate(scene.path.parent, "language")
+    encoded = encoded_of(open_artifact(language, LANGUAGE))
+    frames, poses, splats, learnt = locate(scene.path.parent, "frames", "poses", "splats", encoded)
     paths = (frames, poses, frames.with_name("annotations.zarr"), splats, language)
-    return open_sources(paths, encoded, scene)
+    return open_sources(paths, open_artifact(learnt, SCHEMAS[encoded]), scene)
 
 
 def _draw(

@@ -34,13 +34,13 @@ _ABSENT = "-"
 
 @dataclass(frozen=True)
 class QuerySources:
-    """Artifacts of one scene."""
+    """Artifacts of one scene; ``encoded`` is its features, or the tiles that its codes were learnt from."""
 
     frames: Artifact
     poses: Artifact
-    features: Artifact
     splats: Artifact
     language: Artifact
+    encoded: Artifact
 
 
 @dataclass(frozen=True, eq=False)

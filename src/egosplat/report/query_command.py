@@ -4,12 +4,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.lineage import Lineage, lineage
+from egosplat.artifacts.locating import locate
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact, verify
+from egosplat.artifacts.registry import SCHEMAS
 from egosplat.artifacts.schema import Schema
 from egosplat.artifacts.splats import SPLATS
 from egosplat.errors import UserError
@@ -17,7 +18,7 @@ from egosplat.models.suitability import notice_of_artifacts
 from egosplat.output_files import check_output
 from egosplat.query.options import QueryOptions
 from egosplat.query.scene import read_scene
-from egosplat.query.text import encode_texts, load_clip_of, untaught_words
+from egosplat.query.text import encode_texts, encoded_of, load_clip_of, untaught_words
 from egosplat.query.viewpoint import Viewpoint, file_viewpoint, frame_viewpoint
 from egosplat.report.query_answers import (
     MOST_DRAWN,
@@ -27,9 +28,6 @@ from egosplat.report.query_answers import (
     answer_in_scene,
     answer_in_view,
 )
-
-# Artifacts whose checksums are verified. frames.zarr may hold gigabytes, and queries read only little of it.
-_VERIFIED = {"poses": POSES, "features": FEATURES, "splats": SPLATS, "language": LANGUAGE}
 
 
 @dataclass(frozen=True)
@@ -62,7 +60,7 @@ def run(
     """Answer queries in a table, then in a picture.
 
     Args:
-        folder: folder with the artifacts of a scene.
+        folder: folder of a scene or a variant.
         phrases: the queries, at least one; the OpenCLIP model that made the features encodes them.
         asking: the view to query, and the output.
         backend: renderer, as the key ``backend``.
@@ -112,14 +110,24 @@ def answers_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def open_sources(folder: Path) -> tuple[QuerySources, Lineage]:
-    """Open the artifacts of a scene, and check that they belong together.
+    """Open the artifacts of a scene or a variant, and check that they belong together.
 
     Raises:
         UserError: an artifact is missing, damaged or does not belong to the others.
     """
-    opened = {name: _verified(folder / f"{name}.zarr", schema) for name, schema in _VERIFIED.items()}
-    sources = QuerySources(frames=open_artifact(folder / "frames.zarr", FRAMES), **opened)
-    return sources, lineage([sources.frames, *opened.values()])
+    frames, poses, splats, language = locate(folder, "frames", "poses", "splats", "language")
+    codes = _verified(language, LANGUAGE)
+    encoded = encoded_of(codes)
+    (path,) = locate(folder, encoded)
+    sources = QuerySources(
+        # Not verified: it may hold gigabytes, and queries read only little of it.
+        frames=open_artifact(frames, FRAMES),
+        poses=_verified(poses, POSES),
+        splats=_verified(splats, SPLATS),
+        language=codes,
+        encoded=_verified(path, SCHEMAS[encoded]),
+    )
+    return sources, lineage(list(vars(sources).values()))
 
 
 def open_question(
@@ -134,15 +142,15 @@ def open_question(
     """Read the scene and encode the queries; arguments as in ``run``.
 
     Raises:
-        UserError: the OpenCLIP of the features is missing, the backend cannot run, or a phrase is not valid.
+        UserError: the OpenCLIP that made the features is missing, the backend cannot run, or a phrase is not valid.
     """
-    made_with = sources.features.facts["clip"]
-    clip = load_clip_of(sources.features, made_with["model"], made_with["checkpoint"], device, precision)
+    made_with = sources.encoded.facts["clip"]
+    clip = load_clip_of(sources.encoded, made_with["model"], made_with["checkpoint"], device, precision)
     return Question(
         texts=encode_texts(clip, list(dict.fromkeys(phrases)), options.canonical),
         untaught={phrase: untaught_words(clip, phrase) for phrase in phrases},
         options=options,
-        scene=read_scene(sources.splats, sources.language, sources.features, backend),
+        scene=read_scene(sources.splats, sources.language, sources.encoded, backend),
     )
 
 

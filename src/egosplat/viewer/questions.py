@@ -9,10 +9,11 @@ import torch
 from numpy.typing import NDArray
 
 from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.lineage import lineage
-from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.locating import locate
+from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.geometry import Array, Camera, make_pose
 from egosplat.models.open_clip_loader import OpenClip
@@ -22,11 +23,11 @@ from egosplat.query.options import QueryOptions
 from egosplat.query.relevancy import relevancy_maps
 from egosplat.query.scene import QueryScene, with_codes
 from egosplat.query.scene_query import SceneAnswer, answer_from_relevancy
-from egosplat.query.text import encode_texts, load_clip_of, untaught_words
+from egosplat.query.text import encode_texts, encoded_of, load_clip_of, untaught_words
 from egosplat.query.things import Thing
 from egosplat.query.vocabulary import words_to_try
 from egosplat.viewer.prepared import Prepared, prepare
-from egosplat.viewer.scene import ViewedScene, artifact_path
+from egosplat.viewer.scene import ViewedScene
 
 # Maximum number of things in an answer.
 MOST_THINGS = 3
@@ -171,14 +172,11 @@ def open_questions(
         cache: see ``prepare``.
 
     Raises:
-        UserError: language.zarr or features.zarr is missing, damaged or made from another scene; or OpenCLIP is not the
-            one that made the features.
+        UserError: language.zarr, or the features.zarr or tiles.zarr that it was learnt from, is missing, damaged or made from another
+            scene; or OpenCLIP is not the one that made the features.
     """
-    language_path, features_path = (artifact_path(viewed.folder, name) for name in ("language", "features"))
-    for path in (language_path, features_path):
-        if not path.exists():
-            raise UserError(f"{path}: does not exist; make it: snakemake --cores 2 {path}")
-    features, language = open_artifact(features_path, FEATURES), open_artifact(language_path, LANGUAGE)
+    language = _finished(viewed.folder, LANGUAGE.name)
+    features = _finished(viewed.folder, encoded_of(language))
     check_made_from(language, features, viewed.splats, viewed.poses, viewed.frames)
     made_with = features.facts["clip"]
     clip = load_clip_of(features, made_with["model"], made_with["checkpoint"], device, precision)
@@ -188,3 +186,11 @@ def open_questions(
     prepared = prepare(scene, sources, viewed.camera_to_world, valid, cache)
     notice = notice_of_artifacts(lineage([language, features]).found.values())
     return Questions(prepared, clip, language.facts["levels"], options, notice)
+
+
+def _finished(folder: Path, name: str) -> Artifact:
+    """Open an artifact of a scene or variant; an error names the command that makes it."""
+    (path,) = locate(folder, name)
+    if not path.exists():
+        raise UserError(f"{path}: does not exist; make it: snakemake --cores 2 {path}")
+    return open_artifact(path, SCHEMAS[name])

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.instances import INSTANCES
+from egosplat.artifacts.locating import locate
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.poses import POSES, length_unit
 from egosplat.artifacts.reader import Artifact, open_artifact
@@ -62,14 +63,6 @@ class ViewedScene:
         return 0.02 * self.reach
 
 
-def artifact_path(folder: Path, name: str) -> Path:
-    """Path of an artifact in a scene's folder, or of the scene's own where a variant shares it."""
-    own = folder / f"{name}.zarr"
-    if own.exists() or folder.parent.name != "variants":
-        return own
-    return folder.parent.parent / f"{name}.zarr"
-
-
 def open_scene(folder: Path, backend: str) -> ViewedScene:
     """Open a scene or a variant of one, without its language.
 
@@ -79,11 +72,8 @@ def open_scene(folder: Path, backend: str) -> ViewedScene:
     Raises:
         UserError: an artifact is missing or damaged, or does not belong to the others; or no frame has a pose.
     """
-    if any(not artifact_path(folder, name).exists() for name in NEEDED):
-        check_scene_folder(folder, NEEDED)
-    frames, poses, splats = (
-        open_artifact(artifact_path(folder, schema.name), schema) for schema in (FRAMES, POSES, SPLATS)
-    )
+    check_scene_folder(folder, NEEDED)
+    frames, poses, splats = map(open_artifact, locate(folder, *NEEDED), (FRAMES, POSES, SPLATS))
     check_made_from(poses, frames)
     check_made_from(splats, frames, poses)
     camera_to_world = camera_poses(poses, splats)
@@ -106,7 +96,7 @@ def open_scene(folder: Path, backend: str) -> ViewedScene:
 
 
 def _if_there(folder: Path, schema: Schema, frames: Artifact) -> Artifact | None:
-    path = artifact_path(folder, schema.name)
+    (path,) = locate(folder, schema.name)
     if not path.exists():
         return None
     artifact = open_artifact(path, schema)

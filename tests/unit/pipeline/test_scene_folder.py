@@ -4,7 +4,7 @@ import pytest
 
 from egosplat import cli
 from egosplat.errors import UserError
-from egosplat.pipeline.scene_folder import check_scene_folder
+from egosplat.pipeline.scene_folder import check_scene_folder, title_of
 
 STAGES = ("frames", "poses", "features", "splats", "language")
 SCENE = "results/adt/scene1"
@@ -41,7 +41,11 @@ def folder(tmp_path, monkeypatch):
             "does not exist. Make the scene: snakemake --cores 2 results/adt/scene9/metrics",
         ),
         (f"{SCENE}/frames.zarr", "is a single artifact; give the folder of its scene, results/adt/scene1"),
-        (f"{SCENE}/variants/v", "give the scene's folder, results/adt/scene1"),
+        (
+            f"{SCENE}/variants/v",
+            f"lacks features.zarr, language.zarr. Make the variant: snakemake --cores 2 {SCENE}/variants/v/metrics",
+        ),
+        (f"{SCENE}/variants/w", "does not exist. Make the variant: "),
     ],
 )
 def test_an_unfinished_scene_lists_its_missing_files(folder, given, said):
@@ -54,6 +58,18 @@ def test_a_finished_scene_is_taken(folder):
     for name in STAGES:
         (folder / SCENE / f"{name}.zarr").mkdir(exist_ok=True)
     check_scene_folder(folder / SCENE, STAGES)
+
+
+def test_a_variant_may_share_everything(folder):
+    """It has artifacts of its own, those of its scene and those of other variants."""
+    for name in ("features", "language"):
+        (folder / SCENE / f"variants/w/{name}.zarr").mkdir(parents=True)
+    check_scene_folder(folder / SCENE / "variants/w", STAGES)
+
+
+@pytest.mark.parametrize("place, title", [(SCENE, "adt/scene1"), (f"{SCENE}/variants/v", "adt/scene1, v")])
+def test_titles_name_the_scene_and_the_variant(folder, place, title):
+    assert title_of(folder / place) == title
 
 
 @pytest.mark.parametrize("words", [("query", "README.md", "cup"), ("export", "README.md")])

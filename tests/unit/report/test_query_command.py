@@ -75,6 +75,16 @@ def test_a_frame_is_answered_in_words_and_in_a_picture(word_scene, query):
     assert width > height > 400
 
 
+def test_a_variant_is_asked_with_the_artifacts_that_it_shares(word_scene, query):
+    folder = word_scene()
+    variant = folder / "variants" / "mine"
+    variant.mkdir(parents=True)
+    shutil.move(folder / "language.zarr", variant)
+    status, out, err = query(variant, "couch", "--frame", 1)
+    assert status == 0, err
+    assert out.startswith(f"{variant}, frame 1, ") and (variant / "query.png").exists()
+
+
 def test_small_checkpoints_on_a_real_recording_are_reported_with_the_answers(word_scene, query):
     folder = word_scene(origin="real")
     status, out, err = query(folder, "couch", "--frame", 1)

@@ -1,0 +1,40 @@
+"""Find the artifacts of a scene or a variant from its folder alone."""
+
+from pathlib import Path
+
+from egosplat.artifacts.lineage import lineage, searched_folders
+from egosplat.artifacts.reader import Artifact, open_any, recorded_digest
+from egosplat.artifacts.registry import SCHEMAS
+from egosplat.pipeline.validation import read_document
+
+
+def locate(folder: Path, *names: str) -> list[Path]:
+    """Find artifacts of a scene, or of a variant, which shares artifacts with its scene and with other variants.
+
+    Args:
+        folder: folder of the scene or variant.
+        names: of artifacts, without ``.zarr``.
+
+    Returns:
+        The path of each; in ``folder`` if the artifact is not there.
+
+    Raises:
+        UserError: an artifact or metrics.json of the variant is damaged, or its artifacts do not belong together.
+    """
+    found: dict[str, Path] = {}
+    if folder.parent.name == "variants" and (own := _own(folder)):
+        found = {name: artifact.path for name, artifact in lineage(own).found.items()}
+    return [found.get(f"{name}.zarr", folder / f"{name}.zarr") for name in names]
+
+
+def _own(folder: Path) -> list[Artifact]:
+    """The artifacts in a variant's folder, and the codes of which it has only scores."""
+    own = [open_any(path, SCHEMAS) for path in sorted(folder.glob("*.zarr"))]
+    scores = folder / "metrics.json"
+    if all(artifact.schema.name != "language" for artifact in own) and scores.exists():
+        digest = read_document(scores, "metrics")["provenance"]["inputs"]["language.zarr"]
+        places = (place / "language.zarr" for place in searched_folders([folder]))
+        own += [
+            open_any(path, SCHEMAS) for path in places if path.exists() and recorded_digest(path) == digest
+        ][:1]
+    return own
