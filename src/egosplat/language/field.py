@@ -20,7 +20,7 @@ from egosplat.language.lifting import everywhere, shares
 from egosplat.language.loop import Step, Trainee, train
 from egosplat.language.options import LanguageOptions
 from egosplat.language.pixel_views import PixelViews
-from egosplat.language.result import Coded
+from egosplat.language.result import Coded, fewer_iterations
 from egosplat.language.tile_views import TileViews, nearest
 from egosplat.language.views import CodeViews
 
@@ -66,7 +66,8 @@ def field(
     stands_in = (
         tiles.stands_in[0] + weight,
         *tiles.stands_in[1:],
-        f"{options.iterations:,} of {_ITERATIONS:,} iterations, {options.pixels:,} rays of one view each",
+        *fewer_iterations(options.iterations, _ITERATIONS),
+        f"{options.pixels:,} rays of one view an iteration",
         "one sample a ray, at the depth of the shared geometry, not nerfacto's 24",
         f"{options.scales} scales of a query for 30",
     )

@@ -15,7 +15,7 @@ from egosplat.language.loop import Step, Trainee, adam, train
 from egosplat.language.options import LanguageOptions
 from egosplat.language.pixel_views import PixelViews
 from egosplat.language.regions import Sample, mean_over_regions, sample_regions, variance_within
-from egosplat.language.result import Coded
+from egosplat.language.result import Coded, fewer_iterations
 from egosplat.language.views import CodeViews
 
 # Published: numbers of a code, layers of both decoders, learning rates, and iterations.
@@ -56,7 +56,7 @@ def granular(
     share = shares(gaussians, views, settings, lambda frame: targets.known(frame).all(dim=0, keepdim=True))
     stands_in = (
         "distillation alone: the segments are shared, not prompted by depth",
-        f"{options.iterations:,} of {_ITERATIONS:,} iterations",
+        *fewer_iterations(options.iterations, _ITERATIONS),
         f"the loss of {options.pixels:,} pixels of a view, drawn by region",
     )
     return Coded(codes.code.detach()[:, None], share, ["granular"], codes.decoder.trained(), curve, stands_in)

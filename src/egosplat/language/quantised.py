@@ -16,7 +16,7 @@ from egosplat.language.lifting import everywhere, shares
 from egosplat.language.loop import Step, Trainee, adam, train
 from egosplat.language.options import LanguageOptions
 from egosplat.language.pixel_views import PixelViews
-from egosplat.language.result import Coded
+from egosplat.language.result import Coded, fewer_iterations
 from egosplat.language.tile_views import TileViews, nearest
 from egosplat.language.views import CodeViews
 from egosplat.progress import track
@@ -64,7 +64,7 @@ def quantised(
     share = shares(gaussians, views, settings, everywhere(views))
     stands_in = (
         *tiles.stands_in,
-        f"{options.iterations:,} of {_ITERATIONS:,} iterations",
+        *fewer_iterations(options.iterations, _ITERATIONS),
         f"the loss of {options.pixels:,} pixels of a view, and of as many features a batch",
         "colour and geometry fixed, not trained along with it",
     )

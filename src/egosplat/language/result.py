@@ -10,6 +10,11 @@ from egosplat.codes.decoder import Decoder
 SEGMENTER = "SAM2 in place of SAM"
 
 
+def fewer_iterations(done: int, published: int, of: str = "") -> tuple[str, ...]:
+    """The stand-in of a shorter training than the authors'; none for one as long. ``of`` follows "iterations"."""
+    return () if done >= published else (f"{done:,} of {published:,} iterations{of}",)
+
+
 @dataclass(frozen=True)
 class Curve:
     """Last iteration and mean loss of each record."""

@@ -17,7 +17,7 @@ from egosplat.language.lifting import shares
 from egosplat.language.loop import Step, Trainee, adam, train
 from egosplat.language.options import LanguageOptions
 from egosplat.language.pixel_views import PixelViews
-from egosplat.language.result import Coded
+from egosplat.language.result import Coded, fewer_iterations
 from egosplat.language.views import CodeViews
 
 # Published: words of the codebook, and words in a code.
@@ -50,7 +50,7 @@ def sparse(
     curve = train(codes, len(views), options.iterations, options.seed, checkpoint)
     share = shares(gaussians, views, settings, targets.known)
     stands_in = (
-        f"{options.iterations // len(targets.levels):,} of {_ITERATIONS:,} iterations a level",
+        *fewer_iterations(options.iterations // len(targets.levels), _ITERATIONS, " a level"),
         f"the loss of {options.pixels:,} pixels of a view",
         "one codebook for all levels",
     )

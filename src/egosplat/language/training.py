@@ -13,11 +13,11 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.language.lifting import shares
 from egosplat.language.loop import Step, Trainee, adam, train
-from egosplat.language.result import SEGMENTER, Coded
+from egosplat.language.result import SEGMENTER, Coded, fewer_iterations
 from egosplat.language.views import CodeViews
 
 # LangSplat's iterations.
-PUBLISHED = 30_000
+_ITERATIONS = 30_000
 
 # Norm of the random codes that normalized ones start from (docs/methods.md#langsplat). From LangSplat's 0, divided by
 # 1e-9, the first gradient is a million times the next ones, and Adam hardly moves the codes until it has forgotten it,
@@ -60,11 +60,10 @@ def trained(
     curve = train(codes, len(views), options.iterations, options.seed, checkpoint)
     # Stored as they are rendered, so that queries need not know whether codes are normalized.
     code = codes_to_render(codes.code.detach(), options.normalize_codes)
-    fewer = f"{options.iterations:,} of {PUBLISHED:,} iterations"
     start = "random codes at the start in place of 0"
     stands_in = (
         SEGMENTER,
-        *([fewer] if options.iterations < PUBLISHED else []),
+        *fewer_iterations(options.iterations, _ITERATIONS),
         *([start] if options.normalize_codes else []),
     )
     return Coded(code, share, targets.levels, curve=curve, stands_in=stands_in)

@@ -234,7 +234,11 @@ def _filled(config: Mapping[str, Any], part: Mapping[str, Any], models: str | No
     filled = copy.deepcopy(dict(config))
     for key, sub in part.get("properties", {}).items():
         if "default" in sub:
-            filled.setdefault(key, copy.deepcopy(default_of(sub, models)))
+            default = copy.deepcopy(default_of(sub, models))
+            filled.setdefault(key, default)
+            # A variant of the user stands beside the default ones, and replaces one of its name.
+            if key in _NAMED and isinstance(filled[key], Mapping):
+                filled[key] = {**default, **filled[key]}
         if isinstance(filled.get(key), Mapping):
             filled[key] = _filled(filled[key], sub, models)
     return filled

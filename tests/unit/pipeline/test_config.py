@@ -103,6 +103,14 @@ def test_user_overrides_preset_overrides_defaults():
     assert resolved["frames"]["focal"] == 460.0
 
 
+def test_variants_of_the_user_stand_beside_the_default_ones():
+    """One of the same name is replaced, not merged: a user's baseline has the user's keys alone."""
+    mine = {"features": {"dims": 3}}
+    found = config.resolve({"variants": {"mine": mine, "baseline": mine}}, PRESETS)["variants"]
+    default = config.defaults()["variants"]
+    assert found == default | {"mine": mine, "baseline": mine}
+
+
 def test_the_reference_page_is_that_of_the_schema():
     """config/reference.md does not drift from the schema."""
     page = (ROOT / "config" / "reference.md").read_text(encoding="utf-8")
