@@ -218,7 +218,6 @@ def _facts(
         "extent_m": state.extent,
         "views": {name: len(some) for name, some in _named(view_sets).items()},
         "iteration": state.iteration,
-        "iterations_done": state.iteration,
         "sh_degree_in_use": sh_degree,
         "skipped_rows": state.optimizer.skipped_rows,
         "training_s": round(state.seconds, 3),
