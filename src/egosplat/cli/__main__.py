@@ -1,0 +1,5 @@
+"""``python -m egosplat.cli``."""
+
+from egosplat.cli import main
+
+main()

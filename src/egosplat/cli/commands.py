@@ -1,0 +1,252 @@
+"""The command line: a sub-command for each stage, with the stage's configuration keys as flags."""
+
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+import egosplat
+from egosplat.cli.flags import ARTIFACT, JSON, stage_flags
+from egosplat.cli.scenes import export_command, movie_command, page_command, query_command, view_command
+from egosplat.errors import UserError, user_message
+from egosplat.pipeline.config import stage_keys
+from egosplat.pipeline.config_table import keys_page
+from egosplat.pipeline.process_guards import end_with_snakemake
+from egosplat.pipeline.stages import STAGES, run_stage
+from egosplat.progress import show_log
+
+# Half of the longest message about a flag [characters]; a value may be a whole file.
+_LONGEST = 500
+
+# Commands that are built on demand: their flags come from the configuration's schema.
+_BUILT: dict[str, Callable[[], click.Command]] = {
+    "export": export_command,
+    "movie": movie_command,
+    "query": query_command,
+    "page": page_command,
+    "view": view_command,
+}
+
+
+class Commands(click.Group):
+    """Sub-commands that are built only when they are called."""
+
+    def list_commands(self, context: click.Context) -> list[str]:
+        others = sorted([*super().list_commands(context), *_BUILT])
+        return [*(name.replace("_", "-") for name in STAGES), *others]
+
+    def get_command(self, context: click.Context, name: str) -> click.Command | None:
+        # Built on demand, so that ``--help`` imports neither PyTorch nor a stage.
+        if name in _BUILT:
+            return _BUILT[name]()
+        stage = name.replace("-", "_")
+        return stage_command(stage) if stage in STAGES else super().get_command(context, name)
+
+
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(egosplat.__version__, message="egosplat %(version)s")
+def cli() -> None:
+    """Search a 3D scene, filmed by a head-mounted camera, by text.
+
+    Each stage of the pipeline is a command. The workflow calls them in order and reruns only what is stale:
+    snakemake --cores 2 results/adt/scene1/contact_sheet.png
+    """
+
+
+@cli.command()
+@click.argument("folders", nargs=-1, required=True, type=ARTIFACT)
+def check(folders: tuple[Path, ...]) -> None:
+    """Verify all artifacts and JSON files below FOLDERS: checksums, schemas, and the artifacts they were made from."""
+    from egosplat.artifacts.check import check_tree
+
+    problems = sum(not report.sound for folder in folders for report in check_tree(folder, click.echo))
+    if problems:
+        raise UserError(f"{problems} artifact{'s are' if problems > 1 else ' is'} not sound")
+
+
+@cli.command()
+@click.argument("metrics", nargs=-1, type=ARTIFACT)
+@click.option("--output", type=ARTIFACT, required=True, help="Output folder of the tables.")
+@click.option(
+    "--picture", "pictures", multiple=True, type=ARTIFACT, help="Figure on the page. May be repeated."
+)
+def tables(metrics: tuple[Path, ...], output: Path, pictures: tuple[Path, ...]) -> None:
+    """Write METRICS, metrics.json of several scenes, as the paper's tables, next to its printed numbers."""
+    from egosplat.tables.stage import run
+
+    run(metrics, output, pictures=pictures)
+
+
+@cli.command()
+@click.option(
+    "--points",
+    type=JSON,
+    required=True,
+    help="Settings and metrics.json files of each point; the scene itself first.",
+)
+@click.option("--output", type=ARTIFACT, required=True, help="Output folder of the page.")
+def tradeoff(points: list[dict[str, Any]], output: Path) -> None:
+    """Compare cost and accuracy of points. The workflow lists the points."""
+    from egosplat.tradeoff.stage import run
+
+    run(points, output)
+
+
+@cli.command()
+@click.argument("documents", nargs=-1, required=True, type=ARTIFACT)
+@click.option("--output", type=ARTIFACT, required=True, help="Output folder of the page.")
+def tradeoff_scenes(documents: tuple[Path, ...], output: Path) -> None:
+    """Compare cost and accuracy over several scenes: DOCUMENTS are their files tradeoff.json."""
+    from egosplat.tradeoff.stage import run_scenes
+
+    run_scenes(documents, output)
+
+
+@cli.command()
+@click.argument("metrics", nargs=-1, required=True, type=ARTIFACT)
+@click.option("--title", required=True, help="Name of the scene.")
+@click.option("--output", type=ARTIFACT, required=True, help="Output picture, .png.")
+def methods_sheet(metrics: tuple[Path, ...], title: str, output: Path) -> None:
+    """Draw answers of methods side by side: METRICS are metrics.json of one scene's variants."""
+    from egosplat.report.methods_sheet import run
+
+    run(metrics, output, title)
+
+
+@cli.command()
+@click.argument("files", nargs=-1, required=True, type=ARTIFACT)
+@click.option("--title", required=True, help="Name of the scene.")
+@click.option("--output", type=ARTIFACT, required=True, help="Output page, .html.")
+def story(files: tuple[Path, ...], title: str, output: Path) -> None:
+    """Tell on one page what became of a scene: FILES are its artifacts, pages, survey.json and metrics.json."""
+    from egosplat.report.story import run
+
+    run(files, output, title)
+
+
+@cli.command()
+def keys() -> None:
+    """Print all configuration keys with defaults and descriptions as a Markdown page."""
+    click.echo(keys_page())
+
+
+CONFIGFILE = click.option(
+    "--configfile", multiple=True, type=ARTIFACT, help="Overrides config/config.yaml. May be repeated."
+)
+CONFIG = click.option(
+    "--config", multiple=True, metavar="KEY=VALUE", help="Overrides all files, as in preset=fast."
+)
+
+
+@cli.command()
+@CONFIGFILE
+@CONFIG
+def doctor(configfile: tuple[Path, ...], config: tuple[str, ...]) -> None:
+    """Report what this machine can do with the configuration and what is missing (exit status 1)."""
+    from egosplat.doctor.examination import examine
+    from egosplat.doctor.findings import Mark, page
+
+    findings = examine(configfile, config)
+    click.echo(page(findings))
+    if any(finding.mark == Mark.MISSING for finding in findings):
+        raise SystemExit(1)
+
+
+@cli.group(invoke_without_command=True)
+@CONFIGFILE
+@CONFIG
+@click.option("--all", "every", is_flag=True, help="List the whole catalogue of published checkpoints.")
+@click.pass_context
+def models(
+    context: click.Context, configfile: tuple[Path, ...], config: tuple[str, ...], every: bool
+) -> None:
+    """List the checkpoints that the configuration needs: place, licence, size, SHA-256, and whether they are there."""
+    from egosplat.doctor.inputs import read_configuration, read_configurations
+    from egosplat.models.needed import catalogue, listing, needed
+
+    context.obj = (configfile, config)
+    if context.invoked_subcommand:
+        return
+    options = [word for path in configfile for word in ("--configfile", str(path))]
+    options += [word for one in config for word in ("--config", one)]
+    files = (
+        catalogue(read_configuration(configfile, config)[0])
+        if every
+        else needed(read_configurations(configfile, config))
+    )
+    click.echo(listing(files, options))
+
+
+@models.command()
+@click.argument("names", nargs=-1)
+@CONFIGFILE
+@CONFIG
+@click.pass_context
+def download(
+    context: click.Context, names: tuple[str, ...], configfile: tuple[Path, ...], config: tuple[str, ...]
+) -> None:
+    """Fetch the published checkpoints that the configuration needs and that are missing, or those of NAMES.
+
+    NAMES are architectures, as sam2.1_hiera_l. An interrupted download continues. Proxies are those of the environment
+    (https_proxy); HF_ENDPOINT names a mirror of the Hugging Face hub. Nothing else in egosplat downloads anything.
+    """
+    from egosplat.doctor.inputs import read_configuration, read_configurations
+    from egosplat.models.needed import catalogue, needed
+    from egosplat.models.needed import download as fetch
+
+    files, options = (*context.obj[0], *configfile), (*context.obj[1], *config)
+    if names:
+        wanted = catalogue(read_configuration(files, options)[0], names)
+    else:
+        wanted = needed(read_configurations(files, options))
+    for line in fetch(wanted):
+        click.echo(line)
+
+
+def stage_command(stage: str) -> click.Command:
+    """Build the command of a stage, with a flag for each path and each configuration key."""
+
+    def call(**values: Any) -> None:
+        from egosplat.alarms.artifact_alarms import log_warnings
+
+        keys = {name: values.pop(name) for name in stage_keys(stage)}
+        run_stage(stage, keys, **values)
+        log_warnings(stage, values["output"])
+
+    return click.Command(
+        stage.replace("_", "-"), callback=call, params=stage_flags(stage), help=STAGES[stage].help
+    )
+
+
+def main() -> None:
+    """Run the command line. A user's mistake gives one or two lines without a traceback and exit status 2."""
+    # torch reads it on import. Waiting threads that spin take cores from working ones: on two shared cores training was
+    # 3 to 7 times slower.
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    end_with_snakemake()
+    show_log()
+    try:
+        cli.main(standalone_mode=False)
+    except click.ClickException as error:
+        error.message = _shortened(error.message)
+        error.show()
+        sys.exit(2)
+    except click.Abort:
+        sys.exit(_say("interrupted", 130))
+    except Exception as error:
+        if (message := user_message(error)) is None:
+            raise
+        sys.exit(_say(message))
+
+
+def _shortened(message: str) -> str:
+    """Cut the middle out of a very long message."""
+    return message if len(message) <= 2 * _LONGEST else f"{message[:_LONGEST]} ... {message[-_LONGEST:]}"
+
+
+def _say(message: str, status: int = 2) -> int:
+    click.echo(f"egosplat: {message}", err=True)
+    return status
