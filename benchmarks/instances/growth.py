@@ -57,7 +57,7 @@ def made_up_masks(frames: int, gaussians: int, wrong: int) -> LiftedMasks:
     starts = np.concatenate([[0], np.cumsum([len(one) for one in members])])
     columns = np.concatenate(weights), np.concatenate(members).astype(np.int32), starts
     votes = sparse.csc_array(columns, (gaussians, len(members)))
-    return LiftedMasks(np.arange(len(members)), np.array(frame), votes, seen)
+    return LiftedMasks(np.arange(len(members)), np.array(frame), np.arange(len(seen)), votes, seen)
 
 
 def row_of(frames: int, gaussians: int, wrong: int) -> list[str]:

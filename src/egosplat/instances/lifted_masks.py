@@ -31,12 +31,14 @@ class LiftedMasks:
     Attributes:
         instance: (V,) int64 number of the mask's instance in segments.zarr.
         frame: (V,) int64 place of the mask's frame among the T frames.
+        row: (T,) int64 the frames.
         votes: (N, V) sparse float32, compositing weight of each Gaussian inside the mask [px].
         seen: (T, N) float32, compositing weight of each Gaussian in all pixels that count [px].
     """
 
     instance: NDArray[np.int64]
     frame: NDArray[np.int64]
+    row: NDArray[np.int64]
     votes: sparse.csc_array
     seen: NDArray[np.float32]
 
@@ -48,7 +50,11 @@ class LiftedMasks:
     def select(self, chosen: NDArray[np.bool_]) -> "LiftedMasks":
         """Select masks by (V,) bool."""
         return LiftedMasks(
-            self.instance[chosen], self.frame[chosen], self.votes[:, np.flatnonzero(chosen)], self.seen
+            self.instance[chosen],
+            self.frame[chosen],
+            self.row,
+            self.votes[:, np.flatnonzero(chosen)],
+            self.seen,
         )
 
     def members(self, mask: int, inside: float) -> NDArray[np.int32]:
@@ -97,6 +103,7 @@ def lift_masks(
     return LiftedMasks(
         np.concatenate(instance).astype(np.int64),
         np.concatenate(frame).astype(np.int64),
+        frames,
         sparse.csc_array(sparse.hstack(votes, format="csc")),
         seen,
     )

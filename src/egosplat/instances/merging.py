@@ -106,11 +106,7 @@ def agglomerate(runs: Runs, weight: Floats, keys: InstancesOptions) -> Ints:
     count = len(runs.votes)
     held, seen = runs.holds() * weight, runs.has_seen().astype(np.float32)
     size = held.sum(1)
-    # [a, b]: weight of what a holds and b has seen.
-    few = sparse.csr_array(held)
-    visible = few @ seen.T
-    shared = few @ (held > 0).T.astype(np.float32)
-    iou = _iou(shared, visible, visible.T, size[:, None], size[None], keys.common)
+    iou = np.nan_to_num(overlaps(runs, weight, keys.common))
     np.fill_diagonal(iou, 0.0)
     into = np.arange(count)
     while count:
@@ -123,13 +119,15 @@ def agglomerate(runs: Runs, weight: Floats, keys: InstancesOptions) -> Ints:
         held[other] = seen[other] = size[other] = 0.0
         size[one] = held[one].sum()
         mine = np.flatnonzero(held[one])
-        row = _iou(
-            (held[:, mine] > 0) @ weight[mine],
-            seen[:, mine] @ weight[mine],
-            held @ seen[one],
-            size[one],
-            size,
-            keys.common,
+        row = np.nan_to_num(
+            _iou(
+                (held[:, mine] > 0) @ weight[mine],
+                seen[:, mine] @ weight[mine],
+                held @ seen[one],
+                size[one],
+                size,
+                keys.common,
+            )
         )
         row[one] = 0.0
         iou[one] = iou[:, one] = row
@@ -137,8 +135,25 @@ def agglomerate(runs: Runs, weight: Floats, keys: InstancesOptions) -> Ints:
     return into
 
 
+def overlaps(runs: Runs, weight: Floats, common: float) -> Floats:
+    """(R, R) IoU of each two runs on what both have seen; NaN where that is too small a part of the smaller run.
+
+    Args:
+        runs: R runs.
+        weight: (n,) weight of each Gaussian in an IoU.
+        common: least share of the smaller run.
+    """
+    held = runs.holds() * weight
+    size = held.sum(1)
+    # [a, b]: weight of what a holds and b has seen.
+    few = sparse.csr_array(held)
+    visible = few @ runs.has_seen().T.astype(np.float32)
+    shared = few @ (held > 0).T.astype(np.float32)
+    return _iou(shared, visible, visible.T, size[:, None], size[None], common)
+
+
 def _iou(shared: Floats, first: Floats, second: Floats, size: Floats, other: Floats, common: float) -> Floats:
-    """IoU of runs on what both have seen; 0 where that is too small a part of the smaller run.
+    """IoU of runs on what both have seen; NaN where that is too small a part of the smaller run.
 
     Args:
         shared: weight that both hold; first, second: weight that one holds and the other has seen.
@@ -147,4 +162,4 @@ def _iou(shared: Floats, first: Floats, second: Floats, size: Floats, other: Flo
     """
     union = first + second - shared
     iou = np.divide(shared, union, out=np.zeros_like(shared), where=union > 0)
-    return np.where(np.maximum(first, second) < common * np.minimum(size, other), 0.0, iou)
+    return np.where(np.maximum(first, second) < common * np.minimum(size, other), np.nan, iou)

@@ -25,6 +25,7 @@ from egosplat.instances.lifted_masks import MaskLifter
 from egosplat.instances.moving import MovingTracks
 from egosplat.instances.options import InstancesOptions
 from egosplat.instances.scene import Scene, find_scene
+from egosplat.instances.standing import standing_tracks
 from egosplat.progress import log, track
 
 # Values of ``source``: the tracks of segments.zarr unchanged, as in the paper; and what follows its prompting.
@@ -68,15 +69,41 @@ def run(
     flags = frames.read("train") & kept, frames.read("evaluation"), poses.read("registered")
     training = split_views(*flags).training
     key = provenance.key_of(record)
+
+    def lifter_without(tracks: MovingTracks) -> tuple[MaskLifter, NDArray[np.float64]]:
+        """Train Gaussians without the pixels of tracks; also returns the poses of all frames."""
+        gaussians, views, cameras = train_geometry(
+            frames,
+            poses,
+            training,
+            lambda row: tracks.pixels(segments.row("labels", row)),
+            options,
+            output,
+            f"{key} {tracks.standing.tolist()}",
+        )
+        return MaskLifter(gaussians, views, segments, frames.read("valid"), options), cameras
+
     tracks = MovingTracks(segments)
-    gaussians, views, cameras = train_geometry(
-        frames, poses, training, lambda row: tracks.pixels(segments.row("labels", row)), options, output, key
-    )
-    lifter = MaskLifter(gaussians, views, segments, frames.read("valid"), options)
+    lifter, cameras = lifter_without(tracks)
+    standing = _standing(lifter, tracks, frames)
+    if len(standing):
+        tracks = MovingTracks(segments, standing)
+        lifter, cameras = lifter_without(tracks)
     scene = find_scene(lifter, tracks)
     rows = np.flatnonzero(kept & poses.read("registered"))
     _write_things(output, record, scene, tracks, options.source, segments, cameras, rows)
     Checkpoint(output, key, 0.0).remove()
+
+
+def _standing(lifter: MaskLifter, tracks: MovingTracks, frames: Artifact) -> NDArray[np.int64]:
+    """Instances of segments.zarr that are tracks and stand still."""
+    lifted = lifter.lift(tracks.keep)
+    if lifted is None:
+        return np.zeros(0, np.int64)
+    found = standing_tracks(lifted, frames.read("timestamp_ns")[lifted.row] / 1e9, lifter.keys)
+    if len(found):
+        log(f"{len(found)} of {len(tracks.level)} tracks cover the same surfaces over time: they stand still")
+    return found
 
 
 def _write_tracks(output: Path, record: Provenance, segments: Artifact) -> None:
@@ -125,7 +152,11 @@ def _write_things(
         artifact.put("gaussians/xyz", scene.gaussians.means.numpy())
         artifact.put("gaussians/instance", scene.strongest())
         pixels = max(len(shown) * int(scene.valid.sum()), 1)
-        figures = {"merging": scene.counts, "pixels_without_instance": empty / pixels}
+        figures = {
+            "merging": scene.counts,
+            "pixels_without_instance": empty / pixels,
+            "standing_tracks": len(tracks.standing),
+        }
         artifact.facts = _facts(segments, level, source) | figures
 
 

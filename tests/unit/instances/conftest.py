@@ -46,7 +46,8 @@ def lifted(
     for frame, members in enumerate(seen):
         weight[frame, members] = 1.0
     names = np.arange(len(held)) if instance is None else np.array(instance)
-    return LiftedMasks(names, np.array(frames, np.int64), sparse.csc_array(votes), weight)
+    rows = np.arange(len(seen))
+    return LiftedMasks(names, np.array(frames, np.int64), rows, sparse.csc_array(votes), weight)
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.instances import stage
 from egosplat.instances.lifted_masks import lift_masks
-from tests.unit.instances.conftest import COLORS, DISTANCE, FRAMES, SIZE, options
+from tests.unit.instances.conftest import COLORS, DISTANCE, FRAMES, LEFT, RIGHT, SIZE, options
 
 
 def run(folder, name="instances.zarr", **changes):
@@ -106,6 +106,7 @@ def test_what_moves_is_drawn_over_the_instances_and_takes_no_part_in_merging(sce
     looked = {}
 
     def watched(gaussians, look, frames, *others):
+        looked.clear()  # the tracks are lifted before, by themselves
         looked.update({int(frame): look(int(frame)) for frame in frames})
         return lift_masks(gaussians, look, frames, *others)
 
@@ -137,6 +138,23 @@ def test_what_moves_is_drawn_over_the_instances_and_takes_no_part_in_merging(sce
     rest, square = shown[:, 1][~hidden], truth[~hidden]
     assert max((rest == square).mean(), (rest == 1 - square).mean()) > 0.95
     assert found.read("gaussians/instance").max() == 1
+
+
+def test_a_track_that_stands_still_is_merged_like_any_mask(scene, truth):
+    """The right square is a track in every frame, as if the transient network took it for something that moves."""
+    labels = np.full((FRAMES, 2, SIZE, SIZE), -1, np.int32)
+    for frame in range(0, FRAMES, 2):
+        labels[frame, 1] = np.where(truth[frame] == LEFT, frame, -1)
+    labels[:, 1][truth == RIGHT] = FRAMES
+    level, moving = np.ones(FRAMES + 1, np.int8), np.arange(FRAMES + 1) == FRAMES
+    times = np.arange(FRAMES, dtype=np.int64) * 10**9
+    changes = {"labels": labels, "instances/level": level, "instances/moving": moving, "timestamp_ns": times}
+    found = run(scene(**changes))
+    assert found.facts["standing_tracks"] == 1
+    assert found.read("instances/moving").tolist() == [False, False]
+    assert found.read("instances/masks").tolist() == [5, 5], "only frames with masks of their own vote"
+    shown = found.read("labels")[:, 1]
+    assert max((shown == truth).mean(), (shown == 1 - truth).mean()) > 0.95
 
 
 def test_a_killed_run_resumes_to_the_same_result(scene, monkeypatch):

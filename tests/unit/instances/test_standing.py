@@ -1,0 +1,58 @@
+"""A track stands still if its masks cover the same surfaces at different times."""
+
+import numpy as np
+import pytest
+
+from egosplat.instances.standing import standing_tracks
+from tests.unit.instances.conftest import lifted, options
+
+WALL = list(range(40))
+# Four places that a person walks through.
+PLACES = [WALL[start : start + 10] for start in (0, 10, 20, 30)]
+
+
+def standing(held, seconds, seen=None, instance=None) -> list[int]:
+    """The standing tracks; mask k is of frame k, and of track 0 unless ``instance`` says more."""
+    count = len(held)
+    masks = lifted(held, list(range(count)), seen or [WALL] * count, instance or [0] * count)
+    return standing_tracks(masks, np.array(seconds, float), options()).tolist()
+
+
+def test_a_wall_stands_and_a_person_moves():
+    held = [PLACES[1]] * 4 + PLACES
+    assert standing(held, [0, 1, 2, 3] * 2, instance=[7] * 4 + [9] * 4) == [7]
+
+
+def test_masks_of_the_same_moment_are_no_evidence():
+    assert standing([PLACES[0]] * 4, [0.0, 0.2, 0.4, 0.6]) == []
+
+
+def test_two_masks_are_too_few():
+    assert standing([PLACES[0]] * 2, [0, 1]) == []
+    assert standing([PLACES[0]] * 3, [0, 1, 2]) == [0]
+
+
+def test_frames_that_see_different_parts_of_a_wall_are_no_evidence_against_it():
+    """Each two neighbouring frames share a half of the wall; the first and the last share nothing."""
+    seen = [WALL[start : start + 20] for start in (0, 5, 10, 15, 20)]
+    assert standing(seen, range(5), seen) == [0]
+
+
+@pytest.mark.parametrize("rests, stands", [(8, True), (3, False)])
+def test_a_thing_stands_if_most_pairs_of_its_masks_do(rests, stands):
+    """Of ten masks, some are where it rests and each of the others is elsewhere."""
+    elsewhere = [WALL[10 + 4 * place : 14 + 4 * place] for place in range(10 - rests)]
+    held = [PLACES[0]] * rests + elsewhere
+    assert standing(held, range(10)) == ([0] if stands else [])
+
+
+def test_the_time_does_not_grow_with_the_square_of_the_frames(monkeypatch):
+    """Of a long track only some masks are compared, from the first to the last."""
+    counts = []
+    compare = standing_tracks.__globals__["overlaps"]
+    monkeypatch.setitem(
+        standing_tracks.__globals__,
+        "overlaps",
+        lambda runs, *others: counts.append(len(runs.votes)) or compare(runs, *others),
+    )
+    assert standing([PLACES[0]] * 100, range(100)) == [0] and counts == [24]
