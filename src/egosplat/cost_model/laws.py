@@ -43,7 +43,7 @@ _HELD = frozenset(
 HELD_MIB = 1536
 
 # Values of language.method that train nothing.
-_CLOSED_FORM = frozenset({"lifted", "projected", "centre"})
+_CLOSED_FORM = frozenset({"lifted", "projected", "centre", "clustered"})
 
 
 def law_of(stage: str, config: Config, *, colmap: bool = False) -> str:

@@ -7,6 +7,7 @@ from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.language.centres import centred
+from egosplat.language.clustered import clustered
 from egosplat.language.field import field
 from egosplat.language.granular import granular
 from egosplat.language.lifting import lifted
@@ -31,6 +32,7 @@ METHODS: dict[str, Method] = {
     "trained": trained,
     "projected": projected,
     "centre": centred,
+    "clustered": clustered,
     "granular": granular,
     "sparse": sparse,
 }

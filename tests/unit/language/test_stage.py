@@ -1,6 +1,7 @@
 """Stage language writes a complete artifact for each method and checks its inputs."""
 
 import shutil
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -127,7 +128,12 @@ def test_frames_left_out_by_the_survey_are_not_used(scene, survey_that_keeps):
     assert "kept_frames" in found.provenance["options"]
 
 
-@pytest.mark.parametrize("method", ["lifted", "trained", "projected", "centre"])
+CLUSTERED = pytest.param(
+    "clustered", marks=pytest.mark.skipif(not find_spec("sklearn"), reason="scikit-learn is absent")
+)
+
+
+@pytest.mark.parametrize("method", ["lifted", "trained", "projected", "centre", CLUSTERED])
 def test_equal_runs_are_equal_and_leave_no_other_files(scene, method):
     folder = scene()
     train(folder)

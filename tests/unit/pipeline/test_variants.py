@@ -228,7 +228,7 @@ def test_other_methods_train_their_codes_after_geometry_that_they_share_also_whe
 
 
 def test_methods_on_masks_of_single_frames_share_them():
-    for name in ("langsplat", "semantic_gaussians", "occam"):
+    for name in ("langsplat", "semantic_gaussians", "occam", "splat_feature_solver"):
         assert {
             owner(stage, BASE, name, "adt/scene1") for stage in ("segments", "instances", "view_features")
         } == {"each_frame"}
