@@ -146,7 +146,7 @@ class Scene:
 def options_of(method: str, **changes: object) -> LanguageOptions:
     keys = defaults()["language"] | {
         "method": method,
-        "iterations": ITERATIONS[method],
+        "iterations": ITERATIONS.get(method, 150),
         "pixels": 200,
         "lr": 0.02,
     }
@@ -170,6 +170,33 @@ def test_each_square_is_answered_with_its_feature(scene, camera_to_world, tmp_pa
             assert float(cosine[:, 1 - side].max()) < 0.3
     # The codebook of quantised has another loss, and comes first.
     assert coded.curve.loss[-1] < max(coded.curve.loss) and len(coded.stands_in) >= 2
+
+
+@pytest.mark.parametrize("method", [*METHODS, *TILE_METHODS])
+def test_with_the_poses_of_other_views_each_square_is_answered_with_the_other_feature(
+    scene, camera_to_world, tmp_path, method
+):
+    """Guards against a method that does not use the poses. Half of the views show the right square where the left one was,
+    the others the left one where the right one was."""
+    if method == "clustered":
+        pytest.importorskip("sklearn")
+    wrong = scene.views.camera_to_world.copy()
+    wrong[:, 0, 3] += np.where(np.arange(len(wrong)) % 2, 1.8, -1.8)
+    scene.views = replace(scene.views, camera_to_world=wrong)
+    # A view shows one square alone, so a decoder takes longer to tell them apart.
+    longer = {"iterations": 600} if method == "granular" else {}
+    coded = scene.coded(method, Checkpoint(tmp_path / "language.zarr", "key", 1e9), **longer)
+    pose = camera_to_world[HELD_OUT]
+    found = render_codes(scene.gaussians, coded.code, coded.share, scene.views.camera, pose, scene.settings)
+    square = square_of(pose, 0.15)
+    for level in range(len(coded.levels)):
+        right = other = 0.0
+        for side in (0, 1):
+            codes = found.codes[level][torch.from_numpy(square == side)]
+            features = codes if coded.decoder is None else decode(codes, coded.decoder)
+            cosines = (features @ torch.from_numpy(FEATURE.T)).mean(dim=0)
+            right, other = right + float(cosines[side]), other + float(cosines[1 - side])
+        assert other > right + 0.5, coded.levels[level]
 
 
 @pytest.mark.parametrize("method", [*ITERATIONS])
