@@ -38,7 +38,7 @@ def row(folder: Path, exact: Path, variant: str) -> dict[str, object]:
         "brighter": f"{brightness(folder, exact, splats.read('held_out/frame')):+.2f}",
         "pose error": f"{error[0]:.1f} mm, {error[1]:.2f}°",
         "CPU-s": f"{splats.provenance['cpu_s']:.0f}",
-        "iterations/s": f"{splats.facts['iterations_done'] / splats.facts['training_s']:.1f}",
+        "iterations/s": f"{splats.facts['iteration'] / splats.facts['training_s']:.1f}",
     }
 
 

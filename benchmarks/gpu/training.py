@@ -123,7 +123,7 @@ def of_stage(frames: Path, poses: Path, output: Path, changed: Mapping[str, Any]
     splats.run(frames, poses, output, splats.SplatsOptions(**KEYS | changed))
     artifact = open_artifact(output, SPLATS)
     return Curve(
-        artifact.facts["iterations_done"],
+        artifact.facts["iteration"],
         artifact.shape("means")[0],
         tuple(artifact.facts["history_s"]),
         tuple(artifact.read("history/psnr").tolist()),

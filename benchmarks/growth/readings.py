@@ -141,7 +141,7 @@ def _transient(one: Artifact) -> Sizes:
 def _splats(one: Artifact) -> Sizes:
     gaussians, joint = one.shape("features")
     return {
-        "iterations": one.facts["iterations_done"],
+        "iterations": one.facts["iteration"],
         "gaussians": gaussians,
         "mean_gaussians": float(one.read("curve/gaussians").mean()),
         "joint": joint,

@@ -27,7 +27,7 @@ def row(folder: Path) -> dict[str, object]:
         "size": f"{facts['camera']['width']}x{facts['camera']['height']}",
         "views": facts["views"]["training"],
         "held out": len(psnr),
-        "iterations": f"{facts['iterations_done']:,}",
+        "iterations": f"{facts['iteration']:,}",
         "Gaussians (at most)": f"{splats.shape('means')[0]:,} ({options['max_gaussians']:,})",
         "PSNR [dB]": f"{np.mean(psnr):.2f}",
         "lowest, highest": f"{psnr.min():.1f}, {psnr.max():.1f}",
