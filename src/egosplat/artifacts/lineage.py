@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.reader import Artifact, open_any, recorded_digest
 from egosplat.artifacts.registry import SCHEMAS
+from egosplat.pipeline.variant_folders import shared_with
 
 
 @dataclass(frozen=True)
@@ -23,12 +23,13 @@ class Lineage:
 
 
 def lineage(artifacts: Sequence[Artifact]) -> Lineage:
-    """Find the inputs of artifacts by their recorded digests, in their folders and those of ``searched_folders``.
+    """Find the inputs of artifacts by their recorded digests, in their folders and those that variants share with.
 
     Raises:
         UserError: two artifacts were made from different inputs of one name, or an artifact is damaged.
     """
-    folders = searched_folders([artifact.path.parent for artifact in artifacts])
+    own = [artifact.path.parent for artifact in artifacts]
+    folders = list(dict.fromkeys([*own, *(place for folder in own for place in shared_with(folder))]))
     found = {artifact.path.name: artifact for artifact in artifacts}
     lost: set[str] = set()
     todo = list(artifacts)
@@ -46,11 +47,3 @@ def lineage(artifacts: Sequence[Artifact]) -> Lineage:
                 found[name] = open_any(path, SCHEMAS)
                 todo.append(found[name])
     return Lineage(dict(sorted(found.items())), tuple(sorted(lost)))
-
-
-def searched_folders(own: Sequence[Path]) -> list[Path]:
-    """List folders that may hold inputs, in order: ``own`` ones, then the scene and all variants of an own variant."""
-    # A variant shares inputs with its scene and with the variants that it extends.
-    variants = [folder.parent for folder in own if folder.parent.name == "variants"]
-    shared = [place for folder in variants for place in (folder.parent, *sorted(folder.iterdir()))]
-    return list(dict.fromkeys([*own, *shared]))

@@ -2,10 +2,11 @@
 
 from pathlib import Path
 
-from egosplat.artifacts.lineage import lineage, searched_folders
+from egosplat.artifacts.lineage import lineage
 from egosplat.artifacts.reader import Artifact, open_any, recorded_digest
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.pipeline.validation import read_document
+from egosplat.pipeline.variant_folders import shared_with
 
 
 def locate(folder: Path, *names: str) -> list[Path]:
@@ -33,7 +34,7 @@ def _own(folder: Path) -> list[Artifact]:
     scores = folder / "metrics.json"
     if all(artifact.schema.name != "language" for artifact in own) and scores.exists():
         digest = read_document(scores, "metrics")["provenance"]["inputs"]["language.zarr"]
-        places = (place / "language.zarr" for place in searched_folders([folder]))
+        places = (place / "language.zarr" for place in shared_with(folder))
         own += [
             open_any(path, SCHEMAS) for path in places if path.exists() and recorded_digest(path) == digest
         ][:1]

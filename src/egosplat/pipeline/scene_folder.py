@@ -6,6 +6,7 @@ from pathlib import Path
 
 from egosplat.errors import UserError
 from egosplat.pipeline.scenes import requested_targets
+from egosplat.pipeline.variant_folders import shared_with
 
 # Example of a scene folder for messages.
 EXAMPLE = "results/adt/scene1"
@@ -21,7 +22,7 @@ def check_scene_folder(folder: Path, stages: Iterable[str]) -> None:
         raise UserError(f"{folder}: is a single artifact; give the folder of its scene, {folder.parent}")
     if folder.exists() and not folder.is_dir():
         raise UserError(f"{folder}: is a file; give the folder of a scene, such as {EXAMPLE}")
-    places = [folder, *_shared_with(folder)] if folder.exists() else []
+    places = [folder, *shared_with(folder)] if folder.exists() else []
     missing = [
         f"{stage}.zarr" for stage in stages if not any((place / f"{stage}.zarr").exists() for place in places)
     ]
@@ -42,10 +43,3 @@ def _advice(folder: Path) -> str:
         return f"Give the folder of a finished scene, such as {EXAMPLE}"
     what = "scene" if found[0].variant is None else "variant"
     return f"Make the {what}: snakemake --cores 2 {shlex.quote(f'{folder}/metrics.json')}"
-
-
-def _shared_with(folder: Path) -> list[Path]:
-    """The other folders that may hold artifacts of a variant: those of its scene and of other variants."""
-    if folder.parent.name != "variants":
-        return []
-    return [folder.parent.parent, *folder.parent.iterdir()]

@@ -73,7 +73,8 @@ def open_scene(folder: Path, backend: str) -> ViewedScene:
         UserError: an artifact is missing or damaged, or does not belong to the others; or no frame has a pose.
     """
     check_scene_folder(folder, NEEDED)
-    frames, poses, splats = map(open_artifact, locate(folder, *NEEDED), (FRAMES, POSES, SPLATS))
+    *paths, masks, instances = locate(folder, *NEEDED, MASKS.name, INSTANCES.name)
+    frames, poses, splats = map(open_artifact, paths, (FRAMES, POSES, SPLATS))
     check_made_from(poses, frames)
     check_made_from(splats, frames, poses)
     camera_to_world = camera_poses(poses, splats)
@@ -90,13 +91,12 @@ def open_scene(folder: Path, backend: str) -> ViewedScene:
         frames=frames,
         poses=poses,
         splats=splats,
-        masks=_if_there(folder, MASKS, frames),
-        instances=_if_there(folder, INSTANCES, frames),
+        masks=_if_there(masks, MASKS, frames),
+        instances=_if_there(instances, INSTANCES, frames),
     )
 
 
-def _if_there(folder: Path, schema: Schema, frames: Artifact) -> Artifact | None:
-    (path,) = locate(folder, schema.name)
+def _if_there(path: Path, schema: Schema, frames: Artifact) -> Artifact | None:
     if not path.exists():
         return None
     artifact = open_artifact(path, schema)
