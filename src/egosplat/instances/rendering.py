@@ -1,9 +1,11 @@
 """Render things into frames as label maps."""
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import torch
+import torch.nn.functional as F
 from numpy.typing import NDArray
 from scipy import sparse
 from torch import Tensor
@@ -15,8 +17,11 @@ from egosplat.geometry import Camera
 
 LEAST_BELIEF = 0.05
 
-# Things rendered in one pass: their images at the size of the label map are held.
+# Things rendered in one pass.
 _AT_ONCE = 64
+
+Box = tuple[slice, slice]
+"""Rows and columns."""
 
 
 def render_things(
@@ -66,14 +71,11 @@ def _strongest(
     labels = torch.full(size, -1, dtype=torch.int32)
     for things in _in_parts(_near(beliefs)):
         images = image(beliefs[:, things].toarray())
-        # Most things are outside the frame, and enlarging their images would take most of the time.
-        in_frame = torch.nonzero(images.amax((0, 1)) > LEAST_BELIEF)[:, 0]
-        if len(in_frame):
-            small = images.permute(2, 0, 1)[in_frame][None]
-            highest, which = torch.nn.functional.interpolate(small, size, mode="bilinear")[0].max(0)
-            better = highest > best
-            best = torch.where(better, highest, best)
-            labels = torch.where(better, torch.from_numpy(things)[in_frame].int()[which], labels)
+        for place, cells, pixels in _boxes(images > LEAST_BELIEF, size):
+            small, so_far = images[*cells, place], best[pixels]
+            enlarged = F.interpolate(small[None, None], so_far.shape, mode="bilinear")[0, 0]
+            labels[pixels].masked_fill_(enlarged > so_far, int(things[place]))
+            torch.maximum(so_far, enlarged, out=so_far)
     return labels.numpy()
 
 
@@ -83,6 +85,31 @@ def _near(beliefs: sparse.csr_array) -> NDArray[np.intp]:
         return np.zeros(0, np.intp)
     # Rounding may lift a mean above the largest value, by less than a thousandth.
     return np.flatnonzero(beliefs.max(axis=0).toarray().ravel() > 0.999 * LEAST_BELIEF)
+
+
+def _boxes(shown: Tensor, size: tuple[int, int]) -> Iterator[tuple[int, Box, Box]]:
+    """Each thing that (h, w, K) bool images show: its place, the box of cells around it, and that box in ``size`` pixels.
+
+    A thing covers little of a frame, and enlarging whole images would take most of the time.
+    """
+    rows, columns = shown.any(dim=1).numpy(), shown.any(dim=0).numpy()
+    for place in np.flatnonzero(rows.any(axis=0)).tolist():
+        spans = zip((rows[:, place], columns[:, place]), size, strict=True)
+        cells, pixels = zip(*(_span(*span) for span in spans), strict=True)
+        yield place, cells, pixels
+
+
+def _span(shown: NDArray[np.bool_], length: int) -> tuple[slice, slice]:
+    """The cells from the first to the last of (n,) that is shown, and their pixels where n cells are ``length`` pixels.
+
+    A cell more on each side takes part in the interpolation. Both spans end where a cell's border is a pixel's border, so
+    that their interpolation is that of the whole.
+    """
+    parts = math.gcd(len(shown), length)
+    step, pixels = len(shown) // parts, length // parts
+    first, last = np.flatnonzero(shown)[[0, -1]].tolist()
+    start, end = max(first - 1, 0) // step, -(-min(last + 2, len(shown)) // step)
+    return slice(start * step, end * step), slice(start * pixels, end * pixels)
 
 
 def _in_parts(things: NDArray[np.intp]) -> Iterator[NDArray[np.intp]]:

@@ -1,6 +1,7 @@
 """Things are drawn where their Gaussians are: as if all things were rendered from all Gaussians at once; ties go to the first."""
 
 import numpy as np
+import pytest
 import torch
 from scipy import sparse
 
@@ -34,23 +35,27 @@ def scene() -> tuple[Gaussians, list[sparse.csr_array]]:
     return gaussians, held
 
 
-def expected(gaussians: Gaussians, held: sparse.csr_array, pose: np.ndarray) -> np.ndarray:
+def expected(
+    gaussians: Gaussians, held: sparse.csr_array, pose: np.ndarray, size: tuple[int, int]
+) -> np.ndarray:
     """The strongest thing of each pixel, from one image of all things."""
     image, _ = render_values(gaussians, torch.from_numpy(held.toarray()), CAMERA, pose, SETTINGS)
-    large = torch.nn.functional.interpolate(image.permute(2, 0, 1)[None], SIZE, mode="bilinear")[0]
+    large = torch.nn.functional.interpolate(image.permute(2, 0, 1)[None], size, mode="bilinear")[0]
     highest, which = large.max(0)
     return torch.where(highest > LEAST_BELIEF, which, -1).numpy()
 
 
-def test_things_are_drawn_as_if_all_were_rendered_at_once() -> None:
+@pytest.mark.parametrize("size", [SIZE, (18, 24), (13, 17), (9, 12), (12, 16)])
+def test_things_are_drawn_as_if_all_were_rendered_at_once(size: tuple[int, int]) -> None:
+    """Also where a cell is no whole number of pixels, and where pixels are larger than cells."""
     gaussians, held = scene()
     for turn in (0.0, 2.0):
         pose = np.eye(4)
         pose[:3, :3] = [[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]]
-        found = render_things(gaussians, held, CAMERA, pose, SETTINGS, SIZE)
-        assert found.shape == (2, *SIZE) and found.dtype == np.int32
+        found = render_things(gaussians, held, CAMERA, pose, SETTINGS, size)
+        assert found.shape == (2, *size) and found.dtype == np.int32
         for level, labels in enumerate(found):
-            assert np.array_equal(labels, expected(gaussians, held[level], pose))
+            assert np.array_equal(labels, expected(gaussians, held[level], pose, size))
             assert len(np.unique(labels)) > 10
 
 
