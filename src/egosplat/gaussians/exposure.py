@@ -1,8 +1,10 @@
 """The exposure of a photograph: a gain of each colour, a tone curve that compresses highlights, a sensor that saturates."""
 
+from typing import Any
+
 import torch
-import torch.nn.functional as F
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
 # Colours from here on are saturated. Below 1: JPEG and resampling darken some saturated pixels.
 SATURATED = 0.98
@@ -13,6 +15,9 @@ _BRIGHTEST = 10.0
 # The colour whose gain does not depend on the compression, so that the gradients of both hardly depend on each other.
 _MIDDLE = 0.5
 
+# The exponential of less is 0 as well, but the product of minus infinity, a gain of 0, with a gradient of 0 has no value.
+_LEAST_LOG_GAIN = -1000.0
+
 
 def exposed(image: Tensor, log_gain: Tensor, compression: Tensor | None = None) -> Tensor:
     """Multiply the colours of an (H, W, 3 + F) image by the gains of (3,) logarithms; features stay.
@@ -21,14 +26,7 @@ def exposed(image: Tensor, log_gain: Tensor, compression: Tensor | None = None) 
         compression: (1,) by how much the camera's tone curve compresses highlights: the gain of a colour c has the
             logarithm ``log_gain * (1 + compression / 4) / (1 + compression * c**2)``. None for 0.
     """
-    log_gain = log_gain.to(image)
-    if compression is not None:
-        # Unlike that of ``clamp_max``, this gradient is computed in vectors.
-        brightness = F.hardtanh(image[..., :3], -torch.inf, _BRIGHTEST).square()
-        compression = compression.to(image)
-        log_gain = log_gain * ((1.0 + compression * _MIDDLE**2) / (1.0 + compression * brightness))
-    # One product over all channels keeps the memory layout of the render, for which the loss is fastest.
-    return image * _with_features(log_gain.exp(), image, 1.0)
+    return _expose(image, log_gain, compression, None)
 
 
 def photographed(
@@ -38,14 +36,61 @@ def photographed(
 
     A saturated colour only says that the surface is at least as bright: what exceeds it is cut off, and has no gradient.
     """
-    image = exposed(image, log_gain, compression)
-    # In the memory layout of the render, and without a choice by a mask: either takes several times as long.
-    limit = torch.empty_like(image[..., :3]).copy_(picture)
-    limit.masked_fill_(limit < SATURATED, torch.inf)
-    return image - _with_features(F.relu(image[..., :3] - limit), image, 0.0)
+    return _expose(image, log_gain, compression, picture)
 
 
-def _with_features(colours: Tensor, image: Tensor, value: float) -> Tensor:
-    """Append the channels that an (H, W, 3 + F) image has more than (..., 3), filled with ``value``."""
-    more = image.shape[2] - 3
-    return F.pad(colours, (0, more), value=value) if more else colours
+def _expose(image: Tensor, log_gain: Tensor, compression: Tensor | None, picture: Tensor | None) -> Tensor:
+    compression = image.new_zeros(1) if compression is None else compression.to(image)
+    log_gain = log_gain.to(image).clamp_min(_LEAST_LOG_GAIN)
+    colours, features = image[..., :3], image[..., 3:]
+    colours = _Exposed.apply(colours, log_gain, compression, picture)
+    if not features.shape[2]:
+        return colours
+    # Planar, as the render: the loss is fastest with that layout.
+    return torch.cat([part.permute(2, 0, 1) for part in (colours, features)]).permute(1, 2, 0)
+
+
+class _Exposed(torch.autograd.Function):
+    """The exposure in few passes over memory that is there already: step by step, autograd takes twice as long.
+
+    One image has one backward pass, which uses up what the forward pass has saved.
+    """
+
+    @staticmethod
+    def forward(
+        ctx: Any, colours: Tensor, log_gain: Tensor, compression: Tensor, picture: Tensor | None
+    ) -> Tensor:
+        # The logarithm of the gain is ``log_gain * above / below``.
+        below = colours.clamp_max(_BRIGHTEST)
+        below.mul_(below).mul_(compression).add_(1.0)
+        curve = (1.0 + compression * _MIDDLE**2) / below
+        gain = (curve * log_gain).exp_()
+        image = colours * gain
+        ctx.kept = True
+        if picture is not None:
+            # In the layout of the render: sums over two layouts take several times as long.
+            excess = torch.empty_like(image).copy_(picture)
+            excess.masked_fill_(excess < SATURATED, torch.inf)
+            torch.sub(image, excess, out=excess)
+            ctx.kept = excess < 0.0
+            image.sub_(excess.clamp_min_(0.0))
+        ctx.save_for_backward(colours, log_gain, compression, below, curve, gain)
+        return image
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, v_image: Tensor) -> tuple[Tensor | None, ...]:
+        colours, log_gain, compression, below, curve, gain = ctx.saved_tensors
+        v_image = v_image * ctx.kept
+        v_colours = v_image * gain
+        v_log = v_image.mul_(colours).mul_(gain)
+        v_log_gain = torch.mul(v_log, curve, out=gain).sum(dim=(0, 1))
+        v_curve = v_log.mul_(log_gain)
+        v_above = torch.div(v_curve, below, out=gain).sum()
+        v_below = v_curve.neg_().mul_(curve.div_(below))
+        limited = torch.clamp_max(colours, _BRIGHTEST, out=curve)
+        v_product = torch.mul(limited, limited, out=gain).mul_(v_below).sum()
+        slope = limited.mul_(2.0).mul_(colours <= _BRIGHTEST)
+        v_colours.add_(v_below.mul_(compression).mul_(slope))
+        v_compression = (v_above * _MIDDLE**2 + v_product).expand_as(compression)
+        return v_colours, v_log_gain, v_compression, None
