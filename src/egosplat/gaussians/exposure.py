@@ -72,7 +72,7 @@ class _Exposed(torch.autograd.Function):
             excess = torch.empty_like(image).copy_(picture)
             excess.masked_fill_(excess < SATURATED, torch.inf)
             torch.sub(image, excess, out=excess)
-            ctx.kept = excess < 0.0
+            ctx.kept = excess <= 0.0  # a colour that is as bright as the photograph's keeps its gradient
             image.sub_(excess.clamp_min_(0.0))
         ctx.save_for_backward(colours, log_gain, compression, below, curve, gain)
         return image
@@ -90,7 +90,7 @@ class _Exposed(torch.autograd.Function):
         v_below = v_curve.neg_().mul_(curve.div_(below))
         limited = torch.clamp_max(colours, _BRIGHTEST, out=curve)
         v_product = torch.mul(limited, limited, out=gain).mul_(v_below).sum()
-        slope = limited.mul_(2.0).mul_(colours <= _BRIGHTEST)
+        slope = limited.mul_(2.0).mul_(colours < _BRIGHTEST)
         v_colours.add_(v_below.mul_(compression).mul_(slope))
         v_compression = (v_above * _MIDDLE**2 + v_product).expand_as(compression)
         return v_colours, v_log_gain, v_compression, None

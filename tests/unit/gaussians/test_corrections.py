@@ -251,19 +251,20 @@ def _photographed_step_by_step(image, log_gain, picture, compression):
     colours = image[..., :3]
     curve = (1.0 + compression / 4) / (1.0 + compression * colours.clamp_max(10.0) ** 2)
     colours = colours * torch.exp(log_gain * curve)
-    colours = torch.where(picture >= 0.98, torch.minimum(colours, picture), colours)
+    colours = colours - torch.where(picture >= 0.98, (colours - picture).clamp_min(0.0), 0.0)
     return torch.cat([colours, image[..., 3:]], dim=-1)
 
 
 @pytest.mark.parametrize("features", [0, 2])
 def test_gradients_of_the_exposure_are_those_of_its_formula(features):
+    """Also where a colour is exactly as bright as a limit."""
     generator = torch.Generator().manual_seed(0)
     picture = torch.rand(6, 5, 3, generator=generator, dtype=torch.float64)
     picture[1:3], picture[3] = 1.0, 0.99
     image = 2.0 * torch.rand(6, 5, 3 + features, generator=generator, dtype=torch.float64)
-    image[0, 0], image[1, 0], image[0, 1] = 12.0, 40.0, 0.0
+    image[0, 0], image[1, 0], image[0, 1], image[0, 2], image[1, 2] = 12.0, 40.0, 0.0, 10.0, 1.0
     weights = torch.rand(image.shape, generator=generator, dtype=torch.float64)
-    values = image, torch.tensor([0.2, -0.3, 0.1]).double(), torch.tensor([0.7]).double()
+    values = image, torch.tensor([0.0, -0.3, 0.1]).double(), torch.tensor([0.7]).double()
     results = []
     for function in (photographed, _photographed_step_by_step):
         image, log_gain, compression = leaves = [value.clone().requires_grad_() for value in values]
