@@ -1,5 +1,7 @@
 """A decoder's layers, what follows them, its skips, and the checks of its fields."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import torch
@@ -44,6 +46,21 @@ def test_a_skip_adds_what_the_early_layer_passed_on():
     torch.testing.assert_close(decode(codes, chain(EYE, turn, EYE, after=after)), torch.tensor([[0.0, 1.0]]))
     skipping = chain(EYE, turn, EYE, after=after, skips=((0, 1),))
     torch.testing.assert_close(decode(codes, skipping), torch.tensor([[root, root]]))
+
+
+@pytest.mark.parametrize("after", [("relu", "relu", "none"), ("none", "softmax", "none")])
+def test_channels_that_are_zero_are_left_out_without_a_difference(after):
+    """Without gradients; the last rows are codes of 0, for which the first layer gives 0 alone."""
+    widths, rng = (3, 80, 70, 5), np.random.default_rng(0)
+    values = rng.normal(size=sum((wide + 1) * high for wide, high in pairwise(widths))).astype(np.float32)
+    values[240:320] = 0.0
+    decoder = Decoder(widths, values, after=after)
+    codes = torch.from_numpy(np.r_[rng.normal(size=(4, 3)), np.zeros((2, 3))].astype(np.float32))
+    codes[:4, 1:] = codes[:1, 1:]
+    for part in (codes, codes[:4], codes[4:], codes[:0]):
+        with torch.inference_mode():
+            found = decode(part, decoder)
+        torch.testing.assert_close(found, decode(part, decoder))
 
 
 def test_a_unit_input_forgets_the_norm_and_keeps_zero():
