@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, diags_array
 
-from egosplat.synthetic.camera.raycasting import Floats, Geometry, RayScene
+from egosplat.synthetic.camera.raycasting import Floats, Geometry, RayScene, lengths
 from egosplat.synthetic.objects.atlas import Atlas
 from egosplat.synthetic.world.room import Room
 
@@ -40,7 +40,7 @@ class Lights:
         """(N, 3) irradiance from lamp and sun, with shadows, at (N, 3) points with (N, 3) unit normals."""
         origins = points + _OFF_SURFACE_M * normals
         way = self.lamp - origins
-        distance = np.linalg.norm(way, axis=1)
+        distance = lengths(way)
         way /= distance[:, None]
         facing = np.einsum("ni,ni->n", way, normals)
         # The 0.5 bounds the light close to the lamp.
@@ -81,9 +81,9 @@ def _blocked(
     blocked = np.zeros(len(origins), dtype=bool)
     for scene in scenes:
         open_rays = np.flatnonzero(asked & ~blocked)
-        blocked[open_rays] = scene.blocks(
-            origins[open_rays], ways[open_rays], reach[open_rays].astype(np.float32)
-        )
+        # Half the time of indexing.
+        begun, along = (np.take(vectors, open_rays, axis=0) for vectors in (origins, ways))
+        blocked[open_rays] = scene.blocks(begun, along, reach[open_rays].astype(np.float32))
     return blocked
 
 
@@ -151,7 +151,7 @@ def _gather(
     )
     side = np.where(np.abs(normals[:, :1]) < 0.7, [[1.0, 0, 0]], [[0, 0, 1.0]])
     tangent = np.cross(side, normals)
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    tangent /= lengths(tangent)[:, None]
     frame = np.stack([tangent, np.cross(normals, tangent), normals], axis=1)
     rays = np.einsum("nki,nij->nkj", disc, frame).reshape(-1, 3).astype(np.float32)
     origins = np.repeat(points + _OFF_SURFACE_M * normals, _BAKE_RAYS, axis=0)
@@ -171,7 +171,7 @@ def face_normals(geometry: Geometry, face: NDArray[np.int32], towards: Floats) -
     """(N, 3) unit normals of static faces, on the side from which rays along ``towards`` arrive."""
     corners = np.take(geometry.vertices, np.take(geometry.faces, face, axis=0), axis=0)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-20)
+    normals /= np.maximum(lengths(normals)[:, None], 1e-20)
     return np.where(np.einsum("ni,ni->n", normals, towards)[:, None] > 0, -normals, normals)
 
 

@@ -17,6 +17,7 @@ from egosplat.synthetic.camera.raycasting import (
     RayScene,
     body_scene,
     interpolated,
+    lengths,
     posed_scene,
     static_scene,
 )
@@ -271,7 +272,7 @@ class Renderer:
         body = geometry.part_body[part]
         moved = np.flatnonzero(body >= geometry.group("static")[1])
         normals[moved] = np.einsum("nij,nj->ni", rotations[body[moved]], normals[moved])
-        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+        normals /= np.maximum(lengths(normals)[:, None], 1e-12)
         facing = np.einsum("ni,ni->n", normals, rays)
         # Surfaces are visible from both sides: normals turn towards the camera.
         normals[facing > 0] *= -1
@@ -298,7 +299,7 @@ class Renderer:
             rays = (
                 lens.directions[edge] + np.float32(dx) * lens.right[edge] + np.float32(dy) * lens.down[edge]
             )
-            rays = _turned(turn, rays / np.linalg.norm(rays, axis=1, keepdims=True))
+            rays = _turned(turn, rays / lengths(rays)[:, None])
             found = self._cast(scenes.full, origin, rays)
             # Average display values, not light: else edges of bright surfaces stay jagged.
             total += tone(self._shade(scenes, rotations, found, origin, rays, lens.angle[edge]))
