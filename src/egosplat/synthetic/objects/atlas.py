@@ -44,21 +44,23 @@ class Atlas:
         level = detail.astype(np.int32)
         place = uv / self._size[texture]
         colour = self._bilinear(texture, level, place)
-        share = (detail - level)[:, None]
-        blended = share[:, 0] > 0.05
-        if blended.any():
-            coarse = self._bilinear(texture[blended], level[blended] + 1, place[blended])
-            colour[blended] += share[blended] * (coarse - colour[blended])
+        share = detail - level
+        blended = np.flatnonzero(share > 0.05)
+        if len(blended):
+            coarse = self._bilinear(texture[blended], level[blended] + 1, np.take(place, blended, axis=0))
+            fine = np.take(colour, blended, axis=1)
+            colour[:, blended] = fine + share[blended] * (coarse - fine)
         # Textures are in display values; the display's curve is a square root here as in the renderer.
-        return colour * colour
+        return np.ascontiguousarray((colour * colour).T)
 
     def _bilinear(self, texture: Ints, level: Ints, place: Floats) -> Floats:
+        """(3, N) display values in 0..1. Sums over one colour at a time take half the time of those over (N, 3)."""
         rows, columns = self._rows[texture, level], self._columns[texture, level]
         start = self._start[texture, level]
         x = place[:, 0] * columns - 0.5
         y = place[:, 1] * rows - 0.5
         x0, y0 = np.floor(x).astype(np.int32), np.floor(y).astype(np.int32)
-        fx, fy = (x - x0)[:, None], (y - y0)[:, None]
+        fx, fy = x - x0, y - y0
         x0 %= columns
         y0 %= rows
         x1, y1 = x0 + 1, y0 + 1
@@ -69,9 +71,9 @@ class Atlas:
         lower = self._texel(bottom + x0) * (1 - fx) + self._texel(bottom + x1) * fx
         return (upper * (1 - fy) + lower * fy) * np.float32(1 / 255)
 
-    def _texel(self, index: Ints) -> NDArray[np.uint8]:
-        """(N, 3) texels. Gathering one word per texel is several times faster than gathering three bytes."""
-        return np.take(self._texels, index).view(np.uint8).reshape(-1, 4)[:, :3]
+    def _texel(self, index: Ints) -> NDArray[np.float64]:
+        """(3, N) texels. Gathering one word per texel is several times faster than gathering three bytes."""
+        return np.take(self._texels, index).view(np.uint8).reshape(-1, 4).T[:3].astype(np.float64, "C")
 
 
 def _log2(values: Floats) -> Floats:
