@@ -169,9 +169,7 @@ def _gather(
 
 def face_normals(geometry: Geometry, face: NDArray[np.int32], towards: Floats) -> Floats:
     """(N, 3) unit normals of static faces, on the side from which rays along ``towards`` arrive."""
-    corners = np.take(geometry.vertices, np.take(geometry.faces, face, axis=0), axis=0)
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.maximum(lengths(normals)[:, None], 1e-20)
+    normals = np.take(geometry.face_normals, face, axis=0)
     return np.where(np.einsum("ni,ni->n", normals, towards)[:, None] > 0, -normals, normals)
 
 

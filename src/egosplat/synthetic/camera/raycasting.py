@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +64,13 @@ class Geometry:
         """First index and end index of the bodies of a role."""
         numbers = [number for number, body in enumerate(self.bodies) if body.role == role]
         return (numbers[0], numbers[-1] + 1) if numbers else (0, 0)
+
+    @cached_property
+    def face_normals(self) -> Floats:
+        """(F, 3) float32 unit normals of the faces, in the axes of their vertices."""
+        first, second, third = (self.vertices[corner] for corner in self.faces.T)
+        normals = np.cross(second - first, third - first)
+        return normals / np.maximum(lengths(normals)[:, None], 1e-20)
 
 
 def build_geometry(bodies: Sequence[Body]) -> Geometry:
