@@ -2,6 +2,10 @@
 
 from egosplat.artifacts.schema import Field, Schema
 
+# The fact ``decoded``: queries decode the code of each Gaussian and render relevancies, or they render codes and decode
+# pixels. Trained codes are right where they are rendered; the code of a single one of these Gaussians means nothing.
+GAUSSIANS, PIXELS = "gaussians", "pixels"
+
 LANGUAGE = Schema(
     "language",
     1,

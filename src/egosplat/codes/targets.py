@@ -33,6 +33,8 @@ class CodeTargets:
 
     Attributes:
         channels: C.
+        levels: name of each level.
+        level: (I,) index into ``levels`` of each instance.
     """
 
     def __init__(self, instances: Artifact, features: Artifact, device: torch.device) -> None:
@@ -50,8 +52,9 @@ class CodeTargets:
         views_alone = features.provenance["options"]["supervision"] == "view"
         # Instances whose consistent code serves frames without a view of theirs.
         self._usable = np.zeros_like(seen) if views_alone else seen
+        self._views_alone = views_alone
         self._named = seen
-        self._levels = np.unique(instances.read("instances/level"))
+        self._levels, self.level = np.unique(instances.read("instances/level"), return_inverse=True)
         names = instances.facts["levels"]
         self.levels = [names[level] for level in self._levels]
         self.channels = self._code.shape[1]
@@ -67,6 +70,15 @@ class CodeTargets:
     def rows(self) -> NDArray[np.float32]:
         """(R, C) codes of all views of all instances that have a feature."""
         return self._code[self._named[self._instance]]
+
+    def instance_codes(self) -> NDArray[np.float32]:
+        """(I, C) code of each instance, 0 without views: the consistent one, or the mean of views that are alone."""
+        if not self._views_alone:
+            return self._common
+        sums = np.zeros(self._common.shape)
+        np.add.at(sums, self._instance, self._code)
+        count = np.bincount(self._instance, minlength=len(sums))
+        return (sums / np.maximum(count, 1)[:, None]).astype(np.float32)
 
     def of(self, frame: int) -> Targets:
         """Return the targets of a frame, by its index in frames.zarr."""

@@ -8,7 +8,7 @@ from egosplat.evaluation.queries import Query
 from egosplat.evaluation.scores import QueryScore, score_query
 from egosplat.geometry import Array
 from egosplat.progress import track
-from egosplat.query.answer import Answer, ask
+from egosplat.query.answer import Answer, Asker
 from egosplat.query.options import QueryOptions
 from egosplat.query.scene import QueryScene
 from egosplat.query.text import Texts
@@ -48,14 +48,15 @@ def run_queries(
         queries: queries in frames with a pose.
         hit_region: see ``egosplat.evaluation.localization.target_area``.
     """
-    # Frame by frame, because the codes of a frame are rendered once for all its queries.
+    asker = Asker.of(scene, texts, options)
+    # Frame by frame, because a frame is rendered once for all its queries.
     queried = {query.frame for query in queries}
     frames = [frame for frame in evaluation.frames if frame.index in queried]
     for frame in track(frames, "queries"):
         in_frame = [query for query in queries if query.frame == frame.index]
         instance_map, pose = evaluation.map_of(frame), evaluation.camera_to_world[frame.index]
-        texts_in_frame = texts.of([query.category for query in in_frame])
-        answers = ask(scene, texts_in_frame, evaluation.camera, pose, evaluation.valid, options)
+        phrases = [query.category for query in in_frame]
+        answers = asker.ask(phrases, evaluation.camera, pose, evaluation.valid)
         for query, answer in zip(in_frame, answers, strict=True):
             score = score_query(
                 query, answer.candidates, answer.mask, instance_map, evaluation.valid, hit_region

@@ -4,12 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from scipy import sparse
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.codes.rendering import sum_over_pixels
+from egosplat.codes.rendering import sum_by_label
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.training_views import Views
@@ -93,11 +92,9 @@ def lift_masks(
     instance, frame, votes = [], [], []
     for place in track(range(len(frames)), "lifting masks", unit="frame"):
         labels, counted = look(int(frames[place]))
-        masks, ids = one_hot(np.where(counted, labels, -1))
-        image = torch.from_numpy(np.concatenate([masks, counted[None].astype(np.float32)])).permute(1, 2, 0)
-        sums = sum_over_pixels(gaussians, image, camera, camera_to_world[place], settings).numpy()
-        seen[place] = sums[:, -1]
-        votes.append(sparse.csc_array(sums[:, :-1]))
+        of_frame = np.where(counted, labels, -1), counted.astype(np.float32)
+        sums, ids, seen[place] = sum_by_label(gaussians, *of_frame, camera, camera_to_world[place], settings)
+        votes.append(sparse.csc_array(sums))
         instance.append(ids)
         frame.append(np.full(len(ids), place))
     return LiftedMasks(
@@ -162,13 +159,3 @@ class MaskLifter:
             return None
         some = views.frame[has_masks], views.camera_to_world[has_masks]
         return lift_masks(self.gaussians, look, *some, views.camera, self.settings)
-
-
-def one_hot(labels: Labels) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Split (L, H, W) labels into (K, H, W) masks; also returns their (K,) labels."""
-    masks, ids = [np.zeros((0, *labels.shape[1:]), np.float32)], [np.zeros(0, np.int64)]
-    for level in labels:
-        found = np.unique(level[level >= 0])
-        masks.append((level == found[:, None, None]).astype(np.float32))
-        ids.append(found.astype(np.int64))
-    return np.concatenate(masks), np.concatenate(ids)

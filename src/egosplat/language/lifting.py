@@ -1,4 +1,4 @@
-"""Closed-form lifting: each Gaussian gets the rendering-weighted mean code of its pixels (docs/method.md#lifting)."""
+"""Closed-form lifting: each Gaussian gets the rendering-weighted mean code of its pixels (docs/method.md#mean-codes)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -7,15 +7,14 @@ import torch
 from torch import Tensor
 
 from egosplat.codes.rendering import sum_over_pixels
-from egosplat.codes.targets import CodeTargets, Targets
+from egosplat.codes.targets import Targets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
-from egosplat.language.result import Coded
 from egosplat.language.views import CodeViews
 from egosplat.progress import track
 
 # Smallest sum of compositing weights over all views [px] at which a Gaussian counts as seen.
-_LEAST_WEIGHT = 1e-3
+LEAST_WEIGHT = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,14 +23,6 @@ class Lifted:
 
     code: Tensor
     share: Tensor
-
-
-def lifted(
-    gaussians: Gaussians, views: CodeViews, settings: RenderSettings, targets: CodeTargets, *_: object
-) -> Coded:
-    """Method ``lifted``: codes and shares of ``lift``."""
-    means = lift(gaussians, views, settings)
-    return Coded(means.code, means.share, targets.levels)
 
 
 def lift(gaussians: Gaussians, views: CodeViews, settings: RenderSettings) -> Lifted:
@@ -96,8 +87,8 @@ def everywhere(views: CodeViews) -> Callable[[int], Tensor]:
 
 def _means(code: Tensor, known: Tensor, seen: Tensor) -> Lifted:
     """Divide sums by sums of weights; 0 where the weight is negligible."""
-    labeled = known > _LEAST_WEIGHT
-    mean = torch.where(labeled[..., None], code / known.clamp(min=_LEAST_WEIGHT)[..., None], 0.0)
+    labeled = known > LEAST_WEIGHT
+    mean = torch.where(labeled[..., None], code / known.clamp(min=LEAST_WEIGHT)[..., None], 0.0)
     # Above 1 by rounding only.
-    share = torch.where(labeled, known / seen.clamp(min=_LEAST_WEIGHT), 0.0).clamp(max=1.0)
+    share = torch.where(labeled, known / seen.clamp(min=LEAST_WEIGHT), 0.0).clamp(max=1.0)
     return Lifted(mean, share)

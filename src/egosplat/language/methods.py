@@ -8,9 +8,9 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.language.centres import centred
 from egosplat.language.clustered import clustered
+from egosplat.language.dominant import lifted
 from egosplat.language.field import field
 from egosplat.language.granular import granular
-from egosplat.language.lifting import lifted
 from egosplat.language.options import LanguageOptions
 from egosplat.language.projection import projected
 from egosplat.language.quantised import quantised

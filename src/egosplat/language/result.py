@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 from torch import Tensor
 
+from egosplat.artifacts.language import PIXELS
 from egosplat.codes.decoder import Decoder
 
 # Stand-in of all methods whose authors segment with SAM.
@@ -33,6 +34,7 @@ class Coded:
         levels: name of each level.
         decoder: from codes to features, where the method learns its own; else that of features.zarr.
         curve: empty if nothing is trained.
+        decoded: what queries decode, see ``egosplat.artifacts.language``.
         stands_in: short sentences, each on a part of the published method that something else replaces.
     """
 
@@ -41,4 +43,5 @@ class Coded:
     levels: list[str]
     decoder: Decoder | None = None
     curve: Curve = field(default_factory=Curve)
+    decoded: str = PIXELS
     stands_in: tuple[str, ...] = ()

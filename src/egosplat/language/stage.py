@@ -98,7 +98,12 @@ def run(
         coded = METHODS[method](gaussians, views, settings, targets, options, checkpoint)
     geometry = f"geometry shared, of {splats.provenance['options']['iterations']:,} iterations"
     stands_in = [*coded.stands_in, geometry]
-    _write(output, record, coded, {"method": method, "views": len(views), "stands_in": stands_in})
+    _write(
+        output,
+        record,
+        coded,
+        {"method": method, "decoded": coded.decoded, "views": len(views), "stands_in": stands_in},
+    )
     checkpoint.remove()
 
 

@@ -1,7 +1,11 @@
-"""Answer queries in one view: render its codes, compare them with the queries, read the relevancy maps."""
+"""Answer queries in one view: render relevancy maps of the queries and read them (docs/method.md#query-views).
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+Where the codes of single Gaussians mean something, each Gaussian is compared with the queries and its relevancies are
+rendered. Else codes are rendered, and each pixel is compared.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -9,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from egosplat.artifacts.language import GAUSSIANS
 from egosplat.codes.decoder import Decoder
 from egosplat.codes.rendering import render_codes
 from egosplat.gaussians.render import render
@@ -28,7 +33,7 @@ class View:
     """The codes of one view, rendered at (h, w) pixels.
 
     Attributes:
-        codes: (L, h, w, C) float32 codes at each level, divided by their coverage.
+        codes: (L, h, w, C) float32 codes at each level, or relevancies to C queries, divided by their coverage.
         coverage: (L, h, w) float32 share of each pixel that Gaussians with a code cover, 0..1.
         depth: (h, w) float32 expected camera z [m]; 0 where the view is empty.
         camera: camera of the answers, (H, W) pixels; it shows the same image at another size.
@@ -92,8 +97,54 @@ def ask(
     Raises:
         ValueError: see ``answer_from_codes``.
     """
-    view = view_of(scene, camera, camera_to_world, valid, options.resolution)
-    return answer_from_codes(view, scene.decoder, texts, options)
+    return Asker.of(scene, texts, options).ask(texts.phrases, camera, camera_to_world, valid)
+
+
+@dataclass(frozen=True, eq=False)
+class Asker:
+    """Answers queries in any view of a scene.
+
+    Attributes:
+        texts: the queries, encoded by the model that made the scene's features.
+        own: (N, L, Q) float32 relevancy of each Gaussian's own code to each query; None if pixels are decoded.
+    """
+
+    scene: QueryScene
+    texts: Texts
+    options: QueryOptions
+    own: Tensor | None
+
+    @staticmethod
+    def of(scene: QueryScene, texts: Texts, options: QueryOptions) -> "Asker":
+        """Compare the Gaussians with all queries once, for all views."""
+        decodes = scene.decoded == GAUSSIANS
+        own = relevancy_of_gaussians(scene, texts, options.temperature) if decodes else None
+        return Asker(scene, texts, options, own)
+
+    def ask(
+        self, phrases: Sequence[str], camera: Camera, camera_to_world: Array, valid: Mask | None
+    ) -> Iterator[Answer]:
+        """Answer some of the queries in one view, in order; arguments and errors as of ``ask``."""
+        texts, resolution = self.texts.of(phrases), self.options.resolution
+        if self.own is None:
+            view = view_of(self.scene, camera, camera_to_world, valid, resolution)
+            yield from answer_from_codes(view, self.scene.decoder, texts, self.options)
+            return
+        small = rendering_camera(camera, resolution)
+        pixels = small.width * small.height * self.own.shape[1]
+        for batch in texts.in_batches(max(1, _MAPS_AT_ONCE // pixels)):
+            chosen = [self.texts.phrases.index(phrase) for phrase in batch.phrases]
+            rendered = replace(self.scene, code=self.own[..., chosen])
+            view = view_of(rendered, camera, camera_to_world, valid, resolution)
+            yield from answer_from_relevancies(view, batch.phrases, self.options)
+
+
+@torch.inference_mode()
+def relevancy_of_gaussians(
+    scene: QueryScene, texts: Texts, temperature: float, levels: slice = slice(None)
+) -> Tensor:
+    """(N, L, Q) float32 relevancy of each Gaussian's own code to each query, as ``render_codes`` takes values."""
+    return scene.relevancy(texts, temperature, levels).permute(2, 1, 0)
 
 
 @torch.inference_mode()
@@ -131,15 +182,35 @@ def answer_from_codes(view: View, decoder: Decoder, texts: Texts, options: Query
         ValueError: a code is not finite, or shapes do not agree.
     """
     _check(view)
-    height, width = view.camera.height, view.camera.width
-    valid = np.ones((height, width), bool) if view.valid is None else view.valid
-    seen = _seen(view, valid, options.min_coverage)
-    seen_on_device = torch.from_numpy(seen).to(view.codes.device)
-    for batch in texts.in_batches(max(1, _MAPS_AT_ONCE // seen.size)):
-        maps = relevancy_maps(view.codes, seen_on_device, decoder, batch, options.temperature)
-        for phrase, query_maps in zip(batch.phrases, maps, strict=True):
-            levels = np.where(seen, query_maps.cpu().numpy(), np.float32(np.nan))
-            yield _answer(phrase, find_in_maps(levels, valid, options), view)
+    seen = _seen(view, options.min_coverage)
+    for batch in texts.in_batches(max(1, _MAPS_AT_ONCE // seen.numel())):
+        maps = relevancy_maps(view.codes, seen, decoder, batch, options.temperature)
+        yield from _answers(view, seen, batch.phrases, maps, options)
+
+
+def answer_from_relevancies(view: View, phrases: Sequence[str], options: QueryOptions) -> Iterator[Answer]:
+    """Answer queries in order from their rendered relevancies.
+
+    Args:
+        view: its ``codes`` are relevancies, one channel for each query.
+        phrases: the queries.
+        options: how to read relevancy.
+
+    Raises:
+        ValueError: shapes do not agree.
+    """
+    _check(view)
+    yield from _answers(view, _seen(view, options.min_coverage), phrases, view.codes.movedim(-1, 0), options)
+
+
+def _answers(
+    view: View, seen: Tensor, phrases: Sequence[str], maps: Tensor, options: QueryOptions
+) -> Iterator[Answer]:
+    """Answer queries from (Q, L, h, w) relevancies that count where (L, h, w) ``seen`` is true."""
+    valid, visible = _valid(view), seen.cpu().numpy()
+    for phrase, query_maps in zip(phrases, maps, strict=True):
+        levels = np.where(visible, query_maps.cpu().numpy(), np.float32(np.nan))
+        yield _answer(phrase, find_in_maps(levels, valid, options), view)
 
 
 def _answer(phrase: str, found: Found | None, view: View) -> Answer:
@@ -170,11 +241,16 @@ def _check(view: View) -> None:
             raise ValueError(f"{name} {tuple(array.shape)} does not match codes {codes} and image {size}")
 
 
-def _seen(view: View, valid: Mask, min_coverage: float) -> Mask:
+def _valid(view: View) -> Mask:
+    size = view.camera.height, view.camera.width
+    return np.ones(size, bool) if view.valid is None else view.valid
+
+
+def _seen(view: View, min_coverage: float) -> Tensor:
     """(L, h, w) bool pixels that show the scene and have a code at a level."""
     height, width = view.depth.shape
-    inside = cv2.resize(valid.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST_EXACT) > 0
-    return (view.coverage > min_coverage).cpu().numpy() & inside
+    inside = cv2.resize(_valid(view).astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST_EXACT)
+    return (view.coverage > min_coverage) & torch.from_numpy(inside > 0).to(view.coverage.device)
 
 
 def pixel_position(

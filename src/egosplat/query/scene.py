@@ -7,6 +7,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from egosplat.artifacts.language import PIXELS
 from egosplat.artifacts.reader import Artifact
 from egosplat.codes.decoder import Decoder, read_scene_decoder
 from egosplat.gaussians.device import training_device
@@ -14,6 +15,8 @@ from egosplat.gaussians.io import read_gaussians, read_render_settings
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, render
 from egosplat.geometry import Camera
+from egosplat.query.relevancy import relevancy_maps
+from egosplat.query.text import Texts
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,11 +55,27 @@ class QueryScene(TrainedScene):
     Attributes:
         code, share: (N, L, C) and (N, L) float32 of language.zarr, on the Gaussians' device.
         decoder: from codes to features.
+        decoded: what queries of a view decode, see ``egosplat.artifacts.language``.
     """
 
     code: Tensor
     share: Tensor
     decoder: Decoder
+    decoded: str
+
+    def relevancy(self, texts: Texts, temperature: float, levels: slice = slice(None)) -> Tensor:
+        """Relevancy of each Gaussian's own code to all queries.
+
+        Args:
+            temperature: see ``egosplat.query.relevancy.relevancy``.
+            levels: the levels to compute.
+
+        Returns:
+            (Q, L, N) float32 in [0, 1] on the Gaussians' device; 0 without a code.
+        """
+        # An image with one column and a row for each Gaussian.
+        codes, seen = self.code[:, levels].movedim(1, 0)[:, :, None], self.share[:, levels].T[:, :, None] > 0
+        return relevancy_maps(codes, seen, self.decoder, texts, temperature)[..., 0]
 
 
 def read_trained_scene(splats: Artifact, backend: str) -> TrainedScene:
@@ -98,4 +117,5 @@ def with_codes(trained: TrainedScene, language: Artifact, features: Artifact) ->
         code=torch.from_numpy(language.read("code")).to(device),
         share=torch.from_numpy(language.read("share")).to(device),
         decoder=read_scene_decoder(language, features),
+        decoded=language.facts.get("decoded", PIXELS),
     )

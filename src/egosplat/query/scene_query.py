@@ -17,7 +17,6 @@ from egosplat.progress import track
 from egosplat.query.answer import rendering_camera
 from egosplat.query.maps import Mask
 from egosplat.query.options import QueryOptions
-from egosplat.query.relevancy import relevancy_maps
 from egosplat.query.scene import QueryScene
 from egosplat.query.text import Texts
 from egosplat.query.things import Surface, Thing, find_things
@@ -104,12 +103,9 @@ def ask_scene(index: SceneIndex, texts: Texts, options: QueryOptions, most: int)
     """
     scene = index.scene
     levels, count = scene.share.shape[1], scene.share.shape[0]
-    # The code of each Gaussian is queried directly, not blended in a pixel: an image of one column per level.
-    codes = scene.code.movedim(1, 0)[:, :, None]
-    seen = torch.from_numpy(index.surface.weight > 0).T[:, :, None].to(codes.device)
     for batch in texts.in_batches(max(1, _NUMBERS_AT_ONCE // max(1, levels * count))):
-        maps = relevancy_maps(codes, seen, scene.decoder, batch, options.temperature)[..., 0]
-        for phrase, relevancy in zip(batch.phrases, maps.cpu().numpy(), strict=True):
+        found = scene.relevancy(batch, options.temperature).cpu().numpy()
+        for phrase, relevancy in zip(batch.phrases, found, strict=True):
             yield answer_from_relevancy(index, phrase, relevancy, options, most)
 
 

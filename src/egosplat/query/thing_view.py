@@ -6,9 +6,10 @@ import cv2
 import numpy as np
 import torch
 
+from egosplat.artifacts.language import GAUSSIANS
 from egosplat.codes.rendering import render_codes, render_values
 from egosplat.geometry import Array, Camera
-from egosplat.query.answer import rendering_camera
+from egosplat.query.answer import relevancy_of_gaussians, rendering_camera
 from egosplat.query.maps import Map, Mask
 from egosplat.query.options import QueryOptions
 from egosplat.query.relevancy import relevancy_maps
@@ -60,10 +61,16 @@ def view_thing(
     filled, _ = render_values(scene.gaussians, members, small, camera_to_world, scene.settings)
     mask = (cv2.resize(filled[..., 0].cpu().numpy(), size) > HALF) & inside
     level = slice(thing.level, thing.level + 1)
-    code, share = scene.code[:, level], scene.share[:, level]
-    codes = render_codes(scene.gaussians, code, share, small, camera_to_world, scene.settings)
-    seen = codes.coverage > options.min_coverage
-    relevancy = relevancy_maps(codes.codes, seen, scene.decoder, texts, options.temperature)[0, 0]
+    own = scene.decoded == GAUSSIANS
+    values = relevancy_of_gaussians(scene, texts, options.temperature, level) if own else scene.code[:, level]
+    view = render_codes(
+        scene.gaussians, values, scene.share[:, level], small, camera_to_world, scene.settings
+    )
+    seen = view.coverage > options.min_coverage
+    if own:
+        relevancy = torch.where(seen, view.codes[..., 0], 0.0)[0]
+    else:
+        relevancy = relevancy_maps(view.codes, seen, scene.decoder, texts, options.temperature)[0, 0]
     relevancy = np.where(inside, cv2.resize(relevancy.cpu().numpy(), size), np.float32(0.0))
     return ThingView(mask, _innermost(mask), relevancy)
 

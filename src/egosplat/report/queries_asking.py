@@ -20,7 +20,7 @@ from egosplat.errors import UserError
 from egosplat.evaluation.evaluation_frames import Evaluation, read_evaluation
 from egosplat.evaluation.localization import bounding_boxes
 from egosplat.evaluation.queries import BenchmarkQueries, Query, find_queries
-from egosplat.query.answer import Answer, ask
+from egosplat.query.answer import Answer, Asker
 from egosplat.query.options import QueryOptions
 from egosplat.query.scene import read_scene
 from egosplat.query.text import encode_texts, load_clip_of
@@ -103,12 +103,13 @@ def ask_again(
     clip = load_clip_of(sources.encoded, model, checkpoint, "auto", precision)
     texts = encode_texts(clip, sorted({one.category for one in chosen}), answering.canonical)
     scene = read_scene(sources.splats, sources.language, sources.encoded, "auto")
+    asker = Asker.of(scene, texts, answering)
     for frame in sorted({one.frame for one in chosen}):
         in_frame = [one for one in chosen if one.frame == frame]
         pose = evaluation.camera_to_world[frame]
-        texts_in_frame = texts.of([one.category for one in in_frame])
         photograph, view = sources.frames.row("rgb", frame), scene.picture(evaluation.camera, pose)
-        answers = ask(scene, texts_in_frame, evaluation.camera, pose, evaluation.valid, answering)
+        phrases = [one.category for one in in_frame]
+        answers = asker.ask(phrases, evaluation.camera, pose, evaluation.valid)
         for scored, answer in zip(in_frame, answers, strict=True):
             target, boxes = _target(evaluation, asked[frame, scored.category])
             yield ShownQuery(scored, photograph, view, target, boxes, answer)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from egosplat.artifacts.language import PIXELS
 from egosplat.codes.decoder import Decoder
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
@@ -32,7 +33,9 @@ def scene() -> QueryScene:
         torch.zeros(2, 1, 3),
         torch.zeros(2, 0),
     )
-    return QueryScene(gaussians, SETTINGS, CAMERA, 0, torch.eye(4)[:2, None], torch.ones(2, 1), IDENTITY)
+    return QueryScene(
+        gaussians, SETTINGS, CAMERA, 0, torch.eye(4)[:2, None], torch.ones(2, 1), IDENTITY, PIXELS
+    )
 
 
 @pytest.mark.parametrize("resolution", [0, 32])

@@ -1,0 +1,62 @@
+"""Lift instances instead of codes: each Gaussian takes the code of the instance that it shows most (docs/method.md#lifting)."""
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy import sparse
+
+from egosplat.artifacts.language import GAUSSIANS
+from egosplat.codes.rendering import sum_by_label
+from egosplat.codes.targets import CodeTargets
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import RenderSettings
+from egosplat.language.lifting import LEAST_WEIGHT
+from egosplat.language.result import Coded
+from egosplat.language.views import CodeViews
+from egosplat.progress import track
+
+
+def lifted(
+    gaussians: Gaussians, views: CodeViews, settings: RenderSettings, targets: CodeTargets, *_: object
+) -> Coded:
+    """Method ``lifted``: the code of the instance with the largest share of the Gaussian's weight, at each level.
+
+    A weight is alpha times transmittance times 1 - M, summed over the pixels of all views. A mean of the codes of two
+    instances would decode to a feature of neither.
+    """
+    votes, seen = instance_votes(gaussians, views, settings, targets)
+    codes, shape = targets.instance_codes(), (gaussians.count, len(targets.levels))
+    code, known = np.zeros((*shape, targets.channels), np.float32), np.zeros(shape, np.float32)
+    for level in range(shape[1]):
+        owners = np.flatnonzero(targets.level == level)
+        own = votes[:, owners]
+        known[:, level] = own.sum(axis=1)
+        code[:, level] = codes[owners[own.argmax(axis=1)]]
+    labeled = known > LEAST_WEIGHT
+    # Above 1 by rounding only.
+    share = np.where(labeled, np.minimum(known / np.maximum(seen, LEAST_WEIGHT)[:, None], 1.0), 0.0)
+    found = (np.where(labeled[..., None], code, 0.0), share)
+    on_device = (torch.from_numpy(values.astype(np.float32)).to(views.device) for values in found)
+    return Coded(*on_device, targets.levels, decoded=GAUSSIANS)
+
+
+def instance_votes(
+    gaussians: Gaussians, views: CodeViews, settings: RenderSettings, targets: CodeTargets
+) -> tuple[sparse.csr_array, NDArray[np.float32]]:
+    """Sum the compositing weights of each Gaussian over all views, by instance.
+
+    Returns:
+        (N, I) sparse float32 weights in the pixels of each instance with a code, and (N,) in all pixels [px].
+    """
+    shape = (gaussians.count, len(targets.level))
+    votes, seen = sparse.csr_array(shape, dtype=np.float32), np.zeros(gaussians.count, np.float32)
+    for index in track(range(len(views)), "lifting", unit="view"):
+        frame, weight = int(views.frame[index]), views.weight(index)
+        labels = torch.where(targets.known(frame), targets.labels(frame), -1).cpu().numpy()
+        counted = np.ones(labels.shape[1:], np.float32) if weight is None else weight.cpu().numpy()
+        pose = views.camera_to_world[index]
+        sums, ids, total = sum_by_label(gaussians, labels, counted, views.camera, pose, settings)
+        row, column = np.nonzero(sums)
+        votes = votes + sparse.csr_array((sums[row, column], (row, ids[column])), shape)
+        seen += total
+    return votes, seen
