@@ -11,7 +11,7 @@ from egosplat.artifacts.reader import verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.codes.decoder import Decoder, read_scene_decoder
 from egosplat.errors import UserError
-from egosplat.language import joint, lifting, methods, stage
+from egosplat.language import dominant, joint, methods, stage
 from egosplat.language.result import Coded
 from egosplat.pipeline.config import defaults
 from egosplat.splats import stage as splats_stage
@@ -70,6 +70,7 @@ def test_artifact_holds_the_expected_facts_and_inputs(scene):
     assert found.facts == {
         "levels": ["part", "whole"],
         "method": "lifted",
+        "decoded": "gaussians",
         "views": 4,
         "stands_in": [GEOMETRY],
     }
@@ -80,14 +81,17 @@ def test_artifact_holds_the_expected_facts_and_inputs(scene):
 @pytest.mark.parametrize("language", ["after", "joint"])
 def test_codes_are_lifted_with_the_poses_that_training_refined(scene, monkeypatch, language):
     """Protects the poses behind codes, and corrections in joint training."""
-    used, lift = {}, lifting.lift
+    used = {}
 
-    def lifted(gaussians, views, settings):
-        used["views"] = views
-        return lift(gaussians, views, settings)
+    def watched(lift):
+        def lifting(gaussians, views, *others):
+            used["views"] = views
+            return lift(gaussians, views, *others)
 
-    for module in (lifting, joint):
-        monkeypatch.setattr(module, "lift", lifted)
+        return lifting
+
+    monkeypatch.setitem(methods.METHODS, "lifted", watched(dominant.lifted))
+    monkeypatch.setattr(joint, "lift", watched(joint.lift))
     folder = scene()
     train(folder, refine_poses="on", compensate_exposure="on", language=language)
     run(folder)
@@ -101,7 +105,7 @@ def test_a_method_s_own_decoder_and_stand_ins_are_stored_and_the_scene_decodes_w
     own = Decoder((3, 4), np.arange(16, dtype=np.float32), ("none",), unit_input=True)
 
     def learned(gaussians, views, settings, targets, options, checkpoint):
-        plain = lifting.lifted(gaussians, views, settings, targets)
+        plain = dominant.lifted(gaussians, views, settings, targets)
         return Coded(plain.code, plain.share, plain.levels, own, stands_in=("sand in place of water",))
 
     monkeypatch.setitem(methods.METHODS, "learned", learned)

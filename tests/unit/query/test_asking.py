@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.artifacts.language import PIXELS
+from egosplat.artifacts.language import GAUSSIANS, PIXELS
 from egosplat.codes.decoder import Decoder
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Camera
-from egosplat.query.answer import ask, rendering_camera, view_of
+from egosplat.query import answer as module
+from egosplat.query.answer import Asker, ask, rendering_camera, view_of
 from egosplat.query.options import LANGSPLAT
 from egosplat.query.scene import QueryScene
 from egosplat.query.text import Texts
@@ -65,3 +66,47 @@ def test_the_longer_side_is_brought_down(resolution, size):
     camera = rendering_camera(CAMERA, resolution)
     assert (camera.width, camera.height) == size
     assert camera.cx / camera.width == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("resolution", [0, 32])
+def test_relevancies_of_gaussians_are_rendered(scene, resolution):
+    """Decoded pixels and decoded Gaussians agree where a pixel shows one Gaussian."""
+    texts = Texts(("left", "right"), torch.eye(4)[:2], torch.eye(4)[2:3])
+    options = replace(LANGSPLAT, box_filter=4 / 64, resolution=resolution)
+    own = replace(scene, decoded=GAUSSIANS)
+    pairs = zip(
+        *(list(ask(one, texts, CAMERA, np.eye(4), None, options)) for one in (scene, own)), strict=True
+    )
+    for pixels, gaussians in pairs:
+        assert gaussians.score == pytest.approx(pixels.score, abs=1e-4)
+        assert gaussians.level == pixels.level and gaussians.mask.shape == (48, 64)
+        # All pixels of a ball are equal but for rounding: any of them is the place.
+        assert np.abs(gaussians.position - pixels.position).max() < 0.2
+        assert (gaussians.mask & pixels.mask).sum() > 0.8 * (gaussians.mask | pixels.mask).sum()
+
+
+def test_a_pixel_of_two_gaussians_is_no_third_thing(scene):
+    """The mean of two codes decodes to what neither Gaussian shows; rendered relevancies know no such thing."""
+    diagonal = torch.nn.functional.normalize(torch.tensor([[1.0, 1.0, 0.0, 0.0]]))
+    texts = Texts(("between",), diagonal, torch.eye(4)[2:3])
+    scene.gaussians.means[:, :2] = 0.0
+    scene.gaussians.logit_opacities[:] = 0.0
+    options = replace(LANGSPLAT, box_filter=0.0)
+    [blended] = ask(scene, texts, CAMERA, np.eye(4), None, options)
+    asker = Asker.of(replace(scene, decoded=GAUSSIANS), texts, options)
+    [rendered] = asker.ask(["between"], CAMERA, np.eye(4), None)
+    assert blended.score > rendered.score
+    assert rendered.score == pytest.approx(float(asker.own.max()), abs=1e-5)
+
+
+def test_queries_are_asked_by_name_and_in_batches(scene, monkeypatch):
+    texts = Texts(("left", "right"), torch.eye(4)[:2], torch.eye(4)[2:3])
+    asker = Asker.of(replace(scene, decoded=GAUSSIANS), texts, LANGSPLAT)
+    asked = ["right", "left", "right"]
+    together = list(asker.ask(asked, CAMERA, np.eye(4), None))
+    monkeypatch.setattr(module, "_MAPS_AT_ONCE", 1)
+    alone = list(asker.ask(asked, CAMERA, np.eye(4), None))
+    assert [one.phrase for one in together] == [one.phrase for one in alone] == asked
+    for one, other in zip(together, alone, strict=True):
+        assert one.score == pytest.approx(other.score, abs=1e-6) and one.pixel == other.pixel
+    assert not list(asker.ask([], CAMERA, np.eye(4), None))

@@ -1,0 +1,93 @@
+"""Lifting of instances: each Gaussian takes the code of the instance that it shows most."""
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.artifacts.language import GAUSSIANS
+from egosplat.codes.rendering import render_values
+from egosplat.codes.targets import CodeTargets
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.pixel_weights import Masking, open_masking
+from egosplat.language.dominant import instance_votes, lifted
+from egosplat.language.views import select_code_views
+from tests.unit.language.conftest import CODES
+
+CPU = torch.device("cpu")
+
+
+@pytest.fixture
+def prepared(scene, opened):
+    """``prepared(masked)``: views and targets of the scene."""
+
+    def make(masked: bool = False, **changes: object):
+        folder = scene(**changes)
+        frames, poses, instances, features = opened(folder)
+        moving = open_masking("refined", frames, transient_path=None, masks_path=folder / "masks.zarr")
+        targets = CodeTargets(instances, features, CPU)
+        masking = moving if masked else Masking(None, "")
+        return select_code_views(frames, poses, targets.of, masking, CPU), targets
+
+    return make
+
+
+@pytest.mark.parametrize("masked", [False, True])
+def test_votes_are_rendering_weights(wall, settings, prepared, masked):
+    views, targets = prepared(masked)
+    votes, seen = instance_votes(wall, views, settings, targets)
+    expected, total = np.zeros((wall.count, 3)), np.zeros(wall.count)
+    for index in range(len(views)):
+        # Each column of the identity shows where one Gaussian is rendered, and how much of it.
+        image, _ = render_values(
+            wall, torch.eye(wall.count), views.camera, views.camera_to_world[index], settings
+        )
+        weight = views.weight(index)
+        image = image if weight is None else image * weight[..., None]
+        labels = targets.labels(int(views.frame[index]))
+        for instance in range(3):
+            expected[:, instance] += image[(labels == instance).any(dim=0)].sum(dim=0).numpy()
+        total += image.sum(dim=(0, 1)).numpy()
+    np.testing.assert_allclose(votes.toarray(), expected, rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(seen, total, rtol=1e-4, atol=1e-4)
+
+
+def test_each_gaussian_has_the_code_of_one_instance(wall, settings, prepared):
+    """A Gaussian on the border of two instances has the code of the larger part, not a mean."""
+    views, targets = prepared()
+    found = lifted(wall, views, settings, targets)
+    votes, _ = instance_votes(wall, views, settings, targets)
+    assert found.decoded == GAUSSIANS and found.levels == ["part", "whole"]
+    shown = found.share[:, 1] > 0
+    larger = torch.from_numpy(votes[:, [0, 1]].argmax(axis=1))
+    assert bool((found.code[shown, 1] == torch.from_numpy(CODES)[larger[shown]]).all())
+    middle = found.share[:, 0] > 0
+    assert bool(middle.any()) and bool((found.code[middle, 0] == torch.from_numpy(CODES[2])).all())
+    assert float(found.share.min()) >= 0.0 and float(found.share.max()) <= 1.0
+    far = wall.means[:, 1].abs() > 1.2  # no instance at level 0 there
+    assert float(found.share[far, 0].max()) == 0.0 and float(found.code[far, 0].abs().max()) == 0.0
+
+
+def test_gaussians_in_no_view_get_no_code(wall, settings, prepared):
+    behind = wall.select(torch.arange(3))
+    behind.means[:, 2] = -5.0
+    found = lifted(Gaussians.concatenate([wall, behind]), *_with_targets(prepared, settings))
+    assert not found.share[-3:].any() and not found.code[-3:].any()
+    assert bool(found.code.isfinite().all())
+
+
+def _with_targets(prepared, settings):
+    views, targets = prepared()
+    return views, settings, targets
+
+
+def test_views_that_stand_alone_are_averaged(prepared):
+    _, targets = prepared(target="view")
+    np.testing.assert_allclose(targets.instance_codes(), CODES, atol=1e-6)
+
+
+def test_an_instance_without_views_has_no_code(wall, settings, prepared):
+    rows = [(instance, frame) for instance in (0, 1) for frame in (0, 1, 3, 4)]
+    views, targets = prepared(target="view", rows=rows)
+    found = lifted(wall, views, settings, targets)
+    assert not found.share[:, 0].any() and not found.code[:, 0].any()
+    assert float(found.share[:, 1].max()) == pytest.approx(1.0)
