@@ -34,8 +34,8 @@ class Coded:
         levels: name of each level.
         decoder: from codes to features, where the method learns its own; else that of features.zarr.
         curve: empty if nothing is trained.
-        decoded: what queries decode, see ``egosplat.artifacts.language``.
         stands_in: short sentences, each on a part of the published method that something else replaces.
+        decoded: what queries decode, see ``egosplat.artifacts.language``.
     """
 
     code: Tensor
@@ -43,5 +43,5 @@ class Coded:
     levels: list[str]
     decoder: Decoder | None = None
     curve: Curve = field(default_factory=Curve)
-    decoded: str = PIXELS
     stands_in: tuple[str, ...] = ()
+    decoded: str = PIXELS

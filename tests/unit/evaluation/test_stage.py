@@ -119,12 +119,12 @@ def test_perfect_codes_score_perfectly(word_scene, scored):
 
 def test_the_whole_scene_is_asked_for_what_is_there_and_what_is_not(word_scene, scored):
     """Couch and cup are found on their own halves; absent things are counted, and untaught words are refused."""
-    found = scored(word_scene(), negatives=["couch", "basketball", "spaceship"], min_score=0.6)["presence"]
+    found = scored(word_scene(), negatives=["couch", "basketball", "spaceship"], min_score=0.7)["presence"]
     rows = {one["phrase"]: one for one in found["queries"]}
     assert set(rows) == {"couch", "cup", "basketball", "spaceship"}
     assert found["present"] == {"asked": 2, "answered": 2, "right": 2, "unverified": 0}
     assert found["absent"] == {"asked": 2, "answered": 0, "untaught": 1}
-    assert found["separation"] == 1.0 and found["min_score"] == 0.6
+    assert found["separation"] == 1.0 and found["min_score"] == 0.7
     assert rows["spaceship"]["untaught"] and not rows["spaceship"]["answered"]
     assert rows["couch"]["right"] and rows["basketball"]["right"] is None
 
