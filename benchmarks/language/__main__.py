@@ -1,4 +1,4 @@
-"""Ways to put codes on Gaussians: lifted in closed form, trained at three levels at once, or one model for each level.
+"""Ways to put codes on Gaussians: mean codes in closed form, trained at three levels at once, or one model for each level.
 
     snakemake --cores 2 results/adt/scene2/language.zarr
     python -m benchmarks.language results/adt/scene2 --iterations 100 > benchmarks/language/README.md
@@ -42,9 +42,9 @@ from egosplat.pipeline.config import defaults
 from egosplat.progress import log
 
 CPU = torch.device("cpu")
-LIFTED, TOGETHER, APART = "lifted", "trained, three levels at once", "trained, one level a model"
+MEANS, TOGETHER, APART = "mean codes, in closed form", "trained, three levels at once", "trained, one level a model"
 # Levels of a model, and number of models.
-WAYS = {LIFTED: (3, 1), TOGETHER: (3, 1), APART: (1, 3)}
+WAYS = {MEANS: (3, 1), TOGETHER: (3, 1), APART: (1, 3)}
 
 COLUMNS = (
     "scene",
@@ -148,7 +148,7 @@ def measure(folder: Path, way: str, iterations: int) -> dict[str, object]:
     scene = read(folder)
     found, seconds = timed(lift, scene.gaussians, scene.views, scene.settings)
     code = found.code
-    if way != LIFTED:
+    if way != MEANS:
         code, seconds = timed(codes, scene, way, iterations)
     return {"seconds": seconds, "peak_mb": peak_memory_mb(), "cosines": cosines(scene, code, found.share)}
 
