@@ -117,8 +117,9 @@ class Asker:
     @staticmethod
     def of(scene: QueryScene, texts: Texts, options: QueryOptions) -> "Asker":
         """Compare the Gaussians with all queries once, for all views."""
-        decodes = scene.decoded == GAUSSIANS
-        own = relevancy_of_gaussians(scene, texts, options.temperature) if decodes else None
+        own = None
+        if scene.decoded == GAUSSIANS:
+            own = scene.relevancy(texts, options.temperature).permute(2, 1, 0)
         return Asker(scene, texts, options, own)
 
     def ask(
@@ -137,14 +138,6 @@ class Asker:
             rendered = replace(self.scene, code=self.own[..., chosen])
             view = view_of(rendered, camera, camera_to_world, valid, resolution)
             yield from answer_from_relevancies(view, batch.phrases, self.options)
-
-
-@torch.inference_mode()
-def relevancy_of_gaussians(
-    scene: QueryScene, texts: Texts, temperature: float, levels: slice = slice(None)
-) -> Tensor:
-    """(N, L, Q) float32 relevancy of each Gaussian's own code to each query, as ``render_codes`` takes values."""
-    return scene.relevancy(texts, temperature, levels).permute(2, 1, 0)
 
 
 @torch.inference_mode()

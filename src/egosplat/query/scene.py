@@ -63,18 +63,17 @@ class QueryScene(TrainedScene):
     decoder: Decoder
     decoded: str
 
-    def relevancy(self, texts: Texts, temperature: float, levels: slice = slice(None)) -> Tensor:
+    def relevancy(self, texts: Texts, temperature: float) -> Tensor:
         """Relevancy of each Gaussian's own code to all queries.
 
         Args:
             temperature: see ``egosplat.query.relevancy.relevancy``.
-            levels: the levels to compute.
 
         Returns:
             (Q, L, N) float32 in [0, 1] on the Gaussians' device; 0 without a code.
         """
         # An image with one column and a row for each Gaussian.
-        codes, seen = self.code[:, levels].movedim(1, 0)[:, :, None], self.share[:, levels].T[:, :, None] > 0
+        codes, seen = self.code.movedim(1, 0)[:, :, None], self.share.T[:, :, None] > 0
         return relevancy_maps(codes, seen, self.decoder, texts, temperature)[..., 0]
 
 

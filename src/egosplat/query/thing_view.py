@@ -1,18 +1,16 @@
 """Render a 3D thing in one view."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 import torch
 
-from egosplat.artifacts.language import GAUSSIANS
-from egosplat.codes.rendering import render_codes, render_values
+from egosplat.codes.rendering import render_values
 from egosplat.geometry import Array, Camera
-from egosplat.query.answer import relevancy_of_gaussians, rendering_camera
+from egosplat.query.answer import ask, rendering_camera
 from egosplat.query.maps import Map, Mask
 from egosplat.query.options import QueryOptions
-from egosplat.query.relevancy import relevancy_maps
 from egosplat.query.scene import QueryScene
 from egosplat.query.text import Texts
 from egosplat.query.things import Thing
@@ -61,18 +59,9 @@ def view_thing(
     filled, _ = render_values(scene.gaussians, members, small, camera_to_world, scene.settings)
     mask = (cv2.resize(filled[..., 0].cpu().numpy(), size) > HALF) & inside
     level = slice(thing.level, thing.level + 1)
-    own = scene.decoded == GAUSSIANS
-    values = relevancy_of_gaussians(scene, texts, options.temperature, level) if own else scene.code[:, level]
-    view = render_codes(
-        scene.gaussians, values, scene.share[:, level], small, camera_to_world, scene.settings
-    )
-    seen = view.coverage > options.min_coverage
-    if own:
-        relevancy = torch.where(seen, view.codes[..., 0], 0.0)[0]
-    else:
-        relevancy = relevancy_maps(view.codes, seen, scene.decoder, texts, options.temperature)[0, 0]
-    relevancy = np.where(inside, cv2.resize(relevancy.cpu().numpy(), size), np.float32(0.0))
-    return ThingView(mask, _innermost(mask), relevancy)
+    of_level = replace(scene, code=scene.code[:, level], share=scene.share[:, level])
+    [answer] = ask(of_level, texts, camera, camera_to_world, valid, options)
+    return ThingView(mask, _innermost(mask), answer.relevancy)
 
 
 def _innermost(mask: Mask) -> tuple[int, int] | None:
