@@ -42,7 +42,11 @@ from egosplat.pipeline.config import defaults
 from egosplat.progress import log
 
 CPU = torch.device("cpu")
-MEANS, TOGETHER, APART = "mean codes, in closed form", "trained, three levels at once", "trained, one level a model"
+MEANS, TOGETHER, APART = (
+    "mean codes, in closed form",
+    "trained, three levels at once",
+    "trained, one level a model",
+)
 # Levels of a model, and number of models.
 WAYS = {MEANS: (3, 1), TOGETHER: (3, 1), APART: (1, 3)}
 
