@@ -10,7 +10,7 @@ from egosplat.codes.rendering import sum_by_label
 from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
-from egosplat.language.lifting import LEAST_WEIGHT
+from egosplat.language.lifting import labeled_share
 from egosplat.language.result import Coded
 from egosplat.language.views import CodeViews
 from egosplat.progress import track
@@ -32,12 +32,9 @@ def lifted(
         own = votes[:, owners]
         known[:, level] = own.sum(axis=1)
         code[:, level] = codes[owners[own.argmax(axis=1)]]
-    labeled = known > LEAST_WEIGHT
-    # Above 1 by rounding only.
-    share = np.where(labeled, np.minimum(known / np.maximum(seen, LEAST_WEIGHT)[:, None], 1.0), 0.0)
-    found = (np.where(labeled[..., None], code, 0.0), share)
-    on_device = (torch.from_numpy(values.astype(np.float32)).to(views.device) for values in found)
-    return Coded(*on_device, targets.levels, decoded=GAUSSIANS)
+    share = labeled_share(torch.from_numpy(known), torch.from_numpy(seen)[:, None])
+    code = torch.where(share[..., None] > 0, torch.from_numpy(code), 0.0)
+    return Coded(code.to(views.device), share.to(views.device), targets.levels, decoded=GAUSSIANS)
 
 
 def instance_votes(

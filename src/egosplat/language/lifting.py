@@ -14,7 +14,7 @@ from egosplat.language.views import CodeViews
 from egosplat.progress import track
 
 # Smallest sum of compositing weights over all views [px] at which a Gaussian counts as seen.
-LEAST_WEIGHT = 1e-3
+_LEAST_WEIGHT = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +87,21 @@ def everywhere(views: CodeViews) -> Callable[[int], Tensor]:
 
 def _means(code: Tensor, known: Tensor, seen: Tensor) -> Lifted:
     """Divide sums by sums of weights; 0 where the weight is negligible."""
-    labeled = known > LEAST_WEIGHT
-    mean = torch.where(labeled[..., None], code / known.clamp(min=LEAST_WEIGHT)[..., None], 0.0)
+    labeled = known > _LEAST_WEIGHT
+    mean = torch.where(labeled[..., None], code / known.clamp(min=_LEAST_WEIGHT)[..., None], 0.0)
+    return Lifted(mean, labeled_share(known, seen))
+
+
+def labeled_share(known: Tensor, seen: Tensor) -> Tensor:
+    """Share of what Gaussians show that has a code; 0 where the weight is negligible.
+
+    Args:
+        known: (N, L) compositing weight in the pixels with a code [px].
+        seen: (N, 1) weight in all pixels [px].
+
+    Returns:
+        (N, L) in [0, 1].
+    """
     # Above 1 by rounding only.
-    share = torch.where(labeled, known / seen.clamp(min=LEAST_WEIGHT), 0.0).clamp(max=1.0)
-    return Lifted(mean, share)
+    share = (known / seen.clamp(min=_LEAST_WEIGHT)).clamp(max=1.0)
+    return torch.where(known > _LEAST_WEIGHT, share, 0.0)

@@ -70,14 +70,10 @@ def test_each_gaussian_has_the_code_of_one_instance(wall, settings, prepared):
 def test_gaussians_in_no_view_get_no_code(wall, settings, prepared):
     behind = wall.select(torch.arange(3))
     behind.means[:, 2] = -5.0
-    found = lifted(Gaussians.concatenate([wall, behind]), *_with_targets(prepared, settings))
+    views, targets = prepared()
+    found = lifted(Gaussians.concatenate([wall, behind]), views, settings, targets)
     assert not found.share[-3:].any() and not found.code[-3:].any()
     assert bool(found.code.isfinite().all())
-
-
-def _with_targets(prepared, settings):
-    views, targets = prepared()
-    return views, settings, targets
 
 
 def test_views_that_stand_alone_are_averaged(prepared):
