@@ -21,6 +21,7 @@ REPORTS = {
     "config/README.md",
     "benchmarks/ablation/README.md",
     "benchmarks/instances/README.md",
+    "benchmarks/language/README.md",
     "benchmarks/open_vocabulary/README.md",
     "benchmarks/presence/README.md",
     "benchmarks/real_camera/README.md",
