@@ -99,6 +99,6 @@ def _answers(
             for one in own:
                 if one.query.category == answer.phrase:
                     score = score_query(
-                        one.query, answer.candidates, answer.mask, truth, evaluation.valid, keys["hit_region"]
+                        one.query, answer.pixel, answer.mask, truth, evaluation.valid, keys["hit_region"]
                     )
                     yield Answered(one, score.groups["all"])

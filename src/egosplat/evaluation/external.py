@@ -46,9 +46,6 @@ from egosplat.progress import log, track
 from egosplat.query.maps import Found, find_in_maps
 from egosplat.query.options import LANGSPLAT, QueryOptions
 
-# Share of an image; if more of it has the largest relevancy, a hit says little.
-UNDECIDED = 0.01
-
 
 @dataclass(frozen=True)
 class MethodMetricsOptions(BenchmarkQueries, IntervalOptions):
@@ -156,31 +153,24 @@ def _answer(
     options: QueryOptions,
     hit_region: str,
 ) -> Iterator[AnsweredQuery]:
-    undecided = 0
     for row, in_frame in groupby(track(queries, "reading maps", unit="query"), key=lambda query: query.row):
         instance_map = read_map(annotations, row, valid)
         for query in in_frame:
             found = find_in_maps(maps.maps(query.frame, query.category), valid, options)
-            undecided += found is not None and len(found.location.candidates) > UNDECIDED * valid.size
             yield _answered(query, found, instance_map, valid, hit_region)
-    if undecided:
-        log(
-            f"warning: in {undecided} of {len(queries)} queries more than {UNDECIDED:.0%} of the image has the "
-            "largest relevancy, and any of these pixels may hit"
-        )
 
 
 def _answered(
     query: Query, found: Found | None, instance_map: InstanceMap, valid: Mask, hit_region: str
 ) -> AnsweredQuery:
-    candidates = np.zeros((0, 2), np.int64) if found is None else found.location.candidates
+    pixel = None if found is None else found.location.pixel
     mask = np.zeros_like(valid) if found is None else found.segmentation.mask
     return AnsweredQuery(
         query=query,
-        score=score_query(query, candidates, mask, instance_map, valid, hit_region),
+        score=score_query(query, pixel, mask, instance_map, valid, hit_region),
         relevancy=0.0 if found is None else found.location.score,
         level=None if found is None else found.location.level,
-        pixel=None if found is None else found.location.pixel,
+        pixel=pixel,
         position=None,
         mask_level=None if found is None else found.segmentation.level,
         mask_pixels=int(mask.sum()),

@@ -33,11 +33,9 @@ def target_area(instance_map: InstanceMap, instances: Sequence[int], hit_region:
     raise ValueError(f"hit_region {hit_region!r} is not one of {TARGETS}")
 
 
-def is_hit(candidates: NDArray[np.int64], area: Mask) -> bool:
-    """Whether any of (K, 2) candidates, column and row, lies in the (H, W) area; False without candidates."""
-    columns, rows = candidates.T
-    # If several pixels share the maximum, any of them may hit, as in LangSplat.
-    return bool(area[rows, columns].any())
+def is_hit(pixel: tuple[int, int] | None, area: Mask) -> bool:
+    """Whether a pixel, column and row, lies in the (H, W) area; False without one."""
+    return pixel is not None and bool(area[pixel[1], pixel[0]])
 
 
 def random_hit(area: Mask, valid: Mask | None) -> float:

@@ -58,9 +58,7 @@ def run_queries(
         phrases = [query.category for query in in_frame]
         answers = asker.ask(phrases, evaluation.camera, pose, evaluation.valid)
         for query, answer in zip(in_frame, answers, strict=True):
-            score = score_query(
-                query, answer.candidates, answer.mask, instance_map, evaluation.valid, hit_region
-            )
+            score = score_query(query, answer.pixel, answer.mask, instance_map, evaluation.valid, hit_region)
             yield _without_maps(query, answer, score)
 
 

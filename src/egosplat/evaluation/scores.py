@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from egosplat.evaluation.intervals import Interval, IntervalOptions, cluster, clustered_interval
 from egosplat.evaluation.localization import is_hit, middle_hit, random_hit, target_area
@@ -66,7 +65,7 @@ class GroupScore:
 
 def score_query(
     query: Query,
-    candidates: NDArray[np.int64],
+    pixel: tuple[int, int] | None,
     mask: Mask,
     instance_map: InstanceMap,
     valid: Mask | None,
@@ -75,7 +74,7 @@ def score_query(
     """Score one answer against the instances of each group.
 
     Args:
-        candidates, mask: (K, 2) int64 and (H, W) bool, see ``egosplat.query.answer.Answer``.
+        pixel, mask: column and row, and (H, W) bool, see ``egosplat.query.answer.Answer``.
         instance_map: (H, W) int32 of the query's frame, see ``read_map``.
         valid: (H, W) bool pixels that show the scene, or None for all.
         hit_region: see ``target_area``.
@@ -84,7 +83,7 @@ def score_query(
     def result(members: Sequence[int]) -> Result:
         area = target_area(instance_map, members, hit_region)
         return Result(
-            hit=is_hit(candidates, area),
+            hit=is_hit(pixel, area),
             iou=iou(mask, np.isin(instance_map, members), valid),
             random_hit=random_hit(area, valid),
             middle_hit=middle_hit(area),

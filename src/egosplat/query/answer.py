@@ -53,13 +53,12 @@ class View:
 class Answer:
     """The answer to one query in one view of (H, W) pixels.
 
-    A view without any code at any level has score 0, no candidates, an empty mask, and None for the rest.
+    A view without any code at any level has score 0, an empty mask, and None for the rest.
 
     Attributes:
         score: largest smoothed relevancy, 0..1; above 0.5 the query fits better than every canonical phrase.
         level: index of the level with the score.
-        candidates: (K, 2) int64 column and row of all pixels with the score.
-        pixel: column and row of the candidate nearest to the mean of all candidates.
+        pixel: column and row of the pixel with the score; the innermost if several have it.
         position: (3,) float64 world position shown at the pixel's centre [m]; None without depth.
         relevancy: (H, W) float32 at ``level``, not smoothed; 0 where no code is visible.
         mask_level: index of the mask's level.
@@ -69,7 +68,6 @@ class Answer:
     phrase: str
     score: float
     level: int | None
-    candidates: NDArray[np.int64]
     pixel: tuple[int, int] | None
     position: Array | None
     relevancy: Map
@@ -209,13 +207,12 @@ def _answers(
 def _answer(phrase: str, found: Found | None, view: View) -> Answer:
     if found is None:
         zeros = np.zeros((view.camera.height, view.camera.width), np.float32)
-        return Answer(phrase, 0.0, None, np.zeros((0, 2), np.int64), None, None, zeros, None, zeros > 0)
+        return Answer(phrase, 0.0, None, None, None, zeros, None, zeros > 0)
     location = found.location
     return Answer(
         phrase=phrase,
         score=location.score,
         level=location.level,
-        candidates=location.candidates,
         pixel=location.pixel,
         position=pixel_position(view.camera, view.camera_to_world, location.pixel, view.depth.cpu().numpy()),
         relevancy=found.relevancy,

@@ -12,27 +12,23 @@ Map = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 
+PLATEAU = 1e-4
+"""Smoothed relevancies that differ by less are equal: those of Gaussians with one code differ by rounding."""
+
+
 @dataclass(frozen=True, eq=False)
 class Location:
-    """The pixels with the largest smoothed relevancy.
+    """The most relevant pixel.
 
     Attributes:
-        level: index of their level; the first one on ties.
-        score: the smoothed relevancy.
-        candidates: (K, 2) int64 column and row of all pixels with this value, K at least 1.
+        level: index of its level; the first one on ties.
+        score: the largest smoothed relevancy.
+        pixel: column and row; the innermost of the pixels whose smoothed relevancy is as large, within ``PLATEAU``.
     """
 
     level: int
     score: float
-    candidates: NDArray[np.int64]
-
-    @property
-    def pixel(self) -> tuple[int, int]:
-        """Column and row of the candidate nearest to the mean of all candidates."""
-        # The mean itself may be no candidate: the pixels with the largest value need not be connected.
-        distance = np.linalg.norm(self.candidates - self.candidates.mean(axis=0), axis=1)
-        column, row = self.candidates[distance.argmin()]
-        return int(column), int(row)
+    pixel: tuple[int, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +49,7 @@ class Found:
     """Location and mask of one query in one image.
 
     Attributes:
-        location: the pixels with the largest smoothed relevancy.
+        location: the most relevant pixel, after smoothing.
         segmentation: the mask.
         relevancy: (H, W) float32 at the location's level, not smoothed; 0 where no code is visible.
     """
@@ -104,11 +100,11 @@ def _resize(values: NDArray, size: tuple[int, int], interpolation: int) -> NDArr
 
 
 def localize(filtered: Map, seen: Mask) -> Location | None:
-    """Find the level with the largest value and all pixels with this value.
+    """Find the level with the largest value, and the innermost of the pixels with this value.
 
     Args:
         filtered: (L, H, W) float32 smoothed relevancy, finite.
-        seen: (L, H, W) bool pixels that may be candidates.
+        seen: (L, H, W) bool pixels that may be found.
 
     Returns:
         None if ``seen`` is empty.
@@ -118,8 +114,21 @@ def localize(filtered: Map, seen: Mask) -> Location | None:
     # LangSplat's: the level with the most relevant pixel answers (docs/method.md#query-levels).
     peaks = filtered.max(axis=(1, 2), where=seen, initial=-np.inf)
     level = int(peaks.argmax())
-    rows, columns = np.nonzero((filtered[level] == peaks[level]) & seen[level])
-    return Location(level, float(peaks[level]), np.stack([columns, rows], axis=1))
+    equal = (filtered[level] >= peaks[level] - PLATEAU) & seen[level]
+    return Location(level, float(peaks[level]), innermost(equal))
+
+
+def innermost(mask: Mask) -> tuple[int, int]:
+    """Column and row of the pixel of a mask, (H, W) bool with any pixel, that is farthest from all pixels outside it.
+
+    Of several, the one nearest to their mean. Pixels beyond the image are outside.
+    """
+    depth = cv2.distanceTransform(np.pad(mask.astype(np.uint8), 1), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    rows, columns = np.nonzero(depth[1:-1, 1:-1] == depth.max())
+    # The mean itself may be outside: the deepest pixels need not be connected.
+    apart = (rows - rows.mean()) ** 2 + (columns - columns.mean()) ** 2
+    nearest = apart.argmin()
+    return int(columns[nearest]), int(rows[nearest])
 
 
 def segment(

@@ -99,9 +99,9 @@ def test_perfect_maps_have_perfect_scores(tmp_path, scored, perfect):
     Draft202012Validator(schema("metrics")).validate(found)
     assert (found["method"], found["scene"], found["origin"]) == ("Mine", "adt/scene1", "synthetic")
     assert found["scores"]["all"]["count"] == 2
-    for group in ("static", "dynamic", "all"):
-        assert found["scores"][group]["accuracy"] == 1.0
-    assert found["scores"]["all"]["mean_iou"] == 1.0
+    assert (found["scores"]["all"]["accuracy"], found["scores"]["all"]["mean_iou"]) == (1.0, 1.0)
+    # One of the two books is moving, and one location cannot hit both.
+    assert found["scores"]["static"]["accuracy"] + found["scores"]["dynamic"]["accuracy"] in (1.0, 1.5)
     book, chair = found["queries"]
     # Of both books one is static: of the groups' truth, the mask covers more.
     assert book["groups"]["static"]["iou"] == pytest.approx(24 / 84)
@@ -147,14 +147,10 @@ def test_nothing_is_found_where_every_value_is_nan(tmp_path, scored, perfect):
         assert not any(truth["hit"] or truth["iou"] for truth in one["groups"].values())
 
 
-def test_maps_with_many_maxima_give_a_warning(tmp_path, scored, perfect, capsys):
-    scored(write(tmp_path / "mine.zarr", perfect, QUERIES))
-    assert "in 2 of 2 queries more than 1% of the image has the largest relevancy" in capsys.readouterr().err
-    rows, columns = np.mgrid[:HEIGHT, :WIDTH]
-    scored(
-        write(tmp_path / "mine.zarr", (perfect - 1e-4 * (WIDTH * rows + columns)).astype(np.float32), QUERIES)
-    )
-    assert "warning" not in capsys.readouterr().err
+def test_of_many_maxima_the_innermost_is_scored(tmp_path, scored):
+    found = scored(write(tmp_path / "mine.zarr", np.full((2, 1, HEIGHT, WIDTH), 0.5, np.float32), QUERIES))
+    for one in found["queries"]:
+        assert abs(one["pixel"][0] - WIDTH / 2) < 5 and abs(one["pixel"][1] - HEIGHT / 2) <= 1
 
 
 def test_dtype_size_and_order_of_maps_do_not_change_scores(tmp_path, scored, perfect):

@@ -19,11 +19,11 @@ def queries(instance_map, instances) -> list[Query]:
     return [Query(0, 10, name, groups) for name, groups in categories(instance_map, instances, asked)]
 
 
-def answer(instance_map: np.ndarray, query: Query) -> tuple[np.ndarray, np.ndarray]:
+def answer(instance_map: np.ndarray, query: Query) -> tuple[tuple[int, int], np.ndarray]:
     """A perfect one: a pixel of the first instance, and all pixels of the category."""
     mask = np.isin(instance_map, query.instances["all"])
     rows, columns = np.nonzero(instance_map == query.instances["all"][0])
-    return np.array([[columns[0], rows[0]]]), mask
+    return (columns[0], rows[0]), mask
 
 
 @pytest.mark.parametrize("target", ["box", "mask"])
@@ -41,7 +41,7 @@ def test_perfect_answers_have_perfect_scores(instance_map, queries, target):
 
 
 def test_no_answers_score_zero(instance_map, queries):
-    nothing = np.zeros((0, 2), np.int64), np.zeros(instance_map.shape, bool)
+    nothing = None, np.zeros(instance_map.shape, bool)
     found = summarise([score_query(one, *nothing, instance_map, None, "box") for one in queries], OPTIONS)
     assert (found["all"].accuracy, found["all"].mean_iou, found["all"].count) == (0.0, 0.0, 3)
 
@@ -53,7 +53,7 @@ def test_answers_to_other_questions_are_chance():
     for frame in range(60):
         for own, other in enumerate(rng.permutation(10)):
             query = Query(frame, frame, str(own), {"static": (own,), "all": (own,)})
-            given = np.array([[4 * other + 1, 5]]), stripes == other
+            given = (4 * other + 1, 5), stripes == other
             scores.append(score_query(query, *given, stripes, None, "box"))
     found = summarise(scores, OPTIONS)["all"]
     assert found.count == 600 and 0.06 < found.accuracy < 0.14 and found.mean_iou == found.accuracy
