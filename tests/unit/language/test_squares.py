@@ -1,6 +1,8 @@
 """Two flat squares with known features: every method that trains answers them right from a place it has not seen."""
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.tiles import TILES, scale_name
-from egosplat.codes.decoder import decode
+from egosplat.codes.decoder import Decoder, decode
 from egosplat.codes.rendering import render_codes
 from egosplat.codes.targets import CodeTargets
 from egosplat.codes.tiles import pyramid
@@ -32,6 +34,10 @@ from egosplat.language.result import Coded
 from egosplat.language.tile_views import TileViews
 from egosplat.language.views import CodeViews, select_code_views
 from egosplat.pipeline.config import defaults
+from egosplat.query.answer import Answer, ask
+from egosplat.query.options import LANGSPLAT
+from egosplat.query.scene import QueryScene
+from egosplat.query.text import Texts
 from tests.support.scenes import camera_facts, put, put_scene
 from tests.unit.language.conftest import CAMERA, FRAME_COUNT, HELD_OUT, SIZE
 
@@ -64,9 +70,10 @@ def square_of(pose: np.ndarray, margin: float) -> np.ndarray:
     return np.where(inside, (x > 0).astype(np.int32), -1)
 
 
-@pytest.fixture
-def scene(tmp_path, squares, settings, camera_to_world):
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory, squares, settings, camera_to_world):
     """Gaussians, views, settings and targets of the squares; instance 2 l + s is square s at level l."""
+    folder = tmp_path_factory.mktemp("squares")
     square = np.stack([square_of(pose, 0.0) for pose in camera_to_world])
     levels = 2 * np.arange(3)[None, :, None, None]
     labels = np.where(square[:, None] < 0, -1, square[:, None] + levels).astype(np.int32)
@@ -77,9 +84,9 @@ def scene(tmp_path, squares, settings, camera_to_world):
         "camera_to_world": camera_to_world,
         "intrinsics": CAMERA.matrix,
     }
-    put_scene(tmp_path, ["frames", "poses"], arrays, camera_facts(CAMERA))
+    put_scene(folder, ["frames", "poses"], arrays, camera_facts(CAMERA))
     level = np.arange(6, dtype=np.int8) // 2
-    put(tmp_path, "instances", {"labels": labels, "instances/level": level}, {"levels": NAMES})
+    put(folder, "instances", {"labels": labels, "instances/level": level}, {"levels": NAMES})
     features = {
         "consistent": FEATURE[np.arange(6) % 2],
         "views": np.ones(6, np.int32),
@@ -91,7 +98,7 @@ def scene(tmp_path, squares, settings, camera_to_world):
         "consistent_code": FEATURE[np.arange(6) % 2],
     }
     put(
-        tmp_path,
+        folder,
         "features",
         features,
         {"levels": NAMES, "decoder": {"widths": [8]}},
@@ -100,12 +107,12 @@ def scene(tmp_path, squares, settings, camera_to_world):
     )
     kinds = {"frames": FRAMES, "poses": POSES, "instances": INSTANCES, "features": FEATURES}
     frames, poses, instances, found = (
-        open_artifact(tmp_path / f"{name}.zarr", schema) for name, schema in kinds.items()
+        open_artifact(folder / f"{name}.zarr", schema) for name, schema in kinds.items()
     )
     targets = CodeTargets(instances, found, CPU)
     views = select_code_views(frames, poses, targets.of, Masking(None, ""), CPU)
-    put_tiles(tmp_path, camera_to_world)
-    tiles = TileViews(open_artifact(tmp_path / "tiles.zarr", TILES), frames)
+    put_tiles(folder, camera_to_world)
+    tiles = TileViews(open_artifact(folder / "tiles.zarr", TILES), frames)
     return Scene(squares, views, settings, targets, tiles)
 
 
@@ -142,6 +149,31 @@ class Scene:
             return TILE_METHODS[method](*known, self.tiles, options, checkpoint)
         return METHODS[method](*known, self.targets, options, checkpoint)
 
+    def answers(self, coded: Coded, pose: np.ndarray, words: np.ndarray) -> list[Answer]:
+        """Answer two queries, whose features are the rows of ``words``, in one view."""
+        decoder = coded.decoder or Decoder((8,), np.zeros(0, np.float32))
+        camera, codes = self.views.camera, (coded.code, coded.share, decoder, coded.decoded)
+        texts = Texts(("left", "right"), torch.from_numpy(words), torch.eye(8)[2:3])
+        known = QueryScene(self.gaussians, self.settings, camera, 0, *codes)
+        return list(ask(known, texts, camera, pose, None, LANGSPLAT))
+
+
+@pytest.fixture(scope="module")
+def coded(scene, tmp_path_factory) -> Callable[[str], Coded]:
+    """Codes of the scene as it is, by method; each trains once for all tests."""
+
+    @cache
+    def found(method: str) -> Coded:
+        return scene.coded(method, Checkpoint(tmp_path_factory.mktemp("codes") / "language.zarr", "key", 1e9))
+
+    return found
+
+
+def needs_libraries(method: str) -> None:
+    """Skip a method whose libraries are not there."""
+    if method == "clustered":
+        pytest.importorskip("sklearn")
+
 
 def options_of(method: str, **changes: object) -> LanguageOptions:
     keys = defaults()["language"] | {
@@ -154,9 +186,8 @@ def options_of(method: str, **changes: object) -> LanguageOptions:
 
 
 @pytest.mark.parametrize("method", [*ITERATIONS])
-def test_each_square_is_answered_with_its_feature(scene, camera_to_world, tmp_path, method):
-    checkpoint = Checkpoint(tmp_path / "language.zarr", "key", 1e9)
-    coded = scene.coded(method, checkpoint)
+def test_each_square_is_answered_with_its_feature(scene, camera_to_world, coded, method):
+    coded = coded(method)
     gaussians, views, settings = scene.gaussians, scene.views, scene.settings
     pose = camera_to_world[HELD_OUT]
     found = render_codes(gaussians, coded.code, coded.share, views.camera, pose, settings)
@@ -173,16 +204,34 @@ def test_each_square_is_answered_with_its_feature(scene, camera_to_world, tmp_pa
 
 
 @pytest.mark.parametrize("method", [*METHODS, *TILE_METHODS])
+def test_an_answer_depends_on_its_word_alone(scene, camera_to_world, coded, method):
+    """Each word finds its own square and nothing of the other one. With the words exchanged, the answers are exchanged."""
+    needs_libraries(method)
+    pose = camera_to_world[HELD_OUT]
+    # Gaussians reach over the edges of their square.
+    shown, inside = square_of(pose, -0.15), square_of(pose, 0.15)
+    found = scene.answers(coded(method), pose, FEATURE)
+    for side, answer in enumerate(found):
+        column, row = answer.pixel
+        assert shown[row, column] == side and answer.score > 0.9
+        assert answer.mask[inside == side].mean() > 0.5 and not answer.mask[inside == 1 - side].any()
+    exchanged = scene.answers(coded(method), pose, FEATURE[::-1].copy())
+    for answer, before in zip(exchanged, found[::-1], strict=True):
+        assert np.allclose(answer.relevancy, before.relevancy, atol=1e-6)
+        assert (answer.level, answer.mask_level) == (before.level, before.mask_level)
+        assert np.array_equal(answer.mask, before.mask)
+
+
+@pytest.mark.parametrize("method", [*METHODS, *TILE_METHODS])
 def test_with_the_poses_of_other_views_each_square_is_answered_with_the_other_feature(
     scene, camera_to_world, tmp_path, method
 ):
     """Guards against a method that does not use the poses. Half of the views show the right square where the left one was,
     the others the left one where the right one was."""
-    if method == "clustered":
-        pytest.importorskip("sklearn")
+    needs_libraries(method)
     wrong = scene.views.camera_to_world.copy()
     wrong[:, 0, 3] += np.where(np.arange(len(wrong)) % 2, 1.8, -1.8)
-    scene.views = replace(scene.views, camera_to_world=wrong)
+    scene = replace(scene, views=replace(scene.views, camera_to_world=wrong))
     # A view shows one square alone, so a decoder takes longer to tell them apart.
     longer = {"iterations": 600} if method == "granular" else {}
     coded = scene.coded(method, Checkpoint(tmp_path / "language.zarr", "key", 1e9), **longer)
@@ -225,7 +274,7 @@ def test_a_killed_training_goes_on_to_the_same_result(scene, tmp_path, method, m
 
 
 def test_methods_from_tiles_say_which_frame_lacks_them(scene, tmp_path):
-    scene.views = replace(scene.views, frame=np.array([0, HELD_OUT]))
+    scene = replace(scene, views=replace(scene.views, frame=np.array([0, HELD_OUT])))
     with pytest.raises(UserError, match=f"frame {HELD_OUT}"):
         scene.coded("field", Checkpoint(tmp_path / "language.zarr", "key", 1e9))
 
@@ -263,8 +312,8 @@ def test_a_view_that_shows_nothing_does_not_end_training(scene, tmp_path, method
     """No valid pixel, and no Gaussian before the camera."""
     away = scene.views.camera_to_world.copy()
     away[1, 2, 3] = 50.0
-    scene.views = replace(scene.views, camera_to_world=away)
+    scene = replace(scene, views=replace(scene.views, camera_to_world=away))
     checkpoint = Checkpoint(tmp_path / "language.zarr", "key", 1e9)
     assert np.isfinite(scene.coded(method, checkpoint, iterations=10).curve.loss).all()
-    scene.views = replace(scene.views, valid=torch.zeros(SIZE, SIZE))
+    scene = replace(scene, views=replace(scene.views, valid=torch.zeros(SIZE, SIZE)))
     assert np.isfinite(scene.coded(method, checkpoint, iterations=10).curve.loss).all()
