@@ -86,12 +86,22 @@ def run_rules(workdir, rules: tuple[str, ...], config: str, *targets: str) -> No
 def test_a_method_that_learns_from_tiles_is_scored_without_instances(workdir):
     for name in ("segments", "instances", "view_features", "features"):
         shutil.rmtree(workdir.folder / SCENE / f"{name}.zarr")
-    rules = ("tiles", "splats", "language", "metrics", "queries_sheet")
+    rules = (
+        "tiles",
+        "splats",
+        "language",
+        "metrics",
+        "queries_sheet",
+        "splats_sheet",
+        "language_sheet",
+        "story",
+    )
     config = """
 splats: {masking: none}
 language: {method: field, iterations: 10, pixels: 50}
 """
-    run_rules(workdir, rules, config, "metrics.json", "queries.png")
+    run_rules(workdir, rules, config, "metrics.json", "queries.png", "story.html")
+    assert not (workdir.folder / SCENE / "instances.zarr").exists()
     tiles, found = (
         verify(workdir.folder / SCENE / f"{name}.zarr", SCHEMAS) for name in ("tiles", "language")
     )

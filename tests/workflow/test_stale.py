@@ -67,6 +67,17 @@ def test_a_changed_key_reruns_its_stage_and_what_follows(unchanged, config, expe
     assert unchanged.stale(*unchanged.MAIN, config=config) == expected
 
 
+@pytest.mark.parametrize("method, instances", [("field", False), ("lifted", True)])
+def test_a_run_of_everything_makes_instances_only_for_codes_that_are_learnt_from_them(
+    unchanged, method, instances
+):
+    """Scenes behave as variants: a method that learns from tiles needs no segments, instances and features."""
+    planned = unchanged.stale("all", config=f"{{splats: {{masking: none}}, language: {{method: {method}}}}}")
+    assert {"metrics", "queries_sheet", "story"} <= planned and ("tiles" in planned) != instances
+    of_instances = {*AFTER_SEGMENTS} - {"masks", "transient_sheet", *AFTER_SPLATS} | {"scene_page"}
+    assert planned & of_instances == (of_instances if instances else set())
+
+
 @pytest.mark.parametrize(
     "module, old, new, expected",
     [

@@ -2,7 +2,7 @@
 
 import json
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from egosplat.pipeline.config import Config, merge, stage_values
 from egosplat.pipeline.stages import STAGES
@@ -27,6 +27,9 @@ _MASKS: dict[str, tuple[str, ...]] = {
 # Artifacts that codes are learnt from, by language.method; of every other method, and of joint training, _INSTANCES.
 _LEARNT_FROM: dict[str, tuple[str, ...]] = {"field": ("tiles",), "quantised": ("tiles",)}
 _INSTANCES = ("instances", "features")
+
+# Pages of what codes are learnt from instances.
+_PAGES_OF_INSTANCES = ("instances_sheet", "crops_sheet", "scene_page")
 
 
 def leaves_frames_out(config: Config) -> bool:
@@ -108,6 +111,21 @@ def learnt_from(stage: str, config: Config) -> tuple[str, ...]:
     return tuple(name for name in wanted if name in STAGES[stage].optional)
 
 
+def learns_from_instances(config: Config) -> bool:
+    """Whether the scene's codes are learnt from its instances; else it has no pages of them."""
+    return "instances" in learnt_from("language", config)
+
+
+def stages_behind(stages: Iterable[str], config: Config) -> list[str]:
+    """List stages and all that they are made from, in the order of the pipeline."""
+    todo, found = list(stages), set()
+    while todo:
+        if (stage := todo.pop()) not in found:
+            found.add(stage)
+            todo += inputs_of(stage, config)
+    return [stage for stage in STAGES if stage in found]
+
+
 def training_frames(stage: str, config: Config, survey: Survey) -> str:
     """Get the digest of the frames that a stage trains on, or ``ALL_FRAMES``. The rule reruns if it changes."""
     if not leaves_frames_out(config):
@@ -130,28 +148,31 @@ def input_flags(paths: Mapping[str, str]) -> str:
     return " ".join(_flag(name, path) for name, path in paths.items())
 
 
-def default_pages(masking: str) -> list[str]:
-    """Get the files of a scene that a run without a target makes, for a value of splats.masking."""
-    moving = ["transient.png"] if masking == "refined" else []
-    pages = ["contact_sheet.png", "instances.png", "crops.png", *moving, "splats.png", "language.png"]
-    return [*pages, "scene.html", "metrics.json", "queries.png", "story.html"]
+def default_pages(config: Config) -> list[str]:
+    """Get the files of a scene that a run without a target makes."""
+    pages = ["contact_sheet", *_pages_of_codes(config), "metrics", "queries_sheet"]
+    return [*(STAGES[name].output for name in pages), "story.html"]
 
 
-def story_stages(masking: str, annotated: bool, surveyed: bool) -> list[str]:
+def story_stages(config: Config, annotated: bool, surveyed: bool) -> list[str]:
     """Get the stages whose outputs a scene's story tells of.
 
     Args:
-        masking: value of splats.masking, as the survey decided it.
+        config: configuration with the survey's decisions.
         annotated: whether the recording has annotations.
         surveyed: whether the scene has a survey.
     """
-    stages = ["frames", "poses", "segments", "instances", "view_features", "features", "splats", "language"]
-    stages += ["instances_sheet", "crops_sheet", "splats_sheet", "language_sheet", "scene_page"]
-    if masking == "refined":
-        stages += ["transient", "masks", "transient_sheet"]
+    stages = [*stages_behind(["language"], config), *_pages_of_codes(config)]
     if annotated:
         stages += ["annotations", "contact_sheet", "metrics", "queries_sheet"]
-    return [*stages, "survey"] if surveyed else stages
+    return list(dict.fromkeys([*stages, "survey"] if surveyed else stages))
+
+
+def _pages_of_codes(config: Config) -> list[str]:
+    """Get the stages that draw what a scene's codes are made from."""
+    moving = ["transient_sheet"] if config["splats"]["masking"] == "refined" else []
+    of_instances = _PAGES_OF_INSTANCES if learns_from_instances(config) else ()
+    return [*of_instances, *moving, "splats_sheet", "language_sheet"]
 
 
 def _flag(name: str, value: object) -> str:

@@ -18,8 +18,8 @@ from egosplat.pipeline.dag import (
     AUTO,
     CAMERA,
     default_pages,
-    inputs_of,
     masks_by_survey,
+    stages_behind,
     tracks_by_survey,
 )
 from egosplat.pipeline.presets import FILES
@@ -91,8 +91,7 @@ def asked_results(
         names.setdefault((target.dataset, target.scene, target.variant), []).append(target.name)
     if not names:
         for scene in default_scenes(scenes.values()):
-            pages = default_pages(scene.config["splats"]["masking"])
-            names[scene.dataset, scene.scene, None] = pages
+            names[scene.dataset, scene.scene, None] = default_pages(scene.config)
     return [
         _asked(find_scene(scenes, dataset, scene), variant, tuple(goals), with_preset)
         for (dataset, scene, variant), goals in names.items()
@@ -135,21 +134,14 @@ def find_replaced(asked: Asked) -> Replaced | None:
     return Replaced(asked, recording + artifacts, filmed | every, preset)
 
 
-def stages_behind(goals: Iterable[str], config: Config) -> list[str]:
+def stages_of(goals: Iterable[str], config: Config) -> list[str]:
     """List the stages needed for files, including their own, in the order of the pipeline.
 
     Args:
         goals: names of files, such as ``metrics.json``, ``splats.png`` and ``splats.zarr``.
         config: configuration, which decides the optional inputs.
     """
-    todo = [stage for name in goals if (stage := _stage_of(name)) is not None]
-    found: set[str] = set()
-    while todo:
-        stage = todo.pop()
-        if stage not in found:
-            found.add(stage)
-            todo += inputs_of(stage, config)
-    return [stage for stage in STAGES if stage in found]
+    return stages_behind((stage for name in goals if (stage := _stage_of(name)) is not None), config)
 
 
 def _stage_of(name: str) -> str | None:
@@ -161,7 +153,7 @@ def _stage_of(name: str) -> str | None:
 
 def _records(asked: Asked) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Yield each stage with an existing artifact, and the artifact's recorded options."""
-    for stage in stages_behind(asked.goals, asked.config):
+    for stage in stages_of(asked.goals, asked.config):
         if stage in PAGES:
             continue  # a figure has no keys of its own
         if (options := _recorded_options(asked.path_of(stage))) is not None:

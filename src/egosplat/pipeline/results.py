@@ -18,7 +18,7 @@ def default_scenes(scenes: Iterable[Scene]) -> list[Scene]:
 
 def default_results(scene: Scene) -> list[str]:
     """Get the paths that such a run makes for a scene, except those that its survey decides."""
-    return [str(scene.results / name) for name in default_pages(scene.config["splats"]["masking"])]
+    return [str(scene.results / name) for name in default_pages(scene.config)]
 
 
 def table_scores(scenes: Iterable[Scene]) -> list[str]:

@@ -176,6 +176,7 @@ def _questions(files: SceneFiles) -> Iterator[str]:
 
 
 _UNSCORED = "The recording has no annotations, so its answers are not scored."
+_NO_INSTANCES = "language.method learns from tiles of the frames, so no instances are made for it."
 
 STEPS = (
     Step(
@@ -193,6 +194,7 @@ STEPS = (
         _instances,
         "A thing should keep its color in all frames. One color over two things is a wrong merge.",
         "instances_sheet",
+        _NO_INSTANCES,
     ),
     Step(
         "Crops",
@@ -200,6 +202,7 @@ STEPS = (
         _crops,
         "Each row shows one instance. Crossed-out crops should be those that show something else.",
         "crops_sheet",
+        _NO_INSTANCES,
     ),
     Step(
         "What moves",

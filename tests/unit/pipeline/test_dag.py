@@ -15,10 +15,12 @@ from egosplat.pipeline.dag import (
     masks_by_survey,
     optional_inputs_of,
     stage_flags,
+    story_stages,
     survey_decides,
     tracks_by_survey,
     training_frames,
 )
+from egosplat.pipeline.stages import STAGES
 
 BASE = defaults()
 OFF = {"camera": {"refine_poses": "off", "compensate_exposure": "off"}}
@@ -187,5 +189,31 @@ def test_keys_become_flags_in_order_of_their_names():
 @pytest.mark.parametrize("masking", ["none", "auto", "refined"])
 def test_what_moves_is_drawn_where_instances_mask_it(masking):
     """Protects the files of a run without a target."""
-    assert ("transient.png" in default_pages(masking)) == (masking == "refined")
-    assert {"metrics.json", "queries.png"} <= set(default_pages(masking))
+    pages = default_pages(merge(BASE, {"splats": {"masking": masking}}))
+    assert ("transient.png" in pages) == (masking == "refined")
+    assert {"instances.png", "crops.png", "scene.html", "metrics.json", "queries.png"} <= set(pages)
+
+
+OF_INSTANCES = {"segments", "instances", "view_features", "features"}
+
+
+@pytest.mark.parametrize("method", [*METHODS, *TILE_METHODS])
+def test_pages_and_story_make_instances_only_where_something_reads_them(method):
+    """Protects a scene whose own method learns from tiles from hours of segmentation, also where the survey decides masks."""
+    config = merge(EVERY_FRAME, {"language": {"method": method}, "splats": {"masking": "none"}})
+    tiles = method in TILE_METHODS
+    told = set(story_stages(config, annotated=True, surveyed=False))
+    assert told & (OF_INSTANCES | {"tiles"}) == ({"tiles"} if tiles else OF_INSTANCES)
+    for one in (config, merge(config, {"splats": {"masking": "auto"}})):
+        assert ({"instances.png", "crops.png", "scene.html"} & set(default_pages(one)) == set()) == tiles
+    drawn = {name for name in told if STAGES[name].output in default_pages(config)}
+    assert {STAGES[name].output for name in drawn} == set(default_pages(config)) - {"story.html"}
+
+
+def test_a_story_tells_of_instances_that_only_masks_read():
+    """Masks of what moves are instances, whatever codes are learnt from."""
+    config = merge(EVERY_FRAME, {"language": {"method": "field"}, "splats": {"masking": "refined"}})
+    told = story_stages(config, annotated=False, surveyed=True)
+    assert {"segments", "instances", "masks", "transient_sheet", "tiles", "survey"} <= set(told)
+    assert set(told).isdisjoint({"features", "instances_sheet", "scene_page", "metrics"})
+    assert len(told) == len(set(told))

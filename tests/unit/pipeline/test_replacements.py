@@ -7,7 +7,7 @@ import pytest
 
 from egosplat.pipeline import config
 from egosplat.pipeline.dag import tracks_by_survey
-from egosplat.pipeline.replacements import Asked, find_replaced, replacement_notices, stages_behind
+from egosplat.pipeline.replacements import Asked, find_replaced, replacement_notices, stages_of
 from egosplat.pipeline.stages import PIPELINE, STAGES
 from egosplat.tradeoff.points import with_points
 
@@ -156,8 +156,8 @@ def test_missing_artifacts_are_not_listed_as_replaced(tmp_path):
     assert replacement_notices([asked]) == []
 
 
-def test_the_stages_behind_the_scores_are_those_that_they_are_made_from():
-    assert stages_behind(["metrics.json"], resolved())[-1] == "metrics"
-    assert set(MADE) == set(stages_behind(["metrics.json"], resolved()))
-    assert stages_behind(["frames.zarr", "recording", "nothing.png"], resolved()) == ["frames"]
-    assert all(stage in STAGES for stage in stages_behind(["queries.png"], resolved()))
+def test_the_stages_of_the_scores_are_those_that_they_are_made_from():
+    assert stages_of(["metrics.json"], resolved())[-1] == "metrics"
+    assert set(MADE) == set(stages_of(["metrics.json"], resolved()))
+    assert stages_of(["frames.zarr", "recording", "nothing.png"], resolved()) == ["frames"]
+    assert all(stage in STAGES for stage in stages_of(["queries.png"], resolved()))
