@@ -45,14 +45,15 @@ class Recipe:
 
 
 def recipe_from_weights(steps: int, seed: int) -> Recipe:
-    """The recipe that trains given weights further: single images, most of them large.
+    """The recipe that trains given weights further: single images at the sizes of whole frames and of crops of them.
 
+    ``segments`` finds small things in crops of 320 px, and a step at 320 px has 2.6 times as many images as one at 512 px.
     Clips are seldom, but from the first step on, so that propagation is not forgotten.
     """
     return Recipe(
         steps,
         seed,
-        sides=(512, 512, 384, 320),
+        sides=(512, 384, 320, 320),
         clips_from=0.0,
         clips_every=8,
         pictures=3,
