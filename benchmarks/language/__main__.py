@@ -25,7 +25,7 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.splats import SPLATS, camera_poses
 from egosplat.artifacts.usage import peak_memory_mb
 from egosplat.codes.decoder import Decoder, decode, read_decoder
 from egosplat.codes.rendering import render_codes
@@ -75,13 +75,14 @@ class Scene:
     features: Artifact
     frames: Artifact
     poses: Artifact
+    splats: Artifact
 
 
 def read(folder: Path) -> Scene:
     """Open a scene's artifacts."""
     kinds = {"frames": FRAMES, "poses": POSES, "instances": INSTANCES, "features": FEATURES, "splats": SPLATS}
     found = {name: open_artifact(folder / f"{name}.zarr", schema) for name, schema in kinds.items()}
-    splats = found.pop("splats")
+    splats = found["splats"]
     masking = open_masking(
         splats.provenance["options"]["masking"],
         found["frames"],
@@ -89,7 +90,7 @@ def read(folder: Path) -> Scene:
         masks_path=folder / "masks.zarr",
     )
     targets = CodeTargets(found["instances"], found["features"], CPU)
-    views = select_code_views(found["frames"], found["poses"], targets.of, masking, CPU)
+    views = select_code_views(found["frames"], found["poses"], splats, targets.of, masking, CPU)
     decoder = read_decoder(found["features"])
     return Scene(
         read_gaussians(splats), read_render_settings(splats, "auto"), decoder, views, targets, **found
@@ -130,7 +131,7 @@ def codes(scene: Scene, way: str, iterations: int) -> Tensor:
 def cosines(scene: Scene, code: Tensor, share: Tensor) -> list[float]:
     """Mean cosine of rendered and consistent features over pixels of held-out views, by level."""
     held_out = scene.frames.read("evaluation") & ~scene.frames.read("train") & scene.poses.read("registered")
-    poses = scene.poses.read("camera_to_world")
+    poses = camera_poses(scene.poses, scene.splats)
     features = torch.from_numpy(scene.features.read("consistent"))
     seen = torch.from_numpy(scene.features.read("views") > 0)
     found: list[list[Tensor]] = [[] for _ in range(code.shape[1])]

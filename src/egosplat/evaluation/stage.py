@@ -1,7 +1,7 @@
 """Stage ``metrics``: query every annotated category, score the answers and the renders."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -38,31 +38,17 @@ from egosplat.evaluation.evaluation_frames import (
     find_asked_queries,
     read_evaluation,
 )
-from egosplat.evaluation.intervals import IntervalOptions
+from egosplat.evaluation.options import MetricsOptions
 from egosplat.evaluation.presence import ask_presence, presence_entry, presence_phrases
-from egosplat.evaluation.queries import GROUPS, BenchmarkQueries
+from egosplat.evaluation.queries import GROUPS
 from egosplat.evaluation.rendering import summarise_rendering
 from egosplat.evaluation.run_queries import AnsweredQuery, run_queries
 from egosplat.evaluation.scores import GroupScore, summarise
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.output_files import check_output
 from egosplat.progress import log
-from egosplat.query.options import QueryOptions
 from egosplat.query.scene import read_scene
 from egosplat.query.text import encode_texts, load_clip_of, open_encoded
-
-
-@dataclass(frozen=True)
-class MetricsOptions(QueryOptions, BenchmarkQueries, IntervalOptions):
-    """The keys of ``metrics``, ``query``, ``presence`` and of OpenCLIP in ``models``; see ``config.schema.yaml``."""
-
-    backend: str
-    hit_region: str
-    negatives: tuple[str, ...]
-    clip_model: str
-    clip_checkpoint: str
-    device: str
-    precision: str
 
 
 def run(

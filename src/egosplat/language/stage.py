@@ -1,6 +1,6 @@
 """Stage ``language``: give each Gaussian a language code at every level."""
 
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schema import Schema
-from egosplat.artifacts.splats import SPLATS, camera_poses
+from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.tiles import TILES
 from egosplat.artifacts.writer import create
 from egosplat.codes.decoder import decoder_metadata
@@ -83,8 +83,7 @@ def run(
     record = provenance.begin_from("language", asdict(options) | by_survey, used)
     device = training_device(options.backend)
     targets = None if by_tiles else CodeTargets(*learnt_from, device)
-    views = select_code_views(frames, poses, targets and targets.of, masking, device, kept)
-    views = replace(views, camera_to_world=camera_poses(poses, splats)[views.frame])
+    views = select_code_views(frames, poses, splats, targets and targets.of, masking, device, kept)
     gaussians = read_gaussians(splats).to(device)
     settings = read_render_settings(splats, options.backend)
     checkpoint = Checkpoint(output, provenance.key_of(record), options.checkpoint_s)

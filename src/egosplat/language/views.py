@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.artifacts.reader import Artifact
+from egosplat.artifacts.splats import camera_poses
 from egosplat.codes.targets import Targets
 from egosplat.gaussians.pixel_weights import Masking
 from egosplat.gaussians.training_views import pixel_weight, read_valid, split_views
@@ -48,12 +49,13 @@ class CodeViews:
 def select_code_views(
     frames: Artifact,
     poses: Artifact,
+    splats: Artifact,
     targets: Callable[[int], Targets] | None,
     masking: Masking,
     device: torch.device,
     kept: NDArray[np.bool_] | None = None,
 ) -> CodeViews:
-    """Select all training frames with a pose, restricted to ``kept`` (F,) bool.
+    """Select all training frames with a pose, restricted to ``kept`` (F,) bool; poses are those that splats render with.
 
     Raises:
         UserError: there is none.
@@ -64,7 +66,7 @@ def select_code_views(
     _, height, width, _ = frames.shape("rgb")
     return CodeViews(
         frame=rows.astype(np.int64),
-        camera_to_world=poses.read("camera_to_world")[rows],
+        camera_to_world=camera_poses(poses, splats)[rows],
         camera=Camera.from_matrix(poses.read("intrinsics"), width, height),
         targets=targets,
         valid=read_valid(frames, device),

@@ -7,15 +7,10 @@ from statistics import fmean
 from matplotlib.axes import Axes
 from matplotlib.figure import SubFigure
 
-from egosplat.artifacts.language import LANGUAGE
-from egosplat.artifacts.locating import locate
-from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.registry import SCHEMAS
 from egosplat.output_files import check_output, picture_kind
-from egosplat.query.text import encoded_of
 from egosplat.report.answer_drawing import HIT, MISS, draw_heat, draw_outline
 from egosplat.report.figure import draw_heading, plt, save_figure
-from egosplat.report.queries_asking import ShownQuery, Sources, ask_again, open_sources
+from egosplat.report.queries_asking import ShownQuery, ask_again, open_finished
 from egosplat.report.queries_choice import ScoredQuery, best_and_worst, scored_queries
 from egosplat.tables.scored_scenes import ScoredScene, read_scored_scene
 from egosplat.tables.series import OWN
@@ -85,18 +80,8 @@ def over_methods(methods: Sequence[dict[Asked, ScoredQuery]]) -> list[ScoredQuer
 
 
 def _answers(scene: ScoredScene, queries: Sequence[ScoredQuery]) -> dict[Asked, ShownQuery]:
-    options = scene.document["provenance"]["options"]
-    shown = ask_again(queries, _sources(scene), options)
+    shown = ask_again(queries, open_finished(scene.path.parent), scene)
     return {(one.scored.frame, one.scored.category): one for one in shown}
-
-
-def _sources(scene: ScoredScene) -> Sources:
-    """Open what the scores were made from."""
-    (language,) = locate(scene.path.parent, "language")
-    encoded = encoded_of(open_artifact(language, LANGUAGE))
-    frames, poses, splats, learnt = locate(scene.path.parent, "frames", "poses", "splats", encoded)
-    paths = (frames, poses, frames.with_name("annotations.zarr"), splats, language)
-    return open_sources(paths, open_artifact(learnt, SCHEMAS[encoded]), scene)
 
 
 def _draw(

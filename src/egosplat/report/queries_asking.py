@@ -1,9 +1,8 @@
 """Answer scored queries of a scene again, to get the maps behind their scores."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,31 +14,32 @@ from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.lineage import lineage
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.registry import SCHEMAS
 from egosplat.artifacts.splats import SPLATS
 from egosplat.errors import UserError
 from egosplat.evaluation.evaluation_frames import Evaluation, read_evaluation
 from egosplat.evaluation.localization import bounding_boxes
-from egosplat.evaluation.queries import BenchmarkQueries, Query, find_queries
+from egosplat.evaluation.options import MetricsOptions, metrics_options
+from egosplat.evaluation.queries import Query, find_queries
 from egosplat.query.answer import Answer, Asker
-from egosplat.query.options import QueryOptions
 from egosplat.query.scene import read_scene
+from egosplat.query.sources import QuerySources, find_sources
 from egosplat.query.text import encode_texts, load_clip_of
 from egosplat.report.queries_choice import ScoredQuery
 from egosplat.tables.scored_scenes import ScoredScene
 
-_SCHEMAS = (FRAMES, POSES, ANNOTATIONS, SPLATS, LANGUAGE)
+_SCHEMAS = (FRAMES, POSES, SPLATS, LANGUAGE, ANNOTATIONS)
 
 
-@dataclass(frozen=True, eq=False)
-class Sources:
-    """The artifacts of a scored scene; ``encoded`` is its features, or the tiles that its codes were learnt from."""
+@dataclass(frozen=True)
+class ScoredSources(QuerySources):
+    """The artifacts of a scored scene."""
 
-    frames: Artifact
-    poses: Artifact
     annotations: Artifact
-    splats: Artifact
-    language: Artifact
-    encoded: Artifact
+
+    def evaluation(self) -> Evaluation:
+        """Read the evaluation frames."""
+        return read_evaluation(self.frames, self.poses, self.annotations, self.splats)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,69 +63,79 @@ class ShownQuery:
     answer: Answer
 
 
-def open_sources(paths: Sequence[Path], encoded: Artifact, scored: ScoredScene) -> Sources:
-    """Open frames, poses, annotations, splats and language, in this order.
+def open_sources(paths: Sequence[Path], encoded: Artifact) -> ScoredSources:
+    """Open frames, poses, splats, language and annotations, in this order.
 
     Raises:
-        UserError: the artifacts do not belong together, or the scene was scored with others.
+        UserError: the artifacts do not belong together.
     """
-    opened = [open_artifact(path, schema) for path, schema in zip(paths, _SCHEMAS, strict=True)]
-    opened.append(encoded)
-    lineage(opened)
-    if scored.foreign:
-        raise UserError(
-            f"{scored.path}: holds the scores of {scored.method}; only egosplat's own queries can be answered again. "
-            "Give the scene's metrics.json"
-        )
-    check_inputs(scored.path, scored.document["provenance"]["inputs"], opened)
-    return Sources(*opened)
+    *others, annotations = (open_artifact(path, schema) for path, schema in zip(paths, _SCHEMAS, strict=True))
+    sources = ScoredSources(*others, encoded, annotations)
+    lineage(list(vars(sources).values()))
+    return sources
+
+
+def open_finished(folder: Path) -> ScoredSources:
+    """Open the artifacts of a finished scene or variant; raises as ``find_sources`` and ``open_sources``."""
+    *paths, encoded = find_sources(folder)
+    paths.append(paths[0].with_name("annotations.zarr"))
+    return open_sources(paths, open_artifact(encoded, SCHEMAS[encoded.stem]))
+
+
+def open_asker(sources: QuerySources, phrases: Iterable[str], options: MetricsOptions) -> Asker:
+    """Read the scene, and encode phrases, each once.
+
+    Raises:
+        UserError: the OpenCLIP model that made the features is missing, or the backend cannot run.
+    """
+    clip = load_clip_of(
+        sources.encoded, options.clip_model, options.clip_checkpoint, options.device, options.precision
+    )
+    texts = encode_texts(clip, sorted({*phrases}), options.canonical)
+    scene = read_scene(sources.splats, sources.language, sources.encoded, options.backend)
+    return Asker.of(scene, texts, options)
 
 
 def ask_again(
-    chosen: Sequence[ScoredQuery], sources: Sources, options: Mapping[str, Any]
+    chosen: Sequence[ScoredQuery], sources: ScoredSources, scored: ScoredScene
 ) -> Iterator[ShownQuery]:
     """Answer queries again as in the stage ``metrics``, frame by frame, on any device.
 
     Args:
         chosen: queries of the scene.
         sources: artifacts of the scored scene.
-        options: options of the stage ``metrics``, from ``metrics.json``.
 
     Raises:
-        UserError: the OpenCLIP model that made the features is missing.
+        UserError: the scene was scored with other artifacts, or the OpenCLIP model that made the features is missing.
     """
+    _check(sources, scored)
     if not chosen:
         return
-    evaluation = read_evaluation(sources.frames, sources.poses, sources.annotations, sources.splats)
-    asked = {(one.frame, one.category): one for one in _asked(evaluation, options)}
-    answering = query_options(options)
-    model, checkpoint, precision = (options[key] for key in ("clip_model", "clip_checkpoint", "precision"))
-    clip = load_clip_of(sources.encoded, model, checkpoint, "auto", precision)
-    texts = encode_texts(clip, sorted({one.category for one in chosen}), answering.canonical)
-    scene = read_scene(sources.splats, sources.language, sources.encoded, "auto")
-    asker = Asker.of(scene, texts, answering)
+    evaluation = sources.evaluation()
+    recorded = metrics_options(scored.document["provenance"]["options"])
+    options = replace(recorded, device="auto", backend="auto")
+    queries = find_queries(evaluation.annotations, evaluation.valid, options)
+    asked = {(one.frame, one.category): one for one in queries}
+    asker = open_asker(sources, [one.category for one in chosen], options)
     for frame in sorted({one.frame for one in chosen}):
         in_frame = [one for one in chosen if one.frame == frame]
         pose = evaluation.camera_to_world[frame]
-        photograph, view = sources.frames.row("rgb", frame), scene.picture(evaluation.camera, pose)
+        photograph, view = sources.frames.row("rgb", frame), asker.scene.picture(evaluation.camera, pose)
         phrases = [one.category for one in in_frame]
         answers = asker.ask(phrases, evaluation.camera, pose, evaluation.valid)
-        for scored, answer in zip(in_frame, answers, strict=True):
-            target, boxes = _target(evaluation, asked[frame, scored.category])
-            yield ShownQuery(scored, photograph, view, target, boxes, answer)
+        for one, answer in zip(in_frame, answers, strict=True):
+            target, boxes = _target(evaluation, asked[frame, one.category])
+            yield ShownQuery(one, photograph, view, target, boxes, answer)
 
 
-def query_options(options: Mapping[str, Any]) -> QueryOptions:
-    """Select the query options from the options of the stage ``metrics``."""
-    named = {field.name: options[field.name] for field in fields(QueryOptions)}
-    return QueryOptions(**named | {"canonical": tuple(named["canonical"])})
-
-
-def _asked(evaluation: Evaluation, options: Mapping[str, Any]) -> list[Query]:
-    which = BenchmarkQueries(
-        min_area=options["min_area"], excluded=tuple(options["excluded"]), people=options["people"]
-    )
-    return find_queries(evaluation.annotations, evaluation.valid, which)
+def _check(sources: ScoredSources, scored: ScoredScene) -> None:
+    """Raise ``UserError`` if the scene was scored with other artifacts."""
+    if scored.foreign:
+        raise UserError(
+            f"{scored.path}: holds the scores of {scored.method}; only egosplat's own queries can be answered again. "
+            "Give the scene's metrics.json"
+        )
+    check_inputs(scored.path, scored.document["provenance"]["inputs"], list(vars(sources).values()))
 
 
 def _target(evaluation: Evaluation, query: Query) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:

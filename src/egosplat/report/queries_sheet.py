@@ -58,11 +58,10 @@ def run(
     """
     check_output(output, PAGE)
     scored = read_scored_scene(metrics_path)
-    paths = (frames_path, poses_path, annotations_path, splats_path, language_path)
-    sources = open_sources(paths, open_encoded(features_path, tiles_path), scored)
+    paths = (frames_path, poses_path, splats_path, language_path, annotations_path)
+    sources = open_sources(paths, open_encoded(features_path, tiles_path))
     best, worst = best_and_worst(scored_queries(scored.document), ROWS)
-    options = scored.document["provenance"]["options"]
-    shown = {one.scored: one for one in ask_again([*best, *worst], sources, options)}
+    shown = {one.scored: one for one in ask_again([*best, *worst], sources, scored)}
     figure = plt.figure(layout="constrained")
     if shown:
         blocks = ([shown[one] for one in queries] for queries in (best, worst))

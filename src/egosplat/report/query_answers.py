@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.artifacts.poses import length_unit
-from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.splats import camera_poses
 from egosplat.geometry import Array
 from egosplat.output_files import picture_kind
@@ -16,6 +15,7 @@ from egosplat.query.answer import Answer, ask
 from egosplat.query.options import QueryOptions
 from egosplat.query.scene import QueryScene
 from egosplat.query.scene_query import SceneAnswer, SceneIndex, ask_scene, index_scene
+from egosplat.query.sources import QuerySources
 from egosplat.query.text import Texts
 from egosplat.query.thing_view import view_thing
 from egosplat.query.things import Thing
@@ -30,17 +30,6 @@ MOST_DRAWN = 8
 DRAWN_SIDE = 256
 
 _ABSENT = "-"
-
-
-@dataclass(frozen=True)
-class QuerySources:
-    """Artifacts of one scene; ``encoded`` is its features, or the tiles that its codes were learnt from."""
-
-    frames: Artifact
-    poses: Artifact
-    splats: Artifact
-    language: Artifact
-    encoded: Artifact
 
 
 @dataclass(frozen=True, eq=False)

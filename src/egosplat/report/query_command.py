@@ -5,25 +5,20 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.lineage import Lineage, lineage
-from egosplat.artifacts.locating import locate
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact, verify
 from egosplat.artifacts.registry import SCHEMAS
-from egosplat.artifacts.schema import Schema
-from egosplat.artifacts.splats import SPLATS
 from egosplat.errors import UserError
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.output_files import check_output
 from egosplat.query.options import QueryOptions
 from egosplat.query.scene import read_scene
-from egosplat.query.text import encode_texts, encoded_of, load_clip_of, untaught_words
+from egosplat.query.sources import QuerySources, find_sources
+from egosplat.query.text import encode_texts, load_clip_of, untaught_words
 from egosplat.query.viewpoint import Viewpoint, file_viewpoint, frame_viewpoint
 from egosplat.report.query_answers import (
     MOST_DRAWN,
     QUERY_PICTURE,
-    QuerySources,
     Question,
     answer_in_scene,
     answer_in_view,
@@ -115,18 +110,9 @@ def open_sources(folder: Path) -> tuple[QuerySources, Lineage]:
     Raises:
         UserError: an artifact is missing, damaged or does not belong to the others.
     """
-    frames, poses, splats, language = locate(folder, "frames", "poses", "splats", "language")
-    codes = _verified(language, LANGUAGE)
-    encoded = encoded_of(codes)
-    (path,) = locate(folder, encoded)
-    sources = QuerySources(
-        # Not verified: it may hold gigabytes, and queries read only little of it.
-        frames=open_artifact(frames, FRAMES),
-        poses=_verified(poses, POSES),
-        splats=_verified(splats, SPLATS),
-        language=codes,
-        encoded=_verified(path, SCHEMAS[encoded]),
-    )
+    # Frames are not verified: they may hold gigabytes, and queries read only little of them.
+    frames, *others = find_sources(folder)
+    sources = QuerySources(open_artifact(frames, FRAMES), *map(_verified, others))
     return sources, lineage(list(vars(sources).values()))
 
 
@@ -154,7 +140,8 @@ def open_question(
     )
 
 
-def _verified(path: Path, schema: Schema) -> Artifact:
+def _verified(path: Path) -> Artifact:
+    schema = SCHEMAS[path.stem]
     # Opening reports a missing artifact, or one of another kind, more clearly than verifying.
     open_artifact(path, schema)
     return verify(path, {schema.name: schema})

@@ -12,6 +12,7 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.splats import SPLATS
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, render
@@ -115,6 +116,12 @@ def scene(tmp_path, wall, camera_to_world, labels) -> Callable[..., Path]:
         return tmp_path
 
     return make
+
+
+@pytest.fixture(scope="session")
+def unrefined(tmp_path_factory) -> Artifact:
+    """Splats that render with the poses of poses.zarr."""
+    return open_artifact(put(tmp_path_factory.mktemp("unrefined"), "splats"), SPLATS)
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ CPU = torch.device("cpu")
 
 
 @pytest.fixture
-def prepared(scene, opened):
+def prepared(scene, opened, unrefined):
     """``prepared(masked)``: views and targets of the scene."""
 
     def make(masked: bool = False, **changes: object):
@@ -26,7 +26,7 @@ def prepared(scene, opened):
         moving = open_masking("refined", frames, transient_path=None, masks_path=folder / "masks.zarr")
         targets = CodeTargets(instances, features, CPU)
         masking = moving if masked else Masking(None, "")
-        return select_code_views(frames, poses, targets.of, masking, CPU), targets
+        return select_code_views(frames, poses, unrefined, targets.of, masking, CPU), targets
 
     return make
 

@@ -15,7 +15,7 @@ CPU = torch.device("cpu")
 
 
 @pytest.fixture
-def views(scene, opened):
+def views(scene, opened, unrefined):
     """``views(masked)``: the training views of the scene."""
 
     def make(masked: bool = False, **changes: object) -> CodeViews:
@@ -23,7 +23,9 @@ def views(scene, opened):
         frames, poses, instances, features = opened(folder)
         moving = open_masking("refined", frames, transient_path=None, masks_path=folder / "masks.zarr")
         masking = moving if masked else Masking(None, "")
-        return select_code_views(frames, poses, CodeTargets(instances, features, CPU).of, masking, CPU)
+        return select_code_views(
+            frames, poses, unrefined, CodeTargets(instances, features, CPU).of, masking, CPU
+        )
 
     return make
 

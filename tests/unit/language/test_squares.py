@@ -71,7 +71,7 @@ def square_of(pose: np.ndarray, margin: float) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory, squares, settings, camera_to_world):
+def scene(tmp_path_factory, squares, settings, camera_to_world, unrefined):
     """Gaussians, views, settings and targets of the squares; instance 2 l + s is square s at level l."""
     folder = tmp_path_factory.mktemp("squares")
     square = np.stack([square_of(pose, 0.0) for pose in camera_to_world])
@@ -110,7 +110,7 @@ def scene(tmp_path_factory, squares, settings, camera_to_world):
         open_artifact(folder / f"{name}.zarr", schema) for name, schema in kinds.items()
     )
     targets = CodeTargets(instances, found, CPU)
-    views = select_code_views(frames, poses, targets.of, Masking(None, ""), CPU)
+    views = select_code_views(frames, poses, unrefined, targets.of, Masking(None, ""), CPU)
     put_tiles(folder, camera_to_world)
     tiles = TileViews(open_artifact(folder / "tiles.zarr", TILES), frames)
     return Scene(squares, views, settings, targets, tiles)

@@ -19,9 +19,11 @@ OPTIONS = CodeOptions(iterations=60, lr=0.05, normalize_codes=False, seed=0)
 
 
 @pytest.fixture
-def views(scene, opened):
+def views(scene, opened, unrefined):
     frames, poses, instances, features = opened(scene())
-    return select_code_views(frames, poses, CodeTargets(instances, features, CPU).of, Masking(None, ""), CPU)
+    return select_code_views(
+        frames, poses, unrefined, CodeTargets(instances, features, CPU).of, Masking(None, ""), CPU
+    )
 
 
 @pytest.fixture

@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from egosplat.artifacts.features import FEATURES
-from egosplat.artifacts.reader import open_artifact
 from egosplat.errors import UserError
 from egosplat.evaluation import stage
 from egosplat.evaluation.scores import iou
 from egosplat.pipeline.config import stage_keys
 from egosplat.report import queries_asking
-from egosplat.report.queries_asking import ask_again, open_sources
+from egosplat.report.queries_asking import ask_again, open_finished
 from egosplat.report.queries_choice import ScoredQuery, best_and_worst, scored_queries
 from egosplat.report.queries_sheet import run, summary
 from egosplat.tables.scored_scenes import read_scored_scene
@@ -94,10 +92,9 @@ def test_what_was_found_is_on_the_left_and_what_was_missed_on_the_right(word_sce
 def test_the_maps_are_those_that_were_scored(word_scene):
     folder = word_scene()
     scored = read_scored_scene(score(folder, resolution=40, canonical=["thing"], box_filter=0.1))
-    paths = [folder / f"{name}.zarr" for name in NAMES]
-    sources = open_sources(paths[:-1], open_artifact(paths[-1], FEATURES), scored)
+    sources = open_finished(folder)
     queries = scored_queries(scored.document)
-    shown = {one.scored: one for one in ask_again(queries, sources, scored.document["provenance"]["options"])}
+    shown = {one.scored: one for one in ask_again(queries, sources, scored)}
     assert len(shown) == len(queries) == 4
     valid = sources.frames.read("valid")
     for query, told in zip(queries, scored.document["queries"], strict=True):
