@@ -2,8 +2,8 @@
 Masks at three levels, and the instances they show: tracked through the video, or merged in 3D.
 
 REQUIRED INPUTS: frames.zarr, poses.zarr. By configuration and survey: transient.zarr, if moving things are tracked;
-survey.json. Never annotations.zarr.
-OUTPUTS: segments.zarr, instances.zarr. While a stage runs, .{name}.checkpoint, from which a killed run resumes.
+splats.zarr, if masks are prompted by depth; survey.json. Never annotations.zarr.
+OUTPUTS: segments.zarr, instances.zarr, prompts.zarr. While a stage runs, .{name}.checkpoint, from which a killed run resumes.
 TOOLS: SAM2, or OpenCV's graph segmentation and optical flow; egosplat's kernels.
 """
 
@@ -33,6 +33,39 @@ rule segments:
     shell:
         "egosplat segments"
         " --frames {input.frames:q}"
+        " {params.others}"
+        " --output {output:q}"
+        " {params.flags}"
+        " 2>&1 | tee {log:q}"
+
+
+rule prompts:
+    """Place the point prompts of each training frame by depth, for the method of others that needs them."""
+    input:
+        frames=artifact("frames"),
+        poses=artifact("poses"),
+        splats=artifact("splats"),
+        others=optional_artifacts("prompts"),
+    output:
+        directory("results/{dataset}/{scene}/{variant}prompts.zarr"),
+    log:
+        "logs/{dataset}/{scene}/{variant}prompts.log",
+    benchmark:
+        "logs/{dataset}/{scene}/{variant}prompts.tsv"
+    threads: 8
+    resources:
+        mem_mb=4000,
+        runtime=60,
+    params:
+        others=optional_flags("prompts"),
+        kept=training_frames("prompts"),
+        flags=flags("prompts"),
+        code=code_of("prompts"),
+    shell:
+        "egosplat prompts"
+        " --frames {input.frames:q}"
+        " --poses {input.poses:q}"
+        " --splats {input.splats:q}"
         " {params.others}"
         " --output {output:q}"
         " {params.flags}"

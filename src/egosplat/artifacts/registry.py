@@ -7,6 +7,7 @@ from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.prompts import PROMPTS
 from egosplat.artifacts.schema import Schema
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.splats import SPLATS
@@ -26,6 +27,7 @@ _ALL = (
     MASKS,
     SPLATS,
     TILES,
+    PROMPTS,
     LANGUAGE,
 )
 # Every kind of artifact, by name.

@@ -44,26 +44,39 @@ def look_at_centres(
     Args:
         camera_to_world: (4, 4) float64, OpenCV axes, meters.
     """
-    local = transform(invert(camera_to_world), gaussians.means.double().cpu().numpy())
-    projected = camera.project(local)
-    inside = camera.contains(projected) & (local[:, 2] >= settings.near_plane)
-    chosen = np.flatnonzero(inside)
-    # Pixel centres lie at integers + 0.5.
-    pixel = np.floor(projected[chosen]).astype(np.int64)
+    chosen, pixel, depth = project_centres(gaussians, camera, camera_to_world, settings)
     weights, depths = [], []
     for begin in range(0, len(chosen), _PIXELS_AT_ONCE):
         part = slice(begin, begin + _PIXELS_AT_ONCE)
         shown = list_pixels(gaussians, pixel[part], camera, camera_to_world, settings)
         weights.append(own_weights(*shown, torch.from_numpy(chosen[part])).numpy())
-        depths.append(median_depths(*shown, torch.from_numpy(local[:, 2])).numpy())
+        depths.append(median_depths(*shown, torch.from_numpy(depth)).numpy())
     nothing = [np.zeros(0, np.float32)]
     return Centres(
         chosen,
         pixel,
-        local[chosen, 2],
+        depth[chosen],
         np.concatenate(weights or nothing),
         np.concatenate(depths or nothing).astype(np.float64),
     )
+
+
+def project_centres(
+    gaussians: Gaussians, camera: Camera, camera_to_world: NDArray[np.float64], settings: RenderSettings
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    """Find the M Gaussians in front of the near plane whose centre lies in a view.
+
+    Args:
+        camera_to_world: (4, 4) float64, OpenCV axes, meters.
+
+    Returns:
+        (M,) index of each; (M, 2) column and row of the pixel that holds its centre; (N,) camera z of all Gaussians [m].
+    """
+    local = transform(invert(camera_to_world), gaussians.means.double().cpu().numpy())
+    projected = camera.project(local)
+    chosen = np.flatnonzero(camera.contains(projected) & (local[:, 2] >= settings.near_plane))
+    # Pixel centres lie at integers + 0.5.
+    return chosen, np.floor(projected[chosen]).astype(np.int64), local[:, 2]
 
 
 def list_pixels(

@@ -10,6 +10,8 @@ class LanguageOptions(CodeOptions):
     """Configuration keys of the stage; ``config.schema.yaml`` describes each."""
 
     method: str
+    # segments.point_prompts: how the masks were found.
+    point_prompts: str
     pixels: int
     scales: int
     channels: int

@@ -14,6 +14,9 @@ from egosplat.pipeline.validation import Draft202012Validator, StrictValidator, 
 
 Config = dict[str, Any]
 
+# Value of segments.point_prompts for points by depth.
+DEPTH = "depth"
+
 # Sections whose values are named sets of keys.
 _NAMED = ("variants", "formats")
 
@@ -163,6 +166,18 @@ def check(values: Mapping[str, Any], where: str = "configuration", against: str 
     validator = _VALIDATORS.get(against, Draft202012Validator)
     for error in validator(schema(against)).iter_errors(values):
         raise UserError(f"{where}: {explained(error)}")
+    if values.get("segments", {}).get("point_prompts") == DEPTH:
+        _check_prompts(values["splats"], where)
+
+
+def _check_prompts(splats: Mapping[str, Any], where: str) -> None:
+    # The points come from Gaussians, which must not come from segments in turn.
+    for key, needed in (("masking", "none"), ("language", "after")):
+        if splats[key] != needed:
+            raise UserError(
+                f"{where}: segments.point_prompts = {DEPTH} needs splats.{key} = {needed}, not {splats[key]}; "
+                "in a variant, extend shared_geometry"
+            )
 
 
 def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> Config:

@@ -4,7 +4,7 @@ import json
 import shlex
 from collections.abc import Iterable, Mapping
 
-from egosplat.pipeline.config import Config, merge, stage_values
+from egosplat.pipeline.config import DEPTH, Config, merge, stage_values
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.survey_file import Survey, frames_of_gaussians
 
@@ -45,9 +45,7 @@ def masks_by_survey(config: Config) -> bool:
 
 def tracks_what_moves(config: Config) -> bool:
     """Whether SAM2 tracks what moves and nothing else. True also where the survey may still decide against it."""
-    keys = config["segments"]
-    single = keys["prompting"] == "each_frame" and keys["segmenter"] == "sam2"
-    return single and keys["track_moving"] != "never"
+    return _single_frames(config) and config["segments"]["track_moving"] != "never"
 
 
 def tracks_by_survey(config: Config) -> bool:
@@ -97,7 +95,9 @@ def optional_inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     """Get the optional inputs of a stage that a configuration needs."""
     views = ("survey",) if leaves_frames_out(config) else ()
     if stage == "segments":  # the same for every splats.masking, so that variants share the segments
-        return (*views, "transient") if tracks_what_moves(config) else views
+        moving = ("transient",) if tracks_what_moves(config) else ()
+        by_depth = _single_frames(config) and config["segments"]["point_prompts"] == DEPTH
+        return (*views, *moving, *(("prompts",) if by_depth else ()))
     wanted = views + _MASKS[config["splats"]["masking"]]
     return tuple(name for name in wanted if name in STAGES[stage].optional) + learnt_from(stage, config)
 
@@ -166,6 +166,12 @@ def story_stages(config: Config, annotated: bool, surveyed: bool) -> list[str]:
     if annotated:
         stages += ["annotations", "contact_sheet", "metrics", "queries_sheet"]
     return list(dict.fromkeys([*stages, "survey"] if surveyed else stages))
+
+
+def _single_frames(config: Config) -> bool:
+    """Whether SAM2 segments each frame by itself."""
+    keys = config["segments"]
+    return keys["prompting"] == "each_frame" and keys["segmenter"] == "sam2"
 
 
 def _pages_of_codes(config: Config) -> list[str]:

@@ -60,6 +60,7 @@ _MASKING = {
     "masks": "if splats.masking is refined",
 }
 _MOVING = {"transient": "to track what moves: if segments.prompting is each_frame"}
+_PROMPTS = {"prompts": "if segments.point_prompts is depth"}
 _JOINT = {
     "instances": "if splats.language is joint",
     "features": "if splats.language is joint",
@@ -131,7 +132,7 @@ _STAGES = (
         "Find instances at three levels, and track them through the video.",
         output="segments.zarr",
         inputs=("frames",),
-        optional=_TRAINING_FRAMES | _MOVING,
+        optional=_TRAINING_FRAMES | _MOVING | _PROMPTS,
         libraries=(
             "numpy",
             "scipy",
@@ -199,6 +200,16 @@ _STAGES = (
         keys={"models": (*_CLIP["models"][:2], *_SAM2["models"])},
     ),
     Stage(
+        "prompts",
+        "egosplat.segments.depth_prompts_stage",
+        "Place the point prompts of each training frame by depth, for the method of others that needs them.",
+        output="prompts.zarr",
+        inputs=("frames", "poses", "splats"),
+        optional=_TRAINING_FRAMES,
+        libraries=("numpy", "torch", "zarr"),
+        keys={"splats": ("backend", "seed")},
+    ),
+    Stage(
         "language",
         "egosplat.language.stage",
         "Assign each Gaussian the code of its instance, at every level.",
@@ -206,6 +217,7 @@ _STAGES = (
         inputs=("frames", "poses", "splats"),
         optional=_TRAINING_FRAMES | _MASKING | _LEARNT_FROM,
         libraries=("numpy", "scipy", "torch", "zarr"),
+        keys={"segments": ("point_prompts",)},
     ),
     Stage(
         "metrics",
@@ -326,7 +338,7 @@ ARTIFACTS = tuple(name for name, stage in STAGES.items() if stage.output.endswit
 PAGES = tuple(name for name, stage in STAGES.items() if stage.output.endswith((".png", ".html")))
 
 # The stages that only methods of others need.
-OF_OTHERS = ("tiles", "method_metrics")
+OF_OTHERS = ("tiles", "prompts", "method_metrics")
 
 # The stages from a scene's recording to its scores.
 PIPELINE = tuple(name for name in STAGES if name not in (*PAGES, *OF_OTHERS))

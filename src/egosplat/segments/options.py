@@ -31,6 +31,7 @@ class SegmentsOptions:
     # Which instances are tracked (docs/method.md#prompting), and which of them are kept.
     prompting: str
     key_frame_stride: int
+    point_prompts: str
     track_moving: str
     min_uncovered_fraction: float
     max_covered_new: float
@@ -53,3 +54,8 @@ class SegmentsOptions:
     def single_frames(self) -> bool:
         """Whether masks of single frames are instances of their own, and at most what moves is tracked."""
         return self.segmenter == "sam2" and self.prompting == EACH_FRAME
+
+    @property
+    def by_depth(self) -> bool:
+        """Whether the stage ``prompts`` places the points of single frames."""
+        return self.single_frames and self.point_prompts == "depth"

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
+from torch import Tensor
 
 from egosplat.artifacts.checkpoint import Checkpoint, State
 from egosplat.models.image_encoder import encode
@@ -29,6 +30,7 @@ class SingleFrames:
         valid: NDArray[np.bool_],
         options: SegmentsOptions,
         movers: MovingTracker | None = None,
+        points: Callable[[int], Tensor | None] = lambda _: None,
     ) -> None:
         """Set up for a video.
 
@@ -41,10 +43,11 @@ class SingleFrames:
             valid: (H, W) bool, pixels that show the scene.
             options: of the stage.
             movers: tracks what moves through all frames, after the masks are found; None to track nothing.
+            points: returns the (P, 2) points of a frame index, x, y in [0, 1]; None for a grid, in crops as well.
         """
         self._sam2, self._images, self._valid, self._options = sam2, images, valid, options
         self._frames, self._length = prompted_frames(frames, options), length
-        self._movers = movers
+        self._movers, self._points = movers, points
         self._labels = LabelMaps((len(LEVELS), *valid.shape))
         self._instances: list[Track] = []
         self._done = 0
@@ -96,11 +99,11 @@ class SingleFrames:
         self._instances = [Track(**values) for values in state["instances"]]
 
     def _segment(self, frame: int) -> None:
-        image = self._images(frame)
-        points = grid_points(self._options.points_per_side)
+        image, placed = self._images(frame), self._points(frame)
+        points = grid_points(self._options.points_per_side) if placed is None else placed
         with self._sam2.at_side(self._options.image_size):
             found = prompt(self._sam2, encode(self._sam2, image), points, self._options)
-        if self._options.crops_per_side > 1:
+        if self._options.crops_per_side > 1 and placed is None:
             found = prompt_with_crops(self._sam2, image, found, self._options)
         labels = []
         for level, candidates in enumerate(found):

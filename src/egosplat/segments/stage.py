@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from torch import Tensor
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
@@ -23,6 +24,7 @@ from egosplat.segments.classical.segmenter import segment_video
 from egosplat.segments.duplicate_levels import drop_levels, find_duplicate_levels
 from egosplat.segments.instances import FinalInstances, Segmented, finalize_instances
 from egosplat.segments.options import LEVELS, SegmentsOptions
+from egosplat.segments.placed_points import PlacedPoints
 
 # Time between two checkpoints [s].
 CHECKPOINT_S = 60.0
@@ -35,6 +37,7 @@ def run(
     *,
     survey_path: Path | None = None,
     transient_path: Path | None = None,
+    prompts_path: Path | None = None,
 ) -> None:
     """Write the segments artifact of ``frames``.
 
@@ -43,6 +46,7 @@ def run(
     Args:
         survey_path: frames that the survey drops are skipped; all their labels are -1.
         transient_path: where things move, if the prompting is ``each_frame``; None to track nothing.
+        prompts_path: required if the points of single frames are placed by depth; frames without points are not segmented.
 
     Raises:
         UserError: the model cannot be loaded, the survey or transient.zarr is missing or of other frames, or no
@@ -53,9 +57,10 @@ def run(
     used = {"sam2_config": options.sam2_config, "sam2_checkpoint": options.sam2_checkpoint}
     models = {"sam2_checkpoint": model_hash(SAM2, used)} if options.segmenter == "sam2" else {}
     transient = _open_transient(transient_path, frames, options)
-    inputs = [frames] if transient is None else [frames, transient]
+    placed = PlacedPoints(prompts_path, frames) if options.by_depth else None
+    inputs = [one for one in (frames, transient, placed and placed.artifact) if one is not None]
     made = provenance.begin_from("segments", asdict(options) | by_survey, inputs, models)
-    video = _Video(frames, np.flatnonzero(kept), transient)
+    video = _Video(frames, np.flatnonzero(kept), transient, placed)
     # The key makes the checkpoint of other inputs or options invalid.
     checkpoint = Checkpoint(output, provenance.key_of(made), CHECKPOINT_S)
     if options.segmenter == "classical":
@@ -74,11 +79,18 @@ def run(
 
 @dataclass(frozen=True)
 class _Video:
-    """The frames to segment; ``frame``: (N,) index of each in frames.zarr, ``transient``: where things move."""
+    """The frames to segment.
+
+    Attributes:
+        frame: (N,) index of each in frames.zarr.
+        transient: where things move.
+        placed: points by depth; None for a grid.
+    """
 
     source: Artifact
     frame: NDArray[np.intp]
     transient: Artifact | None
+    placed: PlacedPoints | None
 
     def image(self, place: int) -> NDArray[np.uint8]:
         """(H, W, 3) uint8 RGB image of the frame at a place in the video."""
@@ -88,6 +100,15 @@ class _Video:
         """(H, W) float16 probability in 0..1 that a pixel moves."""
         assert self.transient is not None
         return self.transient.row("probability", self.frame[place])
+
+    def trained(self) -> NDArray[np.intp]:
+        """Places of the training frames; where points are placed by depth, of those that have any."""
+        chosen = self.source.read("train")[self.frame]
+        return np.flatnonzero(chosen & self.placed.has(self.frame) if self.placed else chosen)
+
+    def points(self, place: int) -> Tensor | None:
+        """(P, 2) points that the frame at a place is prompted with, x, y in [0, 1]; None for a grid."""
+        return self.placed and self.placed.of(int(self.frame[place]))
 
 
 def _open_transient(path: Path | None, frames: Artifact, options: SegmentsOptions) -> Artifact | None:
@@ -115,10 +136,9 @@ def _track_with_sam2(video: _Video, options: SegmentsOptions, checkpoint: Checkp
     sam2, valid = load_sam2(*model, side), video.source.read("valid")
     if not options.single_frames:
         return Tracker(sam2, video.image, len(video.frame), valid, options).run(checkpoint)
-    train = np.flatnonzero(video.source.read("train")[video.frame])
-    about = (train, len(video.frame), valid, options)
+    about = (video.trained(), len(video.frame), valid, options)
     movers = MovingTracker(sam2, video.image, video.probability, *about) if video.transient else None
-    return SingleFrames(sam2, video.image, *about, movers).run(checkpoint)
+    return SingleFrames(sam2, video.image, *about, movers, video.points).run(checkpoint)
 
 
 def _write(artifact: Writer, segmented: Segmented, video: _Video, options: SegmentsOptions) -> None:

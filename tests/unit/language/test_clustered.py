@@ -12,7 +12,7 @@ from egosplat.language.clustered import SHARPENING, agreeing, clustered, mask_me
 from egosplat.language.clusters import clusters_of, principal_components
 from egosplat.language.lifting import lift
 from egosplat.language.options import LanguageOptions
-from egosplat.pipeline.config import defaults
+from egosplat.pipeline.config import defaults, stage_values
 from tests.support.blobs import blobs
 from tests.unit.language.test_centre_methods import CAMERA, LEFT, RIGHT, SETTINGS, look, plane
 
@@ -64,7 +64,7 @@ def look_at(masks: Masks):
 
 
 def coded(gaussians: Gaussians, masks: Masks, **changes: object):
-    options = LanguageOptions(**defaults()["language"] | {"method": "clustered"} | changes)
+    options = LanguageOptions(**stage_values("language", defaults()) | {"method": "clustered"} | changes)
     return clustered(gaussians, look_at(masks), SETTINGS, masks, options)
 
 

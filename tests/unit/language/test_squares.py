@@ -33,7 +33,7 @@ from egosplat.language.pixel_views import PixelViews
 from egosplat.language.result import Coded
 from egosplat.language.tile_views import TileViews
 from egosplat.language.views import CodeViews, select_code_views
-from egosplat.pipeline.config import defaults
+from egosplat.pipeline.config import defaults, stage_values
 from egosplat.query.answer import Answer, ask
 from egosplat.query.options import LANGSPLAT
 from egosplat.query.scene import QueryScene
@@ -176,7 +176,7 @@ def needs_libraries(method: str) -> None:
 
 
 def options_of(method: str, **changes: object) -> LanguageOptions:
-    keys = defaults()["language"] | {
+    keys = stage_values("language", defaults()) | {
         "method": method,
         "iterations": ITERATIONS.get(method, 150),
         "pixels": 200,

@@ -13,10 +13,10 @@ from egosplat.codes.decoder import Decoder, read_scene_decoder
 from egosplat.errors import UserError
 from egosplat.language import dominant, joint, methods, stage
 from egosplat.language.result import Coded
-from egosplat.pipeline.config import defaults
+from egosplat.pipeline.config import defaults, stage_values
 from egosplat.splats import stage as splats_stage
 
-KEYS = defaults()["language"] | {"iterations": 20, "lr": 0.02}
+KEYS = stage_values("language", defaults()) | {"iterations": 20, "lr": 0.02}
 SPLATS = (
     defaults()["camera"]
     | defaults()["splats"]

@@ -16,7 +16,7 @@ from egosplat.gaussians import trainer
 from egosplat.language import loop
 from egosplat.language import stage as language
 from egosplat.models.sam2_loader import Sam2
-from egosplat.pipeline.config import defaults
+from egosplat.pipeline.config import defaults, stage_values
 from egosplat.segments.tracker import Tracker
 from egosplat.splats import stage as splats
 from egosplat.transient import stage as transient
@@ -37,7 +37,7 @@ TRANSIENT = (
     | CAMERA
     | {"iterations": 12, "input_size": 64, "resolution": 24, "max_gaussians": 300}
 )
-LANGUAGE = defaults()["language"] | {"iterations": 12}
+LANGUAGE = stage_values("language", defaults()) | {"iterations": 12}
 
 # The gradients of the pose and of the gain are copied to the CPU.
 CORRECTED = {"refine_poses": "on", "compensate_exposure": "on"}
