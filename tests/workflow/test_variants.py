@@ -18,6 +18,10 @@ VARIANT = f"{SCENE}/variants"
         ("no_masks/language.zarr", {"splats", "language"}),
         ("network_masks/splats.zarr", {"splats"}),
         ("lerf/metrics.json", {"tiles", "splats", "language", "metrics"}),
+        (
+            "gags/language.zarr",
+            {"splats", "prompts", "segments", "instances", "view_features", "features", "language"},
+        ),
         ("occam/language.zarr", {"segments", "instances", "view_features", "features", "splats", "language"}),
     ],
 )

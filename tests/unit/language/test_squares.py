@@ -273,6 +273,13 @@ def test_a_killed_training_goes_on_to_the_same_result(scene, tmp_path, method, m
     assert replace(whole.decoder, values=rest.decoder.values).widths == rest.decoder.widths
 
 
+@pytest.mark.parametrize("points, told", [("depth", "SAM2 in place of SAM"), ("grid", "distillation alone")])
+def test_the_row_of_gags_says_whether_its_masks_are_prompted_by_depth(scene, tmp_path, points, told):
+    checkpoint = Checkpoint(tmp_path / "language.zarr", "key", 1e9)
+    coded = scene.coded("granular", checkpoint, iterations=1, point_prompts=points)
+    assert coded.stands_in[0].startswith(told) and "1 of 30,000 iterations" in coded.stands_in
+
+
 def test_methods_from_tiles_say_which_frame_lacks_them(scene, tmp_path):
     scene = replace(scene, views=replace(scene.views, frame=np.array([0, HELD_OUT])))
     with pytest.raises(UserError, match=f"frame {HELD_OUT}"):

@@ -2,8 +2,9 @@
 
 import pytest
 
+from egosplat.errors import UserError
 from egosplat.language.methods import METHODS, TILE_METHODS
-from egosplat.pipeline.config import defaults, merge, section_keys
+from egosplat.pipeline.config import check, defaults, merge, section_keys
 from egosplat.pipeline.dag import (
     ALL_FRAMES,
     decided,
@@ -15,6 +16,7 @@ from egosplat.pipeline.dag import (
     masks_by_survey,
     optional_inputs_of,
     stage_flags,
+    stages_behind,
     story_stages,
     survey_decides,
     tracks_by_survey,
@@ -69,6 +71,32 @@ def test_codes_and_their_scores_read_what_the_method_learns_from(method):
     assert optional_inputs_of("splats", config) == ()
     joint = merge(config, {"splats": {"language": "joint"}})
     assert optional_inputs_of("language", joint) == ("instances", "features")
+
+
+BY_DEPTH = {
+    "segments": {"point_prompts": "depth", "track_moving": "never"},
+    "splats": {"masking": "none", "language": "after"},
+}
+
+
+@pytest.mark.parametrize(
+    "keys, needed", [({}, True), ({"prompting": "key_frames"}, False), ({"segmenter": "classical"}, False)]
+)
+def test_masks_that_are_prompted_by_depth_need_gaussians_and_these_no_segments(keys, needed):
+    config = merge(merge(EVERY_FRAME, BY_DEPTH), {"segments": keys})
+    assert inputs_of("segments", config) == (("frames", "prompts") if needed else ("frames",))
+    assert inputs_of("prompts", config) == ("frames", "poses", "splats")
+    assert stages_behind(["prompts"], config) == ["frames", "poses", "splats", "prompts"]
+    assert ("prompts" in stages_behind(["language"], config)) == needed
+    assert "prompts" not in stages_behind(
+        ["language", "metrics"], merge(config, {"segments": {"point_prompts": "grid"}})
+    )
+
+
+@pytest.mark.parametrize("keys", [{"masking": "refined"}, {"masking": "auto"}, {"language": "joint"}])
+def test_prompts_by_depth_of_gaussians_that_need_segments_are_an_error_that_names_both_keys(keys):
+    with pytest.raises(UserError, match=rf"segments\.point_prompts.*splats\.{next(iter(keys))}"):
+        check(merge(merge(BASE, BY_DEPTH), {"splats": keys}))
 
 
 def test_every_method_of_the_schema_has_a_function():
