@@ -112,6 +112,19 @@ language: {method: field, iterations: 10, pixels: 50}
     assert set(scored["artifacts"]) == made_from and len(scored["queries"]) > 0
 
 
+def test_masks_that_are_prompted_by_depth_are_made_from_the_shared_gaussians(workdir):
+    config = "segments: {segmenter: sam2, image_size: 128}"
+    run_rules(workdir, ("splats", "prompts", "segments"), config, "variants/gags/segments.zarr")
+    variants = workdir.folder / SCENE / "variants"
+    prompts, segments = (
+        verify(variants / name, SCHEMAS) for name in ("no_masks/prompts.zarr", "gags/segments.zarr")
+    )
+    splats = verify(variants / "no_masks/splats.zarr", SCHEMAS)
+    assert prompts.provenance["inputs"]["splats.zarr"] == splats.digest
+    assert segments.provenance["inputs"]["prompts.zarr"] == prompts.digest
+    assert segments.facts["key_frames"] == np.unique(prompts.read("frame")).tolist()
+
+
 def write_empty_maps(path: Path, queries: list[dict[str, Any]], name: str) -> None:
     """Relevancy maps without a value, as a method of this name would write them."""
     group = zarr.open_group(path, mode="w")
