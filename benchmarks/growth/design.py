@@ -9,7 +9,8 @@ CENTRE: Mapping[str, Mapping[str, Any]] = {
     "synthetic": {"size": 512, "fps": 3.0, "seconds": 16.0},
     "frames": {"resolution": 192, "end_s": 7.9, "evaluation_frames": 4},
     "survey": {"min_view_change_deg": 0, "blur_limit": 0},
-    "segments": {"points_per_side": 8, "key_frame_stride": 8, "max_instances": 10},
+    "segments": {"points_per_side": 8, "key_frame_stride": 8, "track_moving": "never"},
+    "instances": {"resolution": 96, "iterations": 60},
     "features": {"compression": "linear", "dims": 16},
     "transient": {
         "iterations": 80,
@@ -22,7 +23,7 @@ CENTRE: Mapping[str, Mapping[str, Any]] = {
 }
 
 PICTURES = ("frames", "annotations", "poses", "survey")
-INSTANCES = ("segments", "view_features", "features")
+INSTANCES = ("segments", "instances", "view_features", "features")
 MOVING = ("transient", "masks")
 GAUSSIANS = ("splats", "language", "metrics")
 # The measured stages: those of a recorded sequence.
@@ -58,14 +59,22 @@ def _joint(dims: int) -> dict[str, dict[str, Any]]:
     return {"features": {"dims": dims}, "splats": {"language": "joint"}}
 
 
+def _tracks(most: int) -> dict[str, dict[str, Any]]:
+    """SAM2's tracks, of the size of its own input."""
+    return {"segments": {"prompting": "key_frames", "image_size": 320, "max_instances": most}}
+
+
 def _autoencoder(epochs: int) -> dict[str, dict[str, Any]]:
     return {"features": {"compression": "autoencoder", "epochs": epochs}}
 
 
+CORRECTED = {"refine_poses": "on", "compensate_exposure": "on"}
+
 # All factors are large, which separates terms that are products.
 CORNER = {
     "frames": {"resolution": 512, "end_s": None, "evaluation_frames": 12},
-    "segments": {"max_instances": 30},
+    "segments": {"key_frame_stride": 4},
+    "instances": {"resolution": 256, "iterations": 150},
     "transient": {"resolution": 512, "max_points": 35_000, "max_gaussians": 35_000},
     "splats": {"max_points": 35_000, "max_gaussians": 35_000},
 }
@@ -81,9 +90,11 @@ POINTS = (
     Point("side-288", "side of the pictures", "288 px", {"frames": {"resolution": 288}}, STAGES),
     Point("side-384", "side of the pictures", "384 px", {"frames": {"resolution": 384}}, STAGES),
     Point("recorded-256", "side of the recording", "256 px", {}, ("frames", "annotations"), "small"),
-    Point("instances-4", "instances", "at most 4 a level", {"segments": {"max_instances": 4}}, MEANT),
-    Point("instances-30", "instances", "at most 30 a level", {"segments": {"max_instances": 30}}, MEANT),
-    Point("prompts-16", "prompts", "16 x 16", {"segments": {"points_per_side": 16}}, ("segments",)),
+    Point("tracks-4", "tracks", "at most 4 a level", _tracks(4), MEANT),
+    Point("tracks-30", "tracks", "at most 30 a level", _tracks(30), MEANT),
+    Point("prompts-16", "prompts", "16 x 16", {"segments": {"points_per_side": 16}}, ("segments", "instances")),
+    Point("merging-200", "iterations", "200", {"instances": {"iterations": 200}}, ("instances",)),
+    Point("merging-192", "side merged at", "192 px", {"instances": {"resolution": 192}}, ("instances",)),
     Point("gaussians-3000", "Gaussians", "3,000", _gaussians(3000), ("transient", *GAUSSIANS)),
     Point("gaussians-20000", "Gaussians", "20,000", _gaussians(20000), ("transient", "splats", "language")),
     Point("gaussians-35000", "Gaussians", "35,000", _gaussians(35000), ("transient", *GAUSSIANS)),
@@ -94,8 +105,9 @@ POINTS = (
     Point("compared-192", "side compared at", "192 px", {"transient": {"resolution": 192}}, ("transient",)),
     Point("network-64", "side of the network", "64 px", {"transient": {"input_size": 64}}, ("transient",)),
     Point("network-224", "side of the network", "224 px", {"transient": {"input_size": 224}}, ("transient",)),
-    Point("joint-3", "codes learned jointly", "3 dims", _joint(3), ("features", "splats", "language")),
-    Point("joint-16", "codes learned jointly", "16 dims", _joint(16), ("splats", "language")),
+    Point("corrected", "camera", "corrected", {"camera": CORRECTED}, ("splats",)),
+    Point("joint-3", "codes learned jointly", "3 dims", _joint(3), ("features", "splats")),
+    Point("joint-16", "codes learned jointly", "16 dims", _joint(16), ("splats",)),
     Point("autoencoder-20", "epochs", "20", _autoencoder(20), ("features",)),
     Point("autoencoder-400", "epochs", "400", _autoencoder(400), ("features",)),
     Point("corner", "all of them", "at their most, 512 px", CORNER, STAGES),

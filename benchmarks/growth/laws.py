@@ -31,9 +31,20 @@ LAWS: Mapping[str, Mapping[str, tuple[Term, ...]]] = {
         DISK: (ONCE, ("frames",), ("pairs",)),
     },
     "segments": {
-        CPU: (("kept", "sam2_area"), ("prompts",), ("kept", "tracked", "sam2_area"), ("kept", "pixels")),
+        CPU: (("images",), ("prompts",), ("kept", "tracked", "sam2_area"), ("kept", "moving"), ("kept", "pixels")),
         MEMORY: (ONCE, ("tracked", "sam2_area"), ("pixels",), ("kept", "pixels")),
-        DISK: (ONCE, ("kept", "pixels"), ("kept", "instances")),
+        DISK: (ONCE, ("labelled", "pixels")),
+    },
+    "instances": {
+        CPU: (
+            ("merging_iterations",),
+            ("merging_iterations", "merging_pixels"),
+            ("masks",),
+            ("merged_views", "merging_pixels"),
+            ("frames", "pixels"),
+        ),
+        MEMORY: (ONCE, ("merging_gaussians",), ("merging_pixels",), ("masks",), ("pixels",)),
+        DISK: (ONCE, ("frames", "pixels"), ("masks",)),
     },
     "view_features": {
         CPU: (ONCE, ("views",), ("views", "pixels")),
@@ -66,6 +77,7 @@ LAWS: Mapping[str, Mapping[str, tuple[Term, ...]]] = {
             ("iterations",),
             ("iterations", "pixels"),
             ("iterations", "mean_gaussians"),
+            ("iterations", "pixels", "corrected"),
             ("iterations", "pixels", "joint"),
             ("iterations", "mean_gaussians", "joint"),
         ),
@@ -73,12 +85,12 @@ LAWS: Mapping[str, Mapping[str, tuple[Term, ...]]] = {
         DISK: (ONCE, ("gaussians",), ("gaussians", "joint"), ("evaluated", "pixels")),
     },
     "language": {
-        CPU: (ONCE, ("training", "pixels", "codes"), ("training", "gaussians", "codes"), ("training", "gaussians")),
-        MEMORY: (ONCE, ("pixels", "codes"), ("gaussians", "codes")),
+        CPU: (ONCE, ("training", "pixels"), ("training", "gaussians"), ("views", "pixels"), ("views", "gaussians")),
+        MEMORY: (ONCE, ("pixels", "shown"), ("gaussians", "shown"), ("gaussians", "codes")),
         DISK: (ONCE, ("gaussians", "codes")),
     },
     "metrics": {
-        CPU: (ONCE, ("evaluated", "pixels"), ("queries", "pixels"), ("evaluated", "gaussians")),
+        CPU: (ONCE, ("evaluated", "pixels"), ("queries", "pixels"), ("gaussians",), ("queries", "gaussians")),
         MEMORY: (ONCE, ("pixels",), ("gaussians",)),
         DISK: (ONCE, ("queries",)),
     },
@@ -99,6 +111,8 @@ KNOWN: Mapping[tuple[str, str], Mapping[Term, float]] = {
     },
     ("splats", MEMORY): {("training", "pixels"): 3 * BYTE, ("training", "pixels", "mask_bytes"): BYTE},
     ("view_features", MEMORY): {("views", "channels"): 16 * BYTE},
+    # Codes of all Gaussians three times; the design has codes of one length alone.
+    ("language", MEMORY): {("gaussians", "codes"): 12 * BYTE},
 }
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from egosplat.artifacts.reader import Artifact, open_any
 from egosplat.artifacts.registry import SCHEMAS
-from egosplat.cost_model.sizes import LARGE_PIXELS, MASK_BYTES
+from egosplat.cost_model.sizes import LARGE_PIXELS, MASK_BYTES, SMALL_SIDE, images_of_a_frame
 from egosplat.pipeline.survey_file import read_survey
 from egosplat.survey.motion import SIDE
 
@@ -64,16 +64,17 @@ def sizes_of(artifacts: dict[str, Artifact], documents: dict[str, Path]) -> Size
 
     Returns:
         Numbers by name. ``kept`` counts the frames that the survey keeps, ``training`` those of them that are trained
-        on, ``pairs`` the frame pairs that the survey compares, ``prompts`` the point prompts of SAM2, ``tracked``
-        the instances before short and duplicate ones are removed, ``codes`` the numbers in a code at all levels
+        on, ``pairs`` the frame pairs that the survey compares, ``images`` the images that SAM2 encodes, as multiples of
+        its own size, ``prompts`` the point prompts, ``tracked`` its tracks before short and duplicate ones are removed,
+        ``moving`` those beside the masks of single frames, ``masks`` those masks where they are merged, ``labelled`` the
+        frames with labels, ``shown`` the instances in a frame, ``codes`` the numbers in a code at all levels
         together. ``joint`` equals ``codes`` where Gaussians learn codes with their geometry, else 0.
         ``mean_gaussians`` is the mean over the training.
     """
     readers = {
         "frames": _pictures,
         "poses": lambda one: {"points": one.shape("points/xyz")[0]},
-        "segments": _segments,
-        "instances": lambda one: {"instances": one.shape("instances/level")[0]},
+        "instances": _instances,
         "view_features": lambda one: dict(zip(("views", "channels"), one.shape("feature"), strict=True)),
         "features": _codes,
         "transient": _transient,
@@ -86,6 +87,12 @@ def sizes_of(artifacts: dict[str, Artifact], documents: dict[str, Path]) -> Size
     if "segments" in artifacts and "kept_frames" in artifacts["segments"].provenance["options"]:
         kept = read_survey(documents["survey"])["views"]["kept"]
         sizes |= {"kept": len(kept), "training": int(artifacts["frames"].read("train")[kept].sum())}
+    if "segments" in artifacts:
+        sizes |= _segments(artifacts["segments"], sizes["kept"])
+    if "view_features" in artifacts:
+        merged = sizes["merging_iterations"] > 0
+        sizes |= {"shown": sizes["views"] / sizes["kept"], "merged_views": sizes["views"] * merged}
+        sizes["masks"] *= merged
     if "survey" in documents:
         pairs = json.loads(documents["survey"].read_text())["motion"]["pairs"]
         sizes |= {"pairs": len(pairs), "surveyed_pixels": min(sizes["pixels"], SIDE**2)}
@@ -105,13 +112,31 @@ def _pictures(one: Artifact) -> Sizes:
     }
 
 
-def _segments(one: Artifact) -> Sizes:
-    looks = len(one.facts.get("key_frames", ()))
-    side = one.provenance["options"]["points_per_side"]
+def _segments(one: Artifact, kept: float) -> Sizes:
+    """Sizes of segmentation with the small SAM2."""
+    keys, facts = one.provenance["options"], one.facts
+    searched = len(facts["key_frames"])
+    area = ((keys["image_size"] or SMALL_SIDE) / SMALL_SIDE) ** 2
+    if facts["single_frames"]:
+        images = searched * images_of_a_frame(keys, area)
+        tracks = {"tracked": facts["moving"], "moving": facts["moving"], "sam2_area": 1}
+        frames = {"labelled": searched, "masks": facts["found"] - facts["moving"]}
+        prompted = images
+    else:
+        images, prompted = kept * area, searched
+        tracks = {"tracked": facts["found"], "moving": 0, "sam2_area": area}
+        frames = {"labelled": kept, "masks": 0}
+    return {"images": images, "prompts": prompted * keys["points_per_side"] ** 2, **tracks, **frames}
+
+
+def _instances(one: Artifact) -> Sizes:
+    keys, merged = one.provenance["options"], one.facts["source"] != "tracks"
+    height, width = one.shape("labels")[2:]
     return {
-        "tracked": one.facts["found"],
-        "sam2_area": 1,  # all points run the small SAM2 at its own size
-        "prompts": looks * side**2,
+        "instances": one.shape("instances/level")[0],
+        "merging_iterations": keys["iterations"] * merged,
+        "merging_pixels": min(keys["resolution"] ** 2, height * width) * merged,
+        "merging_gaussians": one.shape("gaussians/xyz")[0],
     }
 
 
@@ -140,12 +165,14 @@ def _transient(one: Artifact) -> Sizes:
 
 def _splats(one: Artifact) -> Sizes:
     gaussians, joint = one.shape("features")
+    options = one.provenance["options"]
     return {
         "iterations": one.facts["iteration"],
         "gaussians": gaussians,
         "mean_gaussians": float(one.read("curve/gaussians").mean()),
         "joint": joint,
-        "mask_bytes": MASK_BYTES[one.provenance["options"]["masking"]],
+        "corrected": int("on" in (options["refine_poses"], options["compensate_exposure"])),
+        "mask_bytes": MASK_BYTES[options["masking"]],
     }
 
 

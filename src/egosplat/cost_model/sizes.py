@@ -14,11 +14,14 @@ from egosplat.pipeline.config import Config
 # Levels of instances.
 LEVELS = 3
 
-# Side of the square to which the published SAM2 resize frames [px].
-SAM2_SIDE = 1024
+# Side of the square to which the small and the published SAM2 resize frames [px].
+SMALL_SIDE, SAM2_SIDE = 320, 1024
 
-# Instances that SAM2 tracks in a furnished apartment, all levels together: 134 in adt/scene1.
-TYPICAL_TRACKED = 150
+# Of a furnished apartment, all levels together. Instances that SAM2 tracks: 134 in adt/scene1. On average over adt/scene1 to
+# adt/scene5 with a real camera: tracks that move, masks of one frame, instances that masks are merged into, the share of the
+# frames that show each, and the temporary Gaussians that they are merged on.
+TYPICAL_TRACKED, TYPICAL_MOVING, TYPICAL_MASKS, TYPICAL_MERGED, MERGED_SEEN = 150, 11, 75, 300, 0.175
+MERGING_GAUSSIANS = 60_000
 
 # Assumed frames of a recording that is not read yet: two minutes at ADT's 30 frames per second.
 UNKNOWN_FRAMES = 3600
@@ -38,7 +41,7 @@ _IN_ARTIFACTS: dict[str, tuple[tuple[str, str, slice], ...]] = {
     "pixels": (("frames", "rgb", slice(1, 3)), ("instances", "labels", slice(2, 4))),
     "points": (("poses", "points/xyz", slice(0, 1)),),
     "instances": (("instances", "instances/level", slice(0, 1)),),
-    "views": (("view_features", "feature", slice(0, 1)),),
+    "views": (("view_features", "feature", slice(0, 1)), ("features", "instance", slice(0, 1))),
     "channels": (("view_features", "feature", slice(1, 2)),),
     "dims": (("features", "code", slice(1, 2)),),
     "gaussians": (("splats", "means", slice(0, 1)),),
@@ -90,11 +93,10 @@ class Sizes(Mapping[str, float]):
     def __len__(self) -> int:
         return len(list(iter(self)))
 
-    @property
-    def tracked(self) -> int:
-        """Instances of all levels that SAM2 tracks: a typical number, or the most that the configuration allows."""
+    def limited(self, typical: int) -> int:
+        """A number of tracks of all levels: the typical one, or the most that the configuration allows."""
         allowed = LEVELS * self._config["segments"]["max_instances"]
-        return allowed if self._at_most else min(TYPICAL_TRACKED, allowed)
+        return allowed if self._at_most else min(typical, allowed)
 
     @property
     def colmap(self) -> bool:
@@ -123,37 +125,84 @@ def _evaluated(config: Config, sizes: Sizes) -> float:
     return 12 if count == "auto" else count
 
 
-def _prompts(config: Config, sizes: Sizes) -> float:
-    """A grid of points in each frame that is searched for new instances, and in each of its crops.
+def images_of_a_frame(segments: Mapping[str, Any], area: float) -> float:
+    """Images of SAM2's own size that a frame counts as where it is searched: the whole frame, and its crops.
 
-    With masks of single frames the image size is that of whole frames alone, which then count as several.
+    Args:
+        segments: keys of the section.
+        area: of the whole frame as SAM2 sees it, as a multiple of its own.
     """
+    side = segments["crops_per_side"]
+    return area + (side**2 if side > 1 else 0)
+
+
+def _searched(config: Config, sizes: Sizes) -> float:
+    """Frames that are searched for instances."""
     keys = config["segments"]
-    frames = 1 + sizes["frames"] / keys["key_frame_stride"]
-    if not _single_frames(config):
-        return frames * keys["points_per_side"] ** 2
-    crops = keys["crops_per_side"] ** 2 if keys["crops_per_side"] > 1 else 0
-    return frames * (_area(config) + crops) * keys["points_per_side"] ** 2
+    return 1 if keys["prompting"] == "initial_frame" else 1 + sizes["kept"] / keys["key_frame_stride"]
+
+
+def _images(config: Config, sizes: Sizes) -> float:
+    """Images that SAM2 encodes: every frame that is tracked through, or the frames that are searched, with their crops."""
+    if _single_frames(config):
+        return _searched(config, sizes) * images_of_a_frame(config["segments"], _area(config))
+    return sizes["kept"] * sizes["sam2_area"]
+
+
+def _prompts(config: Config, sizes: Sizes) -> float:
+    """A grid of points in each image that is searched."""
+    searched = sizes["images"] if _single_frames(config) else _searched(config, sizes)
+    return searched * config["segments"]["points_per_side"] ** 2
+
+
+def _labelled(config: Config, sizes: Sizes) -> float:
+    return _searched(config, sizes) if _single_frames(config) else sizes["kept"]
 
 
 def _single_frames(config: Config) -> bool:
     return config["segments"]["prompting"] == "each_frame"
 
 
+def _moving(config: Config, sizes: Sizes) -> int:
+    """Tracks beside the masks of single frames."""
+    tracks = _single_frames(config) and config["segments"]["track_moving"] != "never"
+    return sizes.limited(TYPICAL_MOVING) if tracks else 0
+
+
 def _tracked(config: Config, sizes: Sizes) -> int:
-    """None where masks of single frames are all that is asked for."""
-    nothing = _single_frames(config) and config["segments"]["track_moving"] == "never"
-    return 0 if nothing else sizes.tracked
+    return _moving(config, sizes) if _single_frames(config) else sizes.limited(TYPICAL_TRACKED)
+
+
+def _merged(config: Config) -> bool:
+    """Whether masks are merged into instances; else each track, or mask of a frame, is one."""
+    source = config["instances"]["source"]
+    return _single_frames(config) if source == "auto" else source != "tracks"
+
+
+def _masks(config: Config, sizes: Sizes) -> float:
+    return TYPICAL_MASKS * sizes["labelled"] * _merged(config)
+
+
+def _instances(config: Config, sizes: Sizes) -> float:
+    if _merged(config):
+        return TYPICAL_MERGED
+    if _single_frames(config):
+        return TYPICAL_MASKS * sizes["labelled"]
+    return sizes["tracked"] / 2  # 72 of 134 in adt/scene1
 
 
 def _views(config: Config, sizes: Sizes) -> float:
-    """An instance is seen in half of the frames; 0.55 in adt/scene1."""
-    most = config["view_features"]["max_views"] or sizes["frames"]
-    return sizes["instances"] * min(sizes["frames"] / 2, most)
+    """A track is seen in half of the frames, 0.55 in adt/scene1; a mask of a single frame in that one."""
+    seen = sizes["frames"] * (MERGED_SEEN if _merged(config) else 0.5)
+    if _single_frames(config) and not _merged(config):
+        seen = 1.0
+    return sizes["instances"] * min(seen, config["view_features"]["max_views"] or seen)
 
 
-def _dims(config: Config, _: Sizes) -> float:
+def _dims(config: Config, sizes: Sizes) -> float:
     dims = config["features"]["dims"]
+    if config["features"]["compression"] == "none":
+        return sizes["channels"]
     return 32 if dims == "auto" else dims  # more than "auto" chose for any scene
 
 
@@ -164,12 +213,17 @@ def _sam2_area(config: Config, _: Sizes) -> float:
 
 def _area(config: Config) -> float:
     """Pixels of whole frames as SAM2 sees them, as a multiple of the architecture's own."""
-    own = 320 if config["models"]["sam2_config"] == SMALL else SAM2_SIDE
+    own = SMALL_SIDE if config["models"]["sam2_config"] == SMALL else SAM2_SIDE
     try:
         side = config["segments"]["image_size"] or sam2_side(config["models"]["sam2_config"])
     except UserError:  # the stage itself reports it
         side = own
     return (side / own) ** 2
+
+
+def _corrected(config: Config, _: Sizes) -> float:
+    """1 if the training corrects the camera, or if the survey may decide so."""
+    return float(set(config["camera"].values()) != {"off"})
 
 
 def _network_iterations(config: Config, _: Sizes) -> float:
@@ -202,11 +256,22 @@ _FROM_CONFIG: dict[str, Callable[[Config, Sizes], float]] = {
     "evaluated": _evaluated,
     "points": lambda *_: 1_000_000,
     # Instances and their features.
+    "images": _images,
     "prompts": _prompts,
     "tracked": _tracked,
-    "instances": lambda _, sizes: sizes.tracked / 2,  # 72 of 134 in adt/scene1
+    "moving": _moving,
+    "labelled": _labelled,
+    "masks": _masks,
+    "instances": _instances,
+    "merging_iterations": lambda config, _: config["instances"]["iterations"] * _merged(config),
+    "merging_pixels": lambda config, sizes: (
+        min(config["instances"]["resolution"] ** 2, sizes["pixels"]) * _merged(config)
+    ),
+    "merging_gaussians": lambda config, _: MERGING_GAUSSIANS * _merged(config),
+    "merged_views": lambda config, sizes: sizes["views"] * _merged(config),
     "sam2_area": _sam2_area,
     "views": _views,
+    "shown": lambda _, sizes: sizes["views"] / sizes["kept"],
     "channels": lambda config, _: 128 if config["models"]["clip_model"] == SMALL else 512,
     "dims": _dims,
     "codes": lambda _, sizes: LEVELS * sizes["dims"],
@@ -224,7 +289,9 @@ _FROM_CONFIG: dict[str, Callable[[Config, Sizes], float]] = {
     "iterations": lambda config, _: config["splats"]["iterations"],
     "gaussians": lambda config, _: config["splats"]["max_gaussians"],
     "mean_gaussians": lambda _, sizes: sizes["gaussians"],
+    "corrected": _corrected,
     "mask_bytes": lambda config, _: MASK_BYTES[config["splats"]["masking"]],
     "joint": lambda config, sizes: sizes["codes"] if config["splats"]["language"] == "joint" else 0,
     "language_iterations": lambda config, _: config["language"]["iterations"],
+    "sampled": lambda config, _: config["language"]["pixels"],
 }
