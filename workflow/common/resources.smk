@@ -7,6 +7,7 @@ GPU; the other requests limit nothing, unless --resources is given.
 
 import shutil
 
+from snakemake.io import Wildcards
 from snakemake.resources import Resources
 
 from egosplat.cost_model import requests
@@ -32,6 +33,23 @@ def gpus(stage):
     return lambda wildcards: requests.gpus(stage, config_of(wildcards))
 
 
+@cache
+def time_of_step(step):
+    """Get the expected time of a step [s], with the keys of its scene or variant."""
+    wildcards = Wildcards(fromdict=dict(step.wildcards))
+    if "scene" not in wildcards.keys():  # of all scenes together
+        scene = next(iter(scenes.values()))
+        return expected_seconds(step.rule, scene.config, scene.synthetic)
+    synthetic = scene_of(wildcards).synthetic
+    return expected_seconds(step.rule, config_of(wildcards), synthetic)
+
+
+def planned_steps():
+    """Get the steps of this run."""
+    jobs = workflow.dag.needrun_jobs(exclude_finished=False)
+    return [Step.of(job.rule.name, job.wildcards_dict) for job in jobs]
+
+
 # Two jobs on one GPU may exceed its memory. A machine without one runs as many jobs as its cores allow.
 if workflow.resource_settings.nodes is None and shutil.which("nvidia-smi"):
     if "gpu" not in workflow.resource_settings.resources:
@@ -40,10 +58,4 @@ if workflow.resource_settings.nodes is None and shutil.which("nvidia-smi"):
 
 # A dry run and --verbose show Snakemake's own blocks.
 if PLAIN_OUTPUT and CALL.makes_results and not workflow.output_settings.verbose:
-    # The keys that decide about time are those of the first scene that is asked for.
-    first = next(
-        (scenes[one.dataset, one.scene] for one in targets), next(iter(scenes.values()))
-    )
-    PLAIN_OUTPUT.times = StepTimes(
-        lambda rule: expected_seconds(rule, first.config, first.synthetic)
-    )
+    PLAIN_OUTPUT.times = StepTimes(time_of_step, planned_steps)

@@ -14,7 +14,7 @@ from egosplat.pipeline.config import check_config_files
 from egosplat.files import check_writable
 from egosplat.pipeline.process_guards import check_cores
 from egosplat.pipeline.snakemake_call import Call, read_call
-from egosplat.pipeline.terminal import StepTimes, speak_plainly
+from egosplat.pipeline.terminal import Step, StepTimes, speak_plainly
 
 SHIPPED = Path("config/config.yaml")
 

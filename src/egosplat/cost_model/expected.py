@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from egosplat.cost_model.laws import CPU, START_S, is_assumed, law_of, laws, seconds, table
+from egosplat.cost_model.laws import CPU, START_S, is_assumed, law_of, laws, renders, seconds, table
 from egosplat.cost_model.sizes import Sizes
 from egosplat.pipeline.config import Config
 from egosplat.pipeline.stages import PAGES
@@ -11,7 +11,6 @@ from egosplat.pipeline.stages import PAGES
 _PAGE_S = 10.0
 
 _MODELS = frozenset({"segments", "view_features", "metrics"})
-_RENDERS = frozenset({"transient", "splats", "language", "metrics"})
 
 
 def expected_seconds(
@@ -37,7 +36,7 @@ def expected_seconds(
     # Nothing was measured on a GPU, nor with the published models: no time is better than a guess.
     if is_assumed(law, CPU) or (rule in _MODELS and models_on != "cpu"):
         return None
-    if rule in _RENDERS and not measured:
+    if renders(law) and not measured:
         return None
     try:
         sizes = Sizes(config, given=_known(config, synthetic))
@@ -52,4 +51,7 @@ def _known(config: Config, synthetic: bool) -> Mapping[str, float]:
     if synthetic:
         known["frames"] = film["seconds"] * film["fps"] / frames["stride"]
         known["recorded_pixels"] = film["size"] ** 2
+        # The survey finds what the camera's errors are.
+        if "auto" in config["camera"].values() and "on" not in config["camera"].values():
+            known["corrected"] = float(film["camera"] == "real" and film["camera_strength"] > 0)
     return known

@@ -31,9 +31,11 @@ MEASURED_ON = "two cores with AVX-512"
 # Start of Python and its libraries, which ``cpu_s`` excludes: 2.7 to 4 s in the log of a whole run.
 START_S = 4.0
 
-# Laws whose time depends on the rasterizer.
-_RENDERS = frozenset({"transient", "splats", "language", "language_trained", "metrics", "metrics_published"})
+# Values of language.method whose law has another name: those that train on sampled pixels, also with networks.
+_SAMPLED = {"sparse": "sampled", "quantised": "sampled", "granular": "networks", "field": "networks"}
 
+# What the names of laws whose time depends on the rasterizer begin with.
+_RENDERS = ("transient", "instances", "splats", "language", "metrics")
 
 # Terms of memory alone: pictures that Gaussians are trained on, and their masks. No more of each are in memory
 # (egosplat.gaussians.stored_rows.IN_MEMORY).
@@ -41,9 +43,6 @@ _HELD = frozenset(
     {("training", "pixels"), ("training", "pixels", "mask_bytes"), ("training", "initial_pixels")}
 )
 HELD_MIB = 1536
-
-# Values of language.method that train nothing.
-_CLOSED_FORM = frozenset({"lifted", "projected", "centre", "clustered"})
 
 
 def law_of(stage: str, config: Config, *, colmap: bool = False) -> str:
@@ -61,8 +60,9 @@ def law_of(stage: str, config: Config, *, colmap: bool = False) -> str:
         return "segments_classical"
     if stage == "segments" and models["sam2_config"] != SMALL:
         return "segments_published"
-    if stage == "language" and config["language"]["method"] not in _CLOSED_FORM:
-        return "language_trained"
+    if stage == "language" and config["splats"]["language"] != "joint":
+        method = config["language"]["method"]
+        return stage if method == "lifted" else f"{stage}_{_SAMPLED.get(method, method)}"
     if stage == "queries_sheet":  # answers queries as metrics does
         stage = "metrics"
     if stage in ("view_features", "metrics") and not small_clip:
@@ -87,14 +87,19 @@ def seconds(law: str, sizes: Mapping[str, float], rasterizer: str = "avx512") ->
         law, sizes: as in ``memory_mib``.
         rasterizer: the variant of the C++ kernels, ``avx512``, ``avx2`` or ``generic``.
     """
-    slower = table()["rasterizer"][rasterizer] if law in _RENDERS else 1.0
+    slower = table()["rasterizer"][rasterizer] if renders(law) else 1.0
     return START_S + slower * evaluate(laws()[law][CPU], sizes) / table()["busy_cores"].get(law, 1.0)
 
 
 def gpu_seconds(law: str, sizes: Mapping[str, float]) -> float:
     """Time of a stage on a GPU [s]: that of one core divided by an assumed factor, not a measurement."""
-    kind = "rasterizer" if law in _RENDERS else "network"
+    kind = "rasterizer" if renders(law) else "network"
     return START_S + evaluate(laws()[law][CPU], sizes) / table()["gpu_speedup"][kind]
+
+
+def renders(law: str) -> bool:
+    """Whether the time of a law depends on the rasterizer."""
+    return law.startswith(_RENDERS)
 
 
 def evaluate(law: Mapping[Term, float], sizes: Mapping[str, float]) -> float:

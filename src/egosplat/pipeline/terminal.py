@@ -5,10 +5,9 @@ import copy
 import logging
 import sys
 import time
-from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from snakemake.logging import DefaultFormatter
 from snakemake_interface_logger_plugins.common import LogEvent
@@ -40,47 +39,63 @@ _EVENTS_ABOUT_ITSELF = (
 _ENOUGH_S = 20.0
 
 
+class Step(NamedTuple):
+    """A job of the workflow: its rule, and name and value of each wildcard."""
+
+    rule: str
+    wildcards: frozenset[tuple[str, str]]
+
+    @classmethod
+    def of(cls, rule: str, wildcards: Mapping[str, str]) -> "Step":
+        """The job of a rule with these wildcards."""
+        return cls(rule, frozenset(wildcards.items()))
+
+
 class StepTimes:
     """Steps of a run, and an estimate of the time that is left.
 
     Args:
-        expected: the expected time of a rule's job [s], or None if it is not known.
+        expected: the expected time of a step [s], or None if it is not known.
+        planned: the steps of the run.
     """
 
     def __init__(
-        self, expected: Callable[[str], float | None], clock: Callable[[], float] = time.monotonic
+        self,
+        expected: Callable[[Step], float | None],
+        planned: Callable[[], Iterable[Step]],
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._expected, self._clock = expected, clock
+        self._expected, self._planned, self._clock = expected, planned, clock
         self._start = clock()
-        self._to_do: Counter[str] = Counter()
-        self._begun: dict[int, str] = {}
+        self._to_do: set[Step] = set()
+        self._begun: dict[int, Step] = {}
         self._done_s = 0.0
         self.total = 0
 
-    def plan(self, counts: dict[str, int]) -> None:
-        """Set the number of jobs of each rule."""
-        self._to_do = Counter(counts)
-        self.total = self._to_do.total()
+    def plan(self) -> None:
+        """Set the steps of the run."""
+        self._to_do = set(self._planned())
+        self.total = len(self._to_do)
 
-    def begin(self, job: int, rule: str) -> int:
+    def begin(self, job: int, step: Step) -> int:
         """Record the start of a job, and return its number from 1."""
-        self._begun[job] = rule
+        self._begun[job] = step
         # Steps that a decision of the survey adds were not planned.
         self.total = max(self.total, len(self._begun))
         return len(self._begun)
 
     def finish(self, job: int) -> None:
         """Record the end of a job."""
-        rule = self._begun.get(job, "")
-        self._to_do[rule] -= 1
-        self._done_s += self._expected(rule) or 0.0
+        if (step := self._begun.get(job)) is not None:
+            self._to_do.discard(step)
+            self._done_s += self._expected(step) or 0.0
 
     def left_s(self) -> float | None:
         """Expected time of the steps that are not done [s]; None if that of one is not known."""
-        times = [(count, self._expected(rule)) for rule, count in self._to_do.items() if count > 0]
-        if any(seconds is None for _, seconds in times):
+        times = [self._expected(step) for step in self._to_do]
+        if None in times:
             return None
-        left = sum(count * seconds for count, seconds in times)
+        left = sum(times)
         pace = (self._clock() - self._start) / self._done_s if self._done_s >= _ENOUGH_S else 1.0
         return left * pace
 
@@ -115,10 +130,10 @@ class PlainOutput(logging.Formatter):
     def _line(self, event: LogEvent | None, record: dict[str, Any], times: StepTimes) -> str | None:
         """The line in place of a record; None for Snakemake's own text."""
         if event == LogEvent.RUN_INFO:
-            times.plan({rule: count for rule, count in record["stats"].items() if rule != "total"})
+            times.plan()
             return f"{times.total} steps{_left(times)}"
         if event == LogEvent.JOB_INFO:
-            number = times.begin(record["jobid"], record["rule_name"])
+            number = times.begin(record["jobid"], Step.of(record["rule_name"], record["wildcards"]))
             made = record["output"][0] if record["output"] else record["rule_name"]
             return f"[{number}/{times.total}] {record['rule_name']}: {made}{_left(times)}"
         if event == LogEvent.JOB_FINISHED:

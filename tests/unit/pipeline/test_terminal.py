@@ -6,7 +6,7 @@ import pytest
 from snakemake.logging import DefaultFormatter
 from snakemake_interface_logger_plugins.common import LogEvent
 
-from egosplat.pipeline.terminal import MOST, PlainOutput, StepTimes, last_message, speak_plainly
+from egosplat.pipeline.terminal import MOST, PlainOutput, Step, StepTimes, last_message, speak_plainly
 
 
 @pytest.mark.parametrize(
@@ -80,35 +80,60 @@ def record(event: LogEvent | None, text: str = "", **about: object) -> logging.L
     return made
 
 
+def step(rule: str, scene: str = "scene1", variant: str = "") -> Step:
+    return Step.of(rule, {"dataset": "adt", "scene": scene, "variant": variant})
+
+
+def begun(job: int, one: Step, output: str) -> logging.LogRecord:
+    about = {"jobid": job, "rule_name": one.rule, "wildcards": dict(one.wildcards)}
+    return record(LogEvent.JOB_INFO, output=[output], **about)
+
+
 def test_a_step_is_one_line_with_the_time_that_is_left():
     """Frames were expected to take 30 s and take 60: the rest is expected to take twice as long, too."""
     now = [0.0]
     plain = PlainOutput(DefaultFormatter())
-    plain.times = StepTimes({"frames": 30.0, "poses": 10.0, "splats": 300.0}.get, lambda: now[0])
-    stats = {"frames": 1, "poses": 1, "splats": 1, "total": 3}
-    assert plain.format(record(LogEvent.RUN_INFO, "a table", stats=stats)) == "3 steps, about 6 min left"
-    frames = record(LogEvent.JOB_INFO, jobid=7, rule_name="frames", output=["results/frames.zarr"])
-    expected = "[1/3] frames: results/frames.zarr, about 6 min left"
-    assert plain.format(frames) == expected
+    expected = {step("frames"): 30.0, step("poses"): 10.0, step("splats"): 300.0}
+    plain.times = StepTimes(expected.get, lambda: expected, lambda: now[0])
+    assert plain.format(record(LogEvent.RUN_INFO, "a table", stats={})) == "3 steps, about 6 min left"
+    frames = begun(7, step("frames"), "results/frames.zarr")
+    assert plain.format(frames) == "[1/3] frames: results/frames.zarr, about 6 min left"
     now[0] = 60.0
     assert plain.format(record(LogEvent.JOB_FINISHED, "Finished jobid: 7", job_id=7)) == ""
     assert plain.format(record(LogEvent.PROGRESS, done=1, total=3)) == ""
-    poses = record(LogEvent.JOB_INFO, jobid=8, rule_name="poses", output=["results/poses.zarr"])
+    poses = begun(8, step("poses"), "results/poses.zarr")
     assert plain.format(poses) == "[2/3] poses: results/poses.zarr, about 10 min left"
+
+
+def test_a_step_takes_the_time_of_its_own_scene_and_variant():
+    """Steps of one rule differ: a variant's method may take minutes where the scene's own takes seconds."""
+    steps = [step("language"), step("language", variant="variants/slow/"), step("language", "scene2")]
+    expected = dict(zip(steps, (10.0, 600.0, 60.0), strict=True))
+    plain = PlainOutput(DefaultFormatter())
+    plain.times = StepTimes(expected.get, lambda: steps, lambda: 0.0)
+    assert plain.format(record(LogEvent.RUN_INFO, stats={})) == "3 steps, about 11 min left"
+    assert plain.format(begun(1, steps[1], "slow.zarr")).endswith("about 11 min left")
+    plain.format(record(LogEvent.JOB_FINISHED, job_id=1))
+    assert plain.times.left_s() == pytest.approx(0.0)  # all was done in no time
+    fresh = StepTimes(expected.get, lambda: steps, lambda: 0.0)
+    fresh.plan()
+    fresh.begin(1, steps[0])
+    fresh.finish(1)
+    assert fresh.left_s() == 660.0
 
 
 def test_steps_that_were_not_planned_are_counted():
     plain = PlainOutput(DefaultFormatter())
-    plain.times = StepTimes(lambda rule: None)
-    plain.format(record(LogEvent.RUN_INFO, stats={"survey": 1, "total": 1}))
+    plain.times = StepTimes(lambda one: None, lambda: [step("survey")])
+    plain.format(record(LogEvent.RUN_INFO, stats={}))
     for number, rule in enumerate(("survey", "transient"), 1):
-        line = plain.format(record(LogEvent.JOB_INFO, jobid=number, rule_name=rule, output=[f"{rule}.zarr"]))
+        line = plain.format(begun(number, step(rule), f"{rule}.zarr"))
         assert line == f"[{number}/{number}] {rule}: {rule}.zarr"
 
 
 def test_lines_of_snakemake_about_itself_are_left_out_and_warnings_stay():
     plain = PlainOutput(DefaultFormatter())
-    plain.times = StepTimes(lambda rule: None)
+    plain.times = StepTimes(lambda one: None, list)
     assert plain.format(record(None, "Building DAG of jobs...")) == ""
     assert plain.format(record(None, "Nothing to be done (all requested files are present).")) != ""
     assert plain.format(record(LogEvent.PROGRESS, done=3, total=3)) == "3 of 3 steps (100%) done"
