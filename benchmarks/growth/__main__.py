@@ -1,13 +1,14 @@
 """Measure how time, memory and disk of each stage grow with frames, pixels, instances and Gaussians.
 
     python -m benchmarks.growth measure benchmarks/growth/growth.json
-    python -m benchmarks.growth check benchmarks/growth/growth.json results/adt/scene1 --recorded-side 704
+    python -m benchmarks.growth scene benchmarks/growth/growth.json results/adt/scene2 --recorded-side 704
+    python -m benchmarks.growth scene benchmarks/growth/growth.json results/adt/scene1 --recorded-side 704 --held-out
     python -m benchmarks.growth report benchmarks/growth/growth.json > docs/scale.md
     python -m benchmarks.growth coefficients benchmarks/growth/growth.json > src/egosplat/cost_model/coefficients.json
 
 The pipeline runs on small synthetic apartments, one factor changed at a time. Laws are fitted to the costs in each
-artifact's provenance, and extrapolated. ``measure`` skips points that the file already has. ``check`` adds a finished
-scene that no law is fitted to.
+artifact's provenance, and extrapolated. ``measure`` skips points that the file already has. ``scene`` adds a finished
+scene of full size, to the fit or as a check of it.
 """
 
 import json
@@ -21,7 +22,7 @@ from benchmarks.common import output_of
 from benchmarks.growth import scene, store
 from benchmarks.growth.assumptions import Assumptions
 from benchmarks.growth.coefficients import coefficients
-from benchmarks.growth.design import POINTS, Point
+from benchmarks.growth.design import POINTS, STAGES, Point
 from benchmarks.growth.page import page
 from benchmarks.growth.readings import Run, read_runs
 from egosplat.artifacts import usage
@@ -72,15 +73,17 @@ def _published() -> dict[str, float]:
     return json.loads(output_of("benchmarks.growth.published", OMP_NUM_THREADS="1"))
 
 
-@main.command()
+@main.command("scene")
 @click.argument("results", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.option("--recorded-side", required=True, type=int, help="Of the recording's pictures [px].")
-def check(results: Path, folder: Path, recorded_side: int) -> None:
-    """Add the finished scene in FOLDER to RESULTS, as a check of the laws."""
+@click.option("--held-out", is_flag=True, help="Fit no law to it, but check the laws by it.")
+def scene_(results: Path, folder: Path, recorded_side: int, held_out: bool) -> None:
+    """Add the finished scene in FOLDER to RESULTS."""
     name = "/".join(folder.resolve().parts[-2:])
     measured = store.load(results)
-    measured.checks[name] = read_runs(folder, folder, name, recorded_side)
+    kind = measured.checks if held_out else measured.scenes
+    kind[name] = [run for run in read_runs(folder, folder, name, recorded_side) if run.stage in STAGES]
     store.save(results, measured)
 
 

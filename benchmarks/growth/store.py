@@ -7,6 +7,9 @@ from pathlib import Path
 from benchmarks.growth.readings import Run
 from egosplat.files import atomic_file
 
+# The fields that hold runs.
+RUNS = ("points", "scenes", "checks")
+
 
 @dataclass
 class Measured:
@@ -15,19 +18,21 @@ class Measured:
     Attributes:
         machine: processor and cores, as text.
         points: the runs of each point of the design, by its name.
+        scenes: runs of finished scenes that laws are fitted to as well, by scene.
         checks: runs of scenes that no law is fitted to, by scene.
         published: seconds by unit; see ``benchmarks.growth.published``.
     """
 
     machine: str = ""
     points: dict[str, list[Run]] = field(default_factory=dict)
+    scenes: dict[str, list[Run]] = field(default_factory=dict)
     checks: dict[str, list[Run]] = field(default_factory=dict)
     published: dict[str, float] = field(default_factory=dict)
 
     @property
     def runs(self) -> list[Run]:
-        """The runs of all points."""
-        return [run for runs in self.points.values() for run in runs]
+        """The runs of all points and scenes that laws are fitted to."""
+        return [run for runs in (*self.points.values(), *self.scenes.values()) for run in runs]
 
 
 def load(path: Path) -> Measured:
@@ -35,7 +40,7 @@ def load(path: Path) -> Measured:
     if not path.exists():
         return Measured()
     document = json.loads(path.read_text())
-    for kind in ("points", "checks"):
+    for kind in RUNS:
         document[kind] = {name: [Run(**run) for run in runs] for name, runs in document[kind].items()}
     return Measured(**document)
 
@@ -50,7 +55,7 @@ def save(path: Path, measured: Measured) -> None:
 def _lines(document: dict) -> str:
     parts = []
     for name, value in document.items():
-        if name in ("points", "checks"):
+        if name in RUNS:
             groups = (
                 f"  {json.dumps(key)}: [\n   " + ",\n   ".join(map(json.dumps, runs)) + "\n  ]"
                 for key, runs in value.items()
