@@ -22,8 +22,7 @@ def coefficients(measured: Measured) -> dict[str, Any]:
     units = "benchmarks/growth/growth.json, with the paper's models measured apart"
     for stage in ("segments", "view_features", "metrics"):
         laws[f"{stage}_published"] = _fitted(paper[stage], units)
-    trained = unfitted.trained_language({name: law.coefficients for name, law in fits["language"].items()})
-    for name, law in {**unfitted.LAWS, "language_trained": trained}.items():
+    for name, law in unfitted.LAWS.items():
         laws[name] = {"source": law.source, CPU: _terms(law.cpu_s), MEMORY: _terms(law.peak_memory_mb)}
         if law.assumed:
             laws[name]["assumed"] = list(law.assumed)

@@ -82,7 +82,7 @@ LAWS: Mapping[str, Mapping[str, tuple[Term, ...]]] = {
             ("iterations", "mean_gaussians", "joint"),
         ),
         MEMORY: (ONCE, ("training", "pixels"), ("training", "pixels", "mask_bytes"), ("pixels",), ("gaussians",), ("pixels", "joint"), ("gaussians", "joint")),
-        DISK: (ONCE, ("gaussians",), ("gaussians", "joint"), ("evaluated", "pixels")),
+        DISK: (ONCE, ("gaussians",), ("gaussians", "joint"), ("evaluated", "pixels"), ("evaluated", "pixels", "corrected")),
     },
     "language": {
         CPU: (ONCE, ("training", "pixels"), ("training", "gaussians"), ("views", "pixels"), ("views", "gaussians")),
@@ -111,6 +111,8 @@ KNOWN: Mapping[tuple[str, str], Mapping[Term, float]] = {
     },
     ("splats", MEMORY): {("training", "pixels"): 3 * BYTE, ("training", "pixels", "mask_bytes"): BYTE},
     ("view_features", MEMORY): {("views", "channels"): 16 * BYTE},
+    # Labels wait in memory for the end of the stage, compressed to a hundredth of 12 bytes for each pixel.
+    ("segments", MEMORY): {("kept", "pixels"): 0.12 * BYTE},
     # Codes of all Gaussians three times; the design has codes of one length alone.
     ("language", MEMORY): {("gaussians", "codes"): 12 * BYTE},
 }

@@ -26,14 +26,17 @@ def page(measured: Measured, assumed: Assumptions) -> str:
     costs = costs_of(
         with_paper_models(fits, measured.published, assumed), stages_of(paper_config()), sizes, assumed
     )
+    small = [run for runs in measured.points.values() for run in runs]
     checked = {name: joint_sizes(runs) for name, runs in measured.checks.items()}
     words = Environment(undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True)
     return words.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
         measured=measured,
         points=len(POINTS),
-        seconds=sum(run.cpu_s for run in measured.runs),
+        runs=len(small),
+        seconds=sum(run.cpu_s for run in small),
         laws={measure: tables.laws(fits, measure) for measure in (CPU, MEMORY, DISK)},
         checks={name: tables.held_against(fits, runs) for name, runs in measured.checks.items()},
+        furthest={name: tables.furthest(fits, runs) for name, runs in measured.checks.items()},
         assumed=assumed,
         units=measured.published,
         share=costs["segments"].cpu_s.value / sum(cost.cpu_s.value for cost in costs.values()),

@@ -13,6 +13,9 @@ Fits = Mapping[str, Mapping[str, Fit]]
 
 UNITS = {CPU: "s", MEMORY: "MiB", DISK: "MiB"}
 
+# Stages of a finished scene that take longer are compared in words [CPU-s].
+LONG_S = 5.0
+
 # Sizes whose coefficients are printed per thousand.
 _THOUSANDS = ("pixels", "gaussians", "points")
 
@@ -77,6 +80,17 @@ def held_against(fits: Fits, runs: Sequence[Run]) -> str:
     for law, found in sums.values():
         last += [number(law), number(found), f"{law / found:.2f}"]
     return markdown(columns, [*rows, last])
+
+
+def furthest(fits: Fits, runs: Sequence[Run]) -> dict[str, str]:
+    """By measure, the stages whose law is furthest below and above the measurement, in words; of stages that take long."""
+    long = [run for run in runs if run.cpu_s > LONG_S]
+    found = {}
+    for measure in (CPU, MEMORY):
+        ratios = {run.stage: fits[run.stage][measure].at(run.sizes) / getattr(run, measure) for run in long}
+        ends = (min(ratios, key=ratios.__getitem__), max(ratios, key=ratios.__getitem__))
+        found[measure] = " to ".join(f"{ratios[stage]:.2f} (`{stage}`)" for stage in ends)
+    return found
 
 
 def sequence(costs: Mapping[str, Cost]) -> str:

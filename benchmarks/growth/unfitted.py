@@ -46,6 +46,40 @@ class Law:
     assumed: tuple[str, ...] = ()
 
 
+# What the methods of others took on one scene (docs/methods.md): its views, pixels, Gaussians, and numbers in a code of
+# whole features.
+_METHODS = "docs/methods.md: a scene of 101 views of 512 x 512 and 100,000 Gaussians"
+_VIEWS, _PIXELS, _GAUSSIANS, _CODES = 101, 512**2, 100_000, 384
+
+# Peak memory of language without Gaussians and codes [MiB].
+_LANGUAGE_MB = 650.0
+
+
+def _means(seconds: float, memory_mb: float) -> Law:
+    """Codes in one pass over the views."""
+    held = _GAUSSIANS * _CODES
+    return Law(
+        _METHODS,
+        {("training", "gaussians", "codes"): seconds / (_VIEWS * held)},
+        {ONCE: _LANGUAGE_MB, ("gaussians", "codes"): (memory_mb - _LANGUAGE_MB) / held},
+        (MEMORY,),
+    )
+
+
+def _sampled(seconds: float, pixels: int) -> Law:
+    """Codes that are trained on sampled pixels; ``seconds`` of an iteration."""
+    memory = {ONCE: _LANGUAGE_MB, ("gaussians",): (1536 - _LANGUAGE_MB) / _GAUSSIANS}
+    return Law(_METHODS, {("language_iterations", "sampled"): seconds / pixels}, memory, (MEMORY,))
+
+
+# Two images of codes; of each Gaussian's code its value, gradient and Adam's two means.
+_TRAINED_MEMORY = {
+    ONCE: _LANGUAGE_MB,
+    ("pixels", "codes"): 8 * PIXEL,
+    ("gaussians",): 4 * KB,
+    ("gaussians", "codes"): 16 * PIXEL,
+}
+
 _SHEET = Law("a few figures", {ONCE: 100.0}, {ONCE: 334.0, ("pixels",): 300 * PIXEL}, (CPU, MEMORY))
 _RENDERED_SHEET = Law(
     "figures of rendered views", {ONCE: 100.0}, {ONCE: 1145.0, ("gaussians",): KB}, (CPU, MEMORY)
@@ -54,8 +88,8 @@ _RENDERED_SHEET = Law(
 # Laws of what the growth benchmark does not run.
 LAWS: Mapping[str, Law] = {
     "synthetic": Law(
-        "120 frames of 704 x 704: 117 CPU-s with an ideal camera; 858 MiB with a real one on two threads",
-        {ONCE: 10.0, ("filmed_frames", "filmed_pixels"): 0.9 / 704**2},
+        "704 x 704: 0.545 CPU-s a frame with an ideal camera, 1.8 with a real one; 858 MiB with a real one on two threads",
+        {ONCE: 4.0, ("filmed_frames", "filmed_pixels"): 0.545 / 704**2},
         {ONCE: 334.0, ("filmed_pixels",): 1150 * PIXEL},
     ),
     "poses_colmap": Law(
@@ -70,13 +104,17 @@ LAWS: Mapping[str, Law] = {
         {ONCE: 830.0, ("pixels",): 200 * PIXEL},
         (CPU,),
     ),
-    "instances": Law(
-        "one run: 113 kept frames of 512 x 512, masks of 51 of them: 81 CPU-s, 1,225 MiB",
-        {ONCE: 10.0, ("kept", "pixels"): 0.62 / 512**2},
-        # Bytes of a kept frame: benchmarks/instances/README.md
-        {ONCE: 1000.0, ("kept",): 1.3e6 * PIXEL, ("pixels",): 640 * PIXEL},
+    "language_projected": _means(6.0, 1126.0),
+    "language_centre": _means(24.0, 1331.0),
+    "language_clustered": _means(156.0, 2560.0),
+    "language_trained": Law(
+        _METHODS + ", codes of 9 numbers",
+        {("language_iterations", "pixels", "codes"): 0.12 / (_PIXELS * 9)},
+        _TRAINED_MEMORY,
         (MEMORY,),
     ),
+    "language_sampled": _sampled(0.11, 8192),
+    "language_networks": _sampled(0.58, 8192),
     "contact_sheet": _SHEET,
     "instances_sheet": _SHEET,
     "crops_sheet": _SHEET,
@@ -97,7 +135,7 @@ def with_paper_models(
     clip_mb = CLIP_MB - fits["view_features"][MEMORY].coefficients[ONCE]
     units: dict[tuple[str, str], dict[Term, float]] = {
         ("segments", CPU): {
-            ("kept", "sam2_area"): published["picture"],
+            ("images",): published["picture"],
             ("prompts",): published["prompt"],
             ("kept", "tracked", "sam2_area"): published["tracked"] * searched,
         },
@@ -115,14 +153,3 @@ def with_paper_models(
             without=tuple({**one, **known} for one in law.without),
         )
     return found
-
-
-def trained_language(lifted: Mapping[str, Mapping[Term, float]]) -> Law:
-    """Codes that are trained: after lifting, each iteration costs a view's lifting, and gradients as much memory again."""
-    steps = {
-        tuple("language_iterations" if name == "training" else name for name in term): factor
-        for term, factor in lifted[CPU].items()
-        if "training" in term
-    }
-    memory = {term: factor * (2 if term else 1) for term, factor in lifted[MEMORY].items()}
-    return Law("an iteration costs the lifting of a view", {**lifted[CPU], **steps}, memory, (CPU, MEMORY))

@@ -5,7 +5,7 @@ A law is a sum of terms, each a coefficient times a product of sizes (see ``size
 - ``laws``: by name, the ``source`` of the coefficients, which measures are ``assumed``, and the laws themselves. ``cpu_s`` is processor time on one core
   without a GPU [s], ``peak_memory_mb`` main memory without a GPU [MiB], ``disk_mb`` the artifact's size [MiB]. A term is
   written as its sizes joined by ``*``; ``1`` is the constant. Most laws are fitted to benchmarks/growth/growth.json: small
-  synthetic apartments, the small models, one thread of an Intel Xeon with AVX-512.
+  synthetic apartments on one thread, and four of full size; the small models, a processor with AVX-512.
 - ``busy_cores``: the cores that a stage kept busy on two cores; 1 for stages that are not listed.
 - ``rasterizer``: time with each variant of the C++ kernels against AVX-512, from benchmarks/rasterizer/README.md.
 - ``gpu_speedup``: time on one core against time on a GPU. **Assumed**; no GPU was measured.

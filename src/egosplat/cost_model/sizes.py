@@ -240,7 +240,7 @@ def _filmed(config: Config, _: Sizes) -> float:
     keys = config["synthetic"]
     exposure = keys["exposure_ms"]
     blurred = keys["camera"] == "real" if exposure == "auto" else exposure > 0
-    return keys["seconds"] * keys["fps"] * (3.6 if blurred and keys["camera_strength"] else 1)
+    return keys["seconds"] * keys["fps"] * (3.3 if blurred and keys["camera_strength"] else 1)
 
 
 # By size: its value if no input has it.

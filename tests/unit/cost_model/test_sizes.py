@@ -72,9 +72,8 @@ def test_given_sizes_come_first(artifacts):
 
 def test_the_configuration_limits_what_is_not_known():
     """Budgets stand for sizes that no input has; memory is asked for as if all were used."""
-    config = copy.deepcopy(defaults())
-    config["segments"]["max_instances"] = 400
-    config["splats"]["max_gaussians"] = 5
+    keys = {"prompting": "key_frames", "max_instances": 400}
+    config = merge(defaults(), {"segments": keys, "splats": {"max_gaussians": 5}})
     assert Sizes(config, at_most=True)["tracked"] == 1200
     assert Sizes(config)["tracked"] < 1200
     assert Sizes(config)["gaussians"] == 5
@@ -82,16 +81,38 @@ def test_the_configuration_limits_what_is_not_known():
     assert Sizes(config)["tracked"] == Sizes(config, at_most=True)["tracked"] == 6
 
 
-def test_nothing_is_tracked_where_only_single_frames_are_segmented():
-    """Tracks take most of the time of segments; the preset draft has none."""
+def test_only_what_moves_is_tracked_where_single_frames_are_segmented():
+    """Tracks took most of the time of segments. The preset draft has none, tracks of everything are many."""
     sizes = {
-        moving: Sizes(merge(defaults(), {"segments": {"track_moving": moving}}))
-        for moving in ("never", "auto")
+        name: Sizes(merge(defaults(), {"segments": keys}), given={"frames": 120})
+        for name, keys in {
+            "none": {"track_moving": "never"},
+            "moving": {"track_moving": "auto"},
+            "all": {"prompting": "key_frames"},
+        }.items()
     }
-    assert sizes["never"]["tracked"] == 0 < sizes["auto"]["tracked"]
-    assert sizes["never"]["instances"] == sizes["auto"]["instances"], (
+    assert sizes["none"]["tracked"] == sizes["none"]["moving"] == 0
+    assert 0 < sizes["moving"]["tracked"] == sizes["moving"]["moving"] < 20 < sizes["all"]["tracked"]
+    assert sizes["none"]["instances"] == sizes["moving"]["instances"], (
         "masks are merged into instances all the same"
     )
+
+
+def test_tracks_and_masks_of_frames_are_not_merged():
+    """Then instances are copied, and each mask of a frame is an instance that one frame shows."""
+    frames = {"frames": 120, "pixels": 512**2}
+    tracks = Sizes(merge(defaults(), {"segments": {"prompting": "key_frames"}}), given=frames)
+    masks = Sizes(merge(defaults(), {"instances": {"source": "tracks"}}), given=frames)
+    merged = Sizes(defaults(), given=frames)
+    for name in ("merging_iterations", "merging_pixels", "merging_gaussians", "masks", "merged_views"):
+        assert tracks[name] == masks[name] == 0 < merged[name], name
+    assert masks["views"] == masks["instances"] > 5 * merged["instances"]
+
+
+def test_codes_of_whole_features_are_as_long_as_these():
+    """Methods of others learn features that nothing compresses."""
+    whole = Sizes(merge(defaults(), {"features": {"compression": "none"}}))
+    assert whole["codes"] == 3 * whole["channels"] > Sizes(defaults())["codes"]
 
 
 def test_poses_come_from_colmap_where_the_recording_has_no_trajectory(tmp_path):
