@@ -83,8 +83,11 @@ def held_against(fits: Fits, runs: Sequence[Run]) -> str:
 
 
 def furthest(fits: Fits, runs: Sequence[Run]) -> dict[str, str]:
-    """By measure, the stages whose law is furthest below and above the measurement, in words; of stages that take long."""
-    long = [run for run in runs if run.cpu_s > LONG_S]
+    """By measure, the stages whose law is furthest below and above the measurement, in words.
+
+    Stages that take no longer than ``LONG_S`` do not count, unless all are so short.
+    """
+    long = [run for run in runs if run.cpu_s > LONG_S] or runs
     found = {}
     for measure in (CPU, MEMORY):
         ratios = {run.stage: fits[run.stage][measure].at(run.sizes) / getattr(run, measure) for run in long}

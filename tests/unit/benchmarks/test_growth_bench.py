@@ -127,7 +127,7 @@ def measured(bench):
     units = {"picture": 10.0, "prompt": 0.1, "tracked": 2.0, "crop": 0.5}
     points = made_up(bench)
     checks = {"adt/scene1": made_up(bench, 1)["centre"]}
-    return bench("store").Measured("Abacus, 2 cores", points, checks, units)
+    return bench("store").Measured("Abacus, 2 cores", points, {}, checks, units)
 
 
 def test_measured_unit_costs_replace_those_of_the_small_models(bench, measured):
