@@ -21,10 +21,15 @@ from egosplat.pipeline.variants import (
 )
 
 
+def variant_in(folder):
+    """Get the name of the variant in its folder below the scene's; None for the scene itself."""
+    return folder.split("/")[1] if folder else None
+
+
 def names_of(wildcards):
     """Get (dataset, scene, variant); the variant is None for the scene itself."""
-    folder = wildcards.get("variant")
-    return wildcards.dataset, wildcards.scene, folder.split("/")[1] if folder else None
+    variant = variant_in(wildcards.get("variant"))
+    return wildcards.dataset, wildcards.scene, variant
 
 
 def scene_of(wildcards):

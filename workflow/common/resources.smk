@@ -7,7 +7,6 @@ GPU; the other requests limit nothing, unless --resources is given.
 
 import shutil
 
-from snakemake.io import Wildcards
 from snakemake.resources import Resources
 
 from egosplat.cost_model import requests
@@ -36,12 +35,14 @@ def gpus(stage):
 @cache
 def time_of_step(step):
     """Get the expected time of a step [s], with the keys of its scene or variant."""
-    wildcards = Wildcards(fromdict=dict(step.wildcards))
-    if "scene" not in wildcards.keys():  # of all scenes together
+    names = dict(step.wildcards)
+    if "scene" not in names:  # of all scenes together
         scene = next(iter(scenes.values()))
         return expected_seconds(step.rule, scene.config, scene.synthetic)
-    synthetic = scene_of(wildcards).synthetic
-    return expected_seconds(step.rule, config_of(wildcards), synthetic)
+    dataset, scene = names["dataset"], names["scene"]
+    variant = variant_in(names.get("variant"))
+    synthetic = find_scene(scenes, dataset, scene).synthetic
+    return expected_seconds(step.rule, config_named(dataset, scene, variant), synthetic)
 
 
 def planned_steps():

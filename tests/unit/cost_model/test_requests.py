@@ -58,6 +58,16 @@ def test_a_larger_scene_requests_more(tmp_path):
         assert runtime_min(stage, defaults(), large, 1) > runtime_min(stage, defaults(), small, 1), stage
 
 
+def test_a_method_that_trains_requests_its_own_time(tmp_path):
+    """A variant's job asks with the keys of the variant, and each method takes its own time."""
+    inputs = scene(tmp_path)
+    own, networks, words = (
+        runtime_min("language", with_keys("language", method=method), inputs, 1)
+        for method in ("lifted", "granular", "sparse")
+    )
+    assert networks > words > own
+
+
 def test_a_further_attempt_requests_a_multiple(tmp_path):
     """A job that was killed for memory or time must not request the same again."""
     inputs = scene(tmp_path)
