@@ -44,7 +44,7 @@ LAWS: Mapping[str, Mapping[str, tuple[Term, ...]]] = {
             ("frames", "pixels"),
         ),
         MEMORY: (ONCE, ("merging_gaussians",), ("merging_pixels",), ("masks",), ("pixels",)),
-        DISK: (ONCE, ("frames", "pixels"), ("masks",)),
+        DISK: (ONCE, ("frames", "pixels"), ("merging_gaussians",)),
     },
     "view_features": {
         CPU: (ONCE, ("views",), ("views", "pixels")),
