@@ -11,7 +11,7 @@ ONCE: Term = ()
 # By stage and measure. A term stands for a loop in the stage's code.
 LAWS: Mapping[str, Mapping[str, tuple[Term, ...]]] = {
     "frames": {
-        CPU: (("frames", "recorded_pixels"), ("frames", "pixels")),
+        CPU: (("frames",), ("frames", "recorded_pixels"), ("frames", "pixels")),
         MEMORY: (ONCE, ("recorded_pixels",), ("pixels",)),
         DISK: (("frames", "pixels"), ONCE),
     },
