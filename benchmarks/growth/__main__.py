@@ -78,7 +78,7 @@ def _published() -> dict[str, float]:
 @click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.option("--recorded-side", required=True, type=int, help="Of the recording's pictures [px].")
 @click.option("--held-out", is_flag=True, help="Fit no law to it, but check the laws by it.")
-def scene_(results: Path, folder: Path, recorded_side: int, held_out: bool) -> None:
+def add_scene(results: Path, folder: Path, recorded_side: int, held_out: bool) -> None:
     """Add the finished scene in FOLDER to RESULTS."""
     name = "/".join(folder.resolve().parts[-2:])
     measured = store.load(results)
