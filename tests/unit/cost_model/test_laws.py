@@ -208,9 +208,9 @@ LONG = {"frames": 3600, "training": 3564, "pixels": 1408**2, "gaussians": 20_000
     [("splats", {"masking": "refined"}, 4.7), ("transient", {"resolution": 1408}, 3.6)],
 )
 def test_laws_predict_a_long_recording_of_large_pictures(stage, section, measured_gib):
-    """What benchmarks/long_recording measured, which is far outside of the fit."""
+    """What benchmarks/long_recording measured, which is far outside of the fit; the margin of a request covers a tenth."""
     expected = memory_mib(stage, Sizes(with_keys(stage, **section), given=LONG)) / 1024
-    assert 0.95 * measured_gib < expected < 1.3 * measured_gib
+    assert 0.9 * measured_gib < expected < 1.3 * measured_gib
 
 
 def test_no_more_pictures_and_masks_are_in_memory_than_training_holds():
