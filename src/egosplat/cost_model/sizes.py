@@ -23,6 +23,9 @@ SMALL_SIDE, SAM2_SIDE = 320, 1024
 TYPICAL_TRACKED, TYPICAL_MOVING, TYPICAL_MASKS, TYPICAL_MERGED, MERGED_SEEN = 150, 11, 75, 300, 0.175
 MERGING_GAUSSIANS = 60_000
 
+# Points of a frame where segments.point_prompts is depth (docs/methods.md).
+PROMPTS_BY_DEPTH = 1720
+
 # Assumed frames of a recording that is not read yet: two minutes at ADT's 30 frames per second.
 UNKNOWN_FRAMES = 3600
 
@@ -129,11 +132,11 @@ def images_of_a_frame(segments: Mapping[str, Any], area: float) -> float:
     """Images of SAM2's own size that a frame counts as where it is searched: the whole frame, and its crops.
 
     Args:
-        segments: keys of the section.
+        segments: keys of the section; recorded ones may be older than ``point_prompts``.
         area: of the whole frame as SAM2 sees it, as a multiple of its own.
     """
     side = segments["crops_per_side"]
-    return area + (side**2 if side > 1 else 0)
+    return area + (side**2 if side > 1 and segments.get("point_prompts") != "depth" else 0)
 
 
 def _searched(config: Config, sizes: Sizes) -> float:
@@ -150,9 +153,11 @@ def _images(config: Config, sizes: Sizes) -> float:
 
 
 def _prompts(config: Config, sizes: Sizes) -> float:
-    """A grid of points in each image that is searched."""
+    """Points in each image that is searched: those of a grid, or as many as depth asks for."""
+    keys = config["segments"]
     searched = sizes["images"] if _single_frames(config) else _searched(config, sizes)
-    return searched * config["segments"]["points_per_side"] ** 2
+    by_depth = _single_frames(config) and keys["point_prompts"] == "depth"
+    return searched * (PROMPTS_BY_DEPTH if by_depth else keys["points_per_side"] ** 2)
 
 
 def _labelled(config: Config, sizes: Sizes) -> float:

@@ -109,6 +109,15 @@ def test_tracks_and_masks_of_frames_are_not_merged():
     assert masks["views"] == masks["instances"] > 5 * merged["instances"]
 
 
+def test_prompts_by_depth_are_many_in_the_frame_alone():
+    """GAGS prompts no crops; SAM2 then takes twice the time of a grid and its crops (docs/methods.md)."""
+    grid, depth = (
+        Sizes(merge(defaults(), {"segments": {"point_prompts": kind}}), given={"kept": 100})
+        for kind in ("grid", "depth")
+    )
+    assert depth["images"] < grid["images"] and depth["prompts"] > 2 * grid["prompts"]
+
+
 def test_codes_of_whole_features_are_as_long_as_these():
     """Methods of others learn features that nothing compresses."""
     whole = Sizes(merge(defaults(), {"features": {"compression": "none"}}))
