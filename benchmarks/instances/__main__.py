@@ -72,11 +72,11 @@ class Scene:
         kept, _ = kept_frames(frames, folder / "survey.json")
         flags = frames.read("train") & kept, frames.read("evaluation"), poses.read("registered")
         training = split_views(*flags).training
-        self.valid, self.pose = frames.read("valid"), poses.read("camera_to_world")
+        self.valid = frames.read("valid")
         self.rows = np.flatnonzero(kept & poses.read("registered"))[::FRAME_STEP]
         tracks = MovingTracks(self.segments)
         with TemporaryDirectory() as work:
-            self.gaussians, views = train_geometry(
+            self.gaussians, views, self.pose = train_geometry(
                 frames,
                 poses,
                 training,
