@@ -69,9 +69,8 @@ def rows(folder: Path) -> Iterator[tuple[object, ...]]:
         for decoded, rendered in RENDERED.items():
             scene = replace(asked.asker.scene, code=codes.code, share=codes.share, decoded=decoded)
             begun, hit_region = time.process_time(), asked.options.hit_region
-            answers = run_queries(
-                asked.queries, asked.evaluation, scene, asked.asker.texts, asked.options, hit_region
-            )
+            asker = Asker.of(scene, asked.asker.texts, asked.options)
+            answers = run_queries(asked.queries, asked.evaluation, asker, hit_region)
             found = [answer.score.groups["all"] for answer in answers]
             spent = time.process_time() - begun
             scores = (f"{100 * np.mean([getattr(one, key) for one in found]):.1f}" for key in ("hit", "iou"))

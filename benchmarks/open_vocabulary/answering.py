@@ -40,7 +40,7 @@ def answer_scene(folder: Path, config: Config) -> list[Answered]:
     of_query = {id(one.query): one for one in questions}
     queries = [one.query for one in questions]
     asker = open_asker(sources, (query.category for query in queries), options)
-    answers = run_queries(queries, evaluation, asker.scene, asker.texts, options, options.hit_region)
+    answers = run_queries(queries, evaluation, asker, options.hit_region)
     return [Answered(of_query[id(one.query)], one.score.groups["all"]) for one in answers]
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from egosplat.errors import UserError
 from egosplat.models.configs import SMALL, sam2_side
-from egosplat.pipeline.config import Config
+from egosplat.pipeline.config import DEPTH, Config
 
 # Levels of instances.
 LEVELS = 3
@@ -136,7 +136,7 @@ def images_of_a_frame(segments: Mapping[str, Any], area: float) -> float:
         area: of the whole frame as SAM2 sees it, as a multiple of its own.
     """
     side = segments["crops_per_side"]
-    return area + (side**2 if side > 1 and segments.get("point_prompts") != "depth" else 0)
+    return area + (side**2 if side > 1 and segments.get("point_prompts") != DEPTH else 0)
 
 
 def _searched(config: Config, sizes: Sizes) -> float:
@@ -156,7 +156,7 @@ def _prompts(config: Config, sizes: Sizes) -> float:
     """Points in each image that is searched: those of a grid, or as many as depth asks for."""
     keys = config["segments"]
     searched = sizes["images"] if _single_frames(config) else _searched(config, sizes)
-    by_depth = _single_frames(config) and keys["point_prompts"] == "depth"
+    by_depth = _single_frames(config) and keys["point_prompts"] == DEPTH
     return searched * (PROMPTS_BY_DEPTH if by_depth else keys["points_per_side"] ** 2)
 
 

@@ -9,9 +9,6 @@ from egosplat.evaluation.scores import QueryScore, score_query
 from egosplat.geometry import Array
 from egosplat.progress import track
 from egosplat.query.answer import Answer, Asker
-from egosplat.query.options import QueryOptions
-from egosplat.query.scene import QueryScene
-from egosplat.query.text import Texts
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,18 +34,16 @@ class AnsweredQuery:
 def run_queries(
     queries: Sequence[Query],
     evaluation: Evaluation,
-    scene: QueryScene,
-    texts: Texts,
-    options: QueryOptions,
+    asker: Asker,
     hit_region: str,
 ) -> Iterator[AnsweredQuery]:
     """Answer and score all queries, each in its frame.
 
     Args:
         queries: queries in frames with a pose.
+        asker: of a scene, with the queries among its texts.
         hit_region: see ``egosplat.evaluation.localization.target_area``.
     """
-    asker = Asker.of(scene, texts, options)
     # Frame by frame, because a frame is rendered once for all its queries.
     queried = {query.frame for query in queries}
     frames = [frame for frame in evaluation.frames if frame.index in queried]

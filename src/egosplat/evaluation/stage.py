@@ -47,6 +47,7 @@ from egosplat.evaluation.scores import GroupScore, summarise
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.output_files import check_output
 from egosplat.progress import log
+from egosplat.query.answer import Asker
 from egosplat.query.scene import read_scene
 from egosplat.query.text import encode_texts, load_clip_of, open_encoded
 
@@ -91,7 +92,8 @@ def run(
     queries = find_asked_queries(annotations, evaluation.valid, options, evaluation.frames)
     texts = encode_texts(clip, sorted({query.category for query in queries}), options.canonical)
     scene = read_scene(splats, language, encoded, options.backend)
-    answered = list(run_queries(queries, evaluation, scene, texts, options, options.hit_region))
+    asker = Asker.of(scene, texts, options)
+    answered = list(run_queries(queries, evaluation, asker, options.hit_region))
     phrases = presence_phrases(queries, evaluation.instances, options.negatives)
     presence_queries = ask_presence(*phrases, evaluation, scene, clip, options)
     presence = presence_entry(presence_queries, options.min_score)
