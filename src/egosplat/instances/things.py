@@ -14,6 +14,9 @@ Floats = NDArray[np.float32]
 _FEW_MASKS = 3
 """Things of fewer masks keep them all: two masks that disagree do not tell which of them is wrong."""
 
+_SURE_FRAMES = 3
+"""Frames with a mask of a thing from which its masks count in full: a single wrong mask must not displace what many frames show."""
+
 
 def find_things(
     masks: LiftedMasks, run: Ints, weight: Floats, keys: InstancesOptions
@@ -118,10 +121,19 @@ def _holds(masks: LiftedMasks, chosen: Ints, inside: float) -> NDArray[np.bool_]
 
 
 def beliefs(masks: LiftedMasks, thing: Ints) -> sparse.csr_array:
-    """(N, K) share of each Gaussian's weight, over all frames, in the masks of each of the K things."""
+    """(N, K) share of each Gaussian's weight that the masks of each of the K things hold, in the frames of these masks.
+
+    Frames in which a thing is visible but has no mask do not count against it: a segmenter misses small things often, and what they
+    lie on seldom. The share of a thing of fewer than ``_SURE_FRAMES`` frames is smaller in proportion.
+    """
     voting = np.flatnonzero(thing >= 0)
     count = int(thing.max(initial=-1)) + 1
     ones = np.ones(len(voting), np.float32)
     which = sparse.csr_array((ones, (voting, thing[voting])), (len(thing), count))
-    seen = masks.seen.sum(0)
-    return sparse.csr_array((masks.votes @ which).multiply(1.0 / np.maximum(seen, LEAST_SEEN)[:, None]))
+    shares = sparse.csc_array(masks.votes @ which)
+    for name in range(count):
+        span = slice(shares.indptr[name], shares.indptr[name + 1])
+        frames = np.unique(masks.frame[thing == name])
+        seen = masks.seen[np.ix_(frames, shares.indices[span])].sum(0)
+        shares.data[span] *= min(1.0, len(frames) / _SURE_FRAMES) / np.maximum(seen, LEAST_SEEN)
+    return sparse.csr_array(shares)

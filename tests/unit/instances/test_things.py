@@ -73,11 +73,24 @@ def test_no_mask_gives_no_instance(cut):
     assert things(masks, cut=cut) == []
 
 
-def test_beliefs_are_shares_of_the_seen_weight():
-    """A Gaussian in both of its two frames' masks belongs to the thing fully; in one of them, half."""
-    masks = lifted([TABLE, TABLE[:2], WALL], [0, 1, 1], [ALL, ALL])
-    found = beliefs(masks, np.array([0, 0, -1])).toarray()[:, 0]
-    assert found.tolist() == [1, 1, 0.5, 0.5, 0, 0, 0, 0, 0, 0]
+def test_beliefs_are_shares_of_the_weight_in_frames_with_masks():
+    """A Gaussian in the masks of all three frames belongs to the thing fully; in those of one, by a third."""
+    masks = lifted([TABLE, TABLE[:2], TABLE[:2], WALL], [0, 1, 2, 3], [ALL] * 4)
+    found = beliefs(masks, np.array([0, 0, 0, -1])).toarray()[:, 0]
+    assert found == pytest.approx([1, 1, 1 / 3, 1 / 3, 0, 0, 0, 0, 0, 0])
+
+
+def test_what_is_often_missed_is_not_outvoted_by_what_it_lies_on():
+    """The table's masks cover half of it in six of ten frames; it has masks in three."""
+    masks = lifted([TABLE] * 6 + [TABLE[2:]] * 4 + [TABLE[:2]] * 3, [*range(10), 7, 8, 9], [ALL] * 10)
+    table, lying = beliefs(masks, np.array([0] * 10 + [1] * 3)).toarray().T
+    assert (lying[:2] > table[:2]).all() and (table[2:4] == 1).all()
+
+
+def test_a_single_wrong_mask_does_not_displace_what_many_frames_show():
+    masks = lifted([TABLE] * 5 + [TABLE[:2]], [*range(5), 5], [ALL] * 6)
+    table, wrong = beliefs(masks, np.array([0] * 5 + [1])).toarray().T
+    assert (wrong[:2] == pytest.approx(1 / 3)) and (table[:2] == 1).all()
 
 
 def test_gaussians_that_no_frame_has_seen_belong_to_nothing():
