@@ -39,6 +39,9 @@ class MovingTracker(Tracker):
     ends in frames in which its mean probability is low, and it takes more to keep a track than to start one.
     """
 
+    # What moves again later is prompted again. Or else the time would grow with tracks times frames.
+    _LOST_TRACKS_END = True
+
     def __init__(
         self,
         sam2: Sam2,

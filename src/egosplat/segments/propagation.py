@@ -99,16 +99,21 @@ class Group:
 class Propagator:
     """Propagates groups of objects from frame to frame, forwards or backwards."""
 
-    def __init__(self, sam2: Sam2, frames: int, lost_track_stride: int = 1) -> None:
+    def __init__(
+        self, sam2: Sam2, frames: int, lost_track_stride: int = 1, *, lost_tracks_end: bool = False
+    ) -> None:
         """Set up for a video.
 
         Args:
             frames: number of frames of the video.
             lost_track_stride: search for an object that was not seen for this many frames only in every frame whose
                 index is a multiple of it. In the other frames it counts as absent and its memory stays as it was.
+            lost_tracks_end: whether an object that was not seen for as many frames as SAM2's memory holds is never
+                searched for again.
         """
         self._model = sam2.video_predictor
         self._frames, self._lost_track_stride = frames, lost_track_stride
+        self._patience = self._model.max_obj_ptrs_in_encoder if lost_tracks_end else frames
 
     def begin(self, encoded: EncodedImage, frame: int, ids: list[int], logits: Tensor) -> Group:
         """Start a group from the (K, M, M) logits of its objects in one frame, at the size of the model's masks."""
@@ -179,7 +184,11 @@ class Propagator:
         """Places in the batch of the objects to search for in a frame."""
         stride = self._lost_track_stride
         # Frame indices, not the age of a track: lost tracks of all groups are then searched for in the same frames.
-        return [place for place, unseen in enumerate(group.unseen) if unseen < stride or frame % stride == 0]
+        return [
+            place
+            for place, unseen in enumerate(group.unseen)
+            if unseen < stride or (unseen < self._patience and frame % stride == 0)
+        ]
 
     def _track(
         self,

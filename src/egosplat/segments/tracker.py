@@ -26,6 +26,9 @@ from egosplat.segments.propagation import Accepts, Propagator, restart
 class Tracker:
     """Tracks all levels of a video with SAM2 at once, so that each frame is encoded once per direction."""
 
+    # Whether an object that is out of view for long is no longer searched for.
+    _LOST_TRACKS_END = False
+
     def __init__(
         self,
         sam2: Sam2,
@@ -45,7 +48,9 @@ class Tracker:
         self._levels = [Level() for _ in LEVELS]
         self._instances: list[Track] = []
         self._labels = LabelMaps((len(LEVELS), *valid.shape))
-        self._propagator = Propagator(sam2, frames, options.lost_track_stride)
+        self._propagator = Propagator(
+            sam2, frames, options.lost_track_stride, lost_tracks_end=self._LOST_TRACKS_END
+        )
         self._key_frames: list[int] = []
         self._ahead = self._back = 0
         side = sam2.video_predictor.image_size // 4  # of SAM2's low-resolution masks
