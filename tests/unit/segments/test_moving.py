@@ -100,6 +100,18 @@ def test_a_track_is_lost_where_nothing_moves_and_found_again(sam2, images):
     assert shown == [True, True, False, True, True]
 
 
+def test_time_does_not_grow_with_tracks_times_frames(sam2, images, monkeypatch):
+    """What is out of view for longer than SAM2's memory is prompted again, as another track; SAM2's tracker goes on."""
+    moves = probability(0, 3, 4)
+    monkeypatch.setattr(sam2.video_predictor, "max_obj_ptrs_in_encoder", 2)
+    options = replace(OPTIONS, lost_track_stride=1)
+    for ends in (True, False):
+        monkeypatch.setattr(MovingTracker, "_LOST_TRACKS_END", ends)
+        found = tracker(sam2, images, moves, options).moving_tracks(lambda: None)
+        again = {found.instances[number].first_frame for number in np.unique(found.labels[3]) if number >= 0}
+        assert again == ({3} if ends else {0, 3})
+
+
 def test_tracks_that_do_not_move_after_all_are_dropped(sam2, images):
     """The mean of all training frames has to reach the threshold 0.7; it takes less to start. Frame 2 is none of them."""
     moves = probability(0)

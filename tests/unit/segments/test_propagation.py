@@ -138,6 +138,30 @@ def test_lost_objects_are_searched_only_every_stride_frames(sam2, video, monkeyp
     assert searched[7] == [0, 1]
 
 
+def test_lost_objects_end_when_the_memory_does(sam2, video, monkeypatch):
+    """An object that is lost from frame 1 on and visible again from frame 9 is found only if its track has no end."""
+    asked: dict[bool, list[int]] = {}
+
+    def track(self, encoded, frame, first_frame, begun, recent, reverse):
+        asked[self._patience < self._frames].append(frame)
+        found = torch.full((len(begun["obj_ptr"]), 64, 64), 10.0 if frame >= 9 else -10.0)
+        return found, {name: begun[name] for name in begun}
+
+    monkeypatch.setattr(Propagator, "_track", track)
+    assert sam2.video_predictor.max_obj_ptrs_in_encoder == 8
+    with sam2.compute.inference():
+        encoded = encode(sam2, video[0])
+        for ends in (False, True):
+            asked[ends] = []
+            propagator = Propagator(sam2, 20, lost_track_stride=3, lost_tracks_end=ends)
+            group = propagator.begin(encoded, 0, [0, 1], logits(video))
+            for frame in range(1, 12):
+                found = propagator.step(as_read(encoded), frame, group, reverse=False)
+            assert bool((found > 0).any()) == (not ends)
+    assert asked[True] == [1, 2, 3, 6]
+    assert asked[False] == [*asked[True], 9, 10, 11]
+
+
 def test_absent_objects_do_not_change_the_tracked_ones(sam2, video):
     with sam2.compute.inference():
         encoded = [encode(sam2, frame) for frame in video]
