@@ -20,7 +20,7 @@ SMALL_SIDE, SAM2_SIDE = 320, 1024
 # Of a furnished apartment, all levels together. Instances that SAM2 tracks: 134 in adt/scene1. On average over adt/scene1 to
 # adt/scene5 with a real camera: tracks that move, masks of one frame, instances that masks are merged into, the share of the
 # frames that show each, and the temporary Gaussians that they are merged on.
-TYPICAL_TRACKED, TYPICAL_MOVING, TYPICAL_MASKS, TYPICAL_MERGED, MERGED_SEEN = 150, 11, 75, 300, 0.175
+TYPICAL_TRACKED, TYPICAL_MOVING, TYPICAL_MASKS, TYPICAL_MERGED, MERGED_SEEN = 150, 20, 86, 400, 0.2
 MERGING_GAUSSIANS = 60_000
 
 # Points of a frame where segments.point_prompts is depth (docs/methods.md).
