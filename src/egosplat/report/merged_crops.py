@@ -77,13 +77,14 @@ def draw_merged_crops(
     for cell in cells.flat:
         cell.set_axis_off()
     merged = int(instances.read("instances/masks")[instance])
+    count_of_masks = "1 mask" if merged == 1 else f"{merged} masks"
     chosen = [*shown.get(instance, ())]
     for column, place in enumerate(evenly_spaced(len(chosen), cells.shape[1])):
         frame = chosen[place]
         rgb, before, after = frames.row("rgb", frame), *_labels(segments, instances, frame)
         mask = int(np.bincount(before[(after == instance) & (before >= 0)]).argmax())
         _draw(cells[0, column], rgb, before == mask, f"frame {frame}: mask {mask} of segments.zarr")
-        _draw(cells[1, column], rgb, after == instance, f"instance {instance}, merged from {merged} masks")
+        _draw(cells[1, column], rgb, after == instance, f"instance {instance}, merged from {count_of_masks}")
 
 
 def _labels(
