@@ -43,7 +43,7 @@ class Viewer:
         """
         self._worlds, self._load = worlds, load
         self._sessions: dict[int, Session] = {}
-        self._lock = threading.Lock()
+        self._lock, self._ended = threading.Lock(), threading.Event()
         self._server = _serve(host, port)
         self.address = f"http://{host}:{self._server.get_port()}"
         self._place_camera(worlds[0])
@@ -53,6 +53,7 @@ class Viewer:
 
     def close(self) -> None:
         """End all windows' threads and the server."""
+        self._ended.set()
         with self._lock:
             for session in self._sessions.values():
                 session.close()
@@ -79,6 +80,14 @@ class Viewer:
             session.close()
 
     def _prepare(self) -> None:
+        try:
+            self._make_ready()
+        except Exception:
+            # When the program ends, the libraries that this thread still loads go first.
+            if not self._ended.is_set():
+                raise
+
+    def _make_ready(self) -> None:
         for world in self._worlds:
             world.load_questions(self._load)
             log(f"{world.name}: {world.silence or 'ready for questions'}")

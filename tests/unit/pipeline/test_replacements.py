@@ -64,7 +64,7 @@ def record(folder, stage, attributes):
 
 
 # What the preset fast makes otherwise than balanced.
-FAST = {"frames", "segments", "view_features", "transient", "splats"}
+FAST = {"frames", "segments", "instances", "view_features", "transient", "splats"}
 
 
 @pytest.mark.parametrize(
@@ -72,12 +72,12 @@ FAST = {"frames", "segments", "view_features", "transient", "splats"}
     [
         ({}, {"preset": "fast"}, ALL, FAST),
         ({"preset": "fast"}, {}, ALL, FAST),
-        (TRACKS, {"preset": "fast"} | TRACKS, ("instances.png",), {"frames", "segments"}),
+        (TRACKS, {"preset": "fast"} | TRACKS, ("instances.png",), {"frames", "segments", "instances"}),
         (
             SINGLE_FRAMES,
             {"preset": "fast"} | SINGLE_FRAMES,
             ("instances.png",),
-            {"frames", "segments", "transient"},
+            {"frames", "segments", "instances", "transient"},
         ),
         ({}, {"preset": "fast"}, ("contact_sheet.png",), {"frames"}),
         ({}, {"splats": {"iterations": 9}}, ALL, {"splats"}),
