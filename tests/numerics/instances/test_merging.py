@@ -65,7 +65,7 @@ def test_weights_that_vanish():
 @pytest.mark.numerics(
     "one frame, of one mask and of three",
     within=0.0,
-    outside="each mask is an instance, and holds a third of its Gaussians, as one of the three frames that it takes to be sure",
+    outside="each mask is an instance, a third as sure as one that three frames have masks of",
 )
 @pytest.mark.parametrize("cut", [False, True])
 @pytest.mark.parametrize("held", [[LEFT], [LEFT[:2], LEFT[2:], RIGHT]])
