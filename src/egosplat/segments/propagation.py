@@ -180,6 +180,10 @@ class Propagator:
         self._forget(group, frame)
         return logits
 
+    def ended(self, group: Group) -> bool:
+        """Whether no object of a group is searched for again: it has no mask in any later frame, and needs no memory."""
+        return min(group.unseen) >= self._patience
+
     def _searched(self, group: Group, frame: int) -> list[int]:
         """Places in the batch of the objects to search for in a frame."""
         stride = self._lost_track_stride
@@ -218,6 +222,8 @@ class Propagator:
 
     def _forget(self, group: Group, frame: int) -> None:
         """Drop memories that the memory attention of the next frames does not use."""
+        if self.ended(group):
+            group.recent.clear()
         for number, output in list(group.recent.items()):
             age = abs(frame - number) + 1
             # SAM2 attends to the mask memory of few frames, and to the object pointers of more.

@@ -147,6 +147,7 @@ class Tracker:
             [
                 (group.ids, self._propagator.step(encoded, frame, group, False, accepts))
                 for group in level.groups
+                if not self._propagator.ended(group)
             ]
             for level in self._levels
         ]
@@ -164,7 +165,7 @@ class Tracker:
             [
                 (group.ids, self._propagator.step(encoded, frame, group, True, accepts))
                 for group in level.groups
-                if group.first_frame > frame
+                if group.first_frame > frame and not self._propagator.ended(group)
             ]
             for level in self._levels
         ]

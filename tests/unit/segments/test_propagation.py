@@ -158,6 +158,7 @@ def test_lost_objects_end_when_the_memory_does(sam2, video, monkeypatch):
             for frame in range(1, 12):
                 found = propagator.step(as_read(encoded), frame, group, reverse=False)
             assert bool((found > 0).any()) == (not ends)
+            assert propagator.ended(group) == ends == (not group.recent)
     assert asked[True] == [1, 2, 3, 6]
     assert asked[False] == [*asked[True], 9, 10, 11]
 
