@@ -4,6 +4,7 @@ SAM2's own predictor keeps the output of every frame for every object. The memor
 first frame and the last few frames. Only those are kept here, and objects with the same first frame form a batch.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -113,7 +114,7 @@ class Propagator:
         """
         self._model = sam2.video_predictor
         self._frames, self._lost_track_stride = frames, lost_track_stride
-        self._patience = self._model.max_obj_ptrs_in_encoder if lost_tracks_end else frames
+        self._patience = self._model.max_obj_ptrs_in_encoder if lost_tracks_end else math.inf
 
     def begin(self, encoded: EncodedImage, frame: int, ids: list[int], logits: Tensor) -> Group:
         """Start a group from the (K, M, M) logits of its objects in one frame, at the size of the model's masks."""
@@ -191,7 +192,7 @@ class Propagator:
         return [
             place
             for place, unseen in enumerate(group.unseen)
-            if unseen < stride or (unseen < self._patience and frame % stride == 0)
+            if unseen < self._patience and (unseen < stride or frame % stride == 0)
         ]
 
     def _track(

@@ -11,7 +11,7 @@ from egosplat.compute import choose_compute
 from egosplat.models.configs import SMALL_SAM2
 from egosplat.models.image_encoder import EncodedImage, encode
 from egosplat.models.sam2_loader import Sam2, build_predictor, set_image_size
-from egosplat.segments.propagation import Propagator, restart
+from egosplat.segments.propagation import Group, Propagator, restart
 
 FRAMES = 5
 
@@ -161,6 +161,15 @@ def test_lost_objects_end_when_the_memory_does(sam2, video, monkeypatch):
             assert propagator.ended(group) == ends == (not group.recent)
     assert asked[True] == [1, 2, 3, 6]
     assert asked[False] == [*asked[True], 9, 10, 11]
+
+
+def test_a_lost_object_ends_alike_alone_and_beside_a_seen_one(sam2):
+    """Also where lost objects are searched for in every frame for longer than the memory reaches."""
+    propagator = Propagator(sam2, 40, lost_track_stride=10, lost_tracks_end=True)
+    lost, seen = Group([0], 0, {}), Group([0, 1], 0, {})
+    lost.unseen, seen.unseen = [8], [8, 0]
+    assert propagator.ended(lost) and not propagator.ended(seen)
+    assert propagator._searched(lost, 9) == [] and propagator._searched(seen, 9) == [1]
 
 
 def test_absent_objects_do_not_change_the_tracked_ones(sam2, video):
