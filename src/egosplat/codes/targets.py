@@ -102,6 +102,11 @@ class CodeTargets:
         codes, known = self.of_labels(frame, self.labels(frame)[:, pixels[:, 1], pixels[:, 0]])
         return Targets(codes.movedim(-1, 1), known)
 
+    def instances_at(self, frame: int, pixels: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the (L, P) instance with a target at some pixels of a frame, -1 for none; arguments as of ``at``."""
+        found = self.labels(frame)[:, pixels[:, 1], pixels[:, 0]].cpu().numpy()
+        return np.where(np.append(self._usable_in(frame), False)[found], found, -1)
+
     def labels(self, frame: int) -> Tensor:
         """(L, H, W) int64 instance of each pixel of a frame, -1 for none."""
         rows = self._instances.row("labels", frame)[self._levels]

@@ -7,7 +7,6 @@ from egosplat.codes.centres import look_at_centres
 from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
-from egosplat.language.projection import is_valid
 from egosplat.language.result import SEGMENTER, Coded
 from egosplat.language.views import CodeViews
 from egosplat.progress import track
@@ -25,7 +24,7 @@ def centred(
     total = torch.zeros(shape, device=views.device)
     for index in track(range(len(views)), "looking at centres", unit="view"):
         centres = look_at_centres(gaussians, views.camera, views.camera_to_world[index], settings)
-        shown = np.flatnonzero((centres.weight > 0) & is_valid(views, index, centres))
+        shown = np.flatnonzero((centres.weight > 0) & (views.weight_at(index, centres.pixel) > 0))
         rows = torch.from_numpy(centres.gaussian[shown]).to(views.device)
         found = targets.at(int(views.frame[index]), centres.pixel[shown])
         weight = found.known * torch.from_numpy(centres.weight[shown]).to(views.device)

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from egosplat.artifacts.language import GAUSSIANS
-from egosplat.codes.rendering import sum_by_label
+from egosplat.codes.centres import look_at_centres
 from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
@@ -21,8 +21,8 @@ def lifted(
 ) -> Coded:
     """Method ``lifted``: the code of the instance with the largest share of the Gaussian's weight, at each level.
 
-    A weight is alpha times transmittance times 1 - M, summed over the pixels of all views. A mean of the codes of two
-    instances would decode to a feature of neither.
+    A weight is alpha times transmittance times 1 - M at the pixel that holds the Gaussian's centre, summed over all views. A mean
+    of the codes of two instances would decode to a feature of neither, and pixels around the centre may show the neighbours.
     """
     votes, seen = instance_votes(gaussians, views, settings, targets)
     codes, shape = targets.instance_codes(), (gaussians.count, len(targets.levels))
@@ -40,7 +40,7 @@ def lifted(
 def instance_votes(
     gaussians: Gaussians, views: CodeViews, settings: RenderSettings, targets: CodeTargets
 ) -> tuple[sparse.csr_array, NDArray[np.float32]]:
-    """Sum the compositing weights of each Gaussian over all views, by instance.
+    """Sum the compositing weights of each Gaussian at its centre over all views, by instance.
 
     Returns:
         (N, I) sparse float32 weights in the pixels of each instance with a code, and (N,) in all pixels [px].
@@ -48,12 +48,12 @@ def instance_votes(
     shape = (gaussians.count, len(targets.level))
     votes, seen = sparse.csr_array(shape, dtype=np.float32), np.zeros(gaussians.count, np.float32)
     for index in track(range(len(views)), "lifting", unit="view"):
-        frame, weight = int(views.frame[index]), views.weight(index)
-        labels = torch.where(targets.known(frame), targets.labels(frame), -1).cpu().numpy()
-        counted = np.ones(labels.shape[1:], np.float32) if weight is None else weight.cpu().numpy()
-        pose = views.camera_to_world[index]
-        sums, ids, total = sum_by_label(gaussians, labels, counted, views.camera, pose, settings)
-        row, column = np.nonzero(sums)
-        votes = votes + sparse.csr_array((sums[row, column], (row, ids[column])), shape)
-        seen += total
+        centres = look_at_centres(gaussians, views.camera, views.camera_to_world[index], settings)
+        weight = centres.weight * views.weight_at(index, centres.pixel)
+        # Each Gaussian has one pixel in a view.
+        seen[centres.gaussian] += weight
+        owner = targets.instances_at(int(views.frame[index]), centres.pixel)
+        level, place = np.nonzero((owner >= 0) & (weight > 0))
+        where = centres.gaussian[place], owner[level, place]
+        votes = votes + sparse.csr_array((weight[place], where), shape)
     return votes, seen

@@ -36,7 +36,8 @@ def projected(
     seen = torch.zeros(gaussians.count, device=views.device)
     for index in track(range(0, len(views), EVERY), "projecting", unit="view"):
         centres = look_at_centres(gaussians, views.camera, views.camera_to_world[index], settings)
-        shown = is_seen(centres, views.camera.width, views.camera.height) & is_valid(views, index, centres)
+        inside = is_seen(centres, views.camera.width, views.camera.height)
+        shown = inside & (views.weight_at(index, centres.pixel) > 0)
         rows = torch.from_numpy(centres.gaussian[shown]).to(views.device)
         found = targets.at(int(views.frame[index]), centres.pixel[shown])
         sums[rows] += pixel_features(found.codes)
@@ -54,14 +55,6 @@ def is_seen(centres: Centres, width: int, height: int) -> NDArray[np.bool_]:
     border, size = BORDER * width, np.array([width, height])
     inside = (np.minimum(centres.pixel, size - 1 - centres.pixel) >= border).all(axis=1)
     return inside & (abs(centres.median_depth - centres.depth) <= TOLERANCE * centres.median_depth)
-
-
-def is_valid(views: CodeViews, index: int, centres: Centres) -> NDArray[np.bool_]:
-    """(M,) bool: Gaussians whose pixel counts in a view."""
-    weight = views.weight(index)
-    if weight is None:
-        return np.ones(len(centres.pixel), bool)
-    return weight.cpu().numpy()[centres.pixel[:, 1], centres.pixel[:, 0]] > 0
 
 
 def pixel_features(codes: Tensor) -> Tensor:

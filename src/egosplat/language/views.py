@@ -45,6 +45,13 @@ class CodeViews:
         found = self.masking.frames(self.frame[index : index + 1])
         return pixel_weight(self.valid, None if found is None else found[0].to(self.device))
 
+    def weight_at(self, index: int, pixels: NDArray[np.int64]) -> NDArray[np.float32]:
+        """Return the (P,) weights of (P, 2) pixels, column and row."""
+        weight = self.weight(index)
+        if weight is None:
+            return np.ones(len(pixels), np.float32)
+        return weight.cpu().numpy()[pixels[:, 1], pixels[:, 0]]
+
 
 def select_code_views(
     frames: Artifact,

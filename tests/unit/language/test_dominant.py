@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from egosplat.artifacts.language import GAUSSIANS
+from egosplat.codes.centres import project_centres
 from egosplat.codes.rendering import render_values
 from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
@@ -32,7 +33,7 @@ def prepared(scene, opened, unrefined):
 
 
 @pytest.mark.parametrize("masked", [False, True])
-def test_votes_are_rendering_weights(wall, settings, prepared, masked):
+def test_votes_are_rendering_weights_at_centres(wall, settings, prepared, masked):
     views, targets = prepared(masked)
     votes, seen = instance_votes(wall, views, settings, targets)
     expected, total = np.zeros((wall.count, 3)), np.zeros(wall.count)
@@ -44,9 +45,13 @@ def test_votes_are_rendering_weights(wall, settings, prepared, masked):
         weight = views.weight(index)
         image = image if weight is None else image * weight[..., None]
         labels = targets.labels(int(views.frame[index]))
+        gaussian, pixel, _ = project_centres(wall, views.camera, views.camera_to_world[index], settings)
+        own = image[pixel[:, 1], pixel[:, 0], gaussian].numpy()
         for instance in range(3):
-            expected[:, instance] += image[(labels == instance).any(dim=0)].sum(dim=0).numpy()
-        total += image.sum(dim=(0, 1)).numpy()
+            expected[gaussian, instance] += (
+                own * (labels == instance).any(dim=0).numpy()[pixel[:, 1], pixel[:, 0]]
+            )
+        total[gaussian] += own
     np.testing.assert_allclose(votes.toarray(), expected, rtol=1e-4, atol=1e-4)
     np.testing.assert_allclose(seen, total, rtol=1e-4, atol=1e-4)
 
