@@ -105,33 +105,6 @@ def sum_over_pixels(
     return rasterize.sum_over_pixels(*geometry_of(gaussians), image, **view)
 
 
-def sum_by_label(
-    gaussians: Gaussians,
-    labels: NDArray[np.integer],
-    weight: NDArray[np.float32],
-    camera: Camera,
-    camera_to_world: NDArray[np.float64],
-    settings: RenderSettings,
-) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.float32]]:
-    """Sum each Gaussian's compositing weights over the pixels of each label.
-
-    Args:
-        gaussians: their geometry is used.
-        labels: (L, H, W) labels at L levels, -1 for none; no label is at two levels.
-        weight: (H, W) weight of each pixel.
-        camera, camera_to_world, settings: as in ``render_values``.
-
-    Returns:
-        (N, K) sums over the pixels of each label, (K,) the labels, and (N,) sums over all pixels [px].
-    """
-    found = [np.unique(level[level >= 0]) for level in labels]
-    masks = [level == own[:, None, None] for level, own in zip(labels, found, strict=True)]
-    image = np.concatenate([*(mask * weight for mask in masks), weight[None]])
-    pixels = torch.from_numpy(image).to(gaussians.means.device).permute(1, 2, 0)
-    sums = sum_over_pixels(gaussians, pixels, camera, camera_to_world, settings).cpu().numpy()
-    return sums[:, :-1], np.concatenate(found).astype(np.int64), sums[:, -1]
-
-
 def pixel_renderer(
     gaussians: Gaussians,
     pixels: Tensor,

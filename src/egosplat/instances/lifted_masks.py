@@ -1,14 +1,16 @@
-"""Lift masks onto Gaussians: what each mask of a frame holds of each Gaussian's compositing weight."""
+"""Lift masks onto Gaussians: in each frame, a Gaussian belongs to the mask at the pixel of its centre."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from scipy import sparse
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.codes.rendering import sum_by_label
+from egosplat.codes.centres import look_at_centres
+from egosplat.codes.rendering import sum_over_pixels
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.training_views import Views
@@ -22,6 +24,9 @@ Labels = NDArray[np.int32]
 LEAST_SEEN = 0.25
 """Compositing weight [px] from which a frame has seen a Gaussian."""
 
+_HIDDEN = 1e-3
+"""Compositing weight of a Gaussian at its centre up to which the pixel shows something else."""
+
 
 @dataclass(frozen=True, eq=False)
 class LiftedMasks:
@@ -31,8 +36,9 @@ class LiftedMasks:
         instance: (V,) int64 number of the mask's instance in segments.zarr.
         frame: (V,) int64 place of the mask's frame among the T frames.
         row: (T,) int64 the frames.
-        votes: (N, V) sparse float32, compositing weight of each Gaussian inside the mask [px].
-        seen: (T, N) float32, compositing weight of each Gaussian in all pixels that count [px].
+        votes: (N, V) sparse float32, ``seen`` of each Gaussian whose centre is inside the mask [px].
+        seen: (T, N) float32, compositing weight of each Gaussian in all pixels that count [px]; 0 where the pixel of its centre
+            does not count or shows something else.
     """
 
     instance: NDArray[np.int64]
@@ -92,9 +98,17 @@ def lift_masks(
     instance, frame, votes = [], [], []
     for place in track(range(len(frames)), "lifting masks", unit="frame"):
         labels, counted = look(int(frames[place]))
-        of_frame = np.where(counted, labels, -1), counted.astype(np.float32)
-        sums, ids, seen[place] = sum_by_label(gaussians, *of_frame, camera, camera_to_world[place], settings)
-        votes.append(sparse.csc_array(sums))
+        view = camera, camera_to_world[place], settings
+        centres = look_at_centres(gaussians, *view)
+        column, row = centres.pixel.T
+        shown = counted[row, column] & (centres.weight > _HIDDEN)
+        gaussian, found = centres.gaussian[shown], labels[:, row[shown], column[shown]]
+        pixels = torch.from_numpy(counted).to(gaussians.means)[..., None]
+        seen[place, gaussian] = sum_over_pixels(gaussians, pixels, *view)[:, 0].cpu().numpy()[gaussian]
+        ids = np.unique(found[found >= 0])
+        level, held = np.nonzero(found >= 0)
+        where = gaussian[held], np.searchsorted(ids, found[level, held])
+        votes.append(sparse.csc_array((seen[place, gaussian[held]], where), (gaussians.count, len(ids))))
         instance.append(ids)
         frame.append(np.full(len(ids), place))
     return LiftedMasks(

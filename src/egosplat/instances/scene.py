@@ -12,6 +12,7 @@ from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Camera
 from egosplat.instances.lifted_masks import MaskLifter
 from egosplat.instances.moving import MovingTracks
+from egosplat.instances.outlines import NamedMasks, keep_outlines
 from egosplat.instances.rendering import render_things
 from egosplat.instances.things import beliefs, cut_tracks, find_things, single_masks
 from egosplat.progress import log
@@ -32,6 +33,7 @@ class Scene:
         beliefs: by level, (N, K_l) share of each Gaussian's weight in the masks of each thing of the level.
         level: (K,) int8 level of each thing; the things of a level follow each other.
         masks: (K,) int32 number of merged masks.
+        named: the masks and their things.
         valid: (H, W) bool, pixels that show the scene.
         camera: at the working size.
         settings: render settings.
@@ -43,6 +45,7 @@ class Scene:
     beliefs: list[sparse.csr_array]
     level: NDArray[np.int8]
     masks: NDArray[np.int32]
+    named: NamedMasks
     valid: NDArray[np.bool_]
     camera: Camera
     settings: RenderSettings
@@ -52,11 +55,13 @@ class Scene:
         """Number of the first thing of a level."""
         return int((self.level < level).sum())
 
-    def render(self, camera_to_world: NDArray[np.float64], size: tuple[int, int]) -> Labels:
-        """(L, H, W) int32 thing of each pixel at each level, -1 for none; ``size``: H and W."""
+    def label(self, frame: int, labels: Labels, camera_to_world: NDArray[np.float64]) -> Labels:
+        """(L, H, W) int32 thing of each pixel of a frame at each level, -1 for none, from its ``labels`` in segments.zarr."""
+        size = labels.shape[1:]
         found = render_things(self.gaussians, self.beliefs, self.camera, camera_to_world, self.settings, size)
         firsts = np.array([self.first(level) for level in range(len(found))], np.int32)
-        return np.where((found >= 0) & self.valid, found + firsts[:, None, None], np.int32(-1))
+        rendered = np.where(found >= 0, found + firsts[:, None, None], np.int32(-1))
+        return np.where(self.valid, keep_outlines(rendered, self.named.drawn(frame, labels)), np.int32(-1))
 
     def strongest(self) -> Labels:
         """(N, L) int32 thing that each Gaussian belongs to most at each level, -1 for none."""
@@ -113,7 +118,7 @@ def find_scene(lifter: MaskLifter, tracks: MovingTracks) -> Scene:
         )
     weight = lifted.weight
     levels = segments.read("instances/level")
-    held, level, masks, counts = [], [], [], {}
+    held, level, masks, named, counts = [], [], [], [], {}
     for number, name in enumerate(segments.facts["levels"]):
         some = lifted.select(levels[lifted.instance] == number)
         run = single_masks(some) if keys.source == "masks" else cut_tracks(some, keys)
@@ -122,12 +127,16 @@ def find_scene(lifter: MaskLifter, tracks: MovingTracks) -> Scene:
         held.append(beliefs(some, thing))
         level.append(np.full(held[-1].shape[1], number, np.int8))
         masks.append(np.bincount(thing[thing >= 0], minlength=held[-1].shape[1]))
+        first = sum(one.shape[1] for one in held[:-1])
+        numbered = np.where(thing >= 0, thing + first, -1)
+        named.append(NamedMasks(lifted.row[some.frame], some.instance, numbered))
     return Scene(
         lifter.gaussians,
         weight,
         held,
         np.concatenate(level),
         np.concatenate(masks).astype(np.int32),
+        NamedMasks.concatenate(named),
         lifter.valid,
         lifter.views.camera,
         lifter.settings,

@@ -132,15 +132,16 @@ def _write_things(
     camera_to_world: NDArray[np.float64],
     rows: NDArray[np.intp],
 ) -> None:
-    """Render the things into the frames ``rows``, draw what moves over them in all frames, and write both."""
+    """Label the frames ``rows`` with the things, draw what moves over them in all frames, and write both."""
     shape, count = segments.shape("labels"), len(scene.level)
     nothing = np.full(shape[1:], -1, np.int32)
     shown, empty = set(rows.tolist()), 0
     with create(output, INSTANCES, record) as artifact:
         artifact.allocate("labels", shape)
         for frame in track(range(shape[0]), "writing labels"):
-            things = scene.render(camera_to_world[frame], shape[2:]) if frame in shown else nothing
-            labels = tracks.draw(segments.row("labels", frame), things, count)
+            found = segments.row("labels", frame)
+            things = scene.label(frame, found, camera_to_world[frame]) if frame in shown else nothing
+            labels = tracks.draw(found, things, count)
             artifact.put_row("labels", frame, labels)
             empty += int((labels[:, scene.valid] < 0).all(axis=0).sum()) if frame in shown else 0
         moving = np.arange(count + len(tracks.level)) >= count
