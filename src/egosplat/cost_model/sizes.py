@@ -208,7 +208,8 @@ def _dims(config: Config, sizes: Sizes) -> float:
     dims = config["features"]["dims"]
     if config["features"]["compression"] == "none":
         return sizes["channels"]
-    return 32 if dims == "auto" else dims  # more than "auto" chose for any scene
+    # "auto" chose 38 to 42 of the bundled OpenCLIP's 128.
+    return sizes["channels"] / 3 if dims == "auto" else dims
 
 
 def _sam2_area(config: Config, _: Sizes) -> float:

@@ -55,7 +55,9 @@ def test_a_larger_scene_requests_more(tmp_path):
     large = scene(tmp_path / "large", frames=1200, side=1024, gaussians=1_000_000)
     for stage in STAGES:
         assert memory_mb(stage, defaults(), large, 1) > memory_mb(stage, defaults(), small, 1), stage
-        assert runtime_min(stage, defaults(), large, 1) > runtime_min(stage, defaults(), small, 1), stage
+        # A linear basis takes seconds in any scene.
+        if stage != "features":
+            assert runtime_min(stage, defaults(), large, 1) > runtime_min(stage, defaults(), small, 1), stage
 
 
 def test_a_method_that_trains_requests_its_own_time(tmp_path):
