@@ -1,64 +1,78 @@
-"""The measured trade of speed against accuracy of a scene, from its ``tradeoff.json``, as a table.
+"""The measured trade of speed against accuracy of scenes, from their ``tradeoff.json``, as a table of means.
 
-    snakemake --cores 1 --max-threads 1 --configfile benchmarks/tradeoff/scene1.yaml -- \
-        results/adt/scene1/tradeoff/tradeoff.html
-    python -m benchmarks.tradeoff results/adt/scene1
+    snakemake --cores 1 --max-threads 1 --configfile benchmarks/tradeoff/presets.yaml -- \
+        results/adt/scene{1..5}/tradeoff/tradeoff.html
+    python -m benchmarks.tradeoff results/adt/scene{1..5}
 
-Intervals of the means are over seeds. The last two columns compare answers to the same queries with those of the scene's own
-configuration and seed, with intervals over categories.
+Costs are means over scenes. The last two columns compare answers to the same queries with those of the scenes' own configuration.
 """
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
-from benchmarks.common import command, markdown
-from benchmarks.scores import METHOD, accuracy_difference, chance, iou_difference, paired
+from benchmarks.common import command, markdown, scene_folders, scene_name
+from benchmarks.scores import METHOD, accuracy_difference, chance, iou_difference, paired, told
 from egosplat.files import read_json
-from egosplat.tables.scored_scenes import ScoredScene, read_scored_scene
-from egosplat.tradeoff.measured import MEASURES, Measure
+from egosplat.tables.paper_tables import average
+from egosplat.tables.scored_scenes import ScoredScene, check_protocol, read_scored_scene
+from egosplat.tradeoff.measured import COSTS, PSNR, Measure
+from egosplat.tradeoff.scenes import mean_of, mean_points
 
 HEADINGS = (
     "point",
-    *(f"{one.heading} [{one.unit}]" for one in MEASURES),
+    *(f"{one.heading} [{one.unit}]" for one in COSTS),
+    "accuracy [%]",
+    "mIoU [%]",
+    f"{PSNR.heading} [{PSNR.unit}]",
     "accuracy, same queries",
     "mIoU, same queries",
 )
 
 
-def cell(measure: Measure, found: dict[str, Any] | None) -> str:
-    """A mean with its interval."""
-    if found is None:
-        return "-"
-    if found["low"] is None:
-        return measure.text(found["mean"])
-    return f"{measure.text(found['mean'])} ({measure.text(found['low'])} to {measure.text(found['high'])})"
+def read(folder: Path, variant: str | None) -> ScoredScene:
+    """Read the scores of a scene, or of one of its variants."""
+    return read_scored_scene((folder / "variants" / variant if variant else folder) / "metrics.json")
 
 
-def row(point: dict[str, Any], folder: Path, scene: ScoredScene) -> list[str]:
+def mean(point: Mapping[str, Any], measure: Measure) -> str:
+    """The mean of a measure."""
+    found = mean_of(point, measure)
+    return "-" if found is None else f"{found:.{measure.decimals}f}"
+
+
+def row(point: Mapping[str, Any], scenes: Mapping[Path, ScoredScene]) -> list[str]:
     """A point's row; its name is bold on the Pareto front of time and accuracy."""
-    name = f"**{point['label']}**" if point["front"] else point["label"]
+    scored = {folder: read(folder, point["variant"]) for folder in scenes}
+    check_protocol([*scenes.values(), *scored.values()])
+    named = {scene_name(folder): one for folder, one in scored.items()}
     compared = ["", ""]
     if point["variant"]:
-        own = read_scored_scene(folder / "variants" / point["variant"] / "metrics.json")
-        compared = [accuracy_difference([paired(own, scene)]), iou_difference([paired(own, scene)])]
-    return [name, *(cell(one, point["measures"][one.name]) for one in MEASURES), *compared]
+        pairs = [paired(scored[folder], scene) for folder, scene in scenes.items()]
+        compared = [accuracy_difference(pairs), iou_difference(pairs)]
+    return [
+        f"**{point['label']}**" if point["front"] else point["label"],
+        *(mean(point, one) for one in COSTS),
+        *(told(average(named, score, "all")) for score in ("accuracy", "mean_iou")),
+        mean(point, PSNR),
+        *compared,
+    ]
 
 
 @command(__doc__)
-@click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
-def main(folder: Path) -> None:
+@scene_folders
+def main(folders: Sequence[Path]) -> None:
     """Print the table."""
-    found = read_json(folder / "tradeoff/tradeoff.json")
-    scene = read_scored_scene(folder / "metrics.json")
-    intervals = f", with {100 * found['confidence']:g} % intervals"
-    runs = f"Means of {found['seeds']} runs{intervals}" if found["seeds"] > 1 else "One run each"
+    documents = [read_json(folder / "tradeoff/tradeoff.json") for folder in folders]
+    scenes = {folder: read(folder, None) for folder in folders}
+    machines = sorted({name for document in documents for name in document["machines"]})
     click.echo(
-        f"{found['scene']}: {found['about']}; {'; '.join(found['machines'])}. {runs}. Bold: on the Pareto front of time and "
-        f"accuracy. Intervals of means are over seeds. {chance([scene])} The same queries: {METHOD}\n"
+        f"{', '.join(map(scene_name, folders))}: {documents[0]['about']}; {'; '.join(machines)}. Bold: on the Pareto front of "
+        f"time and accuracy. {METHOD} {chance([*scenes.values()])}\n"
     )
-    click.echo(markdown(HEADINGS, [row(point, folder, scene) for point in found["points"]]))
+    click.echo(markdown(HEADINGS, [row(point, scenes) for point in mean_points(documents)]))
 
 
 if __name__ == "__main__":
