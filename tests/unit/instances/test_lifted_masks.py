@@ -44,7 +44,7 @@ def test_what_a_surface_hides_at_its_centre_is_not_seen():
     """Its edge may be visible; what is there says nothing about the pixel of its centre."""
     hidden = blobs([[0, 0, 4], [0, 0, 2], [0, 0, 2.1]], [0.9, 0.9999, 0.9999], size=0.3)
     labels = np.full((1, 24, 32), LEFT, np.int32)
-    look = lambda _: (labels, np.ones((24, 32), bool))  # noqa: E731
+    look = lambda _: (labels, np.ones((24, 32), bool))
     found = lift_masks(hidden, look, np.array([0]), np.eye(4)[None], CAMERA, SETTINGS)
     image, _ = render_values(hidden, torch.eye(3), CAMERA, np.eye(4), SETTINGS)
     assert float(image[..., 0].sum()) > 0.05
