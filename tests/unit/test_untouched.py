@@ -26,6 +26,7 @@ REPORTS = {
     "benchmarks/presence/README.md",
     "benchmarks/real_camera/README.md",
     "benchmarks/survey/README.md",
+    "benchmarks/tradeoff/README.md",
     "benchmarks/transient/README.md",
 }
 """Files that may name them: the table, its description, and pages of scores."""
