@@ -66,7 +66,7 @@ def test_a_user_variant_is_made_next_to_the_scene(workdir):
 
 def test_a_step_is_expected_to_take_the_time_of_its_variant(workdir):
     """The stage ends at once, for no features have so many channels."""
-    keys = "variants: {slow: {features: {dims: 4096, epochs: 100000000}}}"
+    keys = "variants: {slow: {features: {compression: autoencoder, dims: 4096, epochs: 100000000}}}"
     (workdir.folder / "mine.yaml").write_text(keys)
     done = workdir.snakemake("mine.yaml", "--", f"{VARIANT}/slow/features.zarr")
     said = done.stdout + done.stderr
