@@ -99,7 +99,7 @@ def lift_masks(
     for place in track(range(len(frames)), "lifting masks", unit="frame"):
         labels, counted = look(int(frames[place]))
         view = camera, camera_to_world[place], settings
-        centres = look_at_centres(gaussians, *view)
+        centres = look_at_centres(gaussians, *view, median=False)
         column, row = centres.pixel.T
         shown = counted[row, column] & (centres.weight > _HIDDEN)
         gaussian, found = centres.gaussian[shown], labels[:, row[shown], column[shown]]

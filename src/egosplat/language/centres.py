@@ -23,7 +23,8 @@ def centred(
     sums = torch.zeros(*shape, targets.channels, device=views.device)
     total = torch.zeros(shape, device=views.device)
     for index in track(range(len(views)), "looking at centres", unit="view"):
-        centres = look_at_centres(gaussians, views.camera, views.camera_to_world[index], settings)
+        pose = views.camera_to_world[index]
+        centres = look_at_centres(gaussians, views.camera, pose, settings, median=False)
         shown = np.flatnonzero((centres.weight > 0) & (views.weight_at(index, centres.pixel) > 0))
         rows = torch.from_numpy(centres.gaussian[shown]).to(views.device)
         found = targets.at(int(views.frame[index]), centres.pixel[shown])

@@ -48,7 +48,8 @@ def instance_votes(
     shape = (gaussians.count, len(targets.level))
     votes, seen = sparse.csr_array(shape, dtype=np.float32), np.zeros(gaussians.count, np.float32)
     for index in track(range(len(views)), "lifting", unit="view"):
-        centres = look_at_centres(gaussians, views.camera, views.camera_to_world[index], settings)
+        pose = views.camera_to_world[index]
+        centres = look_at_centres(gaussians, views.camera, pose, settings, median=False)
         weight = centres.weight * views.weight_at(index, centres.pixel)
         # Each Gaussian has one pixel in a view.
         seen[centres.gaussian] += weight
