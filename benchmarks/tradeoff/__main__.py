@@ -19,7 +19,7 @@ from egosplat.files import read_json
 from egosplat.tables.paper_tables import average
 from egosplat.tables.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 from egosplat.tradeoff.measured import COSTS, PSNR, Measure
-from egosplat.tradeoff.scenes import mean_of, mean_points
+from egosplat.tradeoff.scenes import mean_points
 
 HEADINGS = (
     "point",
@@ -39,8 +39,8 @@ def read(folder: Path, variant: str | None) -> ScoredScene:
 
 def mean(point: Mapping[str, Any], measure: Measure) -> str:
     """The mean of a measure."""
-    found = mean_of(point, measure)
-    return "-" if found is None else f"{found:.{measure.decimals}f}"
+    found = point["measures"][measure.name]
+    return measure.text(found and found["mean"])
 
 
 def row(point: Mapping[str, Any], scenes: Mapping[Path, ScoredScene]) -> list[str]:
