@@ -32,11 +32,6 @@ HEADINGS = (
 )
 
 
-def read(folder: Path, variant: str | None) -> ScoredScene:
-    """Read the scores of a scene, or of one of its variants."""
-    return read_scored_scene((folder / "variants" / variant if variant else folder) / "metrics.json")
-
-
 def mean(point: Mapping[str, Any], measure: Measure) -> str:
     """The mean of a measure."""
     found = point["measures"][measure.name]
@@ -45,13 +40,16 @@ def mean(point: Mapping[str, Any], measure: Measure) -> str:
 
 def row(point: Mapping[str, Any], scenes: Mapping[Path, ScoredScene]) -> list[str]:
     """A point's row; its name is bold on the Pareto front of time and accuracy."""
-    scored = {folder: read(folder, point["variant"]) for folder in scenes}
-    check_protocol([*scenes.values(), *scored.values()])
-    named = {scene_name(folder): one for folder, one in scored.items()}
-    compared = ["", ""]
+    scored, compared = scenes, ["", ""]
     if point["variant"]:
+        scored = {
+            folder: read_scored_scene(folder / "variants" / point["variant"] / "metrics.json")
+            for folder in scenes
+        }
+        check_protocol([*scenes.values(), *scored.values()])
         pairs = [paired(scored[folder], scene) for folder, scene in scenes.items()]
         compared = [accuracy_difference(pairs), iou_difference(pairs)]
+    named = {scene_name(folder): one for folder, one in scored.items()}
     return [
         f"**{point['label']}**" if point["front"] else point["label"],
         *(mean(point, one) for one in COSTS),
@@ -66,7 +64,8 @@ def row(point: Mapping[str, Any], scenes: Mapping[Path, ScoredScene]) -> list[st
 def main(folders: Sequence[Path]) -> None:
     """Print the table."""
     documents = [read_json(folder / "tradeoff/tradeoff.json") for folder in folders]
-    scenes = {folder: read(folder, None) for folder in folders}
+    scenes = {folder: read_scored_scene(folder / "metrics.json") for folder in folders}
+    check_protocol([*scenes.values()])
     machines = sorted({name for document in documents for name in document["machines"]})
     click.echo(
         f"{', '.join(map(scene_name, folders))}: {documents[0]['about']}; {'; '.join(machines)}. Bold: on the Pareto front of "

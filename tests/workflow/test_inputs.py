@@ -64,11 +64,13 @@ def test_a_dry_run_with_another_preset_says_what_it_would_replace_and_how_to_kee
     made.mkdir(parents=True)
     about = {"egosplat": {"provenance": {"stage": "frames", "options": options}}}
     (made / "zarr.json").write_text(json.dumps({"attributes": about}))
-    done = workdir.snakemake("--dry-run", "--config", "preset=fast", "--", FRAMES)
+    done = workdir.snakemake("--dry-run", "--config", "preset=accurate", "--", FRAMES)
     assert done.returncode == 0, done.stderr
     said = [line for line in done.stderr.splitlines() if line.startswith("egosplat: ")]
     (first,) = [line for line in said if "replaces frames.zarr" in line]
-    assert "preset balanced -> fast" in first and "frames.resolution 512 -> 256" in first
-    assert any("snakemake --cores 2 results/mine/scene/variants/fast/metrics.json" in line for line in said)
-    graph = workdir.snakemake("--rulegraph", "--config", "preset=fast", "--", FRAMES)
+    assert "preset balanced -> accurate" in first and "frames.resolution 512 -> 704" in first
+    assert any(
+        "snakemake --cores 2 results/mine/scene/variants/accurate/metrics.json" in line for line in said
+    )
+    graph = workdir.snakemake("--rulegraph", "--config", "preset=accurate", "--", FRAMES)
     assert "replaces" not in graph.stderr, "nothing is replaced by a picture of the rules"

@@ -199,8 +199,9 @@ def _full_names(stage: str) -> dict[str, str]:
 
 
 def _preset_of(records: Mapping[str, Mapping[str, Any]], asked: Asked) -> str | None:
-    """Find the preset that explains all recorded options, or None."""
-    for preset in configuration.schema("config")["properties"]["preset"]["enum"]:
+    """Find the preset that explains all recorded options, the default before the others, or None."""
+    about = configuration.schema("config")["properties"]["preset"]
+    for preset in sorted(about["enum"], key=lambda name: name != about["default"]):
         config = asked.with_preset(preset)
         if not any(_changes(stage, options, config) for stage, options in records.items()):
             return preset

@@ -97,9 +97,9 @@ def test_the_shipped_configuration_sets_no_stage_key():
 
 
 def test_user_overrides_preset_overrides_defaults():
-    resolved = config.resolve({"preset": "fast", "frames": {"resolution": 300}}, PRESETS)
+    resolved = config.resolve({"preset": "draft", "frames": {"resolution": 300}}, PRESETS)
     assert resolved["frames"]["resolution"] == 300
-    assert resolved["splats"]["iterations"] == 1500
+    assert resolved["splats"]["iterations"] == 1000
     assert resolved["frames"]["focal"] == 460.0
 
 

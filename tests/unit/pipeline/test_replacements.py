@@ -63,30 +63,30 @@ def record(folder, stage, attributes):
     file.write_text(json.dumps(attributes))
 
 
-# What the preset fast makes otherwise than balanced.
-FAST = {"frames", "segments", "instances", "view_features", "transient", "splats"}
+# What the preset accurate makes otherwise than balanced.
+ACCURATE = {"frames", "segments", "transient", "splats"}
 
 
 @pytest.mark.parametrize(
     "made, now, goals, replaced",
     [
-        ({}, {"preset": "fast"}, ALL, FAST),
-        ({"preset": "fast"}, {}, ALL, FAST),
-        (TRACKS, {"preset": "fast"} | TRACKS, ("instances.png",), {"frames", "segments", "instances"}),
+        ({}, {"preset": "accurate"}, ALL, ACCURATE),
+        ({"preset": "accurate"}, {}, ALL, ACCURATE),
+        (TRACKS, {"preset": "accurate"} | TRACKS, ("instances.png",), {"frames", "segments"}),
         (
             SINGLE_FRAMES,
-            {"preset": "fast"} | SINGLE_FRAMES,
+            {"preset": "accurate"} | SINGLE_FRAMES,
             ("instances.png",),
-            {"frames", "segments", "instances", "transient"},
+            {"frames", "segments", "transient"},
         ),
-        ({}, {"preset": "fast"}, ("contact_sheet.png",), {"frames"}),
+        ({}, {"preset": "accurate"}, ("contact_sheet.png",), {"frames"}),
         ({}, {"splats": {"iterations": 9}}, ALL, {"splats"}),
         ({}, {"splats": {"iterations": 9}}, ("features.zarr",), set()),
         ({}, {"splats": {"iterations": 9}}, ("tradeoff/tradeoff.html",), {"splats"}),
         ({}, {"query": {"box_filter": 0.0}}, ALL, {"metrics"}),
         ({}, {"query": {"box_filter": 0.0}}, ("splats.png",), set()),
         ({}, {"models": {"precision": "float32"}}, ALL, {"segments", "view_features", "metrics"}),
-        ({"preset": "fast"}, {"preset": "fast"}, ALL, set()),
+        ({"preset": "accurate"}, {"preset": "accurate"}, ALL, set()),
         ({}, {"preset": "balanced", "splats": {"iterations": 3000}}, ALL, set()),
         ({}, {"data_root": {"adt": "/x"}, "tradeoff": {"seeds": []}}, ALL, set()),
         ({}, {"splats": {"masking": "none"}}, ("splats.png",), {"splats"}),
@@ -100,14 +100,16 @@ def test_the_artifacts_that_were_made_with_other_keys_are_named(scene, made, now
 
 
 def test_another_preset_is_named_with_its_variant(scene):
-    asked = scene({"preset": "fast"})
+    asked = scene({"preset": "accurate"})
     told, way = replacement_notices([asked])
     assert told.startswith(f"{asked.folder}: this run replaces frames.zarr, transient.zarr, segments.zarr,")
     assert (
-        "preset balanced -> fast" in told and "frames.resolution 512 -> 256" in told and "more keys" in told
+        "preset balanced -> accurate" in told
+        and "frames.resolution 512 -> 704" in told
+        and "more keys" in told
     )
     assert way.endswith(
-        f"with preset balanced: snakemake --cores 2 {asked.folder}/variants/fast/metrics.json"
+        f"with preset balanced: snakemake --cores 2 {asked.folder}/variants/accurate/metrics.json"
     )
 
 
@@ -121,9 +123,9 @@ def test_a_synthetic_recording_of_another_preset_is_replaced_too(scene):
 
 def test_the_variant_that_is_named_is_one_that_there_is(scene):
     """The presets compared in the section tradeoff are variants; one that is left out is none."""
-    now = {"preset": "fast", "tradeoff": {"presets": ["balanced"], "sweep": {}}}
+    now = {"preset": "accurate", "tradeoff": {"presets": ["balanced"], "sweep": {}}}
     asked = scene(now)
-    assert "fast" not in asked.config["variants"]
+    assert "accurate" not in asked.config["variants"]
     assert "variants/NAME/metrics.json" in replacement_notices([asked])[1]
     assert "paper_scaled" in resolved(preset="paper")["variants"]
 
@@ -139,14 +141,14 @@ def test_other_keys_are_given_as_a_variant_would_have_them(scene):
 
 
 def test_many_scenes_are_counted(scene):
-    asked = scene({"preset": "fast"})
+    asked = scene({"preset": "accurate"})
     lines = replacement_notices([asked] * 7)
     assert len(lines) == 6 and lines[4] == "and results of 3 more scenes"
 
 
 @pytest.mark.parametrize("content", ["", "[]", "{}", '{"attributes": {"egosplat": 3}}', "{"])
 def test_an_artifact_that_cannot_be_read_is_left_to_its_reader(scene, content):
-    asked = scene({"preset": "fast"}, ("frames.zarr",))
+    asked = scene({"preset": "accurate"}, ("frames.zarr",))
     (asked.folder / "frames.zarr/zarr.json").write_text(content)
     assert replacement_notices([asked]) == []
 

@@ -96,13 +96,13 @@ def test_presets_leave_recording_models_and_questions_to_the_scene():
         "segments": {"nms_score_thresh": 0.4},
     }
     base = merge(defaults(), own | {"models": {"clip_model": "mine"}})
-    config = scene(presets=["fast", "paper_scaled"], base=base)
-    fast, paper = (variant_config(config, name, "adt/scene1") for name in ("fast", "paper_scaled"))
-    for found in (fast, paper):
+    config = scene(presets=["draft", "paper_scaled"], base=base)
+    draft, paper = (variant_config(config, name, "adt/scene1") for name in ("draft", "paper_scaled"))
+    for found in (draft, paper):
         assert (found["frames"]["focal"], found["frames"]["evaluation_frames"]) == (400.0, 5)
         assert found["models"] == base["models"] and found["metrics"] == base["metrics"]
         assert found["segments"]["nms_score_thresh"] == 0.4 and found["synthetic"] == base["synthetic"]
-    assert fast["frames"]["resolution"] == 256 and paper["frames"]["resolution"] == 300
+    assert draft["frames"]["resolution"] == 256 and paper["frames"]["resolution"] == 300
     assert (paper["splats"]["iterations"], paper["features"]["dims"]) == (30000, 3)
     assert paper["transient"]["encoder_weights"] is None
 

@@ -38,6 +38,6 @@ def test_a_recipe_holds_no_key_with_its_default_and_none_of_the_recording(monkey
 
 
 def test_the_command_names_a_preset_other_than_the_default(monkeypatch):
-    recipe = recipe_of(scene(monkeypatch, "fast"), None)
-    assert recipe.command == "snakemake --cores 2 --config preset=fast -- results/adt/scene1/metrics.json"
+    recipe = recipe_of(scene(monkeypatch, "draft"), None)
+    assert recipe.command == "snakemake --cores 2 --config preset=draft -- results/adt/scene1/metrics.json"
     assert recipe.keys["frames.resolution"] == 256
