@@ -1,8 +1,7 @@
 """Processor time and scores of variants, paired with their scenes over the same queries.
 
-    snakemake --cores 2 --configfile benchmarks/tradeoff/codes.yaml -- \
-        results/adt/scene{2,3,4,5}/{,variants/{ae16,ae8,lin32}/}metrics.json
-    python -m benchmarks.variants --variant ae16 --variant ae8 --variant lin32 results/adt/scene{2,3,4,5}
+    snakemake --cores 2 results/adt/scene{2,3,4,5}/{,variants/{no_masks,baseline}/}metrics.json
+    python -m benchmarks.variants --variant no_masks --variant baseline results/adt/scene{2,3,4,5}
 """
 
 from pathlib import Path
