@@ -1,7 +1,5 @@
 """Temporary Gaussians that masks are merged on."""
 
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -39,17 +37,15 @@ def train_geometry(
     frames: Artifact,
     poses: Artifact,
     training: Mask,
-    moving: Callable[[int], NDArray[np.bool_]],
     keys: InstancesOptions,
     output: Path,
     key: str,
 ) -> tuple[Gaussians, Views, NDArray[np.float64]]:
-    """Train Gaussians for a short time at the working size. A killed run resumes from its checkpoint.
+    """Train Gaussians for a short time at the working size, on all pixels. A killed run resumes from its checkpoint.
 
     Args:
         frames, poses: artifacts.
         training: (F,) bool, frames to train on; all have a pose.
-        moving: returns (H, W) bool, pixels of a frame to leave out of training.
         keys: of the stage.
         output: path of the stage's artifact, next to which the checkpoint is kept.
         key: of the checkpoint.
@@ -63,9 +59,6 @@ def train_geometry(
         read_reduced_views(frames, poses, chosen, keys.resolution, device)
         for chosen in (training, np.zeros_like(training))
     )
-    pixels = nearest_pixels(frames.shape("rgb")[1:3], views.camera)
-    hidden = np.stack([moving(int(frame))[pixels] for frame in views.frame])
-    views = replace(views, transient=torch.from_numpy(hidden) if hidden.any() else None)
     start = starting_gaussians(
         poses,
         views,

@@ -29,17 +29,13 @@ class MovingTracks:
         self._number = np.append(np.where(moving, np.cumsum(moving) - 1, -1), -1).astype(np.int32)
         self._single = np.append(~tracked, False)
 
-    def pixels(self, labels: Labels) -> NDArray[np.bool_]:
-        """(H, W) bool, pixels of any track in labels (L, H, W) of segments.zarr."""
-        return (self._number[labels] >= 0).any(axis=0)
-
     def keep(self, labels: Labels) -> tuple[Labels, NDArray[np.bool_]]:
         """Labels (L, H, W) of segments.zarr of the tracks alone, and (H, W) bool, no pixel."""
         return np.where(self._number[labels] >= 0, labels, np.int32(-1)), np.zeros(labels.shape[1:], bool)
 
     def remove(self, labels: Labels) -> tuple[Labels, NDArray[np.bool_]]:
         """Labels (L, H, W) of segments.zarr without pixels of any track, and (H, W) bool, which pixels these are."""
-        moving = self.pixels(labels)
+        moving = (self._number[labels] >= 0).any(axis=0)
         # A frame without masks of its own would count for the tracks that stand still, and against all others.
         voting = self._single[labels].any()
         return np.where(moving | ~voting, np.int32(-1), labels), moving

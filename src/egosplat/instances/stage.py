@@ -69,26 +69,9 @@ def run(
     flags = frames.read("train") & kept, frames.read("evaluation"), poses.read("registered")
     training = split_views(*flags).training
     key = provenance.key_of(record)
-
-    def lifter_without(tracks: MovingTracks) -> tuple[MaskLifter, NDArray[np.float64]]:
-        """Train Gaussians without the pixels of tracks; also returns the poses of all frames."""
-        gaussians, views, cameras = train_geometry(
-            frames,
-            poses,
-            training,
-            lambda row: tracks.pixels(segments.row("labels", row)),
-            options,
-            output,
-            f"{key} {tracks.standing.tolist()}",
-        )
-        return MaskLifter(gaussians, views, segments, frames.read("valid"), options), cameras
-
-    tracks = MovingTracks(segments)
-    lifter, cameras = lifter_without(tracks)
-    standing = _standing(lifter, tracks, frames)
-    if len(standing):
-        tracks = MovingTracks(segments, standing)
-        lifter, cameras = lifter_without(tracks)
+    gaussians, views, cameras = train_geometry(frames, poses, training, options, output, key)
+    lifter = MaskLifter(gaussians, views, segments, frames.read("valid"), options)
+    tracks = MovingTracks(segments, _standing(lifter, MovingTracks(segments), frames))
     scene = find_scene(lifter, tracks)
     rows = np.flatnonzero(kept & poses.read("registered"))
     _write_things(output, record, scene, tracks, options.source, segments, cameras, rows)
