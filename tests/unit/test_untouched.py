@@ -19,6 +19,9 @@ CHOOSES = re.compile(r"(?:training|benchmarks|config|workflow|Makefile)(?:/|$)")
 REPORTS = {
     "config/scenes.tsv",
     "config/README.md",
+    "docs/scale.md",
+    "benchmarks/growth/growth.json",
+    "benchmarks/growth/scale.md.j2",
     "benchmarks/ablation/README.md",
     "benchmarks/instances/README.md",
     "benchmarks/language/README.md",
@@ -29,7 +32,7 @@ REPORTS = {
     "benchmarks/tradeoff/README.md",
     "benchmarks/transient/README.md",
 }
-"""Files that may name them: the table, its description, and pages of scores."""
+"""Files that may name them: the table, its description, and pages of scores and costs."""
 
 
 @pytest.fixture(scope="module")

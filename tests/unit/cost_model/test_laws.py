@@ -168,24 +168,29 @@ def test_slower_kernels_take_longer_only_where_gaussians_are_rendered():
     assert seconds("segments", sizes, "generic") == seconds("segments", sizes)
 
 
+def held_out() -> list[dict]:
+    """The runs of the finished scene of 512 px that no law was fitted to. Another one has larger pictures than any in the fit."""
+    checks = json.loads((ROOT / "benchmarks/growth/growth.json").read_text())["checks"].values()
+    (runs,) = [runs for runs in checks if runs[0]["sizes"]["pixels"] == 512**2]
+    return runs
+
+
 def test_laws_predict_the_scene_that_they_were_not_fitted_to():
     """The shipped table agrees with a finished scene."""
-    measured = json.loads((ROOT / "benchmarks/growth/growth.json").read_text())["checks"]["adt/scene1"]
+    measured = held_out()
     assert len(measured) == 13
     for run in measured:
         law, sizes = law_of(run["stage"], defaults()), run["sizes"]
-        # The laws of language are of lifting by all pixels; lifting by centres takes less.
-        more = 1.3 if run["stage"] == "language" else 1.0
-        assert 0.9 < memory_mib(law, sizes) / run["peak_memory_mb"] < 1.15 * more, run["stage"]
+        # A request has a margin of 1.3.
+        assert 0.85 < memory_mib(law, sizes) / run["peak_memory_mb"] < 1.15, run["stage"]
         if run["cpu_s"] > 5:
-            assert 0.7 < evaluate(laws()[law][CPU], sizes) / run["cpu_s"] < 1.4 * more, run["stage"]
+            assert 0.7 < evaluate(laws()[law][CPU], sizes) / run["cpu_s"] < 1.4, run["stage"]
 
 
 def test_sizes_that_are_not_known_yet_are_those_of_a_furnished_apartment():
     """What doctor and the first line of a run say: within a factor of two of a scene that no law was fitted to."""
-    measured = json.loads((ROOT / "benchmarks/growth/growth.json").read_text())["checks"]["adt/scene1"]
     known = {"frames": 120, "pixels": 512**2, "recorded_pixels": 704**2}
-    for run in measured:
+    for run in held_out():
         if run["cpu_s"] > 5:
             law = laws()[law_of(run["stage"], defaults())][CPU]
             ratio = evaluate(law, Sizes(defaults(), given=known)) / run["cpu_s"]
