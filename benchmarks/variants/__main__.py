@@ -1,7 +1,8 @@
 """Processor time and scores of variants, paired with their scenes over the same queries.
 
-snakemake --cores 2 results/adt/scene{2,3,4,5}/{,variants/{no_masks,baseline}/}metrics.json
-python -m benchmarks.variants --variant no_masks --variant baseline results/adt/scene{2,3,4,5}
+    snakemake --cores 2 -- \
+        results/adt/scene{2,3,4,5}/{,variants/{no_masks,baseline}/}metrics.json
+    python -m benchmarks.variants --variant no_masks --variant baseline results/adt/scene{2,3,4,5}
 """
 
 from pathlib import Path
