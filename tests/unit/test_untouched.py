@@ -21,7 +21,6 @@ REPORTS = {
     "config/README.md",
     "docs/scale.md",
     "benchmarks/growth/growth.json",
-    "benchmarks/growth/scale.md.j2",
     "benchmarks/ablation/README.md",
     "benchmarks/instances/README.md",
     "benchmarks/language/README.md",
