@@ -43,7 +43,7 @@ LAWS: Mapping[str, Mapping[str, tuple[Term, ...]]] = {
             ("merged_views", "merging_pixels"),
             ("frames", "pixels"),
         ),
-        MEMORY: (ONCE, ("merging_gaussians",), ("merging_pixels",), ("masks",), ("pixels",)),
+        MEMORY: (ONCE, ("merging_gaussians",), ("masks",), ("runs",), ("pixels",)),
         DISK: (ONCE, ("frames", "pixels"), ("merging_gaussians",)),
     },
     "view_features": {
@@ -115,8 +115,7 @@ KNOWN: Mapping[tuple[str, str], Mapping[Term, float]] = {
     ("view_features", MEMORY): {("views", "channels"): 16 * BYTE},
     # Labels wait in memory for the end of the stage, compressed to a hundredth of 12 bytes for each pixel.
     ("segments", MEMORY): {("kept", "pixels"): 0.12 * BYTE},
-    # Of a mask its votes, its part of what frames have seen, and of the merging: 18,500 more masks took 1.24 GiB more
-    # (benchmarks/instances).
+    # Of a mask its votes and its part of what frames have seen: 18,500 more masks took 1.24 GiB more (benchmarks/instances).
     ("instances", MEMORY): {("masks",): 7e4 * BYTE},
     # Codes of all Gaussians three times; the design has codes of one length alone.
     ("language", MEMORY): {("gaussians", "codes"): 12 * BYTE},

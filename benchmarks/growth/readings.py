@@ -66,8 +66,8 @@ def sizes_of(artifacts: dict[str, Artifact], documents: dict[str, Path]) -> Size
         Numbers by name. ``kept`` counts the frames that the survey keeps, ``training`` those of them that are trained
         on, ``pairs`` the frame pairs that the survey compares, ``images`` the images that SAM2 encodes, as multiples of
         its own size, ``prompts`` the point prompts, ``tracked`` its tracks before short and duplicate ones are removed,
-        ``moving`` those beside the masks of single frames, ``masks`` those masks where they are merged, ``labelled`` the
-        frames with labels, ``shown`` the instances in a frame, ``codes`` the numbers in a code at all levels
+        ``moving`` those beside the masks of single frames, ``masks`` those masks where they are merged, ``runs`` their
+        square root, with which the runs grow that stay to the last merge, ``labelled`` the frames with labels, ``shown`` the instances in a frame, ``codes`` the numbers in a code at all levels
         together. ``joint`` equals ``codes`` where Gaussians learn codes with their geometry, else 0.
         ``mean_gaussians`` is the mean over the training.
     """
@@ -93,6 +93,7 @@ def sizes_of(artifacts: dict[str, Artifact], documents: dict[str, Path]) -> Size
         merged = sizes["merging_iterations"] > 0
         sizes |= {"shown": sizes["views"] / sizes["kept"], "merged_views": sizes["views"] * merged}
         sizes["masks"] *= merged
+        sizes["runs"] = math.sqrt(sizes["masks"])
     if "survey" in documents:
         pairs = json.loads(documents["survey"].read_text())["motion"]["pairs"]
         sizes |= {"pairs": len(pairs), "surveyed_pixels": min(sizes["pixels"], SIDE**2)}

@@ -268,6 +268,8 @@ _FROM_CONFIG: dict[str, Callable[[Config, Sizes], float]] = {
     "moving": _moving,
     "labelled": _labelled,
     "masks": _masks,
+    # Runs that stay to the last merge grow so (benchmarks/instances).
+    "runs": lambda _, sizes: math.sqrt(sizes["masks"]),
     "instances": _instances,
     "merging_iterations": lambda config, _: config["instances"]["iterations"] * _merged(config),
     "merging_pixels": lambda config, sizes: (

@@ -87,7 +87,6 @@ def test_no_size_makes_a_stage_cheaper(stage):
         ("language", "features", "dims", 256),
         ("language", "features", "compression", "none"),
         ("language", "language", "method", "clustered"),
-        ("instances", "instances", "resolution", 512),
         ("segments", "segments", "prompting", "key_frames"),
     ],
 )
@@ -182,7 +181,7 @@ def test_laws_predict_the_scene_that_they_were_not_fitted_to():
     for run in measured:
         law, sizes = law_of(run["stage"], defaults()), run["sizes"]
         # A request has a margin of 1.3.
-        assert 0.85 < memory_mib(law, sizes) / run["peak_memory_mb"] < 1.15, run["stage"]
+        assert 0.9 < memory_mib(law, sizes) / run["peak_memory_mb"] < 1.15, run["stage"]
         if run["cpu_s"] > 5:
             assert 0.7 < evaluate(laws()[law][CPU], sizes) / run["cpu_s"] < 1.4, run["stage"]
 
