@@ -84,17 +84,23 @@ class Group:
         first_frame: the frame in which they start.
         begun: memory of that frame.
         recent: memory of the last frames, by frame.
-        unseen: number of frames since each object was last seen.
+        unseen: number of frames since each object was last seen; infinite for one that is never searched for again.
     """
 
     ids: list[int]
     first_frame: int
     begun: Memory
     recent: dict[int, Memory] = field(default_factory=dict)
-    unseen: list[int] = field(init=False)
+    unseen: list[float] = field(init=False)
 
     def __post_init__(self) -> None:
         self.unseen = [0] * len(self.ids)
+
+    def end(self, ids: set[int]) -> None:
+        """Search for these objects in no later frame, in neither direction."""
+        self.unseen = [
+            math.inf if one in ids else before for one, before in zip(self.ids, self.unseen, strict=True)
+        ]
 
 
 class Propagator:
@@ -243,5 +249,7 @@ def _of_objects(group: Group, chosen: list[int]) -> tuple[Memory, dict[int, Memo
 
 
 def restart(group: Group) -> Group:
-    """The group as it was in its first frame, to be propagated in the other direction."""
-    return Group(group.ids, group.first_frame, group.begun)
+    """The group as it was in its first frame, to be propagated in the other direction; objects that ended stay so."""
+    again = Group(group.ids, group.first_frame, group.begun)
+    again.end({one for one, unseen in zip(group.ids, group.unseen, strict=True) if unseen == math.inf})
+    return again

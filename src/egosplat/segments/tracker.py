@@ -92,11 +92,7 @@ class Tracker:
                 self._backwards(frame)
                 self._back += 1
                 save()
-        same = [
-            pair
-            for level in self._levels
-            for pair in level.overlaps.same(self._options.merge_iou, self._frames)
-        ]
+        same = [pair for level in self._levels for pair in self._same(level)]
         return Segmented(self._labels, self._instances, same, {"key_frames": self._key_frames})
 
     def state_dict(self) -> State:
@@ -157,6 +153,24 @@ class Tracker:
         for level, found in zip(self._levels, seen, strict=True):
             level.overlaps.add(*stack_masks(found, self._inside))
         self._labels[frame] = np.stack([self._paint(found) for found in seen])
+        if self._prompts(frame):
+            self._end_duplicates()
+
+    def _end_duplicates(self) -> None:
+        """End tracks of what an earlier track follows as well; the two are merged. A track that levels share ends if all do."""
+        duplicates = {other for level in self._levels for _, other in self._same(level)}
+        shared = {
+            tracked
+            for level in self._levels
+            for number, tracked in level.shared.items()
+            if number not in duplicates
+        }
+        for group in [group for level in self._levels for group in level.groups]:
+            group.end(duplicates - shared)
+
+    def _same(self, level: Level) -> list[tuple[int, int]]:
+        """Pairs of a level's instances that are one object, as far as they have been tracked."""
+        return level.overlaps.same(self._options.merge_iou, self._frames)
 
     def _backwards(self, frame: int) -> None:
         encoded, accepts = self._encoded(frame), self._accepts(frame)

@@ -19,7 +19,7 @@ from egosplat.segments.label_maps import DamagedLabels, LabelMaps
 from egosplat.segments.nms import intersections
 from egosplat.segments.options import LEVELS, SegmentsOptions
 from egosplat.segments.prompts import drop_covered, filter_masks, grid_points, match_masks, prompt
-from egosplat.segments.propagation import Propagator
+from egosplat.segments.propagation import Group, Propagator, restart
 from egosplat.segments.tracker import Tracker
 
 ALL_MASKS = {
@@ -128,6 +128,25 @@ def test_equal_masks_of_several_levels_are_tracked_once(sam2, images, monkeypatc
             shown = [segmented.labels[frame][level] >= 0 for level in range(3)]
             assert np.array_equal(shown[0], shown[1]) and np.array_equal(shown[1], shown[2])
     assert steps[1.01] == 3 * steps[0.8]
+
+
+@pytest.mark.parametrize("both_levels", [True, False])
+def test_a_track_of_what_another_follows_ends_in_both_directions(sam2, images, both_levels):
+    """Two tracks follow one thing, and finer instances share them. The later track stays if a finer instance needs it."""
+    one = Tracker(sam2, images.__getitem__, FRAMES, np.ones((HEIGHT, WIDTH), bool), OPTIONS)
+    fine, _, whole = one._levels
+    whole.groups, fine.shared = [Group([0, 7], 0, {}), Group([3], 1, {})], {1: 0, 4: 3}
+    left, right = torch.zeros(2, 8, 8, dtype=torch.bool)
+    left[:, :4], right[:, 4:] = True, True
+    for _ in range(instances_module.MIN_COMMON_FRAMES):
+        whole.overlaps.add([0, 7, 3], torch.stack([left, right, left]))
+        fine.overlaps.add([1, 4], torch.stack([left, left if both_levels else right]))
+    one._end_duplicates()
+    for groups in (whole.groups, [restart(group) for group in whole.groups]):
+        assert groups[0].unseen == [0, 0]
+        assert groups[1].unseen == [np.inf if both_levels else 0]
+        assert one._propagator.ended(groups[1]) == both_levels
+    assert one._propagator._searched(whole.groups[1], 3) == ([] if both_levels else [0])
 
 
 def test_batches_do_not_change_what_is_found(sam2, images):
