@@ -71,7 +71,9 @@ def train(
         if recorded:
             record(state)
         state.seconds = time.perf_counter() - started
-        if iteration % options.evaluate_every == 0 or last:
+        # Just after a reset, Gaussians are nearly transparent: scores would say nothing.
+        evaluated = iteration % options.evaluate_every == 0 and not schedule.resets_opacity(iteration)
+        if evaluated or last:
             measure(state, view_sets, options, schedule)
         if recorded:
             checkpoint.save_if_due(state.state_dict)

@@ -194,6 +194,16 @@ def test_options_reach_density_control(trained):
     assert lowered.max().item() < 0.08 < trained(**short).gaussians.opacities.min().item()
 
 
+def test_nothing_is_scored_just_after_a_reset(trained):
+    """Gaussians are nearly transparent then: a run of 30,000 iterations would report 10 dB every 3,000."""
+    begins = replace(OPTIONS, iterations=12).schedule.densify_from
+    assert 0 < begins < 6
+    options = {"iterations": 12, "evaluate_every": begins, "reset_opacity": 0.02}
+    every = list(range(begins, 13, begins))
+    assert trained(**options).curves.evaluated == every
+    assert trained(**options, reset_at_start=True).curves.evaluated == every[1:]
+
+
 def test_screen_size_pruning_uses_the_renderer_s_radii(trained):
     """Radii come from the renderer; a limit below all of them would leave no visible Gaussian."""
     state = trained(iterations=12, evaluate_every=12)
