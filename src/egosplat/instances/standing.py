@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.instances.lifted_masks import LiftedMasks, holds
+from egosplat.instances.lifted_masks import LiftedMasks
 from egosplat.instances.merging import Runs, overlaps
 from egosplat.instances.options import InstancesOptions
 from egosplat.sampling import evenly_spaced
@@ -16,9 +16,6 @@ MOST_MASKS = 24
 
 LEAST_PAIRS = 3
 """Pairs of masks that it takes to tell."""
-
-MOSTLY = 0.5
-"""Share of the time, and of a mask, from which something is mostly there."""
 
 
 def standing_tracks(
@@ -46,28 +43,3 @@ def standing_tracks(
         if len(alike) >= LEAST_PAIRS and np.median(alike) >= keys.merge_iou:
             found.append(one)
     return np.array(found, np.int64)
-
-
-def resting_masks(masks: LiftedMasks, time_s: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Find the masks of tracks that show a thing at the place where it mostly is.
-
-    A track is at home on a Gaussian that it covers in most of what all frames see of it, over ``APART_S`` or longer.
-
-    Args:
-        masks: of tracks, in all frames that see the scene; ``instance`` is the track of each.
-        time_s: (T,) when each of the T frames was taken [s].
-
-    Returns:
-        (V,) whether most of the mask is on Gaussians that its track is at home on.
-    """
-    rests, seen = np.zeros(len(masks.instance), bool), masks.seen.sum(0)
-    for one in np.unique(masks.instance):
-        mine = np.flatnonzero(masks.instance == one)
-        votes = masks.votes[:, mine]
-        when = np.repeat(time_s[masks.frame[mine]], np.diff(votes.indptr))
-        first, last = np.full(len(seen), np.inf), np.full(len(seen), -np.inf)
-        np.minimum.at(first, votes.indices, when)
-        np.maximum.at(last, votes.indices, when)
-        home = holds(np.asarray(votes.sum(axis=1)), seen, MOSTLY) & (last - first >= APART_S)
-        rests[mine] = votes.T @ home.astype(np.float32) >= MOSTLY * np.asarray(votes.sum(axis=0))
-    return rests
