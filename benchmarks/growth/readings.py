@@ -67,8 +67,8 @@ def sizes_of(artifacts: dict[str, Artifact], documents: dict[str, Path]) -> Size
         on, ``pairs`` the frame pairs that the survey compares, ``images`` the images that SAM2 encodes, as multiples of
         its own size, ``prompts`` the point prompts, ``tracked`` its tracks before short and duplicate ones are removed,
         ``moving`` those beside the masks of single frames, ``masks`` those masks where they are merged, ``runs`` their
-        square root, with which the runs grow that stay to the last merge, ``labelled`` the frames with labels, ``shown`` the instances in a frame, ``codes`` the numbers in a code at all levels
-        together. ``joint`` equals ``codes`` where Gaussians learn codes with their geometry, else 0.
+        square root, as runs that stay to the last merge grow with it, ``labelled`` the frames with labels, ``shown`` the
+        instances in a frame, ``codes`` the numbers in a code at all levels together. ``joint`` equals ``codes`` where Gaussians learn codes with their geometry, else 0.
         ``mean_gaussians`` is the mean over the training.
     """
     readers = {

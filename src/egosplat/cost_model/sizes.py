@@ -268,7 +268,7 @@ _FROM_CONFIG: dict[str, Callable[[Config, Sizes], float]] = {
     "moving": _moving,
     "labelled": _labelled,
     "masks": _masks,
-    # Runs that stay to the last merge grow so (benchmarks/instances).
+    # Runs that stay to the last merge grow with the square root of the masks (benchmarks/instances).
     "runs": lambda _, sizes: math.sqrt(sizes["masks"]),
     "instances": _instances,
     "merging_iterations": lambda config, _: config["instances"]["iterations"] * _merged(config),

@@ -251,5 +251,5 @@ def _of_objects(group: Group, chosen: list[int]) -> tuple[Memory, dict[int, Memo
 def restart(group: Group) -> Group:
     """The group as it was in its first frame, to be propagated in the other direction; objects that ended stay so."""
     again = Group(group.ids, group.first_frame, group.begun)
-    again.end({one for one, unseen in zip(group.ids, group.unseen, strict=True) if unseen == math.inf})
+    again.unseen = [math.inf if unseen == math.inf else 0 for unseen in group.unseen]
     return again

@@ -165,8 +165,10 @@ class Tracker:
             for number, tracked in level.shared.items()
             if number not in duplicates
         }
-        for group in [group for level in self._levels for group in level.groups]:
-            group.end(duplicates - shared)
+        ended = duplicates - shared
+        for level in self._levels:
+            for group in level.groups:
+                group.end(ended)
 
     def _same(self, level: Level) -> list[tuple[int, int]]:
         """Pairs of a level's instances that are one object, as far as they have been tracked."""
