@@ -21,7 +21,6 @@ from egosplat.gaussians.evaluation import evaluate
 from egosplat.gaussians.initialization import scene_extent
 from egosplat.gaussians.loss import torch_l1_ssim
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.pixel_weights import Masking
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.starting_points import starting_gaussians
 from egosplat.gaussians.training_views import Views, read_views, split_views
@@ -143,8 +142,7 @@ def of_gsplat(
     split = split_views(*flags)
     device = training_device(KEYS["backend"])
     views, held_out = (
-        read_views(frames, poses, chosen, Masking(None, ""), device)
-        for chosen in (split.training, split.held_out)
+        read_views(frames, poses, chosen, device) for chosen in (split.training, split.held_out)
     )
     start = starting_gaussians(
         poses,

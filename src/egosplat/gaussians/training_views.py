@@ -9,7 +9,7 @@ from torch import Tensor
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.errors import UserError
-from egosplat.gaussians.pixel_weights import Masking
+from egosplat.gaussians.reduced_views import reduced, working_size
 from egosplat.gaussians.stored_rows import StoredRows, stored_rows
 from egosplat.geometry import Camera
 
@@ -102,27 +102,40 @@ def split_views(train: Mask, evaluation: Mask, registered: Mask) -> Split:
 
 
 def read_views(
-    frames: Artifact, poses: Artifact, chosen: Mask, masking: Masking, device: torch.device
+    frames: Artifact, poses: Artifact, chosen: Mask, device: torch.device, *, resolution: int | None = None
 ) -> Views:
-    """Read the frames ``chosen`` (F,) bool, all with a pose, as many as ``stored_rows`` holds in memory."""
+    """Read frames, as many as ``stored_rows`` holds in memory. Nothing is masked.
+
+    Args:
+        frames, poses: artifacts.
+        chosen: (F,) bool frames to read. All have a pose.
+        device: of the views.
+        resolution: longer side of the views [pixels]; None keeps the size of the frames.
+    """
     rows = np.flatnonzero(chosen)
-    _, height, width, _ = frames.shape("rgb")
+    _, full_height, full_width, _ = frames.shape("rgb")
+    height, width = working_size(full_height, full_width, resolution)
     # uint8 takes a quarter of float32's memory; ``Views.picture`` converts one at a time.
     pictures = stored_rows(
-        len(rows), (height, width, 3), "uint8", lambda position: frames.row("rgb", rows[position])
+        len(rows),
+        (height, width, 3),
+        "uint8",
+        lambda position: reduced(frames.row("rgb", rows[position]), height, width),
     )
+    # A pixel is valid only if every pixel averaged into it lies inside the lens circle.
+    valid = reduced(frames.read("valid").astype(np.uint8) * 255, height, width) == 255
+    camera = Camera.from_matrix(poses.read("intrinsics"), full_width, full_height)
     return Views(
         frame=rows.astype(np.int64),
         pictures=pictures,
         camera_to_world=poses.read("camera_to_world")[rows],
-        valid=read_valid(frames, device),
-        transient=masking.frames(rows),
-        camera=Camera.from_matrix(poses.read("intrinsics"), width, height),
+        valid=valid_weight(valid, device),
+        transient=None,
+        camera=camera.scaled_to(width, height),
         device=device,
     )
 
 
-def read_valid(frames: Artifact, device: torch.device) -> Tensor | None:
-    """Read the (H, W) float32 lens circle, 0 outside; None if all pixels are valid."""
-    valid = torch.from_numpy(frames.read("valid"))
-    return None if bool(valid.all()) else valid.to(device, torch.float32)
+def valid_weight(valid: Mask, device: torch.device) -> Tensor | None:
+    """Return the (H, W) float32 weight of the lens circle ``valid`` (H, W), 0 outside; None if all pixels are valid."""
+    return None if valid.all() else torch.from_numpy(valid).to(device, torch.float32)

@@ -15,12 +15,11 @@ from egosplat.gaussians.initialization import scene_extent
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.objective import L1Ssim
 from egosplat.gaussians.options import TrainingOptions
-from egosplat.gaussians.reduced_views import read_reduced_views
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.starting_points import starting_gaussians
 from egosplat.gaussians.trainer import ViewSets, resume_and_train
 from egosplat.gaussians.training_state import TrainingState
-from egosplat.gaussians.training_views import Mask, Views
+from egosplat.gaussians.training_views import Mask, Views, read_views
 from egosplat.geometry import Camera
 from egosplat.instances.options import InstancesOptions
 
@@ -56,7 +55,7 @@ def train_geometry(
     """
     device = torch.device("cpu")
     views, none = (
-        read_reduced_views(frames, poses, chosen, keys.resolution, device)
+        read_views(frames, poses, chosen, device, resolution=keys.resolution)
         for chosen in (training, np.zeros_like(training))
     )
     start = starting_gaussians(

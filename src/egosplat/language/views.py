@@ -12,7 +12,7 @@ from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.splats import camera_poses
 from egosplat.codes.targets import Targets
 from egosplat.gaussians.pixel_weights import Masking
-from egosplat.gaussians.training_views import pixel_weight, read_valid, split_views
+from egosplat.gaussians.training_views import pixel_weight, split_views, valid_weight
 from egosplat.geometry import Camera
 
 
@@ -76,7 +76,7 @@ def select_code_views(
         camera_to_world=camera_poses(poses, splats)[rows],
         camera=Camera.from_matrix(poses.read("intrinsics"), width, height),
         targets=targets,
-        valid=read_valid(frames, device),
+        valid=valid_weight(frames.read("valid"), device),
         masking=masking,
         device=device,
     )

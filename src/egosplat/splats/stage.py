@@ -148,10 +148,13 @@ def _view_sets(
     flags = frames.read("train") & kept, frames.read("evaluation"), poses.read("registered")
     split = split_views(*flags)
     device = training_device(options.render.backend)
+    training, held_out = (
+        read_views(frames, poses, chosen, device) for chosen in (split.training, split.held_out)
+    )
     view_sets = ViewSets(
-        read_views(frames, poses, split.training, masking, device),
+        replace(training, transient=masking.frames(training.frame)),
         # Held-out frames are scored on all pixels: masks must not make a score better.
-        read_views(frames, poses, split.held_out, Masking(None, ""), device),
+        held_out,
     )
     _check_left(view_sets.training)
     counts = ", ".join(f"{len(views)} {name}" for name, views in _named(view_sets).items())

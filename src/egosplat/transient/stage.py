@@ -24,12 +24,12 @@ from egosplat.gaussians.camera_options import CameraOptions, make_corrections, r
 from egosplat.gaussians.device import rasterizer_used, training_device
 from egosplat.gaussians.initialization import scene_extent
 from egosplat.gaussians.options import GrowthOptions, TrainingOptions
-from egosplat.gaussians.reduced_views import read_reduced_views, reduced, working_size
+from egosplat.gaussians.reduced_views import reduced, working_size
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.starting_points import starting_gaussians
 from egosplat.gaussians.trainer import ViewSets, resume_and_train
 from egosplat.gaussians.training_state import TrainingState
-from egosplat.gaussians.training_views import Mask, Views, split_views
+from egosplat.gaussians.training_views import Mask, Views, read_views, split_views
 from egosplat.models.checkpoints import content_hash
 from egosplat.progress import log, track
 from egosplat.transient.network import TransientNet, make_network
@@ -161,7 +161,7 @@ def _view_sets(
     training = split_views(*flags).training
     # The trainer takes two sets; nothing is held out, because the Gaussians are discarded.
     views, none = (
-        read_reduced_views(frames, poses, chosen, resolution, device)
+        read_views(frames, poses, chosen, device, resolution=resolution)
         for chosen in (training, np.zeros_like(training))
     )
     camera = views.camera

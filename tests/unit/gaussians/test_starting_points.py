@@ -8,7 +8,6 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.pixel_weights import open_masking
 from egosplat.gaussians.starting_points import starting_gaussians
 from egosplat.gaussians.training_views import read_views
 
@@ -19,8 +18,7 @@ def start(scene, points):
     left = points[0][:, 0] < 0
     folder = scene(**{"points/xyz": points[0][left], "points/rgb": points[1][left]})
     frames, poses = open_artifact(folder / "frames.zarr", FRAMES), open_artifact(folder / "poses.zarr", POSES)
-    nothing = open_masking("none", frames, transient_path=None, masks_path=None)
-    views = read_views(frames, poses, np.ones(9, bool), nothing, torch.device("cpu"))
+    views = read_views(frames, poses, np.ones(9, bool), torch.device("cpu"))
 
     def make(densify_init: bool, max_points: int, seed: int = 0) -> Gaussians:
         keys = {"sh_degree": 0, "near_plane": 0.1, "seed": seed}

@@ -8,12 +8,10 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
 from egosplat.errors import UserError
-from egosplat.gaussians.pixel_weights import Masking
 from egosplat.gaussians.training_views import read_views, split_views
 from egosplat.geometry import Camera
 
 CPU = torch.device("cpu")
-NOTHING = Masking(None, "")
 
 
 def mask(count: int, *rows: int) -> np.ndarray:
@@ -37,7 +35,7 @@ def test_too_few_views_are_rejected():
 
 def test_views_are_the_chosen_frames(scene, pictures, camera_to_world):
     intrinsics = Camera(24, 24, 30.0, 31.0, 11.0, 13.0).matrix
-    views = read_views(*opened(scene(intrinsics=intrinsics)), mask(9, 1, 7), NOTHING, CPU)
+    views = read_views(*opened(scene(intrinsics=intrinsics)), mask(9, 1, 7), CPU)
     assert len(views) == 2 and views.frame.tolist() == [1, 7]
     np.testing.assert_array_equal(views.pictures.numpy(), pictures[[1, 7]])
     np.testing.assert_array_equal(views.camera_to_world, camera_to_world[[1, 7]])
@@ -50,8 +48,8 @@ def test_views_are_the_chosen_frames(scene, pictures, camera_to_world):
 
 def test_the_weight_is_the_lens_circle(scene):
     valid = np.ones((24, 24), bool)
-    assert read_views(*opened(scene()), mask(9, 0), NOTHING, CPU).valid is None
+    assert read_views(*opened(scene()), mask(9, 0), CPU).valid is None
     valid[:3, 5] = False
-    weight = read_views(*opened(scene(valid=valid)), mask(9, 0), NOTHING, CPU).valid
+    weight = read_views(*opened(scene(valid=valid)), mask(9, 0), CPU).valid
     assert weight.dtype == torch.float32
     np.testing.assert_array_equal(weight.numpy(), valid)

@@ -7,7 +7,8 @@ import torch
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
-from egosplat.gaussians.reduced_views import read_reduced_views, reduced, working_size
+from egosplat.gaussians.reduced_views import reduced, working_size
+from egosplat.gaussians.training_views import read_views
 
 
 @pytest.mark.parametrize(
@@ -29,11 +30,10 @@ def test_resizing_views_keeps_their_content(scene):
     valid[0, 0] = False
     folder = scene(valid=valid)
     frames, poses = open_artifact(folder / "frames.zarr", FRAMES), open_artifact(folder / "poses.zarr", POSES)
-    views = read_reduced_views(frames, poses, np.arange(6) == 2, 16, torch.device("cpu"))
+    cpu = torch.device("cpu")
+    views = read_views(frames, poses, np.arange(6) == 2, cpu, resolution=16)
     assert views.frame.tolist() == [2] and views.pictures.shape == (1, 16, 16, 3)
     assert (views.camera.fx, views.camera.cx, views.camera.width) == (15.0, 8.0, 16)
     # A pixel of which a part lies outside the lens circle does not count.
     assert float(views.valid[0, 0]) == 0.0 and float(views.valid.sum()) == 255.0
-    assert (
-        read_reduced_views(frames, poses, np.zeros(6, bool), 16, torch.device("cpu")).pictures.shape[0] == 0
-    )
+    assert read_views(frames, poses, np.zeros(6, bool), cpu, resolution=16).pictures.shape[0] == 0
