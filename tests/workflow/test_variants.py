@@ -35,7 +35,7 @@ def test_gags_places_its_prompts_on_gaussians_that_need_no_segments(workdir):
     assert workdir.stale(f"{VARIANT}/each_frame/segments.zarr", config=config) == {"segments"}
 
 
-METHODS = {"langsplat": "LangSplat", "semantic_gaussians": "SG", "occam": "Occam's LGS"}
+METHODS = {"langsplat": "LangSplat", "occam": "Occam's LGS"}
 
 
 def test_methods_end_in_scores_that_the_tables_place(workdir):
