@@ -45,12 +45,6 @@ scene_folders = click.argument(
 )
 
 
-def scene_name(folder: Path) -> str:
-    """Dataset and scene, such as ``adt/scene1``; of a variant, ``adt/scene1/variants/draft``."""
-    parts = folder.resolve().parts
-    return "/".join(parts[-4:] if parts[-2] == "variants" else parts[-2:])
-
-
 def markdown(columns: Sequence[str], rows: Iterable[Sequence[object]], words: int = 1) -> str:
     """A Markdown table. The first ``words`` columns are aligned to the left, the others to the right."""
     marks = ["---"] * words + ["---:"] * (len(columns) - words)

@@ -13,7 +13,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from benchmarks.common import command, markdown, scene_folders, scene_name
+from benchmarks.common import command, markdown, scene_folders
 from benchmarks.scores import (
     METHOD,
     SCORES,
@@ -24,6 +24,7 @@ from benchmarks.scores import (
     queries_of,
     told,
 )
+from egosplat.pipeline.scene_folder import title_of
 from egosplat.tables.paper_tables import average, average_chance
 from egosplat.tables.scored_scenes import CHANCE, ScoredScene, check_protocol, read_scored_scene
 from egosplat.tables.table import Cell, number
@@ -114,7 +115,7 @@ def read(folders: Sequence[Path]) -> Scenes:
         UserError: a file is missing, or scenes were queried or scored by different settings.
     """
     scenes = {
-        scene_name(folder): {
+        title_of(folder): {
             variant: read_scored_scene(folder / below / "metrics.json") for variant, below in VARIANTS.items()
         }
         for folder in folders

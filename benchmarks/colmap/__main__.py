@@ -14,12 +14,13 @@ import click
 import numpy as np
 
 from benchmarks.colmap.alignment import trajectory_error
-from benchmarks.common import command, markdown, scene_folders, scene_name
+from benchmarks.common import command, markdown, scene_folders
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.errors import UserError
 from egosplat.pipeline.config import defaults
+from egosplat.pipeline.scene_folder import title_of
 from egosplat.poses.stage import PosesOptions, run
 
 COLUMNS = (
@@ -45,7 +46,7 @@ def row(folder: Path) -> list[str]:
     count, height, width, _ = frames.shape("rgb")
     places = truth.read("camera_to_world")[truth.read("registered")][:, :3, 3]
     walk = float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
-    known = [scene_name(folder), frames.origin, str(count), f"{width}x{height}", f"{walk:.1f}"]
+    known = [title_of(folder), frames.origin, str(count), f"{width}x{height}", f"{walk:.1f}"]
     start = time.perf_counter()
     with tempfile.TemporaryDirectory() as work:
         output = Path(work) / "poses.zarr"

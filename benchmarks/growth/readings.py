@@ -68,8 +68,8 @@ def sizes_of(artifacts: dict[str, Artifact], documents: dict[str, Path]) -> Size
         its own size, ``prompts`` the point prompts, ``tracked`` its tracks before short and duplicate ones are removed,
         ``moving`` those beside the masks of single frames, ``masks`` those masks where they are merged, ``runs`` their
         square root, as runs that stay to the last merge grow with it, ``labelled`` the frames with labels, ``shown`` the
-        instances in a frame, ``codes`` the numbers in a code at all levels together. ``joint`` equals ``codes`` where Gaussians learn codes with their geometry, else 0.
-        ``mean_gaussians`` is the mean over the training.
+        instances in a frame, ``codes`` the numbers in a code at all levels together. ``joint`` equals ``codes`` where
+        Gaussians learn codes with their geometry, else 0. ``mean_gaussians`` is the mean over the training.
     """
     readers = {
         "frames": _pictures,

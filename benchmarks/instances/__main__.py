@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import command, markdown, scene_folders, scene_name, timed
+from benchmarks.common import command, markdown, scene_folders, timed
 from benchmarks.segments.video_scores import VideoScores, score_level
 from benchmarks.transient.truth import read_truth
 from egosplat.artifacts.frames import FRAMES
@@ -31,6 +31,7 @@ from egosplat.instances.options import InstancesOptions
 from egosplat.instances.rendering import render_things
 from egosplat.instances.things import beliefs, find_things, single_masks
 from egosplat.pipeline.config import defaults, stage_values
+from egosplat.pipeline.scene_folder import title_of
 from egosplat.progress import log
 
 # Every so many frames are scored, at every second pixel of both axes.
@@ -132,7 +133,7 @@ def main(folders: tuple[Path, ...]) -> None:
     """Measure and print the table."""
     rows = []
     for folder in folders:
-        scene, name = Scene(folder), scene_name(folder)
+        scene, name = Scene(folder), title_of(folder)
         rows.append(row_of(name, "segments.zarr", scene.score(scene.as_segmented()), None))
         for change, values in CHANGES.items():
             scores, seconds = timed(scene.score_merged, values)

@@ -17,7 +17,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import command, markdown, scene_folders, scene_name, timed
+from benchmarks.common import command, markdown, scene_folders, timed
 from benchmarks.instances.__main__ import FRAME_STEP, PIXEL_STEP
 from benchmarks.scores import told
 from benchmarks.segments.video_scores import VideoScores, score_level
@@ -32,6 +32,7 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.writer import create
 from egosplat.pipeline import config as configuration
+from egosplat.pipeline.scene_folder import title_of
 from egosplat.progress import log, track
 
 # Frames after which every track gets a new name, share of frames in which two visible tracks swap their names, and
@@ -161,7 +162,7 @@ def cells(scene: Scene, name: str, found: list[Labels]) -> list[str]:
     one = scene.score(found)
     log(f"{scene.folder}, {name}: IoU {one.iou:.3f}")
     numbers = (f"{one.iou:.3f}", f"{one.switches:.2f}", f"{one.fragments:.2f}", f"{one.held:.2f}")
-    return [scene_name(scene.folder), name, str(one.found), *numbers]
+    return [title_of(scene.folder), name, str(one.found), *numbers]
 
 
 @command(__doc__)

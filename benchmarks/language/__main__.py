@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from benchmarks.common import command, markdown, output_of, scene_folders, scene_name, timed
+from benchmarks.common import command, markdown, output_of, scene_folders, timed
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
@@ -39,6 +39,7 @@ from egosplat.language.loop import train
 from egosplat.language.training import CodeOptions, PlainCodes
 from egosplat.language.views import CodeViews, select_code_views
 from egosplat.pipeline.config import defaults
+from egosplat.pipeline.scene_folder import title_of
 from egosplat.progress import log
 
 CPU = torch.device("cpu")
@@ -165,7 +166,7 @@ def row(folder: Path, way: str, iterations: int) -> list[object]:
     found = json.loads(output.splitlines()[-1])
     by_level = " ".join(f"{one:.3f}" for one in found["cosines"])
     times = [f"{found['seconds']:.1f}", f"{found['peak_mb']:.0f}"]
-    return [scene_name(folder), way, *WAYS[way], *times, by_level, f"{np.mean(found['cosines']):.3f}"]
+    return [title_of(folder), way, *WAYS[way], *times, by_level, f"{np.mean(found['cosines']):.3f}"]
 
 
 @command(__doc__)

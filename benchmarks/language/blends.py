@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.common import command, markdown, scene_folders, scene_name
+from benchmarks.common import command, markdown, scene_folders
 from benchmarks.language.__main__ import read as read_learnt
 from egosplat.artifacts.language import GAUSSIANS, PIXELS
 from egosplat.evaluation.evaluation_frames import Evaluation, find_asked_queries
@@ -22,6 +22,7 @@ from egosplat.evaluation.run_queries import run_queries
 from egosplat.language.dominant import lifted
 from egosplat.language.lifting import Lifted, lift
 from egosplat.language.result import Coded
+from egosplat.pipeline.scene_folder import title_of
 from egosplat.query.answer import Asker
 from egosplat.report.queries_asking import open_asker, open_finished
 from egosplat.tables.scored_scenes import read_scored_scene
@@ -74,7 +75,7 @@ def rows(folder: Path) -> Iterator[tuple[object, ...]]:
             found = [answer.score.groups["all"] for answer in answers]
             spent = time.process_time() - begun
             scores = (f"{100 * np.mean([getattr(one, key) for one in found]):.1f}" for key in ("hit", "iou"))
-            yield scene_name(folder), name, rendered, len(found), *scores, f"{spent:.1f}"
+            yield title_of(folder), name, rendered, len(found), *scores, f"{spent:.1f}"
 
 
 @command(__doc__)

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import click
 
-from benchmarks.common import command, markdown, scene_folders, scene_name
+from benchmarks.common import command, markdown, scene_folders
 from benchmarks.open_vocabulary.answering import Answered, answer_scene
 from benchmarks.open_vocabulary.phrases import KINDS, LEFT_OUT_PAIR, NAME
 from benchmarks.open_vocabulary.questions import TARGETS, TOLD_APART
@@ -30,6 +30,7 @@ from egosplat.evaluation.intervals import (
     mean_of_scenes,
     scaled,
 )
+from egosplat.pipeline.scene_folder import title_of
 from egosplat.pipeline.scenes import find_scene, read_scenes
 from egosplat.progress import log
 from egosplat.tables.scored_scenes import UNTOUCHED
@@ -145,7 +146,7 @@ def main(folders: tuple[Path, ...], files: tuple[Path, ...], options: tuple[str,
             for folder in own:
                 log(f"{folder}")
                 scenes.append(answer_scene(folder, find_scene(table, folder.parent.name, folder.name).config))
-            click.echo(f"\n## {title}: {', '.join(map(scene_name, own))}\n")
+            click.echo(f"\n## {title}: {', '.join(map(title_of, own))}\n")
             click.echo(f"{markdown(COLUMNS, rows(scenes), words=2)}\n\n{left_out(scenes)}")
 
 

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.common import command, markdown, scene_folders, scene_name
+from benchmarks.common import command, markdown, scene_folders
 from benchmarks.scores import METHOD, SCORES, chance, psnr, seconds, told
+from egosplat.pipeline.scene_folder import title_of
 from egosplat.tables.paper_tables import average
 from egosplat.tables.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 
@@ -57,7 +58,7 @@ def table(scenes: Mapping[str, ScoredScene]) -> str:
 @command(__doc__)
 @scene_folders
 def main(folders: Sequence[Path]) -> None:
-    scenes = {scene_name(folder): read_scored_scene(folder / "metrics.json") for folder in folders}
+    scenes = {title_of(folder): read_scored_scene(folder / "metrics.json") for folder in folders}
     check_protocol([*scenes.values()])
     print(f"{METHOD}\n{chance([*scenes.values()])}\n\n{table(scenes)}")
 

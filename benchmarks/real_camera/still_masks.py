@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.common import command, markdown, scene_folders, scene_name
+from benchmarks.common import command, markdown, scene_folders
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.transient import TRANSIENT
+from egosplat.pipeline.scene_folder import title_of
 from egosplat.pipeline.survey_file import read_survey
 
 COLUMNS = (
@@ -41,7 +42,7 @@ def row(folder: Path) -> list[object]:
     moving = masks.read("instances/transient")
     survey = read_survey(_file(folder, "survey.json"))["motion"]["probability"]
     return [
-        scene_name(folder),
+        title_of(folder),
         f"{survey:.2f}",
         f"{transient.facts['mean_probability']:.3f}",
         f"{int(moving.sum())} of {len(moving)}",

@@ -13,10 +13,11 @@ from pathlib import Path
 
 import click
 
-from benchmarks.common import command, markdown, scene_folders, scene_name
+from benchmarks.common import command, markdown, scene_folders
 from benchmarks.scores import METHOD, accuracy_difference, iou_difference, paired, psnr, seconds
 from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.reader import open_artifact
+from egosplat.pipeline.scene_folder import title_of
 from egosplat.pipeline.survey_file import read_survey
 from egosplat.tables.scored_scenes import read_scored_scene
 
@@ -29,7 +30,7 @@ def row(folder: Path) -> dict[str, object]:
     pair = paired(own, anyway)
     took, would = seconds(own) + survey["provenance"]["cpu_s"], seconds(anyway)
     return {
-        "scene": scene_name(folder),
+        "scene": title_of(folder),
         "motion": "nothing" if survey["motion"]["static"] else "something",
         "levels": ", ".join(name for name in facts["levels"] if facts["instances"][name]),
         "queried objects": own.document["counts"]["annotated_instances"],

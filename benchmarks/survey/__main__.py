@@ -15,8 +15,9 @@ from typing import Any
 import click
 import numpy as np
 
-from benchmarks.common import command, markdown, output_of, scene_name
+from benchmarks.common import command, markdown, output_of
 from egosplat.evaluation.presence import separation
+from egosplat.pipeline.scene_folder import title_of
 from egosplat.survey.decisions import LEAST_SHARE
 from egosplat.tables.scored_scenes import UNTOUCHED
 
@@ -99,7 +100,7 @@ def main(folders: tuple[Path, ...], still: tuple[Path, ...]) -> None:
     for folder in (*still, *folders):
         moves = folder not in still and not folder.name.endswith("still")
         survey = survey_of(folder)
-        rows.append(row(scene_name(folder), moves, survey))
+        rows.append(row(title_of(folder), moves, survey))
         shares.append((is_tuning(folder), moves, survey["motion"]["share"] or 0.0))
     groups = {
         half: [

@@ -13,9 +13,10 @@ from typing import Any
 
 import click
 
-from benchmarks.common import command, markdown, scene_folders, scene_name
+from benchmarks.common import command, markdown, scene_folders
 from benchmarks.scores import METHOD, accuracy_difference, chance, iou_difference, paired, told
 from egosplat.files import read_json
+from egosplat.pipeline.scene_folder import title_of
 from egosplat.tables.paper_tables import average
 from egosplat.tables.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 from egosplat.tradeoff.measured import COSTS, PSNR, Measure
@@ -49,7 +50,7 @@ def row(point: Mapping[str, Any], scenes: Mapping[Path, ScoredScene]) -> list[st
         check_protocol([*scenes.values(), *scored.values()])
         pairs = [paired(scored[folder], scene) for folder, scene in scenes.items()]
         compared = [accuracy_difference(pairs), iou_difference(pairs)]
-    named = {scene_name(folder): one for folder, one in scored.items()}
+    named = {title_of(folder): one for folder, one in scored.items()}
     return [
         f"**{point['label']}**" if point["front"] else point["label"],
         *(mean(point, one) for one in COSTS),
@@ -68,7 +69,7 @@ def main(folders: Sequence[Path]) -> None:
     check_protocol([*scenes.values()])
     machines = sorted({name for document in documents for name in document["machines"]})
     click.echo(
-        f"{', '.join(map(scene_name, folders))}: {documents[0]['about']}; {'; '.join(machines)}. Bold: on the Pareto front of "
+        f"{', '.join(map(title_of, folders))}: {documents[0]['about']}; {'; '.join(machines)}. Bold: on the Pareto front of "
         f"time and accuracy. {METHOD} {chance([*scenes.values()])}\n"
     )
     click.echo(markdown(HEADINGS, [row(point, scenes) for point in mean_points(documents)]))

@@ -11,9 +11,10 @@ from pathlib import Path
 import click
 import numpy as np
 
-from benchmarks.common import command, markdown, scene_folders, scene_name
+from benchmarks.common import command, markdown, scene_folders
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.splats import SPLATS
+from egosplat.pipeline.scene_folder import title_of
 
 
 def row(folder: Path) -> dict[str, object]:
@@ -22,7 +23,7 @@ def row(folder: Path) -> dict[str, object]:
     facts, options = splats.facts, splats.provenance["options"]
     psnr, ssim = splats.read("held_out/psnr"), splats.read("held_out/ssim")
     return {
-        "scene": scene_name(folder),
+        "scene": title_of(folder),
         "origin": splats.origin,
         "size": f"{facts['camera']['width']}x{facts['camera']['height']}",
         "views": facts["views"]["training"],

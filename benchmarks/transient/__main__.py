@@ -13,7 +13,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import command, markdown, scene_folders, scene_name
+from benchmarks.common import command, markdown, scene_folders
 from benchmarks.transient.scores import MaskScores, total
 from benchmarks.transient.truth import read_truth
 from egosplat.artifacts.frames import FRAMES
@@ -21,6 +21,7 @@ from egosplat.artifacts.instances import INSTANCES, is_track
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.pipeline.config import defaults
+from egosplat.pipeline.scene_folder import title_of
 from egosplat.progress import log
 from egosplat.transient.masks_stage import (
     InstanceScores,
@@ -48,7 +49,7 @@ class Scene:
 
     def __init__(self, folder: Path) -> None:
         log(f"reading {folder}")
-        self.name = scene_name(folder)
+        self.name = title_of(folder)
         frames = open_artifact(folder / "frames.zarr", FRAMES)
         self.valid, self.train = frames.read("valid"), frames.read("train")
         self.truth = read_truth(folder / "recording", frames)

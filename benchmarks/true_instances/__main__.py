@@ -16,7 +16,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import ROOT, command, markdown, scene_folders, scene_name
+from benchmarks.common import ROOT, command, markdown, scene_folders
 from benchmarks.scores import (
     METHOD,
     SCORES,
@@ -36,6 +36,7 @@ from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.writer import create
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.config import Config, stage_values
+from egosplat.pipeline.scene_folder import title_of
 from egosplat.pipeline.stages import run_stage
 from egosplat.progress import log, track
 from egosplat.tables.scored_scenes import ScoredScene, read_scored_scene
@@ -88,7 +89,7 @@ def score(folder: Path, work: Path, target: str) -> ScoredScene:
         output=made["language"],
     )
     scores = work / target / "metrics.json"
-    run("metrics", config, **own, **made, title=scene_name(folder), method=None, output=scores)
+    run("metrics", config, **own, **made, title=title_of(folder), method=None, output=scores)
     return read_scored_scene(scores)
 
 
@@ -118,7 +119,7 @@ def main(folders: tuple[Path, ...]) -> None:
         found = by_truth(folder)
         for target, one in found.items():
             cells = [one.cell(*score) for score in SCORES]
-            rows.append([scene_name(folder), "true", target, cells[0].queries, *map(told, cells)])
+            rows.append([title_of(folder), "true", target, cells[0].queries, *map(told, cells)])
         scenes.append(found["average"])
         pairs.append(paired(found["average"], found["view"]))
     click.echo(

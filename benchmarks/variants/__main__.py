@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from benchmarks.common import command, markdown, scene_folders, scene_name
+from benchmarks.common import command, markdown, scene_folders
 from benchmarks.scores import (
     METHOD,
     Paired,
@@ -20,6 +20,7 @@ from benchmarks.scores import (
     queries_of,
     seconds,
 )
+from egosplat.pipeline.scene_folder import title_of
 from egosplat.tables.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 
 COLUMNS = (
@@ -47,7 +48,7 @@ def row(folder: Path, variant: str, scene: ScoredScene) -> tuple[list[str], Pair
     own = read_scored_scene(folder / "variants" / variant / "metrics.json")
     check_protocol([scene, own])
     pair = paired(own, scene)
-    cells = [scene_name(folder), variant, str(queries_of([pair]))]
+    cells = [title_of(folder), variant, str(queries_of([pair]))]
     cells += [f"{seconds(scene):.0f}", f"{seconds(own):.0f}"]
     cells += [percent(scene, "accuracy"), percent(own, "accuracy"), accuracy_difference([pair])]
     cells += [percent(scene, "mean_iou"), percent(own, "mean_iou"), iou_difference([pair])]

@@ -10,11 +10,12 @@ from tempfile import TemporaryDirectory
 
 import click
 
-from benchmarks.common import command, scene_name
+from benchmarks.common import command
 from benchmarks.viewing import pages, viewers
 from benchmarks.viewing.multiplied import multiply
 from egosplat.artifacts import usage
 from egosplat.pipeline.config import defaults
+from egosplat.pipeline.scene_folder import title_of
 
 # Sizes of the page; the last is the default limit.
 SIZES = (10_000, 50_000, defaults()["scene_page"]["max_gaussians"])
@@ -35,7 +36,7 @@ def main(scene: Path) -> None:
         many = multiply(scene, folder / "results" / "many" / "scene", COPIES)
         rows.append(pages.measured(many, folder / "many.html", SIZES[-1], WORDS))
         viewed = viewers.table(scene, WORDS)
-    click.echo(f"{scene_name(scene)}, {usage.machine()}\n\n{pages.table(rows)}\n\n{viewed}")
+    click.echo(f"{title_of(scene)}, {usage.machine()}\n\n{pages.table(rows)}\n\n{viewed}")
 
 
 if __name__ == "__main__":
