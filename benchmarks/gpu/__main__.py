@@ -1,7 +1,7 @@
-"""What a GPU computes and how fast: one command, about twenty minutes.
+"""What a GPU computes and how fast: one command, about half an hour.
 
     pip install 'egosplat[cuda]'
-    python -m benchmarks.gpu FOLDER > benchmarks/gpu/README.md
+    python -m benchmarks.gpu FOLDER > page.md
 
 FOLDER is a working folder of 1 GB. An interrupted command goes on with the main job if it is run again. `--part` does a part alone.
 """

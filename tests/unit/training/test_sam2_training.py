@@ -173,8 +173,9 @@ def test_a_stopped_run_resumes_to_the_same_weights_and_the_same_curve(world, tmp
     assert saves and [row["step"] for row in killed.curve] == [0, 2]
     resumed = run("killed")
     assert resumed.step == 1 and [row["step"] for row in resumed.curve] == [0]
-    # Other draws from torch's generator must not change the result.
+    # Neither other draws from torch's generator nor the number of sampling threads change the result.
     torch.rand(7)
+    resumed.samplers = 3
     resumed.train()
     for name, value in whole.average.weights.items():
         torch.testing.assert_close(resumed.average.weights[name], value, rtol=0, atol=0, msg=name)
