@@ -11,7 +11,7 @@ from egosplat.codes.rendering import geometry_of, view_arguments
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Camera, invert, transform
-from egosplat.rasterize.api import pixel_lists
+from egosplat.rasterize.api import own_weights, pixel_lists
 
 # Pixels listed at a time: their lists take about 100 MiB.
 _PIXELS_AT_ONCE = 2**16
@@ -48,24 +48,22 @@ def look_at_centres(
 
     Args:
         camera_to_world: (4, 4) float64, OpenCV axes, meters.
-        median: whether to find median depths, which take a quarter of the time.
+        median: whether to find median depths, which take most of the time.
     """
     chosen, pixel, depth = project_centres(gaussians, camera, camera_to_world, settings)
-    weights, depths = [], []
+    view = view_arguments(camera, camera_to_world, settings, gaussians.means.device)
+    own = torch.full((gaussians.count, 2), -1)
+    own[chosen] = torch.from_numpy(pixel)
+    size = {"width": camera.width, "height": camera.height}
+    weight = own_weights(*geometry_of(gaussians), own, **view, **size)[chosen].numpy()
+    if not median:
+        return Centres(chosen, pixel, depth[chosen], weight, None)
+    depths = [np.zeros(0)]
     for begin in range(0, len(chosen), _PIXELS_AT_ONCE):
-        part = slice(begin, begin + _PIXELS_AT_ONCE)
-        shown = list_pixels(gaussians, pixel[part], camera, camera_to_world, settings)
-        weights.append(own_weights(*shown, torch.from_numpy(chosen[part])).numpy())
-        if median:
-            depths.append(median_depths(*shown, torch.from_numpy(depth)).numpy())
-    nothing = [np.zeros(0, np.float32)]
-    return Centres(
-        chosen,
-        pixel,
-        depth[chosen],
-        np.concatenate(weights or nothing),
-        np.concatenate(depths or nothing).astype(np.float64) if median else None,
-    )
+        part = pixel[begin : begin + _PIXELS_AT_ONCE]
+        shown = list_pixels(gaussians, part, camera, camera_to_world, settings)
+        depths.append(median_depths(*shown, torch.from_numpy(depth)).numpy())
+    return Centres(chosen, pixel, depth[chosen], weight, np.concatenate(depths))
 
 
 def project_centres(
@@ -97,21 +95,6 @@ def list_pixels(
     view = view_arguments(camera, camera_to_world, settings, gaussians.means.device)
     size = {"width": camera.width, "height": camera.height}
     return pixel_lists(*geometry_of(gaussians), torch.from_numpy(pixels), **view, **size)
-
-
-def own_weights(begin: Tensor, gaussians: Tensor, weights: Tensor, owner: Tensor) -> Tensor:
-    """Weight of one Gaussian in each pixel's list; 0 if the list lacks it.
-
-    Args:
-        begin, gaussians, weights: P lists, see ``list_pixels``.
-        owner: (P,) int64 Gaussian of each pixel.
-
-    Returns:
-        (P,), dtype of the weights.
-    """
-    pixel = torch.repeat_interleave(begin.diff())
-    own = gaussians == owner[pixel]
-    return weights.new_zeros(len(owner)).index_put((pixel[own],), weights[own])
 
 
 def median_depths(begin: Tensor, gaussians: Tensor, weights: Tensor, depth: Tensor) -> Tensor:

@@ -58,10 +58,50 @@ def list_weights(
         room = found
 
 
+def own_weights(
+    means2d: Tensor,
+    conics: Tensor,
+    depths: Tensor,
+    opacities: Tensor,
+    variances_y: Tensor,
+    radii: Tensor,
+    pixels: Tensor,
+    width: int,
+    height: int,
+) -> Tensor:
+    """Find the weight of each Gaussian at one pixel of its own, in a tenth of the time of ``list_weights``.
+
+    Args:
+        means2d, conics, depths, opacities, variances_y, radii: as ``kernels.raster.project`` returns them.
+        pixels: (N, 2) integers, column and row; outside the image, such as -1, for none.
+        width, height: image size [px].
+
+    Returns:
+        (N,) float32, alpha times transmittance; 0 where the pixel ends before the Gaussian, or there is none.
+    """
+    given = (means2d, conics, variances_y, opacities, depths, radii)
+    # The names keep copies alive during the call.
+    arrays = [tensor.detach().contiguous() for tensor in given]
+    # Numbers beyond int32 must not wrap around into the image.
+    wanted = pixels.clamp(-1, max(width, height)).to(torch.int32).contiguous()
+    weights = torch.zeros(len(means2d))
+    addresses = [tensor.data_ptr() for tensor in (*arrays, wanted, weights)]
+    _own_function()(len(means2d), width, height, torch.get_num_threads(), *addresses)
+    return weights
+
+
 @functools.cache
 def _function() -> Any:
     integer, pointer = ctypes.c_int, ctypes.c_void_p
     function = library.load().egosplat_pixel_weights
     function.argtypes = [*[integer] * 4, *[pointer] * 6, integer, pointer, ctypes.c_int64, *[pointer] * 3]
+    function.restype = None
+    return function
+
+
+@functools.cache
+def _own_function() -> Any:
+    function = library.load().egosplat_own_weights
+    function.argtypes = [*[ctypes.c_int] * 4, *[ctypes.c_void_p] * 8]
     function.restype = None
     return function

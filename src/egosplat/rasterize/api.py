@@ -209,17 +209,82 @@ def pixel_lists(
 
     Raises: as ``rasterization``; and ValueError if a pixel lies outside the image.
     """
-    name = _name(backend, means)
-    on_cpu = [one.cpu() for one in (means, quats, scales, opacities)]
-    colors = torch.eye(len(means), dtype=means.dtype) if name == "reference" else on_cpu[3][:, None]
-    geometry = (*on_cpu, colors, viewmat.cpu()[None], K.cpu()[None], width, height)
-    arguments = Arguments(*geometry, near_plane=near_plane, rasterize_mode=rasterize_mode)
-    check(arguments)
+    name, arguments = _on_cpu(
+        means, quats, scales, opacities, viewmat, K, width, height, near_plane, rasterize_mode, backend
+    )
     if name != "reference":
         from egosplat.rasterize.cpu import pixel_weights
 
         return pixel_weights(arguments, pixels)
-    images, _, meta = _backend("reference", on_cpu[0])(arguments)
+    return _reference_lists(arguments, pixels)
+
+
+def own_weights(
+    means: Tensor,
+    quats: Tensor,
+    scales: Tensor,
+    opacities: Tensor,
+    pixels: Tensor,
+    viewmat: Tensor,
+    K: Tensor,
+    width: int,
+    height: int,
+    *,
+    near_plane: float = 0.1,
+    rasterize_mode: str = "classic",
+    backend: str = "auto",
+) -> Tensor:
+    """Find the weight of each Gaussian at one pixel of its own, on the CPU as ``pixel_lists`` does.
+
+    Args:
+        means, quats, scales, opacities, viewmat, K, near_plane, rasterize_mode, backend: as in ``pixel_lists``.
+        pixels: (N, 2) integers, column and row, on the CPU; outside the image, such as -1, for none.
+
+    Returns:
+        (N,) on the CPU, alpha times transmittance; 0 where the pixel ends before the Gaussian, or there is none.
+
+    Raises: as ``rasterization``.
+    """
+    name, arguments = _on_cpu(
+        means, quats, scales, opacities, viewmat, K, width, height, near_plane, rasterize_mode, backend
+    )
+    if name != "reference":
+        from egosplat.rasterize.cpu import own_weights as compiled
+
+        return compiled(arguments, pixels)
+    inside = ((pixels >= 0) & (pixels < torch.tensor([width, height]))).all(dim=1).nonzero()[:, 0]
+    begin, ids, weights = _reference_lists(arguments, pixels[inside])
+    owner = inside[torch.repeat_interleave(begin.diff())]
+    own = ids == owner
+    return weights.new_zeros(len(pixels)).index_put((owner[own],), weights[own])
+
+
+def _on_cpu(
+    means: Tensor,
+    quats: Tensor,
+    scales: Tensor,
+    opacities: Tensor,
+    viewmat: Tensor,
+    K: Tensor,
+    width: int,
+    height: int,
+    near_plane: float,
+    rasterize_mode: str,
+    backend: str,
+) -> tuple[str, Arguments]:
+    """Name of the backend, and the checked arguments of one camera on the CPU."""
+    name = _name(backend, means)
+    on_cpu = [one.cpu() for one in (means, quats, scales, opacities)]
+    # The reference lists what the pixels of one image for each Gaussian show.
+    colors = torch.eye(len(means), dtype=means.dtype) if name == "reference" else on_cpu[3][:, None]
+    geometry = (*on_cpu, colors, viewmat.cpu()[None], K.cpu()[None], width, height)
+    arguments = Arguments(*geometry, near_plane=near_plane, rasterize_mode=rasterize_mode)
+    check(arguments)
+    return name, arguments
+
+
+def _reference_lists(arguments: Arguments, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    images, _, meta = _backend("reference", arguments.means)(arguments)
     order = meta["depths"][0].argsort(stable=True)
     shown = images[0, pixels[:, 1], pixels[:, 0]][:, order]
     pixel, place = shown.nonzero(as_tuple=True)

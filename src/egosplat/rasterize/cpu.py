@@ -7,7 +7,7 @@ from torch import Tensor
 
 from egosplat.errors import UserError
 from egosplat.kernels import library
-from egosplat.kernels.pixel_weights import list_weights
+from egosplat.kernels import pixel_weights as kernels
 from egosplat.kernels.raster import Projection, composite, project, sum_pixels
 from egosplat.rasterize.contract import (
     MIN_DEPTH_ALPHA,
@@ -54,7 +54,14 @@ def sum_over_pixels(arguments: Arguments, image: Tensor) -> Tensor:
 def pixel_weights(arguments: Arguments, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """``kernels.pixel_weights.list_weights`` for one camera; colours are not used. Errors are as above."""
     a = arguments
-    return list_weights(*_projected_geometry(a), pixels, a.width, a.height)
+    return kernels.list_weights(*_projected_geometry(a), pixels, a.width, a.height)
+
+
+@torch.no_grad()
+def own_weights(arguments: Arguments, pixels: Tensor) -> Tensor:
+    """``kernels.pixel_weights.own_weights`` for one camera; colours are not used. Errors are as above."""
+    a = arguments
+    return kernels.own_weights(*_projected_geometry(a), pixels, a.width, a.height)
 
 
 def _projected_geometry(a: Arguments) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:

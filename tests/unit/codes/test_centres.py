@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.codes.centres import list_pixels, look_at_centres, median_depths, own_weights
+from egosplat.codes.centres import list_pixels, look_at_centres, median_depths
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Camera
-from egosplat.rasterize.api import pixel_lists
+from egosplat.rasterize.api import own_weights, pixel_lists
 from tests.support.blobs import blobs
 
 CAMERA = Camera(60, 40, 50.0, 50.0, 30.0, 20.0)
@@ -92,8 +92,22 @@ def test_a_view_without_centres_is_empty():
     assert found.pixel.shape == (0, 2) and found.weight.shape == found.median_depth.shape == (0,)
 
 
-def test_a_pixel_that_lacks_its_gaussian_gives_weight_0():
-    begin, ids, weights = torch.tensor([0, 2, 2]), torch.tensor([4, 1]), torch.tensor([0.5, 0.25])
-    torch.testing.assert_close(
-        own_weights(begin, ids, weights, torch.tensor([1, 4])), torch.tensor([0.25, 0.0])
-    )
+@pytest.mark.parametrize("width, height", [(60, 40), (67, 33)])
+def test_own_weights_are_those_of_the_lists(crowd, width, height):
+    """Near the centres, also in tiles that the image cuts, and for Gaussians without a pixel in the image."""
+    size = torch.tensor([width, height])
+    centres = CAMERA.project(crowd.means.double().numpy())
+    pixels = torch.from_numpy(np.floor(centres + np.random.default_rng(5).normal(0, 5, (300, 2)))).long()
+    pixels[::7] = torch.tensor([-1, -1])
+    pixels[1::7] = size
+    view = torch.eye(4), torch.from_numpy(CAMERA.matrix).float(), width, height
+    geometry = crowd.means, crowd.quats, crowd.scales, crowd.opacities
+    inside = ((pixels >= 0) & (pixels < size)).all(dim=1)
+    begin, ids, weights = pixel_lists(*geometry, pixels[inside], *view, backend="cpu")
+    owner = inside.nonzero()[torch.repeat_interleave(begin.diff()), 0]
+    wanted = torch.zeros(300)
+    wanted[owner[ids == owner]] = weights[ids == owner]
+    assert int((wanted > 0).sum()) > 20 and int((wanted[inside] == 0).sum()) > 20
+    for backend in ("cpu", "reference"):
+        found = own_weights(*geometry, pixels, *view, backend=backend)
+        torch.testing.assert_close(found, wanted, rtol=1e-4, atol=1e-6)

@@ -1,6 +1,7 @@
 // The C interface of the library. Arrays are float32, contiguous, row-major; the callers check sizes.
 #include "adam.h"
 #include "loss.h"
+#include "own_weights.h"
 #include "pixel_weights.h"
 #include "project_backward.h"
 #include "raster.h"
@@ -88,6 +89,13 @@ void egosplat_pixel_weights(int n, int width, int height, int threads, const flo
                             float* weights) {
     pixel_weights(n, width, height, threads, means2d, conics, spreads, opacities, depths, radii, count, pixels, room,
                   begin, ids, weights);
+}
+
+// pixels (n, 2) column and row, outside the image for none; weights (n,) must be zero on entry.
+void egosplat_own_weights(int n, int width, int height, int threads, const float* means2d, const float* conics,
+                          const float* spreads, const float* opacities, const float* depths, const int32_t* radii,
+                          const int32_t* pixels, float* weights) {
+    own_weights(n, width, height, threads, means2d, conics, spreads, opacities, depths, radii, pixels, weights);
 }
 
 void egosplat_raster_free(void* raster) { POOL.give(static_cast<Raster*>(raster)); }
