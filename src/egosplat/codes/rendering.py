@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy import sparse
 from torch import Tensor
 
 from egosplat.gaussians.model import Gaussians
@@ -103,6 +104,32 @@ def sum_over_pixels(
     """
     view = view_arguments(camera, camera_to_world, settings, gaussians.means.device)
     return rasterize.sum_over_pixels(*geometry_of(gaussians), image, **view)
+
+
+def render_sparse_values(
+    gaussians: Gaussians,
+    values: sparse.csr_array,
+    camera: Camera,
+    camera_to_world: NDArray[np.float64],
+    settings: RenderSettings,
+) -> Tensor:
+    """Composite (N, X) values of Gaussians of which few are not 0; not differentiable.
+
+    Args:
+        gaussians, camera, camera_to_world, settings: as in ``render_values``.
+        values: (N, X) float32.
+
+    Returns:
+        (X, H, W) float32 on background 0.
+    """
+    device = gaussians.means.device
+    begin, channel = (
+        torch.from_numpy(each).to(device, torch.int64) for each in (values.indptr, values.indices)
+    )
+    rows = begin, channel, torch.from_numpy(values.data).to(device)
+    view = view_arguments(camera, camera_to_world, settings, device)
+    size = {"width": camera.width, "height": camera.height}
+    return rasterize.sparse_values(*geometry_of(gaussians), *rows, values.shape[1], **view, **size)
 
 
 def pixel_renderer(

@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 from scipy import sparse
 from torch import Tensor
 
-from egosplat.codes.rendering import render_values
+from egosplat.codes.rendering import render_sparse_values
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, render
 from egosplat.geometry import Camera
 
 LEAST_BELIEF = 0.05
 
-# Things rendered in one pass.
-_AT_ONCE = 64
+# Things rendered in one pass; bounds the memory of their images.
+_AT_ONCE = 256
 
 Box = tuple[slice, slice]
 """Rows and columns."""
@@ -47,8 +47,8 @@ def render_things(
     seen = _seen(gaussians, camera, camera_to_world, settings)
     view, rows = gaussians.select(seen), seen.numpy()
 
-    def image(values: NDArray[np.float32]) -> Tensor:
-        return render_values(view, torch.from_numpy(values), camera, camera_to_world, settings)[0]
+    def image(values: sparse.csr_array) -> Tensor:
+        return render_sparse_values(view, values, camera, camera_to_world, settings)
 
     return np.stack([_strongest(held[rows], image, size) for held in beliefs])
 
@@ -64,15 +64,15 @@ def _seen(
 
 
 def _strongest(
-    beliefs: sparse.csr_array, image: Callable[[NDArray[np.float32]], Tensor], size: tuple[int, int]
+    beliefs: sparse.csr_array, image: Callable[[sparse.csr_array], Tensor], size: tuple[int, int]
 ) -> NDArray[np.int32]:
     """(H, W) strongest thing of one level, from (n, K) beliefs of the Gaussians that a frame shows and their rendering."""
     best = torch.full(size, LEAST_BELIEF)
     labels = torch.full(size, -1, dtype=torch.int32)
     for things in _in_parts(_near(beliefs)):
-        images = image(beliefs[:, things].toarray())
+        images = image(beliefs[:, things])
         for place, cells, pixels in _boxes(images > LEAST_BELIEF, size):
-            small, so_far = images[*cells, place], best[pixels]
+            small, so_far = images[place, *cells], best[pixels]
             enlarged = F.interpolate(small[None, None], so_far.shape, mode="bilinear")[0, 0]
             labels[pixels].masked_fill_(enlarged > so_far, int(things[place]))
             torch.maximum(so_far, enlarged, out=so_far)
@@ -88,13 +88,13 @@ def _near(beliefs: sparse.csr_array) -> NDArray[np.intp]:
 
 
 def _boxes(shown: Tensor, size: tuple[int, int]) -> Iterator[tuple[int, Box, Box]]:
-    """Each thing that (h, w, K) bool images show: its place, the box of cells around it, and that box in ``size`` pixels.
+    """Each thing that (K, h, w) bool images show: its place, the box of cells around it, and that box in ``size`` pixels.
 
     A thing covers little of a frame, and enlarging whole images would take most of the time.
     """
-    rows, columns = shown.any(dim=1).numpy(), shown.any(dim=0).numpy()
-    for place in np.flatnonzero(rows.any(axis=0)).tolist():
-        spans = zip((rows[:, place], columns[:, place]), size, strict=True)
+    rows, columns = shown.any(dim=2).numpy(), shown.any(dim=1).numpy()
+    for place in np.flatnonzero(rows.any(axis=1)).tolist():
+        spans = zip((rows[place], columns[place]), size, strict=True)
         cells, pixels = zip(*(_span(*span) for span in spans), strict=True)
         yield place, cells, pixels
 

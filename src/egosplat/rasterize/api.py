@@ -133,6 +133,59 @@ def sum_over_pixels(
     return torch.autograd.grad(images, values, image[None])[0]
 
 
+def sparse_values(
+    means: Tensor,
+    quats: Tensor,
+    scales: Tensor,
+    opacities: Tensor,
+    begin: Tensor,
+    channel: Tensor,
+    value: Tensor,
+    channels: int,
+    viewmat: Tensor,
+    K: Tensor,
+    width: int,
+    height: int,
+    *,
+    near_plane: float = 0.1,
+    rasterize_mode: str = "classic",
+    backend: str = "auto",
+) -> Tensor:
+    """Render values of which a Gaussian has few that are not 0, on background 0. Not differentiable.
+
+    The backend cpu takes time by their number; the others render the dense values.
+
+    Args:
+        means, quats, scales, opacities, near_plane, rasterize_mode, backend: as in ``rasterization``.
+        begin, channel, value: (N + 1,) int64, (M,) int64 and (M,) of the dtype of means, the rows of a sparse (N, X)
+            matrix: Gaussian i has the values ``begin[i]`` to ``begin[i + 1]``, of the channels that are named there.
+        channels: X.
+        viewmat: (4, 4) world_to_camera; K: (3, 3) intrinsics [px].
+
+    Returns:
+        (X, H, W).
+
+    Raises: as ``rasterization``; and ValueError if the rows are not those of a matrix of this size.
+    """
+    count = len(means)
+    fits = len(begin) == count + 1 and int(begin[0]) == 0 and int(begin[-1]) == len(channel) == len(value)
+    if not fits or (begin.diff() < 0).any() or ((channel < 0) | (channel >= channels)).any():
+        raise ValueError(f"the values are not the rows of a matrix of {count} x {channels}")
+    nothing = means.new_zeros(1, channels).expand(count, -1)
+    geometry = means, quats, scales, opacities, nothing, viewmat[None], K[None], width, height
+    arguments = Arguments(*geometry, near_plane=near_plane, rasterize_mode=rasterize_mode)
+    check(arguments)
+    if _name(backend, means) == "cpu":
+        from egosplat.rasterize.cpu import sparse_values as chosen
+
+        return chosen(arguments, begin, channel, value, channels)
+    dense = means.new_zeros(count, channels)
+    dense.index_put_((torch.repeat_interleave(begin.diff()), channel), value, accumulate=True)
+    with torch.no_grad():
+        images, _, _ = _backend(backend, means)(replace(arguments, colors=dense))
+    return images[0].permute(2, 0, 1)
+
+
 def pixel_renderer(
     means: Tensor,
     quats: Tensor,

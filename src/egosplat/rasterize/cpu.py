@@ -9,6 +9,7 @@ from egosplat.errors import UserError
 from egosplat.kernels import library
 from egosplat.kernels import pixel_weights as kernels
 from egosplat.kernels.raster import Projection, composite, project, sum_pixels
+from egosplat.kernels.sparse import composite_sparse
 from egosplat.rasterize.contract import (
     MIN_DEPTH_ALPHA,
     Arguments,
@@ -48,6 +49,15 @@ def rasterization(arguments: Arguments) -> Render:
 def sum_over_pixels(arguments: Arguments, image: Tensor) -> Tensor:
     """``api.sum_over_pixels`` with the compiled kernels, for one camera; colours are not used. Errors are as above."""
     return sum_pixels(*_projected_geometry(arguments), image.permute(2, 0, 1))
+
+
+@torch.no_grad()
+def sparse_values(
+    arguments: Arguments, begin: Tensor, channel: Tensor, value: Tensor, channels: int
+) -> Tensor:
+    """``api.sparse_values`` with the compiled kernels, for one camera; colours are not used. Errors are as above."""
+    a = arguments
+    return composite_sparse(*_projected_geometry(a), begin, channel, value, channels, a.width, a.height)
 
 
 @torch.no_grad()

@@ -5,6 +5,7 @@
 #include "pixel_weights.h"
 #include "project_backward.h"
 #include "raster.h"
+#include "sparse.h"
 
 using namespace egosplat;
 
@@ -96,6 +97,14 @@ void egosplat_own_weights(int n, int width, int height, int threads, const float
                           const float* spreads, const float* opacities, const float* depths, const int32_t* radii,
                           const int32_t* pixels, float* weights) {
     own_weights(n, width, height, threads, means2d, conics, spreads, opacities, depths, radii, pixels, weights);
+}
+
+// begin (n + 1,), channel and value: rows of a sparse matrix; render (channels, height, width) must be zero on entry.
+void egosplat_sparse_render(int n, int width, int height, int threads, const float* means2d, const float* conics,
+                            const float* spreads, const float* opacities, const float* depths, const int32_t* radii,
+                            const int64_t* begin, const int64_t* channel, const float* value, float* render) {
+    sparse_render(n, width, height, threads, means2d, conics, spreads, opacities, depths, radii,
+                  {begin, channel, value}, render);
 }
 
 void egosplat_raster_free(void* raster) { POOL.give(static_cast<Raster*>(raster)); }
