@@ -77,6 +77,39 @@ INLINE void forward_row(const Column& column, RowList& list, int row, Floats (&c
     }
 }
 
+// As forward_row without colours: calls call(place in the column, weights at the pixels of the row), nearest first.
+template <class Call>
+INLINE void visit_row(const Column& column, RowList& list, int row, Floats T, Call call) {
+    Floats alphas[BLOCK];
+    for (int begin = 0; begin < column.count; begin += BLOCK) {
+        list.fill(column, begin, std::min(begin + BLOCK, padded(column.count)), row + 0.5f);
+        alphas_of(list, alphas);
+        for (int j = 0; j < list.count; j++) {
+            const Floats weight = T * alphas[j];
+            T = max(T * (1.0f - alphas[j]), broadcast(LEAST_TRANSMITTANCE));
+            const Mask kept = above(T, broadcast(MIN_TRANSMITTANCE));
+            call(list.place_of(j), where(kept, weight));
+            if (!any(kept)) return;
+        }
+    }
+}
+
+// Calls call(column, list, band, tile) for each tile; the bands are divided among threads.
+template <class Call>
+void for_tiles(const Tiles& tiles, int threads, Call call) {
+#pragma omp parallel num_threads(threads)
+    {
+        Column column;
+        RowList list;
+#pragma omp for schedule(dynamic)
+        for (int band = 0; band < tiles.bands; band++)
+            for (int tile = 0; tile < tiles.columns; tile++) {
+                column.fill(tiles, band, tile, nullptr, 0);
+                call(column, list, band, tile);
+            }
+    }
+}
+
 // render (C, H, W) and alpha (H, W) of one band.
 template <int C>
 void forward_band(const Tiles& tiles, int band, const float* colors, int stride, const float* background, Image render,

@@ -41,6 +41,9 @@ struct Tiles {
     std::vector<int32_t> member_of;      // indices into `members`, by splat
     std::vector<std::vector<int32_t>> tile_begin;  // by band: start of each tile, and the end, in `entries`
     std::vector<std::vector<int32_t>> entries;     // by band: indices into its members, by tile, nearest first
+
+    // The Gaussian of a member.
+    int32_t id_of(int member) const { return splats[members[member]].id; }
 };
 
 struct Rectangle {
