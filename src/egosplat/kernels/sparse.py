@@ -36,7 +36,7 @@ def composite_sparse(
     Returns:
         (X, height, width), what ``kernels.raster.composite`` renders of the dense values.
     """
-    given = (means2d, conics, variances_y, opacities, depths, radii, begin, channel, value)
+    given = (means2d, conics, variances_y, opacities, depths, radii, begin.long(), channel.long(), value)
     # The names keep copies alive during the call.
     arrays = [tensor.detach().contiguous() for tensor in given]
     render = torch.zeros(channels, height, width)

@@ -169,8 +169,9 @@ def sparse_values(
     """
     count = len(means)
     fits = len(begin) == count + 1 and int(begin[0]) == 0 and int(begin[-1]) == len(channel) == len(value)
+    fits = fits and value.dtype == means.dtype
     if not fits or (begin.diff() < 0).any() or ((channel < 0) | (channel >= channels)).any():
-        raise ValueError(f"the values are not the rows of a matrix of {count} x {channels}")
+        raise ValueError(f"the values are not the rows of a {means.dtype} matrix of {count} x {channels}")
     nothing = means.new_zeros(1, channels).expand(count, -1)
     geometry = means, quats, scales, opacities, nothing, viewmat[None], K[None], width, height
     arguments = Arguments(*geometry, near_plane=near_plane, rasterize_mode=rasterize_mode)
@@ -296,8 +297,10 @@ def own_weights(
     Returns:
         (N,) on the CPU, alpha times transmittance; 0 where the pixel ends before the Gaussian, or there is none.
 
-    Raises: as ``rasterization``.
+    Raises: as ``rasterization``; and ValueError if the pixels are not (N, 2).
     """
+    if pixels.shape != (len(means), 2):
+        raise ValueError(f"pixels are {tuple(pixels.shape)}; ({len(means)}, 2) is needed")
     name, arguments = _on_cpu(
         means, quats, scales, opacities, viewmat, K, width, height, near_plane, rasterize_mode, backend
     )

@@ -111,3 +111,11 @@ def test_own_weights_are_those_of_the_lists(crowd, width, height):
     for backend in ("cpu", "reference"):
         found = own_weights(*geometry, pixels, *view, backend=backend)
         torch.testing.assert_close(found, wanted, rtol=1e-4, atol=1e-6)
+
+
+def test_own_weights_need_a_pixel_for_each_gaussian(crowd):
+    view = torch.eye(4), torch.from_numpy(CAMERA.matrix).float(), 60, 40
+    with pytest.raises(ValueError, match=r"\(299, 2\).*\(300, 2\)"):
+        own_weights(
+            crowd.means, crowd.quats, crowd.scales, crowd.opacities, torch.zeros(299, 2).long(), *view
+        )

@@ -71,6 +71,7 @@ def test_gaussians_without_values_hide_what_is_behind_them(crowd):
         ([0, 1, 2, 3], [0, 0, 2], [1.0, 1.0, 1.0]),
         ([0, 1, 2, 3], [0, -1, 0], [1.0, 1.0, 1.0]),
         ([0, 1, 2, 3], [0, 0, 0], [1.0, 1.0]),
+        ([0, 1, 2, 3], [0, 0, 0], [1, 1, 1]),
     ],
 )
 def test_rows_of_another_matrix_are_refused(begin, channel, value):
