@@ -2,6 +2,7 @@
 
 import base64
 import io
+import re
 
 import numpy as np
 import pytest
@@ -158,7 +159,8 @@ def test_a_query_colours_its_answer_and_a_jump_shows_it(scene):
     button.click()
     x, y = tab.page.evaluate("point => egosplat.project(point)", thing["centre"])
     assert [x, y] == pytest.approx([WIDE[0] / 2, WIDE[1] / 2], abs=1)
-    assert tab.page.inner_text("#mark span").startswith("cup")
+    # The mark is drawn with the next frame.
+    tab.page.locator("#mark span", has_text=re.compile(r"^cup")).wait_for()
     wall = [0.1, 0.0, 2.0]
     red, _, blue = colour_at(tab, thing["centre"])
     assert red > 2 * blue

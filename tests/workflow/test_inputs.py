@@ -47,11 +47,12 @@ def test_numbers_of_the_command_line_and_with_an_exponent_are_numbers(one_scene,
 
 
 def test_the_last_word_of_a_run_that_failed_is_the_stage_s_message(one_scene, pictures):
-    workdir = one_scene("plain", pictures, "frames.resolution=128 frames.evaluation_frames=1")
+    workdir = one_scene("plain", pictures, "frames.start_s=900 frames.evaluation_frames=1")
     done = workdir.snakemake("--", FRAMES)
     said = done.stderr.strip().splitlines()
     assert done.returncode != 0
-    assert said[-1].startswith(f"egosplat: {FRAMES} was not made. resolution: 128 px")
+    assert said[-1].startswith(f"egosplat: {FRAMES} was not made. ")
+    assert "no frame between start_s and end_s" in said[-1]
     assert "egosplat frames --recording" not in done.stderr, "a shell command stands between"
     (log,) = (workdir.folder / ".snakemake/log").glob("*.log")
     assert "egosplat frames --recording" in log.read_text(), "Snakemake's own log keeps it"

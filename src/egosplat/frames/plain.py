@@ -55,7 +55,7 @@ class PlainRecording:
 
         Args:
             path: video file or image folder.
-            resolution: longer side of the frames [px], at most the source's.
+            resolution: longer side of the frames [px]; a smaller source keeps its own.
             stride, start_s, end_s: see ``selection.select_frames``; a folder has one image per second.
             known_poses: see ``known_poses.find_known_poses``.
             lens: see ``distortion.lens_of_frames``; a calibration takes its place.
@@ -145,15 +145,18 @@ def open_source(path: Path) -> Video | ImageFolder:
 
 
 def fit(full: Camera, resolution: int, path: Path) -> tuple[int, int]:
-    """Width and height of frames whose longer side is ``resolution`` [px].
+    """Width and height of frames whose longer side is ``resolution`` [px]; a smaller source keeps its own, and the log says so.
 
     Raises:
-        UserError: ``resolution`` is not positive, or would enlarge the frames.
+        UserError: ``resolution`` is not positive.
     """
     longest = max(full.width, full.height)
-    if not 1 <= resolution <= longest:
+    if resolution < 1:
         raise UserError(f"resolution: {resolution} px, but {path} has {longest}. Choose from 1 to {longest}.")
-    return tuple(max(1, round(side * resolution / longest)) for side in (full.width, full.height))
+    if resolution > longest:
+        log(f"{path.name}: frames keep their {longest} px, which are less than resolution: {resolution}")
+    scale = min(1.0, resolution / longest)
+    return tuple(max(1, round(side * scale)) for side in (full.width, full.height))
 
 
 def stride_advice(timestamp_ns: NDArray[np.int64], stride: int) -> str | None:

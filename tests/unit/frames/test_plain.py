@@ -203,10 +203,17 @@ def test_an_image_that_cannot_be_decoded_is_named(images):
         reds(PlainRecording(images, **OPTIONS), [2])
 
 
-@pytest.mark.parametrize("resolution", [0, -3, 65])
+@pytest.mark.parametrize("resolution", [0, -3])
 def test_a_resolution_out_of_range_is_rejected(images, resolution):
     with pytest.raises(UserError, match="resolution.*64"):
         PlainRecording(images, **(OPTIONS | {"resolution": resolution}))
+
+
+def test_images_that_are_smaller_than_the_resolution_keep_their_size(images, capsys):
+    """A preset asks for one size of all recordings."""
+    recording = PlainRecording(images, **(OPTIONS | {"resolution": 65}))
+    assert (recording.capture.camera.width, recording.capture.camera.height) == (64, 48)
+    assert "frames keep their 64 px" in capsys.readouterr().err
 
 
 def test_area_averaging_does_not_alias(tmp_path):
