@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from egosplat.kernels import library
+from egosplat.kernels.arrays import address
 
 _INT, _INT64, _DOUBLE, _POINTER = ctypes.c_int, ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
 
@@ -55,7 +56,7 @@ def adam_step(
     rates = rates if isinstance(rates, Tensor) else torch.full((columns,), rates)
     _check("rates", rates, (columns,))
     # ``rates`` and the tensors stay referenced until the call returns: the kernel gets addresses only.
-    addresses = (tensor.data_ptr() for tensor in (rates, *tensors.values()))
+    addresses = map(address, (rates, *tensors.values()))
     return _function()(rows, columns, torch.get_num_threads(), beta1, beta2, eps, step, *addresses)
 
 

@@ -9,6 +9,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from egosplat.kernels import library
+from egosplat.kernels.arrays import address
 
 _INT, _DOUBLE, _POINTER = ctypes.c_int, ctypes.c_double, ctypes.c_void_p
 
@@ -51,7 +52,7 @@ class _L1SSIM(torch.autograd.Function):
         target, weight = target.contiguous(), None if weight is None else weight.contiguous()
         gradient = torch.empty_like(planar) if ctx.needs_input_grad[0] else None
         _, height, width = planar.shape
-        addresses = (None if t is None else t.data_ptr() for t in (planar, target, weight, gradient))
+        addresses = map(address, (planar, target, weight, gradient))
         loss = _function()(width, height, torch.get_num_threads(), ssim_lambda, *addresses)
         ctx.save_for_backward(gradient)
         return torch.tensor(loss, dtype=torch.float32)

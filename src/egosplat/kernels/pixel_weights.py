@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from egosplat.kernels import library
+from egosplat.kernels.arrays import address, plain
 
 # Gaussians that a pixel shows, of a first guess; a scene with more takes a second call.
 _USUAL = 48
@@ -43,16 +44,15 @@ def list_weights(
         raise ValueError(f"a pixel lies outside the image of {width} x {height}")
     given = (means2d, conics, variances_y, opacities, depths, radii)
     # The names keep copies alive during the call.
-    arrays = [tensor.detach().contiguous() for tensor in given]
+    arrays = [*map(plain, given)]
     wanted = pixels.to(torch.int32).contiguous()
     begin = torch.zeros(len(wanted) + 1, dtype=torch.int64)
     room = _USUAL * len(wanted)
     while True:
         ids, weights = torch.empty(room, dtype=torch.int64), torch.empty(room)
-        addresses = [tensor.data_ptr() for tensor in arrays]
-        results = (begin.data_ptr(), ids.data_ptr(), weights.data_ptr())
+        results = map(address, (begin, ids, weights))
         sizes = (len(means2d), width, height, torch.get_num_threads())
-        _function()(*sizes, *addresses, len(wanted), wanted.data_ptr(), room, *results)
+        _function()(*sizes, *map(address, arrays), len(wanted), address(wanted), room, *results)
         if (found := int(begin[-1])) <= room:
             return begin, ids[:found], weights[:found]
         room = found
@@ -81,11 +81,11 @@ def own_weights(
     """
     given = (means2d, conics, variances_y, opacities, depths, radii)
     # The names keep copies alive during the call.
-    arrays = [tensor.detach().contiguous() for tensor in given]
+    arrays = [*map(plain, given)]
     # Numbers beyond int32 must not wrap around into the image.
     wanted = pixels.clamp(-1, max(width, height)).to(torch.int32).contiguous()
     weights = torch.zeros(len(means2d))
-    addresses = [tensor.data_ptr() for tensor in (*arrays, wanted, weights)]
+    addresses = map(address, (*arrays, wanted, weights))
     _own_function()(len(means2d), width, height, torch.get_num_threads(), *addresses)
     return weights
 

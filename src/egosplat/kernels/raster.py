@@ -14,6 +14,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from egosplat.kernels import library
+from egosplat.kernels.arrays import address, plain
 
 _INT, _POINTER = ctypes.c_int, ctypes.c_void_p
 
@@ -122,9 +123,9 @@ def sum_pixels(
     sums = torch.zeros(len(means2d), channels)
     inputs = (means2d, conics, variances_y, opacities, depths, radii, image)
     # The list keeps copies alive during the call.
-    arrays = [*map(_plain, inputs), sums]
+    arrays = [*map(plain, inputs), sums]
     _functions().egosplat_raster_sum(
-        len(means2d), channels, width, height, torch.get_num_threads(), *map(_address, arrays)
+        len(means2d), channels, width, height, torch.get_num_threads(), *map(address, arrays)
     )
     return sums
 
@@ -133,7 +134,7 @@ class _Project(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, *arguments: Any) -> tuple[Tensor, ...]:
         *tensors, settings = arguments
-        means, quats, scales, opacities, sh, features, viewmat = (_plain(tensor) for tensor in tensors)
+        means, quats, scales, opacities, sh, features, viewmat = (plain(tensor) for tensor in tensors)
         layout = _layout(means, sh, features, settings)
         count, channels = len(means), 3 * bool(settings.coefficients) + layout[3] + settings.depth
         sizes = ((count, 2), (count, 3), (count,), (count,), (count, channels))
@@ -142,7 +143,7 @@ class _Project(torch.autograd.Function):
         camera = _camera(viewmat, settings)
         inputs = (means, quats, scales, opacities, sh, features)
         _functions().egosplat_project_forward(
-            *layout, torch.get_num_threads(), camera, *map(_address, (*inputs, *outputs, variances_y, radii))
+            *layout, torch.get_num_threads(), camera, *map(address, (*inputs, *outputs, variances_y, radii))
         )
         ctx.layout, ctx.camera = layout, camera
         ctx.save_for_backward(means, quats, scales, opacities, sh, radii, outputs[-1])
@@ -161,13 +162,13 @@ class _Project(torch.autograd.Function):
         results.append(torch.empty_like(sh) if needed[4] else None)
         results.append(torch.empty(len(means), ctx.layout[3]) if needed[5] else None)
         pose = torch.zeros(12, dtype=torch.float64) if needed[6] else None
-        given = [_plain(gradient) for gradient in gradients[:5]]
+        given = [plain(gradient) for gradient in gradients[:5]]
         inputs = (means, quats, scales, opacities, sh, radii, channels)
         _functions().egosplat_project_backward(
             *ctx.layout,
             torch.get_num_threads(),
             ctx.camera,
-            *map(_address, (*inputs, *given, *results, pose)),
+            *map(address, (*inputs, *given, *results, pose)),
         )
         return (*results, None if pose is None else _pose_gradient(pose), None)
 
@@ -176,11 +177,11 @@ class _Composite(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, *arguments: Any) -> tuple[Tensor, Tensor]:
         *tensors, width, height = arguments
-        means2d, conics, depths, opacities, channels, variances_y, radii, background = map(_plain, tensors)
+        means2d, conics, depths, opacities, channels, variances_y, radii, background = map(plain, tensors)
         render, alpha = torch.empty(channels.shape[1], height, width), torch.empty(height, width)
         inputs = (means2d, conics, variances_y, opacities, channels, depths, radii, background, render, alpha)
         handle = _functions().egosplat_raster_forward(
-            len(means2d), channels.shape[1], width, height, torch.get_num_threads(), *map(_address, inputs)
+            len(means2d), channels.shape[1], width, height, torch.get_num_threads(), *map(address, inputs)
         )
         ctx.raster = _Raster(handle)
         ctx.save_for_backward(conics, channels, render, alpha)
@@ -193,16 +194,16 @@ class _Composite(torch.autograd.Function):
     def backward(ctx: Any, v_render: Tensor | None, v_alpha: Tensor | None) -> tuple[Tensor | None, ...]:
         conics, channels, render, alpha = ctx.saved_tensors
         needed = ctx.needs_input_grad
-        v_render = torch.zeros_like(render) if v_render is None else _plain(v_render)
+        v_render = torch.zeros_like(render) if v_render is None else plain(v_render)
         count = len(conics)
         # With a frozen geometry the kernel skips its derivatives and sums those of the channels only.
         geometry = needed[0] or needed[1] or needed[3]
         sizes = ((count, 2), (count, 3), (count,)) if geometry else ()
         results = [torch.zeros(size) for size in sizes] or [None] * 3
         v_channels = torch.zeros_like(channels)
-        inputs = (conics, render, alpha, v_render, _plain(v_alpha), *results, v_channels)
+        inputs = (conics, render, alpha, v_render, plain(v_alpha), *results, v_channels)
         _functions().egosplat_raster_backward(
-            ctx.raster.handle, torch.get_num_threads(), *map(_address, inputs)
+            ctx.raster.handle, torch.get_num_threads(), *map(address, inputs)
         )
         v_means2d, v_conics, v_opacities = results
         v_background = ((1.0 - alpha) * v_render).sum(dim=(1, 2)) if needed[7] else None
@@ -237,14 +238,6 @@ def _pose_gradient(pose: Tensor) -> Tensor:
     gradient = torch.zeros(4, 4)
     gradient[:3, :3], gradient[:3, 3] = pose[:9].reshape(3, 3), pose[9:]
     return gradient
-
-
-def _plain(tensor: Tensor | None) -> Tensor | None:
-    return None if tensor is None else tensor.detach().contiguous()
-
-
-def _address(tensor: Tensor | None) -> int | None:
-    return None if tensor is None else tensor.data_ptr()
 
 
 @functools.cache

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from egosplat.kernels import library
+from egosplat.kernels.arrays import address, plain
 
 
 def composite_sparse(
@@ -38,9 +39,9 @@ def composite_sparse(
     """
     given = (means2d, conics, variances_y, opacities, depths, radii, begin.long(), channel.long(), value)
     # The names keep copies alive during the call.
-    arrays = [tensor.detach().contiguous() for tensor in given]
+    arrays = [*map(plain, given)]
     render = torch.zeros(channels, height, width)
-    addresses = [tensor.data_ptr() for tensor in (*arrays, render)]
+    addresses = map(address, (*arrays, render))
     _function()(len(means2d), width, height, torch.get_num_threads(), *addresses)
     return render
 

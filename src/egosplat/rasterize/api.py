@@ -119,9 +119,8 @@ def sum_over_pixels(
         )
     height, width, channels = image.shape
     nothing = means.new_zeros(1, channels).expand(len(means), -1)
-    geometry = means, quats, scales, opacities, nothing, viewmat[None], K[None], width, height
-    arguments = Arguments(*geometry, near_plane=near_plane, rasterize_mode=rasterize_mode)
-    check(arguments)
+    geometry = means, quats, scales, opacities, nothing
+    arguments = _one_camera(geometry, viewmat, K, width, height, near_plane, rasterize_mode)
     if _name(backend, means) == "cpu":
         from egosplat.rasterize.cpu import sum_over_pixels as chosen
 
@@ -173,9 +172,8 @@ def sparse_values(
     if not fits or (begin.diff() < 0).any() or ((channel < 0) | (channel >= channels)).any():
         raise ValueError(f"the values are not the rows of a {means.dtype} matrix of {count} x {channels}")
     nothing = means.new_zeros(1, channels).expand(count, -1)
-    geometry = means, quats, scales, opacities, nothing, viewmat[None], K[None], width, height
-    arguments = Arguments(*geometry, near_plane=near_plane, rasterize_mode=rasterize_mode)
-    check(arguments)
+    geometry = means, quats, scales, opacities, nothing
+    arguments = _one_camera(geometry, viewmat, K, width, height, near_plane, rasterize_mode)
     if _name(backend, means) == "cpu":
         from egosplat.rasterize.cpu import sparse_values as chosen
 
@@ -218,9 +216,8 @@ def pixel_renderer(
     Raises: as ``rasterization``; and ValueError if a pixel lies outside the image.
     """
     unused = means.new_zeros(1, 1).expand(len(means), -1)
-    geometry = (means, quats, scales, opacities, unused, viewmat[None], K[None], width, height)
-    arguments = Arguments(*geometry, near_plane=near_plane, rasterize_mode=rasterize_mode)
-    check(arguments)
+    geometry = means, quats, scales, opacities, unused
+    arguments = _one_camera(geometry, viewmat, K, width, height, near_plane, rasterize_mode)
     if _name(backend, means) == "cpu":
         from egosplat.rasterize.cpu import pixel_weights
 
@@ -315,6 +312,29 @@ def own_weights(
     return weights.new_zeros(len(pixels)).index_put((owner[own],), weights[own])
 
 
+def _one_camera(
+    gaussians: tuple[Tensor, ...],
+    viewmat: Tensor,
+    K: Tensor,
+    width: int,
+    height: int,
+    near_plane: float,
+    rasterize_mode: str,
+) -> Arguments:
+    """The checked arguments of one camera; ``gaussians`` are means, quaternions, scales, opacities and colours."""
+    arguments = Arguments(
+        *gaussians,
+        viewmat[None],
+        K[None],
+        width,
+        height,
+        near_plane=near_plane,
+        rasterize_mode=rasterize_mode,
+    )
+    check(arguments)
+    return arguments
+
+
 def _on_cpu(
     means: Tensor,
     quats: Tensor,
@@ -333,10 +353,8 @@ def _on_cpu(
     on_cpu = [one.cpu() for one in (means, quats, scales, opacities)]
     # The reference lists what the pixels of one image for each Gaussian show.
     colors = torch.eye(len(means), dtype=means.dtype) if name == "reference" else on_cpu[3][:, None]
-    geometry = (*on_cpu, colors, viewmat.cpu()[None], K.cpu()[None], width, height)
-    arguments = Arguments(*geometry, near_plane=near_plane, rasterize_mode=rasterize_mode)
-    check(arguments)
-    return name, arguments
+    view = viewmat.cpu(), K.cpu(), width, height, near_plane, rasterize_mode
+    return name, _one_camera((*on_cpu, colors), *view)
 
 
 def _reference_lists(arguments: Arguments, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
