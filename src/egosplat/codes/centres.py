@@ -7,11 +7,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from egosplat.codes.rendering import geometry_of, view_arguments
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.geometry import Camera, invert, transform
-from egosplat.rasterize.api import own_weights, pixel_lists
+from egosplat.rasterize.view import own_weights, pixel_lists
 
 # Pixels listed at a time: their lists take about 100 MiB.
 _PIXELS_AT_ONCE = 2**16
@@ -51,17 +50,15 @@ def look_at_centres(
         median: whether to find median depths, which take most of the time.
     """
     chosen, pixel, depth = project_centres(gaussians, camera, camera_to_world, settings)
-    view = view_arguments(camera, camera_to_world, settings, gaussians.means.device)
+    view = view_of(gaussians, camera, camera_to_world, settings)
     own = torch.full((gaussians.count, 2), -1)
     own[chosen] = torch.from_numpy(pixel)
-    size = {"width": camera.width, "height": camera.height}
-    weight = own_weights(*geometry_of(gaussians), own, **view, **size)[chosen].numpy()
+    weight = own_weights(view, own)[chosen].numpy()
     if not median:
         return Centres(chosen, pixel, depth[chosen], weight, None)
     depths = [np.zeros(0)]
     for begin in range(0, len(chosen), _PIXELS_AT_ONCE):
-        part = pixel[begin : begin + _PIXELS_AT_ONCE]
-        shown = list_pixels(gaussians, part, camera, camera_to_world, settings)
+        shown = pixel_lists(view, torch.from_numpy(pixel[begin : begin + _PIXELS_AT_ONCE]))
         depths.append(median_depths(*shown, torch.from_numpy(depth)).numpy())
     return Centres(chosen, pixel, depth[chosen], weight, np.concatenate(depths))
 
@@ -84,24 +81,11 @@ def project_centres(
     return chosen, np.floor(projected[chosen]).astype(np.int64), local[:, 2]
 
 
-def list_pixels(
-    gaussians: Gaussians,
-    pixels: NDArray[np.int64],
-    camera: Camera,
-    camera_to_world: NDArray[np.float64],
-    settings: RenderSettings,
-) -> tuple[Tensor, Tensor, Tensor]:
-    """List what (P, 2) pixels, column and row, show; returns as ``egosplat.rasterize.api.pixel_lists``."""
-    view = view_arguments(camera, camera_to_world, settings, gaussians.means.device)
-    size = {"width": camera.width, "height": camera.height}
-    return pixel_lists(*geometry_of(gaussians), torch.from_numpy(pixels), **view, **size)
-
-
 def median_depths(begin: Tensor, gaussians: Tensor, weights: Tensor, depth: Tensor) -> Tensor:
     """Depth of the Gaussian at which the transmittance of each pixel falls below 0.5.
 
     Args:
-        begin, gaussians, weights: P lists, see ``list_pixels``.
+        begin, gaussians, weights: P lists, see ``egosplat.rasterize.view.pixel_lists``.
         depth: (N,) float64 camera z of all Gaussians [m].
 
     Returns:

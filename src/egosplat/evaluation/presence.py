@@ -10,10 +10,10 @@ import torch
 from numpy.typing import NDArray
 from scipy.stats import rankdata
 
-from egosplat.codes.rendering import render_values
 from egosplat.evaluation.evaluation_frames import Evaluation, Frame
 from egosplat.evaluation.queries import Query
 from egosplat.frames.recording import Instance
+from egosplat.gaussians.render import view_of
 from egosplat.geometry import Camera
 from egosplat.models.open_clip_loader import OpenClip
 from egosplat.query.answer import rendering_camera
@@ -22,6 +22,7 @@ from egosplat.query.scene import QueryScene
 from egosplat.query.scene_query import ask_scene, index_scene
 from egosplat.query.text import encode_texts, untaught_words
 from egosplat.query.things import Thing
+from egosplat.rasterize.view import composite
 
 # Longer side of the views that compare things with annotations [px]: shares of a thing need no more detail.
 LABEL_SIDE = 256
@@ -147,7 +148,7 @@ def annotated_shares(
         category = _category_map(evaluation, frame, names, camera)
         pose = evaluation.camera_to_world[frame.index]
         with torch.inference_mode():
-            filled, _ = render_values(scene.gaussians, members, camera, pose, scene.settings)
+            filled, _ = composite(view_of(scene.gaussians, camera, pose, scene.settings), members)
         pixels, counted = filled.cpu().numpy().reshape(-1, len(things)), category.ravel() >= 0
         onehot = np.eye(len(names) + 1)[category.ravel()[counted]]
         total += pixels[counted].T.astype(np.float64) @ onehot

@@ -1,4 +1,4 @@
-"""Render one camera's image of the Gaussians."""
+"""Render Gaussians into one camera."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +13,7 @@ from egosplat.gaussians.rigid import inverted
 from egosplat.geometry import Camera, invert
 from egosplat.rasterize.api import rasterization
 from egosplat.rasterize.contract import check_cameras, shows_colors
+from egosplat.rasterize.view import View
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,37 @@ class RenderSettings:
     def still_background(self) -> Tensor | None:
         """(3,) float32 background color outside of training; None for black."""
         return torch.ones(3) if self.background == "white" else None
+
+    @property
+    def rasterize_mode(self) -> str:
+        """See ``egosplat.rasterize.api.rasterization``."""
+        return "antialiased" if self.antialiased else "classic"
+
+
+def view_of(
+    gaussians: Gaussians, camera: Camera, camera_to_world: NDArray[np.float64], settings: RenderSettings
+) -> View:
+    """Return what the functions of ``egosplat.rasterize.view`` take.
+
+    Args:
+        camera_to_world: (4, 4) float64, OpenCV axes, meters.
+        settings: render settings; the background is not used.
+    """
+    device = gaussians.means.device
+    return View(
+        gaussians.means,
+        gaussians.quats,
+        gaussians.scales,
+        gaussians.opacities,
+        # Inverted in float64: far from the origin, float32 would lose millimeters.
+        torch.from_numpy(invert(camera_to_world)).to(device, torch.float32),
+        torch.from_numpy(camera.matrix).to(device, torch.float32),
+        camera.width,
+        camera.height,
+        near_plane=settings.near_plane,
+        rasterize_mode=settings.rasterize_mode,
+        backend=settings.backend,
+    )
 
 
 def render(
@@ -86,7 +118,7 @@ def render(
         features=gaussians.features if gaussians.features.shape[1] else None,
         backgrounds=_backgrounds(background, gaussians) if shows_colors(render_mode) else None,
         render_mode=render_mode,
-        rasterize_mode="antialiased" if settings.antialiased else "classic",
+        rasterize_mode=settings.rasterize_mode,
         backend=settings.backend,
     )
     return images[0], alphas[0], meta

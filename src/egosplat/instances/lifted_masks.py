@@ -10,14 +10,14 @@ from scipy import sparse
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.codes.centres import look_at_centres
-from egosplat.codes.rendering import sum_over_pixels
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
 from egosplat.instances.geometry import nearest_pixels, training_options
 from egosplat.instances.options import InstancesOptions
 from egosplat.progress import track
+from egosplat.rasterize.view import sum_over_pixels
 
 Labels = NDArray[np.int32]
 
@@ -104,7 +104,8 @@ def lift_masks(
         shown = counted[row, column] & (centres.weight > _HIDDEN)
         gaussian, found = centres.gaussian[shown], labels[:, row[shown], column[shown]]
         pixels = torch.from_numpy(counted).to(gaussians.means)[..., None]
-        seen[place, gaussian] = sum_over_pixels(gaussians, pixels, *view)[:, 0].cpu().numpy()[gaussian]
+        sums = sum_over_pixels(view_of(gaussians, *view), pixels)[:, 0]
+        seen[place, gaussian] = sums.cpu().numpy()[gaussian]
         ids = np.unique(found[found >= 0])
         level, held = np.nonzero(found >= 0)
         where = gaussian[held], np.searchsorted(ids, found[level, held])

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 from torch import Tensor
 
-from egosplat.codes.rendering import render_sparse_values
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings, render
+from egosplat.gaussians.render import RenderSettings, render, view_of
 from egosplat.geometry import Camera
+from egosplat.rasterize.view import composite_sparse
 
 LEAST_BELIEF = 0.05
 
@@ -45,10 +45,10 @@ def render_things(
         (L, H, W) int32, -1 where no thing is.
     """
     seen = _seen(gaussians, camera, camera_to_world, settings)
-    view, rows = gaussians.select(seen), seen.numpy()
+    view, rows = view_of(gaussians.select(seen), camera, camera_to_world, settings), seen.numpy()
 
     def image(values: sparse.csr_array) -> Tensor:
-        return render_sparse_values(view, values, camera, camera_to_world, settings)
+        return composite_sparse(view, values)
 
     return np.stack([_strongest(held[rows], image, size) for held in beliefs])
 

@@ -2,14 +2,15 @@
 
 from dataclasses import replace
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
+from scipy import sparse
 from torch import Tensor
-from torch.nn.functional import one_hot
 
-from egosplat.codes.rendering import render_values
 from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.language.clusters import SAMPLE, check_installed, clusters_of
 from egosplat.language.lifting import lift
 from egosplat.language.options import LanguageOptions
@@ -17,6 +18,7 @@ from egosplat.language.result import SEGMENTER, Coded
 from egosplat.language.training import codes_to_render
 from egosplat.language.views import CodeViews
 from egosplat.progress import track
+from egosplat.rasterize.view import composite_sparse
 
 # Published: factor of the logits of opacities; least IoU of a mask with its cluster.
 SHARPENING, AGREEMENT = 1.2, 0.8
@@ -73,17 +75,24 @@ def mask_means(
     shape = labels.shape[1], int(labels.max()) + 2
     sums = torch.zeros(*shape, targets.channels, device=views.device)
     counts = torch.zeros(shape, device=views.device)
+    members = [_members(column.numpy(force=True) + 1, shape[1]) for column in labels.unbind(1)]
     for index in track(range(len(views)), "comparing masks with clusters", unit="view"):
         frame, weight = int(views.frame[index]), views.weight(index)
+        view = view_of(gaussians, views.camera, views.camera_to_world[index], settings)
         for level, masks in enumerate(targets.labels(frame)):
-            pose = views.camera_to_world[index]
-            part = one_hot(labels[:, level] + 1, shape[1]).float()
-            shown = render_values(gaussians, part, views.camera, pose, settings)[0].argmax(dim=-1)
+            shown = composite_sparse(view, members[level]).argmax(dim=0)
             instances, cluster = agreeing(masks, shown - 1, weight)
             codes, usable = targets.of_labels(frame, instances)
             sums[level].index_add_(0, cluster, codes * usable[:, None])
             counts[level].index_add_(0, cluster, usable.float())
     return sums / counts.clamp(min=1)[..., None], counts > 0
+
+
+def _members(column: NDArray[np.int64], count: int) -> sparse.csr_array:
+    """(N, count) float32, 1 in the column of each row and 0 elsewhere."""
+    return sparse.csr_array(
+        (np.ones(len(column), np.float32), column, np.arange(len(column) + 1)), (len(column), count)
+    )
 
 
 def agreeing(masks: Tensor, clusters: Tensor, weight: Tensor | None) -> tuple[Tensor, Tensor]:

@@ -9,10 +9,10 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from egosplat.artifacts.checkpoint import Checkpoint
-from egosplat.codes.centres import list_pixels, median_depths
+from egosplat.codes.centres import median_depths
 from egosplat.codes.decoder import Decoder
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.geometry import invert
 from egosplat.language.decoders import Layers, described
 from egosplat.language.hash_grid import FEATURES, RESOLUTIONS, HashGrid, contracted, exponential
@@ -23,6 +23,7 @@ from egosplat.language.pixel_views import PixelViews
 from egosplat.language.result import Coded, fewer_iterations
 from egosplat.language.tile_views import TileViews, nearest
 from egosplat.language.views import CodeViews
+from egosplat.rasterize.view import pixel_lists
 
 # Published: hidden layers of the features' and the regulariser's network, the learning rate and where it ends, decay,
 # iterations, and the largest scale of a query.
@@ -173,7 +174,7 @@ class Field(Trainee):
         """The points [m] at the median depth of pixels, their distances from the camera [m], and which pixels have one."""
         views, gaussians = self._pixels.views, self._pixels.gaussians
         camera, pose = views.camera, views.camera_to_world[view]
-        shown = list_pixels(gaussians, pixels.numpy(), camera, pose, self._pixels.settings)
+        shown = pixel_lists(view_of(gaussians, camera, pose, self._pixels.settings), pixels)
         inverse = torch.from_numpy(invert(pose))
         depth = median_depths(*shown, gaussians.means.cpu().double() @ inverse[2, :3] + inverse[2, 3])
         seen = depth.isfinite()

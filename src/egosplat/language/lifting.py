@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from egosplat.codes.rendering import sum_over_pixels
 from egosplat.codes.targets import Targets
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.language.views import CodeViews
 from egosplat.progress import track
+from egosplat.rasterize.view import sum_over_pixels
 
 # Smallest sum of compositing weights over all views [px] at which a Gaussian counts as seen.
 _LEAST_WEIGHT = 1e-3
@@ -40,7 +40,8 @@ def lift(gaussians: Gaussians, views: CodeViews, settings: RenderSettings) -> Li
         weight = views.weight(index)
         pixels = _pixels(targets, weight)
         pose = views.camera_to_world[index]
-        part = sum_over_pixels(gaussians, pixels.permute(1, 2, 0), views.camera, pose, settings)
+        view = view_of(gaussians, views.camera, pose, settings)
+        part = sum_over_pixels(view, pixels.permute(1, 2, 0))
         sums = part if sums is None else sums + part
         seen = targets
     assert sums is not None and seen is not None

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from egosplat.codes.rendering import pixel_renderer
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.language.views import CodeViews
+from egosplat.rasterize.view import pixel_renderer
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +52,6 @@ class PixelViews:
         return pixels, weight.flatten()[chosen.to(weight.device)]
 
     def renderer(self, view: int, pixels: Tensor) -> Callable[[Tensor], Tensor]:
-        """See ``egosplat.codes.rendering.pixel_renderer``."""
+        """See ``egosplat.rasterize.view.pixel_renderer``."""
         pose = self.views.camera_to_world[view]
-        return pixel_renderer(self.gaussians, pixels, self.views.camera, pose, self.settings)
+        return pixel_renderer(view_of(self.gaussians, self.views.camera, pose, self.settings), pixels)

@@ -7,14 +7,14 @@ from torch import Tensor, nn
 
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.codes.joint_objective import code_l1
-from egosplat.codes.rendering import render_values
 from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.language.lifting import shares
 from egosplat.language.loop import Step, Trainee, adam, train
 from egosplat.language.result import SEGMENTER, Coded, fewer_iterations
 from egosplat.language.views import CodeViews
+from egosplat.rasterize.view import composite
 
 # LangSplat's iterations.
 _ITERATIONS = 30_000
@@ -101,7 +101,7 @@ class PlainCodes(Trainee):
         targets = views.targets(int(views.frame[index]))
         values = codes_to_render(self.code, self._normalize).flatten(1)
         pose = views.camera_to_world[index]
-        image, _ = render_values(self._gaussians, values, views.camera, pose, self._settings)
+        image, _ = composite(view_of(self._gaussians, views.camera, pose, self._settings), values)
         codes = image.permute(2, 0, 1).unflatten(0, targets.codes.shape[:2])
         return code_l1(codes, targets, views.weight(index))
 

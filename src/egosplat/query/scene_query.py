@@ -9,9 +9,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from egosplat.codes.rendering import sum_over_pixels
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.geometry import Array, Camera, known_poses
 from egosplat.progress import track
 from egosplat.query.answer import rendering_camera
@@ -20,6 +19,7 @@ from egosplat.query.options import QueryOptions
 from egosplat.query.scene import QueryScene
 from egosplat.query.text import Texts
 from egosplat.query.things import Surface, Thing, find_things
+from egosplat.rasterize.view import sum_over_pixels
 from egosplat.sampling import evenly_spaced
 
 # Maximum number of rendered views, evenly spaced among the frames with a pose: they cover a whole recording.
@@ -148,7 +148,8 @@ def visible_shares(
     # An image is linear in the values of the Gaussians, so the transposed map of an image of ones sums the compositing
     # weights of each Gaussian.
     ones = torch.from_numpy(_window(camera, valid)).to(gaussians.means.device)
-    rows = [sum_over_pixels(gaussians, ones[..., None], camera, pose, settings)[:, 0] for pose in poses]
+    views = (view_of(gaussians, camera, pose, settings) for pose in poses)
+    rows = [sum_over_pixels(view, ones[..., None])[:, 0] for view in views]
     return torch.stack(rows) if rows else ones.new_zeros(0, gaussians.count)
 
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import torch
 
-from egosplat.codes.rendering import render_values
+from egosplat.gaussians.render import view_of
 from egosplat.geometry import Array, Camera
 from egosplat.query.answer import ask, rendering_camera
 from egosplat.query.maps import Map, Mask
@@ -14,6 +14,7 @@ from egosplat.query.options import QueryOptions
 from egosplat.query.scene import QueryScene
 from egosplat.query.text import Texts
 from egosplat.query.things import Thing
+from egosplat.rasterize.view import composite
 
 # A pixel belongs to a thing if the thing's Gaussians make up more than this share of it.
 HALF = 0.5
@@ -56,7 +57,7 @@ def view_thing(
     # Rendered as a value of 1 among 0, so Gaussians in front of the thing hide it.
     members = torch.zeros(scene.gaussians.count, 1, device=scene.code.device)
     members[torch.from_numpy(thing.members).to(members.device)] = 1.0
-    filled, _ = render_values(scene.gaussians, members, small, camera_to_world, scene.settings)
+    filled, _ = composite(view_of(scene.gaussians, small, camera_to_world, scene.settings), members)
     mask = (cv2.resize(filled[..., 0].cpu().numpy(), size) > HALF) & inside
     level = slice(thing.level, thing.level + 1)
     of_level = replace(scene, code=scene.code[:, level], share=scene.share[:, level])

@@ -47,7 +47,7 @@ def rasterization(arguments: Arguments) -> Render:
 
 @torch.no_grad()
 def sum_over_pixels(arguments: Arguments, image: Tensor) -> Tensor:
-    """``api.sum_over_pixels`` with the compiled kernels, for one camera; colours are not used. Errors are as above."""
+    """``view.sum_over_pixels`` with the compiled kernels, for one camera; colours are not used. Errors are as above."""
     return sum_pixels(*_projected_geometry(arguments), image.permute(2, 0, 1))
 
 
@@ -55,7 +55,7 @@ def sum_over_pixels(arguments: Arguments, image: Tensor) -> Tensor:
 def sparse_values(
     arguments: Arguments, begin: Tensor, channel: Tensor, value: Tensor, channels: int
 ) -> Tensor:
-    """``api.sparse_values`` with the compiled kernels, for one camera; colours are not used. Errors are as above."""
+    """``view.sparse_values`` with the compiled kernels, for one camera; colours are not used. Errors are as above."""
     a = arguments
     return composite_sparse(*_projected_geometry(a), begin, channel, value, channels, a.width, a.height)
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.codes.centres import list_pixels, look_at_centres, median_depths
+from egosplat.codes.centres import look_at_centres, median_depths
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.geometry import Camera
-from egosplat.rasterize.api import own_weights, pixel_lists
+from egosplat.rasterize.view import View, own_weights, pixel_lists
 from tests.support.blobs import blobs
 
 CAMERA = Camera(60, 40, 50.0, 50.0, 30.0, 20.0)
@@ -33,10 +33,10 @@ def test_kernels_list_what_the_reference_shows(crowd):
     pixels = pixels.reshape(-1, 2)
     geometry = [one.double() for one in (crowd.means, crowd.quats, crowd.scales, crowd.opacities)]
     matrices = torch.eye(4).double(), torch.from_numpy(CAMERA.matrix)
-    begin, ids, weights = pixel_lists(*geometry, pixels, *matrices, 60, 40, backend="reference")
+    begin, ids, weights = pixel_lists(View(*geometry, *matrices, 60, 40, backend="reference"), pixels)
     wanted = torch.zeros(len(pixels), 300).double()
     wanted[torch.repeat_interleave(begin.diff()), ids] = weights
-    mine = list_pixels(crowd, pixels.numpy(), CAMERA, np.eye(4), settings("cpu"))
+    mine = pixel_lists(view_of(crowd, CAMERA, np.eye(4), settings("cpu")), pixels)
     found = torch.zeros(len(pixels), 300)
     found[torch.repeat_interleave(mine[0].diff()), mine[1]] = mine[2]
     assert int((wanted > 0).sum()) > 300
@@ -100,22 +100,19 @@ def test_own_weights_are_those_of_the_lists(crowd, width, height):
     pixels = torch.from_numpy(np.floor(centres + np.random.default_rng(5).normal(0, 5, (300, 2)))).long()
     pixels[::7] = torch.tensor([-1, -1])
     pixels[1::7] = size
-    view = torch.eye(4), torch.from_numpy(CAMERA.matrix).float(), width, height
-    geometry = crowd.means, crowd.quats, crowd.scales, crowd.opacities
+    camera = Camera(width, height, CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy)
+    view = view_of(crowd, camera, np.eye(4), settings("cpu"))
     inside = ((pixels >= 0) & (pixels < size)).all(dim=1)
-    begin, ids, weights = pixel_lists(*geometry, pixels[inside], *view, backend="cpu")
+    begin, ids, weights = pixel_lists(view, pixels[inside])
     owner = inside.nonzero()[torch.repeat_interleave(begin.diff()), 0]
     wanted = torch.zeros(300)
     wanted[owner[ids == owner]] = weights[ids == owner]
     assert int((wanted > 0).sum()) > 20 and int((wanted[inside] == 0).sum()) > 20
     for backend in ("cpu", "reference"):
-        found = own_weights(*geometry, pixels, *view, backend=backend)
+        found = own_weights(view_of(crowd, camera, np.eye(4), settings(backend)), pixels)
         torch.testing.assert_close(found, wanted, rtol=1e-4, atol=1e-6)
 
 
 def test_own_weights_need_a_pixel_for_each_gaussian(crowd):
-    view = torch.eye(4), torch.from_numpy(CAMERA.matrix).float(), 60, 40
     with pytest.raises(ValueError, match=r"\(299, 2\).*\(300, 2\)"):
-        own_weights(
-            crowd.means, crowd.quats, crowd.scales, crowd.opacities, torch.zeros(299, 2).long(), *view
-        )
+        own_weights(view_of(crowd, CAMERA, np.eye(4), settings()), torch.zeros(299, 2).long())

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.codes.rendering import render_values
-from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.geometry import Camera
 from egosplat.instances.lifted_masks import LiftedMasks, lift_masks
+from egosplat.rasterize.view import composite
 from tests.support.blobs import blobs
 
 CAMERA = Camera(32, 24, 30.0, 30.0, 16.0, 12.0)
@@ -27,7 +27,7 @@ def lifted(counted: np.ndarray | None = None) -> LiftedMasks:
 
 def weights() -> np.ndarray:
     """(4,) summed compositing weights of the Gaussians."""
-    return render_values(WALL, torch.eye(4), CAMERA, np.eye(4), SETTINGS)[0].sum(dim=(0, 1)).numpy()
+    return composite(view_of(WALL, CAMERA, np.eye(4), SETTINGS), torch.eye(4))[0].sum(dim=(0, 1)).numpy()
 
 
 def test_all_weight_goes_to_the_mask_at_the_centre():
@@ -46,7 +46,7 @@ def test_what_a_surface_hides_at_its_centre_is_not_seen():
     labels = np.full((1, 24, 32), LEFT, np.int32)
     look = lambda _: (labels, np.ones((24, 32), bool))
     found = lift_masks(hidden, look, np.array([0]), np.eye(4)[None], CAMERA, SETTINGS)
-    image, _ = render_values(hidden, torch.eye(3), CAMERA, np.eye(4), SETTINGS)
+    image, _ = composite(view_of(hidden, CAMERA, np.eye(4), SETTINGS), torch.eye(3))
     assert float(image[..., 0].sum()) > 0.05
     assert found.seen[0, 0] == 0 and found.seen[0, 1] > 1
     assert found.votes.toarray()[0].tolist() == [0]

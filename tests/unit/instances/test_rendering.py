@@ -5,12 +5,12 @@ import pytest
 import torch
 from scipy import sparse
 
-from egosplat.codes.rendering import render_values
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.geometry import Camera
 from egosplat.instances.rendering import LEAST_BELIEF, render_things
 from egosplat.instances.scene import first_of_largest
+from egosplat.rasterize.view import composite
 
 COUNT, THINGS, SIZE = 400, 150, (24, 32)
 CAMERA = Camera(width=16, height=12, fx=10.0, fy=10.0, cx=8.0, cy=6.0)
@@ -39,7 +39,7 @@ def expected(
     gaussians: Gaussians, held: sparse.csr_array, pose: np.ndarray, size: tuple[int, int]
 ) -> np.ndarray:
     """The strongest thing of each pixel, from one image of all things."""
-    image, _ = render_values(gaussians, torch.from_numpy(held.toarray()), CAMERA, pose, SETTINGS)
+    image, _ = composite(view_of(gaussians, CAMERA, pose, SETTINGS), torch.from_numpy(held.toarray()))
     large = torch.nn.functional.interpolate(image.permute(2, 0, 1)[None], size, mode="bilinear")[0]
     highest, which = large.max(0)
     return torch.where(highest > LEAST_BELIEF, which, -1).numpy()

@@ -6,12 +6,13 @@ import torch
 
 from egosplat.artifacts.language import GAUSSIANS
 from egosplat.codes.centres import project_centres
-from egosplat.codes.rendering import render_values
 from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.pixel_weights import Masking, open_masking
+from egosplat.gaussians.render import view_of
 from egosplat.language.dominant import instance_votes, lifted
 from egosplat.language.views import select_code_views
+from egosplat.rasterize.view import composite
 from tests.unit.language.conftest import CODES
 
 CPU = torch.device("cpu")
@@ -39,9 +40,8 @@ def test_votes_are_rendering_weights_at_centres(wall, settings, prepared, masked
     expected, total = np.zeros((wall.count, 3)), np.zeros(wall.count)
     for index in range(len(views)):
         # Each column of the identity shows where one Gaussian is rendered, and how much of it.
-        image, _ = render_values(
-            wall, torch.eye(wall.count), views.camera, views.camera_to_world[index], settings
-        )
+        view = view_of(wall, views.camera, views.camera_to_world[index], settings)
+        image, _ = composite(view, torch.eye(wall.count))
         weight = views.weight(index)
         image = image if weight is None else image * weight[..., None]
         labels = targets.labels(int(views.frame[index]))

@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.codes.rendering import render_codes, render_values
+from egosplat.codes.rendering import render_codes
 from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.pixel_weights import Masking, open_masking
+from egosplat.gaussians.render import view_of
 from egosplat.language.lifting import lift
 from egosplat.language.views import CodeViews, select_code_views
+from egosplat.rasterize.view import composite
 
 CPU = torch.device("cpu")
 
@@ -37,9 +39,8 @@ def test_lifted_codes_are_means_by_rendering_weight(wall, views, settings, maske
     # Each column of the identity shows where one Gaussian is rendered, and how much of it.
     codes, known, seen = torch.zeros(wall.count, 2, 3), torch.zeros(wall.count, 2), torch.zeros(wall.count)
     for index in range(len(given)):
-        image, _ = render_values(
-            wall, torch.eye(wall.count), given.camera, given.camera_to_world[index], settings
-        )
+        view = view_of(wall, given.camera, given.camera_to_world[index], settings)
+        image, _ = composite(view, torch.eye(wall.count))
         targets, weight = given.targets(int(given.frame[index])), given.weight(index)
         counted = targets.known * (torch.ones(24, 24) if weight is None else weight)
         codes += torch.einsum("hwn,lchw,lhw->nlc", image, targets.codes, counted)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.codes.rendering import render_values
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.geometry import Camera
 from egosplat.query.scene_query import visible_shares
+from egosplat.rasterize.view import composite
 
 CAMERA = Camera(20, 16, 18.0, 18.0, 10.0, 8.0)
 SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="cpu")
@@ -37,7 +37,7 @@ def window() -> np.ndarray:
 def test_shares_are_sums_of_compositing_weights(cloud):
     """Each Gaussian rendered alone in white, behind what hides it, gives the same sum."""
     (shares,) = visible_shares(cloud, CAMERA, [np.eye(4)], None, SETTINGS)
-    weights, _ = render_values(cloud, torch.eye(4), CAMERA, np.eye(4), SETTINGS)
+    weights, _ = composite(view_of(cloud, CAMERA, np.eye(4), SETTINGS), torch.eye(4))
     expected = (weights.numpy() * window()[..., None]).sum(axis=(0, 1))
     np.testing.assert_allclose(shares.numpy(), expected, rtol=1e-4, atol=1e-7)
     assert shares[3] == 0.0 and 0 < shares.sum() <= 1.0

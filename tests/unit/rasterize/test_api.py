@@ -12,6 +12,7 @@ from egosplat.kernels import library
 from egosplat.rasterize import api
 from egosplat.rasterize.contract import Arguments
 from egosplat.rasterize.reference import rasterizer as reference
+from egosplat.rasterize.view import View, sum_over_pixels
 
 SIZE = {"width": 8, "height": 6}
 
@@ -140,9 +141,9 @@ def test_sums_over_pixels_are_the_gradient_of_a_render_to_the_bit(channels, back
     """The kernels sum without rendering; results must not depend on that."""
     geometry = crowd(300)
     planes = torch.randn(channels, 21, 37, generator=torch.Generator().manual_seed(1))
-    camera = gaussians()["viewmats"][0], gaussians()["Ks"][0]
+    camera = {"viewmat": gaussians()["viewmats"][0], "K": gaussians()["Ks"][0]}
     for image in (planes.permute(1, 2, 0), planes.permute(1, 2, 0).contiguous()):
-        found = api.sum_over_pixels(**geometry, image=image, viewmat=camera[0], K=camera[1], backend=backend)
+        found = sum_over_pixels(View(**geometry, **camera, width=37, height=21, backend=backend), image)
         expected = gradient(geometry, image, backend)
         assert found.shape == (300, channels) and torch.equal(found, expected)
         assert found.any(dim=1).sum() > 50 and not found[-1].any()
@@ -150,10 +151,9 @@ def test_sums_over_pixels_are_the_gradient_of_a_render_to_the_bit(channels, back
 
 def test_sums_over_pixels_without_a_visible_gaussian_are_zero():
     geometry = crowd(5) | {"means": torch.full((5, 3), -1.0)}
-    camera = gaussians()["viewmats"][0], gaussians()["Ks"][0]
-    assert not api.sum_over_pixels(
-        **geometry, image=torch.ones(6, 8, 2), viewmat=camera[0], K=camera[1]
-    ).any()
+    camera = {"viewmat": gaussians()["viewmats"][0], "K": gaussians()["Ks"][0]}
+    view = View(**geometry, **camera, width=8, height=6)
+    assert not sum_over_pixels(view, torch.ones(6, 8, 2)).any()
 
 
 def test_invalid_arguments_are_reported():
@@ -161,10 +161,11 @@ def test_invalid_arguments_are_reported():
         api.rasterization(**gaussians(), backend="gpu")
     with pytest.raises(ValueError, match="opacities"):
         api.rasterization(**gaussians() | {"opacities": torch.zeros(3)})
-    camera = gaussians()["viewmats"][0], gaussians()["Ks"][0]
-    for image in (torch.ones(6, 8), torch.ones(6, 8, 1, dtype=torch.float64)):
+    camera = {"viewmat": gaussians()["viewmats"][0], "K": gaussians()["Ks"][0]}
+    view = View(**crowd(2), **camera, width=8, height=6)
+    for image in (torch.ones(6, 8), torch.ones(8, 6, 1), torch.ones(6, 8, 1, dtype=torch.float64)):
         with pytest.raises(ValueError, match="image"):
-            api.sum_over_pixels(**crowd(2), image=image, viewmat=camera[0], K=camera[1])
+            sum_over_pixels(view, image)
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device")

@@ -3,7 +3,8 @@
 import pytest
 import torch
 
-from egosplat.rasterize.api import pixel_renderer, rasterization
+from egosplat.rasterize.api import rasterization
+from egosplat.rasterize.view import View, pixel_renderer
 
 WIDTH, HEIGHT = 75, 50
 K = torch.tensor([[60.0, 0, 37], [0, 60, 25], [0, 0, 1]])
@@ -31,7 +32,7 @@ def test_pixels_are_those_of_the_image(geometry, backend, mode):
     pull = torch.randn(302, 5, generator=generator)
     image = rasterization(*geometry, values, torch.eye(4)[None], K[None], WIDTH, HEIGHT, **options)[0][0]
     wanted = image[pixels[:, 1], pixels[:, 0]]
-    found = pixel_renderer(*geometry, pixels, torch.eye(4), K, WIDTH, HEIGHT, **options)(values)
+    found = pixel_renderer(View(*geometry, torch.eye(4), K, WIDTH, HEIGHT, **options), pixels)(values)
     assert float(wanted.detach().abs().max()) > 0.5
     torch.testing.assert_close(found, wanted, rtol=1e-4, atol=1e-5)
     gradients = [torch.autograd.grad((one * pull).sum(), values)[0] for one in (found, wanted)]
@@ -44,10 +45,11 @@ def test_a_scene_of_many_layers_needs_more_room_than_guessed():
     geometry = means, quats, torch.full((300, 3), 5.0), torch.full((300,), 0.01)
     pixels = torch.tensor([[37, 25]])
     values = torch.ones(300, 1)
-    found = pixel_renderer(*geometry, pixels, torch.eye(4), K, WIDTH, HEIGHT, backend="cpu")(values)
+    found = pixel_renderer(View(*geometry, torch.eye(4), K, WIDTH, HEIGHT, backend="cpu"), pixels)(values)
     assert float(found) == pytest.approx(1 - 0.99**300, rel=1e-3)
 
 
 def test_a_pixel_outside_the_image_is_an_error(geometry):
+    view = View(*geometry, torch.eye(4), K, WIDTH, HEIGHT, backend="cpu")
     with pytest.raises(ValueError, match="outside"):
-        pixel_renderer(*geometry, torch.tensor([[WIDTH, 0]]), torch.eye(4), K, WIDTH, HEIGHT, backend="cpu")
+        pixel_renderer(view, torch.tensor([[WIDTH, 0]]))

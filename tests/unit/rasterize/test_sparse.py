@@ -5,11 +5,10 @@ import pytest
 import torch
 from scipy import sparse
 
-from egosplat.codes.rendering import render_sparse_values, render_values
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.geometry import Camera
-from egosplat.rasterize.api import sparse_values
+from egosplat.rasterize.view import composite, composite_sparse
 from tests.support.blobs import blobs
 
 COUNT, CHANNELS = 300, 70
@@ -34,8 +33,9 @@ def values_of(density: float) -> sparse.csr_array:
 def test_sparse_values_are_rendered_as_dense_ones(crowd, backend):
     held = values_of(0.03)
     settings = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend=backend)
-    found = render_sparse_values(crowd, held, CAMERA, np.eye(4), settings)
-    wanted, _ = render_values(crowd, torch.from_numpy(held.toarray()), CAMERA, np.eye(4), settings)
+    view = view_of(crowd, CAMERA, np.eye(4), settings)
+    found = composite_sparse(view, held)
+    wanted, _ = composite(view, torch.from_numpy(held.toarray()))
     assert found.shape == (CHANNELS, 41, 67) and int((found > 0.01).sum()) > 1000
     torch.testing.assert_close(found, wanted.permute(2, 0, 1), rtol=1e-5, atol=1e-7)
 
@@ -46,7 +46,7 @@ def test_the_number_of_threads_does_not_change_a_bit(crowd):
     try:
         for count in (1, 3):
             torch.set_num_threads(count)
-            images.append(render_sparse_values(crowd, values_of(0.1), CAMERA, np.eye(4), settings))
+            images.append(composite_sparse(view_of(crowd, CAMERA, np.eye(4), settings), values_of(0.1)))
     finally:
         torch.set_num_threads(threads)
     assert torch.equal(*images)
@@ -57,27 +57,11 @@ def test_gaussians_without_values_hide_what_is_behind_them(crowd):
     row = blobs([[0.0, 0.0, 2.0], [0.0, 0.0, 3.0]], [0.4, 0.9])
     settings = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="cpu")
     held = sparse.csr_array(np.array([[0.0], [1.0]], np.float32))
-    assert float(render_sparse_values(row, held, CAMERA, np.eye(4), settings).max()) == pytest.approx(
-        0.6 * 0.9, rel=0.03
-    )
+    found = composite_sparse(view_of(row, CAMERA, np.eye(4), settings), held)
+    assert float(found.max()) == pytest.approx(0.6 * 0.9, rel=0.03)
 
 
-@pytest.mark.parametrize(
-    ("begin", "channel", "value"),
-    [
-        ([0, 1], [0], [1.0]),
-        ([0, 1, 2, 4], [0, 0, 0], [1.0, 1.0, 1.0]),
-        ([0, 2, 1, 3], [0, 0, 0], [1.0, 1.0, 1.0]),
-        ([0, 1, 2, 3], [0, 0, 2], [1.0, 1.0, 1.0]),
-        ([0, 1, 2, 3], [0, -1, 0], [1.0, 1.0, 1.0]),
-        ([0, 1, 2, 3], [0, 0, 0], [1.0, 1.0]),
-        ([0, 1, 2, 3], [0, 0, 0], [1, 1, 1]),
-    ],
-)
-def test_rows_of_another_matrix_are_refused(begin, channel, value):
-    three = blobs([[0.0, 0.0, 2.0]] * 3, [0.5] * 3)
-    geometry = three.means, three.quats, three.scales, three.opacities
-    rows = torch.tensor(begin), torch.tensor(channel), torch.tensor(value)
-    view = torch.eye(4), torch.from_numpy(CAMERA.matrix).float(), 67, 41
-    with pytest.raises(ValueError, match="3 x 2"):
-        sparse_values(*geometry, *rows, 2, *view)
+def test_a_matrix_of_another_number_of_gaussians_is_refused(crowd):
+    settings = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="cpu")
+    with pytest.raises(ValueError, match=r"299 rows.* 300 Gaussians"):
+        composite_sparse(view_of(crowd, CAMERA, np.eye(4), settings), values_of(0.1)[:299])

@@ -1,0 +1,210 @@
+"""One view of Gaussians: composite values, sum images over Gaussians, and list what single pixels show."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import torch
+from scipy import sparse
+from torch import Tensor
+from torch.nn.functional import embedding_bag
+
+from egosplat.rasterize.api import chosen_backend, renderer
+from egosplat.rasterize.contract import Arguments, check
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """N Gaussians in front of one camera. The functions of this module raise as ``api.rasterization`` does.
+
+    Attributes:
+        means, quats, scales, opacities, width, height, near_plane, rasterize_mode, backend: as in ``api.rasterization``.
+        viewmat: (4, 4) world_to_camera, OpenCV axes.
+        K: (3, 3) intrinsics [px].
+    """
+
+    means: Tensor
+    quats: Tensor
+    scales: Tensor
+    opacities: Tensor
+    viewmat: Tensor
+    K: Tensor
+    width: int
+    height: int
+    near_plane: float = 0.1
+    rasterize_mode: str = "classic"
+    backend: str = "auto"
+
+    @property
+    def _backend(self) -> str:
+        return chosen_backend(self.backend, self.means)
+
+    def _arguments(self, colors: Tensor | None = None) -> Arguments:
+        """The checked arguments of a backend; without colours, those of one that does not use them."""
+        arguments = Arguments(
+            self.means,
+            self.quats,
+            self.scales,
+            self.opacities,
+            self.means.new_zeros(1, 1).expand(len(self.means), -1) if colors is None else colors,
+            self.viewmat[None],
+            self.K[None],
+            self.width,
+            self.height,
+            near_plane=self.near_plane,
+            rasterize_mode=self.rasterize_mode,
+        )
+        check(arguments)
+        return arguments
+
+    def _on_cpu(self) -> "View":
+        """The same with tensors on the CPU, and the backend that the tensors had chosen; ``cpu`` for ``cuda``."""
+        names = ("means", "quats", "scales", "opacities", "viewmat", "K")
+        backend = "reference" if self._backend == "reference" else "cpu"
+        return replace(self, **{name: getattr(self, name).cpu() for name in names}, backend=backend)
+
+
+def composite(view: View, values: Tensor) -> tuple[Tensor, Tensor]:
+    """Composite (N, X) values of Gaussians, for any X; differentiable by the values.
+
+    Returns:
+        (H, W, X) image on background 0, and (H, W) accumulated opacity.
+    """
+    images, alphas, _ = renderer(view.backend, view.means)(view._arguments(values))
+    return images[0], alphas[0, ..., 0]
+
+
+def sum_over_pixels(view: View, image: Tensor) -> Tensor:
+    """Sum an (H, W, X) image over each Gaussian's compositing weights: the transposed map of ``composite``.
+
+    The backend cpu renders no image for it; the others take the gradient of one. Not differentiable.
+
+    Returns:
+        (N, X).
+
+    Raises:
+        ValueError: the image has another size, dtype or device than the view.
+    """
+    kind = (view.means.dtype, view.means.device)
+    size = (view.height, view.width)
+    if image.ndim != 3 or image.shape[:2] != size or (image.dtype, image.device) != kind:
+        raise ValueError(
+            f"image is {tuple(image.shape)} {image.dtype} on {image.device}; {size} and channels like means is needed"
+        )
+    if view._backend == "cpu":
+        from egosplat.rasterize import cpu
+
+        return cpu.sum_over_pixels(view._arguments(), image)
+    # Rendering is linear in the values, so its gradient is the transposed map, at any values.
+    values = image.new_zeros(len(view.means), image.shape[2]).requires_grad_()
+    with torch.enable_grad():
+        found, _ = composite(view, values)
+    return torch.autograd.grad(found, values, image)[0]
+
+
+@torch.no_grad()
+def composite_sparse(view: View, values: sparse.csr_array) -> Tensor:
+    """Composite (N, X) values of which few are not 0, on background 0. Not differentiable.
+
+    The backend cpu takes time by their number; the others render the dense values.
+
+    Returns:
+        (X, H, W).
+
+    Raises:
+        ValueError: the matrix has another number of rows than there are Gaussians.
+    """
+    count, channels = values.shape
+    if count != len(view.means):
+        raise ValueError(f"the matrix has {count} rows; there are {len(view.means)} Gaussians")
+    if view._backend == "cpu":
+        from egosplat.rasterize import cpu
+
+        begin, channel = (torch.from_numpy(each).long() for each in (values.indptr, values.indices))
+        value = torch.from_numpy(values.data).to(view.means)
+        return cpu.sparse_values(view._arguments(), begin, channel, value, channels)
+    image, _ = composite(view, torch.from_numpy(values.toarray()).to(view.means))
+    return image.permute(2, 0, 1)
+
+
+def pixel_renderer(view: View, pixels: Tensor) -> Callable[[Tensor], Tensor]:
+    """Prepare to composite values at single pixels: ``composite`` without the rest of the image.
+
+    The backend cpu lists what each pixel shows once, so that a render takes time by its pixels and no longer by the
+    image; the others render the whole image.
+
+    Args:
+        pixels: (P, 2) integers, column and row, on the CPU.
+
+    Returns:
+        A function of (N, X) values that gives (P, X) on background 0, differentiable by the values.
+
+    Raises:
+        ValueError: a pixel lies outside the image.
+    """
+    if view._backend == "cpu":
+        begin, gaussians, weights = pixel_lists(view, pixels)
+        options = {"mode": "sum", "include_last_offset": True, "per_sample_weights": weights}
+        return lambda values: embedding_bag(gaussians, values, begin, **options)
+    columns, rows = pixels.to(view.means.device).unbind(1)
+    return lambda values: composite(view, values)[0][rows, columns]
+
+
+def pixel_lists(view: View, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """List what single pixels show.
+
+    The compiled kernels make the list on the CPU also for the backend cuda, because gsplat has none. The reference
+    renders every Gaussian by itself, so it suits small scenes.
+
+    Args:
+        pixels: (P, 2) integers, column and row, on the CPU.
+
+    Returns:
+        On the CPU: begin (P + 1,) int64, where each pixel's list begins, and the end; Gaussians (M,) int64, nearest
+        first; and their weights (M,), alpha times transmittance.
+
+    Raises:
+        ValueError: a pixel lies outside the image.
+    """
+    view = view._on_cpu()
+    if view.backend == "reference":
+        return _reference_lists(view, pixels)
+    from egosplat.rasterize import cpu
+
+    return cpu.pixel_weights(view._arguments(), pixels)
+
+
+def own_weights(view: View, pixels: Tensor) -> Tensor:
+    """Find the weight of each Gaussian at one pixel of its own, on the CPU as ``pixel_lists`` does.
+
+    Args:
+        pixels: (N, 2) integers, column and row, on the CPU; outside the image, such as -1, for none.
+
+    Returns:
+        (N,) on the CPU, alpha times transmittance; 0 where the pixel ends before the Gaussian, or there is none.
+
+    Raises:
+        ValueError: the pixels are not (N, 2).
+    """
+    if pixels.shape != (len(view.means), 2):
+        raise ValueError(f"pixels are {tuple(pixels.shape)}; ({len(view.means)}, 2) is needed")
+    view = view._on_cpu()
+    if view.backend != "reference":
+        from egosplat.rasterize import cpu
+
+        return cpu.own_weights(view._arguments(), pixels)
+    inside = ((pixels >= 0) & (pixels < torch.tensor([view.width, view.height]))).all(dim=1).nonzero()[:, 0]
+    begin, ids, weights = _reference_lists(view, pixels[inside])
+    owner = inside[torch.repeat_interleave(begin.diff())]
+    own = ids == owner
+    return weights.new_zeros(len(pixels)).index_put((owner[own],), weights[own])
+
+
+def _reference_lists(view: View, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    # Each Gaussian is a channel of its own.
+    colors = torch.eye(len(view.means), dtype=view.means.dtype)
+    images, _, meta = renderer("reference", view.means)(view._arguments(colors))
+    order = meta["depths"][0].argsort(stable=True)
+    shown = images[0, pixels[:, 1], pixels[:, 0]][:, order]
+    pixel, place = shown.nonzero(as_tuple=True)
+    counts = torch.bincount(pixel, minlength=len(pixels))
+    return torch.cat([counts.new_zeros(1), counts.cumsum(0)]), order[place], shown[pixel, place]
