@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from egosplat.errors import UserError
 from egosplat.frames.recording import Capture
-from egosplat.frames.resize import resize_image
 from egosplat.frames.selection import select_frames
 from egosplat.frames.video import Video
 from egosplat.geometry import Camera
+from egosplat.resize import resize_image
 
 # Root folders of the dataset's two downloads: videos and annotations.
 RELEASE, ANNOTATIONS = "HOI4D_release", "HOI4D_annotations"

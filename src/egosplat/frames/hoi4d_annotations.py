@@ -14,8 +14,8 @@ from egosplat.errors import UserError
 from egosplat.frames.hoi4d import ANNOTATIONS, RELEASE, find_sequence, sequence_parts
 from egosplat.frames.images import read_rgb
 from egosplat.frames.recording import Instance
-from egosplat.frames.resize import resize_labels
 from egosplat.geometry import Camera
+from egosplat.resize import resize_labels
 
 MASKS_PER_SECOND = 15
 # In order of preference: shift_mask is aligned with the video where mask is not.

@@ -22,11 +22,11 @@ from egosplat.colmap.distortion import lens_of_frames
 from egosplat.errors import UserError
 from egosplat.frames.images import VALID_MASK, ImageFolder, read_valid
 from egosplat.frames.recording import Capture
-from egosplat.frames.resize import resize_image, resize_mask
 from egosplat.frames.selection import FIRST, SHARPEST, select_frames, select_sharpest
 from egosplat.frames.video import Video
 from egosplat.geometry import Camera
 from egosplat.progress import log, track
+from egosplat.resize import resize_image, resize_mask
 from egosplat.sharpness import measure_sharpness
 
 # Guessed focal length in units of the longer side: COLMAP's default, a field of view of 45°.

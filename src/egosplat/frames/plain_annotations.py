@@ -24,9 +24,9 @@ from egosplat.frames.images import ImageFolder
 from egosplat.frames.plain import open_source
 from egosplat.frames.recording import Instance
 from egosplat.frames.recording_files import ANNOTATIONS
-from egosplat.frames.resize import resize_labels
 from egosplat.frames.video import Video
 from egosplat.geometry import Camera
+from egosplat.resize import resize_labels
 
 TABLE = "instances.tsv"
 _COLUMNS = ("id", "name", "category", "motion_type")

@@ -9,9 +9,9 @@ from torch import Tensor
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.errors import UserError
-from egosplat.gaussians.reduced_views import reduced, working_size
 from egosplat.gaussians.stored_rows import StoredRows, stored_rows
 from egosplat.geometry import Camera
+from egosplat.resize import resize_mask, shrink_image, shrunk_size
 
 Mask = NDArray[np.bool_]
 
@@ -114,16 +114,16 @@ def read_views(
     """
     rows = np.flatnonzero(chosen)
     _, full_height, full_width, _ = frames.shape("rgb")
-    height, width = working_size(full_height, full_width, resolution)
+    width, height = shrunk_size(full_width, full_height, resolution)
     # uint8 takes a quarter of float32's memory; ``Views.picture`` converts one at a time.
     pictures = stored_rows(
         len(rows),
         (height, width, 3),
         "uint8",
-        lambda position: reduced(frames.row("rgb", rows[position]), height, width),
+        lambda position: shrink_image(frames.row("rgb", rows[position]), resolution),
     )
     # A pixel is valid only if every pixel averaged into it lies inside the lens circle.
-    valid = reduced(frames.read("valid").astype(np.uint8) * 255, height, width) == 255
+    valid = resize_mask(frames.read("valid"), width, height)
     camera = Camera.from_matrix(poses.read("intrinsics"), full_width, full_height)
     return Views(
         frame=rows.astype(np.int64),

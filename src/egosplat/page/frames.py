@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.frames.resize import shrink_image
 from egosplat.geometry import Array, known_poses
 from egosplat.page.container import Arrays, Facts
+from egosplat.resize import shrink_image
 from egosplat.sampling import evenly_spaced
 
 # Largest number of pictures, their longer side [px] and the quality of WebP.

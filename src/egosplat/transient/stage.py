@@ -24,7 +24,6 @@ from egosplat.gaussians.camera_options import CameraOptions, make_corrections, r
 from egosplat.gaussians.device import rasterizer_used, training_device
 from egosplat.gaussians.initialization import scene_extent
 from egosplat.gaussians.options import GrowthOptions, TrainingOptions
-from egosplat.gaussians.reduced_views import reduced, working_size
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.starting_points import starting_gaussians
 from egosplat.gaussians.trainer import ViewSets, resume_and_train
@@ -32,6 +31,7 @@ from egosplat.gaussians.training_state import TrainingState
 from egosplat.gaussians.training_views import Mask, Views, read_views, split_views
 from egosplat.models.checkpoints import content_hash
 from egosplat.progress import log, track
+from egosplat.resize import shrink_image
 from egosplat.transient.network import TransientNet, make_network
 from egosplat.transient.objective import InitialObjective, InitialOptions
 
@@ -240,13 +240,12 @@ def _put_probability(
     # In mode train, prediction changes the running statistics; they are stored already.
     net.train(options.batch_norm == "train")
     count, height, width, _ = frames.shape("rgb")
-    size = working_size(height, width, options.resolution)
     artifact.allocate("probability", (count, height, width))
     total = 0.0
     for frame in track(range(count), "predicting"):
-        picture = torch.from_numpy(reduced(frames.row("rgb", frame), *size)).to(device).float() / 255.0
+        picture = shrink_image(frames.row("rgb", frame), options.resolution)
         # Predicted at the working size and enlarged to the frame: the network was trained at that size.
-        probability = net(picture, height, width).cpu()
+        probability = net(torch.from_numpy(picture).to(device).float() / 255.0, height, width).cpu()
         total += float(probability.mean())
         artifact.put_row("probability", frame, probability.numpy().astype(np.float16))
     mean = total / max(count, 1)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from egosplat.artifacts.frames import lies_on_its_side
-from egosplat.frames.resize import shrink_image
 from egosplat.geometry import Array
+from egosplat.resize import shrink_image
 from egosplat.sampling import evenly_spaced
 from egosplat.viewer.scene import ViewedScene
 

@@ -5,16 +5,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 
+def shrunk_size(width: int, height: int, longest: int | None) -> tuple[int, int]:
+    """Return width and height in the same proportion, the longer one at most ``longest``; as they are for None."""
+    scale = 1.0 if longest is None else min(1.0, longest / max(width, height))
+    return max(1, round(width * scale)), max(1, round(height * scale))
+
+
 def resize_image(image: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
-    """(h, w, 3) uint8 -> (height, width, 3) uint8, averaged over the area of each new pixel."""
+    """(h, w, 3) uint8 -> (height, width, 3) uint8, averaged over the area of each new pixel; the same array if nothing changes."""
+    if image.shape[:2] == (height, width):
+        return image
     return cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
 
 
-def shrink_image(image: NDArray[np.uint8], longest: int) -> NDArray[np.uint8]:
-    """(h, w, 3) uint8 -> the same with the longer side at most ``longest``, in the same proportion."""
+def shrink_image(image: NDArray[np.uint8], longest: int | None) -> NDArray[np.uint8]:
+    """(h, w, 3) uint8 -> the same image in the size of ``shrunk_size``."""
     height, width = image.shape[:2]
-    scale = min(1.0, longest / max(height, width))
-    return resize_image(image, max(1, round(width * scale)), max(1, round(height * scale)))
+    return resize_image(image, *shrunk_size(width, height, longest))
 
 
 def resize_mask(mask: NDArray[np.bool_], width: int, height: int) -> NDArray[np.bool_]:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from egosplat.frames.resize import resize_image, resize_labels, resize_mask
+from egosplat.resize import resize_image, resize_labels, resize_mask, shrunk_size
 
 
 @pytest.mark.parametrize("factor", [1, 2, 3, 4])
@@ -34,3 +34,15 @@ def test_resizing_keeps_the_mean():
     image = np.random.default_rng(0).integers(0, 256, (60, 80, 3), dtype=np.uint8)
     small = resize_image(image, 20, 15)
     assert np.abs(small - image.reshape(15, 4, 20, 4, 3).mean(axis=(1, 3))).max() <= 0.5
+
+
+def test_an_image_of_the_wanted_size_is_not_copied():
+    image = np.zeros((4, 4, 3), np.uint8)
+    assert resize_image(image, 4, 4) is image
+
+
+@pytest.mark.parametrize(
+    ("longest", "size"), [(None, (64, 48)), (1000, (64, 48)), (64, (64, 48)), (32, (32, 24)), (1, (1, 1))]
+)
+def test_the_longer_side_shrinks_and_never_grows(longest, size):
+    assert shrunk_size(64, 48, longest) == size
