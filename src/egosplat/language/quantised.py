@@ -129,6 +129,7 @@ class QuantisedCodes(Trainee):
         ]
         self._pixels, self._tiles = pixels, tiles
         self._pool: Tensor | None = None
+        self._indices: dict[int, Tensor] = {}
         self.first_phase = _EPOCHS * math.ceil(len(pixels.views) / _BATCH)
 
     def loss(self, step: Step) -> Tensor:
@@ -137,7 +138,7 @@ class QuantisedCodes(Trainee):
             return self._codebook_loss(step)
         pixels, weight = self._pixels.draw(step.view, step.draw)
         codes, uncertainty = self._rendered(step.view, pixels)
-        entropy = F.cross_entropy(self.decoder(codes), self._indices(step.view, pixels), reduction="none")
+        entropy = F.cross_entropy(self.decoder(codes), self._index(step.view, pixels), reduction="none")
         loss = uncertain_loss(entropy * weight, uncertainty)
         return loss + self._smoothing(step.draw) if step.iteration % _SMOOTH_EVERY == 0 else loss
 
@@ -171,12 +172,13 @@ class QuantisedCodes(Trainee):
         return rendered[:, :CHANNELS], rendered[:, CHANNELS]
 
     @torch.no_grad()
-    def _indices(self, view: int, pixels: Tensor) -> Tensor:
+    def _index(self, view: int, pixels: Tensor) -> Tensor:
+        """(P,) index of the word at each pixel. A view's are kept, because words do not change after the first phase."""
         camera = self._pixels.views.camera
-        features = dense_features(self._tiles, self._pixels.frame(view), camera)
-        return self.codebook.indices(
-            nearest(features, pixels, camera.width, camera.height).to(self.code.device)
-        )
+        if view not in self._indices:
+            features = dense_features(self._tiles, self._pixels.frame(view), camera).to(self.code.device)
+            self._indices[view] = self.codebook.indices(features.flatten(0, 1)).view(features.shape[:2])
+        return nearest(self._indices[view], pixels.to(self.code.device), camera.width, camera.height)
 
     def _smoothing(self, draw: torch.Generator) -> Tensor:
         means = self._pixels.gaussians.means

@@ -10,10 +10,11 @@ from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.tiles import scale_name
 from egosplat.codes.tiles import Scale, at_pixels
 from egosplat.errors import UserError
+from egosplat.gaussians.stored_rows import StoredRows, stored_rows
 
 
 class TileViews:
-    """The tiles of frames; read on request.
+    """The tiles of frames, as many as ``stored_rows`` holds in memory.
 
     Attributes:
         scales: layout of each scale, finest first.
@@ -29,11 +30,15 @@ class TileViews:
             UserError: they are of other frames.
         """
         check_made_from(tiles, frames)
-        self._tiles = tiles
+        self._path = tiles.path
         self._row = {int(frame): row for row, frame in enumerate(tiles.read("frame"))}
         self.scales = [Scale(**one) for one in tiles.facts["scales"]]
         self.channels = tiles.shape(scale_name(0))[-1]
         self.components = tiles.shape("regulariser")[-1] if tiles.has("regulariser") else 0
+        names = [scale_name(number) for number in range(len(self.scales))]
+        if self.components:
+            names.append("regulariser")
+        self._rows = {name: _rows_of(tiles, name) for name in names}
         self.stands_in = [
             "SAM2's encoder in place of DINO" if self.components else "no regulariser in place of DINO"
         ]
@@ -42,12 +47,12 @@ class TileViews:
         """Raise UserError unless all frames have tiles."""
         if missing := sorted(set(map(int, frames)) - set(self._row)):
             raise UserError(
-                f"{self._tiles.path}: lacks the tiles of frame {missing[0]}. Delete it to encode them again"
+                f"{self._path}: lacks the tiles of frame {missing[0]}. Delete it to encode them again"
             )
 
     def read(self, frame: int, number: int) -> Tensor:
         """(rows, columns, D) float16 features of a frame's tiles of one scale."""
-        return torch.from_numpy(self._tiles.row(scale_name(number), self._row[frame]))
+        return self._rows[scale_name(number)][self._row[frame]]
 
     def between(self, frame: int, pixels: Tensor, scale: Tensor, part: Tensor) -> Tensor:
         """Interpolate between the tiles of a scale and the next, at pixels; not normalized.
@@ -74,11 +79,17 @@ class TileViews:
         """(h, w, K) float32 map of a frame; None without one."""
         if not self.components:
             return None
-        return torch.from_numpy(self._tiles.row("regulariser", self._row[frame])).float()
+        return self._rows["regulariser"][self._row[frame]].float()
+
+
+def _rows_of(tiles: Artifact, name: str) -> Tensor | StoredRows:
+    """The array ``name`` of all frames."""
+    count, *shape = tiles.shape(name)
+    return stored_rows(count, tuple(shape), "float16", lambda row: tiles.row(name, row))
 
 
 def nearest(image: Tensor, pixels: Tensor, width: int, height: int) -> Tensor:
-    """(P, K) values of an (h, w, K) map of a whole image of ``width`` x ``height`` at (P, 2) pixels of it."""
+    """(P, ...) values of an (h, w, ...) map of a whole image of ``width`` x ``height`` at (P, 2) pixels of it."""
     rows = (pixels[:, 1] + 0.5) * image.shape[0] / height
     columns = (pixels[:, 0] + 0.5) * image.shape[1] / width
     return image[rows.long().clamp(max=image.shape[0] - 1), columns.long().clamp(max=image.shape[1] - 1)]
