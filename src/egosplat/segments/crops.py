@@ -13,7 +13,15 @@ from egosplat.models.image_encoder import encode
 from egosplat.models.sam2_loader import Sam2
 from egosplat.segments.nms import areas
 from egosplat.segments.options import SegmentsOptions
-from egosplat.segments.prompts import Candidates, drop_repeated, filter_masks, grid_points, join, prompt
+from egosplat.segments.prompts import (
+    Candidates,
+    drop_repeated,
+    filter_masks,
+    grid_points,
+    join,
+    lie_in,
+    prompt,
+)
 
 # Overlap of neighbouring crops as a share of the frame's side, in a grid of 2 x 2, as in SAM's automatic mask generator.
 _OVERLAP = 512 / 1500
@@ -57,12 +65,17 @@ def _spans(side: int, count: int) -> list[tuple[int, int]]:
 
 
 def prompt_with_crops(
-    sam2: Sam2, image: NDArray[np.uint8], found: list[Candidates], options: SegmentsOptions
+    sam2: Sam2,
+    image: NDArray[np.uint8],
+    valid: NDArray[np.bool_],
+    found: list[Candidates],
+    options: SegmentsOptions,
 ) -> list[Candidates]:
     """Add masks of small things, from crops, to the candidates of the whole frame.
 
     Args:
         image: (H, W, 3) uint8 RGB.
+        valid: (H, W) bool, pixels that show the scene; others are not prompted.
         found: candidates of the whole frame at each level.
 
     Returns:
@@ -70,7 +83,7 @@ def prompt_with_crops(
         crops', whichever is larger.
     """
     crops = crops_of(*image.shape[:2], options.crops_per_side)
-    by_crop = [_prompt_crop(sam2, image, crop, options) for crop in crops]
+    by_crop = [_prompt_crop(sam2, image, valid, crop, options) for crop in crops]
     coarse_side, fine_side = (one[0].logits.shape[-1] for one in (found, by_crop[0]))
     canvas = max(coarse_side, options.crops_per_side * fine_side)
     merged = []
@@ -86,11 +99,12 @@ def prompt_with_crops(
 
 
 def _prompt_crop(
-    sam2: Sam2, image: NDArray[np.uint8], crop: Crop, options: SegmentsOptions
+    sam2: Sam2, image: NDArray[np.uint8], valid: NDArray[np.bool_], crop: Crop, options: SegmentsOptions
 ) -> list[Candidates]:
-    pixels = image[crop.top : crop.bottom, crop.left : crop.right]
+    place = slice(crop.top, crop.bottom), slice(crop.left, crop.right)
     points = grid_points(options.points_per_side)
-    return prompt(sam2, encode(sam2, pixels), points, options, frame_share=crop.share_of(image.shape))
+    points = points[lie_in(points, torch.from_numpy(valid[place]))]
+    return prompt(sam2, encode(sam2, image[place]), points, options, frame_share=crop.share_of(image.shape))
 
 
 def _whole_and_small(found: Candidates, crop: Crop, shape: tuple[int, ...], coarse_side: int) -> Candidates:

@@ -60,6 +60,17 @@ def grid_points(points_per_side: int) -> Tensor:
     return torch.cartesian_prod(steps, steps).flip(1).contiguous()
 
 
+def lie_in(points: Tensor, pixels: Tensor) -> Tensor:
+    """(P,) bool, which (P, 2) points lie on a True pixel of (H, W); on the device of the pixels.
+
+    Args:
+        points: x, y in [0, 1), relative to the sides.
+    """
+    height, width = pixels.shape
+    columns, rows = (points * torch.tensor([width, height])).long().T.to(pixels.device)
+    return pixels[rows, columns]
+
+
 def join(parts: list[Candidates]) -> Candidates:
     """Concatenate candidates whose logits have the same size."""
     return Candidates(
@@ -105,7 +116,7 @@ def _good_masks(
         mask, iou = logits[:, level].float(), ious[:, level].float()
         stable = stability_score(mask, options.stability_score_offset)
         # Areas are compared on the small masks, relative to their size.
-        large = areas(mask > 0) >= max(1.0, min_area * mask[0].numel())
+        large = areas(mask > 0) >= max(1.0, min_area * mask.shape[-2:].numel())
         good = (iou > options.pred_iou_thresh) & (stable >= options.stability_score_thresh) & large
         for values, each in zip(kept, (mask, iou, stable), strict=True):
             values.append(each[good])

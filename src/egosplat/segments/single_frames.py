@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -15,7 +16,7 @@ from egosplat.segments.instances import Segmented, Track
 from egosplat.segments.label_maps import DamagedLabels, LabelMaps, paint
 from egosplat.segments.moving import MovingTracker, add_tracks
 from egosplat.segments.options import LEVELS, SegmentsOptions
-from egosplat.segments.prompts import filter_masks, grid_points, prompt, prompted_frames
+from egosplat.segments.prompts import filter_masks, grid_points, lie_in, prompt, prompted_frames
 
 
 class SingleFrames:
@@ -101,10 +102,12 @@ class SingleFrames:
     def _segment(self, frame: int) -> None:
         image, placed = self._images(frame), self._points(frame)
         points = grid_points(self._options.points_per_side) if placed is None else placed
+        # Where the lens shows nothing, there is nothing to segment.
+        points = points[lie_in(points, torch.from_numpy(self._valid))]
         with self._sam2.at_side(self._options.image_size):
             found = prompt(self._sam2, encode(self._sam2, image), points, self._options)
         if self._options.crops_per_side > 1 and placed is None:
-            found = prompt_with_crops(self._sam2, image, found, self._options)
+            found = prompt_with_crops(self._sam2, image, self._valid, found, self._options)
         labels = []
         for level, candidates in enumerate(found):
             masks = filter_masks(candidates, self._options)

@@ -19,7 +19,15 @@ from egosplat.segments.label_maps import DamagedLabels, LabelMaps, paint
 from egosplat.segments.levels import Level, LevelMasks, add_shared, stack_masks
 from egosplat.segments.nms import union
 from egosplat.segments.options import LEVELS, SegmentsOptions
-from egosplat.segments.prompts import Candidates, drop_covered, filter_masks, grid_points, match_masks, prompt
+from egosplat.segments.prompts import (
+    Candidates,
+    drop_covered,
+    filter_masks,
+    grid_points,
+    lie_in,
+    match_masks,
+    prompt,
+)
 from egosplat.segments.propagation import Accepts, Propagator, restart
 
 
@@ -204,12 +212,10 @@ class Tracker:
         free = [area & ~union(masks) for masks in tracked]
         searched = [number for number, place in enumerate(free) if float(place.sum()) > least]
         points = grid_points(self._options.points_per_side)
-        side = self._inside.shape[0]
-        columns, rows = (points * side).long().T.to(self._inside.device)
         # SAM2 gives the masks of all levels for one prompt, so a point is prompted if any level needs it.
         wanted = torch.zeros(len(points), dtype=torch.bool, device=self._inside.device)
         for number in searched:
-            wanted |= free[number][rows, columns]
+            wanted |= lie_in(points, free[number])
         if not wanted.any():
             return
         self._key_frames.append(frame)

@@ -11,7 +11,7 @@ from egosplat.pipeline.config import defaults, stage_values
 from egosplat.segments import crops, single_frames
 from egosplat.segments.crops import Crop, crops_of
 from egosplat.segments.options import SegmentsOptions
-from egosplat.segments.prompts import Candidates
+from egosplat.segments.prompts import Candidates, prompt
 from egosplat.segments.single_frames import SingleFrames
 
 SHAPE = (48, 64, 3)
@@ -107,3 +107,25 @@ def test_the_whole_frame_alone_has_the_image_size_of_the_options(sam2, monkeypat
     found = SingleFrames(sam2, lambda _: image, np.array([0]), 1, np.ones((96, 128), bool), options).run()
     assert sides == [512, 256, 256, 256, 256] and sam2.video_predictor.image_size == 256
     assert found.labels[0].shape == (3, 96, 128)
+
+
+def test_pixels_outside_the_lens_are_not_prompted(sam2, monkeypatch):
+    """Less than the left half shows the scene: the crops on the right have no point there."""
+    image = np.random.default_rng(0).integers(0, 255, (96, 128, 3), dtype=np.uint8)
+    valid = np.zeros((96, 128), bool)
+    valid[:, :50] = True
+    points = []
+
+    def recorded(sam2, encoded, given, options, frame_share=1.0):
+        points.append(given)
+        return prompt(sam2, encoded, given, options, frame_share)
+
+    for module in (crops, single_frames):
+        monkeypatch.setattr(module, "prompt", recorded)
+    keys = {"crops_per_side": 2, "image_size": 512, "points_per_side": 4}
+    keys |= {"pred_iou_thresh": -1.0, "stability_score_thresh": 0.0, "nms_score_thresh": -1.0}
+    options = SegmentsOptions(**stage_values("segments", defaults()) | keys)
+    found = SingleFrames(sam2, lambda _: image, np.array([0]), 1, valid, options).run()
+    assert [len(one) for one in points] == [8, 8, 0, 8, 0]
+    assert float(points[0][:, 0].max()) == pytest.approx(0.375)
+    assert (found.labels[0][:, :, 50:] == -1).all() and (found.labels[0] >= 0).any()
