@@ -7,7 +7,7 @@ from egosplat.codes.centres import look_at_centres
 from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
-from egosplat.language.result import SEGMENTER, Coded
+from egosplat.language.result import Coded
 from egosplat.language.views import CodeViews
 from egosplat.progress import track
 
@@ -35,4 +35,4 @@ def centred(
     known = total > 0
     # The smallest weight of a listed Gaussian is 1e-4 / 255.
     code = sums / torch.where(known, total, 1.0)[..., None]
-    return Coded(code, known.float(), targets.levels, stands_in=(SEGMENTER,))
+    return Coded(code, known.float(), targets.levels)

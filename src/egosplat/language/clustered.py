@@ -14,7 +14,7 @@ from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.language.clusters import SAMPLE, check_installed, clusters_of
 from egosplat.language.lifting import lift
 from egosplat.language.options import LanguageOptions
-from egosplat.language.result import SEGMENTER, Coded
+from egosplat.language.result import Coded
 from egosplat.language.training import codes_to_render
 from egosplat.language.views import CodeViews
 from egosplat.progress import track
@@ -50,7 +50,7 @@ def clustered(
     level = torch.arange(len(targets.levels), device=views.device)
     code = torch.where(known[level, labels][..., None], means[level, labels], found.code)
     code = codes_to_render(code, options.normalize_codes)
-    stands_in = [SEGMENTER, "opacities sharpened where codes are lifted, not where they are rendered"]
+    stands_in = ["opacities sharpened where codes are lifted, not where they are rendered"]
     if gaussians.count > SAMPLE:
         stands_in.append(f"clusters of {SAMPLE:,} Gaussians, which the others join by their nearest")
     return Coded(code, found.share, targets.levels, stands_in=tuple(stands_in))

@@ -15,7 +15,7 @@ from egosplat.language.loop import Step, Trainee, adam, train
 from egosplat.language.options import LanguageOptions
 from egosplat.language.pixel_views import PixelViews
 from egosplat.language.regions import Sample, mean_over_regions, sample_regions, variance_within
-from egosplat.language.result import SEGMENTER, Coded, fewer_iterations
+from egosplat.language.result import Coded, fewer_iterations
 from egosplat.language.views import CodeViews
 
 # Published: numbers of a code, layers of both decoders, learning rates, and iterations.
@@ -54,9 +54,9 @@ def granular(
     codes = GranularCodes(pixels, targets.uncompressed(), options)
     curve = train(codes, len(views), options.iterations, options.seed, checkpoint)
     share = shares(gaussians, views, settings, lambda frame: targets.known(frame).all(dim=0, keepdim=True))
-    shared = ("distillation alone: the segments are shared, not prompted by depth",)
+    by_depth = options.segmenter == "sam2" and options.point_prompts == "depth"
     stands_in = (
-        *((SEGMENTER,) if options.point_prompts == "depth" else shared),
+        *(() if by_depth else ("distillation alone: the segments are shared, not prompted by depth",)),
         *fewer_iterations(options.iterations, _ITERATIONS),
         f"the loss of {options.pixels:,} pixels of a view, drawn by region",
     )

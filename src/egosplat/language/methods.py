@@ -37,6 +37,12 @@ METHODS: dict[str, Method] = {
     "sparse": sparse,
 }
 
+_SAM = "{} in place of SAM"
+# What the masks replace in a published method; {} is the segmenter.
+_MASKS = dict.fromkeys(("trained", "centre", "clustered", "granular", "sparse"), _SAM)
+_MASKS["projected"] = "{} + OpenCLIP features in place of OpenSeg"
+_SEGMENTERS = {"sam2": "SAM2", "classical": "a classical segmenter"}
+
 # The same, from the tiles of views instead of instances.
 TileMethod = Callable[
     [Gaussians, CodeViews, RenderSettings, TileViews, LanguageOptions, Checkpoint],
@@ -44,3 +50,8 @@ TileMethod = Callable[
 ]
 
 TILE_METHODS: dict[str, TileMethod] = {"field": field, "quantised": quantised}
+
+
+def masks_stand_in(method: str, segmenter: str) -> tuple[str, ...]:
+    """The stand-in of the masks of a published method, by value of ``segments.segmenter``; none without masks."""
+    return (_MASKS[method].format(_SEGMENTERS[segmenter]),) if method in _MASKS else ()

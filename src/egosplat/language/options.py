@@ -10,7 +10,8 @@ class LanguageOptions(CodeOptions):
     """Configuration keys of the stage; ``config.schema.yaml`` describes each."""
 
     method: str
-    # segments.point_prompts: how the masks were found.
+    # Of segments: how the masks were found.
+    segmenter: str
     point_prompts: str
     pixels: int
     scales: int

@@ -43,8 +43,7 @@ def projected(
         sums[rows] += pixel_features(found.codes)
         seen[rows] += 1
     code = sums / seen.clamp(min=1)[:, None]
-    stands_in = ("SAM2 + OpenCLIP features in place of OpenSeg",)
-    return Coded(code[:, None], (code != 0).any(1).float()[:, None], ["all"], stands_in=stands_in)
+    return Coded(code[:, None], (code != 0).any(1).float()[:, None], ["all"])
 
 
 def is_seen(centres: Centres, width: int, height: int) -> NDArray[np.bool_]:

@@ -7,9 +7,6 @@ from torch import Tensor
 from egosplat.artifacts.language import PIXELS
 from egosplat.codes.decoder import Decoder
 
-# Stand-in of all methods whose authors segment with SAM.
-SEGMENTER = "SAM2 in place of SAM"
-
 
 def fewer_iterations(done: int, published: int, of: str = "") -> tuple[str, ...]:
     """The stand-in of a shorter training than the authors'; none for one as long. ``of`` follows "iterations"."""

@@ -29,7 +29,7 @@ from egosplat.gaussians.device import training_device
 from egosplat.gaussians.io import read_gaussians, read_render_settings
 from egosplat.gaussians.pixel_weights import open_masking
 from egosplat.language.joint import joint
-from egosplat.language.methods import METHODS, TILE_METHODS
+from egosplat.language.methods import METHODS, TILE_METHODS, masks_stand_in
 from egosplat.language.options import LanguageOptions
 from egosplat.language.result import Coded
 from egosplat.language.tile_views import TileViews
@@ -96,7 +96,7 @@ def run(
     else:
         coded = METHODS[method](gaussians, views, settings, targets, options, checkpoint)
     geometry = f"geometry shared, of {splats.provenance['options']['iterations']:,} iterations"
-    stands_in = [*coded.stands_in, geometry]
+    stands_in = [*masks_stand_in(method, options.segmenter), *coded.stands_in, geometry]
     _write(
         output,
         record,

@@ -12,7 +12,7 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.language.lifting import shares
 from egosplat.language.loop import Step, Trainee, adam, train
-from egosplat.language.result import SEGMENTER, Coded, fewer_iterations
+from egosplat.language.result import Coded, fewer_iterations
 from egosplat.language.views import CodeViews
 from egosplat.rasterize.view import composite
 
@@ -62,7 +62,6 @@ def trained(
     code = codes_to_render(codes.code.detach(), options.normalize_codes)
     start = "random codes at the start in place of 0"
     stands_in = (
-        SEGMENTER,
         *fewer_iterations(options.iterations, _ITERATIONS),
         *([start] if options.normalize_codes else []),
     )

@@ -217,7 +217,7 @@ _STAGES = (
         inputs=("frames", "poses", "splats"),
         optional=_TRAINING_FRAMES | _MASKING | _LEARNT_FROM,
         libraries=("numpy", "scipy", "torch", "zarr"),
-        keys={"segments": ("point_prompts",)},
+        keys={"segments": ("segmenter", "point_prompts")},
     ),
     Stage(
         "metrics",

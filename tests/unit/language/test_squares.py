@@ -273,10 +273,19 @@ def test_a_killed_training_goes_on_to_the_same_result(scene, tmp_path, method, m
     assert replace(whole.decoder, values=rest.decoder.values).widths == rest.decoder.widths
 
 
-@pytest.mark.parametrize("points, told", [("depth", "SAM2 in place of SAM"), ("grid", "distillation alone")])
-def test_the_row_of_gags_says_whether_its_masks_are_prompted_by_depth(scene, tmp_path, points, told):
+@pytest.mark.parametrize(
+    "segmenter, points, told",
+    [
+        ("sam2", "depth", "1 of 30,000 iterations"),
+        ("sam2", "grid", "distillation alone"),
+        ("classical", "depth", "distillation alone"),
+    ],
+)
+def test_the_row_of_gags_says_whether_its_masks_are_prompted_by_depth(
+    scene, tmp_path, segmenter, points, told
+):
     checkpoint = Checkpoint(tmp_path / "language.zarr", "key", 1e9)
-    coded = scene.coded("granular", checkpoint, iterations=1, point_prompts=points)
+    coded = scene.coded("granular", checkpoint, iterations=1, segmenter=segmenter, point_prompts=points)
     assert coded.stands_in[0].startswith(told) and "1 of 30,000 iterations" in coded.stands_in
 
 

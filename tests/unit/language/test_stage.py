@@ -101,6 +101,21 @@ def test_codes_are_lifted_with_the_poses_that_training_refined(scene, monkeypatc
     assert np.linalg.norm(splats.read("corrections/shift")[views.frame], axis=1).min() > 0.0
 
 
+@pytest.mark.parametrize(
+    "segmenter, method, told",
+    [
+        ("sam2", "centre", "SAM2 in place of SAM"),
+        ("classical", "centre", "a classical segmenter in place of SAM"),
+        ("classical", "projected", "a classical segmenter + OpenCLIP features in place of OpenSeg"),
+    ],
+)
+def test_what_found_the_masks_is_told(scene, segmenter, method, told):
+    folder = scene()
+    train(folder)
+    found = run(folder, method=method, segmenter=segmenter)
+    assert found.facts["stands_in"] == [told, GEOMETRY]
+
+
 def test_a_method_s_own_decoder_and_stand_ins_are_stored_and_the_scene_decodes_with_it(scene, monkeypatch):
     own = Decoder((3, 4), np.arange(16, dtype=np.float32), ("none",), unit_input=True)
 
