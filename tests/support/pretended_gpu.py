@@ -261,9 +261,11 @@ def pretended_gpu(patch: Any) -> Iterator[PretendedGpu]:
         lambda self, data, dtype=None: OnDevice(self.held.new_tensor(data, dtype=dtype)),
         raising=False,
     )
-    gsplat, autocast, named = Gsplat(), torch.autocast, api._name
+    gsplat, autocast, named = Gsplat(), torch.autocast, api.chosen_backend
     patch.setattr(
-        api, "_name", lambda name, means: "cuda" if isinstance(means, OnDevice) else named(name, means)
+        api,
+        "chosen_backend",
+        lambda name, means: "cuda" if isinstance(means, OnDevice) else named(name, means),
     )
     patch.setattr(cuda, "rasterization", lambda arguments: cuda.render(gsplat, arguments))
     patch.setattr(

@@ -8,7 +8,7 @@ from scipy import sparse
 from torch import Tensor
 from torch.nn.functional import embedding_bag
 
-from egosplat.rasterize.api import chosen_backend, renderer
+from egosplat.rasterize import api
 from egosplat.rasterize.contract import Arguments, check
 
 
@@ -36,7 +36,7 @@ class View:
 
     @property
     def _backend(self) -> str:
-        return chosen_backend(self.backend, self.means)
+        return api.chosen_backend(self.backend, self.means)
 
     def _arguments(self, colors: Tensor | None = None) -> Arguments:
         """The checked arguments of a backend; without colours, those of one that does not use them."""
@@ -69,7 +69,7 @@ def composite(view: View, values: Tensor) -> tuple[Tensor, Tensor]:
     Returns:
         (H, W, X) image on background 0, and (H, W) accumulated opacity.
     """
-    images, alphas, _ = renderer(view.backend, view.means)(view._arguments(values))
+    images, alphas, _ = api.renderer(view.backend, view.means)(view._arguments(values))
     return images[0], alphas[0, ..., 0]
 
 
@@ -202,7 +202,7 @@ def own_weights(view: View, pixels: Tensor) -> Tensor:
 def _reference_lists(view: View, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     # Each Gaussian is a channel of its own.
     colors = torch.eye(len(view.means), dtype=view.means.dtype)
-    images, _, meta = renderer("reference", view.means)(view._arguments(colors))
+    images, _, meta = api.renderer("reference", view.means)(view._arguments(colors))
     order = meta["depths"][0].argsort(stable=True)
     shown = images[0, pixels[:, 1], pixels[:, 0]][:, order]
     pixel, place = shown.nonzero(as_tuple=True)
