@@ -75,7 +75,7 @@ def mask_means(
     shape = labels.shape[1], int(labels.max()) + 2
     sums = torch.zeros(*shape, targets.channels, device=views.device)
     counts = torch.zeros(shape, device=views.device)
-    members = [_members(column.numpy(force=True) + 1, shape[1]) for column in labels.unbind(1)]
+    members = [_members(column.cpu().numpy() + 1, shape[1]) for column in labels.unbind(1)]
     for index in track(range(len(views)), "comparing masks with clusters", unit="view"):
         frame, weight = int(views.frame[index]), views.weight(index)
         view = view_of(gaussians, views.camera, views.camera_to_world[index], settings)
