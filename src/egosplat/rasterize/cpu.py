@@ -55,7 +55,7 @@ def sum_over_pixels(arguments: Arguments, image: Tensor) -> Tensor:
 def sparse_values(
     arguments: Arguments, begin: Tensor, channel: Tensor, value: Tensor, channels: int
 ) -> Tensor:
-    """``view.sparse_values`` with the compiled kernels, for one camera; colours are not used. Errors are as above."""
+    """``view.composite_sparse`` with the compiled kernels, for one camera; colours are not used. Errors are as above."""
     a = arguments
     return composite_sparse(*_projected_geometry(a), begin, channel, value, channels, a.width, a.height)
 

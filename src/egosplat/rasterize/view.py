@@ -8,7 +8,7 @@ from scipy import sparse
 from torch import Tensor
 from torch.nn.functional import embedding_bag
 
-from egosplat.rasterize import api
+from egosplat.rasterize import api, cpu
 from egosplat.rasterize.contract import Arguments, check
 
 
@@ -38,14 +38,18 @@ class View:
     def _backend(self) -> str:
         return api.chosen_backend(self.backend, self.means)
 
-    def _arguments(self, colors: Tensor | None = None) -> Arguments:
-        """The checked arguments of a backend; without colours, those of one that does not use them."""
+    def _without_values(self, channels: int = 1) -> Arguments:
+        """The checked arguments of what uses no values."""
+        return self._arguments(self.means.new_zeros(1, channels).expand(len(self.means), -1))
+
+    def _arguments(self, colors: Tensor) -> Arguments:
+        """The checked arguments of a backend."""
         arguments = Arguments(
             self.means,
             self.quats,
             self.scales,
             self.opacities,
-            self.means.new_zeros(1, 1).expand(len(self.means), -1) if colors is None else colors,
+            colors,
             self.viewmat[None],
             self.K[None],
             self.width,
@@ -91,9 +95,7 @@ def sum_over_pixels(view: View, image: Tensor) -> Tensor:
             f"image is {tuple(image.shape)} {image.dtype} on {image.device}; {size} and channels like means is needed"
         )
     if view._backend == "cpu":
-        from egosplat.rasterize import cpu
-
-        return cpu.sum_over_pixels(view._arguments(), image)
+        return cpu.sum_over_pixels(view._without_values(image.shape[2]), image)
     # Rendering is linear in the values, so its gradient is the transposed map, at any values.
     values = image.new_zeros(len(view.means), image.shape[2]).requires_grad_()
     with torch.enable_grad():
@@ -111,18 +113,22 @@ def composite_sparse(view: View, values: sparse.csr_array) -> Tensor:
         (X, H, W).
 
     Raises:
-        ValueError: the matrix has another number of rows than there are Gaussians.
+        ValueError: the values are not the rows of a matrix of this dtype, with a row for each Gaussian.
     """
-    count, channels = values.shape
-    if count != len(view.means):
-        raise ValueError(f"the matrix has {count} rows; there are {len(view.means)} Gaussians")
+    count, channels = len(view.means), values.shape[1]
+    wanted = f"the values are not the rows of a {view.means.dtype} matrix of {count} x {channels}"
+    value = torch.from_numpy(values.data)
+    if len(values.indptr) != count + 1 or value.dtype != view.means.dtype:
+        raise ValueError(wanted)
+    try:
+        # The kernel writes where the indices say.
+        values.check_format()
+    except ValueError as error:
+        raise ValueError(f"{wanted}: {error}") from error
     if view._backend == "cpu":
-        from egosplat.rasterize import cpu
-
         begin, channel = (torch.from_numpy(each).long() for each in (values.indptr, values.indices))
-        value = torch.from_numpy(values.data).to(view.means)
-        return cpu.sparse_values(view._arguments(), begin, channel, value, channels)
-    image, _ = composite(view, torch.from_numpy(values.toarray()).to(view.means))
+        return cpu.sparse_values(view._without_values(channels), begin, channel, value, channels)
+    image, _ = composite(view, torch.from_numpy(values.toarray()).to(view.means.device))
     return image.permute(2, 0, 1)
 
 
@@ -168,9 +174,7 @@ def pixel_lists(view: View, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     view = view._on_cpu()
     if view.backend == "reference":
         return _reference_lists(view, pixels)
-    from egosplat.rasterize import cpu
-
-    return cpu.pixel_weights(view._arguments(), pixels)
+    return cpu.pixel_weights(view._without_values(), pixels)
 
 
 def own_weights(view: View, pixels: Tensor) -> Tensor:
@@ -189,9 +193,7 @@ def own_weights(view: View, pixels: Tensor) -> Tensor:
         raise ValueError(f"pixels are {tuple(pixels.shape)}; ({len(view.means)}, 2) is needed")
     view = view._on_cpu()
     if view.backend != "reference":
-        from egosplat.rasterize import cpu
-
-        return cpu.own_weights(view._arguments(), pixels)
+        return cpu.own_weights(view._without_values(), pixels)
     inside = ((pixels >= 0) & (pixels < torch.tensor([view.width, view.height]))).all(dim=1).nonzero()[:, 0]
     begin, ids, weights = _reference_lists(view, pixels[inside])
     owner = inside[torch.repeat_interleave(begin.diff())]

@@ -63,5 +63,27 @@ def test_gaussians_without_values_hide_what_is_behind_them(crowd):
 
 def test_a_matrix_of_another_number_of_gaussians_is_refused(crowd):
     settings = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="cpu")
-    with pytest.raises(ValueError, match=r"299 rows.* 300 Gaussians"):
+    with pytest.raises(ValueError, match="300 x 70"):
         composite_sparse(view_of(crowd, CAMERA, np.eye(4), settings), values_of(0.1)[:299])
+
+
+@pytest.mark.parametrize(
+    ("begin", "channel", "value"),
+    [
+        ([0, 1], [0], [1.0]),
+        ([0, 1, 2, 4], [0, 0, 0], [1.0, 1.0, 1.0]),
+        ([0, 2, 1, 3], [0, 0, 0], [1.0, 1.0, 1.0]),
+        ([0, 1, 2, 3], [0, 0, 2], [1.0, 1.0, 1.0]),
+        ([0, 1, 2, 3], [0, -1, 0], [1.0, 1.0, 1.0]),
+        ([0, 1, 2, 3], [0, 0, 0], [1.0, 1.0]),
+        ([0, 1, 2, 3], [0, 0, 0], [1, 1, 1]),
+    ],
+)
+def test_rows_of_another_matrix_are_refused(begin, channel, value):
+    three = blobs([[0.0, 0.0, 2.0]] * 3, [0.5] * 3)
+    held = sparse.csr_array((3, 2), dtype=np.float32)
+    held.indptr, held.indices = np.array(begin, np.int32), np.array(channel, np.int32)
+    held.data = np.array(value, np.int64 if isinstance(value[0], int) else np.float32)
+    settings = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
+    with pytest.raises(ValueError, match="3 x 2"):
+        composite_sparse(view_of(three, CAMERA, np.eye(4), settings), held)
