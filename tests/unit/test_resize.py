@@ -36,6 +36,12 @@ def test_resizing_keeps_the_mean():
     assert np.abs(small - image.reshape(15, 4, 20, 4, 3).mean(axis=(1, 3))).max() <= 0.5
 
 
+def test_areas_are_averaged():
+    picture = np.zeros((4, 4, 3), np.uint8)
+    picture[:2, 0] = 200
+    assert resize_image(picture, 2, 2)[..., 0].tolist() == [[100, 0], [0, 0]]
+
+
 def test_an_image_of_the_wanted_size_is_not_copied():
     image = np.zeros((4, 4, 3), np.uint8)
     assert resize_image(image, 4, 4) is image

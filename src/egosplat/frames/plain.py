@@ -26,7 +26,7 @@ from egosplat.frames.selection import FIRST, SHARPEST, select_frames, select_sha
 from egosplat.frames.video import Video
 from egosplat.geometry import Camera
 from egosplat.progress import log, track
-from egosplat.resize import resize_image, resize_mask
+from egosplat.resize import resize_image, resize_mask, shrunk_size
 from egosplat.sharpness import measure_sharpness
 
 # Guessed focal length in units of the longer side: COLMAP's default, a field of view of 45°.
@@ -155,8 +155,7 @@ def fit(full: Camera, resolution: int, path: Path) -> tuple[int, int]:
         raise UserError(f"resolution: {resolution} px, but {path} has {longest}. Choose from 1 to {longest}.")
     if resolution > longest:
         log(f"{path.name}: frames keep their {longest} px, which are less than resolution: {resolution}")
-    scale = min(1.0, resolution / longest)
-    return tuple(max(1, round(side * scale)) for side in (full.width, full.height))
+    return shrunk_size(full.width, full.height, resolution)
 
 
 def stride_advice(timestamp_ns: NDArray[np.int64], stride: int) -> str | None:
