@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 import numpy as np
 import torch
@@ -46,11 +47,7 @@ def render_things(
     """
     seen = _seen(gaussians, camera, camera_to_world, settings)
     view, rows = view_of(gaussians.select(seen), camera, camera_to_world, settings), seen.numpy()
-
-    def image(values: sparse.csr_array) -> Tensor:
-        return composite_sparse(view, values)
-
-    return np.stack([_strongest(held[rows], image, size) for held in beliefs])
+    return np.stack([_strongest(held[rows], partial(composite_sparse, view), size) for held in beliefs])
 
 
 def _seen(

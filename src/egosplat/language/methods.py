@@ -37,12 +37,6 @@ METHODS: dict[str, Method] = {
     "sparse": sparse,
 }
 
-_SAM = "{} in place of SAM"
-# What the masks replace in a published method; {} is the segmenter.
-_MASKS = dict.fromkeys(("trained", "centre", "clustered", "granular", "sparse"), _SAM)
-_MASKS["projected"] = "{} + OpenCLIP features in place of OpenSeg"
-_SEGMENTERS = {"sam2": "SAM2", "classical": "a classical segmenter"}
-
 # The same, from the tiles of views instead of instances.
 TileMethod = Callable[
     [Gaussians, CodeViews, RenderSettings, TileViews, LanguageOptions, Checkpoint],
@@ -50,6 +44,12 @@ TileMethod = Callable[
 ]
 
 TILE_METHODS: dict[str, TileMethod] = {"field": field, "quantised": quantised}
+
+_SAM = "{} in place of SAM"
+# What the masks replace in a published method; {} is the segmenter.
+_MASKS = dict.fromkeys(("trained", "centre", "clustered", "granular", "sparse"), _SAM)
+_MASKS["projected"] = "{} + OpenCLIP features in place of OpenSeg"
+_SEGMENTERS = {"sam2": "SAM2", "classical": "a classical segmenter"}
 
 
 def masks_stand_in(method: str, segmenter: str) -> tuple[str, ...]:

@@ -213,13 +213,14 @@ class Tracker:
         searched = [number for number, place in enumerate(free) if float(place.sum()) > least]
         points = grid_points(self._options.points_per_side)
         # SAM2 gives the masks of all levels for one prompt, so a point is prompted if any level needs it.
-        wanted = torch.zeros(len(points), dtype=torch.bool, device=self._inside.device)
+        wanted = torch.zeros_like(self._inside)
         for number in searched:
-            wanted |= lie_in(points, free[number])
-        if not wanted.any():
+            wanted |= free[number]
+        points = points[lie_in(points, wanted).cpu()]
+        if not len(points):
             return
         self._key_frames.append(frame)
-        found = prompt(self._sam2, encoded(), points[wanted.cpu()], self._options)
+        found = prompt(self._sam2, encoded(), points, self._options)
         begun: LevelMasks = [], self._inside.new_zeros(0, *self._inside.shape)
         # Coarse levels first: a finer mask equal to a coarser one shares its track.
         for number in reversed(searched):
