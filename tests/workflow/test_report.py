@@ -44,7 +44,7 @@ def test_every_result_of_the_finished_scene_has_a_row_of_its_own(finished, tmp_p
 def test_the_story_has_every_picture_and_the_scene_and_is_in_the_report(workdir, tmp_path):
     workdir.run("results/adt/scene1/story.html")
     story = (workdir.folder / "results/adt/scene1/story.html").read_text()
-    assert story.count("data:image/png") == len(workdir.PAGES) and "<iframe" in story
+    assert story.count("data:image/webp") == len(workdir.PAGES) and "<iframe" in story
     assert "No key asks for a survey" in story and "instances move" in story and "queries point at" in story
     page = report(workdir, tmp_path / "report.html")
     assert "results/adt/scene1/story.html" in rows(page) and '"Overview"' in page

@@ -1,6 +1,5 @@
 """Put the recording on the page: poses of all frames, and small pictures of some."""
 
-import cv2
 import numpy as np
 
 from egosplat.artifacts.reader import Artifact
@@ -8,6 +7,7 @@ from egosplat.geometry import Array, known_poses
 from egosplat.page.container import Arrays, Facts
 from egosplat.resize import shrink_image
 from egosplat.sampling import evenly_spaced
+from egosplat.webp import encode_webp
 
 # Largest number of pictures, their longer side [px] and the quality of WebP.
 PICTURES, SIDE, QUALITY = 40, 192, 60
@@ -24,7 +24,7 @@ def pack_frames(frames: Artifact, camera_to_world: Array) -> tuple[Arrays, Facts
     """
     posed = known_poses(camera_to_world)
     shown = posed[evenly_spaced(len(posed), PICTURES)].tolist()
-    files = [_webp(frames.row("rgb", frame)) for frame in shown]
+    files = [encode_webp(shrink_image(frames.row("rgb", frame), SIDE), QUALITY) for frame in shown]
     arrays = {
         "poses": camera_to_world[posed, :3].astype(np.float32),
         "pictures": np.concatenate(files) if files else np.zeros(0, np.uint8),
@@ -35,9 +35,3 @@ def pack_frames(frames: Artifact, camera_to_world: Array) -> tuple[Arrays, Facts
         "seconds": np.round(seconds, 2).tolist(),
         "pictures": [{"frame": frame, "bytes": len(file)} for frame, file in zip(shown, files, strict=True)],
     }
-
-
-def _webp(picture: np.ndarray) -> np.ndarray:
-    small = shrink_image(picture, SIDE)
-    _, file = cv2.imencode(".webp", small[..., ::-1], [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
-    return file.reshape(-1)

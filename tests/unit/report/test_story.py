@@ -34,7 +34,7 @@ def test_the_steps_come_in_order_with_pictures_and_costs(scene):
     headings = re.findall(r"<h2 id=.step.*?>\d+\. (.*?)</h2>", page)
     assert headings == [step.heading for step in STEPS]
     assert "700 Gaussians" in page and "2 views are outliers" in page and "4 of 5 frames have a pose" in page
-    assert page.count("data:image/png") == 1, "one page is there"
+    assert page.count("data:image/webp") == 1, "one page is there"
     costs = re.findall(r"<tr><td>(\w+)</td>", page)
     assert costs == ["frames", "poses", "instances", "features", "splats", "language"]
 

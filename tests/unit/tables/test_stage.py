@@ -1,11 +1,14 @@
 """The stage ``tables``: from scores on disk to files."""
 
 import base64
+import io
 import json
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
+from PIL import Image
 
 from egosplat.errors import UserError
 from egosplat.models.suitability import BRIEF, notice
@@ -482,9 +485,16 @@ def test_pictures_are_on_the_page(tables, tmp_path):
     picture.write_bytes(PIXEL)
     tables(pictures=[picture])
     page = (tmp_path / "out" / "tables.html").read_text()
-    assert base64.b64encode(PIXEL).decode() in page
+    content = base64.b64decode(page.split("data:image/webp;base64,")[1].split('"')[0])
+    shown, drawn = (np.asarray(Image.open(io.BytesIO(file)).convert("RGB"), int) for file in (content, PIXEL))
+    assert np.abs(shown - drawn).max() <= 4, "WebP is not exact"
     assert "<figcaption>adt/scene1/splats.png</figcaption>" in page
-    for path, message in (("a.svg", "is not an image for the page"), ("a.png", "does not exist")):
+    (tmp_path / "b.png").write_bytes(PIXEL[:30])
+    for path, message in (
+        ("a.svg", "is not an image for the page"),
+        ("a.png", "does not exist"),
+        ("b.png", "is not a readable image"),
+    ):
         with pytest.raises(UserError, match=message):
             tables(pictures=[tmp_path / path])
 
