@@ -54,13 +54,13 @@ def read_picture(path: Path) -> Picture:
         raise UserError(f"{path}: is not an image for the page; give {', '.join(_KINDS)}")
     if not path.is_file():
         raise UserError(f"{path}: does not exist. Make it: snakemake --cores 2 {path}")
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
+    image = cv2.imread(str(path))
     if image is None:
         raise UserError(
             f"{path}: is not a readable image. Delete it and make it again: snakemake --cores 2 {path}"
         )
     # Inside the page, so that it can be sent as one file.
-    content = base64.b64encode(encode_webp(shrink_image(image, LARGEST), _QUALITY)).decode("ascii")
+    content = base64.b64encode(encode_webp(shrink_image(image[..., ::-1], LARGEST), _QUALITY)).decode("ascii")
     return Picture(path.as_posix().rpartition("results/")[2], f"data:image/webp;base64,{content}")
 
 
