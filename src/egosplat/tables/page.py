@@ -5,9 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
-
 from egosplat.errors import UserError
+from egosplat.frames.images import read_rgb
 from egosplat.output_files import text_kind
 from egosplat.resize import shrink_image
 from egosplat.tables.formats import COMMAND, render
@@ -54,13 +53,12 @@ def read_picture(path: Path) -> Picture:
         raise UserError(f"{path}: is not an image for the page; give {', '.join(_KINDS)}")
     if not path.is_file():
         raise UserError(f"{path}: does not exist. Make it: snakemake --cores 2 {path}")
-    image = cv2.imread(str(path))
-    if image is None:
-        raise UserError(
-            f"{path}: is not a readable image. Delete it and make it again: snakemake --cores 2 {path}"
-        )
+    try:
+        image = read_rgb(path)
+    except UserError as error:
+        raise UserError(f"{error} Delete it and make it again: snakemake --cores 2 {path}") from error
     # Inside the page, so that it can be sent as one file.
-    content = base64.b64encode(encode_webp(shrink_image(image[..., ::-1], LARGEST), _QUALITY)).decode("ascii")
+    content = base64.b64encode(encode_webp(shrink_image(image, LARGEST), _QUALITY)).decode("ascii")
     return Picture(path.as_posix().rpartition("results/")[2], f"data:image/webp;base64,{content}")
 
 
