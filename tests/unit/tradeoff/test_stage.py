@@ -34,7 +34,7 @@ def test_all_files_are_written_and_name_their_scene(page):
     )
     assert "splats.iterations=7000; preset=balanced" in text and "a processor, 2 cores" in text
     assert "splats.iterations=1500 ◆" in text and "paper_scaled ◆" not in text
-    assert "data:image/png;base64," in text and "several machines" not in text
+    assert "data:image/webp;base64," in text and "several machines" not in text
     with Image.open(page / "tradeoff.png") as picture:
         assert picture.width > 1000
 
