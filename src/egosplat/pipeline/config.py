@@ -167,16 +167,22 @@ def check(values: Mapping[str, Any], where: str = "configuration", against: str 
     for error in validator(schema(against)).iter_errors(values):
         raise UserError(f"{where}: {explained(error)}")
     if values.get("segments", {}).get("point_prompts") == DEPTH:
-        _check_prompts(values["splats"], where)
+        _check_prompts(values, where)
 
 
-def _check_prompts(splats: Mapping[str, Any], where: str) -> None:
-    # The points come from Gaussians, which must not come from segments in turn.
-    for key, needed in (("masking", "none"), ("language", "after")):
-        if splats[key] != needed:
+def _check_prompts(values: Mapping[str, Any], where: str) -> None:
+    # The points come from Gaussians, which must not come from segments in turn. Only single frames have points of
+    # their own.
+    needs = (
+        ("segments", "prompting", "each_frame"),
+        ("splats", "masking", "none"),
+        ("splats", "language", "after"),
+    )
+    for section, key, needed in needs:
+        if values[section][key] != needed:
             raise UserError(
-                f"{where}: segments.point_prompts = {DEPTH} needs splats.{key} = {needed}, not {splats[key]}; "
-                "in a variant, extend shared_geometry"
+                f"{where}: segments.point_prompts = {DEPTH} needs {section}.{key} = {needed}, "
+                f"not {values[section][key]}; in a variant, extend each_frame"
             )
 
 

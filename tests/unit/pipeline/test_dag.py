@@ -93,10 +93,20 @@ def test_masks_that_are_prompted_by_depth_need_gaussians_and_these_no_segments(k
     )
 
 
-@pytest.mark.parametrize("keys", [{"masking": "refined"}, {"masking": "auto"}, {"language": "joint"}])
-def test_prompts_by_depth_of_gaussians_that_need_segments_are_an_error_that_names_both_keys(keys):
-    with pytest.raises(UserError, match=rf"segments\.point_prompts.*splats\.{next(iter(keys))}"):
-        check(merge(merge(BASE, BY_DEPTH), {"splats": keys}))
+@pytest.mark.parametrize(
+    "section, key, value",
+    [
+        ("splats", "masking", "refined"),
+        ("splats", "masking", "auto"),
+        ("splats", "language", "joint"),
+        ("segments", "prompting", "key_frames"),
+    ],
+)
+def test_keys_that_prompts_by_depth_do_not_go_with_are_an_error_that_names_both(section, key, value):
+    config = merge(EVERY_FRAME, BY_DEPTH)
+    check(config)
+    with pytest.raises(UserError, match=rf"segments\.point_prompts.*{section}\.{key} = .*, not {value};"):
+        check(merge(config, {section: {key: value}}))
 
 
 def test_every_method_of_the_schema_has_a_function():
