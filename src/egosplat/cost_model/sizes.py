@@ -10,6 +10,7 @@ from typing import Any
 from egosplat.errors import UserError
 from egosplat.models.configs import SMALL, sam2_side
 from egosplat.pipeline.config import DEPTH, Config
+from egosplat.pipeline.dag import prompts_by_depth, segments_single_frames, tracks_what_moves
 
 # Levels of instances.
 LEVELS = 3
@@ -147,41 +148,35 @@ def _searched(config: Config, sizes: Sizes) -> float:
 
 def _images(config: Config, sizes: Sizes) -> float:
     """Images that SAM2 encodes: every frame that is tracked through, or the frames that are searched, with their crops."""
-    if _single_frames(config):
+    if segments_single_frames(config):
         return _searched(config, sizes) * images_of_a_frame(config["segments"], _area(config))
     return sizes["kept"] * sizes["sam2_area"]
 
 
 def _prompts(config: Config, sizes: Sizes) -> float:
     """Points in each image that is searched: those of a grid, or as many as depth asks for."""
-    keys = config["segments"]
-    searched = sizes["images"] if _single_frames(config) else _searched(config, sizes)
-    by_depth = _single_frames(config) and keys["point_prompts"] == DEPTH
-    return searched * (PROMPTS_BY_DEPTH if by_depth else keys["points_per_side"] ** 2)
+    searched = sizes["images"] if segments_single_frames(config) else _searched(config, sizes)
+    points = PROMPTS_BY_DEPTH if prompts_by_depth(config) else config["segments"]["points_per_side"] ** 2
+    return searched * points
 
 
 def _labelled(config: Config, sizes: Sizes) -> float:
-    return _searched(config, sizes) if _single_frames(config) else sizes["kept"]
-
-
-def _single_frames(config: Config) -> bool:
-    return config["segments"]["prompting"] == "each_frame"
+    return _searched(config, sizes) if segments_single_frames(config) else sizes["kept"]
 
 
 def _moving(config: Config, sizes: Sizes) -> int:
     """Tracks beside the masks of single frames."""
-    tracks = _single_frames(config) and config["segments"]["track_moving"] != "never"
-    return sizes.limited(TYPICAL_MOVING) if tracks else 0
+    return sizes.limited(TYPICAL_MOVING) if tracks_what_moves(config) else 0
 
 
 def _tracked(config: Config, sizes: Sizes) -> int:
-    return _moving(config, sizes) if _single_frames(config) else sizes.limited(TYPICAL_TRACKED)
+    return _moving(config, sizes) if segments_single_frames(config) else sizes.limited(TYPICAL_TRACKED)
 
 
 def _merged(config: Config) -> bool:
     """Whether masks are merged into instances; else each track, or mask of a frame, is one."""
     source = config["instances"]["source"]
-    return _single_frames(config) if source == "auto" else source != "tracks"
+    return segments_single_frames(config) if source == "auto" else source != "tracks"
 
 
 def _masks(config: Config, sizes: Sizes) -> float:
@@ -191,7 +186,7 @@ def _masks(config: Config, sizes: Sizes) -> float:
 def _instances(config: Config, sizes: Sizes) -> float:
     if _merged(config):
         return TYPICAL_MERGED
-    if _single_frames(config):
+    if segments_single_frames(config):
         return TYPICAL_MASKS * sizes["labelled"]
     return sizes["tracked"] / 2  # 72 of 134 in adt/scene1
 
@@ -199,7 +194,7 @@ def _instances(config: Config, sizes: Sizes) -> float:
 def _views(config: Config, sizes: Sizes) -> float:
     """A track is seen in half of the frames, 0.55 in adt/scene1; a mask of a single frame in that one."""
     seen = sizes["frames"] * (MERGED_SEEN if _merged(config) else 0.5)
-    if _single_frames(config) and not _merged(config):
+    if segments_single_frames(config) and not _merged(config):
         seen = 1.0
     return sizes["instances"] * min(seen, config["view_features"]["max_views"] or seen)
 
@@ -214,7 +209,7 @@ def _dims(config: Config, sizes: Sizes) -> float:
 
 def _sam2_area(config: Config, _: Sizes) -> float:
     """Pixels of the images that are tracked, as a multiple of the architecture's own."""
-    return 1.0 if _single_frames(config) else _area(config)
+    return 1.0 if segments_single_frames(config) else _area(config)
 
 
 def _area(config: Config) -> float:

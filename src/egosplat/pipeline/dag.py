@@ -43,9 +43,20 @@ def masks_by_survey(config: Config) -> bool:
     return config["splats"]["masking"] == AUTO
 
 
+def segments_single_frames(config: Config) -> bool:
+    """Whether SAM2 segments each frame by itself."""
+    keys = config["segments"]
+    return keys["prompting"] == "each_frame" and keys["segmenter"] == "sam2"
+
+
+def prompts_by_depth(config: Config) -> bool:
+    """Whether the stage ``prompts`` places the points of single frames."""
+    return segments_single_frames(config) and config["segments"]["point_prompts"] == DEPTH
+
+
 def tracks_what_moves(config: Config) -> bool:
     """Whether SAM2 tracks what moves and nothing else. True also where the survey may still decide against it."""
-    return _single_frames(config) and config["segments"]["track_moving"] != "never"
+    return segments_single_frames(config) and config["segments"]["track_moving"] != "never"
 
 
 def tracks_by_survey(config: Config) -> bool:
@@ -96,8 +107,7 @@ def optional_inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     views = ("survey",) if leaves_frames_out(config) else ()
     if stage == "segments":  # the same for every splats.masking, so that variants share the segments
         moving = ("transient",) if tracks_what_moves(config) else ()
-        by_depth = _single_frames(config) and config["segments"]["point_prompts"] == DEPTH
-        return (*views, *moving, *(("prompts",) if by_depth else ()))
+        return (*views, *moving, *(("prompts",) if prompts_by_depth(config) else ()))
     wanted = views + _MASKS[config["splats"]["masking"]]
     return tuple(name for name in wanted if name in STAGES[stage].optional) + learnt_from(stage, config)
 
@@ -166,12 +176,6 @@ def story_stages(config: Config, annotated: bool, surveyed: bool) -> list[str]:
     if annotated:
         stages += ["annotations", "contact_sheet", "metrics", "queries_sheet"]
     return list(dict.fromkeys([*stages, "survey"] if surveyed else stages))
-
-
-def _single_frames(config: Config) -> bool:
-    """Whether SAM2 segments each frame by itself."""
-    keys = config["segments"]
-    return keys["prompting"] == "each_frame" and keys["segmenter"] == "sam2"
 
 
 def _pages_of_codes(config: Config) -> list[str]:

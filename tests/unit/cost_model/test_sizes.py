@@ -103,9 +103,13 @@ def test_tracks_and_masks_of_frames_are_not_merged():
     frames = {"frames": 120, "pixels": 512**2}
     tracks = Sizes(merge(defaults(), {"segments": {"prompting": "key_frames"}}), given=frames)
     masks = Sizes(merge(defaults(), {"instances": {"source": "tracks"}}), given=frames)
+    classical = Sizes(merge(defaults(), {"segments": {"segmenter": "classical"}}), given=frames)
     merged = Sizes(defaults(), given=frames)
     for name in ("merging_iterations", "merging_pixels", "merging_gaussians", "masks", "merged_views"):
-        assert tracks[name] == masks[name] == 0 < merged[name], name
+        assert tracks[name] == masks[name] == classical[name] == 0 < merged[name], name
+    assert classical["labelled"] == classical["kept"], (
+        "the classical segmenter tracks, whatever prompting says"
+    )
     assert masks["views"] == masks["instances"] > 5 * merged["instances"]
 
 
